@@ -5,13 +5,14 @@ from typing import Final, Literal
 from pydantic import Field
 
 from common.channels import Direction, Hand, Side
-from common.messages import Message, Vector3
+from common.messages import Message, Quaternion, Vector3
 from common.peer_life import Event
 
 REJECTED = "/tis/rejected"
 TRUTH = "/tis/truth"
 TICKS = "/tis/ticks"
 ESTIMATES = "/tis/estimates"
+ORIENTATIONS = "/tis/orientations"
 PLANT = "/tis/plant"
 FATES = "/tis/fates"
 RELEASES = "/tis/releases"
@@ -34,6 +35,13 @@ _TICK: Final = "Number of the patient's tick, from 0."
 _ESTIMATOR: Final = "Name of the estimator."
 _POSITION: Final = "Estimated position, in m; null: the estimator had none."
 _STD: Final = "Standard deviation that the estimator states for the position, in m; null: it states none."
+_ORIENTATION: Final = "Estimated orientation of the tool tip; null: the method had none."
+_TURN_STD: Final = (
+    "Standard deviation that the method states for the orientation, about the axes of the estimated frame, in rad; "
+    "null: it states none."
+)
+_GRIPPER: Final = "Estimated opening angle of the gripper, in rad; null: the method had none."
+_GRIPPER_STD: Final = "Standard deviation that the method states for the gripper, in rad; null: it states none."
 _STEP: Final = "Computation time of the estimator's step, in ns; 0 in virtual time."
 _SEQ_SAMPLE: Final = "Sequence number of the packet that brought the sample."
 _OFFERED: Final = "Run time at which each packet was offered to netem, in ns."
@@ -67,6 +75,7 @@ class TruthRow(Message):
     sample_ns: int = Field(description="Sample instant in run time, in ns.")
     position_m: Vector3 = Field(description="Recorded position of the arm, in m.")
     rotation_rad: Vector3 | None = Field(None, description="Orientation as a rotation vector (axis * angle), in rad.")
+    gripper_rad: float | None = Field(None, description="Opening angle of the gripper, in rad.")
 
 
 class TickNote(Message):
@@ -87,6 +96,20 @@ class EstimateNote(Message):
     estimator: str = Field(description=_ESTIMATOR)
     position_m: Vector3 | None = Field(description=_POSITION)
     std_m: Vector3 | None = Field(None, description=_STD)
+    step_ns: int = Field(0, description=_STEP)
+
+
+class OrientationNote(Message):
+    """The output of one orientation method at one tick, for one hand."""
+
+    tick: int = Field(description=_TICK)
+    t_ns: int = Field(description="Nominal instant of the tick, for which the orientation is estimated, in ns.")
+    hand: Hand = Field(description=_HAND)
+    method: str = Field(description="Name of the orientation method.")
+    orientation: Quaternion | None = Field(description=_ORIENTATION)
+    std_rad: Vector3 | None = Field(None, description=_TURN_STD)
+    gripper_rad: float | None = Field(None, description=_GRIPPER)
+    gripper_std_rad: float | None = Field(None, description=_GRIPPER_STD)
     step_ns: int = Field(0, description=_STEP)
 
 
@@ -132,6 +155,10 @@ class PromptNote(Message):
     answer: int | None = Field(description="Sequence number of the published estimate; null: there was none.")
     position_m: Vector3 | None = Field(description=_POSITION)
     std_m: Vector3 | None = Field(None, description=_STD)
+    orientation: Quaternion | None = Field(None, description=_ORIENTATION)
+    turn_std_rad: Vector3 | None = Field(None, description=_TURN_STD)
+    gripper_rad: float | None = Field(None, description=_GRIPPER)
+    gripper_std_rad: float | None = Field(None, description=_GRIPPER_STD)
     step_ns: int = Field(0, description=_STEP)
 
 

@@ -18,6 +18,7 @@ from patient_side.identification.companions import Stage, untimed
 from patient_side.identification.identify import identify_hands
 from patient_side.learning.train import with_learned
 from patient_side.node import PatientNode
+from patient_side.orientation.registry import build_methods
 from patient_side.phase_lock import PhaseLock
 from patient_side.plant import build_plant
 from patient_side.playout import Playout
@@ -36,7 +37,7 @@ def identify_models(
     scenario requests a model that no filter can use.
     """
     scenario.identification.check_for_runs()
-    wanted = {scenario.active_estimator, *scenario.estimators}
+    wanted = {scenario.active_estimator, *scenario.estimators, *scenario.patient.orientation.in_order}
     hands = [hand.hand for hand in recording.hands]
     found = identify_hands(trainings, hands, scenario.identification, recording.pairing, wanted, stage)
     learned = [name for name in scenario.estimators if is_learned(name)]
@@ -100,7 +101,8 @@ def build_patient(
         estimators = [build(name, model, own) for name in names]
         plant = None if recording is None else build_plant(scenario, recording, recording.hands[i])
         safety = _safety(scenario, model)
-        hands.append(PatientHand(channels, Playout(scenario.rate_hz), estimators, plant, safety))
+        methods = build_methods(scenario.patient.orientation.in_order, model.wrist)
+        hands.append(PatientHand(channels, Playout(scenario.rate_hz), estimators, plant, safety, methods))
         gates |= _gates(scenario, model, channels)
     ticker = Ticker(scenario.rate_hz, scenario.n_samples, ms_to_ns(scenario.patient.tick_phase_ms))
     mode = scenario.patient.tick

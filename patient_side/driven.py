@@ -2,19 +2,20 @@
 
 from collections.abc import Sequence
 from math import inf
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from pydantic import ValidationError
 
 from common.header import Header
-from common.messages import Quaternion, SafetyMode, SetPoint, Vector3, position_m
+from common.messages import SafetyMode, SetPoint, Vector3, position_m
 from common.node import Emission, Record
 from common.safety_records import SAFETY, SafetyNote
 from patient_side.hand import PatientHand
+from patient_side.orientation.turn_limit import turn_towards
+from patient_side.orientation.wrist import Wrist, components
+from patient_side.rotations import unit
 from patient_side.safety.safety_state import Seen
 from patient_side.safety.set_point import Place
-
-LEVEL: Final = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
 
 
 def drive(
@@ -35,21 +36,37 @@ def drive(
     return hand.safety_state.place
 
 
-def set_point(session: str, hand: PatientHand, place: Place, tick: int, t_ns: int) -> Emission:
-    """Return the message for the arm's own controller.
+def steer(hand: PatientHand, target: Wrist, t_ns: int) -> Wrist:
+    """Advance orientation and gripper of a hand's set point, after `drive`; return them.
 
-    Orientation and gripper are those of the newest sample; while the set point follows no estimate they stay.
+    They are those of ``target``, the answer's. While the set point follows no estimate they stay, and after that, and
+    after a break, they turn towards it at a bounded rate until the arm tracks again and they have met it. Without a
+    safety state they are the target's.
     """
-    if hand.safety_state.mode in ("tracking", "resuming"):
-        hand.driven_pose = hand.pose
-    channel, pose = hand.channels.driven, hand.driven_pose
+    if hand.safety is None or hand.driven is None:
+        hand.driven = target
+        return target
+    state = hand.safety_state
+    is_slow = state.mode != "tracking" or hand.safety.is_cautious(state, t_ns)
+    hand.is_turn_bounded = hand.is_turn_bounded or is_slow
+    if state.mode in ("tracking", "resuming"):
+        hand.driven = (
+            turn_towards(hand.driven, target, hand.safety.limits.turn_rad) if hand.is_turn_bounded else target
+        )
+        hand.is_turn_bounded = is_slow or hand.driven != target
+    return hand.driven
+
+
+def set_point(session: str, hand: PatientHand, place: Place, wrist: Wrist, tick: int, t_ns: int) -> Emission:
+    """Return the message for the arm's own controller."""
+    channel = hand.channels.driven
     key = channel.key(session)
     x_m, y_m, z_m = place
     message = SetPoint(
         sample_ns=t_ns,
         position_m=Vector3(x=x_m, y=y_m, z=z_m),
-        orientation=LEVEL if pose is None else pose.orientation,
-        gripper_rad=0.0 if pose is None else pose.gripper_rad,
+        orientation=wrist.orientation,
+        gripper_rad=wrist.gripper_rad,
         hand=hand.channels.hand,
         tick=tick,
         mode=hand.safety_state.mode,
@@ -64,10 +81,14 @@ def set_point(session: str, hand: PatientHand, place: Place, tick: int, t_ns: in
 
 
 class LeftPlace(NamedTuple):
-    """Where a process that is gone has left the arm, and in which safety state."""
+    """Where a process that is gone has left the arm, and in which safety state.
+
+    ``wrist`` is None where its orientation is none.
+    """
 
     place: Place
     mode: SafetyMode
+    wrist: Wrist | None
 
 
 def left_place(payload: bytes | None) -> LeftPlace | None:
@@ -78,7 +99,9 @@ def left_place(payload: bytes | None) -> LeftPlace | None:
         last = SetPoint.model_validate_json(payload)
     except ValidationError:
         return None
-    return LeftPlace(position_m(last), last.mode)
+    is_orientation = unit(components(last.orientation)) is not None
+    wrist = Wrist(last.orientation, last.gripper_rad) if is_orientation else None
+    return LeftPlace(position_m(last), last.mode, wrist)
 
 
 def safety_change(hand: PatientHand, before: SafetyMode, t_ns: int) -> Record | None:

@@ -7,9 +7,11 @@ from typing import Any, NamedTuple
 
 from common.channels import HandChannels
 from common.messages import MAX_SIZE, Pose, SafetyMode, Vector3
-from common.records import ESTIMATES
+from common.records import ESTIMATES, ORIENTATIONS
 from common.scenario.estimator_names import plain_name
 from patient_side.estimators.protocol import Estimator
+from patient_side.orientation.protocol import NOTHING, WristEstimate, WristMethod
+from patient_side.orientation.wrist import Stated, Wrist
 from patient_side.plant import Plant, PlantOutput
 from patient_side.playout import Playout
 from patient_side.safety.safety_state import SafetyFilter, SafetyState
@@ -25,7 +27,7 @@ class Fresh(NamedTuple):
 
 
 class Begun(NamedTuple):
-    """The published part of a hand's tick: the active estimate, its duration and number, and the arm's movement.
+    """The published part of a hand's tick: the active estimates, their durations and number, and the arm's movement.
 
     ``mode_before`` is the safety state before the tick.
     """
@@ -33,6 +35,8 @@ class Begun(NamedTuple):
     where_m: Vector3 | None
     std_m: Vector3 | None
     step_ns: int
+    wrist: Stated
+    wrist_step_ns: int
     number: int | None
     moved: PlantOutput | None
     mode_before: SafetyMode
@@ -82,7 +86,9 @@ class PatientHand:
 
     ``freshest`` is the newest sample of either stream, ``pose`` the newest of the arm. ``prompt_ns`` is the instant
     of an arrival to be answered before the next tick, ``topics`` are the log topics of the estimates. Without
-    ``safety`` the active estimate drives the arm as it is.
+    ``safety`` the active estimate drives the arm as it is. ``methods`` estimate orientation and gripper, the first is
+    the active one; without any the answers carry those of ``pose``. ``driven`` are those of the set point, and
+    ``is_turn_bounded`` tells whether they still follow their target slowly.
     """
 
     channels: HandChannels
@@ -90,8 +96,10 @@ class PatientHand:
     estimators: Sequence[Estimator]
     plant: Plant | None
     safety: SafetyFilter | None = None
+    methods: Sequence[WristMethod] = ()
     states: list[Any] = field(init=False)
     topics: tuple[str, ...] = field(init=False)
+    method_topics: tuple[str, ...] = field(init=False)
     plant_state: Any = field(init=False)
     freshest: Fresh | None = None
     used_sample_ns: int = -1
@@ -100,9 +108,18 @@ class PatientHand:
     n_answers: int = 0
     safety_state: SafetyState = field(default_factory=SafetyState)
     pose: Pose | None = None
-    driven_pose: Pose | None = None
+    driven: Wrist | None = None
+    is_turn_bounded: bool = False
 
     def __post_init__(self) -> None:
         self.states = [estimator.initial() for estimator in self.estimators]
         self.topics = tuple(f"{ESTIMATES}/{plain_name(estimator.name)}" for estimator in self.estimators)
+        self.method_topics = tuple(f"{ORIENTATIONS}/{method.name}" for method in self.methods)
         self.plant_state = None if self.plant is None else self.plant.initial()
+
+    def wrist_at(self, i: int, t_ns: int) -> WristEstimate:
+        """Return the estimate of orientation method ``i`` for the instant ``t_ns``; nothing without such a method."""
+        if i >= len(self.methods):
+            return NOTHING
+        arm = self.playout.arm
+        return self.methods[i].estimate(arm, max(self.playout.age_samples(arm.newest, t_ns), 0.0))

@@ -10,11 +10,10 @@ from typing import Final
 
 import numpy as np
 
-from common.channels import Channel, Network
-from common.header import Header
+from common.channels import Network
 from common.intake import Accepted, Intake
-from common.messages import FeedbackPose, Pose, SampledPose, Vector3, position_m
-from common.node import Arrival, Emission, Output, Record
+from common.messages import Pose, SampledPose, position_m
+from common.node import Arrival, Output, Record
 from common.records import (
     COUNTERS,
     FRESH,
@@ -23,7 +22,6 @@ from common.records import (
     PROMPT,
     TICKS,
     CounterNote,
-    EstimateNote,
     FreshNote,
     PhaseNote,
     PlantNote,
@@ -32,12 +30,16 @@ from common.records import (
 )
 from common.safety_records import STOPS
 from common.ticker import Ticker
-from patient_side.driven import LEVEL, drive, left_place, safety_change, set_point
+from patient_side.answers import answer, estimate_record
+from patient_side.driven import drive, left_place, safety_change, set_point, steer
 from patient_side.estimators.protocol import Estimate
 from patient_side.hand import Begun, Fresh, PatientHand, finite, std_m, vector
+from patient_side.orientation.wrist import Stated, Wrist, answered, components, orientation_note, quaternion, stated
 from patient_side.own_estimators import OwnEstimators
 from patient_side.phase_lock import PhaseLock
+from patient_side.plant import PlantOutput
 from patient_side.playout import Playout, SourceBuffer
+from patient_side.rotations import unit
 from patient_side.safety.emergency_stop import EmergencyStops
 from patient_side.safety.gate import StreamGate
 from patient_side.safety.gated_intake import GatedIntake
@@ -91,9 +93,10 @@ class PatientNode:
         """Begin where the arm was left, and stopped if it was; what cannot be read is not known."""
         is_stopped = self._stops.resume(last.get(STOPS))
         for hand in self.hands:
-            place = last.get(hand.channels.driven.key(self.session))
+            left = left_place(last.get(hand.channels.driven.key(self.session)))
             if hand.safety is not None:
-                hand.safety_state = hand.safety.resumed(left_place(place), is_stopped)
+                hand.safety_state = hand.safety.resumed(None if left is None else (left.place, left.mode), is_stopped)
+                hand.driven = None if left is None else left.wrist
 
     def join(self, run_id: int, from_ns: int = 0) -> None:
         """Take messages of this run only, and tick from ``from_ns`` on."""
@@ -165,10 +168,12 @@ class PatientNode:
         index = playout.index(pose.sample_ns)
         if buffer.get(index) is not None:
             return False
-        where_m = np.array(position_m(pose))
-        if self._own.guarded:
-            where_m.setflags(write=False)  # user-defined estimators share the array with all others
-        return buffer.add(index, where_m, pose.gripper_rad)
+        where_m, orientation = np.array(position_m(pose)), unit(components(pose.orientation))
+        if self._own.guarded:  # user-defined estimators share the arrays with all others
+            where_m.setflags(write=False)
+            if orientation is not None:
+                orientation.setflags(write=False)
+        return buffer.add(index, where_m, pose.gripper_rad, orientation)
 
     def wake(self, now_ns: int) -> Iterable[Output]:
         """Run the tick that is due, or answer an arrival before it.
@@ -191,22 +196,27 @@ class PatientNode:
         for hand in self.hands:
             estimate, step_ns = self._step(hand, 0, t_ns)
             where_m, number = finite(estimate.position_m), None
+            turn, turn_step_ns = self._turn(hand, 0, t_ns)
+            wrist = answered(turn, hand.pose)
             if where_m is not None:
                 number = self._number(hand, k)
-                yield self._answer(hand, hand.channels.estimated, where_m, k, t_ns, number)
+                yield answer(self.session, hand, hand.channels.estimated, where_m, wrist, k, t_ns, number)
             std = std_m(where_m, estimate.covariance_m2)
             before = hand.safety_state.mode
             is_certain = std is not None or estimate.covariance_m2 is None
             place = drive(hand, where_m, std, is_certain, t_ns)
+            if place is not None:
+                wrist = steer(hand, wrist, t_ns)
             if place is not None and hand.safety is not None:
-                yield set_point(self.session, hand, place, k, t_ns)
+                yield set_point(self.session, hand, place, wrist, k, t_ns)
             moved = None
             if hand.plant is not None:
                 reference = None if place is None else np.array(place)
                 hand.plant_state, moved = hand.plant.step(hand.plant_state, reference, k, t_ns)
                 if moved is not None:
-                    yield self._answer(hand, hand.channels.measured, vector(moved.measured_m), k, t_ns, k)
-            begun.append(Begun(where_m, std, step_ns, number, moved, before))
+                    measured, at = hand.channels.measured, vector(moved.measured_m)
+                    yield answer(self.session, hand, measured, at, _moved_wrist(moved, wrist), k, t_ns, k)
+            begun.append(Begun(where_m, std, step_ns, turn, turn_step_ns, number, moved, before))
         # The other estimators and the records.
         for hand, done in zip(self.hands, begun, strict=True):
             yield from self._notes(hand, done, k, t_ns)
@@ -234,11 +244,13 @@ class PatientNode:
             _, estimate = estimator.step(hand.states[0], hand.playout, t_ns)
             step_ns, self.doing = self.stopwatch_ns() - begun_ns, ""
             where_m = finite(estimate.position_m)
+            turn, _ = self._turn(hand, 0, t_ns)
             number = None
             if where_m is not None:
-                number = self._number(hand, self.ticker.k)
+                number, channel = self._number(hand, self.ticker.k), hand.channels.estimated
                 hand.answered_sample_ns = fresh.sample_ns
-                answers.append(self._answer(hand, hand.channels.estimated, where_m, self.ticker.k, t_ns, number))
+                wrist = answered(turn, hand.pose)
+                answers.append(answer(self.session, hand, channel, where_m, wrist, self.ticker.k, t_ns, number))
             note = PromptNote(
                 t_ns=t_ns,
                 begin_ns=begin_ns,
@@ -250,6 +262,10 @@ class PatientNode:
                 answer=number,
                 position_m=where_m,
                 std_m=std_m(where_m, estimate.covariance_m2),
+                orientation=turn.orientation,
+                turn_std_rad=turn.std_rad,
+                gripper_rad=turn.gripper_rad,
+                gripper_std_rad=turn.gripper_std_rad,
                 step_ns=step_ns,
             )
             notes.append(Record(PROMPT, t_ns, note))
@@ -293,26 +309,23 @@ class PatientNode:
         self.doing = ""
         return estimate, self.stopwatch_ns() - begun_ns
 
+    def _turn(self, hand: PatientHand, i: int, t_ns: int) -> tuple[Stated, int]:
+        """Return the estimate of a hand's orientation method ``i``, and its duration in ns."""
+        begun_ns = self.stopwatch_ns()
+        found = stated(hand.wrist_at(i, t_ns))
+        return found, self.stopwatch_ns() - begun_ns
+
     def _notes(self, hand: PatientHand, begun: Begun, k: int, t_ns: int) -> Iterator[Record]:
         """Run the hand's other estimators, and yield the records of its tick."""
         of_hand = hand.channels.hand
-        for i, estimator in enumerate(hand.estimators):
-            if i:
-                estimate, step_ns = self._step(hand, i, t_ns)
-                stated_m = finite(estimate.position_m)
-                std = std_m(stated_m, estimate.covariance_m2)
-            else:
-                stated_m, std, step_ns = begun.where_m, begun.std_m, begun.step_ns
-            note = EstimateNote(
-                tick=k,
-                t_ns=t_ns,
-                hand=of_hand,
-                estimator=estimator.name,
-                position_m=stated_m,
-                std_m=std,
-                step_ns=step_ns,
-            )
-            yield Record(hand.topics[i], t_ns, note)
+        yield estimate_record(hand, 0, k, t_ns, begun.where_m, begun.std_m, begun.step_ns)
+        for i in range(1, len(hand.estimators)):
+            estimate, step_ns = self._step(hand, i, t_ns)
+            stated_m = finite(estimate.position_m)
+            yield estimate_record(hand, i, k, t_ns, stated_m, std_m(stated_m, estimate.covariance_m2), step_ns)
+        for i, (method, topic) in enumerate(zip(hand.methods, hand.method_topics, strict=True)):
+            turn, step_ns = self._turn(hand, i, t_ns) if i else (begun.wrist, begun.wrist_step_ns)
+            yield Record(topic, t_ns, orientation_note(k, t_ns, of_hand, method.name, turn, step_ns))
         change = safety_change(hand, begun.mode_before, t_ns)
         if change is not None:
             yield change
@@ -334,26 +347,12 @@ class PatientNode:
         if hand.prompt_ns is not None and hand.prompt_ns <= t_ns:
             hand.prompt_ns = None
 
-    def _answer(
-        self, hand: PatientHand, channel: Channel, where_m: Vector3, k: int, t_ns: int, number: int
-    ) -> Emission:
-        key = channel.key(self.session)
-        pose = hand.pose
-        message = FeedbackPose(
-            sample_ns=t_ns,
-            position_m=where_m,
-            orientation=LEVEL if pose is None else pose.orientation,
-            gripper_rad=0.0 if pose is None else pose.gripper_rad,
-            tick=k,
-            command_sample_ns=None if hand.freshest is None else hand.freshest.sample_ns,
-        )
-        payload = message.model_dump_json().encode()
-
-        def on_sent(sent_ns: int) -> Sequence[Record]:
-            return (Record(key, sent_ns, payload, channel.payload, sent_ns, number),)
-
-        return Emission("east", key, payload, Header(number), on_sent)
-
     def _tick_note(self, k: int, begin_ns: int, missed: bool = False) -> Record:
         note = TickNote(tick=k, due_ns=self.ticker.due_ns(k), begin_ns=begin_ns, missed=missed)
         return Record(TICKS, begin_ns, note)
+
+
+def _moved_wrist(moved: PlantOutput, driven: Wrist) -> Wrist:
+    """Return orientation and gripper of the plant's arm: its own, or those that drive it."""
+    orientation = driven.orientation if moved.orientation is None else quaternion(moved.orientation)
+    return Wrist(orientation, driven.gripper_rad if moved.gripper_rad is None else moved.gripper_rad)

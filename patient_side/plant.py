@@ -12,14 +12,21 @@ from common.scenario import Scenario
 from common.sources.trajectory import HandRecording, Recording
 from common.streams import Stream
 from common.units import MM_PER_M, NS_PER_S, sample_instant_ns
+from patient_side.rotations import turned, turned_by
 from patient_side.statespace import Array
 
 
 class PlantOutput(NamedTuple):
-    """The arm's position (3,) in m, and its position as measured by its sensors."""
+    """The arm's position (3,) in m, and its position as measured by its sensors.
+
+    ``orientation`` (4,) is a unit quaternion x, y, z, w; None where the arm takes that of its set point, as it does
+    with the gripper, in rad.
+    """
 
     position_m: Array
     measured_m: Array
+    orientation: Array | None = None
+    gripper_rad: float | None = None
 
 
 class Plant(Protocol):
@@ -41,11 +48,15 @@ class Plant(Protocol):
 class ReplayPlant:
     """The arm follows the recorded arm: positions (N, 3) in m at the sample instants of ``rate_hz``.
 
-    A tick reads two rows, however long the recording is. Oracle: numpy's interpolation.
+    ``orientation`` (N, 4) and ``gripper_rad`` (N,), where they are known, are interpolated likewise, the orientation
+    at a constant rotation speed. A tick reads two rows, however long the recording is. Oracles: numpy's
+    interpolation, SciPy's Slerp.
     """
 
     recorded_m: Array
     rate_hz: int
+    orientation: Array | None = None
+    gripper_rad: Array | None = None
 
     def initial(self) -> None:
         """Return the state: there is none."""
@@ -59,14 +70,24 @@ class ReplayPlant:
     ) -> tuple[None, PlantOutput]:
         """Return the recorded arm, interpolated linearly and constant beyond its ends."""
         at = max(((now_ns + 1) * self.rate_hz - 1) // NS_PER_S, 0)
+        orientation, gripper_rad = self.orientation, self.gripper_rad
         if at >= len(self.recorded_m) - 1:
             position = self.recorded_m[-1]
-        else:
-            here, there = self.recorded_m[at], self.recorded_m[at + 1]
-            begun_ns = sample_instant_ns(at, self.rate_hz)
-            speed = (there - here) / (sample_instant_ns(at + 1, self.rate_hz) - begun_ns)
-            position = speed * max(now_ns - begun_ns, 0) + here
-        return None, PlantOutput(position, position)
+            turned_to = None if orientation is None else orientation[-1]
+            angle_rad = None if gripper_rad is None else float(gripper_rad[-1])
+            return None, PlantOutput(position, position, turned_to, angle_rad)
+        here, there = self.recorded_m[at], self.recorded_m[at + 1]
+        begun_ns = sample_instant_ns(at, self.rate_hz)
+        period_ns, since_ns = sample_instant_ns(at + 1, self.rate_hz) - begun_ns, max(now_ns - begun_ns, 0)
+        speed = (there - here) / period_ns
+        position = speed * since_ns + here
+        share = since_ns / period_ns
+        turned_to = angle_rad = None
+        if orientation is not None:
+            turned_to = turned_by(orientation[at], share * turned(orientation[at], orientation[at + 1]))
+        if gripper_rad is not None:
+            angle_rad = float((1.0 - share) * gripper_rad[at] + share * gripper_rad[at + 1])
+        return None, PlantOutput(position, position, turned_to, angle_rad)
 
 
 @dataclass(frozen=True)
@@ -138,7 +159,8 @@ def build_plant(scenario: Scenario, recording: Recording, hand: HandRecording) -
     """Return the scenario's arm; sample 0 of the run is row ``recording.start``."""
     spec = scenario.patient.plant
     if spec.kind == "replay":
-        return ReplayPlant(hand.follower.position_m[recording.start :], recording.rate_hz)
+        arm = hand.follower.rows(recording.start, len(hand.follower))
+        return ReplayPlant(arm.position_m, recording.rate_hz, arm.orientation, arm.gripper_rad)
     return ServoPlant(
         bandwidth_hz=spec.bandwidth_hz,
         damping=spec.damping,

@@ -10,6 +10,8 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from common.units import sample_index, sample_instant_ns
 from patient_side.statespace import Array
 
@@ -20,7 +22,8 @@ class SourceBuffer:
 
     It keeps the newest ``depth`` indices; ``newest`` and ``last_arrived``, the index added last whatever its age, are
     -1 while nothing has arrived; ``n_added`` counts all samples added. ``get`` returns a sample's position, or None
-    when it has not arrived. The gripper's angle is stored separately, where the sample has one. Oracle: a plain list.
+    when it has not arrived. The gripper's angle in rad and the orientation, a unit quaternion (4,) x, y, z, w, are
+    stored separately, where the sample has them. Oracle: a plain list.
     """
 
     depth: int
@@ -29,21 +32,28 @@ class SourceBuffer:
     n_added: int = 0
     get: Callable[[int], Array | None] = field(init=False, repr=False, compare=False)
     _samples: dict[int, Array] = field(default_factory=dict, repr=False)
+    orientation: Callable[[int], Array | None] = field(init=False, repr=False, compare=False)
     _grippers_rad: dict[int, float] = field(default_factory=dict, repr=False)
+    _orientations: dict[int, Array] = field(default_factory=dict, repr=False)
     _indices: list[int] = field(default_factory=list, repr=False)
     _arrivals: deque[int] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         self._arrivals = deque(maxlen=self.depth)
-        self.get = self._samples.get  # the dict's own method, as estimators call it often
+        self.get = self._samples.get  # the dicts' own methods, as estimators call them often
+        self.orientation = self._orientations.get
 
-    def add(self, index: int, position_m: Array, gripper_rad: float | None = None) -> bool:
+    def add(
+        self, index: int, position_m: Array, gripper_rad: float | None = None, orientation: Array | None = None
+    ) -> bool:
         """Add a sample; False when it is a duplicate, negative or older than the buffer's depth."""
         if index < 0 or index <= self.newest - self.depth or index in self._samples:
             return False
         self._samples[index] = position_m
         if gripper_rad is not None:
             self._grippers_rad[index] = gripper_rad
+        if orientation is not None:
+            self._orientations[index] = orientation
         insort(self._indices, index)
         self.last_arrived = index
         self.n_added += 1
@@ -54,6 +64,7 @@ class SourceBuffer:
             for stale in self._indices[:n_stale]:
                 del self._samples[stale]
                 self._grippers_rad.pop(stale, None)
+                self._orientations.pop(stale, None)
             del self._indices[:n_stale]
         return True
 
@@ -65,6 +76,11 @@ class SourceBuffer:
         """Return the gripper's angle at ``index``, else at the arrived sample before it, else None."""
         found = self._grippers_rad.get(index)
         return self._grippers_rad.get(self.newest_before(index)) if found is None else found
+
+    def gripper_angle(self, index: int) -> Array | None:
+        """Return `gripper_rad` as a signal of one axis (1,)."""
+        found = self.gripper_rad(index)
+        return None if found is None else np.array([found])
 
     def added_since(self, n_added: int) -> list[int]:
         """Return the indices added after the first ``n_added``, in order of arrival; at most the last ``depth``.

@@ -18,7 +18,19 @@ def warnings_at_start(scenario: Scenario, recording: Recording, models: Sequence
     played = played_rows(recording, scenario.n_samples)
     of_models = (text for model in models for text in model.warnings)
     warnings = (*recording.warnings, *recording.anomalies, *of_models, *in_sample(scenario, models, played))
+    warnings += _held_orientations(scenario, models)
     return tuple(dict.fromkeys((*warnings, *without_effect(scenario.identification, models))))
+
+
+def _held_orientations(scenario: Scenario, models: Sequence[ArmModel]) -> tuple[str, ...]:
+    """Return a warning for each model, as an older file's, that has nothing for the active orientation method."""
+    active = scenario.patient.orientation.active
+    return tuple(
+        f"the model of the {model.hand} hand has nothing for patient.orientation.active {active}: orientation and "
+        "gripper of the answers are those of the newest sample; tis identify writes a model that has it"
+        for model in models
+        if active != "hold" and (model.wrist is None or not model.wrist.serves(active))
+    )
 
 
 def in_sample(scenario: Scenario, models: Sequence[ArmModel], played: RecordedRows) -> tuple[str, ...]:

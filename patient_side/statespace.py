@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 from common.channels import Arm, Hand
 from common.sources.provenance import RecordedRows
 from patient_side.completion_model import CompletionModel
+from patient_side.direct_model import DirectModel
 from patient_side.learned_model import LearnedModel
+from patient_side.wrist_model import WristModel
 
 Array = NDArray[np.float64]
 
@@ -207,28 +209,6 @@ class FilterModel:
 
 
 @dataclass(frozen=True)
-class DirectModel:
-    """Second moments of an arm's past and future positions, relative to the present one, for least squares on them.
-
-    Past: L positions ``lags`` steps ago; future: H positions ``horizons`` steps ahead; a step is ``stride`` samples.
-    ``past`` (3 L, 3 L), ``cross`` (H, 3 L, 3) and ``future`` (H, 3, 3) are in m^2, axes innermost. Each horizon uses
-    its first ``n_lags`` (H,) lags, and its ``penalty`` (H,) times a random walk's moments is added to ``past``;
-    ``covariance_scale`` (H,) multiplies the residuals' moment, so that 95 % ellipsoids hold 95 % of the held-back
-    training rows.
-    """
-
-    stride: int
-    lags: NDArray[np.int64]
-    horizons: NDArray[np.int64]
-    past: Array
-    cross: Array
-    future: Array
-    n_lags: NDArray[np.int64]
-    penalty: Array
-    covariance_scale: Array
-
-
-@dataclass(frozen=True)
 class ArmModel:
     """All models of one arm; written to the run folder, and read back by a replay.
 
@@ -236,7 +216,8 @@ class ArmModel:
     ``output_low_m`` and ``output_high_m`` (3,) are the training rows' range, the unit of normalised errors.
     ``fit_pct`` is the share of variance, per axis, that a simulation explains on the validation rows.
     ``static``: a gain is the whole relation of arm and command. ``innovations`` and the fields after it are the
-    models of further estimators; None where they could not be, or were not, identified.
+    models of further estimators, ``wrist`` those of orientation and gripper; None where they could not be, or were
+    not, identified.
     ``trained_on`` are the training rows of each recording; empty in files that do not record them.
     """
 
@@ -270,6 +251,7 @@ class ArmModel:
     paper: FilterModel | None = None
     drmf: CompletionModel | None = None
     learned: tuple[LearnedModel, ...] = ()
+    wrist: WristModel | None = None
 
     @property
     def n_lags(self) -> int | None:

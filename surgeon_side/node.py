@@ -210,6 +210,7 @@ class SurgeonNode:
                     sample_ns=sample_ns,
                     position_m=Vector3(x=x, y=y, z=z),
                     rotation_rad=rotation_vector(hand.follower.orientation[row].tolist()),
+                    gripper_rad=float(hand.follower.gripper_rad[row]),
                 )
                 records.append(Record(TRUTH, sample_ns, note))
         return records

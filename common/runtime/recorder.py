@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from common.channels import is_set_point
 from common.node import Record
-from common.records import COUNTERS, ESTIMATES, FRESH, PLANT, UNRECORDED, CounterNote
+from common.records import COUNTERS, ESTIMATES, FRESH, ORIENTATIONS, PLANT, UNRECORDED, CounterNote
 from common.runtime.inbox import stand_behind
 from common.runtime.loop import Recorder
 from common.runtime.memory import LevelHeap
@@ -194,4 +194,4 @@ class ThreadedRecorder:
 
 def is_recomputable(topic: str) -> bool:
     """Tell whether a replay of the arrivals computes the records of a topic again."""
-    return topic.startswith(f"{ESTIMATES}/") or topic in _RECOMPUTABLE or is_set_point(topic)
+    return topic.startswith((f"{ESTIMATES}/", f"{ORIENTATIONS}/")) or topic in _RECOMPUTABLE or is_set_point(topic)

@@ -9,6 +9,7 @@ from common.errors import Fault, InputError
 from common.scenario.base import NonNegative, Part, Positive, RuleText
 from common.scenario.estimator_names import AnyEstimatorName, LearnedName, each_once, is_learned
 from common.scenario.learning import Learning
+from common.scenario.orientation import Orientation
 from common.scenario.safety import Gate, Safety
 from common.units import MM_PER_M
 
@@ -56,6 +57,9 @@ class PatientPart(Part):
         "and a delay of whole periods, chance decides whether an arrival precedes its tick.",
     )
     plant: Plant = Field(ReplayPlant(kind="replay"), description="Arm on the patient's side.")
+    orientation: Orientation = Field(
+        Orientation(), description="Estimation of the arm's orientation and of its gripper's angle."
+    )
     gate: Gate = Field(Gate(), description="Limits of the samples that the patient uses.")
     safety: Safety = Field(Safety(), description="Limits of the set point that drives the arm.")
 

@@ -83,6 +83,11 @@ class Safety(Part):
     resume_acceleration_m_s2: Positive = Field(
         10.0, description="Largest change of its velocity while it resumes, holds or stops, in m/s^2."
     )
+    resume_turn_deg_s: Positive = Field(
+        240.0,
+        description="Largest speed at which the set point turns, and its gripper opens or closes, while it resumes "
+        "and for cautious_ms after, in degrees/s; recorded arms are slower in 99 % of the time.",
+    )
     latch: bool = Field(
         False,
         strict=True,

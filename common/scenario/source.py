@@ -78,6 +78,9 @@ class SyntheticSource(Part):
         0.2, le=60, description="Mean pause between two movements that do not overlap, in s."
     )
     reach_mm: Positive = Field(13.0, le=1000, description="Median length of a movement of the master, in mm.")
+    turn_deg: NonNegative = Field(
+        19.0, le=90, description="Median angle by which a movement turns the hand, in degrees."
+    )
     coupling: Probability = Field(
         0.35, description="Share of movements that both hands make at the same time, 0 to 1."
     )

@@ -1,9 +1,9 @@
-"""Statistics of hand movements: those of recorded suturing, and the same for any movement.
+"""Statistics of hand movements and turns: those of recorded suturing, and the same for any movement.
 
 The recorded figures are aggregates; no single trial can be recovered from them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -35,11 +35,35 @@ RECORDED_SUTURING: Final[dict[str, float]] = {
 }
 """Medians over 29 JIGSAWS suturing trials at 30 Hz, of the arms' tips; for errors the median of each axis."""
 
+RECORDED_TURNING: Final[dict[str, float]] = {
+    "hold-last error at 33 ms, deg": 1.678,
+    "hold-last error at 100 ms, deg": 4.578,
+    "hold-last error at 200 ms, deg": 8.809,
+    "hold-last error at 500 ms, deg": 19.58,
+    "hold-last error at 1000 ms, deg": 31.11,
+    "angular speed p50, deg/s": 9.053,
+    "angular speed p90, deg/s": 73.46,
+    "angular speed p99, deg/s": 185.6,
+    "angular speed rms, deg/s": 47.81,
+    "time slower than 5 deg/s, share": 0.388,
+    "angular power up to 0.25 Hz, share": 0.257,
+    "angular power up to 0.5 Hz, share": 0.477,
+    "angular power up to 1 Hz, share": 0.721,
+    "angular power up to 2 Hz, share": 0.872,
+    "angular power up to 4 Hz, share": 0.951,
+    "angular power up to 8 Hz, share": 0.982,
+    "angular acceleration p50, deg/s2": 117.4,
+    "angular acceleration p90, deg/s2": 674.3,
+    "angular acceleration p99, deg/s2": 1700.0,
+}
+"""Medians over both arms of 19 JIGSAWS suturing trials (people C to F) at 30 Hz, of the orientations of the tips."""
+
 TOLERANCE: Final = 0.25
 """Largest relative deviation of a statistic of the synthetic surgeon from the recorded one."""
 
 _HOLD_MS: Final = (33, 100, 200, 500, 1000)
 _SLOW_MM_PER_S: Final = 2.0
+_SLOW_DEG_PER_S: Final = 5.0
 _PERCENTILES: Final = (50, 90, 99)
 _BANDS_HZ: Final = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 _WINDOW_S: Final = 17.0
@@ -65,19 +89,52 @@ def movement_statistics(position_m: Array, rate_hz: int) -> dict[str, float]:
         found[f"speed p{percent}, mm/s"] = float(np.percentile(speed, percent))
     found["speed rms, mm/s"] = float(np.sqrt(np.mean(speed**2)))
     found["time slower than 2 mm/s, share"] = float(np.mean(speed < _SLOW_MM_PER_S))
-    # Spectrum: the share of velocity power below each frequency.
-    window = min(round(_WINDOW_S * rate_hz), len(velocity))
-    frequency_hz, power = scipy.signal.welch(velocity, rate_hz, nperseg=window, axis=0)
-    cumulative = np.cumsum(power.sum(axis=1)) / power.sum()
-    for band_hz in _BANDS_HZ:
-        share = float(np.interp(band_hz, frequency_hz, cumulative))
+    for band_hz, share in _power_shares(velocity, rate_hz).items():
         found[f"velocity power up to {band_hz:g} Hz, share"] = share
     for percent in _PERCENTILES:
         found[f"acceleration p{percent}, mm/s2"] = float(np.percentile(acceleration, percent))
     return found
 
 
-def median_statistics(tips_m: Sequence[Array], rate_hz: int) -> dict[str, float]:
-    """Return the median of each statistic over the positions (N, 3) of several tips."""
-    of_each = [movement_statistics(tip_m, rate_hz) for tip_m in tips_m]
+def turning_statistics(orientation: Array, rate_hz: int) -> dict[str, float]:
+    """Return the statistics of a tip's unit quaternions (N, 4), named as in `RECORDED_TURNING`.
+
+    As `movement_statistics`; the angular velocity is in the body frame, from neighbours on both sides. Oracle: a turn
+    at constant speed.
+    """
+    rotations = scipy.spatial.transform.Rotation.from_quat(orientation)
+    found: dict[str, float] = {}
+    for hold_ms in _HOLD_MS:
+        lag = round(hold_ms * rate_hz / 1000)
+        turned_deg = np.degrees((rotations[:-lag].inv() * rotations[lag:]).magnitude())
+        found[f"hold-last error at {hold_ms} ms, deg"] = float(np.sqrt(np.mean(turned_deg**2)))
+    velocity = np.degrees((rotations[:-2].inv() * rotations[2:]).as_rotvec()) * rate_hz / 2.0
+    speed = np.linalg.norm(velocity, axis=1)
+    acceleration = np.linalg.norm(np.gradient(velocity, 1.0 / rate_hz, axis=0), axis=1)
+    for percent in _PERCENTILES:
+        found[f"angular speed p{percent}, deg/s"] = float(np.percentile(speed, percent))
+    found["angular speed rms, deg/s"] = float(np.sqrt(np.mean(speed**2)))
+    found["time slower than 5 deg/s, share"] = float(np.mean(speed < _SLOW_DEG_PER_S))
+    for band_hz, share in _power_shares(velocity, rate_hz).items():
+        found[f"angular power up to {band_hz:g} Hz, share"] = share
+    for percent in _PERCENTILES:
+        found[f"angular acceleration p{percent}, deg/s2"] = float(np.percentile(acceleration, percent))
+    return found
+
+
+def _power_shares(velocity: Array, rate_hz: int) -> dict[float, float]:
+    """Return the share of the power of a velocity (N, 3) below each frequency in Hz."""
+    window = min(round(_WINDOW_S * rate_hz), len(velocity))
+    frequency_hz, power = scipy.signal.welch(velocity, rate_hz, nperseg=window, axis=0)
+    cumulative = np.cumsum(power.sum(axis=1)) / power.sum()
+    return {band_hz: float(np.interp(band_hz, frequency_hz, cumulative)) for band_hz in _BANDS_HZ}
+
+
+def median_statistics(
+    signals: Sequence[Array],
+    rate_hz: int,
+    statistics: Callable[[Array, int], dict[str, float]] = movement_statistics,
+) -> dict[str, float]:
+    """Return the median of each statistic over the signals of several tips: positions (N, 3), by default."""
+    of_each = [statistics(signal, rate_hz) for signal in signals]
     return {name: float(np.median([found[name] for found in of_each])) for name in of_each[0]}

@@ -18,10 +18,11 @@ from common.channels import FOLLOWER, MASTER, Hand
 from common.scenario.source import SyntheticSource
 from common.sources.clutch import Clutch
 from common.sources.minimum_jerk import Movements
-from common.sources.reaching import reaching
+from common.sources.reaching import reaching, timing_of
 from common.sources.recorder import latest_sample_s
 from common.sources.servo import GRID_HZ, servo
 from common.sources.trajectory import Array, HandRecording, PoseTrack, Recording
+from common.sources.turning import turning, turning_tremor
 from common.sources.wander import Band, wander
 from common.streams import Stream
 from common.units import MM_PER_M
@@ -36,8 +37,6 @@ _RESIDUAL_HZ: Final[Band] = (0.2, 8.0)
 
 _TREMOR_BAND: Final[Band] = (0.93, 1.07)  # of the centre frequency
 _DRIFT_HZ: Final[Band] = (0.05, 1.0)
-_TURN_RAD: Final = 0.25
-_TURN_HZ: Final[Band] = (0.03, 0.4)
 _SWITCH_S: Final = 0.5
 
 _FIRST_BATCH: Final = 64
@@ -93,14 +92,15 @@ def _hand(
     tremor_hz = (low * source.tremor_hz, high * source.tremor_hz)
     # Coupled movements have the same timing in both hands, but each hand has its own directions.
     together = Stream.named(seed, "synthetic/together/timing")
-    movements = [
-        reaching(source, share, timing, aim, until_s + _LATER_S)
-        for share, timing, aim in (
-            (1.0 - source.coupling, stream("alone/timing"), stream("alone/aim")),
-            (source.coupling, together, stream("together/aim")),
-        )
-        if share > 0.0
-    ]
+    movements, turns = [], []
+    for share, which, draws in (
+        (1.0 - source.coupling, "alone", stream("alone/timing")),
+        (source.coupling, "together", together),
+    ):
+        if share > 0.0:
+            timing = timing_of(source, share, draws, until_s + _LATER_S)
+            movements.append(reaching(source, timing, stream(f"{which}/aim")))
+            turns.append(turning(source, timing, stream(f"{which}/turn")))
 
     def worked(at_s: Array) -> Array:
         moved_mm = wander(stream("drift"), at_s, _DRIFT_HZ, source.drift_mm)
@@ -120,9 +120,11 @@ def _hand(
     residual_m = wander(stream("residual"), t_s, _RESIDUAL_HZ, _RESIDUAL_MM) / MM_PER_M
     arm_m = _GAIN * followed_m + np.array(_ARM_OFFSET_M[hand]) + residual_m
     master_m = worked_m + clutch.moved_mm(stream("clutch"), t_s) / MM_PER_M if clutch else worked_m
-    # Ten sines of this size never turn further than half a turn, so the quaternions stay in one hemisphere.
-    turned = wander(stream("turning"), working_s, _TURN_HZ, _TURN_RAD)
-    orientation = scipy.spatial.transform.Rotation.from_rotvec(turned).as_quat()
+    turned_rad = turning_tremor(source, stream("turning"), working_s)
+    for turn in turns:
+        turned_rad += turn.at(working_s)
+    # A continuous function of the rotation vector, so the quaternions of a smooth path stay in one hemisphere.
+    orientation = scipy.spatial.transform.Rotation.from_rotvec(turned_rad).as_quat()
     gripper_rad = _grips(source, stream("gripper"), until_s).at(working_s)[:, 0]
     return HandRecording(
         hand,

@@ -18,6 +18,7 @@ from deploy.compare.estimator_descriptions import DESCRIPTIONS
 from deploy.compare.estimators_sections import NAMES, Section, command_of, sections
 from deploy.compare.plan import make_plan
 from deploy.compare.results import tables
+from deploy.compare.results.orientation_tables import CAPTION, HEAD, orientation_cells, orientation_ratios
 from deploy.compare.results.people import interval_note
 from deploy.compare.results.pooled import ENOUGH_PEOPLE
 from deploy.compare.results.rows import report as build_report
@@ -58,7 +59,8 @@ def page_text(found: Sequence[tuple[Section, dict[str, Any]]]) -> str:
     ]
     for section, report in found:
         blocks.append(f"## {section.title}\n\n{section.about}\n\n```\n{report['command']}\n```")
-        blocks.append(f"{tables.headline(report)} {_best(report)}".strip())
+        best = "" if section.shows == "orientation" else _best(report)
+        blocks.append(f"{tables.headline(report)} {best}".strip())
         about = [entry for entry in report["settings"] if entry["n_cells"]]
         if section.shows == "redundancy":
             blocks += [_price(report, about), _r2_table(report, about)]
@@ -66,8 +68,17 @@ def page_text(found: Sequence[tuple[Section, dict[str, Any]]]) -> str:
             blocks.append(_by_age(report))
         if section.shows == "paper":
             blocks += [_beside_the_paper(report, about), _r2_table(report, about)]
+        if section.shows == "orientation":
+            blocks += [tables.markdown_table(*orientation_ratios(report)), _turns(report)]
+            continue
         blocks += [tables.markdown_table(*tables.ratios(report)), _details(report, about)]
     return "\n\n".join(blocks) + "\n"
+
+
+def _turns(report: dict[str, Any]) -> str:
+    """Return the table of the orientation methods at each setting."""
+    rows = [(str(row["setting"]), *orientation_cells(row)) for row in report["orientation"]]
+    return f"{tables.markdown_table(('setting', *HEAD), rows)}\n\n{CAPTION}."
 
 
 def _few_people(found: Sequence[tuple[Section, dict[str, Any]]]) -> str:

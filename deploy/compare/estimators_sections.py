@@ -52,13 +52,13 @@ class Section:
     """Section of the page: request and explanation.
 
     ``shows`` selects the tables besides errors and cost: gain and price of redundancy, the paper's printed figures,
-    the error by age, or none.
+    the error by age, the orientation methods instead of the estimators, or none.
     """
 
     title: str
     about: str
     request: Request
-    shows: Literal["errors", "redundancy", "paper", "ages"] = "redundancy"
+    shows: Literal["errors", "redundancy", "paper", "ages", "orientation"] = "redundancy"
 
 
 def sections() -> list[Section]:
@@ -66,11 +66,13 @@ def sections() -> list[Section]:
     synthetic = Request("default", (_LEARN,), n_seeds=_SEEDS, duration_s=_DURATION_S)
     found = [*_source_sections(synthetic, "synthetic"), *_lagging_arm_sections()]
     found.append(_adaptation_section(synthetic, "synthetic"))
+    found.append(_orientation_section(synthetic, "synthetic"))
     if os.environ.get(JIGSAWS_VARIABLE):
         few = _one_of_each_person(list_trials(JigsawsSource(kind="jigsaws", task="Suturing")))
         recorded = Request("default", (_RECORDED,))
         found += _source_sections(recorded, "recorded suturing", few)
         found.append(_adaptation_section(recorded, "recorded suturing"))
+        found.append(_orientation_section(recorded, "recorded suturing"))
         found += [_paper_rows_section(reading, sweep, few) for reading, sweep in _READINGS.items()]
     return found
 
@@ -114,6 +116,17 @@ def _adaptation_section(source: Request, which: str) -> Section:
         "whether they differ in how much they err.",
         replace(source, settings=settings, estimators=names, sweeps=(_DELAYS,)),
         shows="errors",
+    )
+
+
+def _orientation_section(source: Request, which: str) -> Section:
+    return Section(
+        f"Orientation and gripper, {which}",
+        "The angle to the arm's true orientation, in degrees, of the orientation methods, which run beside the "
+        "position estimators. `hold` repeats the newest sample, `constant_rate` turns on at a damped rate, and "
+        "`tangent_ls` is least squares in the tangent space at the newest orientation.",
+        replace(source, settings=(*source.settings, _CONSTANT), estimators=("hold",), sweeps=(_DELAYS,)),
+        shows="orientation",
     )
 
 

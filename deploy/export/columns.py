@@ -14,6 +14,8 @@ _TABLES: Final[Mapping[str, str]] = {
     "messages": "A row for each message that the surgeon or the patient sent or received.",
     "fates": "A row for each message offered to netem: the decision of its models.",
     "releases": "A row for each message or copy that left netem's buffer: when and how.",
+    "orientations": "A row for each tick and orientation method: the arm's orientation and gripper, and their "
+    "stated standard deviations.",
     "estimates": "A row for each tick and estimator: the estimate and its stated standard deviation.",
     "prompt_estimates": "A row for each estimate made on arrival, between ticks (patient.tick: on_arrival).",
     "fresh": "A row for each tick with a new freshest sample: that sample.",
@@ -42,6 +44,9 @@ _COLUMNS: Final[Mapping[str, str]] = {
     "key": "Zenoh key of the message",
     "direction": "forward: surgeon to patient; feedback: back",
     "estimator": "name of the estimator",
+    "method": "name of the orientation method",
+    "gripper_rad": "opening angle of the gripper; empty: none",
+    "gripper_std_rad": "stated standard deviation of the gripper's angle; empty: none",
     "tick": "number of the tick, from 0",
     "t_ns": "instant of the tick",
     "due_ns": "instant at which the tick was due",
@@ -125,11 +130,15 @@ _IN_TABLE: Final[Mapping[tuple[str, str], str]] = {
     ("clock_exchanges", "received_ns"): "by netem's clock: request received",
     ("prompt_estimates", "t_ns"): "instant of the estimate: the arrival",
 }
-_UNITS: Final = ("ns", "us", "mm", "m", "rad", "ppm", "bytes")
+_UNITS: Final = ("ns", "us", "mm", "m", "rad", "deg", "ppm", "bytes")
 _BY_NAME: Final = (
     (re.compile(r"truth_([xyz])_m"), "true position of the arm along {0}"),
     (re.compile(r"position_([xyz])_m"), "position along {0}"),
     (re.compile(r"std_([xyz])_m"), "stated standard deviation along {0}; empty: none"),
+    (re.compile(r"orientation_([xyzw])"), "orientation, component {0} of the quaternion; empty: none"),
+    (re.compile(r"rotation_([xyz])_rad"), "true orientation as a rotation vector, along {0}"),
+    (re.compile(r"(?:turn_)?std_([xyz])_rad"), "stated standard deviation about the estimate's {0}; empty: none"),
+    (re.compile(r"(.+)_error_deg"), "angle between {0}'s orientation and the true one; empty: none"),
     (re.compile(r"(.+)_error_mm"), "distance of {0}'s estimate from the truth; empty: no estimate"),
     (re.compile(r"(.+)_([xyz])_m"), "estimate of {0} along {1}; empty: none"),
 )

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.channels import Direction, Hand, Side, is_set_point
-from common.records import ESTIMATES, FRESH, PLANT, PROMPT
+from common.records import ESTIMATES, FRESH, ORIENTATIONS, PLANT, PROMPT
 from common.scenario.estimator_names import plain_name
 from common.units import MM_PER_M
 from deploy.logs.json_rows import Row
@@ -19,7 +19,7 @@ from deploy.report.run_data import Run
 
 Columns = dict[str, NDArray[Any]]
 
-_AXES: Final = "xyz"
+_AXES: Final = "xyzw"
 _OF_COLUMNS: Final[Mapping[str, str]] = {PLANT: "plant", FRESH: "fresh", PROMPT: "prompt_estimates"}
 
 
@@ -97,6 +97,7 @@ def _in_pieces(run: Run) -> Iterator[tuple[str, list[Callable[[], Columns]]]]:
         yield name, [partial(make, run.logs, way, key) for way, key, n in packets if n]
     estimates: list[Callable[[], Columns]] = []
     driven: list[Callable[[], Columns]] = []
+    turned: list[Callable[[], Columns]] = []
     for side, log in run.logs.sides.items():
         for topic, rows in log.rows.items():
             if not rows:
@@ -106,11 +107,14 @@ def _in_pieces(run: Run) -> Iterator[tuple[str, list[Callable[[], Columns]]]]:
                 yield name, [partial(_of_rows, rows)]
             elif topic.startswith(f"{ESTIMATES}/"):
                 estimates.append(partial(_of_columns, rows))
+            elif topic.startswith(f"{ORIENTATIONS}/"):
+                turned.append(partial(_of_columns, rows))
             elif is_set_point(topic):
                 driven.append(partial(_of_columns, rows))
             elif topic in _OF_COLUMNS:
                 yield _OF_COLUMNS[topic], [partial(_of_columns, rows)]
     yield "estimates", estimates
+    yield "orientations", turned
     yield "set_points", driven
 
 
@@ -135,6 +139,8 @@ def _track(run: Run, hand: Hand) -> Columns:
         column = plain_name(name)
         table |= _flat({f"{column}_m": position_m})
         table[f"{column}_error_mm"] = MM_PER_M * np.linalg.norm(position_m - track.truth_m, axis=1)
+    for method in run.turns[hand].turn_rad:
+        table[f"orientation_{method}_error_deg"] = run.error_deg(method, hand)
     return table
 
 
@@ -157,14 +163,15 @@ def _of_rows(rows: Sequence[Row]) -> Columns:
 
 
 def _flat(columns: Mapping[str, NDArray[Any]]) -> Columns:
-    """Return the columns, (N, 3) ones split into three: ``position_m`` becomes ``position_x_m`` and so on."""
+    """Return the columns, (N, 3) and (N, 4) ones split: ``position_m`` becomes ``position_x_m`` and so on."""
     table: Columns = {}
     for name, values in columns.items():
         if values.ndim == 1:
             table[name] = values
             continue
-        for i, axis in enumerate(_AXES):
-            table[f"{name.removesuffix('_m')}_{axis}_m"] = values[:, i]
+        unit = next((unit for unit in ("_m", "_rad") if name.endswith(unit)), "")
+        for i in range(values.shape[1]):
+            table[f"{name.removesuffix(unit)}_{_AXES[i]}{unit}"] = values[:, i]
     return table
 
 

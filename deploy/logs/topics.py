@@ -20,6 +20,7 @@ PATH: Final = "/paths"
 TRANSFORMS: Final = "/tf"
 LOG: Final = "/log"
 ERROR: Final = "/metrics/error"
+TURN_ERROR: Final = "/metrics/orientation_error"
 AGE: Final = "/metrics/age"
 DELAY: Final = "/metrics/delay"
 TRUTH_NAME: Final = "truth"
@@ -37,12 +38,13 @@ class RunTopics:
     session: str
     rate_hz: int
     channels: Sequence[HandChannels]
+    active_orientation: str = "hold"
 
     @classmethod
     def of(cls, scenario: Scenario, arms: Mapping[Hand, Arm]) -> "RunTopics":
         """Return a scenario's topics; ``arms`` maps hands to the arms that they drive, where known."""
         rows = [hand_channels(hand, arms.get(hand, FOLLOWER[hand])) for hand in scenario.source.hands]
-        return cls(scenario.session, scenario.rate_hz, rows)
+        return cls(scenario.session, scenario.rate_hz, rows, scenario.patient.orientation.active)
 
     def of_hand(self, topic: str, hand: Hand) -> str:
         """Return a drawn topic's name for one hand."""

@@ -64,7 +64,7 @@ PARTS: Final[Mapping[str, tuple[str, Tone]]] = {
 
 @dataclass(frozen=True)
 class Look:
-    """The line style of an estimator, equal in all figures: solid, dashed, dotted or dashdot."""
+    """The line style of an estimator or orientation method in all figures: solid, dashed, dotted or dashdot."""
 
     tone: Tone
     dash: str = "solid"
@@ -94,6 +94,8 @@ _ESTIMATORS: Final[Mapping[str, Look]] = {
     "informer": Look(AMBER, "dashdot"),
     "cnn": Look(BLUE, "dashdot"),
     "plant": Look(SLATE, "dotted"),
+    "constant_rate": Look(PINK),
+    "tangent_ls": Look(BLUE),
 }
 _OWN: Final = (
     Look(GREEN, "dashed"),

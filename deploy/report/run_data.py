@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from common.channels import Direction, Hand, Side
 from common.errors import DataError, Fault, InputError
+from common.metrics.orientation import angles_deg
 from common.records import TICKS, TRUTH
 from common.scenario import Scenario
 from common.units import MM_PER_M
@@ -20,6 +21,7 @@ from deploy.logs.read.load import Ints, RunLogs, load_run
 from deploy.logs.read.message_columns import MessageColumns
 from deploy.logs.read.recorded import scenario_in
 from deploy.report.measures.estimation.tracking import HandTrack, track_of_hand
+from deploy.report.measures.estimation.wrist_track import WristTrack, wrist_track
 from deploy.report.measures.key_figures import KeyFigures
 from deploy.report.measures.latency import ages_of_hand
 from deploy.report.measures.network.link_books import link_books
@@ -106,6 +108,8 @@ class Run:
         A sentence for each missing or damaged log.
     tracks
         By hand: ``t_ns`` (T,), ``truth_m`` (T, 3), ``estimates`` by name (T, 3) with NaN for none, ``scored`` (T,).
+    turns
+        By hand: errors of the orientation methods at the same ticks, ``turn_rad`` (T, 3) by name, and so on.
     truth
         By hand: the complete recorded arm.
     ticks
@@ -133,6 +137,7 @@ class Run:
     summary: dict[str, Any] | None
     problems: tuple[str, ...]
     tracks: Mapping[Hand, HandTrack]
+    turns: Mapping[Hand, WristTrack]
     truth: Mapping[Hand, Samples]
     ticks: Mapping[Side, Ticks]
     ages: Mapping[Hand, Ages]
@@ -155,6 +160,20 @@ class Run:
             known = ", ".join(track.estimates) or "none: the patient's log holds no estimate"
             raise InputError(Fault(str(self.run_dir), "estimator", f"must be one of {known}", estimator))
         return MM_PER_M * np.asarray(np.linalg.norm(track.estimates[estimator] - track.truth_m, axis=1))
+
+    def error_deg(self, method: str, hand: Hand | None = None) -> Floats:
+        """Return an orientation method's angle to the truth (T,) in degrees, NaN where it has no estimate.
+
+        ``hand`` defaults to the scenario's first. Raises `InputError` for a hand or a method that the run lacks.
+        """
+        wanted = self.scenario.source.hands[0] if hand is None else hand
+        if wanted not in self.turns:
+            raise InputError(Fault(str(self.run_dir), "hand", f"must be one of {', '.join(self.turns)}", wanted))
+        errors = self.turns[wanted].turn_rad
+        if method not in errors:
+            known = ", ".join(errors) or "none: the patient's log holds no orientation"
+            raise InputError(Fault(str(self.run_dir), "method", f"must be one of {known}", method))
+        return angles_deg(errors[method])
 
     def lost(self, direction: Direction) -> Flags:
         """Return whether each message offered to netem was lost (N,), key by key, without foreign messages.
@@ -206,12 +225,14 @@ def load(run_dir: str | PathLike[str]) -> Run:
     if not logs.sides:
         raise DataError(Fault(str(path), "", "holds no log"))
     hands: Sequence[Hand] = scenario.source.hands
+    tracks = {hand: track_of_hand(logs, scenario, hand) for hand in hands}
     return Run(
         run_dir=path,
         scenario=scenario,
         summary=folder.read_json(path / folder.SUMMARY_FILE),
         problems=tuple(logs.problems()),
-        tracks={hand: track_of_hand(logs, scenario, hand) for hand in hands},
+        tracks=tracks,
+        turns={hand: wrist_track(logs, scenario, track, hand) for hand, track in tracks.items()},
         truth={hand: _samples(logs, hand) for hand in hands},
         ticks={side: _ticks(logs, side) for side in ("surgeon", "patient")},
         ages={hand: Ages(*ages_of_hand(logs, hand)) for hand in hands},

@@ -24,9 +24,10 @@ from deploy.report.measures.duration import active_duration_s
 from deploy.report.measures.estimation.error_by_age import errors_by_age
 from deploy.report.measures.estimation.freshness import age_of_information_ms, freshest_arrivals, tick_modes
 from deploy.report.measures.estimation.offsets import actuation_ms
-from deploy.report.measures.estimation.orientation_error import orientation_deg
+from deploy.report.measures.estimation.orientation_error import gripper_rad, orientation_by_age, orientation_deg
 from deploy.report.measures.estimation.own_estimators import mark_failed, own_estimators
 from deploy.report.measures.estimation.tracking import HandTrack, accuracy_of_track, pooled_accuracy, track_of_hand
+from deploy.report.measures.estimation.wrist_track import wrist_track
 from deploy.report.measures.latency import (
     UsedSamples,
     ages_ns,
@@ -83,6 +84,7 @@ def build_summary(
         "duration_s": scenario.duration_s,
         "source": source_label(scenario),
         "active_estimator": scenario.active_estimator,
+        "active_orientation": scenario.patient.orientation.active,
         "links": links,
         **_latency_and_age(logs, scenario, parts, durations_ns, tracks, arms),
         **{name: _counter(logs, name) for name in ("superseded", "repeated", "recovered")},
@@ -145,9 +147,7 @@ def _estimation(
     mark_failed(own, [pooled, *scores.values()])
     found = {
         "accuracy": pooled,
-        "orientation_deg": {
-            model.hand: orientation_deg(logs, scenario, tracks[model.hand], model) for model in models
-        },
+        **_orientations(logs, scenario, tracks),
         "error_by_age": {model.hand: errors_by_age(logs, tracks[model.hand], model.hand) for model in models},
         **_recording(logs, scenario, models),
         "own_estimators": own,
@@ -159,6 +159,18 @@ def _estimation(
     if len(models) > 1:
         found["identification_by_hand"] = {model.hand: _identification(model, scenario) for model in models}
     return found
+
+
+def _orientations(logs: RunLogs, scenario: Scenario, tracks: Mapping[Hand, HandTrack]) -> dict[str, Any]:
+    """Return by hand the errors of the orientation methods."""
+    wrists = {hand: wrist_track(logs, scenario, track, hand) for hand, track in tracks.items()}
+    return {
+        "orientation_deg": {hand: orientation_deg(logs, tracks[hand], wrist, hand) for hand, wrist in wrists.items()},
+        "gripper_rad": {hand: gripper_rad(tracks[hand], wrist) for hand, wrist in wrists.items()},
+        "orientation_by_age": {
+            hand: orientation_by_age(logs, tracks[hand], wrist, hand) for hand, wrist in wrists.items()
+        },
+    }
 
 
 def source_label(scenario: Scenario) -> str:

@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import from_json
@@ -15,7 +15,7 @@ from common.errors import DataError, Fault
 from common.header import Header
 from common.messages import EmergencyStop
 from common.node import Arrival, Emission, Record
-from common.records import COUNTERS, ESTIMATES, PROMPT, TICKS, UNRECORDED
+from common.records import COUNTERS, ESTIMATES, ORIENTATIONS, PROMPT, TICKS, UNRECORDED
 from common.runtime.arm_memory import RESUMED_FILE, parse_resumed
 from common.runtime.code_origin import USER_CODE_FILE, Origin, parse_origins
 from common.runtime.log_parts import part_clock
@@ -34,6 +34,7 @@ from patient_side.models import factories, origins, own_estimators, read_models
 from patient_side.node import PatientNode
 
 _Address = tuple[str, str, bool, int]
+_TURNS: Final = ("orientation", "gripper_rad", "gripper_std_rad")
 
 
 @dataclass
@@ -164,6 +165,8 @@ def _compare(log: SideLog, replayed: Estimates) -> Comparison:
     found = replayed.rows
     if not any(map(is_set_point, kept)):  # a run of before there were set points
         found = {address: value for address, value in found.items() if address[0]}
+    if not any(topic.startswith(f"{ORIENTATIONS}/") for topic in kept):  # a run of before orientations were estimated
+        found = {address: value for address, value in found.items() if not address[0].startswith(ORIENTATIONS)}
     common = recorded.keys() & found.keys()
     different = sum(recorded[address] != found[address] for address in common)
     damage = log.coverage.problem
@@ -184,17 +187,20 @@ def _changed(log: SideLog, own: Mapping[str, Origin]) -> tuple[str, ...]:
 
 
 def _is_estimate(topic: str) -> bool:
-    return topic.startswith(f"{ESTIMATES}/") or topic == PROMPT
+    return topic.startswith((f"{ESTIMATES}/", f"{ORIENTATIONS}/")) or topic == PROMPT
 
 
 def _address(row: dict[str, Any]) -> _Address:
-    """Return estimator ("" of a set point), hand, and the tick or the instant of the answered arrival."""
+    """Return estimator or method ("" of a set point), hand, and the tick or the instant of the answered arrival."""
     at_tick = "tick" in row
-    return (row.get("estimator", ""), row["hand"], at_tick, row["tick"] if at_tick else row["t_ns"])
+    method = f"{ORIENTATIONS}/{row['method']}" if "method" in row else ""
+    return (row.get("estimator", method), row["hand"], at_tick, row["tick"] if at_tick else row["t_ns"])
 
 
 def _value(row: dict[str, Any]) -> tuple[Any, ...]:
-    """Return the compared values: instant, position, and the estimate's standard deviation or the safety state."""
+    """Return the compared values: instant, position or orientation, and deviations or the safety state."""
+    if "method" in row:
+        return (row["t_ns"], row["std_rad"], *(row[name] for name in _TURNS))
     if "mode" in row:
         return (row["sample_ns"], row["position_m"], row["mode"])
     return (row["t_ns"], row["position_m"], row["std_m"])

@@ -12,7 +12,13 @@ from rich.table import Table
 
 from common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError
 from common.scenario.source import SYNTHETIC_SUBJECTS, JigsawsSource, SyntheticSource
-from common.sources.calibration import RECORDED_SUTURING, TOLERANCE, median_statistics
+from common.sources.calibration import (
+    RECORDED_SUTURING,
+    RECORDED_TURNING,
+    TOLERANCE,
+    median_statistics,
+    turning_statistics,
+)
 from common.sources.jigsaws import MIN_ROWS, RATE_HZ
 from common.sources.jigsaws_text import trial_text
 from common.sources.population import MAX_TRIALS, population
@@ -78,20 +84,23 @@ def write_trials(
 def print_calibration(seed: int, out: Console) -> int:
     """Print the statistics of both arms in 12 trials of 90 s beside the recorded ones; return the exit code."""
     trials = [_trial(seed, number, _CHECK_S) for number in range(1, _CHECK_TRIALS + 1)]
-    found = median_statistics([hand.follower.position_m for trial in trials for hand in trial.hands], RATE_HZ)
+    arms = [hand.follower for trial in trials for hand in trial.hands]
+    found = median_statistics([arm.position_m for arm in arms], RATE_HZ)
+    found |= median_statistics([arm.orientation for arm in arms], RATE_HZ, turning_statistics)
     table = Table(title="The arms' tips", title_justify="left")
     table.add_column("median over trials and arms")
     for name in ("recorded", "synthetic", "ratio"):
         table.add_column(name, justify="right")
-    ratios = {name: found[name] / recorded for name, recorded in RECORDED_SUTURING.items()}
-    for name, recorded in RECORDED_SUTURING.items():
+    known = {**RECORDED_SUTURING, **RECORDED_TURNING}
+    ratios = {name: found[name] / recorded for name, recorded in known.items()}
+    for name, recorded in known.items():
         table.add_row(escape(name), f"{recorded:.4g}", f"{found[name]:.3g}", f"{ratios[name]:.2f}")
     out.print(table)
     far = [name for name, ratio in ratios.items() if abs(ratio - 1.0) > TOLERANCE]
     outcome = "all within" if not far else f"{len(far)} of {len(ratios)} outside"
     out.print(
-        f"{_CHECK_TRIALS} trials of {_CHECK_S:g} s, seed {seed}; recorded: 29 JIGSAWS suturing trials; "
-        f"{outcome} {100 * TOLERANCE:g} %"
+        f"{_CHECK_TRIALS} trials of {_CHECK_S:g} s, seed {seed}; recorded: 29 JIGSAWS suturing trials, of "
+        f"turning 19; {outcome} {100 * TOLERANCE:g} %"
     )
     return EXIT_INVALID_RUN if far else EXIT_OK
 

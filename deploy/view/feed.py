@@ -24,13 +24,18 @@ SHOWN_S: Final = 10.0
 BIN_S: Final = 0.5
 _MIN_GAP_NS: Final = 14 * NS_PER_MS
 _MASTER_OF: Final[dict[str, str]] = {FOLLOWER[hand]: MASTER[hand] for hand in get_args(Hand)}
-TRACK_COLUMNS: Final = ("t", "tx", "ty", "tz", "ex", "ey", "ez", "hx", "hy", "hz", "error", "hold_error")
+TRACK_COLUMNS: Final = (
+    "t", "tx", "ty", "tz", "ex", "ey", "ez", "hx", "hy", "hz", "error", "hold_error", "turn", "hold_turn",
+)  # fmt: skip
 MASTER_COLUMNS: Final = ("t", "mx", "my", "mz")
 
 
 @dataclass(frozen=True)
 class Frame:
-    """New rows for each figure, by column; places and errors in mm, times in s of run time, delays in ms."""
+    """New rows for each figure, by column.
+
+    Places and errors are in mm, errors of the orientation in degrees, times in s of run time, delays in ms.
+    """
 
     now_s: float
     arms: tuple[str, ...]
@@ -82,6 +87,8 @@ class Feed:
                 *(MM_PER_M * value for place in (row.truth_m, row.estimate_m, row.hold_m) for value in place),
                 row.error_mm,
                 row.hold_error_mm,
+                nan if row.turn_error_deg is None else row.turn_error_deg,
+                nan if row.hold_turn_error_deg is None else row.hold_turn_error_deg,
             )
             for row in tracks
         ]

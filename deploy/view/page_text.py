@@ -94,6 +94,8 @@ def figures_html(
         ("End to end", _number(found.end_to_end_p50_ms, "ms"),
          f"median, from newest sample to estimate; 99 of 100 within {_number(found.end_to_end_p99_ms, 'ms')} (p99)"),
         ("Position error", _number(found.rmse_mm, "mm"), verdict),
+        ("Orientation error", _number(found.turn_rms_deg, "°"),
+         f"of the estimate, root mean square; hold errs by {_number(found.hold_turn_rms_deg, '°')}"),
         ("Ticks missed", str(n_ticks_missed), "ticks at which the patient sent no estimate, since the page began"),
     )  # fmt: skip
     items = "".join(

@@ -89,6 +89,7 @@ class Plots:
             "loss": self._loss(),
             "age": self._age(),
             "error": self._error(),
+            "turn": self._turn(),
         }
 
     def roots(self) -> dict[str, figure]:
@@ -153,6 +154,7 @@ class Plots:
             ("delay", [found for source in self.delays.values() if (found := extent(source, "delay"))]),
             ("age", [found for found in [extent(self.age, "age")] if found]),
             ("error", [found for found in [extent(self.track, "error", "hold_error")] if found]),
+            ("turn", [found for found in [extent(self.track, "turn", "hold_turn")] if found]),
             ("loss", [found for source in self.losses.values() if (found := extent(source, "loss"))]),
         ]
         for key, extents in growing:
@@ -203,6 +205,12 @@ class Plots:
         fig = self._over_time("error, mm", self._window("error", 0.5, from_zero=True))
         fig.line("t", "hold_error", source=self.track, line_color=HOLD.light, line_width=1.5)
         fig.line("t", "error", source=self.track, line_color=ESTIMATE.light, line_width=2)
+        return fig
+
+    def _turn(self) -> figure:
+        fig = self._over_time("error, \u00b0", self._window("turn", 2, from_zero=True))
+        fig.line("t", "hold_turn", source=self.track, line_color=HOLD.light, line_width=1.5)
+        fig.line("t", "turn", source=self.track, line_color=ESTIMATE.light, line_width=2)
         return fig
 
     def _delay(self) -> figure:

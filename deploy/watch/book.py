@@ -16,6 +16,8 @@ from deploy.watch.motion import ArmMotion, Place, TrackRow
 from deploy.watch.safety import SafetyStates
 from deploy.watch.trail import Trail
 from deploy.watch.watched_streams import STREAM_OF, Stream, StreamName, watched_streams
+from patient_side.orientation.wrist import components
+from patient_side.rotations import unit
 
 WINDOW_S: Final = 5
 _MAX_ROWS: Final = 4000
@@ -154,17 +156,17 @@ class LiveBook:
             pose = stream.channel.payload.model_validate_json(seen.payload)
         except ValidationError:
             return
-        where_m = position_m(pose)
+        where_m, turn = position_m(pose), unit(components(pose.orientation))
         motion = self._motion[stream.device]
         match stream.role:
             case "command":
                 self.masters[stream.device].append(PlaceRow(pose.sample_ns, where_m))
             case "arm" if at_origin:
-                motion.sent(pose.sample_ns, where_m)
+                motion.sent(pose.sample_ns, where_m, turn)
             case "arm":
-                motion.arrived(pose.sample_ns, where_m)
+                motion.arrived(pose.sample_ns, where_m, turn)
             case "estimated":
-                motion.estimated(pose.sample_ns, where_m)
+                motion.estimated(pose.sample_ns, where_m, turn)
                 self._record_tick(stream.device, header, pose)
 
     def _record_tick(self, arm: str, header: Header, pose: Pose) -> None:

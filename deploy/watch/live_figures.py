@@ -32,13 +32,15 @@ class CrossingFigures:
 
 @dataclass(frozen=True)
 class LiveFigures:
-    """Figures of a run from outside: ``streams`` by name; latency in ms, errors in mm (3D RMSE)."""
+    """Figures of a run from outside: ``streams`` by name; latency in ms, errors in mm (3D RMSE) and degrees."""
 
     streams: Mapping[StreamName, CrossingFigures] = field(default_factory=dict)
     end_to_end_p50_ms: float | None = None
     end_to_end_p99_ms: float | None = None
     rmse_mm: float | None = None
     hold_rmse_mm: float | None = None
+    turn_rms_deg: float | None = None
+    hold_turn_rms_deg: float | None = None
     unseen_pct: float = 0.0
     """Share of the packets that the observer did not see on their network of origin, in percent."""
 
@@ -92,6 +94,8 @@ def live_figures(
         end_to_end_p99_ms=end_to_end_p99_ms,
         rmse_mm=_rms([row.error_mm for row in ticks]),
         hold_rmse_mm=_rms([row.hold_error_mm for row in ticks]),
+        turn_rms_deg=_rms([row.turn_error_deg for row in ticks if row.turn_error_deg is not None]),
+        hold_turn_rms_deg=_rms([row.hold_turn_error_deg for row in ticks if row.hold_turn_error_deg is not None]),
         unseen_pct=unseen_pct,
     )
 

@@ -1,20 +1,29 @@
-"""True position of an arm at each tick, beside the patient's estimate and hold's."""
+"""True position and orientation of an arm at each tick, beside the patient's estimate and hold's."""
 
 from bisect import bisect_right
 from collections import deque
-from math import dist
+from math import degrees, dist, sqrt
 from typing import Final, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from common.units import MM_PER_M
+from patient_side.rotations import turned, turned_by
 
 Place = tuple[float, float, float]
+Turn = NDArray[np.float64]
+"""A unit quaternion x, y, z, w."""
 
 _MAX_SAMPLES: Final = 600
 _MAX_PENDING: Final = 600
 
 
 class TrackRow(NamedTuple):
-    """True position, the patient's estimate and hold's at a tick, in m; errors in mm (3D)."""
+    """True position, the patient's estimate and hold's at a tick, in m; errors in mm (3D).
+
+    ``turn_error_deg`` and ``hold_turn_error_deg`` are the angles to the true orientation; None: not known.
+    """
 
     t_ns: int
     truth_m: Place
@@ -22,12 +31,16 @@ class TrackRow(NamedTuple):
     hold_m: Place
     error_mm: float
     hold_error_mm: float
+    turn_error_deg: float | None = None
+    hold_turn_error_deg: float | None = None
 
 
 class _PendingEstimate(NamedTuple):
     t_ns: int
     estimate_m: Place
     hold_m: Place
+    turn: Turn | None
+    hold_turn: Turn | None
 
 
 class ArmMotion:
@@ -40,25 +53,28 @@ class ArmMotion:
     def __init__(self) -> None:
         self._truth_ns: deque[int] = deque(maxlen=_MAX_SAMPLES)
         self._truth_m: deque[Place] = deque(maxlen=_MAX_SAMPLES)
+        self._truth_turns: deque[Turn | None] = deque(maxlen=_MAX_SAMPLES)
         self._fresh_ns = -1
         self._hold_m: Place | None = None
+        self._hold_turn: Turn | None = None
         self._pending: deque[_PendingEstimate] = deque(maxlen=_MAX_PENDING)
 
-    def sent(self, sample_ns: int, place_m: Place) -> None:
+    def sent(self, sample_ns: int, place_m: Place, turn: Turn | None = None) -> None:
         """Add a sample as sent by the surgeon; one that is not newer is a copy."""
         if not self._truth_ns or sample_ns > self._truth_ns[-1]:
             self._truth_ns.append(sample_ns)
             self._truth_m.append(place_m)
+            self._truth_turns.append(turn)
 
-    def arrived(self, sample_ns: int, place_m: Place) -> None:
+    def arrived(self, sample_ns: int, place_m: Place, turn: Turn | None = None) -> None:
         """Add a sample as it reached the patient."""
         if sample_ns > self._fresh_ns:
-            self._fresh_ns, self._hold_m = sample_ns, place_m
+            self._fresh_ns, self._hold_m, self._hold_turn = sample_ns, place_m, turn
 
-    def estimated(self, t_ns: int, place_m: Place) -> None:
+    def estimated(self, t_ns: int, place_m: Place, turn: Turn | None = None) -> None:
         """Add the patient's estimate for the instant ``t_ns``."""
         if self._hold_m is not None:
-            self._pending.append(_PendingEstimate(t_ns, place_m, self._hold_m))
+            self._pending.append(_PendingEstimate(t_ns, place_m, self._hold_m, turn, self._hold_turn))
 
     def rows(self) -> list[TrackRow]:
         """Return the ticks whose truth is known by now, without those before the first sample."""
@@ -68,7 +84,10 @@ class ArmMotion:
             truth_m = self._truth(pending.t_ns)
             if truth_m is not None:
                 errors_mm = (MM_PER_M * dist(pending.estimate_m, truth_m), MM_PER_M * dist(pending.hold_m, truth_m))
-                found.append(TrackRow(pending.t_ns, truth_m, pending.estimate_m, pending.hold_m, *errors_mm))
+                true_turn = self._true_turn(pending.t_ns)
+                errors_deg = (_angle_deg(pending.turn, true_turn), _angle_deg(pending.hold_turn, true_turn))
+                places = (truth_m, pending.estimate_m, pending.hold_m)
+                found.append(TrackRow(pending.t_ns, *places, *errors_mm, *errors_deg))
         return found
 
     def _truth(self, t_ns: int) -> Place | None:
@@ -81,3 +100,21 @@ class ArmMotion:
         share = (t_ns - before_ns) / (self._truth_ns[after] - before_ns)
         x, y, z = ((1 - share) * a + share * b for a, b in zip(before_m, self._truth_m[after], strict=True))
         return x, y, z
+
+    def _true_turn(self, t_ns: int) -> Turn | None:
+        """Return the true orientation, at constant speed between the samples around ``t_ns``, one of them known."""
+        after = bisect_right(self._truth_ns, t_ns)
+        before_ns, before = self._truth_ns[after - 1], self._truth_turns[after - 1]
+        if before_ns == t_ns or before is None:
+            return before
+        later = self._truth_turns[after]
+        if later is None:
+            return None
+        return turned_by(before, (t_ns - before_ns) / (self._truth_ns[after] - before_ns) * turned(before, later))
+
+
+def _angle_deg(turn: Turn | None, truth: Turn | None) -> float | None:
+    if turn is None or truth is None:
+        return None
+    vector = turned(turn, truth)
+    return degrees(sqrt(float(vector @ vector)))

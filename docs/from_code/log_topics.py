@@ -23,7 +23,7 @@ from from_code.sources import (
 
 _RECORD_OF = {
     "REJECTED": "Rejected", "QUARANTINE": "QuarantineNote", "TRUTH": "TruthRow", "TICKS": "TickNote",
-    "ESTIMATES": "EstimateNote",
+    "ESTIMATES": "EstimateNote", "ORIENTATIONS": "OrientationNote",
     "PLANT": "PlantNote", "FATES": "FateBatch", "RELEASES": "ReleaseBatch", "QUEUES": "QueueNote",
     "CONTROL": "ControlNote", "COUNTERS": "CounterNote", "ESTIMATOR_FAULTS": "EstimatorFault", "FRESH": "FreshNote",
     "PROMPT": "PromptNote", "PHASES": "PhaseNote", "CLOCK": "ClockNote", "EXCHANGES": "ExchangeNote",
@@ -145,7 +145,7 @@ def _is_imported(name: str, package: str) -> bool:
 def _fields(model: type[BaseModel], name: str, topic: str) -> Iterator[str]:
     yield f"### {name}\n"
     if topic:
-        yield f"Topic `{topic}{'/NAME' if topic == _NAMES['ESTIMATES'] else ''}`.\n"
+        yield f"Topic `{topic}{'/NAME' if topic in (_NAMES['ESTIMATES'], _NAMES['ORIENTATIONS']) else ''}`.\n"
     yield "\n\n".join(prose(paragraph) for paragraph in (inspect.getdoc(model) or "").split("\n\n")) + "\n"
     kind = topic.removeprefix("/tis/")
     rows = []

@@ -25,7 +25,9 @@ _STATISTICS: Final = frozenset({"mean", "std", "rms", "last", "p50", "p90", "p95
 _MARK: Final = re.compile(r"\[(live|two hands|own)\] ")
 _NAMES: Final = {
     "links": "DIRECTION", "links.DIRECTION.dropped_by": "REASON", "accuracy": "ESTIMATOR", "error_by_age": "HAND",
-    "error_by_age.HAND": "ESTIMATOR", "orientation_deg": "HAND", "surgeon_traffic": "KEY", "own_estimators": "NAME",
+    "error_by_age.HAND": "ESTIMATOR", "orientation_deg": "HAND", "orientation_deg.HAND": "METHOD",
+    "gripper_rad": "HAND", "gripper_rad.HAND": "METHOD", "orientation_by_age": "HAND",
+    "orientation_by_age.HAND": "METHOD", "surgeon_traffic": "KEY", "own_estimators": "NAME",
     "quarantined": "KIND", "refused": "KIND", "rejected": "SIDE", "logs": "SIDE", "processors": "SIDE",
     "clocks": "SIDE", "safety": "HAND", "safety.HAND.time_s": "MODE",
 }  # fmt: skip
@@ -34,6 +36,7 @@ _NAMES: Final = {
 _WHOLE: Final = (
     "links.DIRECTION.keys", "links.DIRECTION.conditions.states_s", "links.DIRECTION.verdict.undecided",
     "accuracy_by_hand", "identification_by_hand", "uncertainty_ms", "clocks.SIDE.discipline",
+    "orientation_deg.HAND.METHOD.nees", "gripper_rad.HAND.METHOD.nees",
     "own_estimators.NAME.beside", "own_estimators.NAME.first_fault",
 )  # fmt: skip
 """Mappings that are explained as a whole."""

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from patient_side.identification.noise import SENSOR_RESOLUTION_M
-from patient_side.identification.second_moments import Moments, pooled
+from patient_side.identification.second_moments import RESOLUTION, Moments, pooled
 from patient_side.statespace import Array
 
 _OCTAVES = 1.0
@@ -51,13 +50,13 @@ def most_cautious(
     # Errors on the parts left out, and sizes of the forecast moves on all rows.
     errors, moved = np.empty((len(candidates), len(parts), len(steps))), np.empty((len(candidates), len(steps)))
     for c, candidate in enumerate(candidates):
-        fit = walk, candidate.penalty, 3 * candidate.n_lags
+        fit = walk, candidate.penalty, whole.axes * candidate.n_lags
         moved[c] = whole.squares_moved(whole.weights(*fit))
         for gap, fitted in others.items():
             for place, (part, other) in enumerate(zip(parts, fitted, strict=True)):
                 errors[c, place, gaps == gap] = part.squares_left(other.weights(*fit))[gaps == gap]
     # In units of the error of hold, averaged over horizons up to an octave away.
-    held = np.trace(whole.future, axis1=1, axis2=2) + 3 * SENSOR_RESOLUTION_M**2
+    held = np.trace(whole.future, axis1=1, axis2=2) + whole.axes * RESOLUTION**2
     near = (np.abs(np.log2(steps[:, None] / steps)) <= _OCTAVES).astype(float)
     averaged = errors / held @ (near / near.sum(axis=0))
     return [candidates[i] for i in _least_moved_of_the_best(averaged, moved)]

@@ -9,6 +9,7 @@ from common.errors import DataError
 from common.scenario.estimator_names import EstimatorName, LearnedName, is_user_defined
 from common.scenario.patient import Identification
 from patient_side.completion_model import CompletionModel
+from patient_side.direct_model import DirectModel
 from patient_side.identification.dataset import TrainingSet
 from patient_side.identification.direct_ls import fit_direct
 from patient_side.identification.fit_arx import fit_arx
@@ -17,19 +18,21 @@ from patient_side.identification.fit_drmf import fit_drmf
 from patient_side.identification.fit_innovations import fit_innovations
 from patient_side.identification.fit_moesp_paper import fit_moesp_paper
 from patient_side.identification.fit_subspace import fit_subspace
+from patient_side.identification.fit_wrist import fit_wrist
 from patient_side.identification.fitted import Fitted
 from patient_side.identification.methods import SUBSPACE_METHODS
-from patient_side.statespace import DirectModel, FilterModel, InnovationsModel
+from patient_side.statespace import FilterModel, InnovationsModel
+from patient_side.wrist_model import WristModel
 
 Model = TypeVar("Model")
 
 _ON_INNOVATIONS: Final[tuple[EstimatorName, ...]] = ("innovations_kf", "adaptive_kf", *get_args(LearnedName))
 
-Stage = Callable[[EstimatorName], AbstractContextManager[None]]
-"""Context in which the model for an estimator is fitted."""
+Stage = Callable[[str], AbstractContextManager[None]]
+"""Context in which the model for an estimator, or an orientation method, is fitted."""
 
 
-def untimed(_: EstimatorName) -> AbstractContextManager[None]:
+def untimed(_: str) -> AbstractContextManager[None]:
     """Return a context without effect."""
     return nullcontext()
 
@@ -45,6 +48,7 @@ class Companions:
     direct: DirectModel | None = None
     paper: FilterModel | None = None
     drmf: CompletionModel | None = None
+    wrist: WristModel | None = None
     warnings: tuple[str, ...] = ()
 
 
@@ -79,7 +83,7 @@ def fit_companions(
     about_lowest: Callable[[], TrainingSet] | None = None,
     stage: Stage = untimed,
 ) -> Companions:
-    """Return the models that the estimators ``wanted`` need, from a training set about the mean; None: all models.
+    """Return the models for the estimators and orientation methods ``wanted`` (None: all), from a set about the mean.
 
     Their orders are the validated ones, up to the scenario's number of block rows. The paper's model, whose order
     follows its own rule, is fitted to the set ``about_lowest``; None where the scenario's own method is the paper's.
@@ -105,6 +109,8 @@ def fit_companions(
         with stage("arx_kf"):
             autoregression = fit_autoregression(training.trials, training.rate_hz, block_rows)
     n4sid = SUBSPACE_METHODS["n4sid"]
+    wrist, doubts = fit_wrist(training, wanted, stage)
+    attempts.warnings.extend(doubts)
     moving: EstimatorName = "innovations_kf"
     if wanted is not None:  # its other users share the model, and a fit is attempted under the name of one
         moving = next((name for name in _ON_INNOVATIONS if name in wanted), moving)
@@ -116,6 +122,7 @@ def fit_companions(
         attempts.fit("direct_ls", lambda: fit_direct([y for _, y in training.trials], training.rate_hz)),
         paper,
         attempts.fit("drmf", lambda: fit_drmf([y for _, y in training.trials], training.rate_hz, training.people)),
+        wrist,
         tuple(attempts.warnings),
     )
 

@@ -16,9 +16,9 @@ _MIN_FREEDOM = 5.0
 
 
 def coverage_factor(errors: Array, covariance: Array, steps: int) -> float:
-    """Return the factor for a covariance (3, 3) of ``errors`` (M, 3) of forecasts over ``steps`` samples.
+    """Return the factor for a covariance (d, d) of ``errors`` (M, d) of forecasts over ``steps`` samples.
 
-    It is the 95 % quantile of the squared errors, in units of their covariance, over that of a chi-square with three
+    It is the 95 % quantile of the squared errors, in units of their covariance, over that of a chi-square with d
     degrees of freedom. Only every h-th of the errors over h samples is independent: with ten windows the factor has
     half its weight, with few it approaches 1. Oracles in test_coverage: normal errors.
     """
@@ -40,9 +40,10 @@ def independent_windows(n_rows: int, steps: int) -> float:
     return n_rows * 3.0 * steps / (2.0 * steps**2 + 1.0)
 
 
-def prediction_factor(n_windows: float, n_free: float, *, whole: bool = True) -> float:
-    """Return the factor for the residuals' second moment (3, 3) of a fit, so that 95 % of new errors lie within.
+def prediction_factor(n_windows: float, n_free: float, *, whole: bool = True, axes: int = 3) -> float:
+    """Return the factor for the residuals' second moment of a fit, so that 95 % of new errors lie within.
 
+    The moment is (p, p), with p ``axes``.
     ``n_free`` regression coefficients, d, were fitted to each axis of ``n_windows`` independent windows, n: (1 + d/n)
     accounts for the forecast's own uncertainty, 1 / (1 - d/n) for the residuals' (Akaike's final prediction error,
     1969), and Hotelling's T^2 with the remaining n - d degrees of freedom (at least five), over chi-square, for the
@@ -51,7 +52,7 @@ def prediction_factor(n_windows: float, n_free: float, *, whole: bool = True) ->
     """
     n_windows = max(n_windows, 1.0)
     freedom = max(n_windows - n_free, _MIN_FREEDOM)
-    left = freedom - 2.0 if whole else freedom
-    unsure = 3.0 * freedom / left * float(fdtri(3.0, left, _COVERED))
+    left = freedom - axes + 1.0 if whole else freedom
+    unsure = axes * freedom / left * float(fdtri(float(axes), left, _COVERED))
     uncertain = (1.0 + min(n_free / n_windows, 1.0)) * n_windows / min(freedom, n_windows)
-    return max(1.0, uncertain) * unsure / float(chdtri(3.0, 1.0 - _COVERED))
+    return max(1.0, uncertain) * unsure / float(chdtri(float(axes), 1.0 - _COVERED))

@@ -26,7 +26,8 @@ class TrainingSet:
     (3,) are the means over all rows of the hand: with one trial the operating point itself, with several a first
     guess, from which a run differs by a constant that an estimator has to absorb (a bias state). About the lowest
     value, all trials share one offset, the lower end of their common range. ``grippers_rad`` (N,) are the angles of
-    the arms' grippers, trial by trial, and ``people`` who moves in each, empty where that is not known.
+    the arms' grippers and ``orientations`` (N, 4) the arms' unit quaternions x, y, z, w, trial by trial, and
+    ``people`` who moves in each, empty where that is not known.
 
     A recording with jumps is several trials, the stretches between them: what jumped may be the origin itself.
     ``first_rows`` are the recordings' rows at which the trials begin; ``warnings`` name the recordings that were cut.
@@ -34,6 +35,7 @@ class TrainingSet:
 
     trials: tuple[Trial, ...]
     grippers_rad: tuple[Array, ...]
+    orientations: tuple[Array, ...]
     people: tuple[str, ...]
     labels: tuple[str, ...]
     arm: Arm
@@ -96,6 +98,7 @@ def training_set(
     return TrainingSet(
         trials=trials,
         grippers_rad=tuple(each.part.follower.gripper_rad for each in chosen),
+        orientations=tuple(each.part.follower.orientation for each in chosen),
         people=tuple(each.person for each in chosen),
         labels=tuple(each.label for each in chosen),
         arm=own[0].part.arm,

@@ -15,12 +15,12 @@ from patient_side.filters.input_path import forecast_steps
 from patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
 from patient_side.statespace import Array, InputForecast, max_damping
 
-_HORIZONS_S = (1 / 30, 0.1, 0.2, 0.5, 1.0, 2.0)
+HORIZONS_S = (1 / 30, 0.1, 0.2, 0.5, 1.0, 2.0)
 """Up to the length of an outage: a forecast must not run away from a hand that has turned back."""
 _RETURNS_S = (np.inf, 10.0, 5.0, 3.0, 2.0)
 """Time constants of the return; a shorter one cannot be distinguished from damping."""
-_SPANS = (1, 2, 3)
-_DAMPINGS = np.round(np.linspace(0.0, 1.0, 1001), 3)
+SPANS = (1, 2, 3)
+DAMPINGS = np.round(np.linspace(0.0, 1.0, 1001), 3)
 _MAX_HORIZON = 150
 _N_FITTED = 2
 """Damping and persistence, which all axes share."""
@@ -36,16 +36,16 @@ def fit_forecast(commands: Sequence[Array], rate_hz: int) -> InputForecast:
     newly drawn movements.
     """
     n_horizons = max(1, min(_MAX_HORIZON, max(len(u) for u in commands) // 4))
-    wanted = {max(1, round(s * rate_hz)) for s in _HORIZONS_S}
+    wanted = {max(1, round(s * rate_hz)) for s in HORIZONS_S}
     horizons = sorted(h for h in wanted if h <= n_horizons) or [1]
     persistences = [float(np.exp(-1.0 / (rate_hz * s))) for s in _RETURNS_S]
     best, found = np.inf, InputForecast(0.0, 1, np.empty((0, 3)))
-    for span in _SPANS:
+    for span in SPANS:
         sums = [_sums(commands, span, h) for h in horizons]
         for persistence in persistences:
-            dampings = _DAMPINGS[max_damping(persistence) >= _DAMPINGS]
+            dampings = DAMPINGS[max_damping(persistence) >= DAMPINGS]
             each = zip(horizons, sums, strict=True)
-            cost = np.mean([_relative_error(dampings, persistence, h, of) for h, of in each], axis=0)
+            cost = np.mean([relative_error(dampings, persistence, h, of) for h, of in each], axis=0)
             at = int(np.argmin(cost))
             if cost[at] < best:
                 best = float(cost[at])
@@ -58,14 +58,14 @@ def _sums(commands: Sequence[Array], span: int, horizon: int) -> tuple[float, fl
     held, crossed, moved = 0.0, 0.0, 0.0
     for u in commands:
         # The same samples for every span, for a fair comparison.
-        velocity, ahead = _velocity_and_ahead(u, span, horizon, max(_SPANS))
+        velocity, ahead = _velocity_and_ahead(u, span, horizon, max(SPANS))
         held += float(np.sum(ahead**2))
         crossed += float(np.sum(ahead * velocity))
         moved += float(np.sum(velocity**2))
     return held, crossed, moved
 
 
-def _relative_error(dampings: Array, persistence: float, horizon: int, sums: tuple[float, float, float]) -> Array:
+def relative_error(dampings: Array, persistence: float, horizon: int, sums: tuple[float, float, float]) -> Array:
     """Return, for every damping, the squared forecast error over hold's; 0 where hold makes no error."""
     held, crossed, moved = sums
     if held == 0:

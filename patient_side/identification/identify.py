@@ -77,7 +77,8 @@ def identify_arm(
     pairing
         The source's pairing of masters and arms, stored with the model.
     wanted
-        Names of the estimators whose models are fitted as well; None: all, as far as the rows allow.
+        Names of the estimators and orientation methods whose models are fitted as well; None: all, as far as the rows
+        allow.
 
     Returns
     -------
@@ -222,6 +223,7 @@ def _identified(
         direct=beside.direct,
         paper=beside.paper,
         drmf=beside.drmf,
+        wrist=beside.wrist,
     )
     return Identified(model, fitted.orders, _validation_run(training, fitted))
 

@@ -12,10 +12,10 @@ from pydantic_core import ErrorDetails
 
 from common.errors import DataError, Fault
 from common.sources.provenance import RecordedRows
+from patient_side.direct_model import DirectModel
 from patient_side.identification.model_part import AXES, Matrix
 from patient_side.identification.model_schema import (
     CorrectionPart,
-    DirectPart,
     FilterPart,
     InnovationsPart,
     LearnedPart,
@@ -25,18 +25,19 @@ from patient_side.identification.model_schema import (
     SpacePart,
 )
 from patient_side.identification.model_tensors import Tensors, dump_tensors, is_tensor_file, parse_tensors
+from patient_side.identification.wrist_schema import DirectPart, RatePart, WristPart
 from patient_side.learned_model import LearnedModel, Singles, Training
 from patient_side.statespace import (
     ArmModel,
     Array,
     Correction,
-    DirectModel,
     FilterModel,
     InnovationsModel,
     InputForecast,
     NoiseModel,
     StateSpace,
 )
+from patient_side.wrist_model import RateModel, WristModel
 
 MAX_MODEL_BYTES: Final = 32_000_000
 """Size of a model file, several times that of one with every learned method."""
@@ -112,7 +113,7 @@ def _plain(value: object) -> object:
 
 
 def _arm_model(model: ModelPart, tensors: Tensors, where: str) -> ArmModel:
-    beside = ("innovations", "n4sid", "arx", "autoregression", "direct", "paper", "drmf", "learned")
+    beside = ("innovations", "n4sid", "arx", "autoregression", "direct", "paper", "drmf", "learned", "wrist")
     rest = model.model_dump(exclude={"space", "noise", "forecast", "fit_pct", "warnings", "trained_on", *beside})
     vectors = {key: np.array(item, dtype=float) for key, item in rest.items() if isinstance(item, list)}
     forecast = model.forecast
@@ -134,6 +135,7 @@ def _arm_model(model: ModelPart, tensors: Tensors, where: str) -> ArmModel:
         paper=_filter(model.paper),
         drmf=None if model.drmf is None else model.drmf.model(),
         learned=tuple(_learned(part, tensors, where) for part in model.learned),
+        wrist=_wrist(model.wrist),
     )
 
 
@@ -222,6 +224,19 @@ def _direct(part: DirectPart | None) -> DirectModel | None:
         penalty=np.array(part.penalty, dtype=float),
         covariance_scale=np.array(part.covariance_scale, dtype=float),
     )
+
+
+def _wrist(part: WristPart | None) -> WristModel | None:
+    if part is None:
+        return None
+    return WristModel(_rate(part.rate), _rate(part.gripper_rate), _direct(part.direct), _direct(part.gripper_direct))
+
+
+def _rate(part: RatePart | None) -> RateModel | None:
+    if part is None:
+        return None
+    horizons, covariance = np.array(part.horizons, dtype=float), np.array(part.covariance, dtype=float)
+    return RateModel(part.stride, part.damping, part.velocity_span, horizons, covariance)
 
 
 def _array(rows: Matrix, n_rows: int, n_columns: int) -> Array:

@@ -19,10 +19,10 @@ class Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
-def check_covariance(name: str, matrix: Matrix) -> None:
-    """Raise `ValueError` where a matrix is no covariance of the axes: (3, 3), symmetric, positive definite."""
+def check_covariance(name: str, matrix: Matrix, axes: int = AXES) -> None:
+    """Raise `ValueError` where a matrix is no covariance of the axes: (axes, axes), symmetric, positive definite."""
     R = np.array(matrix)
-    if not has_shape(matrix, (AXES, AXES)) or not np.array_equal(R, R.T) or np.linalg.eigvalsh(R)[0] <= 0:
+    if not has_shape(matrix, (axes, axes)) or not np.array_equal(R, R.T) or np.linalg.eigvalsh(R)[0] <= 0:
         raise ValueError(f"{name} must be symmetric and positive definite")
 
 

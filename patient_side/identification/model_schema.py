@@ -20,6 +20,7 @@ from patient_side.identification.model_part import (
     check_covariance,
     has_shape,
 )
+from patient_side.identification.wrist_schema import DirectPart, WristPart
 from patient_side.statespace import max_damping
 
 
@@ -146,42 +147,6 @@ class InnovationsPart(Part):
         return self
 
 
-class DirectPart(Part):
-    """Mirrors `DirectModel`."""
-
-    stride: Annotated[int, Field(ge=1)]
-    lags: Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1)]
-    horizons: Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1)]
-    past: Matrix
-    cross: list[Matrix]
-    future: list[Matrix]
-    n_lags: list[Annotated[int, Field(ge=1)]]
-    penalty: list[Annotated[Number, Field(gt=0)]]
-    covariance_scale: list[Annotated[Number, Field(gt=0)]]
-
-    @model_validator(mode="after")
-    def _sound(self) -> Self:
-        d, n_horizons = AXES * len(self.lags), len(self.horizons)
-        wrong = []
-        if not has_shape(self.past, (d, d)):
-            wrong.append(f"past must have the shape {(d, d)}")
-        for name, matrices, shape in (("cross", self.cross, (d, AXES)), ("future", self.future, (AXES, AXES))):
-            if len(matrices) != n_horizons or not all(has_shape(matrix, shape) for matrix in matrices):
-                wrong.append(f"{name} must have the shape {(n_horizons, *shape)}")
-        wrong += [
-            f"{name} must have {n_horizons} elements, one for each horizon"
-            for name in ("n_lags", "penalty", "covariance_scale")
-            if len(getattr(self, name)) != n_horizons
-        ]
-        if sorted(set(self.lags)) != self.lags or sorted(set(self.horizons)) != self.horizons:
-            wrong.append("lags and horizons must rise")
-        if max(self.n_lags, default=1) > len(self.lags):
-            wrong.append(f"n_lags must be at most {len(self.lags)}, the number of lags")
-        if wrong:
-            raise ValueError("; ".join(wrong))
-        return self
-
-
 class RowsPart(Part):
     """Mirrors `RecordedRows`."""
 
@@ -257,6 +222,7 @@ class ModelPart(Part):
     paper: FilterPart | None = None
     drmf: CompletionPart | None = None
     learned: list[LearnedPart] = Field(default=[])
+    wrist: WristPart | None = None
 
     @model_validator(mode="after")
     def _sound(self) -> Self:

@@ -6,7 +6,7 @@ break in the data, the set point resumes slowly. The estimates themselves are no
 """
 
 from dataclasses import dataclass
-from math import dist
+from math import dist, radians
 from typing import Final, NamedTuple
 
 from common.messages import SafetyMode
@@ -68,6 +68,7 @@ class Limits(NamedTuple):
     resume_ns: int
     cautious_ns: int
     near_m: float
+    turn_rad: float
     latch: bool
 
 
@@ -92,6 +93,7 @@ def limits_of(part: Safety, rate_hz: int) -> Limits:
         resume_ns=ms_to_ns(part.resume_ms),
         cautious_ns=ms_to_ns(part.cautious_ms),
         near_m=part.resume_speed_m_s * base_s,
+        turn_rad=radians(part.resume_turn_deg_s) * tick_s,
         latch=part.latch,
     )
 
@@ -120,6 +122,13 @@ class SafetyFilter:
         place, mode = left
         is_latched = self.limits.latch and mode == "safe"
         return SafetyState(place=place, target=place, is_stopped=is_stopped, is_latched=is_latched)
+
+    def is_cautious(self, state: SafetyState, t_ns: int) -> bool:
+        """Tell whether the limits of resuming hold in tracking, too, as the last break was a short while ago."""
+        return self._is_cautious(state.resumed_ns, t_ns)
+
+    def _is_cautious(self, resumed_ns: int | None, t_ns: int) -> bool:
+        return resumed_ns is not None and t_ns - resumed_ns < self.limits.cautious_ns
 
     def step(self, state: SafetyState, t_ns: int, seen: Seen) -> SafetyState:
         """Return the state at tick ``t_ns``, with the set point that drives the arm in ``place``.
@@ -204,7 +213,7 @@ class SafetyFilter:
         ):
             mode, cause = "tracking", "met"
         # After a break an estimator's corrections are large for a while.
-        is_cautious = resumed_ns is not None and t_ns - resumed_ns < limits.cautious_ns
+        is_cautious = self._is_cautious(resumed_ns, t_ns)
         spent = _less(state.spent, limits.refill)
         left = _less(limits.usual, spent)
         bounds = limits.slow if mode == "resuming" or is_cautious else left

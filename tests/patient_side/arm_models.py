@@ -8,13 +8,13 @@ import numpy as np
 
 from common.units import sample_instant_ns
 from patient_side.completion_model import CompletionModel, Factorisation
+from patient_side.direct_model import DirectModel
 from patient_side.estimators.protocol import Estimate, Estimator
 from patient_side.identification.direct_ls import fit_direct
 from patient_side.playout import Playout
 from patient_side.statespace import (
     ArmModel,
     Array,
-    DirectModel,
     FilterModel,
     InnovationsModel,
     InputForecast,

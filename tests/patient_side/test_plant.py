@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
+from scipy.spatial.transform import Rotation, Slerp
 from scipy.stats import kstest
 
 from common.channels import Arm
@@ -25,6 +26,20 @@ NOISE = Stream.named(1, noise_label("PSM2"))
 
 def servo(noise_m: float = 0.0, damping: float = 0.7) -> ServoPlant:
     return ServoPlant(bandwidth_hz=2.0, damping=damping, sensor_noise_m=noise_m, noise=NOISE)
+
+
+def test_replay_turns_at_a_constant_speed_between_samples() -> None:
+    angles = np.radians([0.0, 40.0, 170.0, 200.0])
+    rotations = Rotation.from_rotvec(angles[:, None] * [0.0, 0.6, 0.8])
+    orientation = rotations.as_quat() * [[1.0], [-1.0], [1.0], [1.0]]  # signs do not matter
+    plant = ReplayPlant(np.zeros((4, 3)), 10, orientation, np.array([0.0, 0.2, 0.1, 0.5]))
+    slerp = Slerp([0.0, 0.1, 0.2, 0.3], rotations)
+    for now_ns in (0, 30_000_000, 100_000_000, 250_000_000, 10**9):
+        _, output = plant.step(None, None, 0, now_ns)
+        assert output.orientation is not None
+        expected = slerp(min(now_ns / 1e9, 0.3))
+        assert (Rotation.from_quat(output.orientation).inv() * expected).magnitude() < 1e-7
+        assert output.gripper_rad == pytest.approx(np.interp(now_ns / 1e9, [0, 0.1, 0.2, 0.3], [0.0, 0.2, 0.1, 0.5]))
 
 
 def recording(n: int, start: int, arm: Arm = "PSM2") -> Recording:

@@ -77,3 +77,18 @@ def test_beside_a_position_lies_the_grippers_angle() -> None:
     assert buffer.gripper_rad(5) == 0.3  # a sample without one
     buffer.add(8, position(8.0), 0.8)
     assert buffer.gripper_rad(4) is None  # 3 has gone
+
+
+def test_orientations_are_kept_by_index_and_go_with_their_samples() -> None:
+    buffer = SourceBuffer(4)
+    turns = np.eye(4)
+    for index in (0, 2, 1, 3):
+        assert buffer.add(index, np.zeros(3), 0.1 * index, turns[index])
+    assert not buffer.add(2, np.ones(3), 9.0, turns[0])  # a copy changes nothing
+    assert [buffer.orientation(i) is not None for i in range(-1, 5)] == [False, True, True, True, True, False]
+    assert buffer.orientation(2) is not None
+    assert np.array_equal(buffer.orientation(2), turns[2])  # type: ignore[arg-type]
+    assert buffer.gripper_angle(2) == np.array([0.2])
+    buffer.add(6, np.zeros(3), None, None)  # 0 to 2 are stale now
+    assert [buffer.orientation(i) is not None for i in range(7)] == [False, False, False, True, False, False, False]
+    assert float(buffer.gripper_angle(6)[0]) == 0.1 * 3  # type: ignore[index]  # that of the sample before

@@ -22,9 +22,11 @@ from deploy.compare.cells.fit_times import FitTimes
 from deploy.compare.cells.forecasts import forecast_sums, record_forecasts
 from deploy.compare.cells.kept_log import KeptLog, NoLog
 from deploy.compare.cells.measured_estimator import MeasuredEstimator, measure_estimators
+from deploy.compare.cells.measured_method import measure_methods
 from deploy.compare.cells.score import hand_sums, logged_ages_ns, traffic
 from deploy.compare.cells.shared_parts import SharedParts
 from deploy.compare.cells.unlogged import is_plain, run_unlogged
+from deploy.compare.cells.wrist_sums import wrist_sums
 from deploy.logs.read.load import RunLogs
 from deploy.report.measures.estimation.tracking import track_of_hand
 from deploy.report.verdict.invalidity import why_unscored
@@ -156,14 +158,16 @@ def unlogged_scores(scenario: Scenario, recording: Recording) -> Scores:
     models = _PARTS.models(scenario, recording)
     link = build_netem(scenario, load_traces(scenario.network)).links[ORIGIN["forward"]]
     patient = build_patient(scenario, models, recording, own=own, build=_PARTS.estimator)
-    watched = measure_estimators(patient)
+    watched, turning = measure_estimators(patient), measure_methods(patient)
     samples = _PARTS.samples(scenario, recording)
     with _uncollected():
         found = run_unlogged(scenario, recording, samples, link, patient)
-    hands = {
-        model.hand: hand_sums(found.tracks[model.hand], found.ages_ns[model.hand], model, measured)
-        for model, measured in zip(models, watched, strict=True)
-    }
+    recorded = {hand.hand: hand for hand in recording.hands}
+    hands = {}
+    for model, measured, methods in zip(models, watched, turning, strict=True):
+        track, part = found.tracks[model.hand], recorded[model.hand]
+        hands[model.hand] = hand_sums(track, found.ages_ns[model.hand], model, measured)
+        hands[model.hand]["orientation"] = wrist_sums(track, recording, part, methods)
     unscored = None if any(sums["n_scored"] for sums in hands.values()) else "no tick is scored"
     return Scores(hands, found.traffic, unscored, warnings_at_start(scenario, recording, models), watched)
 
@@ -173,15 +177,16 @@ def logged_scores(scenario: Scenario, recording: Recording) -> Scores:
     nodes, models, warnings = build_sides(scenario, recording=recording)
     patient = nodes["patient"]
     assert isinstance(patient, PatientNode)
-    watched = measure_estimators(patient)
+    watched, turning = measure_estimators(patient), measure_methods(patient)
     memories: dict[Side, KeptLog] = {side: KeptLog(side) for side in nodes}
     with _uncollected():
         drive(scenario, nodes, memories)
     logs = RunLogs(Path(), {side: memory.log for side, memory in memories.items()})
-    hands = {}
-    for model, measured in zip(models, watched, strict=True):
+    hands, recorded = {}, {hand.hand: hand for hand in recording.hands}
+    for model, measured, methods in zip(models, watched, turning, strict=True):
         track = track_of_hand(logs, scenario, model.hand)
         hands[model.hand] = hand_sums(track, logged_ages_ns(logs, model.hand, track.t_ns), model, measured)
+        hands[model.hand]["orientation"] = wrist_sums(track, recording, recorded[model.hand], methods)
     unscored = None if any(sums["n_scored"] for sums in hands.values()) else why_unscored(logs, scenario)
     return Scores(hands, traffic(logs), unscored, warnings, watched)
 

@@ -27,8 +27,10 @@ _DECIDING: Final = (
     "deploy/compare/cells/kept_log.py",
     "deploy/compare/cells/score.py",
     "deploy/compare/cells/measured_estimator.py",
+    "deploy/compare/cells/measured_method.py",
     "deploy/compare/cells/shared_parts.py",
     "deploy/compare/cells/unlogged.py",
+    "deploy/compare/cells/wrist_sums.py",
 )
 _SUMMARISING: Final = ("deploy/report/**/*.py", "deploy/logs/**/*.py", "deploy/compare/cells/summary.py")
 _LIBRARIES: Final = ("numpy", "scipy", "filterpy", "pydantic")

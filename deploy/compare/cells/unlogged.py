@@ -171,6 +171,8 @@ def _tick(hand: PatientHand, t_ns: int, watched: _Watched) -> None:
     for i, estimator in enumerate(hand.estimators):
         states[i], estimate = estimator.step(states[i], playout, t_ns)
         watched.estimates[i].append(bounded(estimate.position_m) or _NOTHING)
+    for i in range(len(hand.methods)):
+        hand.wrist_at(i, t_ns)  # the measured methods keep their estimates
     watched.t_ns.append(t_ns)
     watched.fresh_ns.append(-1 if hand.freshest is None else hand.freshest.sample_ns)
 

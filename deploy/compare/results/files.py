@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _FIGURES: Final = ("curves", "ratio", "error_by_age")
 _FORMATS: Final = ("svg", "pdf")
 _PAGE: Final = "comparison.html"
-_ALWAYS: Final = ("table.json", "table.csv", "trials.csv", "table.md", "ratio.tex")
+_ALWAYS: Final = ("table.json", "table.csv", "trials.csv", "orientation.csv", "table.md", "ratio.tex")
 _OPTIONAL: Final = (*(f"{name}.{form}" for name in _FIGURES for form in _FORMATS), FILE, _PAGE)
 """Files that not every comparison has."""
 
@@ -57,6 +57,7 @@ def files_of(results: Results) -> Files:
         "table.json": json.dumps(report, indent=1, allow_nan=False) + "\n",
         "table.csv": tables.pooled_csv(report),
         "trials.csv": tables.trials_csv(report),
+        "orientation.csv": tables.orientation_csv(report),
         "table.md": tables.markdown(report),
         "ratio.tex": latex_table(report),
     }

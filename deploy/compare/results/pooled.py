@@ -104,7 +104,7 @@ def pooled(units: Sequence[Sequence[Mapping[str, Any]]], estimator: str) -> dict
     if len(units) > 1:
         chosen = resampled(len(units))
         again = scores_of(Sums(*(column[chosen].sum(axis=1) for column in stacked)))
-        intervals = {name: _interval(value) for name, value in again._asdict().items()}
+        intervals = {name: interval(value) for name, value in again._asdict().items()}
     return result | {f"{name}_interval_95": value for name, value in intervals.items()}
 
 
@@ -124,10 +124,10 @@ def resampled(n_units: int) -> NDArray[np.int64]:
     return (uniforms * n_units).astype(np.int64).reshape(N_RESAMPLES, n_units)
 
 
-def _interval(values: Array) -> Any:
+def interval(values: Array) -> Any:
     """Return low and high of a score's resamples (2000,), or those of each axis (2000, 3)."""
     if values.ndim == 2:
-        return [_interval(values[:, axis]) for axis in range(values.shape[1])]
+        return [interval(values[:, axis]) for axis in range(values.shape[1])]
     if not np.isfinite(values).all():
         return None
     return [float(bound) for bound in np.percentile(values, _TAILS)]

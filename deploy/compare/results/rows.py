@@ -10,6 +10,7 @@ from deploy.compare.cells.score import AGE_EDGES_MS
 from deploy.compare.engine.compute import Outcome
 from deploy.compare.grid import Point
 from deploy.compare.plan import Plan
+from deploy.compare.results.orientation_rows import orientation_rows
 from deploy.compare.results.people import person
 from deploy.compare.results.pooled import pooled
 
@@ -42,6 +43,7 @@ def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
         "n_resumed": outcome.n_resumed,
         "rows": [row for setting in settings for row in setting["rows"]],
         "by_trial": [row for setting in settings for row in setting["by_trial"]],
+        "orientation": [row for setting in settings for row in setting["orientation"]],
         "settings": [setting["about"] for setting in settings],
         "failed": [f"{failure.label}: {failure.reason}" for failure in outcome.failures]
         + [str(fault) for fault in plan.refused],
@@ -56,7 +58,7 @@ def _setting(plan: Plan, outcome: Outcome, point: Point, cells: Sequence[Cell]) 
     value, at = point.label, {"at": point.values} if point.values else {}
     found = [(cell, outcome.cells[cell.digest]) for cell in cells if cell.digest in outcome.cells]
     if not found:
-        return {"rows": [], "by_trial": [], "about": {"setting": value, **at, "n_cells": 0}}
+        return {"rows": [], "by_trial": [], "orientation": [], "about": {"setting": value, **at, "n_cells": 0}}
     names = [name for name in plan.estimators if all(_has(result, name) for _, result in found)]
     # hands pooled in four ways: all, by person, by trial, by hand
     by_person: dict[str, Hands] = {}
@@ -94,7 +96,12 @@ def _setting(plan: Plan, outcome: Outcome, point: Point, cells: Sequence[Cell]) 
         for trial, hands in by_trial.items()
         for name in names
     ]
-    return {"rows": rows, "by_trial": trials, "about": _about(value, found, everything) | at}
+    return {
+        "rows": rows,
+        "by_trial": trials,
+        "orientation": orientation_rows({"setting": value, **at}, list(by_person.values())),
+        "about": _about(value, found, everything) | at,
+    }
 
 
 def _about(value: str | None, found: Sequence[tuple[Cell, Mapping[str, Any]]], hands: Hands) -> dict[str, Any]:

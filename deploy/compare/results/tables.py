@@ -10,6 +10,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from deploy.compare.results.orientation_tables import CAPTION, HEAD, orientation_cells, orientation_ratios
 from deploy.compare.results.people import interval_note
 from deploy.report.measures.estimation.own_estimators import labelled
 from deploy.report.tables.numbers import broken_name, number
@@ -39,17 +40,21 @@ def view(report: dict[str, Any]) -> RenderableType:
     """Return the comparison for a terminal: a table per setting and, with a sweep, a table of ratios."""
     parts: list[RenderableType] = [Text(headline(report), style="bold")]
     settings = [about for about in report["settings"] if about["n_cells"]]
-    of_setting = _by_setting(report)
+    of_setting, turning = _by_setting(report["rows"]), _by_setting(report["orientation"])
     for about in settings if len(settings) <= _MAX_SHOWN else ():
         cells = [
             [broken_name(name, _NAME_WIDTH), *numbers] for name, *numbers in map(_cells, of_setting[about["setting"]])
         ]
         parts += [Text(f"\n{_title(about)}"), _table(_HEAD, cells)]
+        if about["setting"] in turning:
+            parts.append(_table(HEAD, map(orientation_cells, turning[about["setting"]])))
     many = f"table.md has a table of each of {len(settings)} settings."
-    caption = _CAPTION if len(settings) <= _MAX_SHOWN else many
+    caption = f"{_CAPTION}. {CAPTION}" if len(settings) <= _MAX_SHOWN else many
     parts += [Text(f"\n{note}", style="dim") for note in (caption, *_notes(report))]
     if len(settings) > 1:
         parts += [Text(f"\nRatio to hold, by {report['sweep']}"), _table(*ratios(report, intervals=False))]
+        if report["orientation"] and len(settings) <= _MAX_COLUMNS:
+            parts.append(_table(*orientation_ratios(report, degrees=False)))
     return Group(*parts)
 
 
@@ -97,13 +102,17 @@ def markdown(report: dict[str, Any]) -> str:
     """Return the comparison as Markdown tables, the same figures as in the terminal."""
     blocks = [headline(report), *(f"Warning: {text}." for text in report["warnings"] if text.startswith(IN_SAMPLE))]
     settings = [about for about in report["settings"] if about["n_cells"]]
-    of_setting = _by_setting(report)
+    of_setting, turning = _by_setting(report["rows"]), _by_setting(report["orientation"])
     for about in settings:
         rows = [_wide_cells(row) for row in of_setting[about["setting"]]]
         blocks += [f"**{_title(about)}**", markdown_table((*_HEAD[:5], _NORMALIZED, *_HEAD[5:]), rows)]
+        if about["setting"] in turning:
+            blocks.append(markdown_table(HEAD, map(orientation_cells, turning[about["setting"]])))
     if len(settings) > 1:
         blocks += [f"**Ratio to hold, by `{report['sweep']}`**", markdown_table(*ratios(report))]
-    blocks.append(f"{_CAPTION}; {_NORMALIZED}: RMSE in units of the training rows' range.")
+        if report["orientation"]:
+            blocks.append(markdown_table(*orientation_ratios(report, degrees=False)))
+    blocks.append(f"{_CAPTION}; {_NORMALIZED}: RMSE in units of the training rows' range. {CAPTION}.")
     blocks += _notes(report)
     return "\n\n".join(blocks) + "\n"
 
@@ -120,16 +129,21 @@ def pooled_csv(report: dict[str, Any]) -> str:
     return csv_text([_flat(row) for row in report["rows"]])
 
 
+def orientation_csv(report: dict[str, Any]) -> str:
+    """Return one line for each setting and orientation method; intervals as low and high."""
+    return csv_text([_flat(row) for row in report["orientation"]])
+
+
 def trials_csv(report: dict[str, Any]) -> str:
     """Return one line for each setting, trial and estimator."""
     return csv_text([_flat(row) for row in report["by_trial"]])
 
 
-def _by_setting(report: dict[str, Any]) -> dict[str | None, list[dict[str, Any]]]:
-    rows: dict[str | None, list[dict[str, Any]]] = {}
-    for row in report["rows"]:
-        rows.setdefault(row["setting"], []).append(row)
-    return rows
+def _by_setting(rows: Rows) -> dict[str | None, list[dict[str, Any]]]:
+    found: dict[str | None, list[dict[str, Any]]] = {}
+    for row in rows:
+        found.setdefault(row["setting"], []).append(row)
+    return found
 
 
 def _title(about: dict[str, Any]) -> str:

@@ -16,6 +16,7 @@ from common.records import (
     ESTIMATES,
     ESTIMATOR_FAULTS,
     FRESH,
+    ORIENTATIONS,
     PEERS,
     PLANT,
     PROMPT,
@@ -37,6 +38,7 @@ _N_INSTANTS: Final = 1000
 _OWN: Final[Mapping[str, tuple[str, ...]]] = {
     TICKS: ("due_ns", "begin_ns"),
     ESTIMATES: ("t_ns",),
+    ORIENTATIONS: ("t_ns",),
     PLANT: ("t_ns",),
     ESTIMATOR_FAULTS: ("t_ns",),
     PROMPT: ("t_ns", "begin_ns"),
@@ -208,7 +210,8 @@ def aligned_rows(topic: str, rows: Rows | list[Row], own: ClockModel, surgeons: 
 
     ``own`` is the side's clock; stamps that are copied from a sample are on the surgeon's.
     """
-    group = ESTIMATES if topic.startswith(f"{ESTIMATES}/") else SERVO if is_set_point(topic) else topic
+    named = next((group for group in (ESTIMATES, ORIENTATIONS) if topic.startswith(f"{group}/")), topic)
+    group = SERVO if is_set_point(topic) else named
     for fields, model in ((_OWN, own), (_SURGEONS, surgeons)):
         names = fields.get(group, ())
         if not names or model.shared or not rows:

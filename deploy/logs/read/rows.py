@@ -17,12 +17,14 @@ from common.messages import Message, SafetyMode, Vector3
 from common.records import (
     ESTIMATES,
     FRESH,
+    ORIENTATIONS,
     PLANT,
     PROMPT,
     TICKS,
     TRUTH,
     EstimateNote,
     FreshNote,
+    OrientationNote,
     PlantNote,
     PromptNote,
     TickNote,
@@ -50,10 +52,10 @@ class SetPointRow(Message):
     mode: SafetyMode
 
 
-_NOWHERE: Final = (np.nan, np.nan, np.nan)
-_NO_POINT: Final = dict(zip("xyz", _NOWHERE, strict=True))
-_XYZ: Final = itemgetter(*"xyz")
-_INTS, _MAYBE, _FLAGS, _WORDS, _POINTS = "ints", "maybe", "flags", "words", "points"
+_INTS, _MAYBE, _FLAGS, _WORDS, _REALS, _POINTS, _TURNS = "ints", "maybe", "flags", "words", "reals", "points", "turns"
+_AXES: Final[Mapping[str, str]] = {_POINTS: "xyz", _TURNS: "xyzw"}
+_OF_AXES: Final = {kind: itemgetter(*axes) for kind, axes in _AXES.items()}
+_NO_POINT: Final = {kind: dict.fromkeys(axes, np.nan) for kind, axes in _AXES.items()}
 _NO_INT: Final = -(1 << 63)
 _MAX_WORD_CHARS: Final = 256  # of a name or a key; a column of words takes as much for each of its rows
 
@@ -61,6 +63,8 @@ _MAX_WORD_CHARS: Final = 256  # of a name or a key; a column of words takes as m
 def column_model(topic: str) -> type[Message] | None:
     """Return the model of a topic whose records are kept as columns; None for all others."""
     if topic.startswith("/"):
+        if topic.startswith(f"{ORIENTATIONS}/"):
+            return OrientationNote
         return EstimateNote if topic.startswith(f"{ESTIMATES}/") else _MODELS.get(topic)
     return SetPointRow if is_set_point(topic) else None
 
@@ -68,7 +72,8 @@ def column_model(topic: str) -> type[Message] | None:
 class Rows(Sequence[Row]):
     """Records of one flat model: a sequence of dicts, built at access, over columns.
 
-    Fields are integers or None, booleans, words, or points (x, y, z) or None. Oracle: the same records as plain
+    Fields are integers or None, booleans, words, numbers or None, and points (x, y, z) or quaternions (x, y, z, w) or
+    None. Oracle: the same records as plain
     dicts (tests/deploy/logs/read/test_rows).
     """
 
@@ -109,16 +114,17 @@ class Rows(Sequence[Row]):
                     self._words.setdefault(word, len(self._words))
                 self._columns[name].extend(map(self._words.__getitem__, values))
             else:
-                self._add_points(self._columns[name], values)
+                self._add_reals(kind, self._columns[name], values)
         self._length += len(taken)
 
-    def _add_points(self, column: "array[Any]", points: Sequence[Any]) -> None:
-        n_none = points.count(None)
-        if not column and n_none == len(points):
+    def _add_reals(self, kind: str, column: "array[Any]", values: Sequence[Any]) -> None:
+        n_none, n_axes = values.count(None), len(_AXES.get(kind, "."))
+        if not column and n_none == len(values):
             return  # a field without values takes no memory
-        column.extend(_NOWHERE * (self._length - len(column) // 3))
-        known = [_NO_POINT if point is None else point for point in points] if n_none else points
-        column.extend(chain.from_iterable(map(_XYZ, known)))
+        column.extend((np.nan,) * (n_axes * self._length - len(column)))
+        nothing = _NO_POINT.get(kind, np.nan)
+        known = [nothing if value is None else value for value in values] if n_none else values
+        column.extend(known if kind == _REALS else chain.from_iterable(map(_OF_AXES[kind], known)))
 
     def append(self, row: Row) -> None:
         """Add one record."""
@@ -130,19 +136,18 @@ class Rows(Sequence[Row]):
         return tuple(self._kinds)
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return a column (N,): int64, bool, or text; points are (N, 3), NaN for None.
+        """Return a column (N,): int64, bool, or text; points are (N, 3), quaternions (N, 4), NaN for None.
 
-        Optional integers are float64, NaN for None.
+        Numbers and optional integers are float64, NaN for None.
         """
         kind = self._kinds[name]
         if name in self._ints:
             ns = self._ints[name].values()
             return np.where(ns == _NO_INT, np.nan, ns) if kind == _MAYBE else ns
         values = self._columns[name]
-        if kind == _POINTS:
-            if not values:
-                return np.full((self._length, 3), np.nan)
-            return np.array(values, dtype=np.float64).reshape(-1, 3)
+        if kind in (*_AXES, _REALS):
+            shape = (self._length, len(_AXES[kind])) if kind in _AXES else (self._length,)
+            return np.array(values, dtype=np.float64).reshape(shape) if values else np.full(shape, np.nan)
         if kind == _WORDS:
             words = np.array([*self._words, ""], dtype=np.str_)
             return words[np.array(values, dtype=np.int64)]
@@ -199,20 +204,27 @@ class Rows(Sequence[Row]):
                     row[name] = None if kind == _MAYBE and value == _NO_INT else value
                     continue
                 values = self._columns[name]
-                if kind == _POINTS:
-                    x, y, z = values[3 * i : 3 * i + 3] if values else _NOWHERE
-                    row[name] = {"x": x, "y": y, "z": z} if x == x else None
+                if kind in _AXES:
+                    axes = _AXES[kind]
+                    found = values[len(axes) * i : len(axes) * (i + 1)]
+                    row[name] = dict(zip(axes, found, strict=True)) if values and found[0] == found[0] else None
+                elif kind == _REALS:
+                    row[name] = values[i] if values and values[i] == values[i] else None
                 else:
                     row[name] = words[values[i]] if kind == _WORDS else bool(values[i])
             yield row
 
 
-_CODES: Final = {_FLAGS: "b", _WORDS: "h", _POINTS: "d"}
+_CODES: Final = {_FLAGS: "b", _WORDS: "h", _REALS: "d", _POINTS: "d", _TURNS: "d"}
 
 
 def _kind(annotation: str) -> str:
     if "Vector3" in annotation:
         return _POINTS
+    if "Quaternion" in annotation:
+        return _TURNS
+    if "float" in annotation:
+        return _REALS
     if "bool" in annotation:
         return _FLAGS
     if "int" in annotation:

@@ -10,6 +10,12 @@ class ErrorSample(Message):
     error_mm: float
 
 
+class TurnErrorSample(Message):
+    """The angle between an estimated orientation and the true one at its tick."""
+
+    error_deg: float
+
+
 class AgeSample(Message):
     """The age at a tick: its instant minus that of the freshest sample, clocks aligned."""
 

@@ -2,12 +2,14 @@
 
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from common.channels import Hand
+from common.metrics.orientation import orientation_at
 from common.runtime.mcap_chunks import Ints
 from common.units import NS_PER_MS, NS_PER_S
 from deploy.logs.json_rows import json_row, json_rows
@@ -72,25 +74,37 @@ class Truth:
         self._at: dict[Hand, tuple[Ints, NDArray[np.float64]]] = {
             hand: (np.empty(0, dtype=np.int64), np.empty((0, 3))) for hand in topics.hands
         }
+        self._turned: dict[Hand, NDArray[np.float64]] = {hand: np.empty((0, 3)) for hand in topics.hands}
         self._paths = {hand: Path(topics.of_hand(f"{PATH}/{TRUTH_NAME}", hand)) for hand in topics.hands}
 
     def take(self, records: Records) -> Iterator[Drawn]:
         """Take the next truth rows, whose log times are their sample instants."""
-        rows: dict[Hand, list[tuple[int, tuple[float, ...]]]] = defaultdict(list)
+        rows: dict[Hand, list[tuple[int, tuple[float, ...], tuple[float, ...]]]] = defaultdict(list)
         joined = [row for rows in json_rows(records.payloads) for row in rows]
         for at_ns, row in zip(records.log_ns.tolist(), joined, strict=True):
-            rows[row["hand"]].append((at_ns, _xyz(row["position_m"])))
+            turned_rad = row.get("rotation_rad")
+            turn = (np.nan,) * 3 if turned_rad is None else _xyz(turned_rad)
+            rows[row["hand"]].append((at_ns, _xyz(row["position_m"]), turn))
         for hand, its_rows in rows.items():
             at_ns, position_m = self._at[hand]
-            new_ns = np.array([at for at, _ in its_rows], dtype=np.int64)
-            new_m = [where for _, where in its_rows]
+            new_ns = np.array([at for at, _, _ in its_rows], dtype=np.int64)
+            new_m = [where for _, where, _ in its_rows]
             # always keep the last point before the new ones: estimates between them may be pending
             keep = max(min(int(np.searchsorted(at_ns, new_ns[0] - _KEPT_NS)), len(at_ns) - 1), 0)
             self._at[hand] = (
                 np.concatenate([at_ns[keep:], new_ns]),
                 np.concatenate([position_m[keep:], np.array(new_m)]),
             )
+            new_rad = np.array([turn for _, _, turn in its_rows])
+            self._turned[hand] = np.concatenate([self._turned[hand][keep:], new_rad])
             yield from self._paths[hand].take(new_ns, new_m)
+
+    def turned_at(self, hand: Hand, at_ns: Ints) -> NDArray[np.float64]:
+        """Return the orientation (N, 4) at instants (N,), at constant speed between samples, NaN where unknown."""
+        known_ns, turned_rad = self._at[hand][0], self._turned[hand]
+        if not np.isfinite(turned_rad).all():
+            return np.full((len(at_ns), 4), np.nan)
+        return orientation_at(at_ns, known_ns, Rotation.from_rotvec(turned_rad).as_quat())
 
     def known_until_ns(self, hand: Hand) -> int:
         """Return the last instant with known truth, -1 before any."""
@@ -104,11 +118,22 @@ class Truth:
         return np.stack(columns, axis=-1)
 
 
-class EstimateStream:
-    """One estimator's estimates as poses, a path, and errors as soon as truth is known."""
+class Orientations(Protocol):
+    """The orientations that the answers carried."""
 
-    def __init__(self, name: str, topics: RunTopics, truth: Truth) -> None:
-        self._name, self._topics, self._truth = name, topics, truth
+    def at(self, hand: Hand, at_ns: int) -> tuple[float, ...] | None:
+        """Return the orientation x, y, z, w of an answer; None where it is not known."""
+        ...
+
+
+class EstimateStream:
+    """One estimator's estimates as poses, a path, and errors as soon as truth is known.
+
+    All are drawn with the orientation that the answer of the same instant carried.
+    """
+
+    def __init__(self, name: str, topics: RunTopics, truth: Truth, turns: Orientations | None = None) -> None:
+        self._name, self._topics, self._truth, self._turns = name, topics, truth, turns
         self._pick = EveryNth(topics.rate_hz, len(topics.hands))
         self._paths = {hand: Path(topics.of_hand(f"{PATH}/{name}", hand)) for hand in topics.hands}
         self._waiting: dict[Hand, list[tuple[int, tuple[float, ...]]]] = defaultdict(list)
@@ -123,7 +148,8 @@ class EstimateStream:
             hand, at_ns, where = row["hand"], int(records.log_ns[i]), _xyz(row["position_m"])
             new[hand].append((at_ns, where))
             topic = self._topics.of_hand(f"{ESTIMATE}/{self._name}", hand)
-            yield Drawn(topic, "pose", at_ns, foxglove.pose(at_ns, where))
+            turn = None if self._turns is None else self._turns.at(hand, at_ns)
+            yield Drawn(topic, "pose", at_ns, foxglove.pose(at_ns, where, foxglove.LEVEL if turn is None else turn))
         for hand, its in new.items():
             self._waiting[hand] += its
             at = np.array([at_ns for at_ns, _ in its], dtype=np.int64)

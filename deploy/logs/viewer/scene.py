@@ -3,13 +3,14 @@
 from collections.abc import Iterator, Mapping
 
 from common.channels import Side
-from common.records import CONTROL, ESTIMATES, ESTIMATOR_FAULTS, FRESH, REJECTED, TICKS, TRUTH
+from common.records import CONTROL, ESTIMATES, ESTIMATOR_FAULTS, FRESH, ORIENTATIONS, REJECTED, TICKS, TRUTH
 from deploy.logs.alignment import Clocks, clock_of
 from deploy.logs.json_rows import UNREADABLE, other_version
 from deploy.logs.topics import MTM, PLANT_ARM, PSM, SET_POINT, RunTopics
 from deploy.logs.viewer.draw_log import ControlStream, FaultStream, RejectedStream
 from deploy.logs.viewer.draw_metrics import AgeStream, DelayStream, Freshest
 from deploy.logs.viewer.draw_poses import EstimateStream, PoseStream, Truth
+from deploy.logs.viewer.draw_turns import OrientationStream, Turns
 from deploy.logs.viewer.drawn import NO_RECORDS, Drawn, Records, Stream
 
 _FIRST = (TRUTH, FRESH)
@@ -20,21 +21,21 @@ class Scene:
 
     def __init__(self, topics: RunTopics, clocks: Clocks) -> None:
         self._topics, self._clocks = topics, clocks
-        self._truth = Truth(topics)
+        self._truth, self._turns = Truth(topics), Turns()
         self._freshest = Freshest(topics, clock_of(clocks, "surgeon"))
         self._streams: dict[tuple[Side, str], Stream | None] = {}
 
     def take(self, records: Mapping[tuple[Side, str], Records]) -> Iterator[Drawn]:
         """Take the next records by side and topic, and yield messages for them."""
-        # errors need truth and ages need samples, so those come first
-        for name in sorted(records, key=lambda name: name[1] not in _FIRST):
+        # errors need truth, ages need samples and estimates' poses need orientations, so those come first
+        for name in sorted(records, key=lambda name: (name[1] not in _FIRST, not _is_orientation(name[1]))):
             if name not in self._streams:
                 self._streams[name] = self._stream(*name)
             stream = self._streams[name]
             if stream is not None:
                 yield from _drawn(stream, name[1], records[name])
         for name, stream in self._streams.items():
-            if isinstance(stream, EstimateStream) and name not in records:
+            if isinstance(stream, EstimateStream | OrientationStream) and name not in records:
                 yield from stream.take(NO_RECORDS)  # truth for pending errors may have arrived
 
     def draws(self, side: Side, topic: str) -> bool:
@@ -55,7 +56,11 @@ class Scene:
         if (side, topic) == ("surgeon", TRUTH):
             return self._truth
         if side == "patient" and topic.startswith(prefix):
-            return EstimateStream(topic.removeprefix(prefix), topics, self._truth)
+            return EstimateStream(topic.removeprefix(prefix), topics, self._truth, self._turns)
+        if side == "patient" and _is_orientation(topic):
+            method = topic.removeprefix(f"{ORIENTATIONS}/")
+            turns = self._turns if method == topics.active_orientation else None
+            return OrientationStream(method, topics, self._truth, turns)
         if (side, topic) == ("patient", FRESH):
             return self._freshest
         if (side, topic) == ("patient", TICKS):
@@ -78,6 +83,10 @@ class Scene:
                     return DelayStream(key, channel.direction, topics.rate_hz)
                 return PoseStream(topics.of_hand(drawn, row.hand), topics.rate_hz) if drawn else None
         return None
+
+
+def _is_orientation(topic: str) -> bool:
+    return topic.startswith(f"{ORIENTATIONS}/")
 
 
 def _drawn(stream: Stream, topic: str, records: Records) -> Iterator[Drawn]:

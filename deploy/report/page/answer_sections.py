@@ -16,6 +16,7 @@ from deploy.report.tables.accuracy_tables import accuracy_table, more_accuracy
 from deploy.report.tables.answer import accuracy_by_hand, answer
 from deploy.report.tables.html_tables import nonbreaking_units
 from deploy.report.tables.numbers import number
+from deploy.report.tables.orientation_table import orientation_table
 from deploy.report.tables.terminal import END_TO_END, run_warnings
 from deploy.report.tables.verdict_table import outcome_list, verdict_tables
 from deploy.report.verdict.verdict_text import validity_text
@@ -66,6 +67,16 @@ def accuracy_section(run: RunView) -> Section:
     summary, active = run.summary, run.scenario.active_estimator
     by_hand = accuracy_by_hand(summary, run.scenario)
     accuracy = "".join(accuracy_table(scores, f"{hand} hand", active) for hand, scores in by_hand.items())
+    turning = summary["active_orientation"]
+    orientation = "".join(
+        orientation_table(scores, summary["gripper_rad"][hand], f"{hand} hand", turning)
+        for hand, scores in summary["orientation_deg"].items()
+    )
+    if orientation:
+        orientation += (
+            '<p class="note">Error of an orientation: the angle to the arm\'s true one. The answers carried that of '
+            f"{escape(turning)}, marked above.</p>"
+        )
     missing = '<p class="note">No estimate could be scored.</p>'
     markup = (
         "<p>Each estimator at the patient's ticks, beside <b>hold</b>, the baseline without estimating: it "
@@ -74,7 +85,8 @@ def accuracy_section(run: RunView) -> Section:
         + f'<p class="note">The patient acted on {escape(active)}, marked above. RMSE in 3D: root mean square of the '
         "distance to the arm's true position. R\u00b2: the share of the movement that the "
         "estimates follow; 100 % is all of it.</p>"
-        + more_accuracy(by_hand, summary["orientation_deg"], active)
+        + orientation
+        + more_accuracy(by_hand, active)
         + tables.redundancy_table(summary["redundancy"])
     )
     return Section("accuracy", "The estimators compared", markup=markup, mark=run.mark)

@@ -143,7 +143,8 @@ def _keys(keys: Sequence[Key]) -> str:
         text = f"{mark}{escape(key.name)}"
         if key.toggles:
             shown = str(key.shown).lower()
-            text = f'<button type="button" data-series="{escape(key.name)}" aria-pressed="{shown}">{text}</button>'
+            series = escape(key.of or key.name)
+            text = f'<button type="button" data-series="{series}" aria-pressed="{shown}">{text}</button>'
         items.append(f"<li>{text}</li>")
     return (
         f'<ul class="keys" aria-label="In the figure; press a name to show or hide it">{"".join(items)}</ul>'

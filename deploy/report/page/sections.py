@@ -20,7 +20,7 @@ from deploy.report.plots.cdf_plot import delay_cdf, delay_curves, latency_cdf, l
 from deploy.report.plots.clock_plot import clock_figure
 from deploy.report.plots.delay_plot import delay_figure
 from deploy.report.plots.disturbance_marks import marked
-from deploy.report.plots.error_age_plot import error_age_figure
+from deploy.report.plots.error_age_plot import error_age_figure, turn_age_figure
 from deploy.report.plots.error_plot import error_figure
 from deploy.report.plots.hand_view import HandView
 from deploy.report.plots.loss_plot import loss_figure
@@ -32,6 +32,7 @@ from deploy.report.plots.release_plot import release_figure
 from deploy.report.plots.safety_plot import safety_figure
 from deploy.report.plots.singular_plot import singular_figure
 from deploy.report.plots.tracking_plot import tracking_figure
+from deploy.report.plots.turn_plot import turn_figure
 from deploy.report.run_view import RunView
 from deploy.report.tables import html_tables as tables
 from deploy.report.tables import network_tables as network
@@ -55,7 +56,7 @@ def sections(run: RunView) -> list[Section]:
     netem = run.logs.sides.get("netem")
     spans = {d: request.spans(netem.last_ns) if netem else [] for d, request in requests.items()}
     found = disturbances(run.logs, run.scenario)
-    errors = [marked(error_figure(view, x_range), found, x_range) for view in views]
+    errors = [marked(draw(view, x_range), found, x_range) for view in views for draw in (error_figure, turn_figure)]
     return [
         answer_section(run, found),
         Section("error", "Error", errors, mark=run.mark),
@@ -112,7 +113,7 @@ def _distributions(
         delay_cdf(delay_curves(links, shared, varies)),
         loss_figure(links),
         release_figure(links),
-        *(error_age_figure(view) for view in views),
+        *(draw(view) for view in views for draw in (error_age_figure, turn_age_figure)),
     ]
     return Section("distributions", "Distributions, and what age costs", figures, mark=run.mark, beside=True)
 

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from common.channels import Hand
+from common.metrics.orientation import angles_deg
 from common.scenario import Scenario
 from common.units import MM_PER_M, NS_PER_S
 from deploy.logs.read.load import RunLogs
 from deploy.report.measures.estimation.tracking import Array, HandTrack, track_of_hand
+from deploy.report.measures.estimation.wrist_track import wrist_track
 from deploy.report.measures.latency import ages_at_ms
 from deploy.report.plots.thinning import Indices, column, evenly, worst
 
@@ -26,7 +28,8 @@ class HandView:
     """The data to draw of one hand; ``active`` is the estimator that the patient acts on.
 
     ``errors_mm`` are the estimators' distances to the truth (T,), ``age_ms`` (T,) is the age of the freshest sample,
-    NaN for unknown. ``kept`` are the ticks that are drawn.
+    NaN for unknown. ``kept`` are the ticks that are drawn. ``turns_deg`` are the angles (T,) of the orientation
+    methods to the truth, ``active_orientation`` the method that the answers carry.
     """
 
     hand: Hand
@@ -36,12 +39,15 @@ class HandView:
     errors_mm: dict[str, Array]
     age_ms: Array
     kept: Indices
+    active_orientation: str
+    turns_deg: dict[str, Array]
 
     @cached_property
     def source(self) -> "ColumnDataSource":
         """Return the data source of all figures of the hand, so that the page holds it once.
 
-        Columns ``t`` in s, ``age`` in ms, and for each name ``NAME x`` to ``NAME z`` and ``NAME error`` in mm.
+        Columns ``t`` in s, ``age`` in ms, for each name ``NAME x`` to ``NAME z`` and ``NAME error`` in mm, and for
+        each orientation method ``NAME turn`` in degrees.
         """
         from bokeh.models import ColumnDataSource
 
@@ -49,7 +55,8 @@ class HandView:
         data = {"t": column(track.t_ns[kept] / NS_PER_S), "age": column(self.age_ms[kept])}
         for name, position_m in self.lines_m.items():
             data |= {f"{name} {axis}": column(MM_PER_M * position_m[kept, i]) for i, axis in enumerate("xyz")}
-        return ColumnDataSource(data | {f"{n} error": column(e[kept]) for n, e in self.errors_mm.items()})
+        data |= {f"{name} error": column(error_mm[kept]) for name, error_mm in self.errors_mm.items()}
+        return ColumnDataSource(data | {f"{n} turn": column(deg[kept]) for n, deg in self.turns_deg.items()})
 
     @property
     def lines_m(self) -> dict[str, Array]:
@@ -75,9 +82,12 @@ def hand_view(logs: RunLogs, scenario: Scenario, hand: Hand, title: str) -> Hand
         name: MM_PER_M * np.linalg.norm(position_m - track.truth_m, axis=1)
         for name, position_m in track.estimates.items()
     }
+    turns_rad = wrist_track(logs, scenario, track, hand).turn_rad
+    turns_deg = {name: angles_deg(error_rad) for name, error_rad in turns_rad.items()}
     kept = _kept(errors_mm, len(track.t_ns))
+    active, turning = scenario.active_estimator, scenario.patient.orientation.active
     return HandView(
-        hand, title, track, scenario.active_estimator, errors_mm, ages_at_ms(logs, hand, track.t_ns), kept
+        hand, title, track, active, errors_mm, ages_at_ms(logs, hand, track.t_ns), kept, turning, turns_deg
     )
 
 

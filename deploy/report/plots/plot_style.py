@@ -48,7 +48,7 @@ Mark = Literal["line", "dashed", "dotted", "dashdot", "dot", "cross", "bar", "st
 class Key:
     """A legend entry.
 
-    With ``toggles`` a click hides or shows all renderers of that name, in every figure of the page.
+    With ``toggles`` a click hides or shows all renderers named ``of``, in every figure of the page.
     """
 
     name: str
@@ -56,6 +56,7 @@ class Key:
     mark: Mark
     toggles: bool = False
     shown: bool = True
+    of: str = ""
 
 
 @dataclass(frozen=True)
@@ -87,11 +88,11 @@ class LineStyle:
         return self.look.tone.light
 
 
-def line_keys(styles: "dict[str, LineStyle]") -> tuple[Key, ...]:
-    """Return the legend of lines, each of which can be hidden."""
+def line_keys(styles: "dict[str, LineStyle]", mark: str = "") -> tuple[Key, ...]:
+    """Return the legend of lines, each of which can be hidden; ``mark`` ends the names of their renderers."""
     marks: dict[str, Mark] = {"solid": "line", "dashed": "dashed", "dotted": "dotted", "dashdot": "dashdot"}
     return tuple(
-        Key(name, style.look.tone, marks[style.look.dash], toggles=True, shown=style.shown)
+        Key(name, style.look.tone, marks[style.look.dash], toggles=True, shown=style.shown, of=f"{name}{mark}")
         for name, style in styles.items()
     )
 

@@ -1,4 +1,4 @@
-"""Tables of the estimators' accuracy: errors beside hold's, offsets, consistency, orientation."""
+"""Tables of the estimators' accuracy: errors beside hold's, offsets, consistency."""
 
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -8,7 +8,7 @@ from common.channels import Hand
 from deploy.report.measures.estimation.own_estimators import labelled
 from deploy.report.palette import Look, look_of
 from deploy.report.tables.html_tables import folded, interval, markup_table, table
-from deploy.report.tables.numbers import heads, number
+from deploy.report.tables.numbers import number
 from deploy.report.tables.terminal import has_step_times
 
 _MAX_BAR: Final = 3
@@ -48,20 +48,12 @@ def accuracy_table(accuracy: Mapping[str, Any], which: str, active: str) -> str:
     return f'{found}<p class="note">Bars end at {_MAX_BAR} times hold\'s error; longer ones are cut ({_CUT}).</p>'
 
 
-def more_accuracy(by_hand: Mapping[Hand, Any], orientation_deg: Mapping[str, Any], active: str) -> str:
-    """Return a folded section: largest errors, time and value offsets, consistency and orientation of each hand."""
+def more_accuracy(by_hand: Mapping[Hand, Any], active: str) -> str:
+    """Return a folded section: largest errors, time and value offsets and consistency of each hand."""
     parts = []
     for hand, accuracy in by_hand.items():
         parts.append(_offsets(accuracy, f"{hand} hand", active))
         parts.append(_consistency(accuracy, f"{hand} hand"))
-    rows = [
-        (f"{hand} hand", *(number(error[name]) for name in ("rms", "p50", "p95", "p99", "max")))
-        for hand, error in orientation_deg.items()
-        if error and error.get("rms") is not None
-    ]
-    if rows:
-        head = ("hand", "RMS", *heads(("p50", "p95", "p99", "max")))
-        parts.append(table("Orientation of the newest sample against the truth, °", head, rows))
     return folded("More about the accuracy", "".join(parts))
 
 

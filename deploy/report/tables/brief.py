@@ -65,6 +65,7 @@ def _figures(summary: Mapping[str, Any]) -> Iterator[Row]:
     if samples := sample_loss_text(summary["redundancy"]):
         yield Row("samples", f"sent {redundancy_text(summary['redundancy'])}: {samples}")
     yield from _accuracy(summary)
+    yield from _orientation(summary)
     ticks, surgeon = summary["ticks"], summary["surgeon_ticks"]
     counts = f"{number(ticks['count'])} at {ticks['rate_hz']} Hz, {number(ticks['missed'])} missed"
     if entry := summary["accuracy"].get("hold"):
@@ -95,6 +96,20 @@ def _accuracy(summary: Mapping[str, Any]) -> Iterator[Row]:
     errors = [f"{hand} {number(one[active]['rmse_3d_mm'])}" for hand, one in by_hand.items() if active in one]
     if errors:
         yield Row("by hand, mm", ", ".join(errors))
+
+
+def _orientation(summary: Mapping[str, Any]) -> Iterator[Row]:
+    """Yield the active orientation method's error beside hold's; of two hands each has its own."""
+    active, texts = summary["active_orientation"], []
+    for hand, scores in summary["orientation_deg"].items():
+        entry = scores.get(active)
+        if entry is None or entry["rms"] is None:
+            continue
+        share = "" if entry["ratio_to_hold"] is None else f" ({100 * entry['ratio_to_hold']:.0f} % of hold's)"
+        which = f"{hand} " if len(summary["orientation_deg"]) > 1 else ""
+        texts.append(f"{which}{number(entry['rms'])} deg{share if active != 'hold' else ''}")
+    if texts:
+        yield Row("orientation", f"{active} {', '.join(texts)}")
 
 
 def _networks(summary: Mapping[str, Any]) -> Iterator[Row]:

@@ -26,6 +26,7 @@ from deploy.report.tables.numbers import (
     rounded_up,
     unresolved_latency,
 )
+from deploy.report.tables.orientation_terminal import orientation_views
 from deploy.report.tables.redundancy_rows import (
     COLUMNS,
     NOTE,
@@ -64,6 +65,7 @@ def summary_view(summary: dict[str, Any], since: str | None = None) -> Renderabl
     for hand, accuracy in (summary.get("accuracy_by_hand") or {"": summary["accuracy"]}).items():
         if accuracy:
             parts.append(_accuracy(accuracy, f" ({hand} hand)" if hand else ""))
+    parts += orientation_views(summary)
     links = summary["links"]
     parts += [_redundancy(summary["redundancy"])] if redundancy_rows(summary["redundancy"]) else []
     parts += [_packets(links), delays_view(links), _latency(summary), Text(f"\n{_footer(summary)}")]

@@ -3,14 +3,15 @@ import pytest
 
 from common.scenario.source import SyntheticSource
 from common.sources.minimum_jerk import Movements
-from common.sources.reaching import reaching
+from common.sources.reaching import reaching, timing_of
 from common.streams import Stream
 
 PLAIN = SyntheticSource(kind="synthetic")
 
 
 def sequence(share: float, seed: int = 1, until_s: float = 3000.0) -> Movements:
-    return reaching(PLAIN, share, Stream.named(seed, "timing"), Stream.named(seed, "aim"), until_s)
+    timing = timing_of(PLAIN, share, Stream.named(seed, "timing"), until_s)
+    return reaching(PLAIN, timing, Stream.named(seed, "aim"))
 
 
 def test_lengths_and_durations_are_those_asked_for() -> None:
@@ -34,9 +35,8 @@ def test_sequences_whose_shares_add_up_hold_as_many_movements_as_one() -> None:
 
 
 def test_timing_and_aim_are_apart() -> None:
-    one, other = (
-        reaching(PLAIN, 0.5, Stream.named(1, "timing"), Stream.named(seed, "aim"), 100.0) for seed in (1, 2)
-    )
+    timing = timing_of(PLAIN, 0.5, Stream.named(1, "timing"), 100.0)
+    one, other = (reaching(PLAIN, timing, Stream.named(seed, "aim")) for seed in (1, 2))
     assert np.array_equal(one.onset_s, other.onset_s)
     assert np.array_equal(one.duration_s, other.duration_s)
     assert np.linalg.norm(one.target[1:] - other.target[1:], axis=1).min() > 0

@@ -183,7 +183,7 @@ def test_whatever_is_asked_for_is_finite_smooth_and_within_its_space(
     assert np.abs(hand.follower.position_m - hand.follower.position_m[0]).max() <= reach_m + 0.0002
     assert np.abs(np.linalg.norm(hand.command.orientation, axis=1) - 1).max() < 1e-12
     if recorder_hz is None or recorder_hz > 30:
-        assert np.sum(hand.command.orientation[1:] * hand.command.orientation[:-1], axis=1).min() > 0.99
+        assert np.sum(hand.command.orientation[1:] * hand.command.orientation[:-1], axis=1).min() > 0.7
     assert hand.command.gripper_rad.min() >= -1e-12
     assert hand.command.gripper_rad.max() <= 0.8 + 1e-12
 

@@ -6,9 +6,16 @@ summed squares of the three axes' medians.
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from common.scenario.source import SyntheticSource
-from common.sources.calibration import RECORDED_SUTURING, TOLERANCE, median_statistics
+from common.sources.calibration import (
+    RECORDED_SUTURING,
+    RECORDED_TURNING,
+    TOLERANCE,
+    median_statistics,
+    turning_statistics,
+)
 from common.sources.synthetic import synthesise
 from common.sources.trajectory import Recording
 
@@ -54,6 +61,46 @@ def test_the_table_holds_the_recorded_figures() -> None:
 @pytest.mark.parametrize("name", RECORDED)
 def test_it_moves_like_recorded_suturing(found: dict[str, float], name: str) -> None:
     assert found[name] == pytest.approx(RECORDED[name], rel=0.25)
+
+
+@pytest.fixture(scope="module")
+def turned(trials: list[Recording]) -> dict[str, float]:
+    tips = [hand.follower.orientation for trial in trials for hand in trial.hands]
+    return median_statistics(tips, 30, turning_statistics)
+
+
+@pytest.mark.parametrize("name", RECORDED_TURNING)
+def test_it_turns_like_recorded_suturing(turned: dict[str, float], name: str) -> None:
+    assert turned[name] == pytest.approx(RECORDED_TURNING[name], rel=0.25)
+
+
+def test_it_turns_while_it_reaches(trials: list[Recording]) -> None:
+    """Logarithms of speed and angular speed correlate by 0.78 in recorded suturing, the median of 38 arms."""
+    correlations = []
+    for tip in (hand.follower for trial in trials for hand in trial.hands):
+        rotations = Rotation.from_quat(tip.orientation)
+        speed = np.linalg.norm(tip.position_m[2:] - tip.position_m[:-2], axis=1)
+        turn = (rotations[:-2].inv() * rotations[2:]).magnitude()
+        correlations.append(np.corrcoef(np.log(speed + 1e-5), np.log(turn + 1e-4))[0, 1])
+    assert np.median(correlations) == pytest.approx(0.78, rel=0.25)
+
+
+@pytest.mark.parametrize(("lag", "recorded"), [(1, 0.538), (3, 0.562), (6, 0.663), (15, 0.829), (30, 0.914)])
+def test_its_turning_is_as_hard_to_predict_as_recorded(trials: list[Recording], lag: int, recorded: float) -> None:
+    """Least squares on 15 rotation vectors to the past against hold-last: recorded without its two jumps."""
+    parts = []
+    for tip in (hand.follower for trial in trials for hand in trial.hands):
+        now = np.arange(15, len(tip) - lag)
+        rotations = Rotation.from_quat(tip.orientation)
+        here = rotations[now].inv()
+        past = np.stack([(here * rotations[now - k]).as_rotvec() for k in range(1, 16)], axis=1).reshape(-1, 45)
+        parts.append((past, (here * rotations[now + lag]).as_rotvec()))
+    half = len(parts) // 2
+    (x, y), (z, t) = (
+        tuple(np.concatenate(each) for each in zip(*some, strict=True)) for some in (parts[:half], parts[half:])
+    )
+    weights = np.linalg.lstsq(x, y)[0]
+    assert np.sqrt(np.sum((t - z @ weights) ** 2) / np.sum(t**2)) == pytest.approx(recorded, rel=0.25)
 
 
 def test_the_space_is_that_of_recorded_suturing(trials: list[Recording]) -> None:

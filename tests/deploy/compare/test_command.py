@@ -173,8 +173,8 @@ def test_a_folder_of_results_holds_one_comparison_at_a_time(tis: Call, small: Pa
     n_cells = len(list(Path("kept/cells").iterdir()))
     code, out, err = tis(*words, "--set", "topology=observer")
     assert code == 0, err
-    names = ["cells.parquet", "comparison.html", "error_by_age.pdf", "error_by_age.svg", "ratio.tex"]
-    names += ["table.csv", "table.json", "table.md", "trials.csv"]
+    names = ["cells.parquet", "comparison.html", "error_by_age.pdf", "error_by_age.svg", "orientation.csv"]
+    names += ["ratio.tex", "table.csv", "table.json", "table.md", "trials.csv"]
     assert sorted(path.name for path in Path("kept").iterdir() if path.is_file()) == names
     assert len(list(Path("kept/cells").iterdir())) == n_cells + 1
     plain = " ".join(out.split())

@@ -39,10 +39,16 @@ def _result(plan: Plan, worse: float) -> dict[str, Any]:
             "sst_m2": [1e-2, 1e-2, 1e-2],
             "range_m": [0.1, 0.1, 0.0],
             "n_by_age": [0, 100] + [0] * 15,
+            "orientation": {name: _turns(k) for k, name in enumerate(("tangent_ls", "hold"))},
             "age_sum_ns": 100 * 35_000_000,
             "age_ns": {"17379": 100},
             "estimators": {name: entry(i) for i, name in enumerate(plan.estimators)},
         }
+
+    def _turns(k: int) -> dict[str, Any]:
+        counts = {"n_covered": 95, "n_ellipsoids": 100, "n_gripper_covered": 94, "n_gripper_intervals": 100}
+        sums = {"sse_rad2": 0.01 * (1 + k), "sse_gripper_rad2": 0.02 * (1 + k)}
+        return {**sums, **counts, "n_scored": 100, "n_missing": 0, "step_ns": {"900": 7}}
 
     traffic = {"sent_packets": 120, "sent_bytes": 24_000}
     return {"traffic": traffic, "duration_s": 2.0, "hands": {"left": hand()}, "warnings": []}
@@ -77,7 +83,7 @@ def test_the_page_has_a_table_for_each_section_and_every_row_its_columns(
 ) -> None:
     monkeypatch.delenv("TIS_JIGSAWS", raising=False)
     text = page_text(found)
-    assert len(found) == 7 + 2 + 1  # and an arm that lags, and adaptation
+    assert len(found) == 7 + 2 + 1 + 1  # and an arm that lags, adaptation, and orientation
     for name in get_args(EstimatorName):
         assert f"- **`{name}`**: {DESCRIPTIONS[name]}" in text
     for section, made in found:
@@ -148,7 +154,13 @@ def test_a_section_of_recordings_takes_all_trials_or_the_last_of_each_person(
         (folder / f"Suturing_{name}.txt").touch()
     monkeypatch.setenv("TIS_JIGSAWS", str(tmp_path))
     recorded = [section.request for section in sections() if "recorded" in section.title]
-    assert [request.trials for request in recorded] == [None, *[("C003", "D002")] * 6, None, *[("C003", "D002")] * 2]
+    assert [request.trials for request in recorded] == [
+        None,
+        *[("C003", "D002")] * 6,
+        None,
+        None,
+        *[("C003", "D002")] * 2,
+    ]
     assert "--trials C003,D002" in command_of(recorded[-1])
 
 

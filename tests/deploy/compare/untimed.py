@@ -12,4 +12,6 @@ def untimed(cells: Mapping[str, Any]) -> dict[str, Any]:
         for hand in result["hands"].values():
             for entry in hand["estimators"].values():
                 entry.pop("step_ns", None)
+            for entry in hand["orientation"].values():
+                entry.pop("step_ns", None)
     return results

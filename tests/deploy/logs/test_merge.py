@@ -15,16 +15,18 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from common.channels import Side
 from common.clocks.model import ClockModel
-from common.messages import Vector3
+from common.messages import Quaternion, Vector3
 from common.node import Record
 from common.records import (
     ESTIMATES,
     FRESH,
+    ORIENTATIONS,
     REJECTED,
     TICKS,
     TRUTH,
     EstimateNote,
     FreshNote,
+    OrientationNote,
     Rejected,
     TickNote,
     TruthRow,
@@ -196,6 +198,30 @@ def test_poses_frames_and_errors_are_those_of_the_records(tmp_path: Path) -> Non
         (250 * MS, 4.0),
     ]
     assert [message.pose.position.y for _, _, message in found["/estimates/hold"]] == pytest.approx([0.004, 0.004])
+
+
+def test_estimates_are_drawn_with_the_orientation_of_the_answers_and_its_error(tmp_path: Path) -> None:
+    """The arm turns by 40 degrees about z in 100 ms: at 50 ms an orientation of 12 degrees is 8 off."""
+
+    def turned(k: int) -> Record:
+        note = _truth(k, 0.0).data
+        assert isinstance(note, TruthRow)
+        turn = Vector3(x=0.0, y=0.0, z=np.radians(40.0 * k))
+        return Record(TRUTH, 100 * k * MS, note.model_copy(update={"rotation_rad": turn}))
+
+    def stated(method: str, degrees: float) -> Record:
+        half = np.radians(degrees) / 2
+        turn = Quaternion(x=0.0, y=0.0, z=float(np.sin(half)), w=float(np.cos(half)))
+        note = OrientationNote(tick=0, t_ns=50 * MS, hand="left", method=method, orientation=turn)
+        return Record(f"{ORIENTATIONS}/{method}", 50 * MS, note)
+
+    records = [_estimate(50, 0.002), stated("hold", 0.0), stated("tangent_ls", 12.0)]
+    found = _merge(tmp_path / "r", {"surgeon": [turned(k) for k in range(3)], "patient": records})
+    ((_, _, pose),) = found["/estimates/hold"]
+    assert pose.pose.orientation.z == pytest.approx(np.sin(np.radians(6.0)), abs=1e-6)
+    errors = {name: found[f"/metrics/orientation_error/{name}"] for name in ("hold", "tangent_ls")}
+    assert [(at, message["error_deg"]) for at, _, message in errors["hold"]] == [(50 * MS, pytest.approx(20.0))]
+    assert [(at, message["error_deg"]) for at, _, message in errors["tangent_ls"]] == [(50 * MS, pytest.approx(8.0))]
 
 
 def test_ages_follow_the_freshest_sample(tmp_path: Path) -> None:

@@ -132,7 +132,7 @@ def test_a_twin_replays_bit_for_bit(tmp_path: Path) -> None:
     found = replay(tmp_path / "run")
     assert found.identical
     driven = sum(len(logs.of("patient", f"tis/{arm}/servo_cp")) for arm in ("PSM1", "PSM2"))
-    assert found.n_compared == 2 * 4 * 180 + driven
+    assert found.n_compared == 2 * (4 + 3) * 180 + driven  # four estimators, three orientation methods
     assert driven > 2 * 170
 
 

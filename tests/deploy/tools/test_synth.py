@@ -119,10 +119,11 @@ def test_the_check_prints_each_figure_and_fails_when_one_is_off(monkeypatch: pyt
     assert synth.print_calibration(1, console) == 0
     text = console.export_text()
     assert "speed p99, mm/s" in text
+    assert "angular speed p99, deg/s" in text
     assert "all within 25 %" in text
     monkeypatch.setitem(RECORDED_SUTURING, "speed p99, mm/s", 30.0)
     assert synth.print_calibration(1, console) == EXIT_INVALID_RUN
-    assert "1 of 19 outside 25 %" in console.export_text()
+    assert "1 of 38 outside 25 %" in console.export_text()
 
 
 def test_the_command_needs_a_folder_or_check(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,6 @@
 """Truth, estimate and hold at a tick, by hand."""
 
+import numpy as np
 import pytest
 
 from deploy.watch.motion import ArmMotion
@@ -62,3 +63,22 @@ def test_copies_of_a_sample_change_nothing() -> None:
     motion.arrived(0, (0.0, 0.0, 0.0))
     motion.estimated(5 * MS, (0.005, 0.0, 0.0))
     assert motion.rows()[0].error_mm == pytest.approx(0.0)
+
+
+def test_angles_to_the_true_orientation_are_degrees_by_hand() -> None:
+    def about_z(degrees: float) -> np.ndarray:
+        half = np.radians(degrees) / 2
+        return np.array([0.0, 0.0, np.sin(half), np.cos(half)])
+
+    motion, here = ArmMotion(), (0.0, 0.0, 0.0)
+    motion.sent(0, here, about_z(0))
+    motion.arrived(0, here, about_z(0))
+    motion.estimated(5 * MS, here, about_z(12))
+    motion.sent(10 * MS, here, -about_z(40))  # the same orientation as with the other sign
+    (row,) = motion.rows()
+    assert row.turn_error_deg == pytest.approx(8.0)
+    assert row.hold_turn_error_deg == pytest.approx(20.0)
+    motion.estimated(10 * MS, here, None)
+    (row,) = motion.rows()
+    assert row.turn_error_deg is None
+    assert row.hold_turn_error_deg == pytest.approx(40.0)

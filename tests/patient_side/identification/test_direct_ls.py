@@ -6,9 +6,9 @@ import pytest
 from common.errors import DataError
 from common.scenario.source import SyntheticSource
 from common.sources.synthetic import synthesise
+from patient_side.direct_model import Array, DirectModel
 from patient_side.identification.direct_ls import fit_direct
 from patient_side.identification.second_moments import random_walk, regression, windows
-from patient_side.statespace import Array, DirectModel
 from tests.patient_side.arm_models import random_command
 
 

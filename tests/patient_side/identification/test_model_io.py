@@ -13,8 +13,10 @@ from common.errors import DataError
 from common.sources.provenance import RecordedRows
 from patient_side.identification.model_io import dump_models, parse_models
 from patient_side.statespace import ArmModel, FilterModel, InputForecast, NoiseModel, StateSpace
+from patient_side.wrist_model import WristModel
 from tests.patient_side.arm_models import completion_model, direct_model, slow_movement
 from tests.patient_side.filters.test_correction import correction
+from tests.patient_side.orientation.test_no_leak import model as wrist_model
 
 
 def model(order: int = 2, hand: Hand = "left", seed: int = 0) -> ArmModel:
@@ -244,3 +246,45 @@ def test_what_is_no_model_file_is_one_line_without_a_traceback(text: str) -> Non
         parse_models(text.encode(), "m.json")
     assert str(caught.value).startswith("m.json: ")
     assert "\n" not in str(caught.value)
+
+
+def test_the_models_of_a_wrist_come_back_bit_for_bit() -> None:
+    whole = wrist_model()
+    for wrist in (whole, WristModel(rate=whole.rate, gripper_rate=whole.gripper_rate)):
+        one = dataclasses.replace(model(), wrist=wrist)
+        (other,) = parse_models(dump_models([one]), "m.json")
+        assert other.wrist is not None
+        assert dump_models([other]) == dump_models([one])
+        assert other.wrist.rate is not None
+        assert wrist.rate is not None
+        assert np.array_equal(other.wrist.rate.covariance, wrist.rate.covariance)
+        assert (other.wrist.direct is None) == (wrist.direct is None)
+        if other.wrist.direct is not None and wrist.direct is not None:
+            assert np.array_equal(other.wrist.direct.cross, wrist.direct.cross)
+            assert other.wrist.gripper_direct is not None
+            assert other.wrist.gripper_direct.axes == 1
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "rule"),
+    [
+        (("gripper_direct",), None, "direct and gripper_direct must both be given, or neither"),
+        (("gripper_rate",), None, "rate and gripper_rate must both be given, or neither"),
+        (("gripper_direct", "stride"), 2, "must have the same stride and lags"),
+        (("gripper_direct", "past"), [[1.0]], "past must have the shape (21, 21)"),
+        (("rate", "damping"), 1.5, "less than or equal to 1"),
+        (("rate", "horizons"), [1.0], "covariance must be as long as horizons"),
+        (("gripper_rate", "covariance"), [[[-1.0]]] * 26, "covariance must be symmetric and positive definite"),
+        (("rate", "unheard_of"), 1, "Extra inputs are not permitted"),
+    ],
+)
+def test_a_wrist_that_is_not_sound_is_refused(place: tuple[str, ...], value: Any, rule: str) -> None:
+    raw = json.loads(dump_models([dataclasses.replace(model(), wrist=wrist_model())]))
+    part = raw["models"][0]["wrist"]
+    for step in place[:-1]:
+        part = part[step]
+    part[place[-1]] = value
+    with pytest.raises(DataError) as caught:
+        parse_models(json.dumps(raw).encode(), "m.json")
+    assert rule in str(caught.value)
+    assert "wrist" in str(caught.value)

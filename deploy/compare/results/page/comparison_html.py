@@ -6,15 +6,17 @@ from html import escape
 from pathlib import Path
 from typing import Any, Final
 
+from deploy.compare.results.orientation_tables import CAPTION, HEAD, orientation_cells
 from deploy.compare.results.page.figures import age_figure, curve_figures, heat_figure
 from deploy.compare.results.page.page_sums import PageSums
 from deploy.compare.results.tables import headline
 from deploy.report.page.html_page import Page, Section, page_html
 from deploy.report.palette import look_of
+from deploy.report.tables.html_tables import table
 
 _SCRIPTS: Final = tuple(Path(__file__).with_name(name) for name in ("pooling.js", "comparison.js"))
 _STYLE: Final = Path(__file__).with_name("comparison.css")
-_HEAD: Final = ("estimator", "R\u00b2 x, %", "y", "z", "3D RMSE, mm", "95 %", "ratio to hold", "95 %", "cover, %")
+_COLUMNS: Final = ("estimator", "R\u00b2 x, %", "y", "z", "3D RMSE, mm", "95 %", "ratio to hold", "95 %", "cover, %")
 _COUNTS: Final = ("ticks", "people")
 _MARKS: Final = {"solid": "", "dashed": "dashed", "dotted": "dotted", "dashdot": "dashdot"}
 
@@ -33,6 +35,10 @@ def comparison_html(report: dict[str, Any], sums: PageSums) -> str:
     sections += [
         Section("age", "Age", [age_figure(sums.estimators)]),
         Section("table", "Table", markup=_table()),
+        *(
+            [Section("orientation", "Orientation and gripper", markup=_orientation(report))]
+            * bool(report["orientation"])
+        ),
         Section("repeat", "How to repeat it", markup=f"<pre><code>{escape(report['command'])}</code></pre>"),
     ]
     synthetic = report["source"] == "synthetic"
@@ -98,13 +104,20 @@ def _others(sums: PageSums) -> Sequence[str]:
 
 
 def _table() -> str:
-    head = "".join(f'<th scope="col">{text}</th>' for text in (*_HEAD, *_COUNTS))
+    head = "".join(f'<th scope="col">{text}</th>' for text in (*_COLUMNS, *_COUNTS))
     note = (
         "Pooled over all that is chosen, every tick with the same weight. Ratio: 3D RMSE over that of hold on the "
         "same ticks. Cover: share of the errors within the 95 % ellipsoid. 95 %: bootstrap interval over people."
     )
-    table = f'<table><thead><tr>{head}</tr></thead><tbody id="rows"></tbody></table>'
-    return f'<div class="wide">{table}</div><p class="note">{note}</p>'
+    found = f'<table><thead><tr>{head}</tr></thead><tbody id="rows"></tbody></table>'
+    return f'<div class="wide">{found}</div><p class="note">{note}</p>'
+
+
+def _orientation(report: dict[str, Any]) -> str:
+    """Return the table of the orientation methods, all that is compared."""
+    rows = [(str(row["setting"] or "-"), *orientation_cells(row)) for row in report["orientation"]]
+    note = f'<p class="note">{CAPTION}. All people and hands, whatever is chosen above.</p>'
+    return table("Orientation and gripper", ("setting", *HEAD), rows, texts=(1,)) + note
 
 
 def _json(value: Any) -> str:

@@ -1,62 +1,76 @@
-"""The summary's ``orientation_deg``: orientation error of the estimates against the recorded arm."""
+"""The summary's ``orientation_deg`` and ``gripper_rad``: errors of the orientation methods, beside hold's."""
 
-from typing import Final
+from typing import Any
 
 import numpy as np
-import scipy
+from numpy.typing import NDArray
 
 from common.channels import Hand
-from common.metrics.orientation import geodesic_deg, orientation_at
-from common.metrics.percentiles import Summary, summarise
-from common.metrics.tick_phase import Arrivals
-from common.records import TRUTH
-from common.scenario import Scenario
-from deploy.logs.read.load import Ints, RunLogs
+from common.metrics.consistency import consistency, normalised_squares
+from common.metrics.orientation import angles_deg
+from common.metrics.percentiles import summarise
+from common.units import NS_PER_US
+from deploy.logs.read.load import RunLogs
 from deploy.logs.read.note_columns import notes
+from deploy.report.measures.estimation.error_by_age import error_by_age
 from deploy.report.measures.estimation.tracking import Array, HandTrack
-from patient_side.statespace import ArmModel
+from deploy.report.measures.estimation.wrist_track import WristTrack, topic_of
+from deploy.report.measures.latency import ages_at_ms
 
-_BATCH: Final = 20_000
 
+def orientation_deg(logs: RunLogs, track: HandTrack, wrist: WristTrack, hand: Hand) -> dict[str, Any]:
+    """Return, by method, RMS, percentiles and ratio to hold of the geodesic distance, in degrees.
 
-def orientation_deg(logs: RunLogs, scenario: Scenario, track: HandTrack, model: ArmModel) -> Summary:
-    """Return RMS and percentiles of the geodesic distance over one hand's scored ticks, in degrees.
-
-    Estimators do not predict orientation: every estimate carries that of the arm's newest sample. The arrivals tell
-    which sample that was, the surgeon's log its orientation. Oracle: an arm that turns at constant speed,
-    test_orientation_error.
+    They are over one hand's scored ticks; a missing estimate counts with hold's. ``nees`` is
+    `common.metrics.consistency` about the axes of the estimated frame, ``step_us`` the time of a step, the gripper's
+    part included. Oracle: an arm that turns at constant speed, test_orientation_error.
     """
-    error_deg = _errors_deg(logs, scenario, track, model.hand, f"{scenario.session}/{model.arm}/setpoint_cp")
-    rms = float(np.sqrt(np.mean(error_deg**2))) if len(error_deg) else None
-    return {"rms": rms, **summarise(error_deg)}
+    scores = _scores(track, wrist.turn_rad, wrist.turn_std_rad, np.degrees(1.0))
+    return {name: {**entry, "step_us": _step_us(logs, name, hand)} for name, entry in scores.items()}
 
 
-def _errors_deg(logs: RunLogs, scenario: Scenario, track: HandTrack, hand: Hand, key: str) -> np.ndarray:
-    arrived = logs.messages("patient", "forward", scenario.session).get(key)
-    rows = notes(logs, "surgeon", TRUTH)
-    rotation_rad = rows.column("rotation_rad")
-    known = rows.where("hand", hand) & np.isfinite(rotation_rad).all(axis=1)
-    sample_ns, first = np.unique(rows.column("sample_ns")[known], return_index=True)
-    if arrived is None or not len(sample_ns):
-        return np.empty(0)
-    recorded = scipy.spatial.transform.Rotation.from_rotvec(rotation_rad[known][first]).as_quat()
-    del rotation_rad, known
-    # the newest sample at each scored tick, by arrival
-    fresh = Arrivals.of(arrived.log_ns, arrived.sample_ns)
-    t_ns = track.t_ns[track.scored]
-    newest = np.searchsorted(fresh.recv_ns, t_ns, side="right") - 1
-    t_ns, held_ns = t_ns[newest >= 0], fresh.sample_ns[newest[newest >= 0]]
-    found = [np.empty(0)]
-    for begin in range(0, len(t_ns), _BATCH):  # rotations take much memory
-        some = slice(begin, begin + _BATCH)
-        truth, held = (_orientation_at(ns[some], sample_ns, recorded) for ns in (t_ns, held_ns))
-        both = np.isfinite(truth).all(axis=1) & np.isfinite(held).all(axis=1)
-        found.append(geodesic_deg(held[both], truth[both]))
-    return np.concatenate(found)
+def gripper_rad(track: HandTrack, wrist: WristTrack) -> dict[str, Any]:
+    """Return the same of the gripper's angle, in rad; lists of ``nees`` have one entry."""
+    return _scores(track, wrist.gripper_rad, wrist.gripper_std_rad, 1.0)
 
 
-def _orientation_at(t_ns: Ints, sample_ns: Ints, quaternion: Array) -> Array:
-    """Return `orientation_at` of ``t_ns`` (T,), T > 0, from the samples around it only, which is faster."""
-    first = max(int(np.searchsorted(sample_ns, t_ns.min(), side="right")) - 2, 0)
-    last = int(np.searchsorted(sample_ns, t_ns.max())) + 2
-    return orientation_at(t_ns, sample_ns[first:last], quaternion[first:last])
+def orientation_by_age(logs: RunLogs, track: HandTrack, wrist: WristTrack, hand: Hand) -> dict[str, Any]:
+    """Return, by method, bins of the newest sample's age and their RMS error in degrees: see `error_by_age`."""
+    age_ms, found = ages_at_ms(logs, hand, track.t_ns)[track.scored], {}
+    for name, error_rad in wrist.turn_rad.items():
+        bins = error_by_age(age_ms, angles_deg(error_rad)[track.scored])
+        found[name] = {"age_ms": bins.age_ms.tolist(), "rms_deg": bins.rmse.tolist(), "n": bins.n.tolist()}
+    return found
+
+
+def _scores(track: HandTrack, errors: dict[str, Array], stds: dict[str, Array], unit: float) -> dict[str, Any]:
+    """Return the scores by method of errors (T, d) and their stated deviations; ``unit`` is per rad."""
+    held = errors.get("hold")
+    if held is None:
+        return {}
+    scored: NDArray[np.bool_] = np.asarray(track.scored & np.isfinite(held).all(axis=1))
+    reference = float(np.sum(held[scored] ** 2))
+    found = {}
+    for name, error in errors.items():
+        missing = np.isnan(error.sum(axis=1))
+        used = np.where(missing[:, None], held, error)[scored]
+        sizes, squares = unit * np.linalg.norm(used, axis=1), float(np.sum(used**2))
+        entry: dict[str, Any] = {
+            "rms": float(np.sqrt(np.mean(sizes**2))) if len(sizes) else None,
+            **summarise(sizes),
+            "ratio_to_hold": float(np.sqrt(squares / reference)) if reference > 0 else None,
+            "n_scored": int(np.count_nonzero(scored)),
+            "n_missing": int(np.count_nonzero(missing & scored)),
+        }
+        if np.isfinite(stds[name][scored]).any():
+            entry["nees"] = consistency(normalised_squares(error, stds[name])[scored])
+        found[name] = entry
+    return found
+
+
+def _step_us(logs: RunLogs, method: str, hand: Hand) -> dict[str, float | None]:
+    rows = notes(logs, "patient", topic_of(method))
+    steps_ns = rows.column("step_ns")[rows.where("hand", hand)]
+    # virtual time logs 0 for every step: no measurement
+    measured = steps_ns if steps_ns.any() else steps_ns[:0]
+    return summarise(measured / NS_PER_US, percentiles=(50, 99), also=())

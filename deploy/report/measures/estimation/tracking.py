@@ -180,10 +180,10 @@ def _in_order(names: list[str], scenario: Scenario) -> list[str]:
 
 
 def at_ticks(ticks: Ints, of: Ints, points: Array) -> Array:
-    """Return the points (T, 3) of ``ticks`` (T,) from ``points`` (N, 3) of the ticks ``of`` (N,); NaN for none."""
+    """Return the points (T, ...) of ``ticks`` (T,) from ``points`` (N, ...) of the ticks ``of`` (N,); else NaN."""
     # estimators may miss ticks or log them out of order
     order = np.argsort(of, kind="stable")
     place, known = place_in(of[order], ticks)
-    found = np.full((len(ticks), 3), np.nan)
+    found = np.full((len(ticks), *points.shape[1:]), np.nan)
     found[known] = points[order[place[known]]]
     return found

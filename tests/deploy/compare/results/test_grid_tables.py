@@ -31,6 +31,7 @@ def made_up(n_delays: int) -> dict[str, Any]:
         "zipped": False,
         "axes": ["network.delay_ms", "network.p_loss"],
         "rows": rows,
+        "orientation": [],
         "settings": abouts,
     }
 

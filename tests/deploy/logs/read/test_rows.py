@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.messages import MAX_SIZE, Vector3
-from common.records import ESTIMATES, FRESH, TICKS, EstimateNote, FreshNote, TickNote
+from common.messages import MAX_SIZE, Quaternion, Vector3
+from common.records import ESTIMATES, FRESH, ORIENTATIONS, TICKS, EstimateNote, FreshNote, OrientationNote, TickNote
 from deploy.logs.read.rows import Rows, column_model
 
 INTS = st.integers(-(2**62), 2**62)
@@ -19,11 +19,20 @@ ESTIMATE = st.builds(EstimateNote, tick=INTS, t_ns=INTS, hand=HANDS, estimator=s
                      position_m=POINTS, std_m=POINTS, step_ns=INTS)  # fmt: skip
 FRESH_NOTE = st.builds(FreshNote, tick=INTS, hand=HANDS, key=st.sampled_from("ab"), seq=INTS, sample_ns=INTS,
                        answer=st.none() | INTS)  # fmt: skip
+TURNS = st.none() | st.builds(Quaternion, x=FLOATS, y=FLOATS, z=FLOATS, w=FLOATS)
+ORIENTATION = st.builds(OrientationNote, tick=INTS, t_ns=INTS, hand=HANDS, method=st.text(max_size=5),
+                        orientation=TURNS, std_rad=POINTS, gripper_rad=st.none() | FLOATS,
+                        gripper_std_rad=st.none() | FLOATS, step_ns=INTS)  # fmt: skip
 
 
 @settings(max_examples=40)
-@given(st.lists(ESTIMATE, max_size=8) | st.lists(FRESH_NOTE, max_size=8), st.integers(1, 3))
-def test_rows_come_back_as_they_went_in(notes: list[EstimateNote] | list[FreshNote], at_once: int) -> None:
+@given(
+    st.lists(ESTIMATE, max_size=8) | st.lists(FRESH_NOTE, max_size=8) | st.lists(ORIENTATION, max_size=8),
+    st.integers(1, 3),
+)
+def test_rows_come_back_as_they_went_in(
+    notes: list[EstimateNote] | list[FreshNote] | list[OrientationNote], at_once: int
+) -> None:
     model = type(notes[0]) if notes else EstimateNote
     expected = [json.loads(note.model_dump_json()) for note in notes]
     rows = Rows(model)
@@ -54,6 +63,20 @@ def test_points_and_flags_are_arrays() -> None:
     assert ticks[0]["due_ns"] == 1
 
 
+def test_quaternions_and_numbers_are_arrays() -> None:
+    rows = Rows(OrientationNote)
+    row = {"tick": 0, "t_ns": 0, "hand": "left", "method": "hold", "std_rad": None, "gripper_std_rad": None}
+    turn = {"x": 0.5, "y": -0.5, "z": 0.5, "w": 0.5}
+    rows.extend(
+        [{**row, "orientation": turn, "gripper_rad": 0.25}, {**row, "orientation": None, "gripper_rad": None}]
+    )
+    assert rows.column("orientation").tolist()[0] == [0.5, -0.5, 0.5, 0.5]
+    assert np.isnan(rows.column("orientation")[1]).all()
+    assert rows.column("gripper_rad")[0] == 0.25
+    assert np.isnan(rows.column("gripper_rad")[1])
+    assert np.isnan(rows.column("gripper_std_rad")).tolist() == [True, True]
+
+
 def test_fields_that_an_older_log_lacks_have_their_defaults() -> None:
     rows = Rows(FreshNote)
     rows.append({"tick": 3, "hand": "left", "key": "k", "seq": 4, "sample_ns": 5})
@@ -72,5 +95,6 @@ def test_records_of_another_version_are_refused_and_none_is_half_taken() -> None
 def test_only_flat_models_are_kept_as_columns() -> None:
     assert column_model(TICKS) is TickNote
     assert column_model(f"{ESTIMATES}/hold") is EstimateNote
+    assert column_model(f"{ORIENTATIONS}/hold") is OrientationNote
     assert column_model(FRESH) is FreshNote
     assert column_model("/tis/counters") is None

@@ -166,8 +166,9 @@ def test_in_topology_observer_the_page_says_whose_latency_it_is(tmp_path: Path) 
 def test_every_figure_says_what_to_see_and_has_words_for_a_screen_reader(minute: Path) -> None:
     page = (minute / "report.html").read_text()
     figures = re.findall(r'<figure aria-labelledby="[^"]+">(.*?)</figure>', page, re.DOTALL)
-    # two hands: position, error, age, path, set point, singular values, poles; delay, two distributions, losses
-    assert len(figures) == 2 * 7 + 4
+    # two hands: position, two errors, two ages, path, set point, singular values, poles; delay, two distributions,
+    # losses
+    assert len(figures) == 2 * 9 + 4
     for figure in figures:
         says = re.search(r'<figcaption><h3 id="[^"]+">[^<]+</h3><p>([^<]+)</p></figcaption>', figure)
         alt = re.search(r'role="group" aria-label="([^"]+)"', figure)

@@ -34,6 +34,8 @@ def summary() -> dict[str, Any]:
         "valid": True,
         "problems": [],
         "active_estimator": "innovations_kf",
+        "active_orientation": "tangent_ls",
+        "orientation_deg": {"left": {"tangent_ls": {"rms": 1.25, "ratio_to_hold": 0.61}}},
         "latency_ms": {
             "surgeon": _statistics(0.2, 0.4),
             "network": _statistics(40.1, 52.0),
@@ -69,6 +71,7 @@ def test_the_figures_stand_in_their_order(summary: dict[str, Any]) -> None:
         "  error         innovations_kf 0.500 mm (RMSE in 3D); repeating the newest",
         "                position (hold) 2.00 mm, 25 % of that",
         "  others, mm    velocity 0.750",
+        "  orientation   tangent_ls 1.25 deg (61 % of hold's)",
         "  ticks         600 at 30 Hz, 1 missed, 508 scored; the surgeon missed 2",
         "  network       faithful to the scenario",
         "  met           what surgeons accept",

@@ -27,6 +27,7 @@ def outcome_of(plan: Plan, hands: tuple[str, ...] = ("left", "right")) -> Outcom
                 "n_by_age": n_by_age.tolist(),
                 "age_sum_ns": n * 35_000_000,
                 "age_ns": {"17379": n} if n else {},
+                "orientation": {},
                 "estimators": {name: _sums(draw, n_by_age, name) for name in plan.estimators},
             }
         traffic = {"sent_packets": 60, "sent_bytes": 6000}

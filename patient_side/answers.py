@@ -1,0 +1,48 @@
+"""Messages and records of a hand's estimates."""
+
+from collections.abc import Sequence
+
+from common.channels import Channel
+from common.header import Header
+from common.messages import FeedbackPose, Vector3
+from common.node import Emission, Record
+from common.records import EstimateNote
+from patient_side.hand import PatientHand
+from patient_side.orientation.wrist import Wrist
+
+
+def answer(
+    session: str, hand: PatientHand, channel: Channel, where_m: Vector3, wrist: Wrist, k: int, t_ns: int, number: int
+) -> Emission:
+    """Return the message with a pose of the arm, estimated or measured, at tick ``k``; ``number`` is its own."""
+    key = channel.key(session)
+    message = FeedbackPose(
+        sample_ns=t_ns,
+        position_m=where_m,
+        orientation=wrist.orientation,
+        gripper_rad=wrist.gripper_rad,
+        tick=k,
+        command_sample_ns=None if hand.freshest is None else hand.freshest.sample_ns,
+    )
+    payload = message.model_dump_json().encode()
+
+    def on_sent(sent_ns: int) -> Sequence[Record]:
+        return (Record(key, sent_ns, payload, channel.payload, sent_ns, number),)
+
+    return Emission("east", key, payload, Header(number), on_sent)
+
+
+def estimate_record(
+    hand: PatientHand, i: int, k: int, t_ns: int, where_m: Vector3 | None, std_m: Vector3 | None, step_ns: int
+) -> Record:
+    """Return the record of the hand's estimator ``i`` at a tick."""
+    note = EstimateNote(
+        tick=k,
+        t_ns=t_ns,
+        hand=hand.channels.hand,
+        estimator=hand.estimators[i].name,
+        position_m=where_m,
+        std_m=std_m,
+        step_ns=step_ns,
+    )
+    return Record(hand.topics[i], t_ns, note)

@@ -1,0 +1,77 @@
+"""Operations on unit quaternions (x, y, z, w) for the ticks: a SciPy `Rotation` costs more than a whole estimate.
+
+q and -q are one orientation: rotations between two orientations are the shorter ones. Oracle of all: SciPy.
+"""
+
+from math import cos, sin, sqrt
+from typing import Final
+
+import numpy as np
+
+from patient_side.direct_model import Array
+
+_MIN_NORM: Final = 1e-6
+_SMALL: Final = 1e-7
+"""Half angle in rad below which a sine equals its angle to double precision."""
+_PLACE: Final = np.array([[3, 2, 1, 0], [2, 3, 0, 1], [1, 0, 3, 2], [0, 1, 2, 3]])
+_SIGN: Final = np.array(
+    [[1.0, 1.0, -1.0, -1.0], [-1.0, 1.0, 1.0, -1.0], [1.0, -1.0, 1.0, -1.0], [1.0, 1.0, 1.0, 1.0]]
+)
+"""Conjugate of a quaternion q times p: the matrix ``q[_PLACE] * _SIGN`` times p."""
+
+
+def unit(quaternion: tuple[float, float, float, float]) -> Array | None:
+    """Return the unit quaternion (4,) of the same orientation; None without one: its norm is 0 or not finite."""
+    x, y, z, w = quaternion
+    norm = sqrt(x * x + y * y + z * z + w * w)
+    return np.array([x / norm, y / norm, z / norm, w / norm]) if _MIN_NORM < norm < np.inf else None
+
+
+def turned(now: Array, other: Array) -> Array:
+    """Return the rotation vectors (..., 3), in rad, that turn ``now`` (..., 4) into ``other`` (..., 4).
+
+    ``log(R_now^-1 R_other)``: in the body frame of ``now``, of length 0 to pi. The shapes are broadcast.
+    """
+    # The conjugate of now times other, as a matrix times a vector: scalar part last.
+    between = np.einsum("...ij,...j->...i", now[..., _PLACE] * _SIGN, other)
+    vector, w = between[..., :3], between[..., 3]
+    # The sine of half the angle, floored where it equals the half angle to double precision.
+    sine = np.maximum(np.sqrt(np.einsum("...i,...i->...", vector, vector)), _SMALL)
+    factor = np.copysign(2.0 * np.arctan2(sine, np.abs(w)) / sine, w)
+    return np.asarray(vector * factor[..., None])
+
+
+def turned_by(quaternion: Array, vector: Array) -> Array:
+    """Return the orientation (4,) after the rotation ``vector`` (3,), in rad, in the body frame: ``R exp(v)``."""
+    x, y, z, w = quaternion.tolist()
+    a, b, c = vector.tolist()
+    half = 0.5 * sqrt(a * a + b * b + c * c)
+    share = 0.5 if half < _SMALL else 0.5 * sin(half) / half
+    a, b, c, d = share * a, share * b, share * c, cos(half)
+    turned_to = (
+        w * a + x * d + y * c - z * b,
+        w * b + y * d + z * a - x * c,
+        w * c + z * d + x * b - y * a,
+        w * d - x * a - y * b - z * c,
+    )
+    # one rounding per product: the length stays 1 over any number of turns
+    norm = sqrt(sum(part * part for part in turned_to))
+    return np.array([part / norm for part in turned_to])
+
+
+def at_end(vector: Array, covariance: Array) -> Array:
+    """Return a covariance (3, 3) of rotation vectors about ``vector`` (3,), in the body frame at its end, in rad^2.
+
+    ``exp(v)^-1 exp(v + e) = exp(J e)`` to first order, with the right Jacobian J of SO(3): Chirikjian, *Stochastic
+    Models, Information Theory, and Lie Groups* 2 (2012), 10.86. Oracle: differences of SciPy's rotations.
+    """
+    a, b, c = vector.tolist()
+    square = a * a + b * b + c * c
+    angle = sqrt(square)
+    if angle < 1e-4:  # to fourth order
+        first, second = 0.5 - square / 24.0, 1.0 / 6.0 - square / 120.0
+    else:
+        first, second = (1.0 - cos(angle)) / square, (angle - sin(angle)) / (angle * square)
+    cross = np.array([[0.0, -c, b], [c, 0.0, -a], [-b, a, 0.0]])
+    jacobian = np.eye(3) - first * cross + second * (cross @ cross)
+    return np.asarray(jacobian @ covariance @ jacobian.T)
