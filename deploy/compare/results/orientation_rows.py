@@ -7,7 +7,7 @@ import numpy as np
 
 from common.scenario.orientation import OrientationMethod
 from common.units import NS_PER_US
-from deploy.compare.cells.histogram import merged, percentile_ns
+from deploy.compare.cells.histogram import merged, percentile
 from deploy.compare.results.pooled import interval, resampled
 from patient_side.statespace import Array
 
@@ -58,7 +58,7 @@ def _row(by_person: Sequence[Hands], everything: Sequence[Mapping[str, Any]], na
     def total(count: str) -> int:
         return sum(int(entry[count]) for entry in entries)
 
-    times = {f"p{p}": percentile_ns(steps, p) for p in (50, 99)}
+    times = {f"p{p}": percentile(steps, p) for p in (50, 99)}
     return row | {
         "coverage_pct": _share_pct(total("n_covered"), total("n_ellipsoids")),
         "gripper_coverage_pct": _share_pct(total("n_gripper_covered"), total("n_gripper_intervals")),
