@@ -27,9 +27,6 @@ _USUAL: Final = (
 DEFAULT_METHODS: Final = tuple(name for name in _USUAL if is_built_in(name))
 """The yardstick, the linear estimators, and those of the paper's other columns, as far as there are any."""
 
-SEEDED: Final = ("cnn", "informer", "srlsmf", "srlsmf_l1", "transformer")
-"""Methods whose training begins with random numbers: their accuracy is that of several seeds."""
-
 
 @dataclass(frozen=True)
 class Extent:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from statistics import median
 from typing import Any, Final
 
-from deploy.methods.choice import SEEDED
+from common.scenario.estimator_names import is_learned
 from deploy.methods.measures.computing import Computed
 from deploy.methods.measures.error_growth import error_growth
 from deploy.methods.measures.plans import ALL, HOLD, OTHER_PERSON, OWN, Measure, loss_text, losses_of
@@ -29,7 +29,7 @@ def figures_of(computed: Computed, steps: Sequence[Stepped]) -> Figures:
     return {
         "method": method,
         "gaps": list(computed.gaps),
-        "n_seeds": computed.subject.extent.n_seeds if method in SEEDED else 1,
+        "n_seeds": computed.subject.extent.n_seeds if is_learned(method) else 1,
         "accuracy": [{"delay_ms": float(row["setting"]), **_scores(row)} for row in computed.rows("accuracy")],
         "loss": _loss(computed),
         "noise": _noise(computed, "noise"),

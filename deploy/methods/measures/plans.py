@@ -5,13 +5,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
+from common.scenario.estimator_names import is_learned
 from common.scenario.reading import build_scenario
 from deploy.compare.cells.cell import Cell, Training
-from deploy.compare.cells.digests import value_digest
 from deploy.compare.cells.identity import cell_of, dump, training_of, training_on
 from deploy.compare.grid import Point, Sweep, number_text
 from deploy.compare.plan import Plan, Request, make_plan
-from deploy.methods.choice import DELAY_MS, MEAN_BURST, RELIABILITY_NETWORK, SEEDED, Extent
+from deploy.methods.choice import DELAY_MS, MEAN_BURST, RELIABILITY_NETWORK, Extent
 from deploy.methods.measures.trials import Trials
 
 Measure = Literal["accuracy", "loss", "noise", "noise_trained", "reliability", "data", "size", "adaptability", "fast"]
@@ -110,22 +110,16 @@ def _planned(
 
 
 def _accuracy(subject: Subject, delays: Sweep) -> Plan:
-    """Return the plan on all trials; of a method that begins with random numbers, each seed trains anew."""
+    """Return the plan on all trials; a learned method, which draws random numbers, is trained with each seed."""
     extent = subject.extent
     trials = subject.trials.names if extent.n_people is None else subject.trials.few(extent.n_people)
-    n_seeds = extent.n_seeds if subject.method in SEEDED else 1
-    plan = _planned(subject, (_AT_DELAY,), (delays,), n_seeds, trials)
-    if n_seeds == 1:
-        return plan
-    trainings: dict[str, Training] = {}
-    cells = []
-    for cell in plan.cells:
-        base = _training(plan, cell)
-        digest = value_digest([base.digest, "seed", cell.scenario.seed])
-        training = replace(base, digest=digest, scenario=cell.scenario)
-        trainings.setdefault(digest, training)
-        cells.append(cell_of(cell.scenario, cell.setting, cell.trial, training, {}))
-    return replace(plan, trainings=trainings, cells=tuple(cells))
+    if not is_learned(subject.method):
+        return _planned(subject, (_AT_DELAY,), (delays,), trials=trials)
+    plans = [
+        _planned(subject, (_AT_DELAY, f"identification.learning.seed={1 + i}"), (delays,), trials=trials)
+        for i in range(extent.n_seeds)
+    ]
+    return merged(plans)
 
 
 def _data(subject: Subject) -> Plan:

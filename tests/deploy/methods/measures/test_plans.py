@@ -7,7 +7,6 @@ import pytest
 from deploy.compare.cells.cell import Training
 from deploy.compare.plan import Plan
 from deploy.methods.choice import QUICK, WHOLE
-from deploy.methods.measures import plans
 from deploy.methods.measures.plans import ALL, OTHER_PERSON, OWN, Measure, Subject, losses_of, merged, plans_of
 from deploy.methods.measures.trials import Trials
 
@@ -98,16 +97,16 @@ def test_the_size_of_the_models_follows_the_block_rows(planned: dict[Measure, Pl
     assert {name: (each.block_rows, each.order) for name, each in sizes.items()} == {"5": (5, 5), "10": (10, 10)}
 
 
-def test_a_method_that_begins_with_random_numbers_is_trained_anew_for_each_seed(
-    people: Trials, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(plans, "SEEDED", ("arx_kf",))
-    plan = plans_of(Subject("arx_kf", people, replace(EXTENT, n_seeds=3), 7))["accuracy"]
-    seeds = {(cell.trial[0], cell.scenario.seed): cell.training for cell in plan.cells}
-    assert {seed for _, seed in seeds} == {7, 8, 9}
-    assert len(set(seeds.values())) == len(seeds) == 9
-    for cell in plan.cells:
-        assert plan.trainings[cell.training or ""].scenario.seed == cell.scenario.seed
+def test_a_learned_method_is_trained_anew_for_each_seed(people: Trials) -> None:
+    plan = plans_of(Subject("gpr", people, replace(EXTENT, n_seeds=3), 7))["accuracy"]
+    trained = {
+        (cell.trial[0], plan.trainings[cell.training or ""].scenario.identification.learning.seed)
+        for cell in plan.cells
+    }
+    assert trained == {(who, seed) for who in "STU" for seed in (1, 2, 3)}
+    assert len(plan.trainings) == 9
+    assert {cell.setting for cell in plan.cells} == {"100", "500"}
+    assert len(plan.cells) == 2 * 3 * len(people.names)
 
 
 def test_every_training_names_its_method_and_each_unit_is_computed_once(planned: dict[Measure, Plan]) -> None:
