@@ -40,6 +40,7 @@ def result(trial: str, error_m: float, hold_m: float, n: int = 100) -> dict[str,
         "n_by_age": [n] + [0] * (len(AGE_EDGES_MS) - 1),
         "age_sum_ns": 0,
         "age_ns": {},
+        "orientation": {},
         "estimators": {"hold": entry(hold_m), METHOD: own},
     }
     return {
