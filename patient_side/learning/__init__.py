@@ -3,7 +3,8 @@
 Where to look:
 
 - what they learn from: `arrivals` (losses and delays that are drawn), `examples` (rows as a patient would see them);
-- `fit_network` (JAX and Optax), `fit_gpr`, `fit_srlsmf` (with `low_rank_plus_sparse`), scikit-learn for their scales;
+- `fit_network` on `gradient_steps` (JAX and Optax); `fit_gpr` and `fit_srlsmf` (on `low_rank_plus_sparse`), whose
+  scales `process_scales` finds (scikit-learn);
 - `calibration` of stated covariances on held-out errors;
 - the entry point, which adds the models to those of `patient_side.identification`: `train`.
 

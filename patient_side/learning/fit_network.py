@@ -1,35 +1,28 @@
 """Training of a network by Adam on drawn networks, with early stopping on people whom it has not seen.
 
-The loss is the negative logarithm of a normal density, with every term weighted by a power of its own variance
-(Seitzer et al. 2022, "On the pitfalls of heteroscedastic uncertainty estimation", beta = 0.5): otherwise what is hard
-to forecast is not learned. Each path is turned at random, for the hand has no preferred direction.
+Each path is turned at random, for the hand has no preferred direction.
 
 First one group of examples (people, or stretches of rows) is held out, and judged after each epoch; then a network
 learns from all of them for the best number of epochs.
 """
 
-from collections.abc import Callable, Mapping
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable
+from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from common.streams import Stream
-from patient_side.learned.inputs import Scaled, age_inputs, inputs_of
+from patient_side.learned.inputs import age_inputs, inputs_of
 from patient_side.learned.layers import Shapes
 from patient_side.learned.networks import Network
 from patient_side.learned_model import Floats, Singles, Weights
 from patient_side.learning.calibration import AGES, nearest_age
 from patient_side.learning.examples import Examples
+from patient_side.learning.gradient_steps import Batch, GradientSteps
+from patient_side.learning.turns import rotations
 
 BATCH: Final = 512
-_RATE: Final = 2e-3
-_LAST_RATE: Final = 1e-5
-_WARM_UP: Final = 0.05
-_DECAY: Final = 1e-2
-_LARGEST_GRADIENT: Final = 1.0
-_BETA: Final = 0.5
 _FIRST_OUTPUT: Final = 0.01
 _JUDGED_UP_TO: Final = 30.0
 """Age in steps: beyond a second next to nothing can be learned, and what is judged is chance."""
@@ -88,33 +81,8 @@ def train_network(
     people is worth more epochs. Training ends ``patience`` epochs after the lowest error. Equal examples and seeds
     give equal weights. Oracle in test_fit_network: circles, which the linear forecast does not know.
     """
-    import jax
-    import jax.numpy as jnp
-    import optax
-
     n_steps = max(1, len(examples) // BATCH)
-    schedule = optax.warmup_cosine_decay_schedule(
-        0.0, _RATE, round(_WARM_UP * n_steps * n_epochs) + 1, n_steps * n_epochs + 2, _LAST_RATE
-    )
-    optimiser = optax.chain(optax.clip_by_global_norm(_LARGEST_GRADIENT), optax.adamw(schedule, weight_decay=_DECAY))
-
-    def loss_of(weights: Any, batch: "_Batch") -> Any:
-        inputs = inputs_of(jnp, batch.window, zero_lost=network.zero_lost)
-        mean, log_deviation = network(jnp, weights, *inputs, batch.ages, batch.moves)
-        variance = jnp.exp(2.0 * log_deviation)
-        squares = ((batch.left - mean) ** 2).sum(axis=-1)
-        density = 0.5 * squares / variance + 3.0 * log_deviation
-        return (jax.lax.stop_gradient(variance) ** _BETA * density).mean()
-
-    def change(weights: Any, moments: Any, batch: "_Batch") -> Any:
-        loss, gradient = jax.value_and_grad(loss_of)(weights, batch)
-        by, moments = optimiser.update(gradient, moments, weights)
-        return optax.apply_updates(weights, by), moments, loss
-
-    step: Any = jax.jit(change)
-
-    weights: Any = {key: jnp.asarray(each) for key, each in first_weights(network.shapes, seed).items()}
-    moments = optimiser.init(weights)
+    steps = GradientSteps(network, first_weights(network.shapes, seed), n_steps * n_epochs)
     order, turns = Stream.named(seed, f"learning/{name}/order"), Stream.named(seed, f"learning/{name}/turns")
     errors: list[float] = []
     after: list[Weights] = []
@@ -124,18 +92,17 @@ def train_network(
         for k in range(n_steps):
             rows = chosen[k * BATCH : (k + 1) * BATCH]
             drawn = turns.uniforms(3 * (epoch * len(examples) + k * BATCH), 3 * len(rows)).reshape(-1, 3)
-            weights, moments, loss = step(weights, moments, _Batch.of(examples.rows(rows), rotations(drawn)))
-            losses.append(float(loss))
+            losses.append(steps.take(Batch.of(examples.rows(rows), rotations(drawn))))
         error = None
         if held is not None:
-            after.append(in_numpy(weights))
+            after.append(steps.weights)
             error = judge(network, after[-1], held).error_of(held)
             errors.append(error)
         progress(Epoch(name, epoch + 1, n_epochs, float(np.mean(losses)), error))
         if errors and epoch >= int(np.argmin(errors)) + patience:
             break
     if held is None:
-        return Trained(in_numpy(weights), np.empty(0), n_epochs)
+        return Trained(steps.weights, np.empty(0), n_epochs)
     best = int(np.flatnonzero(np.array(errors) <= _AS_GOOD * min(errors))[-1])
     return Trained(after[best], np.array(errors), best + 1)
 
@@ -152,11 +119,6 @@ def judge(network: Network, weights: Weights, examples: Examples) -> Judged:
     return Judged(np.concatenate(means), np.concatenate(deviations))
 
 
-def in_numpy(weights: Mapping[str, Any]) -> dict[str, Singles]:
-    """Return the weights as arrays of numpy in single precision."""
-    return {name: np.asarray(each, dtype=np.float32) for name, each in weights.items()}
-
-
 def first_weights(shapes: Shapes, seed: int) -> dict[str, Singles]:
     """Return the first weights: normal, of variance 1 / inputs (LeCun et al. 1998), and small in the last layer."""
     found = {}
@@ -169,33 +131,3 @@ def first_weights(shapes: Shapes, seed: int) -> dict[str, Singles]:
         scale = _FIRST_OUTPUT if name == "head.last.weight" else 1.0
         found[name] = (scale * drawn / np.sqrt(shape[0])).astype(np.float32)
     return found
-
-
-def rotations(drawn: Floats) -> Singles:
-    """Return rotation matrices (B, 3, 3), uniform over all, from uniforms (B, 3) (Shoemake 1992).
-
-    Oracle: they are orthogonal, of determinant 1, and turn a vector into every direction alike.
-    """
-    a, b = np.sqrt(1.0 - drawn[:, 0]), np.sqrt(drawn[:, 0])
-    s, t = 2.0 * np.pi * drawn[:, 1], 2.0 * np.pi * drawn[:, 2]
-    x, y, z, w = a * np.sin(s), a * np.cos(s), b * np.sin(t), b * np.cos(t)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0).astype(np.float32)
-
-
-class _Batch(NamedTuple):
-    """Examples as the loss reads them, each turned by a rotation of its own."""
-
-    window: Scaled
-    ages: Singles
-    moves: Singles
-    left: Singles
-
-    @classmethod
-    def of(cls, examples: Examples, turns: NDArray[np.float32]) -> "_Batch":
-        window = examples.window._replace(way=examples.window.way @ turns)
-        return cls(window, age_inputs(examples.ages), examples.moves @ turns, examples.left @ turns)

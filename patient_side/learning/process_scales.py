@@ -12,7 +12,7 @@ from common.streams import Stream
 from patient_side.learned.gaussian_process import AGES, GROUPS
 from patient_side.learned_model import Floats
 from patient_side.learning.examples import Examples
-from patient_side.learning.fit_network import rotations
+from patient_side.learning.turns import rotations
 
 _N_ROWS: Final = 400
 _MAX_ROUNDS: Final = 30

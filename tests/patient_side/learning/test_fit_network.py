@@ -4,17 +4,8 @@ import numpy as np
 import pytest
 
 from patient_side.learned.networks import NETWORKS
-from patient_side.learning.fit_network import Epoch, Judged, first_weights, judge, rotations, train_network
+from patient_side.learning.fit_network import Epoch, Judged, first_weights, judge, train_network
 from tests.patient_side.learning.tracks import some_examples
-
-
-def test_rotations_turn_and_nothing_else() -> None:
-    drawn = np.random.default_rng(0).random((2000, 3))
-    found = rotations(drawn).astype(float)
-    np.testing.assert_allclose(found @ found.transpose(0, 2, 1), np.broadcast_to(np.eye(3), found.shape), atol=1e-5)
-    np.testing.assert_allclose(np.linalg.det(found), 1.0, atol=1e-5)
-    np.testing.assert_allclose((found @ [0.0, 0.0, 1.0]).mean(axis=0), 0.0, atol=0.05)
-    np.testing.assert_allclose(((found @ [1.0, 0.0, 0.0]) ** 2).mean(axis=0), 1 / 3, atol=0.03)
 
 
 def test_first_weights_have_the_variance_of_their_inputs_and_repeat() -> None:
