@@ -28,7 +28,7 @@ _POLICY: Final = "default-src 'none'; script-src 'unsafe-inline'; style-src 'uns
 class Section:
     """A section; ``before`` and ``markup`` enclose its figures, of which a None had nothing to draw.
 
-    ``mark`` is shown beside the title, ``beside`` lets figures share a row.
+    ``mark`` is shown beside the title, ``beside`` lets figures share a row, ``nothing`` is the text without any.
     """
 
     anchor: str
@@ -38,6 +38,7 @@ class Section:
     before: str = ""
     mark: str = ""
     beside: bool = False
+    nothing: str = "Nothing to draw: the logs hold no data for it."
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,7 @@ def _section(section: Section, places: dict[int, str]) -> str:
     drawn = [figure for figure in section.figures if figure is not None]
     figures = "".join(_figure(figure, f"{section.anchor}-{i + 1}", places) for i, figure in enumerate(drawn))
     if section.figures and not (figures or section.markup or section.before):
-        figures = '<p class="note">Nothing to draw: the logs hold no data for it.</p>'
+        figures = f'<p class="note">{escape(section.nothing)}</p>'
     if section.beside and len(drawn) > 1:
         figures = f'<div class="figures">{figures}</div>'
     mark = f' <span class="tag open">{escape(section.mark)}</span>' if section.mark else ""

@@ -62,7 +62,7 @@ def sections(run: RunView) -> list[Section]:
         Section("error", "Error", errors, mark=run.mark),
         requirements_section(run),
         accuracy_section(run),
-        Section("safety", "What drove the arm", _safety(run, views, x_range), mark=run.mark),
+        _safety(run, views, x_range),
         Section("path", "The arm's movement", _movement(views, x_range, found), mark=run.mark),
         Section("delay", "Delay and loss", [delay_figure(links, x_range, spans)]),
         latency_section(run),
@@ -75,10 +75,14 @@ def sections(run: RunView) -> list[Section]:
     ]
 
 
-def _safety(run: RunView, views: Sequence[HandView], x_range: Range1d) -> list[Figure | None]:
+def _safety(run: RunView, views: Sequence[HandView], x_range: Range1d) -> Section:
     """Return for each hand the set point beside the estimate, where the safety state was not always tracking."""
-    each = ((view, set_points(run.logs, run.scenario, view.track, view.hand)) for view in views)
-    return [safety_figure(view, driven, x_range) for view, driven in each]
+    each = [(view, set_points(run.logs, run.scenario, view.track, view.hand)) for view in views]
+    figures = [safety_figure(view, driven, x_range) for view, driven in each]
+    nothing = "Nothing to draw: the logs hold no set points."
+    if any(driven is not None for _, driven in each):
+        nothing = "Nothing to draw: at every tick the active estimate drove the arm as it was."
+    return Section("safety", "What drove the arm", figures, mark=run.mark, nothing=nothing)
 
 
 def _movement(views: Sequence[HandView], x_range: Range1d, found: Sequence[Disturbance]) -> list[Figure | None]:
