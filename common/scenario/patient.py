@@ -178,7 +178,7 @@ class Identification(Part):
         untrained = [] if is_model_file(self.train) else [name for name in estimators if is_learned(name)]
         if untrained:
             rule = (
-                f"must be a model file in a live run with {' and '.join(untrained)}, which take minutes to train: "
+                f"must be a model file in a live run with {' and '.join(untrained)}, as training takes minutes: "
                 f"`tis identify --set identification.method={untrained[0]} --out FILE.safetensors`"
             )
             raise InputError(Fault("identification", "train", rule, self.train))

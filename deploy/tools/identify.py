@@ -112,7 +112,7 @@ def _check_options(
     identification, learned = scenario.identification, learned_names(scenario)
     faults = [] if out_file is None else _out_faults(identification, out_file, model_file, bool(learned))
     if out_file is None and model_file is None and learned:
-        rule = f"is needed, as {' and '.join(learned)} take minutes to train: a file that ends in .safetensors"
+        rule = f"is needed, as training {' and '.join(learned)} takes minutes: a file that ends in .safetensors"
         faults.append(Fault("tis identify", "--out", rule))
     faults += [] if figure_file is None else _figure_faults(figure_file, model_file)
     if model_file is None and identification.method == "narx":

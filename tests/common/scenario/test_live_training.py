@@ -11,8 +11,8 @@ def test_a_live_run_waits_for_no_training() -> None:
             Identification(train=train).check_for_live_runs(named)
         (fault,) = caught.value.faults
         assert str(fault) == (
-            "identification: train: must be a model file in a live run with cnn and gpr, which take minutes to "
-            "train: `tis identify --set identification.method=cnn --out FILE.safetensors` "
+            "identification: train: must be a model file in a live run with cnn and gpr, as training takes "
+            "minutes: `tis identify --set identification.method=cnn --out FILE.safetensors` "
             f"(got '{train}')"
         )
         Identification(train=train).check_for_live_runs(["hold", "innovations_kf"])

@@ -39,7 +39,7 @@ def test_a_model_is_described_by_its_training() -> None:
 @pytest.mark.parametrize(
     ("out", "fault"),
     [
-        ([], "--out: is needed, as cnn take minutes to train"),
+        ([], "--out: is needed, as training cnn takes minutes"),
         (["--out", "m.json"], "--out: must end in .safetensors, as learned models have weights"),
     ],
 )
