@@ -60,13 +60,16 @@ class _Attempts:
     stage: Stage
     warnings: list[str] = field(default_factory=list)
 
-    def fit(self, name: EstimatorName, fit: Callable[[], Model]) -> Model | None:
-        """Return the model for an estimator; raises `DataError` where it is wanted and cannot be fitted."""
+    def fit(self, name: EstimatorName, fit: Callable[[], Model], *, slow: bool = False) -> Model | None:
+        """Return the model for an estimator; raises `DataError` where it is wanted and cannot be fitted.
+
+        A ``slow`` fit, of several seconds, is not tried for user-defined estimators.
+        """
         if self.wanted is not None and name in self.wanted:
             with self.stage(name):
                 return fit()
         # A user-defined estimator may use any model, so all are tried for it.
-        if self.wanted is not None and not any(map(is_user_defined, self.wanted)):
+        if self.wanted is not None and (slow or not any(map(is_user_defined, self.wanted))):
             return None
         try:
             with self.stage(name):
@@ -121,7 +124,11 @@ def fit_companions(
         autoregression,
         attempts.fit("direct_ls", lambda: fit_direct([y for _, y in training.trials], training.rate_hz)),
         paper,
-        attempts.fit("drmf", lambda: fit_drmf([y for _, y in training.trials], training.rate_hz, training.people)),
+        attempts.fit(
+            "drmf",
+            lambda: fit_drmf([y for _, y in training.trials], training.rate_hz, training.people),
+            slow=True,
+        ),
         wrist,
         tuple(attempts.warnings),
     )

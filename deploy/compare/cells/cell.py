@@ -91,16 +91,16 @@ def train(training: Training) -> tuple[dict[str, Any], bytes]:
     trainings = load_training(scenario, recording) if named is None else load_trials(scenario, recording, named)
     own = own_estimators(scenario)
     watch = FitTimes()
-    begun_s, begun_process_s = time.thread_time(), time.process_time()
+    begun_s = time.process_time()
     models = identify_models(scenario, recording, trainings, watch.stage)
-    all_s, process_s = time.thread_time() - begun_s, time.process_time() - begun_process_s
+    all_s = time.process_time() - begun_s
     check_own(factories(own), models)
     # A user-defined estimator gets all models, and which of them it uses is unknown.
     timed = [name for name in scenario.estimators if name not in own] if training.timed else []
     times_s = {name: watch.alone_s(name, all_s) for name in timed}
     about = {
         "train_s": times_s,
-        "process_s": process_s,  # all threads of the process, some of which may do other work
+        "process_s": all_s,  # all threads of the process, some of which may do other work
         "n_rows": sum(len(rows) for rows in trainings),
         "models": [
             {"hand": model.hand, "method": model.method, "order": model.order, "static": model.static}

@@ -15,7 +15,7 @@ _MODEL_OF: Final = {"paper_as_printed": "paper", "adaptive_kf": "innovations_kf"
 
 
 class FitTimes:
-    """CPU time of this thread in the fits for single estimators."""
+    """CPU time of the process in the fits for single estimators: networks are trained by several threads."""
 
     def __init__(self) -> None:
         self.fits_s: defaultdict[str, float] = defaultdict(float)
@@ -23,11 +23,11 @@ class FitTimes:
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Add the time of the context to the estimator's, also where the fit fails."""
-        begun_s = time.thread_time()
+        begun_s = time.process_time()
         try:
             yield
         finally:
-            self.fits_s[name] += time.thread_time() - begun_s
+            self.fits_s[name] += time.process_time() - begun_s
 
     def alone_s(self, name: str, all_s: float) -> float:
         """Return the time for one estimator alone, of ``all_s`` that the identification took for all of them."""

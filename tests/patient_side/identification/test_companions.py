@@ -55,7 +55,8 @@ def test_what_the_rows_do_not_allow_is_an_error_where_wanted_and_else_a_warning(
 
 def test_a_user_defined_estimator_gets_all_models_and_wanted_ones_stay_required() -> None:
     found = fit_companions(training(600, static=True), Identification(), {"hold", "lab:F"})
-    assert None not in (found.innovations, found.n4sid, found.arx, found.autoregression, found.direct, found.drmf)
+    assert None not in (found.innovations, found.n4sid, found.arx, found.autoregression, found.direct)
+    assert found.drmf is None  # its fit takes seconds
     short = training(150, static=True)
     found = fit_companions(short, Identification(), {"hold", "lab:F"})
     assert (found.n4sid, found.direct is None) == (None, False)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from common.channels import Hand
+from common.scenario.estimator_names import NAMES, is_learned
 from common.scenario.patient import Identification
 from common.sources.trajectory import Recording
 from patient_side.identification import companions, identify
@@ -17,6 +18,7 @@ from patient_side.identification.identify import identify_arm, identify_hands
 from tests.patient_side.identification.known_systems import ONE_LAG, Array, hand_like, recording
 
 HANDS: Final[tuple[Hand, ...]] = ("left", "right")
+QUICK: Final = tuple(name for name in NAMES if name != "drmf" and not is_learned(name))
 
 
 def pair(seed: int, at_m: float, gain: float = 1.0) -> tuple[Array, Array]:
@@ -53,10 +55,10 @@ def assert_same(one: Any, other: Any, where: str = "model") -> None:
 @pytest.mark.parametrize("method", ["moesp", "moesp_paper", "arx"])
 def test_each_hand_gets_the_model_that_it_has_on_its_own(train: str, method: str) -> None:
     made, identification = trials(), of(train, method=method)
-    together = identify_hands(made, HANDS, identification, "p", None)
+    together = identify_hands(made, HANDS, identification, "p", QUICK)
     for hand, found in zip(HANDS, together, strict=True):
         assert found.model.hand == hand
-        assert_same(found.model, identify_arm(made, hand, identification, "p", None))
+        assert_same(found.model, identify_arm(made, hand, identification, "p", QUICK))
     left, right = (found.model for found in together)
     assert left.arx is not None
     assert right.arx is not None
