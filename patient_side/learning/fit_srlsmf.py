@@ -16,8 +16,8 @@ from common.streams import Stream
 from patient_side.learned.gaussian_process import AGES, features_of, kernel
 from patient_side.learned_model import Floats, Singles
 from patient_side.learning.examples import Examples
-from patient_side.learning.fit_gpr import best_ratios
 from patient_side.learning.low_rank_plus_sparse import Kind, LowRankPlusSparse, decompose
+from patient_side.learning.process_noise import Noise, noise_on
 from patient_side.learning.process_scales import chosen_rows
 
 N_POINTS: Final = 2000
@@ -28,11 +28,14 @@ _TOLERANCE: Final = 1e-4
 _MAX_ROUNDS: Final = 300
 
 
-def fit_srlsmf(examples: Examples, held: Examples | None, scale: Floats, seed: int, kind: Kind) -> dict[str, Singles]:
-    """Return the weights of a process with the inverse length scales ``scale`` (F,), on a kernel of that ``kind``.
+def fit_srlsmf(
+    examples: Examples, judged: Examples, scale: Floats, seed: int, kind: Kind, noise: Noise | None = None
+) -> tuple[dict[str, Singles], Noise]:
+    """Return the weights of a process with the inverse length scales ``scale`` (F,), and its noise.
 
-    The noise is that of the examples ``held``, of the training rows' own where there are none. Oracles in
-    test_fit_srlsmf: numpy's solution with the same matrix, and the exact process where the rank is full.
+    The kernel is factorised in the way ``kind``. The ``noise`` is chosen on the examples ``judged`` unless it is
+    given, as it must be where ``examples`` hold them. Oracles in test_fit_srlsmf: numpy's solution with the same
+    matrix, and the exact process where the rank is full.
     """
     features = features_of(examples.window)
     rows = chosen_rows(len(features), N_POINTS, Stream.named(seed, "learning/srlsmf/points"))
@@ -48,10 +51,10 @@ def fit_srlsmf(examples: Examples, held: Examples | None, scale: Floats, seed: i
                 solved[each] = coefficients(found, each, left)
         return np.array([solved[each][a] for a, each in enumerate(ratio.tolist())])
 
-    judged = examples if held is None else held
-    ratio, squares = best_ratios(kernel(features_of(judged.window) * scale, points), mean_of, judged)
-    weights = {"points": points, "scale": scale, "mean": mean_of(ratio), "noise": squares}
-    return {name: each.astype(np.float32) for name, each in weights.items()}
+    if noise is None:
+        noise = noise_on(kernel(features_of(judged.window) * scale, points), mean_of, judged)
+    weights = {"points": points, "scale": scale, "mean": mean_of(noise.ratio), "noise": noise.squares}
+    return {name: each.astype(np.float32) for name, each in weights.items()}, noise
 
 
 def coefficients(matrix: LowRankPlusSparse, ratio: float, left: Floats) -> Floats:

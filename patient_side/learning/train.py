@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from patient_side.learning.fit_gpr import fit_gpr
 from patient_side.learning.fit_network import Epoch, Judged, judge, train_network
 from patient_side.learning.fit_srlsmf import fit_srlsmf
 from patient_side.learning.held_out import grouped, held_out, is_in
+from patient_side.learning.process_noise import Noise
 from patient_side.learning.process_scales import inverse_lengths, turned
 from patient_side.statespace import ArmModel
 
@@ -98,12 +99,11 @@ def with_learned(
         if is_pooled and found:
             found.append(replace(model, learned=found[0].learned))
             continue
-        linear = linear_forecast(model)
-        tracks = _tracks(model, trainings, identification, is_pooled)
+        rows = _Rows(linear_forecast(model), _tracks(model, trainings, identification, is_pooled), identification)
         learned = []
         for name in names:
             with stage(name):
-                learned.append(_learned(name, tracks, linear, identification.learning, progress))
+                learned.append(_learned(name, rows, identification.learning, progress))
         found.append(replace(model, learned=tuple(learned)))
     return tuple(found)
 
@@ -117,37 +117,64 @@ def _tracks(
     return grouped(tracks, rows.people, rows.labels)
 
 
-def _learned(
-    name: LearnedName, tracks: Sequence[Track], linear: InnovationsKf, learning: Learning, progress: Progress
-) -> LearnedModel:
-    stride = stride_of(linear.model.rate_hz)
-    increments = np.concatenate([track.position_m[stride:] - track.position_m[:-stride] for track in tracks])
-    usual_m = float(np.sqrt(np.mean(np.sum(increments**2, axis=1))))
-    spread_rad = float(np.std(np.concatenate([track.gripper_rad for track in tracks])))
-    is_network = name in NETWORKS
-    examples = examples_of(
-        tracks, linear, usual_m, spread_rad, learning.seed, learning.passes, None if is_network else AGES
-    )
-    # The groups on which training is judged; with a single one, the rows' own errors are all there is.
-    held_names = held_out(examples.names, learning.seed)
-    chosen = is_in(examples.groups, examples.names, held_names)
-    seen, held = examples.rows(np.flatnonzero(~chosen)), examples.rows(np.flatnonzero(chosen))
-    if not len(held) or not len(seen):
-        seen, held, held_names = examples, examples, ()
-    train = _train_network if is_network else _train_process
-    weights, judged, errors, best = train(name, examples, seen, held, learning, progress)
+class _Rows:
+    """The training rows of one model, in their units; examples are made once for all methods of a kind."""
+
+    def __init__(self, linear: InnovationsKf, tracks: Sequence[Track], identification: Identification) -> None:
+        stride = stride_of(linear.model.rate_hz)
+        increments = np.concatenate([track.position_m[stride:] - track.position_m[:-stride] for track in tracks])
+        self.usual_m = float(np.sqrt(np.mean(np.sum(increments**2, axis=1))))
+        self.spread_rad = float(np.std(np.concatenate([track.gripper_rad for track in tracks])))
+        self._linear, self._tracks, self._learning = linear, tracks, identification.learning
+        self._made: dict[bool, _Judged] = {}
+
+    def of(self, name: LearnedName) -> "_Judged":
+        """Return the examples for a method: networks read drawn ages, processes those of their outputs."""
+        is_network = name in NETWORKS
+        if is_network not in self._made:
+            seed, n_passes, ages = self._learning.seed, self._learning.passes, None if is_network else AGES
+            whole = examples_of(self._tracks, self._linear, self.usual_m, self.spread_rad, seed, n_passes, ages)
+            self._made[is_network] = _Judged.of(whole, seed)
+        return self._made[is_network]
+
+
+class _Judged(NamedTuple):
+    """All examples; those to learn from at first; those of the groups ``names``, on which that is judged.
+
+    With a single group, the rows' own errors are all there is: then all three are the same.
+    """
+
+    whole: Examples
+    seen: Examples
+    held: Examples
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, whole: Examples, seed: int) -> "_Judged":
+        names = held_out(whole.names, seed)
+        chosen = is_in(whole.groups, whole.names, names)
+        if chosen.all() or not chosen.any():
+            return cls(whole, whole, whole, ())
+        return cls(whole, whole.rows(np.flatnonzero(~chosen)), whole.rows(np.flatnonzero(chosen)), names)
+
+
+def _learned(name: LearnedName, rows: _Rows, learning: Learning, progress: Progress) -> LearnedModel:
+    examples = rows.of(name)
+    train = _train_network if name in NETWORKS else _train_process
+    weights, judged, errors, best = train(name, examples, learning, progress)
+    held = examples.held
     share = calibration.mean_share(judged.mean, held)
     left = held.left - calibration.shared(judged.mean, share, held.ages)
     return LearnedModel(
         method=name,
         version=VERSION,
-        usual_m=usual_m,
-        gripper_spread_rad=spread_rad,
+        usual_m=rows.usual_m,
+        gripper_spread_rad=rows.spread_rad,
         scale_ages=calibration.AGES,
         mean_share=share,
         covariance_scale=calibration.covariance_scale(left, judged.log_deviation, held),
         weights=weights,
-        training=Training(learning.seed, len(examples), held_names, best, errors),
+        training=Training(learning.seed, len(examples.whole), examples.names, best, errors),
     )
 
 
@@ -155,34 +182,31 @@ _Trained = tuple[dict[str, Singles], Judged, Floats, int]
 """Weights of all examples; the answers of those without the held-out ones; held-out errors; number of epochs."""
 
 
-def _train_network(
-    name: LearnedName, examples: Examples, seen: Examples, held: Examples, learning: Learning, progress: Progress
-) -> _Trained:
-    network, seed = NETWORKS[name], learning.seed
-    first = train_network(name, network, seen, held, seed, learning.epochs, learning.patience, progress)
+def _train_network(name: LearnedName, examples: _Judged, learning: Learning, progress: Progress) -> _Trained:
+    network, seed, held = NETWORKS[name], learning.seed, examples.held
+    first = train_network(name, network, examples.seen, held, seed, learning.epochs, learning.patience, progress)
     judged = judge(network, first.weights, held)
-    if seen is held:
+    if examples.seen is held:
         return dict(first.weights), judged, first.errors, first.best
-    whole = train_network(name, network, examples, None, seed, first.best, first.best, progress)
+    whole = train_network(name, network, examples.whole, None, seed, first.best, first.best, progress)
     return dict(whole.weights), judged, first.errors, first.best
 
 
-def _train_process(
-    name: LearnedName, examples: Examples, seen: Examples, held: Examples, learning: Learning, progress: Progress
-) -> _Trained:
-    seed = learning.seed
-    rows = turned(seen, seed)
-    scale = inverse_lengths(features_of(rows.window), rows.left.astype(float), seed)
+def _train_process(name: LearnedName, examples: _Judged, learning: Learning, progress: Progress) -> _Trained:
+    seed, held = learning.seed, examples.held
+    seen = turned(examples.seen, seed)
+    scale = inverse_lengths(features_of(seen.window), seen.left.astype(float), seed)
 
-    def fit(rows: Examples) -> dict[str, Singles]:
+    def fit(rows: Examples, noise: Noise | None = None) -> tuple[dict[str, Singles], Noise]:
         if name == "gpr":
-            return fit_gpr(rows, held, scale, seed)
-        return fit_srlsmf(rows, held, scale, seed, "largest" if name == "srlsmf" else "shrunk")
+            return fit_gpr(rows, held, scale, seed, noise)
+        return fit_srlsmf(rows, held, scale, seed, "largest" if name == "srlsmf" else "shrunk", noise)
 
-    weights = fit(rows)
+    weights, noise = fit(seen)
     mean, deviation = outputs(weights, features_of(held.window))
     judged = Judged(mean, np.log(deviation))
     error = judged.error_of(held)
     progress(Epoch(name, 1, 1, float("nan"), error))
-    whole = weights if seen is held else fit(turned(examples, seed))
+    # From here on the held-out rows are known: the noise stays that of unknown ones.
+    whole = weights if examples.seen is held else fit(turned(examples.whole, seed), noise)[0]
     return whole, judged, np.array([error]), 1

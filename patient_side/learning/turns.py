@@ -1,6 +1,7 @@
 """Random rotations of examples: the hand has no preferred direction."""
 
 import numpy as np
+import scipy
 
 from patient_side.learned_model import Floats, Singles
 
@@ -12,10 +13,5 @@ def rotations(drawn: Floats) -> Singles:
     """
     a, b = np.sqrt(1.0 - drawn[:, 0]), np.sqrt(drawn[:, 0])
     s, t = 2.0 * np.pi * drawn[:, 1], 2.0 * np.pi * drawn[:, 2]
-    x, y, z, w = a * np.sin(s), a * np.cos(s), b * np.sin(t), b * np.cos(t)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0).astype(np.float32)
+    quaternions = np.column_stack([a * np.sin(s), a * np.cos(s), b * np.sin(t), b * np.cos(t)])
+    return np.asarray(scipy.spatial.transform.Rotation.from_quat(quaternions).as_matrix(), dtype=np.float32)

@@ -10,7 +10,6 @@ from patient_side.estimators.learned_forecast import LearnedForecast, learned_fo
 from patient_side.learned.inputs import activity_of
 from patient_side.learned.predictor import predictor_of
 from patient_side.learned.window import window_of_rows
-from patient_side.learned_model import LearnedModel
 from patient_side.playout import Playout
 from patient_side.statespace import ArmModel
 from tests.patient_side.arm_models import RATE_HZ, static_model
@@ -107,8 +106,3 @@ def test_beyond_five_seconds_what_is_added_stays() -> None:
         for age in (151, 400)
     ]
     np.testing.assert_allclose(found[0], found[1], atol=1e-6)  # type: ignore[arg-type]
-
-
-def test_a_model_is_plain_data() -> None:
-    model: LearnedModel = learned_model("cnn")
-    assert all(weight.dtype == np.float32 for weight in model.weights.values())

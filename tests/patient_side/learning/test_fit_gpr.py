@@ -6,7 +6,8 @@ import pytest
 from patient_side.learned.gaussian_process import AGES, N_FEATURES, features_of, kernel, outputs
 from patient_side.learning import fit_gpr as module
 from patient_side.learning.examples import examples_of
-from patient_side.learning.fit_gpr import best_ratios, fit_gpr, whiten
+from patient_side.learning.fit_gpr import fit_gpr, whiten
+from patient_side.learning.process_noise import noise_on
 from tests.patient_side.learning.tracks import SPREAD_RAD, USUAL_M, linear, turning
 
 SCALE = np.full(N_FEATURES, 0.2)
@@ -36,7 +37,7 @@ def test_circles_are_learned_and_the_stated_deviation_is_that_of_the_errors(monk
         examples_of([turning(i, 500, "A") for i in seeds], linear(), USUAL_M, SPREAD_RAD, 1, 2, AGES)
         for seeds in (range(4), range(4, 6))
     )
-    weights = fit_gpr(seen, held, SCALE, 1)
+    weights, _ = fit_gpr(seen, held, SCALE, 1)
     mean, deviation = outputs(weights, features_of(held.window))
     near = AGES <= 15
     left, before = (np.mean((each) ** 2, axis=(0, 2))[near] for each in (held.left - mean, held.left))
@@ -53,8 +54,20 @@ def test_what_cannot_be_learned_is_left_alone() -> None:
     whitened = whiten(x[:50], x, rng.normal(size=(300, len(AGES), 3)))
     z = kernel(x[: len(examples)], x[:50]) @ whitened.root.T
 
-    ratio, squares = best_ratios(
+    ratio, squares = noise_on(
         z, whitened.mean, replace(examples.rows(np.arange(len(z))), left=noise[: len(z)].astype(np.float32))
     )
     assert np.median(ratio) >= 100.0
     np.testing.assert_allclose(squares, 1.0, atol=0.2)
+
+
+def test_with_all_rows_as_points_it_is_scikit_learns_regressor() -> None:
+    gaussian_process = pytest.importorskip("sklearn.gaussian_process", reason="needs the extra learned")
+    rng = np.random.default_rng(3)
+    x, y, new = 0.7 * rng.normal(size=(40, 6)), rng.normal(size=(40, 2, 3)), 0.7 * rng.normal(size=(5, 6))
+    kernel_1 = gaussian_process.kernels.RBF(1.0, "fixed")
+    theirs = gaussian_process.GaussianProcessRegressor(kernel_1, alpha=3.0, optimizer=None).fit(x, y.reshape(40, -1))
+    whitened = whiten(x, x, y)
+    z = kernel(new, x) @ whitened.root.T
+    ours = np.einsum("bm,amc->bac", z, whitened.mean(np.full(2, 3.0)))
+    np.testing.assert_allclose(ours.reshape(5, -1), theirs.predict(new), atol=2e-3)

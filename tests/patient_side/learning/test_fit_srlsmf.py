@@ -40,7 +40,7 @@ def test_circles_are_learned(kind: Kind, monkeypatch: pytest.MonkeyPatch) -> Non
         examples_of([turning(i, 500, "A") for i in seeds], linear(), USUAL_M, SPREAD_RAD, 1, 1, AGES)
         for seeds in (range(4), range(4, 6))
     )
-    weights = fit_srlsmf(seen, held, SCALE, 1, kind)
+    weights, _ = fit_srlsmf(seen, held, SCALE, 1, kind)
     assert weights["points"].shape == (300, N_FEATURES)
     mean, deviation = outputs(weights, features_of(held.window))
     near = AGES <= 15

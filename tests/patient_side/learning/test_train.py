@@ -1,3 +1,4 @@
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -12,8 +13,13 @@ from common.sources.trajectory import HandRecording, PoseTrack, Recording
 from patient_side.estimators.learned_forecast import learned_forecast
 from patient_side.identification.identify import identify_hands
 from patient_side.identification.model_io import dump_models
+from patient_side.learned.gaussian_process import N_FEATURES
+from patient_side.learned_model import Floats
+from patient_side.learning import fit_gpr, fit_srlsmf
 from patient_side.learning import train as module
+from patient_side.learning.examples import Examples
 from patient_side.learning.fit_network import Epoch
+from patient_side.learning.process_noise import Noise, noise_on
 from patient_side.learning.train import with_learned
 from patient_side.statespace import ArmModel
 from tests.patient_side.learned.models import LEARNED, learned_model
@@ -103,3 +109,20 @@ def test_models_with_weights_are_stored_once_for_both_hands(linear: list[ArmMode
     own = [replace(each, learned=(learned_model("cnn", seed),)) for seed, each in enumerate(linear)]
     n_bytes = 4 * sum(weight.size for weight in learned[0].weights.values())
     assert len(dump_models(own)) - len(shared) > 0.95 * n_bytes
+
+
+@pytest.mark.parametrize("name", ["gpr", "srlsmf"])
+def test_the_noise_of_a_process_is_chosen_on_rows_that_it_has_not_learned_from(
+    name: LearnedName, linear: list[ArmModel], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "inverse_lengths", lambda *_: np.full(N_FEATURES, 0.2))
+    seen: list[set[int]] = []
+
+    def spied(z: Floats, mean_of: Callable[[Floats], Floats], judged: Examples) -> Noise:
+        seen.append(set(judged.groups.tolist()))
+        return noise_on(z, mean_of, judged)
+
+    monkeypatch.setattr(fit_gpr if name == "gpr" else fit_srlsmf, "noise_on", spied)
+    found = with_learned(linear, RECORDINGS, OTHERS, [name])[0].learned[0]
+    assert seen == [{1}]  # once, on B alone, who is held out
+    assert found.training.held_out == ("B",)
