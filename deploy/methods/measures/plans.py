@@ -48,13 +48,17 @@ def plans_of(subject: Subject) -> dict[Measure, Plan]:
     extent = subject.extent
     delays = Sweep("network.forward.delay.delay_ms", tuple(number_text(each) for each in extent.delays_ms))
     sent = Sweep("surgeon.sensor_noise_mm", tuple(number_text(each) for each in extent.noises_mm))
-    trained = Sweep("identification.sensor_noise_mm", sent.values)
+    noisy = _noises_trained(subject)
     losses = Sweep("network.forward.loss", tuple(loss_text(*each) for each in losses_of(extent)))
     plans: dict[Measure, Plan] = {
         "accuracy": _accuracy(subject, delays),
         "loss": _planned(subject, (_AT_DELAY,), (losses,)),
         "noise": _planned(subject, (_AT_DELAY,), (sent,)),
-        "noise_trained": _planned(subject, (_AT_DELAY,), (sent, trained)),
+        "noise_trained": _planned(
+            subject,
+            (_AT_DELAY,),
+            (Sweep("surgeon.sensor_noise_mm", noisy), Sweep("identification.sensor_noise_mm", noisy)),
+        ),
         "reliability": _planned(subject, (RELIABILITY_NETWORK,), n_seeds=extent.n_seeds),
         "data": _data(subject),
         "size": _size(subject),
@@ -62,6 +66,12 @@ def plans_of(subject: Subject) -> dict[Measure, Plan]:
         "fast": _fast(subject),
     }
     return {measure: _named(plan, subject.method) for measure, plan in plans.items()}
+
+
+def _noises_trained(subject: Subject) -> tuple[str, ...]:
+    """Return the noises, in mm, that models are trained with; learned ones, which take minutes, with two of them."""
+    noises = subject.extent.noises_mm
+    return tuple(map(number_text, (noises[0], noises[-1]) if is_learned(subject.method) else noises))
 
 
 def losses_of(extent: Extent) -> list[tuple[float, bool]]:

@@ -109,6 +109,17 @@ def test_a_learned_method_is_trained_anew_for_each_seed(people: Trials) -> None:
     assert len(plan.cells) == 2 * 3 * len(people.names)
 
 
+def test_a_learned_method_is_trained_with_the_greatest_noise_only(people: Trials) -> None:
+    extent = replace(EXTENT, noises_mm=(0, 1, 2))
+    plans = plans_of(Subject("gpr", people, extent, 7))
+    found = {
+        (cell.scenario.surgeon.sensor_noise_mm, cell.scenario.identification.sensor_noise_mm)
+        for cell in plans["noise_trained"].cells
+    }
+    assert found == {(0.0, 0.0), (2.0, 2.0)}
+    assert {cell.scenario.surgeon.sensor_noise_mm for cell in plans["noise"].cells} == {0.0, 1.0, 2.0}
+
+
 def test_every_training_names_its_method_and_each_unit_is_computed_once(planned: dict[Measure, Plan]) -> None:
     whole = merged(list(planned.values()))
     assert all(training.label.startswith("arx_kf, ") for training in whole.trainings.values())
