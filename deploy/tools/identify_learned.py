@@ -18,8 +18,11 @@ def learned_names(scenario: Scenario) -> list[LearnedName]:
 def print_epoch(epoch: Epoch, err: Console) -> None:
     """Print the state of training after an epoch."""
     stage = "all examples" if epoch.error is None else "without those held out"
-    judged = "" if epoch.error is None else f", {epoch.error:.3f} of the linear forecast's error on those held out"
-    text = f"{epoch.method}, {stage}: epoch {epoch.number} of {epoch.n_epochs}{judged}"
+    judged = "" if epoch.error is None else f", on those held out {epoch.error:.3f}"
+    text = (
+        f"{epoch.method}, {stage}: epoch {epoch.number} of {epoch.n_epochs}, {epoch.learned:.3f} of the linear "
+        f"forecast's error on those learned{judged}"
+    )
     err.print(escape(text), style="dim", soft_wrap=True)
 
 

@@ -60,18 +60,17 @@ class GradientSteps:
             return (jax.lax.stop_gradient(variance) ** _BETA * density).mean()
 
         def step(weights: Any, moments: Any, batch: Batch) -> Any:
-            loss, gradient = jax.value_and_grad(loss_of)(weights, batch)
+            gradient = jax.grad(loss_of)(weights, batch)
             change, moments = optimiser.update(gradient, moments, weights)
-            return optax.apply_updates(weights, change), moments, loss
+            return optax.apply_updates(weights, change), moments
 
         self._step: Any = jax.jit(step)
         self._weights: Any = {name: jnp.asarray(each) for name, each in first.items()}
         self._moments = optimiser.init(self._weights)
 
-    def take(self, batch: Batch) -> float:
-        """Take a step, and return the loss before it."""
-        self._weights, self._moments, loss = self._step(self._weights, self._moments, batch)
-        return float(loss)
+    def take(self, batch: Batch) -> None:
+        """Take a step."""
+        self._weights, self._moments = self._step(self._weights, self._moments, batch)
 
     @property
     def weights(self) -> dict[str, Singles]:

@@ -24,7 +24,7 @@ from patient_side.learned_model import VERSION, Floats, LearnedModel, Singles, T
 from patient_side.learning import calibration
 from patient_side.learning.examples import Examples, Track, examples_of
 from patient_side.learning.fit_gpr import fit_gpr
-from patient_side.learning.fit_network import Epoch, Judged, judge, train_network
+from patient_side.learning.fit_network import Epoch, Judged, judge, some_of, train_network
 from patient_side.learning.fit_srlsmf import fit_srlsmf
 from patient_side.learning.held_out import grouped, held_out, is_in
 from patient_side.learning.process_noise import Noise
@@ -195,6 +195,7 @@ def _train_network(name: LearnedName, examples: _Judged, learning: Learning, pro
 def _train_process(name: LearnedName, examples: _Judged, learning: Learning, progress: Progress) -> _Trained:
     seed, held = learning.seed, examples.held
     seen = turned(examples.seen, seed)
+    watched = some_of(seen)
     scale = inverse_lengths(features_of(seen.window), seen.left.astype(float), seed)
 
     def fit(rows: Examples, noise: Noise | None = None) -> tuple[dict[str, Singles], Noise]:
@@ -206,7 +207,9 @@ def _train_process(name: LearnedName, examples: _Judged, learning: Learning, pro
     mean, deviation = outputs(weights, features_of(held.window))
     judged = Judged(mean, np.log(deviation))
     error = judged.error_of(held)
-    progress(Epoch(name, 1, 1, float("nan"), error))
+    of_seen = outputs(weights, features_of(watched.window))
+    learned = Judged(of_seen[0], np.log(of_seen[1])).error_of(watched)
+    progress(Epoch(name, 1, 1, learned, error))
     # From here on the held-out rows are known: the noise stays that of unknown ones.
     whole = weights if examples.seen is held else fit(turned(examples.whole, seed), noise)[0]
     return whole, judged, np.array([error]), 1

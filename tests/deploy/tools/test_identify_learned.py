@@ -1,5 +1,6 @@
 """`tis identify` with learned methods, and runs with the models that it writes."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -55,7 +56,11 @@ def test_a_trained_model_runs_as_a_twin_and_replays_bit_for_bit(tmp_path: Path) 
     file = tmp_path / "m.safetensors"
     code, out, err = call("identify", "default", "--out", str(file), *with_settings(*TRAIN))
     assert code == 0, err
-    assert "cnn, without those held out: epoch 2 of 2" in err
+    assert re.search(
+        r"cnn, without those held out: epoch 2 of 2, \d\.\d{3} of the linear forecast's error on those learned, on "
+        r"those held out \d\.\d{3}\n",
+        err,
+    )
     assert "of the linear forecast's on last rows" in " ".join(out.replace("│", " ").split())
     check_run(file, "cnn", tmp_path / "run")
 

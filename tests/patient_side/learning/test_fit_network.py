@@ -38,6 +38,8 @@ def test_training_finds_circles_repeats_and_stops_after_the_best_epoch(name: str
     assert first.best == as_good[-1] + 1
     assert first.errors.min() < 0.9
     assert [epoch.number for epoch in epochs] == list(range(1, len(first.errors) + 1))
+    assert epochs[-1].learned < 0.9
+    assert [epoch.error for epoch in epochs] == first.errors.tolist()
     assert judge(network, first.weights, held).error_of(held) == pytest.approx(first.errors[first.best - 1], rel=1e-6)
     again = train_network(name, network, seen, held, 1, 10, 10, epochs.append)
     for key, weight in first.weights.items():
