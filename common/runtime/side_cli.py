@@ -76,14 +76,14 @@ def side_command(
         def run() -> int:
             from common.runtime.clock import monotonic_ns
             from common.runtime.recordings import located
+            from common.runtime.recordings.whole_run import build_whole
             from common.runtime.scenario_file import read_scenario
             from common.runtime.side_log import SideOptions
             from common.runtime.zenoh_session import ZenohOptions
-            from common.scenario import reading
 
             monotonic_ns()  # a skew that cannot be read is refused here
             file = locate(scenario)
-            agreed = located(reading.build_scenario(read_scenario(file), str(file), profiles))
+            agreed = located(build_whole(read_scenario(file), str(file), profiles))
             zenoh_options = ZenohOptions(connect or (), listen or (), config, cfg or (), insecure)
             return run_side(agreed, SideOptions(run_dir, zenoh_options, wait_s, alone=alone or not child), status)
 

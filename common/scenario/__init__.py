@@ -1,9 +1,9 @@
 """A scenario, the complete description of a run: frozen, no unknown keys, human units, delays one way."""
 
 from collections.abc import Mapping
-from typing import Annotated, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
-from pydantic import AfterValidator, Discriminator, Field, StringConstraints, Tag, model_validator
+from pydantic import AfterValidator, Discriminator, Field, StringConstraints, Tag, WithJsonSchema, model_validator
 
 from common.channels import Side
 from common.endpoint import endpoint_fault, is_tls
@@ -19,6 +19,23 @@ from common.scenario.surgeon import MAX_MB_PER_S, MAX_PACKETS_PER_S, SurgeonPart
 from common.units import s_to_ns
 
 _MAX_SAMPLES = 5_000_000  # a synthetic movement is held in memory
+
+AUTO: Final = "auto"
+"""Duration of a run that plays all of its recording: `common.runtime.recordings.whole_run` resolves it."""
+
+_LONGEST_S: Final = 86_400
+Duration = Annotated[
+    Positive,
+    Field(le=_LONGEST_S),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"exclusiveMinimum": 0, "maximum": _LONGEST_S, "type": "number"},
+                {"const": AUTO, "type": "string"},
+            ]
+        }
+    ),
+]
 
 KeyChunk = Annotated[
     str,
@@ -72,7 +89,11 @@ class Scenario(Part):
     name: KeyChunk = Field(description="Name of the scenario, used in reports and run folders.")
     session: KeyChunk = Field("tis", description="First chunk of every Zenoh key of the run.")
     seed: int = Field(1, ge=0, strict=True, description="Seed of every random number of the run.")
-    duration_s: Positive = Field(20.0, le=86_400, description="Time during which the surgeon sends samples, in s.")
+    duration_s: Duration = Field(
+        20.0,
+        description="Time during which the surgeon sends samples, in s; auto: all of the recording, from its first "
+        "row on.",
+    )
     drain_s: NonNegative = Field(
         1.0, le=60, description="Time after duration_s in which messages in flight may still arrive, in s."
     )
@@ -194,4 +215,4 @@ class Scenario(Part):
         return self.on_peer_loss or ("continue" if side_alone else "end")
 
 
-__all__ = ["Scenario", "Side"]
+__all__ = ["AUTO", "Scenario", "Side"]

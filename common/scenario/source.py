@@ -2,15 +2,12 @@
 
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import AfterValidator, Field, SerializerFunctionWrapHandler, StringConstraints, model_serializer
+from pydantic import Field, SerializerFunctionWrapHandler, StringConstraints, model_serializer
 
-from common.channels import Hand
 from common.scenario.base import NonNegative, Part, Positive, Probability, RuleText
+from common.scenario.hands import HANDS_MEANING, START_MEANING, Hands, Start
+from common.scenario.table_source import TableSource
 
-Start = Annotated[
-    Annotated[int, Field(ge=0, strict=True)] | Literal["auto"],
-    RuleText("must be a row number (an integer >= 0) or 'auto'"),
-]
 Trial = Annotated[
     str, StringConstraints(pattern=r"^[A-Z]\d{3}$"), RuleText("must be a letter and three digits, like D002")
 ]
@@ -19,24 +16,10 @@ Trial = Annotated[
 SYNTHETIC_SUBJECTS: Final = "STUVWXYZ"
 """Subject letters of synthetic trials, one a person; the subjects of JIGSAWS are B to I."""
 
-_START: Final = (
-    "Row that becomes sample 0, from 0; auto: the first row after the training rows of own_head, else row 0."
-)
-_HANDS: Final = "Masters that move: left, right or both."
-
 
 def is_synthetic(trial: str) -> bool:
     """Tell from its name whether `tis synth` wrote a trial, like S001 or T002."""
     return trial[0] in SYNTHETIC_SUBJECTS
-
-
-def _distinct(hands: tuple[Hand, ...]) -> tuple[Hand, ...]:
-    if len(set(hands)) != len(hands):
-        raise ValueError("must name each hand at most once")
-    return hands
-
-
-Hands = Annotated[tuple[Hand, ...], Field(min_length=1, max_length=2), AfterValidator(_distinct)]
 
 
 class JigsawsSource(Part):
@@ -50,13 +33,13 @@ class JigsawsSource(Part):
     )
     task: Literal["Suturing", "Knot_Tying", "Needle_Passing"] = Field("Suturing", description="Surgical task.")
     trial: Trial = Field("D002", description="Subject letter and three digits of the repetition, like D002.")
-    hands: Hands = Field(("left",), description=_HANDS)
+    hands: Hands = Field(("left",), description=HANDS_MEANING)
     pairing: Literal["auto", "cross", "same_name"] = Field(
         "auto",
         description="Arm that follows each master. auto: the one found in the training data; cross: PSM2 for the "
         "left, PSM1 for the right; same_name: PSM1 for the left, PSM2 for the right.",
     )
-    start: Start = Field("auto", description=_START)
+    start: Start = Field("auto", description=START_MEANING)
 
     @property
     def synthetic(self) -> bool:
@@ -72,7 +55,7 @@ class SyntheticSource(Part):
     """A synthetic surgeon whose default speeds are those of recorded suturing; not a recording of a person."""
 
     kind: Literal["synthetic"] = Field(description="synthetic: computed movements, no data needed.")
-    hands: Hands = Field(("left",), description=_HANDS)
+    hands: Hands = Field(("left",), description=HANDS_MEANING)
     movement_s: float = Field(0.7, ge=0.05, le=60, description="Mean duration of a movement, in s.")
     pause_s: NonNegative = Field(
         0.2, le=60, description="Mean pause between two movements that do not overlap, in s."
@@ -116,7 +99,7 @@ class SyntheticSource(Part):
         description="Rate of the simulated recorder, in Hz: each row shows its latest sample, as in JIGSAWS. null: "
         "each row shows the movement at its own instant, for smooth paths and high rates.",
     )
-    start: Start = Field("auto", description=_START)
+    start: Start = Field("auto", description=START_MEANING)
 
     @model_serializer(mode="wrap")
     def _with_null(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -130,4 +113,7 @@ class SyntheticSource(Part):
         return True
 
 
-Source = Annotated[JigsawsSource | SyntheticSource, Field(discriminator="kind")]
+RecordedSource = JigsawsSource | TableSource
+"""Sources that are files: they have an end."""
+
+Source = Annotated[RecordedSource | SyntheticSource, Field(discriminator="kind")]

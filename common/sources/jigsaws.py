@@ -13,6 +13,7 @@ import numpy as np
 import scipy
 
 from common.errors import DataError, Fault
+from common.sources.hemisphere import one_hemisphere
 from common.sources.trajectory import Array, PoseTrack
 
 RATE_HZ: Final = 30
@@ -106,7 +107,7 @@ def pose_track(rows: Array, device: str, where: str) -> PoseTrack:
         raise DataError(_capped(found, len(bad), where, rule))
     return PoseTrack(
         position_m=position_m(rows, device),
-        orientation=_one_hemisphere(scipy.spatial.transform.Rotation.from_matrix(matrices).as_quat()),
+        orientation=one_hemisphere(scipy.spatial.transform.Rotation.from_matrix(matrices).as_quat()),
         gripper_rad=rows[:, columns.gripper].copy(),
     )
 
@@ -119,14 +120,6 @@ def position_m(rows: Array, device: str) -> Array:
 def velocity_m_s(rows: Array, device: str) -> Array:
     """Return the linear velocity of ``device`` from rows (N, 76): shape (N, 3), m/s; it depends on later rows."""
     return rows[:, COLUMNS[device].velocity].copy()
-
-
-def _one_hemisphere(quaternions: Array) -> Array:
-    """Return the same rotations with signs such that each quaternion is nearest to the one before it."""
-    # The sign of a row is the product of all sign changes up to it.
-    turns = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1.0, 1.0)
-    first = -1.0 if quaternions[0, 3] < 0 else 1.0
-    return quaternions * (first * np.concatenate([[1.0], np.cumprod(turns)]))[:, np.newaxis]
 
 
 def _parse_sound(lines: Sequence[str]) -> Array | None:

@@ -150,9 +150,9 @@ class Evaluation:
         self.persons = tuple(dict.fromkeys(person(cell) for cell in plan.cells))
         self.trained_on = plan.trained_on
         self.warnings |= dict.fromkeys(str(fault) for fault in plan.refused)
-        if plan.source == "jigsaws" and plan.n_seeds == 1:
+        if plan.source != "synthetic" and plan.n_seeds == 1:
             self.warnings["one seed: the confidence is over people, and not over draws of the network"] = None
-        check_persons(self.persons, plan.source == "jigsaws")
+        check_persons(self.persons, plan.source != "synthetic")
 
     def _computed(self, plan: Plan) -> Outcome:
         """Return the results of all twins of a plan; raises `DataError` with those that failed."""

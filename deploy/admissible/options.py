@@ -65,10 +65,11 @@ def order_of(given: dict[str, Any]) -> Order:
         # The scenario's own faults come at the same time.
         raise InputError([*faults, *_faults_of(request)])
     scenario, trials = _scenario(request, axes)
-    recorded = scenario.source.kind == "jigsaws"
+    source = scenario.source
+    recorded = source.kind != "synthetic"
     n_seeds = request.n_seeds or (DEFAULT_RECORDED_SEEDS if recorded else DEFAULT_SYNTHETIC_SEEDS)
     request = replace(request, n_seeds=n_seeds)
-    check_persons(people_of(trials) if recorded else trials * n_seeds, recorded)
+    check_persons(trials * n_seeds if source.kind == "synthetic" else people_of(source, trials), recorded)
     placed = tuple(replace(axis, whole=_is_whole(scenario, axis.path)) for axis in axes)
     if found := [fault for fault in map(whole_fault, placed) if fault is not None]:
         raise InputError(found)

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from typing import Final
 
 from common.errors import Fault, InputError
-from common.runtime.recordings import list_trials, no_trials
+from common.runtime.recordings import list_trials, no_trials, own_trial, person_of
 from common.scenario.estimator_names import fault_of
-from common.scenario.source import JigsawsSource, Source
+from common.scenario.source import RecordedSource, Source
 
 COMMAND: Final = "tis compare"
 
@@ -28,38 +28,38 @@ def estimator_faults(names: Sequence[str] | None) -> list[Fault]:
 def trial_faults(source: Source, trials: Sequence[str] | None, people: Sequence[str] | None) -> list[Fault]:
     """Return the faults of the named trials and people; `folder_faults` covers a folder without trials."""
     named = {"--trials": trials, "--people": people}
-    if source.kind != "jigsaws":
-        rule = "requires a JIGSAWS source: for a synthetic one use --seeds"
+    if source.kind == "synthetic":
+        rule = "requires recordings: for a synthetic source use --seeds"
         return [Fault(COMMAND, option, rule) for option, names in named.items() if names is not None]
     found = list_trials(source)
     if not found:
         return []
     faults = []
-    for option, kind, available in (("--trials", "trial", found), ("--people", "person", people_of(found))):
-        rule = f"no such {source.task} {kind}; there are {', '.join(available)}"
+    task = f"{source.task} " if source.kind == "jigsaws" else ""
+    for option, kind, available in (("--trials", "trial", found), ("--people", "person", people_of(source, found))):
+        rule = f"no such {task}{kind}; there are {', '.join(available)}"
         faults += [Fault(COMMAND, option, rule, name) for name in named[option] or () if name not in available]
     if trials is not None and people is not None:
         faults.append(Fault(COMMAND, "--people", "must be given without --trials"))
     return faults
 
 
-def person_of(trial: str) -> str:
-    """Return the letter of the person who moves in a recorded trial."""
-    return trial[0]
-
-
-def people_of(trials: Sequence[str]) -> list[str]:
+def people_of(source: RecordedSource, trials: Sequence[str]) -> list[str]:
     """Return the people of recorded trials, each once."""
-    return list(dict.fromkeys(map(person_of, trials)))
+    return list(dict.fromkeys(person_of(source, trial) for trial in trials))
 
 
 def folder_faults(source: Source) -> list[Fault]:
     """Return a fault if the source is a folder of trials without any trial."""
-    return [no_trials(source)] if source.kind == "jigsaws" and not list_trials(source) else []
+    return [no_trials(source)] if source.kind != "synthetic" and not list_trials(source) else []
 
 
-def trials_of(source: JigsawsSource, trials: Sequence[str] | None, people: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the named trials, each once, or those of the named people; all in the task's folder without either."""
+def trials_of(source: RecordedSource, trials: Sequence[str] | None, people: Sequence[str] | None) -> tuple[str, ...]:
+    """Return the named trials, each once, or those of the named people.
+
+    Without either: all in the task's folder, of a table itself, as a folder of tables need not hold one task.
+    """
     if people is not None:
-        return tuple(trial for trial in list_trials(source) if person_of(trial) in people)
-    return tuple(dict.fromkeys(list_trials(source) if trials is None else trials))
+        return tuple(trial for trial in list_trials(source) if person_of(source, trial) in people)
+    everything = list_trials(source) if source.kind == "jigsaws" else [own_trial(source)]
+    return tuple(dict.fromkeys(everything if trials is None else trials))

@@ -4,17 +4,18 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
+from pathlib import Path
 from typing import Final
 
 from common.errors import DataError, Fault, InputError
-from common.runtime.recordings import list_trials, trial_file
+from common.runtime.recordings import list_trials, trial_file, whole_recording
 from common.runtime.user_code import load_user_code
 from common.scenario import Scenario
 from common.scenario.estimator_names import is_user_defined
 from common.scenario.patient import is_model_file
 from common.scenario.reading import apply_settings, build_scenario
 from common.scenario.source import Source
-from common.sources.jigsaws import RATE_HZ
+from common.scenario.table_source import TableSource
 from deploy.compare.cells.cell import Cell, Training, first_row
 from deploy.compare.cells.identity import cell_of, dump, training_of, trial_facts
 from deploy.compare.choices import COMMAND, estimator_faults, folder_faults, people_of, trial_faults, trials_of
@@ -69,10 +70,10 @@ class Plan:
 def make_plan(request: Request) -> Plan:
     """Return trainings and cells; raises `InputError` and `DataError`, each with all faults.
 
-    JIGSAWS: all trials in the task's folder, each from row 0 (``own_head``: from the end of its training rows) to its
-    end, or for ``duration_s``. With several subjects the models are trained on the others, unless a setting names
-    ``identification.train`` or the scenario names a model file. Synthetic: a seed is a trial. All random numbers
-    follow from the scenario's seed and the next ones.
+    A table is one trial, trained on as the scenario says. JIGSAWS: all trials in the task's folder, each from row 0
+    (``own_head``: from the end of its training rows) to its end, or for ``duration_s``. With several subjects the
+    models are trained on the others, unless a setting names ``identification.train`` or the scenario names a model
+    file. Synthetic: a seed is a trial. All random numbers follow from the scenario's seed and the next ones.
     """
     # scenarios, one per point of the grid, and the code of user-defined estimators
     grid_is_wrong = grid_faults(request.sweeps, request.zipped)
@@ -84,15 +85,15 @@ def make_plan(request: Request) -> Plan:
     own = load_user_code(list(names), COMMAND)
     # one unit of work per trial and seed
     base = scenarios[0]
-    jigsaws = base.source if base.source.kind == "jigsaws" else None
-    recorded = () if jigsaws is None else trials_of(jigsaws, request.trials, request.people)
-    several = jigsaws is not None and len(people_of(list_trials(jigsaws))) > 1
-    seeds = request.n_seeds or (DEFAULT_SYNTHETIC_SEEDS if jigsaws is None else 1)
+    files = None if base.source.kind == "synthetic" else base.source
+    recorded = () if files is None else trials_of(files, request.trials, request.people)
+    several = files is not None and len(people_of(files, list_trials(files))) > 1
+    seeds = request.n_seeds or (DEFAULT_SYNTHETIC_SEEDS if files is None else 1)
     _check_size(len(points), seeds * max(1, len(recorded)))
     all_seeds = range(base.seed, base.seed + seeds)
-    trials = recorded if jigsaws else tuple(f"synthetic {seed}" for seed in all_seeds)
-    units = list(product(recorded, all_seeds) if jigsaws else zip(trials, all_seeds, strict=True))
-    keep = _names_training(request) or is_model_file(base.identification.train)
+    trials = recorded if files else tuple(f"synthetic {seed}" for seed in all_seeds)
+    units = list(product(recorded, all_seeds) if files else zip(trials, all_seeds, strict=True))
+    keep = _names_training(request) or is_model_file(base.identification.train) or base.source.kind == "table"
     train = None if keep else "others" if several else "own_head"
     # cells share a training where everything that decides its models is equal
     trainings: dict[str, Training] = {}
@@ -191,17 +192,30 @@ def _complete(scenario: Scenario, trial: str, seed: int, train: str | None, dura
     source = scenario.source
     if source.kind == "synthetic":
         return build_scenario(raw | ({} if duration_s is None else {"duration_s": duration_s}), scenario.name)
-    raw["source"] |= {"trial": trial}
+    file = trial_file(source, trial)
+    raw["source"] |= {"trial": trial} if source.kind == "jigsaws" else _at(source, file)
     placed = build_scenario(raw, scenario.name)
-    assert placed.source.kind == "jigsaws"
-    file = trial_file(placed.source, trial)
-    start, n_rows = first_row(placed), trial_facts(file).n_rows
-    longest_s = (n_rows - 1 - start) / RATE_HZ
+    start, n_rows = first_row(placed), _n_rows(placed, file)
+    longest_s = (n_rows - 1 - start) / scenario.rate_hz
     if longest_s <= 0:
         rule = f"is too short to compare on: {n_rows} rows, and the run begins at row {start}"
         raise DataError(Fault(str(file), "", rule))
     raw["duration_s"] = longest_s if duration_s is None else min(duration_s, longest_s)
     return build_scenario(raw, scenario.name)
+
+
+def _at(source: TableSource, file: Path) -> dict[str, str | None]:
+    """Return the fields of a table's source that change with its file."""
+    own = file == Path(source.path)
+    return {"path": str(file)} if own else {"path": str(file), "person": None}
+
+
+def _n_rows(scenario: Scenario, file: Path) -> int:
+    """Return the rows of a recording at the scenario's rate; raises `DataError` for a table that cannot be read."""
+    source = scenario.source
+    if source.kind == "table":
+        return len(whole_recording(scenario, source, first_row(scenario)))
+    return trial_facts(file).n_rows
 
 
 def _trained_on(cells: Sequence[Cell]) -> str:

@@ -12,8 +12,9 @@ from pydantic import AfterValidator, Field, StringConstraints, ValidationError
 from common.channels import Side
 from common.errors import Fault, InputError
 from common.runtime.clock_skew import skewed
+from common.runtime.recordings.whole_run import build_whole
 from common.runtime.scenario_file import read_scenario
-from common.scenario import Scenario, reading
+from common.scenario import Scenario
 from common.scenario.base import Part, RuleText
 from common.scenario.faults import faults
 from deploy.net.library.profiles import library
@@ -186,4 +187,4 @@ def _scenario(raw: Mapping[str, Any], file: Path) -> Scenario | None:
         return None  # the hosts file's own fault
     beside = _beside(file, name)
     path = beside if is_file(beside) else scenario_path(name)
-    return reading.build_scenario(read_scenario(path), str(path), library)
+    return build_whole(read_scenario(path), str(path), library)

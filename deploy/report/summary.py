@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from pathlib import PurePath
 from typing import Any, Final, get_args
 
 import numpy as np
@@ -180,6 +181,9 @@ def source_label(scenario: Scenario) -> str:
     if source.kind == "jigsaws":
         origin = "synthetic" if source.synthetic else "recorded"
         return f"{origin} {source.task} {source.trial}, {hands} hand"
+    if source.kind == "table":
+        task = "" if source.task is None else f"{source.task} "
+        return f"recorded {task}{PurePath(source.path).stem}, {hands} hand"
     return f"synthetic surgeon, {hands} hand"
 
 

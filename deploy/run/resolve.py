@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from common.errors import Fault, InputError
 from common.runtime.recordings import located
+from common.runtime.recordings.whole_run import plays_all, whole_run, without_auto
 from common.runtime.scenario_file import read_scenario
 from common.scenario import Scenario
 from common.scenario import reading as scenario_io
@@ -57,7 +58,8 @@ def resolve(
 
     ``--set network.profile=NAME`` replaces the link of the file but keeps its exceptions by key (``rules``). Other
     settings apply after the profile's values and can override them. A recorded source names the folder that is read.
-    Raises `InputError` with all faults, each under the option that caused it, or under the file.
+    Raises `InputError` with all faults, each under the option that caused it, or under the file; `DataError` for
+    ``duration_s: auto`` of a recording that cannot be read.
     """
     path = scenario_path(name)
     raw, where = read_scenario(path), str(path)
@@ -66,7 +68,7 @@ def resolve(
     overrides += [Override("--sweep", setting) for setting in swept]
     given = {"seed": seed, "duration_s": duration_s}
     values = {field: value for field, value in given.items() if value is not None}
-    scenario, found = _overridden(raw, where, overrides, values)
+    scenario, found = _overridden(raw, where, overrides, values, is_final=True)
     found = [*(Fault("--set", name, "is set more than once") for name in repeated), *found]
     if scenario is not None and not found:
         return located(scenario)
@@ -76,9 +78,12 @@ def resolve(
 
 
 def _overridden(
-    raw: dict[str, Any], where: str, overrides: Sequence[Override], values: Mapping[str, Any]
+    raw: dict[str, Any], where: str, overrides: Sequence[Override], values: Mapping[str, Any], is_final: bool = False
 ) -> tuple[Scenario | None, list[Fault]]:
-    """Return a raw scenario with overrides and the fields ``values``, None when it is not valid, and the faults."""
+    """Return a raw scenario with overrides and the fields ``values``, None when it is not valid, and the faults.
+
+    Where ``is_final``, a duration of auto is resolved; raises `DataError` where its recording cannot be read.
+    """
     chosen = [one for one in overrides if one.path == _PROFILE]
     others = [one for one in overrides if one not in chosen]
     found: list[Fault] = []
@@ -91,7 +96,10 @@ def _overridden(
     raw, refused = apply_overrides(raw, others, ["network"])
     found += refused
     try:
-        return scenario_io.build_scenario({**raw, **values}, where, library), found
+        complete = {**raw, **values}
+        scenario = scenario_io.build_scenario(without_auto(complete), where, library)
+        # the recording's length is looked up once the rest is valid
+        return whole_run(scenario, where) if is_final and plays_all(complete) and not found else scenario, found
     except InputError as error:
         return None, [*found, *error.faults]
 

@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from common.runtime.recordings import list_trials, trial_file
+from common.runtime.recordings import own_trial, person_of, trial_file, trials_of_others
 from common.runtime.trace_files import trace_paths
 from common.runtime.user_code import UserCode
 from common.scenario import Scenario
@@ -38,9 +38,10 @@ def training_of(scenario: Scenario) -> Training | None:
         label = f"the head of seed {scenario.seed}"
     else:
         own = train == "own_head"
-        files = [source.trial] if own else [t for t in list_trials(source) if t[0] != source.trial[0]]
+        played = own_trial(source)
+        files = [played] if own else trials_of_others(source)
         deciding |= {"source": kept, "files": [trial_facts(trial_file(source, trial)).digest for trial in files]}
-        label = f"the head of {source.trial}" if own else f"all subjects but {source.trial[0]}"
+        label = f"the head of {played}" if own else f"all subjects but {person_of(source, played)}"
     if scenario.identification.sensor_noise_mm:
         deciding["seed"] = scenario.seed
     return Training(value_digest([software_digest(), deciding]), label, scenario)
@@ -49,7 +50,7 @@ def training_of(scenario: Scenario) -> Training | None:
 def training_on(base: Training, trials: Sequence[str], label: str) -> Training:
     """Return the training of a scenario on these trials of its task instead of its own training data."""
     source = base.scenario.source
-    assert source.kind == "jigsaws"
+    assert source.kind != "synthetic"
     digests = [trial_facts(trial_file(source, name)).digest for name in trials]
     return replace(base, digest=value_digest([base.digest, "trials", digests]), label=label, trials=tuple(trials))
 
@@ -64,7 +65,8 @@ def cell_of(
     raw = {name: part for name, part in dump(scenario).items() if name not in _IRRELEVANT_FIELDS}
     raw["source"].pop("path", None)
     source, model_file = scenario.source, scenario.identification.train
-    data = trial_facts(trial_file(source, source.trial)).digest if source.kind == "jigsaws" else None
+    recorded = None if source.kind == "synthetic" else trial_file(source, own_trial(source))
+    data = None if recorded is None else trial_facts(recorded).digest
     model = file_digest(Path(model_file)) if training is None else training.digest
     code = {name: asdict(own[name].origin) for name in scenario.estimators if name in own}
     traces = {path: file_digest(Path(path)) for path in trace_paths(scenario.network)}

@@ -10,7 +10,7 @@ from collections.abc import Callable, Hashable
 from pathlib import Path
 from typing import Any, Final
 
-from common.runtime.recordings import load_recording, trial_file
+from common.runtime.recordings import load_recording, own_trial, trial_file
 from common.scenario import Scenario
 from common.scenario.estimator_names import is_built_in
 from common.scenario.patient import is_model_file
@@ -95,7 +95,7 @@ class SharedParts:
 
 def _recording_key(scenario: Scenario) -> Hashable:
     source = scenario.source
-    file = None if source.kind == "synthetic" else _file_key(trial_file(source, source.trial))
+    file = None if source.kind == "synthetic" else _file_key(trial_file(source, own_trial(source)))
     deciding = (source.model_dump_json(), scenario.identification.model_dump_json(exclude={"train"}))
     looks = scenario.identification.train if not is_model_file(scenario.identification.train) else ""
     return (*deciding, looks, scenario.rate_hz, scenario.n_samples, scenario.seed, file)

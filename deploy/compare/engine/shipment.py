@@ -18,13 +18,14 @@ from typing import Any, Final
 
 from common.errors import InputError
 from common.runtime.code_origin import Origin
-from common.runtime.recordings import list_trials, trial_file
+from common.runtime.recordings import list_trials, own_trial, trial_file
 from common.runtime.trace_files import trace_paths
 from common.runtime.user_code import UserCode, load_user_code
 from common.scenario import Scenario
 from common.scenario.estimator_names import is_user_defined
 from common.scenario.patient import is_model_file
 from common.scenario.reading import build_scenario
+from common.scenario.source import RecordedSource
 from deploy.compare.cells.cell import Cell
 from deploy.compare.cells.digests import value_digest
 from deploy.compare.cells.identity import dump
@@ -67,9 +68,9 @@ def shipped_files(unit: Unit, model_file: Path | None, own: Mapping[str, UserCod
     scenario = unit.scenario
     source, train = scenario.source, scenario.identification.train
     files: dict[str, Path] = {}
-    if source.kind == "jigsaws":
+    if source.kind != "synthetic":
         reads_all = not isinstance(unit, Cell) and train != "own_head"
-        trials = list_trials(source) if reads_all else [source.trial]
+        trials = list_trials(source) if reads_all else [own_trial(source)]
         files |= {f"{_TRIALS}/{trial}": trial_file(source, trial) for trial in trials}
     if is_model_file(train):
         files[_MODEL] = Path(train)
@@ -84,7 +85,10 @@ def shipped_files(unit: Unit, model_file: Path | None, own: Mapping[str, UserCod
 def shipment_of(unit: Unit, digests: Mapping[str, str], own: Mapping[str, UserCode]) -> Shipment:
     """Return a unit with the digests of its files."""
     source = unit.scenario.source
-    home = str(trial_file(source, source.trial).parents[3]) if source.kind == "jigsaws" else ""
+    home = ""
+    if source.kind != "synthetic":
+        file = trial_file(source, own_trial(source))
+        home = str(file.parents[3] if source.kind == "jigsaws" else file.parent)
     return Shipment(unit, digests, {name: code.origin for name, code in own.items()}, home)
 
 
@@ -149,16 +153,22 @@ def _place(folder: Path, scenario: Scenario, name: str) -> Path:
     kind, _, trial = name.partition("/")
     if kind == _TRIALS:
         source = scenario.source
-        assert source.kind == "jigsaws"
-        return trial_file(source.model_copy(update={"path": str(folder / _TRIALS)}), trial)
+        assert source.kind != "synthetic"
+        return trial_file(source.model_copy(update={"path": _trials_path(source, folder)}), trial)
     return folder / name
+
+
+def _trials_path(source: RecordedSource, folder: Path) -> str:
+    """Return `source.path` below the folder of a unit: the folder of tasks, or the table itself."""
+    trials = folder / _TRIALS
+    return str(trials if source.kind == "jigsaws" else trials / own_trial(source))
 
 
 def _placed(unit: Unit, there: Path) -> Unit:
     """Return the unit with the paths of its files on this worker."""
     raw = dump(unit.scenario)
-    if unit.scenario.source.kind == "jigsaws":
-        raw["source"]["path"] = str(there / _TRIALS)
+    if unit.scenario.source.kind != "synthetic":
+        raw["source"]["path"] = _trials_path(unit.scenario.source, there)
     if is_model_file(unit.scenario.identification.train):
         raw["identification"]["train"] = str(there / _MODEL)
     names = {path: str(there / _TRACES / str(i)) for i, path in enumerate(trace_paths(unit.scenario.network))}

@@ -3,14 +3,15 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from common.runtime.recordings import person_of
 from deploy.compare.cells.cell import Cell
-from deploy.compare.choices import person_of
 from deploy.compare.results.pooled import ENOUGH_PEOPLE, range_holds_median_pct
 
 
 def person(cell: Cell) -> str:
-    """Return who moves: a letter of recorded trials; each seed of a synthetic source is a person of its own."""
-    return person_of(cell.trial) if cell.scenario.source.kind == "jigsaws" else cell.trial
+    """Return who moves in a recorded trial; each seed of a synthetic source is a person of its own."""
+    source = cell.scenario.source
+    return cell.trial if source.kind == "synthetic" else person_of(source, cell.trial)
 
 
 def fewest(rows: Iterable[Mapping[str, Any]]) -> int:

@@ -1,6 +1,7 @@
 """Trials that are measured on: recorded ones, or those of a synthetic population; and choices of some of them."""
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
@@ -9,7 +10,6 @@ from typing import Final, get_args
 from common.errors import DataError, Fault
 from common.runtime.recordings import JIGSAWS_VARIABLE, list_trials, no_trials
 from common.scenario.source import JigsawsSource
-from deploy.compare.choices import people_of, person_of
 from deploy.methods.choice import COMMAND
 from deploy.tools.synth import write_trials
 
@@ -32,28 +32,26 @@ class Trials:
     @property
     def people(self) -> list[str]:
         """The letters of the people."""
-        return people_of(self.names)
+        return _letters(self.names)
 
     def few(self, n_people: int | None) -> tuple[str, ...]:
         """Return the last trial of each person, of the first ``n_people`` ones: all trials would take hours."""
-        return tuple({person_of(name): name for name in self.names}.values())[:n_people]
+        return tuple({_letter(name): name for name in self.names}.values())[:n_people]
 
     def others(self, trial: str) -> tuple[str, ...]:
         """Return the trials of all other people, by turns one of each, so that the first n are of many people."""
-        each = [
-            [name for name in self.names if person_of(name) == who] for who in self.people if who != person_of(trial)
-        ]
+        each = [[name for name in self.names if _letter(name) == who] for who in self.people if who != _letter(trial)]
         return tuple(name for turn in zip_longest(*each) for name in turn if name is not None)
 
     def own(self, trial: str) -> tuple[str, ...]:
         """Return the other trials of the person of a trial."""
-        return tuple(name for name in self.names if person_of(name) == person_of(trial) and name != trial)
+        return tuple(name for name in self.names if _letter(name) == _letter(trial) and name != trial)
 
     def next_person(self, trial: str) -> tuple[str, ...]:
         """Return the trials of the next person after that of a trial, the first after the last."""
         people = self.people
-        who = people[(people.index(person_of(trial)) + 1) % len(people)]
-        return tuple(name for name in self.names if person_of(name) == who)
+        who = people[(people.index(_letter(trial)) + 1) % len(people)]
+        return tuple(name for name in self.names if _letter(name) == who)
 
 
 def find_trials(path: str | None, task: Task, folder: Path, seed: int, duration_s: float) -> Trials:
@@ -69,7 +67,7 @@ def find_trials(path: str | None, task: Task, folder: Path, seed: int, duration_
     names = tuple(list_trials(source))
     if not names:
         raise DataError(no_trials(source))
-    if len(people_of(names)) < 2:
+    if len(_letters(names)) < 2:
         found = ", ".join(names)
         raise DataError(Fault(COMMAND, "", f"needs trials of at least two people; found: {found}"))
     others = {other: tuple(list_trials(_source(path, other))) for other in TASKS if other != task}
@@ -86,3 +84,12 @@ def _population(folder: Path, task: Task, seed: int, duration_s: float) -> Path:
     if not list_trials(_source(str(path), task)):
         write_trials(path, _N_TRIALS, task, seed, duration_s, COMMAND, _N_PEOPLE)
     return path
+
+
+def _letter(trial: str) -> str:
+    """Return the letter of the person who moves in a trial of JIGSAWS."""
+    return trial[0]
+
+
+def _letters(trials: Sequence[str]) -> list[str]:
+    return list(dict.fromkeys(map(_letter, trials)))

@@ -21,7 +21,6 @@ from deploy.admissible.evaluation import Evaluation, Judged
 from deploy.admissible.options import Order, order_of
 from deploy.admissible.rays import Place
 from deploy.compare.cells.store import Store
-from deploy.compare.choices import person_of
 from deploy.compare.engine.processes import Processes
 from deploy.compare.plan import Request
 
@@ -68,7 +67,7 @@ def main(estimator: str, largest_ms: float, n_grid: int = 15, n_fresh: int = 40)
 
 
 def _order(estimator: str, largest_ms: float) -> Order:
-    trials = {person_of(name): name for name in list_trials(JigsawsSource(kind="jigsaws", task="Suturing"))}
+    trials = {name[0]: name for name in list_trials(JigsawsSource(kind="jigsaws", task="Suturing"))}
     given = {
         "scenario": "default",
         "limits": ["rmse_3d_mm=2"],

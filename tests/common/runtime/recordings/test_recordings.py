@@ -74,11 +74,11 @@ def test_a_trial_with_its_training_rows_before_the_start(tmp_path: Path) -> None
     ("train", "start", "duration_s", "expected"),
     [
         ("own_head", "auto", 2, "must have 161 rows (100 before the start + 60 samples of 2 s + 1); "
-         "duration_s can be at most 1.966 (got 160)"),
+         "duration_s can be at most 1.966, or auto to play all of it (got 160)"),
         ("own_head", 120, 2, "must have 181 rows (120 before the start + 60 samples of 2 s + 1); "
-         "duration_s can be at most 1.300 (got 160)"),
+         "duration_s can be at most 1.300, or auto to play all of it (got 160)"),
         ("others", "auto", 6, "must have 181 rows (0 before the start + 180 samples of 6 s + 1); "
-         "duration_s can be at most 5.300 (got 160)"),
+         "duration_s can be at most 5.300, or auto to play all of it (got 160)"),
         ("others", 159, 2, "must have 220 rows (159 before the start + 60 samples of 2 s + 1); "
          "it is too short for any duration_s with this start and these training rows (got 160)"),
     ],

@@ -1,0 +1,57 @@
+"""Resolution of ``duration_s: auto``: a run that plays all of its recording.
+
+It is resolved once, where the scenario is read. Sides, logs and digests then know a number only, on which all sides
+must agree.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from common.errors import DataError, Fault, InputError
+from common.runtime.recordings import whole_recording
+from common.runtime.recordings.run_length import first_row, longest_s
+from common.scenario import AUTO, Scenario, reading
+from common.scenario.source import SyntheticSource
+
+_FOR_CHECKS: Final = 1.0
+
+
+def plays_all(raw: Mapping[str, Any]) -> bool:
+    """Tell whether a raw scenario's duration is that of its recording."""
+    return raw.get("duration_s") == AUTO
+
+
+def without_auto(raw: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a raw scenario with a number as duration, so that all its other fields can be checked."""
+    return {**raw, "duration_s": _FOR_CHECKS} if plays_all(raw) else dict(raw)
+
+
+def whole_run(scenario: Scenario, where: str) -> Scenario:
+    """Return the scenario with the duration of all its recording, from the first row on.
+
+    Raises `InputError` for a synthetic source or where no row is left to play, `DataError` for a recording that
+    cannot be read. Oracle: recordings of known length in the tests.
+    """
+    source = scenario.source
+    if isinstance(source, SyntheticSource):
+        rule = "must be a number of seconds: auto plays all of a recording, and a synthetic movement has no end"
+        raise InputError(Fault(where, "duration_s", rule, AUTO))
+    start = first_row(scenario)
+    try:
+        recording = whole_recording(scenario, source, start)
+    except DataError as error:
+        rule = (
+            "auto needs the recording on this host; else set the number of seconds, which `tis validate SCENARIO` "
+            "prints on a host that has it"
+        )
+        raise DataError([*error.faults, Fault(where, "duration_s", rule)]) from None
+    seconds = longest_s(scenario, Path(recording.file or ""), len(recording))
+    raw = scenario.model_dump(mode="json", exclude_none=True)
+    return reading.build_scenario({**raw, "duration_s": seconds}, where)
+
+
+def build_whole(raw: Mapping[str, Any], where: str, profiles: reading.Profiles | None = None) -> Scenario:
+    """Return what `build_scenario` returns, also for a raw scenario whose duration is auto; raises as `whole_run`."""
+    scenario = reading.build_scenario(without_auto(raw), where, profiles)
+    return whole_run(scenario, where) if plays_all(raw) else scenario
