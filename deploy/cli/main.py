@@ -9,7 +9,7 @@ import typer
 import common
 from common.errors import Fault, InputError
 from common.runtime.process_end import run_to_end
-from deploy.cli import admissible, bench, certs, hosts, logs, net, report, runs, scenarios, sides, studies
+from deploy.cli import admissible, bench, certs, hosts, imports, logs, net, report, runs, scenarios, sides, studies
 from deploy.cli.group import Commands
 from deploy.shell.guard import ERR, OUT
 from deploy.shell.version import version_text
@@ -32,7 +32,7 @@ def tis(
     """Run a surgeon, an impaired network and a patient as separate processes that talk over Zenoh."""
 
 
-for group in (runs, hosts, logs, report, scenarios, studies, admissible, sides):
+for group in (runs, hosts, logs, report, scenarios, imports, studies, admissible, sides):
     app.add_typer(group.app)
 app.add_typer(bench.app, name="bench", rich_help_panel="Studies")
 app.add_typer(net.app, name="net", rich_help_panel="Networks")

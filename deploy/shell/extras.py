@@ -5,6 +5,7 @@ from typing import Final
 
 GET_REPORT: Final = "pip install 'tis-testbed[report]'"
 GET_PARQUET: Final = "pip install 'tis-testbed[parquet]'"
+GET_ROSBAG: Final = "pip install 'tis-testbed[rosbag]'"
 GET_HOSTS: Final = "pip install 'tis-testbed[hosts]'"
 GET_CLUSTER: Final = "pip install 'tis-testbed[cluster]'"
 

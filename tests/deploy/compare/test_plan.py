@@ -101,7 +101,7 @@ def test_mistakes_are_named_with_what_there_is(small: Path, tmp_path: Path) -> N
     assert "Knot_Tying/kinematics/AllGestures: does not exist (folder given by source.path)" in fault
     fault = _fault(small, DataError, "identification.train=absent.json")
     assert fault == "absent.json: cannot be read: No such file or directory"
-    with pytest.raises(InputError, match="requires a JIGSAWS source"):
+    with pytest.raises(InputError, match="requires recordings: for a synthetic source use --seeds"):
         make_plan(Request("default", trials=("D002",)))
     with pytest.raises(InputError, match=r"^--sweep: surgeon\.copies: must be at least 1 \(got 0\)$"):
         make_plan(Request("default", sweeps=(Sweep("surgeon.copies", ("1", "0")),)))

@@ -81,7 +81,7 @@ def test_a_gripper_in_degrees() -> None:
 @given(st.lists(st.floats(-3.0, 3.0), min_size=4, max_size=4).filter(lambda q: sum(v * v for v in q) > 0.01))
 def test_quaternions_are_of_norm_one_whatever_their_rounding(values: list[float]) -> None:
     rounded = np.asarray(values) / np.linalg.norm(values) * 1.004
-    found = track(device(quaternion=list("abcd")), **dict(zip("abcd", rounded, strict=True)))
+    found = track(device(quaternion=list("abcd")), a=rounded[0], b=rounded[1], c=rounded[2], d=rounded[3])
     assert np.linalg.norm(found.orientation, axis=1) == pytest.approx(1.0, abs=1e-12)
     assert found.orientation[0, 3] >= 0
 

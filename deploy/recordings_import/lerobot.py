@@ -1,0 +1,184 @@
+"""Poses from a LeRobot data set, versions 2 and 3: Parquet files below data/, described by meta/info.json."""
+
+import json
+from collections.abc import Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from common.errors import DataError, Fault, InputError
+from common.runtime.limited_file import read_limited
+from common.scenario.table_source import PoseColumns, PoseUnits
+from common.sources.table.layout import DeviceLayout
+from common.sources.table.limits import MAX_ROWS
+from common.sources.table.poses import finite_faults, pose_track
+from common.units import NS_PER_S
+from deploy.recordings_import.found import Array, Found, Ints, Stream, Wanted
+from deploy.recordings_import.lerobot_names import Elements, elements_of, names_in
+from deploy.shell.extras import GET_PARQUET
+
+INFO: Final = Path("meta") / "info.json"
+VECTORS: Final = ("observation.state", "action")
+
+_MAX_INFO_BYTES: Final = 10_000_000
+_MAX_WIDTH: Final = 1000
+_MAX_FILES: Final = 100_000
+
+
+def read_lerobot(folder: Path, wanted: Wanted) -> Found:
+    """Return the poses of one episode: of the arms from observation.state, of the masters from action.
+
+    Raises `DataError` for a damaged set and one without the episode, `InputError` where names of the elements are
+    needed and without pyarrow. Oracle: sets of both versions that the tests write.
+    """
+    if find_spec("pyarrow") is None:
+        raise InputError(Fault("tis import", "", f"a LeRobot data set needs pyarrow: {GET_PARQUET}"))
+    info = _info(folder)
+    where = str(folder)
+    notes, devices = [], list[tuple[str, Elements]]()
+    for vector in VECTORS:
+        feature = info["features"].get(vector)
+        if not isinstance(feature, Mapping):
+            continue
+        names = wanted.names.get(vector) or names_in(feature)
+        found = elements_of(names, is_action=vector == "action")
+        notes.append(f"{vector}: {' '.join(names) or 'elements without names'}")
+        devices += [(vector, each) for each in found]
+    if not devices:
+        rule = "has no named positions in observation.state or action; --names VECTOR=left_x,left_y,... names them"
+        raise InputError(Fault(where, "", f"{rule} ({'; '.join(notes) or 'it has neither'})"))
+    table = _episode(folder, wanted.episode, sorted({vector for vector, _ in devices}))
+    t_ns, clock = _instants(table, info)
+    streams, faults = [], list[Fault]()
+    for vector, elements in devices:
+        stream, more = _stream(vector, table[vector], t_ns, elements, wanted, where)
+        faults += more
+        notes += [] if stream is None else [f"{vector} -> poses of {elements.device}"]
+        streams += [] if stream is None else [stream]
+    if faults:
+        raise DataError(faults)
+    single = any(table[vector].dtype == np.float32 for vector in table if vector in VECTORS)
+    notes += [clock, *(["numbers have single precision, 7 digits"] if single else [])]
+    about = {"kind": "lerobot", "episode": wanted.episode, "version": str(info.get("codebase_version", ""))[:20]}
+    return Found(tuple(streams), (), tuple(notes), about)
+
+
+def _info(folder: Path) -> dict[str, Any]:
+    file = folder / INFO
+    try:
+        info = json.loads(read_limited(file, _MAX_INFO_BYTES))
+    except OSError as error:
+        raise DataError(Fault(str(file), "", f"cannot be read: {error.strerror}")) from None
+    except (ValueError, RecursionError):
+        raise DataError(Fault(str(file), "", "is no JSON")) from None
+    if not isinstance(info, dict) or not isinstance(info.get("features"), dict):
+        raise DataError(Fault(str(file), "features", "must describe the data set's columns"))
+    return info
+
+
+def _episode(folder: Path, episode: int, vectors: list[str]) -> dict[str, Any]:
+    """Return the columns of an episode, in order of its frames.
+
+    Version 2 has a file per episode, version 3 several episodes in a file: both name it in a column.
+    """
+    files = sorted((folder / "data").rglob("*.parquet"))[:_MAX_FILES]
+    own = [file for file in files if file.stem == f"episode_{episode:06d}"]
+    seen: set[int] = set()
+    for file in own or files:
+        columns = _columns(file, ["episode_index"])
+        index = columns["episode_index"]
+        seen |= set(np.unique(index).tolist()[:1000])
+        rows = np.flatnonzero(index == episode)
+        if not len(rows):
+            continue
+        table = _columns(file, ["frame_index", "timestamp", *vectors])
+        order = rows[np.argsort(table["frame_index"][rows], kind="stable")]
+        return {name: values[order] for name, values in table.items()}
+    there = f"it has episodes {min(seen)} to {max(seen)}" if seen else "it has none"
+    raise DataError(Fault(str(folder), "--episode", f"is not in the data set: {there}", episode))
+
+
+def _columns(file: Path, names: list[str]) -> dict[str, Any]:
+    """Return columns as arrays (N,) or (N, width); raises `DataError`."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        parquet = pq.ParquetFile(file)
+        missing = [name for name in names if name not in parquet.schema_arrow.names]
+        if missing:
+            raise DataError(Fault(str(file), "", f"has no column {', '.join(missing)}"))
+        if parquet.metadata.num_rows > MAX_ROWS:
+            raise DataError(Fault(str(file), "", f"must have at most {MAX_ROWS} rows", parquet.metadata.num_rows))
+        table = parquet.read(columns=names)
+        return {name: _array(table.column(name).combine_chunks(), file, name) for name in names}
+    except (pa.ArrowException, OSError, ValueError, MemoryError) as error:
+        text = " ".join(str(error).split())[:200]
+        raise DataError(Fault(str(file), "", f"is no Parquet file, or damaged: {text}")) from None
+
+
+def _array(column: Any, file: Path, name: str) -> Any:
+    import pyarrow as pa
+
+    kind = column.type
+    if not (pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind)):
+        return column.to_numpy(zero_copy_only=False)
+    values = column.flatten().to_numpy(zero_copy_only=False)
+    n_rows = len(column)
+    width = len(values) // n_rows if n_rows else 0
+    lengths = np.asarray(column.value_lengths().fill_null(-1))
+    if not 0 < width <= _MAX_WIDTH or bool((lengths != width).any()):
+        raise DataError(Fault(str(file), f"column {name}", f"must hold vectors of one length up to {_MAX_WIDTH}"))
+    return values.reshape(n_rows, width)
+
+
+def _instants(table: Mapping[str, Any], info: Mapping[str, Any]) -> tuple[Ints, str]:
+    """Return the instants of the frames in ns: by number and fps, exactly, where the timestamps agree."""
+    fps, frames = info.get("fps"), table["frame_index"].astype(np.int64)
+    stamps_s = table["timestamp"].astype(np.float64)
+    if isinstance(fps, int | float) and not isinstance(fps, bool) and 0 < fps <= 1e6:
+        by_number_s = frames / fps
+        off_s = float(np.abs(stamps_s - stamps_s[0] - (by_number_s - by_number_s[0])).max())
+        if off_s < 0.1 / fps:
+            return np.round(by_number_s * NS_PER_S).astype(np.int64), f"{fps:g} frames a second, evenly"
+    return np.round(stamps_s * NS_PER_S).astype(np.int64), "instants of the column timestamp"
+
+
+def _stream(
+    vector: str, values: Array, t_ns: Ints, elements: Elements, wanted: Wanted, where: str
+) -> tuple[Stream | None, list[Fault]]:
+    places = [*elements.position, *(elements.quaternion or elements.euler or ())]
+    places += [] if elements.gripper is None else [elements.gripper]
+    if max(places) >= values.shape[1]:
+        rule = f"must have the {max(places) + 1} elements that are named"
+        return None, [Fault(where, vector, rule, int(values.shape[1]))]
+    columns = {f"{vector}[{k}]": values[:, k].astype(np.float64) for k in places}
+    faults = finite_faults(columns, where)
+    if faults:
+        return None, faults
+
+    def named(which: tuple[int, ...] | None) -> tuple[str, ...] | None:
+        return None if which is None else tuple(f"{vector}[{k}]" for k in which)
+
+    pose = PoseColumns.model_validate(
+        {
+            "position": named(elements.position),
+            "quaternion": named(elements.quaternion),
+            "euler": named(elements.euler),
+            "gripper": None if elements.gripper is None else f"{vector}[{elements.gripper}]",
+        }
+    )
+    units = PoseUnits(position=wanted.position_unit, angle=wanted.angle_unit, gripper=wanted.gripper_unit)
+    track, faults = pose_track(columns, DeviceLayout(elements.device, pose, units), where)
+    turns = elements.quaternion is not None or elements.euler is not None
+    stream = Stream(
+        elements.device,
+        vector,
+        t_ns,
+        track.position_m,
+        track.orientation if turns else None,
+        None if elements.gripper is None else track.gripper_rad,
+    )
+    return stream, faults
