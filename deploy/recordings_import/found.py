@@ -92,8 +92,9 @@ class Found:
 
 @dataclass(frozen=True)
 class Wanted:
-    """Options of an import: topics by device, the names of vectors' elements, units, the episode, and
-    whether messages that cannot be read are left out; else they are errors.
+    """Options of an import: topics by device, the names of vectors' elements, units, and the episode.
+
+    Messages that cannot be read are left out with ``skips_unreadable``; else they are errors.
     """
 
     topics: Mapping[str, str] = field(default_factory=dict)

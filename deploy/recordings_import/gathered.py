@@ -23,9 +23,9 @@ def streams_of(
 ) -> tuple[tuple[Stream, ...], tuple[Jaw, ...], list[str]]:
     """Return the streams and grippers of the chosen topics, and notes.
 
-    Raises `DataError` for messages that cannot be read, unless they are skipped, for fewer than two poses, numbers that are not finite and quaternions whose norm is not 1.
-    Messages are sorted by instant; of those with one instant the first counts. Oracle: shuffled and repeated
-    messages, test_gathered.
+    Raises `DataError` for messages that cannot be read, unless they are skipped, for fewer than two poses, numbers
+    that are not finite and quaternions whose norm is not 1. Messages are sorted by instant; of those with one instant
+    the first counts. Oracle: shuffled and repeated messages, test_gathered.
     """
     faults = (
         []

@@ -163,7 +163,10 @@ def test_mistakes_are_lines_and_leave_nothing() -> None:
             ["--set gives the network the stages"],
         ),
         ((*box, "--limit", "rmse_3d_mm=2", "--estimators", "fnord"), ["--estimators: no such estimator"]),
-        ((*box, "--limit", "rmse_3d_mm=2", "--trials", "D001"), ["--trials: requires a JIGSAWS source"]),
+        (
+            (*box, "--limit", "rmse_3d_mm=2", "--trials", "D001"),
+            ["--trials: requires recordings: for a synthetic source use --seeds"],
+        ),
         ((*box, "--limit", "rmse_3d_mm=2", "--seeds", "1"), ["--seeds: must leave at least two people"]),
         ((*box, "--limit", "rmse_3d_mm=2", "--profiles", "starlink"), ["--profiles: must be a profile"]),
         ((*box, "--limit", "x=y", "--over", "z", "--estimators", "fnord"), ["--limit", "--over", "--estimators"]),

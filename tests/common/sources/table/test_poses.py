@@ -19,7 +19,7 @@ def device(units: dict[str, str] | None = None, **columns: Any) -> DeviceLayout:
     return DeviceLayout("MTML", pose, PoseUnits.model_validate(units or {}))
 
 
-def table(n_rows: int = 2, **columns: Any) -> dict[str, np.ndarray[Any, Any]]:
+def table(n_rows: int = 2, /, **columns: Any) -> dict[str, np.ndarray[Any, Any]]:
     there = {"x": 1.0, "y": 2.0, "z": 3.0, **columns}
     return {name: np.broadcast_to(np.asarray(value, dtype=float), n_rows).copy() for name, value in there.items()}
 

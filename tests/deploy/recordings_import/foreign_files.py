@@ -1,0 +1,136 @@
+"""Foreign recordings that the tests write: LeRobot data sets, bags and MCAP files of one movement."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+Columns = Mapping[str, Any]
+
+STORE: Final = get_typestore(Stores.ROS2_HUMBLE)
+_PARTS: Final = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "gripper_rad")
+_ACTION: Final = ("MTML", "MTMR")
+_STATE: Final = ("PSM2", "PSM1")
+_START_NS: Final = 1_763_990_000_000_000_000
+
+
+def lerobot_set(folder: Path, columns: Columns, version: int, single: bool = False, episode: int = 1) -> Path:
+    """Write a set of two episodes, the first of which is another movement; positions in m, angles in rad."""
+    number = pa.float32() if single else pa.float64()
+    tables = []
+    for index in (0, episode):
+        n = len(columns["time_s"])
+        shift = 0.0 if index == episode else 1.0
+        features: dict[str, Any] = {}
+        for vector, devices in (("observation.state", _STATE), ("action", _ACTION)):
+            there = [device for device in devices if f"{device}_x_m" in columns]
+            rows = np.stack([columns[f"{device}_{part}"] + shift for device in there for part in _PARTS], axis=1)
+            kind = pa.list_(number, rows.shape[1]) if version == 3 else pa.list_(number)
+            features[vector] = pa.array(rows.tolist(), kind)
+        frames = np.arange(n)
+        about = {"frame_index": frames, "timestamp": pa.array(frames / 30, pa.float32())}
+        tables.append(pa.table({**features, **about, "episode_index": np.full(n, index)}))
+    chunk = folder / "data" / "chunk-000"
+    chunk.mkdir(parents=True)
+    if version == 2:
+        for index, table in zip((0, episode), tables, strict=True):
+            pq.write_table(table, chunk / f"episode_{index:06d}.parquet")
+    else:
+        pq.write_table(pa.concat_tables(tables), chunk / "file-000.parquet")
+    sides = {"PSM2": "left", "PSM1": "right", "MTML": "left", "MTMR": "right"}
+    named = {}
+    for vector, devices in (("observation.state", _STATE), ("action", _ACTION)):
+        there = [device for device in devices if f"{device}_x_m" in columns]
+        parts = ("x", "y", "z", "qx", "qy", "qz", "qw", "gripper")
+        named[vector] = [f"{sides[device]}_{part}" for device in there for part in parts]
+    features = {
+        vector: {"dtype": "float32", "shape": [len(names)], "names": {"axes": names} if version == 3 else names}
+        for vector, names in named.items()
+    }
+    (folder / "meta").mkdir()
+    info = {"codebase_version": "v3.0" if version == 3 else "v2.1", "fps": 30, "features": features}
+    (folder / "meta" / "info.json").write_text(json.dumps(info))
+    return folder
+
+
+def ros_messages(columns: Columns, transforms: Sequence[str] = ()) -> list[tuple[str, str, int, Any]]:
+    """Return topic, type, log time and message of a recording with CRTK topics, in order of time."""
+    types = STORE.types
+    stamped, pose = types["geometry_msgs/msg/PoseStamped"], types["geometry_msgs/msg/Pose"]
+    point, turn = types["geometry_msgs/msg/Point"], types["geometry_msgs/msg/Quaternion"]
+    moved, transform = types["geometry_msgs/msg/TransformStamped"], types["geometry_msgs/msg/Transform"]
+    vector, joints = types["geometry_msgs/msg/Vector3"], types["sensor_msgs/msg/JointState"]
+    header, time = types["std_msgs/msg/Header"], types["builtin_interfaces/msg/Time"]
+    names = {"MTML": "measured_cp", "MTMR": "measured_cp", "PSM1": "setpoint_cp", "PSM2": "setpoint_cp"}
+    grips = {"MTML": "gripper", "MTMR": "gripper", "PSM1": "jaw", "PSM2": "jaw"}
+    found = []
+    for i, t_s in enumerate(columns["time_s"]):
+        t_ns = _START_NS + round(t_s * 1e9)
+        head = header(stamp=time(sec=t_ns // 10**9, nanosec=t_ns % 10**9), frame_id="")
+        for device, name in names.items():
+            if f"{device}_x_m" not in columns:
+                continue
+            x, y, z, qx, qy, qz, qw, grip = (float(columns[f"{device}_{part}"][i]) for part in _PARTS)
+            turned = turn(x=qx, y=qy, z=qz, w=qw)
+            message: Any
+            if device in transforms:
+                kind = "geometry_msgs/msg/TransformStamped"
+                inner = transform(translation=vector(x=x, y=y, z=z), rotation=turned)
+                message = moved(header=head, child_frame_id="", transform=inner)
+            else:
+                kind = "geometry_msgs/msg/PoseStamped"
+                message = stamped(header=head, pose=pose(position=point(x=x, y=y, z=z), orientation=turned))
+            found.append((f"/{device}/{name}", kind, t_ns, message))
+            empty = np.array([])
+            jaw = joints(header=head, name=["jaw"], position=np.array([grip]), velocity=empty, effort=empty)
+            found.append((f"/{device}/{grips[device]}/measured_js", "sensor_msgs/msg/JointState", t_ns, jaw))
+    return found
+
+
+def rosbag(folder: Path, columns: Columns, storage: str = "sqlite3", transforms: Sequence[str] = ()) -> Path:
+    """Write a rosbag2 of CRTK topics."""
+    plugin = StoragePlugin.SQLITE3 if storage == "sqlite3" else StoragePlugin.MCAP
+    with Writer(folder, version=9, storage_plugin=plugin) as writer:
+        connections: dict[str, Any] = {}
+        for topic, kind, t_ns, message in ros_messages(columns, transforms):
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
+            writer.write(connections[topic], t_ns + 1000, STORE.serialize_cdr(message, kind))
+    return folder
+
+
+def ros_mcap(file: Path, columns: Columns) -> Path:
+    """Write an MCAP file of CRTK topics in CDR, as a recorder of ROS 2 does."""
+    with file.open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start(profile="ros2")
+        channels: dict[str, int] = {}
+        for topic, kind, t_ns, message in ros_messages(columns):
+            if topic not in channels:
+                schema = writer.register_schema(kind, "ros2msg", b"")
+                channels[topic] = writer.register_channel(topic, "cdr", schema)
+            data = bytes(STORE.serialize_cdr(message, kind))
+            writer.add_message(channels[topic], t_ns, data, t_ns)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return file
+
+
+def json_mcap(file: Path, topics: Mapping[str, Sequence[tuple[int, object]]]) -> Path:
+    """Write an MCAP file of JSON messages: log time and content by topic."""
+    with file.open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start()
+        for topic, messages in topics.items():
+            channel = writer.register_channel(topic, "json", 0)
+            for log_ns, content in messages:
+                data = content if isinstance(content, bytes) else json.dumps(content).encode()
+                writer.add_message(channel, log_ns, data, log_ns)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return file
