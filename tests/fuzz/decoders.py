@@ -42,10 +42,17 @@ from common.runtime.code_origin import Origin, dump_origins, parse_origins
 from common.runtime.control import ControlKeys, Epoch, Roster
 from common.runtime.credentials import credentials
 from common.runtime.mcap_log import McapLog
+from common.runtime.recordings.table_recording import table_recording
 from common.scenario.reading import build_scenario, parse_yaml
 from common.scenario.security import Password
-from common.sources.jigsaws import COLUMNS, parse_trial, pose_track
+from common.scenario.table_source import TableSource
+from common.sources.jigsaws import COLUMNS, parse_trial
+from common.sources.jigsaws import pose_track as trial_track
 from common.sources.provenance import parse_played
+from common.sources.table.layout import layout_of
+from common.sources.table.poses import finite_faults, pose_track
+from common.sources.table.row_clock import played, row_clock
+from common.sources.table.text import read_columns, split_table
 from common.trace_text import parse_trace
 from deploy.compare.grid import grid_faults
 from deploy.compare.study import Study
@@ -59,14 +66,21 @@ from deploy.net.fitting.captures import parse_capture
 from deploy.net.fitting.round_trips import parse_round_trips
 from deploy.net.library.profiles import SHIPPED, build_profile
 from deploy.net.probing.far_keys import Batch
+from deploy.recordings_import.found import Wanted as Foreign
+from deploy.recordings_import.mcap_file import read_mcap
+from deploy.recordings_import.one_clock import on_one_clock
+from deploy.recordings_import.pose_messages import jaw_in_ros, pose_in_ros
+from deploy.recordings_import.ros import decoder
 from deploy.shell.run_dir import read_json
 from deploy.tools.certificates import certificates, new_authority
 from deploy.tools.runs import Wanted, list_runs
 from netem.control.control import Control
 from patient_side.identification.model_io import dump_models, parse_models
+from tests.common.runtime.recordings.tables import movement, write_csv, write_parquet
 from tests.common.sources.trials import rows_of, text_of
 from tests.deploy.logs.hostile_files import channel, chunk, message, packed
 from tests.deploy.net.fitting.test_captures import frame
+from tests.deploy.recordings_import.foreign_files import STORE, json_mcap, ros_mcap, ros_messages
 from tests.fuzz.host_decoders import HOST_DECODERS
 from tests.netem.control.test_control import a_control
 from tests.patient_side.identification.test_model_io import model
@@ -112,6 +126,11 @@ def _controlled(payload: bytes) -> None:
         assert len(answer.model_dump_json()) < 100_000
 
 
+def _cdr_pose() -> bytes:
+    [_, kind, _, message], *_ = ros_messages(movement(1))
+    return bytes(STORE.serialize_cdr(message, kind))
+
+
 def _sample(payload: bytes, key: str = "") -> Any:
     return SimpleNamespace(payload=SimpleNamespace(to_bytes=lambda: payload), key_expr=key)
 
@@ -150,7 +169,39 @@ def _study(data: bytes) -> None:
 def _trial(data: bytes) -> None:
     rows = parse_trial(data.decode(errors="replace"), "a.txt")
     for device in COLUMNS:
-        pose_track(rows, device, "a.txt")
+        trial_track(rows, device, "a.txt")
+
+
+def _table(data: bytes) -> None:
+    text = split_table(data.decode(errors="replace"), "a.csv")
+    layout = layout_of(TableSource(kind="table", path="a.csv"), text.names, "a.csv")
+    columns = read_columns(text, layout.names, "a.csv")
+    if finite_faults(columns, "a.csv"):
+        return
+    clock, _ = row_clock(columns["time_s"], "a.csv", "time_s")
+    if clock is not None:
+        played(clock, 30, True, "bridge", "a.csv")
+    for device in (layout.hands[0].master, layout.hands[0].follower):
+        if device is not None:
+            pose_track(columns, device, "a.csv")
+
+
+def _table_file(data: bytes) -> None:
+    path = _FOLDER / "a.parquet"
+    path.write_bytes(data)
+    table_recording(TableSource(kind="table", path=str(path)), path, 30, 10, 0)
+
+
+def _imported(data: bytes) -> None:
+    path = _FOLDER / "d.mcap"
+    path.write_bytes(data)
+    on_one_clock(read_mcap(path, Foreign()), None, "d.mcap")
+
+
+def _cdr(data: bytes) -> None:
+    for kind, read in (("geometry_msgs/msg/PoseStamped", pose_in_ros), ("sensor_msgs/msg/JointState", jaw_in_ros)):
+        with suppress(ValueError, LookupError):
+            read(decoder(kind)(data), 5)
 
 
 def _chunk(data: bytes) -> None:
@@ -201,6 +252,7 @@ def _whole_log() -> bytes:
 
 
 _SAMPLED = SampledPose(**_pose()).payload()
+_TWO_POSES = [(k, json.loads(_SAMPLED) | {"sample_ns": k}) for k in (1, 2)]
 _FEEDBACK = FeedbackPose(**_pose(tick=3, command_sample_ns=4)).model_dump_json().encode()
 _WHOLE = _whole_log()
 _HEAD = _WHOLE[: _WHOLE.index(b"\x09", 8)]
@@ -317,6 +369,18 @@ DECODERS: dict[str, Decoder] = {
         _MODELS,
     ),
     "JIGSAWS text": Decoder(_trial, [text_of(rows_of(3)).encode()]),
+    "table text": Decoder(_table, [write_csv(_FOLDER / "a.csv", movement(4)).read_bytes()]),
+    "Parquet table": Decoder(_table_file, [write_parquet(_FOLDER / "b.parquet", movement(4)).read_bytes()]),
+    "foreign MCAP": Decoder(
+        _imported,
+        [
+            ros_mcap(_FOLDER / "e.mcap", movement(4)).read_bytes(),
+            json_mcap(
+                _FOLDER / "f.mcap", {"/MTML/measured_cp": [(k, json.loads(_SAMPLED)) for k in (1, 2)]}
+            ).read_bytes(),
+        ],
+    ),
+    "CDR": Decoder(_cdr, [_cdr_pose()]),
     "chunk": Decoder(_chunk, [packed(message(b"abc"))[9:]], (ValueError, McapError)),
     "records of a chunk": Decoder(parse_records, [channel(1, "/a") + message(b"abc")], (ValueError, SpentError)),
     "records": Decoder(_records, [bytes([k]) + note.model_dump_json().encode() for k, note in _NOTES]),

@@ -9,7 +9,17 @@ from hypothesis import strategies as st
 from tests.fuzz.decoders import DECODERS, decode
 from tests.fuzz.mutations import mutated
 
-SLOW = ("MCAP file", "scenario", "profile", "study", "JIGSAWS text", "model")
+SLOW = (
+    "foreign MCAP",
+    "Parquet table",
+    "table text",
+    "MCAP file",
+    "scenario",
+    "profile",
+    "study",
+    "JIGSAWS text",
+    "model",
+)
 
 
 @pytest.mark.parametrize("name", DECODERS)

@@ -17,7 +17,6 @@ from deploy.recordings_import.command import import_recording
 from deploy.recordings_import.found import Wanted
 from deploy.run.conclude import Outputs
 from deploy.run.virtual import run_virtual
-from deploy.tools.identify import identify_and_print
 from deploy.tools.synth import write_trials
 from tests.deploy.recordings_import.foreign_files import lerobot_set, ros_mcap, rosbag
 
@@ -112,9 +111,7 @@ def of_own_log(trial: Path, folder: Path) -> Path:
     whole = scenario_of(source).model_dump(mode="json", exclude_none=True)
     whole |= {"rate_hz": 30, "duration_s": 14.9, "estimators": ["hold"], "active_estimator": "hold"}
     whole["source"]["start"] = 0
-    model = folder / "model.json"
-    identify_and_print(scenario_of(source), model, None, QUIET, QUIET)
-    whole["identification"] = {"train": str(model)}
+    whole["identification"] = {"train": str(twin(scenario_of(source), folder / "first") / "model.json")}
     run = twin(build_scenario(whole, "log"), folder / "log")
     return imported(run / "surgeon.mcap", folder / "t.parquet")
 

@@ -1,0 +1,86 @@
+import hashlib
+import json
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from common.runtime.recordings import load_recording
+from tests.common.runtime.recordings.tables import movement, scenario_of
+from tests.deploy.commands import call_in_one_line
+from tests.deploy.recordings_import.foreign_files import json_mcap, lerobot_set, ros_mcap, rosbag
+
+
+def test_an_import_lists_what_it_found_and_says_how_to_play_it(tmp_path: Path) -> None:
+    file, table = ros_mcap(tmp_path / "a.mcap", movement(161)), tmp_path / "ann_1.parquet"
+    code, out, err = call_in_one_line("import", str(file), "--out", str(table), "--task", "Peg", "--person", "Ann")
+    assert (code, err) == (0, "")
+    assert "/MTML/measured_cp: 161 of geometry_msgs/msg/PoseStamped -> poses of MTML" in out
+    assert "/MTML/measured_cp: 161 poses in 5.333 s, 30 a second; no gap" in out
+    assert f"{table}: 161 rows of MTML, PSM2, 5.333 s at 30 a second" in out
+    assert f"--set 'source={{kind: table, path: {table}, hands: [left]}}' --set duration_s=auto" in out
+    about = json.loads(pq.read_schema(table).metadata[b"tis"])
+    assert (about["kind"], about["from"], about["task"], about["person"]) == ("mcap", "a.mcap", "Peg", "Ann")
+    assert about["sha256"] == hashlib.sha256(file.read_bytes()).hexdigest()
+    recording = load_recording(scenario_of(table))
+    assert (recording.label, recording.person, recording.warnings) == ("Peg ann_1", "Ann", ())
+
+
+def test_a_device_without_orientation_or_gripper_is_told(tmp_path: Path) -> None:
+    messages = [(33_333_333 * k, {"position": {"x": 0.001 * k, "y": 0, "z": 0}}) for k in range(20)]
+    file = json_mcap(tmp_path / "a.mcap", {"/PSM2/measured_cp": messages})
+    code, _, err = call_in_one_line("import", str(file), "-o", str(tmp_path / "t.csv"))
+    assert code == 0
+    assert "warning: PSM2 has no orientation: it does not turn" in err
+    assert "warning: PSM2 has no gripper: its angle is 0" in err
+    assert (tmp_path / "t.csv").read_text().splitlines()[0] == "time_s,PSM2_x_m,PSM2_y_m,PSM2_z_m"
+
+
+def test_mistakes_are_lines_and_leave_nothing(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "a.mcap").write_bytes(b"nothing")
+    (tmp_path / "a.bag").write_bytes(b"nothing")
+    (tmp_path / "a.txt").write_text("1 2 3\n")
+    out = str(tmp_path / "t.csv")
+    for words, expected, code in (
+        (("none", "-o", out), "none: does not exist", 4),
+        (("folder", "-o", out), "SOURCE: must be an .mcap file, a rosbag2 folder", 2),
+        (("a.mcap", "-o", "t.xlsx"), "--out: must end in .csv or .parquet (got 't.xlsx')", 2),
+        (("a.mcap", "-o", out), "a.mcap: is no MCAP file", 4),
+        (("a.bag", "-o", out), "a.bag: cannot be read as a bag: ", 4),
+        (("a.txt", "-o", out), "a.txt: line 1: must have 76 columns", 4),
+        (("a.mcap", "-o", out, "--topic", "MTML"), "--topic: must read NAME=VALUE (got 'MTML')", 2),
+    ):
+        found = call_in_one_line("import", str(tmp_path / words[0]), *words[1:])
+        assert found[0] == code, found
+        assert expected in found[2]
+    assert not Path(out).exists()
+
+
+def test_a_damaged_bag_is_refused(tmp_path: Path) -> None:
+    bag = rosbag(tmp_path / "bag", movement(20))
+    [database] = bag.glob("*.db3")
+    database.write_bytes(database.read_bytes()[:3000])
+    code, _, err = call_in_one_line("import", str(bag), "-o", str(tmp_path / "t.csv"))
+    assert code == 4
+    assert "bag: cannot be read as a bag: " in err
+    (bag / "metadata.yaml").write_text("{")
+    code, _, err = call_in_one_line("import", str(bag), "-o", str(tmp_path / "t.csv"))
+    assert code == 4
+
+
+def test_a_missing_extra_is_named_with_its_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file, folder = ros_mcap(tmp_path / "a.mcap", movement(20)), lerobot_set(tmp_path / "set", movement(20), 2)
+    for module in (
+        "deploy.recordings_import.ros",
+        "deploy.recordings_import.lerobot",
+        "deploy.recordings_import.table",
+    ):
+        monkeypatch.setattr(f"{module}.find_spec", lambda _: None)
+    out = str(tmp_path / "t.csv")
+    code, _, err = call_in_one_line("import", str(file), "-o", out)
+    assert (code, "pip install 'tis-testbed[rosbag]'" in err) == (2, True)
+    code, _, err = call_in_one_line("import", str(folder), "-o", out)
+    assert (code, "pip install 'tis-testbed[parquet]'" in err) == (2, True)
+    code, _, err = call_in_one_line("import", str(file), "-o", str(tmp_path / "t.parquet"))
+    assert (code, "pip install 'tis-testbed[parquet]'" in err) == (2, True)
