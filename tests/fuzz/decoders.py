@@ -375,9 +375,7 @@ DECODERS: dict[str, Decoder] = {
         _imported,
         [
             ros_mcap(_FOLDER / "e.mcap", movement(4)).read_bytes(),
-            json_mcap(
-                _FOLDER / "f.mcap", {"/MTML/measured_cp": [(k, json.loads(_SAMPLED)) for k in (1, 2)]}
-            ).read_bytes(),
+            json_mcap(_FOLDER / "f.mcap", {"/MTML/measured_cp": _TWO_POSES}).read_bytes(),
         ],
     ),
     "CDR": Decoder(_cdr, [_cdr_pose()]),
