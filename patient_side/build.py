@@ -67,7 +67,7 @@ def choose_models(
             where,
             "arm",
             f"must be {part.arm}, which the {part.hand} hand drives in this run: a model file serves runs with the "
-            "source.pairing that it was identified with",
+            "pairing that it was identified with (source.pairing, or drives of a table's columns)",
             by_hand[part.hand].arm,
         )
         for part in (() if recording is None else recording.hands)

@@ -183,7 +183,7 @@ def source_label(scenario: Scenario) -> str:
         return f"{origin} {source.task} {source.trial}, {hands} hand"
     if source.kind == "table":
         task = "" if source.task is None else f"{source.task} "
-        return f"recorded {task}{PurePath(source.path).stem}, {hands} hand"
+        return f"table {task}{PurePath(source.path).stem}, {hands} hand"
     return f"synthetic surgeon, {hands} hand"
 
 

@@ -80,7 +80,7 @@ def test_an_own_recording_is_identified_and_played(there: Path) -> None:
     assert "MTML -> PSM2 (by the table" in " ".join(done.stdout.split())
     found = summary("o/twin")
     assert found["valid"]
-    assert found["source"] == "recorded own_recording, left hand"
+    assert found["source"] == "table own_recording, left hand"
     assert found["duration_s"] == 19.98  # 2000 rows, 1000 to train on, and the last for truth after the last sample
 
 

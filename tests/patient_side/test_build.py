@@ -26,7 +26,7 @@ def test_a_model_of_another_arm_is_refused_with_both() -> None:
     assert [str(fault) for fault in caught.value.faults] == [
         "m.json: rate_hz: must be the scenario's 30 (got 50)",
         "m.json: arm: must be PSM2, which the left hand drives in this run: a model file serves runs with the "
-        "source.pairing that it was identified with (got 'PSM1')",
+        "pairing that it was identified with (source.pairing, or drives of a table's columns) (got 'PSM1')",
     ]
 
 

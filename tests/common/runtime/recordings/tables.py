@@ -13,11 +13,12 @@ from common.scenario.reading import build_scenario
 Columns = dict[str, Any]
 
 
-def movement(n_rows: int, rate_hz: float = 30.0, seed: int = 1) -> Columns:
-    """Return the canonical columns of a smooth master and of an arm at half its movement."""
+def movement(n_rows: int, rate_hz: float = 30.0, seed: int = 1, tremor_m: float = 0.0) -> Columns:
+    """Return the canonical columns of a smooth master, which may tremble, and of an arm at half its movement."""
     t_s = np.arange(n_rows) / rate_hz
     columns: Columns = {"time_s": t_s}
     path = np.stack([0.02 * np.sin((axis + 1.3) * t_s + seed) for axis in range(3)], axis=1)
+    path += tremor_m * np.random.default_rng(seed).standard_normal((n_rows, 3))
     half = 0.2 * np.sin(t_s + seed)
     for device, position in (("MTML", path), ("PSM2", 0.5 * path + 0.1)):
         columns |= {f"{device}_{axis}_m": position[:, k] for k, axis in enumerate("xyz")}
