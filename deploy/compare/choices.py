@@ -50,8 +50,12 @@ def people_of(source: RecordedSource, trials: Sequence[str]) -> list[str]:
 
 
 def folder_faults(source: Source) -> list[Fault]:
-    """Return a fault if the source is a folder of trials without any trial."""
-    return [no_trials(source)] if source.kind != "synthetic" and not list_trials(source) else []
+    """Return a fault if the source is a folder of trials without any trial, or a table that is not there."""
+    if source.kind == "synthetic":
+        return []
+    found = list_trials(source)
+    lacks = not found or (source.kind == "table" and own_trial(source) not in found)
+    return [no_trials(source)] if lacks else []
 
 
 def trials_of(source: RecordedSource, trials: Sequence[str] | None, people: Sequence[str] | None) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from common.errors import DataError, Fault
 from common.runtime.limited_file import read_limited
-from common.sources.table.limits import MAX_COLUMNS, MAX_ROWS, MAX_TABLE_BYTES, MAX_VALUES, MIN_ROWS
+from common.sources.table.limits import MAX_COLUMNS, MAX_ROWS, MAX_TABLE_BYTES, MAX_TEXT_BYTES, MAX_VALUES, MIN_ROWS
 from common.sources.table.text import TableText, read_columns, split_table
 from common.sources.trajectory import Array
 
@@ -47,8 +47,8 @@ class TableFile(Protocol):
 def open_table(path: Path) -> TableFile:
     """Return an opened table; raises `DataError` for what is none.
 
-    A file may have `MAX_TABLE_BYTES`, `MAX_ROWS` rows and `MAX_VALUES` numbers in the columns that are read, so that
-    compressed columns take bounded memory. Oracle: files that the tests write.
+    A file may have `MAX_TABLE_BYTES` (text `MAX_TEXT_BYTES`), `MAX_ROWS` rows and `MAX_VALUES` numbers in the columns
+    that are read, so that compressed columns take bounded memory. Oracle: files that the tests write.
     """
     where = str(path)
     try:
@@ -66,7 +66,7 @@ def open_table(path: Path) -> TableFile:
 
 
 def _text(path: Path) -> str:
-    content = read_limited(path, MAX_TABLE_BYTES)
+    content = read_limited(path, MAX_TEXT_BYTES)
     encoding = next((name for mark, name in _BYTE_ORDER_MARKS if content.startswith(mark)), "utf-8")
     try:
         return content.decode(encoding)

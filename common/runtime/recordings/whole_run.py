@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from common.errors import DataError, Fault, InputError
-from common.runtime.recordings import whole_recording
+from common.runtime.recordings import own_trial, trial_file, whole_recording
 from common.runtime.recordings.run_length import first_row, longest_s
 from common.scenario import AUTO, Scenario, reading
 from common.scenario.source import SyntheticSource
@@ -41,6 +41,8 @@ def whole_run(scenario: Scenario, where: str) -> Scenario:
     try:
         recording = whole_recording(scenario, source, start)
     except DataError as error:
+        if trial_file(source, own_trial(source)).exists():
+            raise
         rule = (
             "auto needs the recording on this host; else set the number of seconds, which `tis validate SCENARIO` "
             "prints on a host that has it"

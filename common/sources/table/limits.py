@@ -6,7 +6,9 @@ from typing import Final
 from common.errors import Fault
 
 MAX_TABLE_BYTES: Final = 500_000_000
-"""Size of a table's file: an hour of four devices at 200 Hz as text."""
+"""Size of a Parquet file."""
+MAX_TEXT_BYTES: Final = 200_000_000
+"""Size of a CSV file, which takes five times as much memory: an hour of two devices at 150 Hz, with all digits."""
 MAX_ROWS: Final = 4_000_000
 """Rows of a table: an hour at 1 kHz."""
 MAX_VALUES: Final = 64_000_000

@@ -33,7 +33,9 @@ def split_table(text: str, where: str) -> TableText:
     n_lines = text.count("\n") + text.count("\r")
     if n_lines > 2 * MAX_ROWS:  # counted first: as a list, empty lines take many times their size
         raise DataError(Fault(where, "", f"must have at most {MAX_ROWS} rows", n_lines))
-    lines = text.rstrip().replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    if "\r" in text:
+        text = text.replace("\r\n", "\n").replace("\r", "\n")
+    lines = text.rstrip().split("\n")
     if not lines[0].strip():
         raise DataError(Fault(where, "line 1", "must hold the names of the columns", lines[0]))
     longest = max(range(len(lines)), key=lambda i: len(lines[i]))

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from common.errors import InputError
+from common.errors import DataError, InputError
 from common.scenario import Scenario
 from deploy.compare.cells.cell import Cell, Training
 from deploy.compare.cells.digests import content_digest
@@ -64,6 +64,11 @@ def test_named_tables_and_people_are_compared(tables: Path) -> None:
     assert [cell.trial for cell in plan.cells] == ["ann_1.csv", "ann_2.csv"]
     with pytest.raises(InputError, match=r"no such trial; there are ann_1.csv, ann_2.csv, bob_1.csv, eve_1.csv"):
         plan_of(tables, trials=("ann_9.csv",))
+
+
+def test_a_table_that_is_not_there_is_refused_before_anything_is_computed(tables: Path) -> None:
+    with pytest.raises(DataError, match=r"none\.csv: does not exist \(given by source.path\)"):
+        plan_of(tables, "source.path=none.csv")
 
 
 def test_a_name_of_the_person_is_of_the_scenarios_own_table(tables: Path) -> None:

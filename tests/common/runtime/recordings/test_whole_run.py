@@ -53,6 +53,14 @@ def test_auto_without_an_end_or_a_row_or_a_file_is_refused(tmp_path: Path) -> No
     ]
 
 
+def test_a_recording_that_does_not_fit_is_told_alone(tmp_path: Path) -> None:
+    file = write_csv(tmp_path / "t.csv", movement(401, rate_hz=100.0))
+    with pytest.raises(DataError) as caught:
+        whole({"kind": "table", "path": str(file)})
+    [fault] = caught.value.faults
+    assert "set rate_hz: 100, or source.resample: true" in str(fault)
+
+
 def test_other_faults_come_before_the_recording_is_read(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="seed"):
         whole({"kind": "table", "path": str(tmp_path / "none.csv")}, seed=-1)
