@@ -14,6 +14,37 @@ app = Commands("Scenarios and data")
 
 _COMMAND = "tis import"
 
+PositionUnit = Annotated[Literal["m", "cm", "mm"], typer.Option(help="LeRobot: unit of positions.")]
+AngleUnit = Annotated[Literal["rad", "deg"], typer.Option(help="LeRobot: unit of roll, pitch and yaw.")]
+GripperUnit = Annotated[Literal["rad", "deg"], typer.Option(help="LeRobot: unit of gripper angles.")]
+RateOption = Annotated[
+    float | None,
+    typer.Option(
+        min=0.001,
+        max=1_000_000,
+        help="Rows per second; by default the streams' own instants, where they share them, else the rate of the "
+        "first.",
+    ),
+]
+TopicOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--topic", metavar="DEVICE=TOPIC", help="Poses of MTML, MTMR, PSM1 or PSM2; by default CRTK's names."
+    ),
+]
+JawOption = Annotated[
+    list[str] | None,
+    typer.Option("--jaw", metavar="DEVICE=TOPIC", help="Joint states whose first angle is the gripper's."),
+]
+NamesOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--names",
+        metavar="VECTOR=NAME,...",
+        help="LeRobot: names of the elements of observation.state or action, like left_x,left_y,left_z,left_jaw.",
+    ),
+]
+
 
 @app.command("import")
 @guarded
@@ -25,37 +56,14 @@ def import_(
         ),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="The table to write: .parquet or .csv.")],
-    rate_hz: Annotated[
-        float | None,
-        typer.Option(
-            min=0.001,
-            max=1_000_000,
-            help="Rows per second; by default the streams' own instants, where they share them, else the rate of "
-            "the first.",
-        ),
-    ] = None,
-    topic: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--topic", metavar="DEVICE=TOPIC", help="Poses of MTML, MTMR, PSM1 or PSM2; by default CRTK's names."
-        ),
-    ] = None,
-    jaw: Annotated[
-        list[str] | None,
-        typer.Option("--jaw", metavar="DEVICE=TOPIC", help="Joint states whose first angle is the gripper's."),
-    ] = None,
-    names: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--names",
-            metavar="VECTOR=NAME,...",
-            help="LeRobot: names of the elements of observation.state or action, like left_x,left_y,left_z,left_jaw.",
-        ),
-    ] = None,
+    rate_hz: RateOption = None,
+    topic: TopicOption = None,
+    jaw: JawOption = None,
+    names: NamesOption = None,
     episode: Annotated[int, typer.Option(min=0, help="LeRobot: the episode.")] = 0,
-    position_unit: Annotated[Literal["m", "cm", "mm"], typer.Option(help="LeRobot: unit of positions.")] = "m",
-    angle_unit: Annotated[Literal["rad", "deg"], typer.Option(help="LeRobot: unit of roll, pitch and yaw.")] = "rad",
-    gripper_unit: Annotated[Literal["rad", "deg"], typer.Option(help="LeRobot: unit of gripper angles.")] = "rad",
+    position_unit: PositionUnit = "m",
+    angle_unit: AngleUnit = "rad",
+    gripper_unit: GripperUnit = "rad",
     skip_unreadable: Annotated[
         bool, typer.Option("--skip-unreadable", help="Leave out messages that cannot be read, and count them.")
     ] = False,

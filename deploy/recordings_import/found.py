@@ -1,4 +1,4 @@
-"""What a foreign recording holds: its topics, and the poses and angles of those that are imported."""
+"""Content of a foreign recording: its topics, and the poses and angles of those that are imported."""
 
 from array import array
 from collections.abc import Mapping
