@@ -52,7 +52,8 @@ def import_(
     source: Annotated[
         Path,
         typer.Argument(
-            help="An .mcap file, a rosbag2 folder, a .bag, a LeRobot data set (its folder) or a JIGSAWS trial (.txt)."
+            metavar="SOURCE",
+            help="An .mcap file, a rosbag2 folder, a .bag, a LeRobot set (its folder) or a JIGSAWS trial (.txt).",
         ),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="The table to write: .parquet or .csv.")],

@@ -43,7 +43,7 @@ class Rows:
     _values: "array[float]" = field(default_factory=lambda: array("d"))
 
     def append(self, t_ns: int, values: tuple[float, ...]) -> None:
-        """Add a row; raises `OverflowError` for an instant beyond 64 bits, `ValueError` for more than `MAX_ROWS`."""
+        """Add a row; raises `OverflowError` for an instant beyond 64 bits, `DataError` for more than `MAX_ROWS`."""
         if len(self._ns) >= MAX_ROWS:
             raise DataError(Fault("tis import", "", f"a topic must have at most {MAX_ROWS} messages"))
         self._ns.append(t_ns)

@@ -12,7 +12,7 @@ from common.errors import DataError, Fault, InputError
 from common.runtime.limited_file import read_limited
 from common.scenario.table_source import PoseColumns, PoseUnits
 from common.sources.table.layout import DeviceLayout
-from common.sources.table.limits import MAX_ROWS
+from common.sources.table.limits import MAX_ROWS, MAX_VALUES
 from common.sources.table.poses import finite_faults, pose_track
 from common.units import NS_PER_S
 from deploy.recordings_import.found import Array, Found, Ints, Stream, Wanted
@@ -112,6 +112,12 @@ def _columns(file: Path, names: list[str]) -> dict[str, Any]:
             raise DataError(Fault(str(file), "", f"has no column {', '.join(missing)}"))
         if parquet.metadata.num_rows > MAX_ROWS:
             raise DataError(Fault(str(file), "", f"must have at most {MAX_ROWS} rows", parquet.metadata.num_rows))
+        # a compressed column may hold far more than the file's size
+        groups = [parquet.metadata.row_group(k) for k in range(parquet.metadata.num_row_groups)]
+        chunks = [group.column(k) for group in groups for k in range(group.num_columns)]
+        n_values = sum(chunk.num_values for chunk in chunks if chunk.path_in_schema.startswith(tuple(names)))
+        if n_values > MAX_VALUES:
+            raise DataError(Fault(str(file), "", f"must hold at most {MAX_VALUES} numbers to read", n_values))
         table = parquet.read(columns=names)
         return {name: _array(table.column(name).combine_chunks(), file, name) for name in names}
     except (pa.ArrowException, OSError, ValueError, MemoryError) as error:

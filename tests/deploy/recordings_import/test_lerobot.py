@@ -99,6 +99,19 @@ def test_what_is_no_set_is_refused(tmp_path: Path) -> None:
             read_lerobot(folder, Wanted())
 
 
+def test_vectors_that_unpack_to_too_much_are_refused_unread(tmp_path: Path) -> None:
+    folder = lerobot_set(tmp_path / "set", movement(50), 3)
+    n_rows = 70_000
+    long = pa.FixedSizeListArray.from_arrays(pa.array(np.zeros(1000 * n_rows, dtype=np.float32)), 1000)
+    index = pa.array(np.zeros(n_rows, dtype=np.int64))
+    columns = {"action": long, "observation.state": long, "frame_index": index, "episode_index": index}
+    file = folder / "data/chunk-000/file-000.parquet"
+    pq.write_table(pa.table(columns | {"timestamp": pa.array(np.zeros(n_rows))}), file)
+    assert file.stat().st_size < 1_000_000
+    with pytest.raises(DataError, match=r"must hold at most 64000000 numbers to read"):
+        read_lerobot(folder, Wanted(episode=0))
+
+
 def test_missing_numbers_are_named(tmp_path: Path) -> None:
     columns = movement(50)
     columns["PSM2_x_m"][3] = np.nan
