@@ -106,7 +106,8 @@ class Identification(Part):
     train: Annotated[str, AfterValidator(_model_file_or_name)] = Field(
         "own_head",
         description="Training data. own_head: the first train_samples rows of the same trial; others: all trials of "
-        "the same task by other subjects; or the path of a model file written by `tis identify`.",
+        "the same task by other subjects, for a table the tables of other people beside it; or the path of a model "
+        "file written by `tis identify`.",
     )
     train_samples: int = Field(
         1240, strict=True, ge=60, description="Number of training rows at the trial's beginning, for own_head."

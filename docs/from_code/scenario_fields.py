@@ -116,6 +116,8 @@ def _values(of: Schema, parts: Schema) -> str:
     if "const" in of:
         return code(of["const"])
     if of.get("type") == "array":
+        if "prefixItems" in of:
+            return f"list of {len(of['prefixItems'])} x {_values(of['prefixItems'][0], parts)}"
         return f"list of {_values(of['items'], parts)}"
     words = {"boolean": "`true`, `false`", "string": "text", "object": "mapping"}
     return words.get(of.get("type", "string")) or _range(of)
