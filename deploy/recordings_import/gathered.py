@@ -25,7 +25,7 @@ def streams_of(
 
     Raises `DataError` for messages that cannot be read, unless they are skipped, for fewer than two poses, numbers
     that are not finite and quaternions whose norm is not 1. Messages are sorted by instant; of those with one instant
-    the first counts. Oracle: shuffled and repeated messages, test_gathered.
+    the first counts. Oracle: shuffled and repeated messages, test_mcap_file.
     """
     faults = (
         []

@@ -6,17 +6,15 @@ import json
 from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from common.errors import Fault, InputError
+from common.runtime.recordings.table_file import METADATA
 from common.sources.table.layout import TIME, canonical_names
 from deploy.recordings_import.found import Array
 from deploy.recordings_import.one_clock import Rows
 from deploy.shell import run_dir as folder
 from deploy.shell.extras import GET_PARQUET
-
-METADATA: Final = b"tis"
-"""Key of the Parquet file's metadata, JSON: where the recording comes from, who moves, and how it was imported."""
 
 
 def columns_of(rows: Rows) -> dict[str, Array]:
