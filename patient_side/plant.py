@@ -161,6 +161,7 @@ def build_plant(scenario: Scenario, recording: Recording, hand: HandRecording) -
     if spec.kind == "replay":
         arm = hand.follower.rows(recording.start, len(hand.follower))
         return ReplayPlant(arm.position_m, recording.rate_hz, arm.orientation, arm.gripper_rad)
+    assert spec.kind == "servo"
     return ServoPlant(
         bandwidth_hz=spec.bandwidth_hz,
         damping=spec.damping,

@@ -38,7 +38,7 @@ _ABOUT: Final = (
 def located(scenario: Scenario) -> Scenario:
     """Return the scenario with the absolute folder of its trials, so that the log names the files that are read."""
     source = scenario.source
-    if source.kind == "synthetic" or source.path is not None:
+    if source.kind != "jigsaws" or source.path is not None:
         return scenario
     return scenario.model_copy(update={"source": source.model_copy(update={"path": str(_root(source))})})
 
@@ -58,6 +58,9 @@ def load_recording(scenario: Scenario) -> Recording:
     if source.kind == "synthetic":
         digest = digest_of_synthetic(source, scenario.seed, scenario.rate_hz)
         return replace(synthesise(source, scenario.seed, scenario.rate_hz, n_rows, start), digest=digest)
+    if source.kind == "live":
+        rule = "must be recorded or synthetic here: a live movement is known only while it is made"
+        raise InputError(Fault(f"scenario {scenario.name}", "source.kind", rule, source.kind))
     file = trial_file(source, source.trial)
     rows = _read_trial(source, file)
     if len(rows) < n_rows:
@@ -102,7 +105,7 @@ def _other_subjects(source: JigsawsSource, trials: Sequence[str]) -> list[str]:
 
 def check_recording(scenario: Scenario) -> None:
     """Raise what `load_recording` raises for recorded trials, before any process starts; a synthetic one is there."""
-    if scenario.source.kind != "synthetic":
+    if scenario.source.kind not in ("synthetic", "live"):
         load_recording(scenario)
 
 
@@ -118,7 +121,7 @@ def load_training(scenario: Scenario, recording: Recording) -> list[Recording]:
         head = recording.head(scenario.identification.train_samples)
         return [with_noise(head, scenario.identification.sensor_noise_m, scenario.seed)]
     source = scenario.source
-    if train != "others" or source.kind == "synthetic":
+    if train != "others" or source.kind != "jigsaws":
         return []
     found = list_trials(source)
     others = _other_subjects(source, found)

@@ -6,6 +6,7 @@ from pydantic import AfterValidator, Field, SerializerFunctionWrapHandler, Strin
 
 from common.channels import Hand
 from common.scenario.base import NonNegative, Part, Positive, Probability, RuleText
+from common.scenario.live_source import LiveSource
 
 Start = Annotated[
     Annotated[int, Field(ge=0, strict=True)] | Literal["auto"],
@@ -130,4 +131,4 @@ class SyntheticSource(Part):
         return True
 
 
-Source = Annotated[JigsawsSource | SyntheticSource, Field(discriminator="kind")]
+Source = Annotated[JigsawsSource | SyntheticSource | LiveSource, Field(discriminator="kind")]

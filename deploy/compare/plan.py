@@ -11,6 +11,7 @@ from common.runtime.recordings import list_trials, trial_file
 from common.runtime.user_code import load_user_code
 from common.scenario import Scenario
 from common.scenario.estimator_names import is_user_defined
+from common.scenario.live_rules import virtual_time_faults
 from common.scenario.patient import is_model_file
 from common.scenario.reading import apply_settings, build_scenario
 from common.scenario.source import Source
@@ -147,6 +148,9 @@ def _scenarios(request: Request, points: Sequence[Point]) -> list[Scenario]:
             if len(faults) > _MOST_FAULTS:
                 break
     source = scenarios[0].source if scenarios else _source(request)
+    faults += [
+        fault for each in scenarios[:1] for fault in virtual_time_faults(request.scenario, each.source, each.patient)
+    ]
     missing = [] if source is None else folder_faults(source)
     faults += [] if source is None else trial_faults(source, request.trials, request.people)
     if faults:

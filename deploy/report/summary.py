@@ -180,7 +180,7 @@ def source_label(scenario: Scenario) -> str:
     if source.kind == "jigsaws":
         origin = "synthetic" if source.synthetic else "recorded"
         return f"{origin} {source.task} {source.trial}, {hands} hand"
-    return f"synthetic surgeon, {hands} hand"
+    return f"live device, {hands} hand" if source.kind == "live" else f"synthetic surgeon, {hands} hand"
 
 
 def _durations(

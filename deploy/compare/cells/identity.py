@@ -33,7 +33,7 @@ def training_of(scenario: Scenario) -> Training | None:
     deciding: dict[str, Any] = {name: raw[name] for name in ("rate_hz", "identification", "estimators")}
     deciding["orientation"] = sorted(scenario.patient.orientation.in_order)
     kept = {name: value for name, value in raw["source"].items() if name not in ("path", "start", "trial")}
-    if source.kind == "synthetic":
+    if source.kind != "jigsaws":
         deciding |= {"source": kept, "seed": scenario.seed}
         label = f"the head of seed {scenario.seed}"
     else:

@@ -95,7 +95,7 @@ class SharedParts:
 
 def _recording_key(scenario: Scenario) -> Hashable:
     source = scenario.source
-    file = None if source.kind == "synthetic" else _file_key(trial_file(source, source.trial))
+    file = _file_key(trial_file(source, source.trial)) if source.kind == "jigsaws" else None
     deciding = (source.model_dump_json(), scenario.identification.model_dump_json(exclude={"train"}))
     looks = scenario.identification.train if not is_model_file(scenario.identification.train) else ""
     return (*deciding, looks, scenario.rate_hz, scenario.n_samples, scenario.seed, file)
