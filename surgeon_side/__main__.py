@@ -5,8 +5,8 @@ from dataclasses import replace
 import typer
 
 from common.runtime.client_side import run_client_side
+from common.runtime.movements import load_movement
 from common.runtime.process_end import run_to_end
-from common.runtime.recordings import load_recording
 from common.runtime.side import Prepared
 from common.runtime.side_cli import endpoints_for, side_command
 from common.runtime.side_log import SideOptions
@@ -22,7 +22,7 @@ def run_surgeon(scenario: Scenario, options: SideOptions, status: Status) -> int
     options = replace(options, zenoh=replace(options.zenoh, connect=connect))
 
     def prepare() -> Prepared:
-        recording = load_recording(scenario)
+        recording = load_movement(scenario)
         played = {RECORDING_FILE: dump_played(recording, scenario.n_samples).encode()}
         warnings = [*recording.warnings, *scenario.surgeon.warnings()]
         return Prepared(build_surgeon(scenario, recording), played, warnings)

@@ -5,15 +5,19 @@ from common.sources.sensor_noise import SensorNoise
 from common.sources.trajectory import Recording
 from common.ticker import Ticker
 from common.units import MM_PER_M, ms_to_ns
+from surgeon_side.live.motion import LiveMotion
+from surgeon_side.motion import Motion, RecordedMotion
 from surgeon_side.node import Redundancy, SurgeonNode
 
 
 def build_surgeon(scenario: Scenario, recording: Recording) -> SurgeonNode:
-    """Return a surgeon that plays the recording's rows from its start, at the scenario's rate."""
+    """Return a surgeon that plays the recording's rows from its start, or follows a live source's devices."""
     part = scenario.surgeon
     redundancy = Redundancy(part.copies, ms_to_ns(part.copy_spacing_ms), part.history)
     ticker = Ticker(scenario.rate_hz, scenario.n_samples)
-    return SurgeonNode(scenario.session, recording, ticker, redundancy, noise=sensor_noise(scenario))
+    source = scenario.source
+    motion: Motion = LiveMotion(source, scenario.rate_hz) if source.kind == "live" else RecordedMotion(recording)
+    return SurgeonNode(scenario.session, motion, ticker, redundancy, noise=sensor_noise(scenario))
 
 
 def sensor_noise(scenario: Scenario) -> SensorNoise | None:

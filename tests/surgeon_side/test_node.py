@@ -10,6 +10,7 @@ from common.messages import FeedbackPose, Pose, SampledPose, Vector3
 from common.node import Emission, Record
 from common.records import TICKS, TRUTH, TickNote, TruthRow
 from common.ticker import Ticker
+from surgeon_side.motion import RecordedMotion
 from surgeon_side.node import ONCE, Redundancy, SurgeonNode, rotation_vector
 from tests.nodes import Stamp, a_pose, a_recording, an_arrival
 
@@ -17,7 +18,7 @@ PERIOD_NS = 33_333_333
 
 
 def _node(n_ticks: int = 5, start: int = 0, n_rows: int = 50, redundancy: Redundancy = ONCE) -> SurgeonNode:
-    return SurgeonNode("tis", a_recording(n_rows, start), Ticker(30, n_ticks), redundancy)
+    return SurgeonNode("tis", RecordedMotion(a_recording(n_rows, start)), Ticker(30, n_ticks), redundancy)
 
 
 def _emissions(outputs: object) -> list[Emission]:
