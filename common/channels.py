@@ -27,6 +27,9 @@ CONTROL: Final = "@tis"
 SERVO: Final = "servo_cp"
 """Last chunk of the keys of set points."""
 
+EXTERNAL: Final = "arm/measured_cp"
+"""Last chunks of the keys on which a program of its own tells where its arm is."""
+
 
 @dataclass(frozen=True)
 class Channel:
@@ -89,7 +92,13 @@ def _directions(session: str) -> dict[str, Direction]:
 @cache
 def local_keys(session: str) -> frozenset[str]:
     """Return the keys of all channels that stay on their network."""
-    return frozenset(Channel(arm, SERVO, None, SetPoint).key(session) for arm in get_args(Arm))
+    set_points = (Channel(arm, SERVO, None, SetPoint).key(session) for arm in get_args(Arm))
+    return frozenset((*set_points, *(arm_key(session, arm) for arm in get_args(Arm))))
+
+
+def arm_key(session: str, arm: Arm) -> str:
+    """Return the key on which a program that moves an arm tells where it is, by `common.device_pose.DevicePose`."""
+    return f"{session}/{arm}/{EXTERNAL}"
 
 
 def is_set_point(key: str) -> bool:

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple, TypeVar
 
 from pydantic import ValidationError
 
-from common.channels import ORIGIN, Network, local_keys
+from common.channels import ORIGIN, Network, is_set_point, local_keys
 from common.header import Header
 from common.messages import FeedbackPose, Pose, position_m
 from common.units import NS_PER_MS, NS_PER_S
@@ -84,7 +84,7 @@ class LiveBook:
     def take(self, seen: Sighting) -> None:
         """Add a message; messages that are not of the session's streams are ignored."""
         if seen.key in self._local:
-            if seen.network == "east":
+            if seen.network == "east" and is_set_point(seen.key):
                 self.safety.take(seen.key.split("/")[-2], seen.payload, self.now_ns)
             return
         stream = self._table.get(seen.key)

@@ -10,9 +10,9 @@ from math import cos, dist, radians, sin, sqrt
 from typing import Final
 
 from common.channels import Hand
+from common.device_gate import DeviceSample
 from common.scenario.live_source import LiveSource
 from common.units import MM_PER_M, NS_PER_S
-from surgeon_side.live.gate import DeviceSample
 from surgeon_side.motion import HandPoses, Placed
 
 Vector = tuple[float, float, float]

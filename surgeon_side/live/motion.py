@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from typing import Final, get_args
 
 from common.channels import FOLLOWER, Hand, HandChannels, hand_channels
+from common.device_gate import DeviceGate, from_json, from_ros2
 from common.device_records import DEVICES, DeviceEvent, DeviceNote, Refusal
 from common.key_expression import key_matches
 from common.node import Arrival, Record
 from common.scenario.live_source import LiveSource
 from common.units import NS_PER_S, ms_to_ns
-from surgeon_side.live.gate import DeviceGate, from_json, from_ros2
 from surgeon_side.live.mapping import Mapping as DeviceMapping
 from surgeon_side.motion import HandPoses
 

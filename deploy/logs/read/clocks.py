@@ -10,6 +10,7 @@ from common.channels import SERVO, Side, direction_of, is_set_point
 from common.clocks.exchange import Exchanges, Ints
 from common.clocks.fit import fit_clock
 from common.clocks.model import PPM, SHARED, ClockModel
+from common.device_records import DEVICES
 from common.errors import DataError, Fault
 from common.host_records import CLOCK, DISCIPLINE, EXCHANGES, PROCESSORS
 from common.records import (
@@ -47,6 +48,7 @@ _OWN: Final[Mapping[str, tuple[str, ...]]] = {
     QUARANTINE: ("recv_ns",),
     PROCESSORS: ("from_ns", "to_ns"),
     PEERS: ("at_ns",),
+    DEVICES: ("at_ns",),
     SAFETY: ("t_ns",),
     STOPS: ("at_ns",),
     SERVO: ("sample_ns",),

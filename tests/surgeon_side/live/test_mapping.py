@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from common.device_gate import DeviceSample
 from common.scenario.live_source import LiveSource
-from surgeon_side.live.gate import DeviceSample
 from surgeon_side.live.mapping import Mapping, quaternion_of, turned
 
 PERIOD = 33_333_333

@@ -52,7 +52,8 @@ def test_a_sample_is_the_newest_pose_at_its_instant_and_truth_is_the_commanded_a
     assert sent(outputs)["tis/MTML/measured_cp"] == pytest.approx(0.12)
     assert sent(outputs)["tis/PSM2/setpoint_cp"] == pytest.approx(0.06)
     ((index, x),) = truth(outputs)
-    assert (index, x) == (1, pytest.approx(0.06))
+    assert index == 1
+    assert x == pytest.approx(0.06)
     headers = [output.attachment for output in outputs if isinstance(output, Emission)]
     assert headers == [Header(1), Header(1)]
     node.receive(pose(101, 1.03))

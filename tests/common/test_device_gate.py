@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from surgeon_side.live.gate import MAX_PER_TICK, DeviceGate, DeviceSample, from_json, from_ros2
-from tests.surgeon_side.live.test_pose_stamped import BY_HAND
+from common.device_gate import MAX_PER_TICK, DeviceGate, DeviceSample, from_json, from_ros2
+from tests.common.test_pose_stamped import BY_HAND
 
 MS = 1_000_000
 
