@@ -31,19 +31,21 @@ Rights = dict[str, Sequence[str]]
 """Key expressions by Zenoh's kind of message."""
 
 
-def access_control(security: NoSecurity | Mtls | Password, session: str, network: Network) -> dict[str, Any]:
+def access_control(
+    security: NoSecurity | Mtls | Password, session: str, network: Network, devices: Sequence[str] = ()
+) -> dict[str, Any]:
     """Return Zenoh's ``access_control`` for netem's router on a network of the run.
 
     With certificates or passwords everything is denied but what the names below may say: the side of this network its
     own streams, its token and questions to netem; ``control`` the emulator's control keys and emergency stops;
-    ``observers`` nothing.
+    ``observers`` nothing. ``devices`` are keys of operators' devices, which speak with the surgeon's name.
     Both may listen. Without either, everything is allowed but what netem alone says: the run, its end, the clock and
     mirrored tokens. Oracle: attacks on real routers, tests/system/test_security.
     """
     if isinstance(security, NoSecurity):
         return _Rules().deny_all(_of_others(session, network)).as_config("allow")
     rules = _Rules()
-    rules.allow("side", (SIDE_ON[network],), _of_side(session, network), security)
+    rules.allow("side", (SIDE_ON[network],), _of_side(session, network, devices), security)
     rules.allow("observers", security.observers, _of_observers(session), security)
     rules.allow("control", security.control, _of_control(session), security)
     rules.allow("netem", ("netem",), _of_own_clients(session), security)
@@ -67,16 +69,18 @@ def _of_others(session: str, network: Network) -> Rights:
     }
 
 
-def _of_side(session: str, network: Network) -> Rights:
+def _of_side(session: str, network: Network, devices: Sequence[str]) -> Rights:
     keys, says = ControlKeys(session), _SAYS[network]
     token = keys.token(SIDE_ON[network], "*", mirrored=False)
-    own = (*local_keys(session), stopped_key(session)) if network == "east" else (stop_key(session),)
+    own = (*local_keys(session), stopped_key(session)) if network == "east" else (stop_key(session), *devices)
+    beside = local_keys(session) if network == "east" else devices  # an arm or a device is a program of its own
     return {
         "put": (*keys_of(says, session), keys.beat(SIDE_ON[network]), *own),
         "declare_subscriber": (
             *keys_of(OPPOSITE[says], session),
             keys.end,
             keys.beats,
+            *beside,
             stop_key(session) if network == "east" else stopped_key(session),
         ),
         "query": (keys.clock, keys.scenario("netem")),

@@ -11,6 +11,7 @@ from rich.text import Text
 from common.clocks.uncertainty import is_resolvable
 from common.metrics.verdict import SetVerdict
 from common.sources.provenance import RecordedRows, in_words
+from deploy.report.measures.devices import device_texts
 from deploy.report.measures.estimation.own_estimators import estimator_fault_texts, labelled
 from deploy.report.measures.network.refusals import refusal_texts
 from deploy.report.tables.brief import brief
@@ -270,11 +271,12 @@ def _footer(summary: dict[str, Any]) -> str:
 
 
 def run_warnings(summary: Mapping[str, Any]) -> list[str]:
-    """Return the warnings on a run's figures: absent sides, failed estimators, in-sample models, the recording's."""
+    """Return the warnings on a run's figures: sides, devices, estimators, models, the recording's."""
     recording = summary.get("recording") or {}
     return [
         *_absence_texts(summary),
         *_quarantine_text(summary),
+        *device_texts(summary),
         *refusal_texts(summary.get("refused", {})),
         *estimator_fault_texts(summary),
         *(summary.get("in_sample") or []),

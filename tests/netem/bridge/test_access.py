@@ -68,6 +68,12 @@ def _may(config: dict[str, Any], subject: str, kind: str, key: str) -> bool:
         ("east", "side", "put", "tis/PSM2/servo_cp", True),
         ("east", "control", "put", "tis/PSM2/servo_cp", False),
         ("west", "side", "put", "tis/PSM2/servo_cp", False),
+        ("east", "side", "declare_subscriber", "tis/PSM2/servo_cp", True),
+        ("east", "side", "put", "tis/PSM2/arm/measured_cp", True),
+        ("east", "side", "declare_subscriber", "tis/PSM2/arm/measured_cp", True),
+        ("east", "observers", "put", "tis/PSM2/arm/measured_cp", False),
+        ("west", "side", "put", "tis/PSM2/arm/measured_cp", False),
+        ("west", "side", "put", "device/MTML/measured_cp", False),
         ("east", "observers", "declare_subscriber", "tis/PSM2/servo_cp", True),
         ("west", "side", "declare_subscriber", "tis/@tis/stopped", True),
         ("east", "side", "declare_subscriber", "tis/@tis/stop", True),
@@ -113,3 +119,12 @@ def test_names_are_proven_as_the_scenario_says() -> None:
     assert subjects["side"]["usernames"] == ["patient"]
     assert subjects.keys() == {"side", "netem"}, "nobody is listed"
     assert by_password["default_permission"] == "deny"
+
+
+def test_a_device_speaks_with_the_surgeons_name_on_the_surgeons_network() -> None:
+    key = "device/MTML/measured_cp"
+    config = access_control(MTLS, "tis", "west", [key])
+    assert _may(config, "side", "put", key)
+    assert _may(config, "side", "declare_subscriber", key)
+    assert not _may(config, "observers", "put", key)
+    assert not _may(config, "side", "put", "device/MTMR/measured_cp")
