@@ -9,6 +9,9 @@ from common.messages import Message
 
 DEVICES: Final = "/tis/devices"
 
+FOREIGN_SURGEON: Final = "foreign_surgeon"
+"""Counter in the log of a surgeon that another program was: 1."""
+
 Refusal = Literal["undecodable", "not_finite", "no_rotation", "backwards", "flooded", "jump"]
 """Reason why a message of a device is not used."""
 

@@ -8,6 +8,7 @@ from common.units import MM_PER_M, ms_to_ns
 from surgeon_side.live.motion import LiveMotion
 from surgeon_side.motion import Motion, RecordedMotion
 from surgeon_side.node import Redundancy, SurgeonNode
+from surgeon_side.witness import WitnessNode
 
 
 def build_surgeon(scenario: Scenario, recording: Recording) -> SurgeonNode:
@@ -18,6 +19,12 @@ def build_surgeon(scenario: Scenario, recording: Recording) -> SurgeonNode:
     source = scenario.source
     motion: Motion = LiveMotion(source, scenario.rate_hz) if source.kind == "live" else RecordedMotion(recording)
     return SurgeonNode(scenario.session, motion, ticker, redundancy, noise=sensor_noise(scenario))
+
+
+def build_witness(scenario: Scenario, movement: Recording) -> WitnessNode:
+    """Return the witness of a foreign surgeon that moves the hands of ``movement``."""
+    hands = [hand.channels for hand in movement.hands]
+    return WitnessNode(scenario.session, hands, scenario.rate_hz, scenario.n_samples)
 
 
 def sensor_noise(scenario: Scenario) -> SensorNoise | None:

@@ -66,6 +66,12 @@ def side_command(
         insecure: Annotated[bool, insecure_option(side == "netem")] = False,
         child: ChildOption = False,
         alone: AloneOption = False,
+        witness: Annotated[
+            bool,
+            typer.Option(
+                "--witness", hidden=side != "surgeon", help="Another program is the surgeon: only write its log."
+            ),
+        ] = False,
     ) -> None:
         from common.runtime.status import Status
 
@@ -85,7 +91,10 @@ def side_command(
             file = locate(scenario)
             agreed = located(reading.build_scenario(read_scenario(file), str(file), profiles))
             zenoh_options = ZenohOptions(connect or (), listen or (), config, cfg or (), insecure)
-            return run_side(agreed, SideOptions(run_dir, zenoh_options, wait_s, alone=alone or not child), status)
+            if witness and side != "surgeon":
+                raise InputError(Fault(side, "--witness", "works for the surgeon only"))
+            options = SideOptions(run_dir, zenoh_options, wait_s, alone=alone or not child, witness=witness)
+            return run_side(agreed, options, status)
 
         def failed(code: int, faults: Sequence[Fault]) -> None:
             status.failed(code, [str(fault) for fault in faults])

@@ -25,12 +25,14 @@ class SideOptions:
     """Options of a side's process, beside its scenario.
 
     ``run_dir`` None: a new folder below runs/, or that of the run that this side was killed in.
+    ``witness``: another program is this side, and this process only writes its log.
     """
 
     run_dir: Path | None
     zenoh: ZenohOptions = field(default_factory=ZenohOptions)
     wait_s: float | None = None
     alone: bool = True
+    witness: bool = False
 
 
 def earlier_part(options: SideOptions, scenario: Scenario, side: Side) -> EarlierPart | None:

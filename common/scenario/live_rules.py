@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from common.errors import Fault
+from common.errors import Fault, InputError
 from common.scenario.live_source import LiveSource
 from common.scenario.patient import PatientPart, is_model_file
 from common.scenario.source import Source
@@ -48,3 +48,10 @@ def virtual_time_faults(where: str, source: Source, patient: PatientPart) -> lis
         rule = "must be replay or servo in virtual time: an external arm moves in real time only"
         faults.append(Fault(where, "patient.plant.kind", rule, patient.plant.kind))
     return faults
+
+
+def check_foreign_surgeon(where: str, source: Source) -> None:
+    """Raise `InputError` where another program cannot be the surgeon: the source would tell another movement."""
+    if source.kind != "live":
+        rule = "must be live with a foreign surgeon: only then nothing is expected of its movement"
+        raise InputError(Fault(where, "source.kind", rule, source.kind))

@@ -14,6 +14,7 @@ from common.runtime.scenario_file import RUNS, run_folder
 from common.runtime.trace_files import load_traces
 from common.runtime.zenoh_session import ZenohOptions
 from common.scenario import Scenario
+from common.scenario.live_rules import check_foreign_surgeon
 from common.scenario.patient import is_model_file
 from deploy.run.progress import RunProgress
 from deploy.shell import run_dir as folder
@@ -31,16 +32,19 @@ if TYPE_CHECKING:
 
 def run_live(
     scenario: Scenario, run_dir: Path | None, out: Console, err: Console,
-    outputs: "Outputs", view: PageAddress | None, insecure: bool = False,
+    outputs: "Outputs", view: PageAddress | None, insecure: bool = False, foreign_surgeon: bool = False,
 ) -> int:  # fmt: skip
     """Run the three processes, write summary, manifest and report, print the summary; return the exit code.
 
-    ``view`` enables the live page; ``insecure`` as for `launch`. A run in which no side started running leaves no
+    ``view`` enables the live page; ``insecure`` and ``foreign_surgeon`` as for `launch`.
+    A run in which no side started running leaves no
     folder behind.
     """
     scenario.identification.check_for_live_runs(scenario.estimators)
     # these fail before any folder or process exists, instead of in a side's process
     own_estimators(scenario)
+    if foreign_surgeon:
+        check_foreign_surgeon(f"scenario {scenario.name}", scenario.source)
     check_recording(scenario)
     load_traces(scenario.network)
     if is_model_file(scenario.identification.train):
@@ -73,7 +77,7 @@ def run_live(
 
         # The run itself; the terminal is restored and the observer stopped however it ends.
         try:
-            outcome = launch(scenario, path, take, endpoints, insecure)
+            outcome = launch(scenario, path, take, endpoints, insecure, foreign_surgeon)
         finally:
             progress.stop()
             observer.stop()

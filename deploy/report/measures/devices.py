@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, Final, get_args
 
 from common.channels import Hand, Side
-from common.device_records import DEVICES, Refusal
+from common.device_records import DEVICES, FOREIGN_SURGEON, Refusal
 from common.records import COUNTERS
 from common.scenario import Scenario
 from common.units import NS_PER_S
@@ -34,6 +34,11 @@ def devices_summary(logs: RunLogs, scenario: Scenario) -> dict[str, Any]:
     return found
 
 
+def is_foreign(logs: RunLogs) -> bool:
+    """Tell whether another program was the surgeon, and ours only wrote its log."""
+    return "surgeon" in logs.sides and any(row["name"] == FOREIGN_SURGEON for row in logs.of("surgeon", COUNTERS))
+
+
 def device_texts(summary: Mapping[str, Any]) -> list[str]:
     """Return a sentence on each device and external arm that was silent, or sent what was not used."""
     texts = []
@@ -57,6 +62,8 @@ def _by_hand(logs: RunLogs, scenario: Scenario, side: Side, head: str) -> dict[H
     rows = logs.of(side, DEVICES)
     found: dict[Hand, dict[str, Any]] = {}
     for hand in scenario.source.hands:
+        if f"{head}_poses.{hand}" not in counts:  # a foreign surgeon has its device to itself
+            continue
         silent_ticks = counts.get(f"{head}_silent_ticks.{hand}", 0)
         first = [row["at_ns"] for row in rows if row["hand"] == hand and row["event"] == "first"]
         found[hand] = {

@@ -1,11 +1,13 @@
 from pathlib import Path
+from typing import Any
 
 from common.device_records import DEVICES, DeviceNote
 from common.node import Record
-from deploy.report.measures.devices import device_texts, devices_summary
+from deploy.report.measures.devices import device_texts, devices_summary, is_foreign
+from deploy.report.summary import source_label
 from tests.deploy.report.hand_made import MS, a_scenario, counter, write_run
 
-LIVE = {
+LIVE: dict[str, Any] = {
     "source": {"kind": "live", "hands": ["left", "right"]},
     "patient": {"plant": {"kind": "external"}},
     "identification": {"train": "synthetic"},
@@ -42,3 +44,11 @@ def test_a_scenario_without_either_has_no_such_figures(tmp_path: Path) -> None:
     logs = write_run(tmp_path, surgeon=[], patient=[])
     assert devices_summary(logs, a_scenario()) == {}
     assert device_texts({}) == []
+
+
+def test_a_foreign_surgeon_has_its_device_to_itself(tmp_path: Path) -> None:
+    logs = write_run(tmp_path, surgeon=[counter("foreign_surgeon", 1)])
+    assert is_foreign(logs)
+    assert devices_summary(logs, a_scenario(**LIVE))["devices"] == {}
+    assert source_label(a_scenario(**LIVE), is_foreign(logs)) == "foreign surgeon, left and right hand"
+    assert not is_foreign(write_run(tmp_path, surgeon=[]))
