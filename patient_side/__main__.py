@@ -35,7 +35,7 @@ def run_patient(scenario: Scenario, options: SideOptions, status: Status) -> int
         played = dump_played(recording, scenario.n_samples).encode()
         attachments = {**model_attachment(models), RECORDING_FILE: played}
         attachments |= {USER_CODE_FILE: dump_origins(origins(own))} if own else {}
-        return Prepared(node, attachments, warnings_at_start(scenario, recording, models))
+        return Prepared(node, attachments, warnings_at_start(scenario, recording, models), node.foreign_keys())
 
     return run_client_side("patient", "east", scenario, options, prepare, status)
 

@@ -4,7 +4,7 @@ The ticks' phase may follow the arrivals (`patient_side.phase_lock`), and the ac
 arrivals. Such a prompt answer discards the estimator's new state, so the ticks do not depend on it.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -111,6 +111,10 @@ class PatientNode:
         """Return the keys of the surgeon's streams and of emergency stops, which need a safety state."""
         stops = [self._stops.key] if any(hand.safety is not None for hand in self.hands) else []
         return [("east", key) for key in (*self.intake.wanted(), *stops, *self._arms)]
+
+    def foreign_keys(self) -> Collection[str]:
+        """Return the keys of external arms, which are programs of others."""
+        return frozenset(self._arms)
 
     def publishes(self) -> Sequence[tuple[Network, str]]:
         """Return the keys of the patient's answers."""

@@ -29,7 +29,8 @@ def run_surgeon(scenario: Scenario, options: SideOptions, status: Status) -> int
         played = {RECORDING_FILE: dump_played(recording, scenario.n_samples).encode()}
         warnings = [*recording.warnings, *scenario.surgeon.warnings()]
         node = build_witness(scenario, recording) if options.witness else build_surgeon(scenario, recording)
-        return Prepared(node, played, warnings)
+        devices = scenario.source.all_keys if scenario.source.kind == "live" else ()
+        return Prepared(node, played, warnings, devices)
 
     return run_client_side("surgeon", "west", scenario, options, prepare, status)
 

@@ -121,7 +121,7 @@ class _Client:
         if reading.bound_ns > _COARSE_CLOCK_NS:
             self.status.warning(f"netem's clock is known to +- {reading.bound_ns / 1e6:.2f} ms only")
         bus = ZenohBus({self.network: self.session}, WallClock(0), self.inbox)
-        bus.listen(prepared.node)
+        bus.listen(prepared.node, prepared.foreign_keys)
         bus.announce(prepared.node)
         settle()
         # A side that was killed or cut off stays present until its connection ends.
