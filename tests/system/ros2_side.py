@@ -127,7 +127,12 @@ def west(sdk: Any) -> None:
 
 def device(sdk: Any) -> None:
     publisher, over = sdk.ROS2Publisher("/device/left", "geometry_msgs/msg/PoseStamped"), threading.Event()
-    threading.Thread(target=lambda: (sys.stdin.read(), over.set()), daemon=True).start()
+
+    def wait_for_the_end() -> None:
+        sys.stdin.read()
+        over.set()
+
+    threading.Thread(target=wait_for_the_end, daemon=True).start()
     for i in range(1_000_000):
         if over.wait(0.01):
             break
