@@ -4,7 +4,7 @@ import ctypes
 import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -39,10 +39,12 @@ def side_command(
     run_side: "RunSide",
     locate: Callable[[str], Path] = Path,
     profiles: "reading.Profiles | None" = None,
+    devices: Collection[str] = (),
 ) -> Callable[..., None]:
     """Return the typer command that runs one side alone.
 
-    ``locate`` finds the file that a scenario's name means, ``profiles`` is the library that its network may name.
+    ``locate`` finds the file that a scenario's name means, ``profiles`` is the library that its network may name,
+    ``devices`` are the kinds of devices that ``run_side`` can start beside it.
     """
 
     def command(
@@ -72,6 +74,10 @@ def side_command(
                 "--witness", hidden=side != "surgeon", help="Another program is the surgeon: only write its log."
             ),
         ] = False,
+        device: Annotated[
+            str | None,
+            typer.Option(hidden=not devices, metavar="|".join(devices) or None, help="Start this device beside it."),
+        ] = None,
     ) -> None:
         from common.runtime.status import Status
 
@@ -93,7 +99,10 @@ def side_command(
             zenoh_options = ZenohOptions(connect or (), listen or (), config, cfg or (), insecure)
             if witness and side != "surgeon":
                 raise InputError(Fault(side, "--witness", "works for the surgeon only"))
-            options = SideOptions(run_dir, zenoh_options, wait_s, alone=alone or not child, witness=witness)
+            if device is not None and device not in devices:
+                rule = f"must be {' or '.join(devices)}" if devices else "works in `tis surgeon` only"
+                raise InputError(Fault(side, "--device", rule, device))
+            options = SideOptions(run_dir, zenoh_options, wait_s, alone or not child, witness, device)
             return run_side(agreed, options, status)
 
         def failed(code: int, faults: Sequence[Fault]) -> None:

@@ -26,6 +26,7 @@ class SideOptions:
 
     ``run_dir`` None: a new folder below runs/, or that of the run that this side was killed in.
     ``witness``: another program is this side, and this process only writes its log.
+    ``device``: the kind of device that is started beside the surgeon.
     """
 
     run_dir: Path | None
@@ -33,6 +34,7 @@ class SideOptions:
     wait_s: float | None = None
     alone: bool = True
     witness: bool = False
+    device: str | None = None
 
 
 def earlier_part(options: SideOptions, scenario: Scenario, side: Side) -> EarlierPart | None:

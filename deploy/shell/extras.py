@@ -7,6 +7,7 @@ GET_REPORT: Final = "pip install 'tis-testbed[report]'"
 GET_PARQUET: Final = "pip install 'tis-testbed[parquet]'"
 GET_HOSTS: Final = "pip install 'tis-testbed[hosts]'"
 GET_CLUSTER: Final = "pip install 'tis-testbed[cluster]'"
+GET_DEVICE: Final = "pip install 'tis-testbed[device]'"
 
 
 def can_report() -> bool:
