@@ -40,15 +40,7 @@ def run_live(
     A run in which no side started running leaves no
     folder behind.
     """
-    scenario.identification.check_for_live_runs(scenario.estimators)
-    # these fail before any folder or process exists, instead of in a side's process
-    own_estimators(scenario)
-    if foreign_surgeon:
-        check_foreign_surgeon(f"scenario {scenario.name}", scenario.source)
-    check_recording(scenario)
-    load_traces(scenario.network)
-    if is_model_file(scenario.identification.train):
-        read_models(Path(scenario.identification.train))
+    _check_before(scenario, foreign_surgeon)
     proof = credentials(scenario.security, "netem")
     path = folder.create(run_dir or run_folder(RUNS, scenario.name), scenario)
     west, east = endpoints = endpoints_of(scenario)
@@ -93,6 +85,18 @@ def run_live(
         if page is not None:
             page.send_output(_run_output(path))
     return outcome.exit_code or code
+
+
+def _check_before(scenario: Scenario, foreign_surgeon: bool) -> None:
+    """Raise `InputError` and `DataError` before any folder or process exists, instead of in a side's process."""
+    scenario.identification.check_for_live_runs(scenario.estimators)
+    own_estimators(scenario)
+    if foreign_surgeon:
+        check_foreign_surgeon(f"scenario {scenario.name}", scenario.source)
+    check_recording(scenario)
+    load_traces(scenario.network)
+    if is_model_file(scenario.identification.train):
+        read_models(Path(scenario.identification.train))
 
 
 def _run_output(run_dir: Path) -> RunOutput:

@@ -115,6 +115,9 @@ def _values(of: Schema, parts: Schema) -> str:
         return "name" if len(of["enum"]) > _MAX_CHOICE else ", ".join(map(code, of["enum"]))
     if "const" in of:
         return code(of["const"])
+    if "prefixItems" in of:  # a tuple, as a place in space
+        places = of["prefixItems"]
+        return f"list of {len(places)}: {_values(places[0], parts)}"
     if of.get("type") == "array":
         return f"list of {_values(of['items'], parts)}"
     words = {"boolean": "`true`, `false`", "string": "text", "object": "mapping"}
