@@ -15,6 +15,8 @@ from common.send_plan import SendPlan
 from common.sources.sensor_noise import SensorNoise
 from common.ticker import Ticker
 from common.units import sample_instant_ns
+from surgeon_side.commanded_arm import Servo
+from surgeon_side.displays import Displays
 from surgeon_side.motion import Motion
 from surgeon_side.samples import SampleMessage, Samples
 
@@ -66,6 +68,8 @@ class SurgeonNode:
     n_sent: int = 0
     n_copies_missed: int = 0
     noise: SensorNoise | None = None
+    servo: Servo | None = None
+    """The servo by which the arm follows its set point, where it is known."""
     intake: Intake = field(init=False)
 
     def __post_init__(self) -> None:
@@ -74,6 +78,7 @@ class SurgeonNode:
         self.intake = Intake(self.session, answers)
         self._samples = Samples(self.session, hands, self.ticker.rate_hz, self.redundancy.history, self.noise)
         self._answers = frozenset(self.intake.wanted())
+        self._displays = Displays(self.session, hands, self.ticker.rate_hz, self.servo)
         self._plan = SendPlan(
             self.ticker.rate_hz, self.ticker.n_ticks, self.redundancy.copies, self.redundancy.spacing_ns
         )
@@ -101,24 +106,27 @@ class SurgeonNode:
         return [("west", key) for key in (*self.intake.wanted(), *self.motion.listens())]
 
     def publishes(self) -> Sequence[tuple[Network, str]]:
-        """Return the keys of the surgeon's streams."""
-        return [("west", key) for key in self.traffic]
+        """Return the keys of the surgeon's streams, and of its displays."""
+        return [("west", key) for key in (*self.traffic, *self._displays.keys)]
 
     def next_wake_ns(self) -> int | None:
         """Return the instant of the next packet."""
         return self._plan.next_due_ns()
 
     def receive(self, arrival: Arrival) -> Sequence[Output]:
-        """Log an answer, from which the report computes the round trip; keep a device's pose for the next sample."""
+        """Log an answer, and display it from the next tick on; keep a device's pose for the next sample."""
         if arrival.key not in self._answers:
             self.motion.take(arrival)
             return ()
-        _, records = self.intake.take(arrival)
+        accepted, records = self.intake.take(arrival)
+        if accepted is not None:
+            self._displays.feedback(arrival.key, accepted.message, arrival.recv_ns)
         return records
 
     def wake(self, now_ns: int) -> Sequence[Output]:
         """Send the sample and the copies that are due."""
         emissions: list[Output] = []
+        displayed: list[Output] = []
         notes: list[Output] = []
         for k in self.ticker.skip_missed(now_ns):
             notes.append(self._tick_note(k, now_ns, missed=True))
@@ -130,13 +138,14 @@ class SurgeonNode:
             elif packet.k == self.ticker.k:
                 notes += self.motion.advance(packet.k, packet.due_ns)
                 messages = self._sample(self.ticker.begin())
+                displayed += self._displays.sampled(packet.k, messages)
                 notes.append(self._tick_note(packet.k, now_ns))
                 notes += self._truth(packet.k)
             else:
                 continue
             emissions += [self._emission(message, packet.seq) for message in messages]
-        # Samples first: logging must not delay sending.
-        return emissions + notes
+        # Samples first: neither the display nor logging must delay sending.
+        return emissions + displayed + notes
 
     def _sample(self, k: int) -> list[SampleMessage]:
         """Take sample ``k`` of all streams."""

@@ -21,6 +21,7 @@ from deploy.logs.read.recorded import run_id_in
 from deploy.logs.read.side_columns import SideLog
 from deploy.report.link_summary import link_summary
 from deploy.report.measures.devices import devices_summary, is_foreign
+from deploy.report.measures.display import display_summary
 from deploy.report.measures.duration import active_duration_s
 from deploy.report.measures.estimation.error_by_age import errors_by_age
 from deploy.report.measures.estimation.freshness import age_of_information_ms, freshest_arrivals, tick_modes
@@ -97,6 +98,7 @@ def build_summary(
         "rejected": {side: _count(log, "rejected") for side, log in logs.sides.items() if side != "netem"},
         **devices_summary(logs, scenario),
         "safety": safety_summary(logs, scenario, tracks),
+        "display": display_summary(logs, tracks),
         "ticks": _ticks(logs, "patient", scenario),
         "surgeon_ticks": _ticks(logs, "surgeon", scenario),
         **_estimation(logs, scenario, models, tracks),

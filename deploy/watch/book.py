@@ -72,7 +72,7 @@ class LiveBook:
         self.ages: defaultdict[str, Trail[AgeRow]] = defaultdict(lambda: Trail(_MAX_ROWS))
         self.crossed: dict[StreamName, Trail[Crossing]] = {name: Trail(_MAX_ROWS) for name in STREAM_OF.values()}
         self.safety = SafetyStates()
-        self._local = local_keys(session)
+        self._local = local_keys(session, "east")
         self._table = watched_streams(session)
         self._crossings: defaultdict[str, Crossings] = defaultdict(Crossings)
         self._motion: defaultdict[str, ArmMotion] = defaultdict(ArmMotion)

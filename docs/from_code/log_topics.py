@@ -113,7 +113,7 @@ def _channels() -> str:
         (
             code(channel.key("SESSION")),
             hand,
-            channel.direction or "east only",
+            channel.direction or ("west only" if channels.is_predicted(channel.key("SESSION")) else "east only"),
             f"[{channel.payload.__name__}](#{channel.payload.__name__.lower()})",
         )
         for hand, channel in _all_channels()
@@ -127,7 +127,7 @@ def _all_channels() -> list[tuple[str, Any]]:
 
 
 def _channels_of(row: Any) -> tuple[Any, ...]:
-    return row.command, row.arm, row.estimated, row.measured, row.driven
+    return row.command, row.arm, row.estimated, row.measured, row.driven, row.predicted
 
 
 def _writers(name: str) -> str:

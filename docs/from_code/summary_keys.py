@@ -37,6 +37,7 @@ _NAMES: Final = {
     "quarantined": "KIND", "refused": "KIND", "rejected": "SIDE", "logs": "SIDE", "processors": "SIDE",
     "devices": "HAND", "devices.HAND.refused": "REASON", "external_arms": "HAND",
     "external_arms.HAND.refused": "REASON", "clocks": "SIDE", "safety": "HAND", "safety.HAND.time_s": "MODE",
+    "display": "HAND",
 }  # fmt: skip
 """Kind of thing that the keys of a mapping name, by the mapping's path."""
 

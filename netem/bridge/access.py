@@ -53,12 +53,14 @@ def access_control(
 
 
 def _of_others(session: str, network: Network) -> Rights:
-    """Return what no client may say: netem alone does, and on the surgeon's network what the patient alone says."""
+    """Return what no client may say: netem alone does, or the side of the other network."""
     keys = ControlKeys(session)
     away = SIDE_ON["east" if network == "west" else "west"]
-    patients = (stopped_key(session), *local_keys(session)) if network == "west" else ()
+    others = (
+        (stopped_key(session), *local_keys(session, "east")) if network == "west" else local_keys(session, "west")
+    )
     return {
-        "put": (keys.end, keys.beat("netem"), keys.beat(away), *patients),
+        "put": (keys.end, keys.beat("netem"), keys.beat(away), *others),
         "delete": (keys.end,),
         "declare_queryable": (keys.clock, keys.scenario("netem"), keys.scenario(away)),
         "liveliness_token": (
@@ -72,8 +74,10 @@ def _of_others(session: str, network: Network) -> Rights:
 def _of_side(session: str, network: Network, devices: Sequence[str]) -> Rights:
     keys, says = ControlKeys(session), _SAYS[network]
     token = keys.token(SIDE_ON[network], "*", mirrored=False)
-    own = (*local_keys(session), stopped_key(session)) if network == "east" else (stop_key(session), *devices)
-    beside = local_keys(session) if network == "east" else devices  # an arm or a device is a program of its own
+    east = (*local_keys(session, "east"), stopped_key(session))
+    own = east if network == "east" else (*local_keys(session, "west"), stop_key(session), *devices)
+    # an arm or a device is a program of its own
+    beside = local_keys(session, "east") if network == "east" else devices
     return {
         "put": (*keys_of(says, session), keys.beat(SIDE_ON[network]), *own),
         "declare_subscriber": (

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from common.header import Header
-from common.messages import FeedbackPose, Pose, SampledPose, Vector3
+from common.messages import FeedbackPose, Pose, PredictedPose, SampledPose, Vector3
 from common.node import Emission, Record
 from common.records import TICKS, TRUTH, TickNote, TruthRow
 from common.ticker import Ticker
@@ -35,7 +35,8 @@ def test_sample_k_goes_out_on_both_streams_with_its_row_and_instant() -> None:
         Header(1),
     )
     assert arm.key == "tis/PSM2/setpoint_cp"
-    assert list(node.publishes()) == [(command.network, command.key), (arm.network, arm.key)]
+    streams = [(command.network, command.key), (arm.network, arm.key)]
+    assert list(node.publishes()) == [*streams, ("west", "tis/PSM2/predicted_cp")]
     row = a_recording(50).hands[0]
     assert Pose.model_validate_json(command.payload).sample_ns == PERIOD_NS
     sent = Pose.model_validate_json(command.payload).position_m
@@ -191,3 +192,23 @@ def test_a_surgeon_that_comes_back_goes_on_where_the_hand_is_now() -> None:
     rows = [o.data for o in outputs if isinstance(o, Record) and isinstance(o.data, TruthRow)]
     assert [row.index for row in rows] == list(range(13))
     assert node.counters()["ticks_missed"] == 0
+
+
+def test_the_display_is_published_and_logged_once_the_arm_has_answered() -> None:
+    node = _node(n_ticks=3)
+    node.wake(0)
+    feedback = FeedbackPose(**a_pose(0.5).model_dump(), tick=0, command_sample_ns=0)
+    payload = feedback.model_dump_json().encode()
+    node.receive(an_arrival("tis/PSM2/estimated_cp", 6_000, Stamp(0, 5_000, 6_000), payload, "west"))
+    assert len(_emissions(node.wake(PERIOD_NS))) == 2, "an estimate is not the arm"
+    node.receive(an_arrival("tis/PSM2/measured_cp", PERIOD_NS + 7_000, Stamp(0, 5_000, 6_000), payload, "west"))
+    *samples, display = _emissions(node.wake(2 * PERIOD_NS + 1))
+    assert [one.key for one in samples] == ["tis/MTML/measured_cp", "tis/PSM2/setpoint_cp"]
+    assert (display.network, display.key, display.attachment) == ("west", "tis/PSM2/predicted_cp", Header(2))
+    shown = PredictedPose.model_validate_json(display.payload)
+    assert (shown.shown_m, shown.round_trip_ns) == (feedback.position_m, PERIOD_NS + 7_000)
+    x_m = a_recording(50).hands[0].follower.position_m[:3, 0]
+    assert shown.position_m.x == 0.5 + x_m[2] - x_m[0]
+    (flown,) = display.on_sent(900)
+    assert (flown.topic, flown.data, flown.log_ns, flown.seq) == (display.key, display.payload, 900, 2)
+    assert node.counters()["sent"] == 0, "a display is not sent to the patient"

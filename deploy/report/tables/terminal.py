@@ -16,6 +16,7 @@ from deploy.report.measures.estimation.own_estimators import estimator_fault_tex
 from deploy.report.measures.network.refusals import refusal_texts
 from deploy.report.tables.brief import brief
 from deploy.report.tables.delay_rows import STATISTICS, delay_rows
+from deploy.report.tables.display_table import display_views
 from deploy.report.tables.hanging_indent import HangingIndent
 from deploy.report.tables.numbers import (
     LATENCY_PARTS,
@@ -67,6 +68,7 @@ def summary_view(summary: dict[str, Any], since: str | None = None) -> Renderabl
         if accuracy:
             parts.append(_accuracy(accuracy, f" ({hand} hand)" if hand else ""))
     parts += orientation_views(summary)
+    parts += display_views(summary["display"])
     links = summary["links"]
     parts += [_redundancy(summary["redundancy"])] if redundancy_rows(summary["redundancy"]) else []
     parts += [_packets(links), delays_view(links), _latency(summary), Text(f"\n{_footer(summary)}")]
