@@ -15,7 +15,7 @@ def test_without_bokeh_it_is_one_line_and_nothing_starts(monkeypatch: pytest.Mon
     monkeypatch.setattr(beside, "can_report", lambda: False)
     with (
         pytest.raises(InputError) as raised,
-        page_beside(PageAddress(), ("w", "e"), "tis", Console(file=io.StringIO()), ZenohOptions()),
+        page_beside(PageAddress(), ("w", "e"), "tis", Console(file=io.StringIO()), ZenohOptions(), None),
     ):
         raise AssertionError("the block must not begin")
     assert str(raised.value) == "tis run --view: needs Bokeh: pip install 'tis-testbed[report]'"

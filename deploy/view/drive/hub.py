@@ -1,0 +1,106 @@
+"""What all pages share of driving: the seat, the device, and the picture of the surgeon's display."""
+
+import time
+from collections.abc import Hashable
+from typing import Any, Final
+
+from common.units import MM_PER_M, NS_PER_MS, NS_PER_S
+from deploy.view.drive.device import DeviceDoor, device_pose
+from deploy.view.drive.hand_move import HandMove
+from deploy.view.drive.seat import Seat
+from deploy.view.steering import Steering
+from deploy.watch.book import LiveBook
+from deploy.watch.motion import Place
+from deploy.watch.observer import Observer
+
+OTHER_DRIVES: Final = "another page drives the arm; it is free 3 s after that page stops"
+RIVAL: Final = "a device outside this page moves the hand"
+NOT_CONNECTED: Final = "the surgeon's network is not there yet, or no more"
+NOT_LIVE: Final = "this run plays a movement: only a run with source.kind live, like `tis run live --view`, is driven"
+
+_RIVAL_S: Final = 3.0
+_REST_S: Final = 0.2
+_STATE_S: Final = 0.5
+
+
+class DriveHub:
+    """Moves the hand for one page at a time, and tells all pages what the surgeon sees. Of one thread, the server's.
+
+    Until a page drives, the hand rests at its origin, so that there is an arm to see. Once driven, a hand that nobody
+    moves is silent: the surgeon's side holds its last pose, and says so.
+    """
+
+    def __init__(self, observer: Observer, steering: Steering, door: DeviceDoor | None) -> None:
+        self.seat = Seat()
+        self._observer, self._steering, self._door = observer, steering, door
+        self._rested_s = self._asked_s = 0.0
+        self._is_outage = False
+
+    def drive(self, page: Hashable, move: HandMove, now_s: float) -> str:
+        """Move the hand for a page; return why not, "" when it moved."""
+        if self._door is None:
+            return NOT_LIVE
+        if self._door.is_rivalled(_RIVAL_S):
+            return RIVAL
+        if not self.seat.drive(page, move, now_s):
+            return OTHER_DRIVES
+        return "" if self._publish(move.clutch) else NOT_CONNECTED
+
+    def leave(self, page: Hashable) -> None:
+        """Free the seat of a page that is gone."""
+        self.seat.leave(page)
+
+    def frame(self, now_s: float) -> dict[str, Any]:
+        """Return the picture for all pages; positions in mm, null where nothing is known yet."""
+        if self._door is not None and not self.seat.was_driven and now_s - self._rested_s >= _REST_S:
+            self._rested_s = now_s
+            if not self._door.is_rivalled(_RIVAL_S):
+                self._publish(clutch=False)
+        if now_s - self._asked_s >= _STATE_S:
+            self._asked_s = now_s
+            self._is_outage = self._sees_outage()
+        arm = None if self._door is None else self._door.device.arm
+        return {**self._observer.read(lambda book: picture(book, arm)), "outage": self._is_outage}
+
+    def _publish(self, clutch: bool) -> bool:
+        assert self._door is not None
+        seat = self.seat
+        pose = device_pose(self._door.device, seat.hand_mm, seat.gripper_rad, clutch, time.monotonic_ns())
+        return self._door.publish(pose)
+
+    def _sees_outage(self) -> bool:
+        state = self._steering.state()
+        ways = () if state is None else (state.forward, state.feedback)
+        return any(way is not None and way.outage for way in ways)
+
+
+def picture(book: LiveBook, arm: str | None) -> dict[str, Any]:
+    """Return what is known of an arm (None: the first one that is seen): where hand, feedback and prediction are.
+
+    ``shown_mm`` is the delayed feedback, ``ghost_mm`` the prediction, ``arm_mm`` the arm itself, which nobody at the
+    surgeon can see. Oracle: rows made by hand, tests/deploy/view/drive/test_hub.
+    """
+    shown = [name for name, rows in book.displays.rows.items() if rows.n]
+    arm = arm or next(iter([*shown, *sorted(book.newest)]), None)
+    if arm is None:
+        return {"now_s": book.now_ns / NS_PER_S, "arm": None}
+    display = next(iter(book.displays.rows[arm].since(book.displays.rows[arm].n - 1)), None)
+    really = next(iter(book.displays.arms[arm].since(book.displays.arms[arm].n - 1)), None)
+    newest = book.newest.get(arm, {})
+    errors = book.displays.errors(book.now_ns - 3 * NS_PER_S)
+    return {
+        "now_s": book.now_ns / NS_PER_S,
+        "arm": arm,
+        "hand_mm": _mm(newest.get("hand")),
+        "estimate_mm": _mm(newest.get("estimate")),
+        "shown_mm": _mm(display and display.shown_m),
+        "ghost_mm": _mm(display and display.predicted_m),
+        "arm_mm": _mm(really and really.arm_m),
+        "round_trip_ms": None if display is None else display.round_trip_ns / NS_PER_MS,
+        "feedback_error_mm": errors and round(errors.feedback_mm, 2),
+        "ghost_error_mm": errors and round(errors.predicted_mm, 2),
+    }
+
+
+def _mm(place_m: Place | None) -> list[float] | None:
+    return None if place_m is None else [round(MM_PER_M * value, 3) for value in place_m]
