@@ -105,8 +105,9 @@ class PredictedPose(Pose):
     tick: int = Field(ge=0, description="Number of the surgeon's tick, from 0, which is that of the command.")
     shown_tick: int = Field(ge=0, description="Number of the patient's tick whose feedback is displayed beside it.")
     shown_m: Vector3 = Field(description="Position of the arm in that feedback, in m.")
+    command_ns: int = Field(description="Sample instant of the newest command behind that feedback, in ns.")
     round_trip_ns: int = Field(
-        description="Time from the newest command behind that feedback to its arrival, by the surgeon's clock, in ns."
+        description="Time from that command to the arrival of the feedback, by the surgeon's clock, in ns."
     )
 
 

@@ -86,10 +86,11 @@ class ArmTiming:
 
 @dataclass
 class Shown:
-    """The newest feedback, the round trip that it ends, and the model's place at the instant it shows."""
+    """The newest feedback, the command that it answers, its arrival, and the model's place then."""
 
     feedback: FeedbackPose
-    round_trip_ns: int
+    command_ns: int
+    recv_ns: int
     modelled_m: Place
 
 
@@ -118,7 +119,7 @@ class PredictiveDisplay:
         self.timing.note(pose.sample_ns, shown_m, modelled)
         place = self.timing.best(modelled)
         if place is not None:
-            self.shown = Shown(pose, recv_ns - command_ns, place)
+            self.shown = Shown(pose, command_ns, recv_ns, place)
 
     def show(self, tick: int, commanded: Pose) -> PredictedPose | None:
         """Return the display at ``tick``, with the command sent then; None before the first feedback."""
@@ -143,5 +144,6 @@ class PredictiveDisplay:
             tick=tick,
             shown_tick=feedback.tick,
             shown_m=feedback.position_m,
-            round_trip_ns=self.shown.round_trip_ns,
+            command_ns=self.shown.command_ns,
+            round_trip_ns=self.shown.recv_ns - self.shown.command_ns,
         )

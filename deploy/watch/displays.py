@@ -16,12 +16,12 @@ _MAX_AHEAD_NS: Final = 10 * NS_PER_S
 
 
 class DisplayRow(NamedTuple):
-    """A display at a tick of the surgeon: delayed feedback, prediction, and the round trip behind the feedback."""
+    """A display at a tick of the surgeon: delayed feedback, prediction, and how late the feedback is."""
 
     t_ns: int
     shown_m: Place
     predicted_m: Place
-    round_trip_ns: int
+    late_ns: int
 
 
 class ArmRow(NamedTuple):
@@ -68,8 +68,8 @@ class Displays:
         try:
             if network == "west":
                 pose = PredictedPose.model_validate_json(payload)
-                shown = pose.shown_m
-                row = DisplayRow(pose.sample_ns, (shown.x, shown.y, shown.z), position_m(pose), pose.round_trip_ns)
+                shown, late_ns = pose.shown_m, pose.sample_ns - pose.command_ns
+                row = DisplayRow(pose.sample_ns, (shown.x, shown.y, shown.z), position_m(pose), late_ns)
                 _add(self.rows[arm], row, now_ns)
             else:
                 feedback = FeedbackPose.model_validate_json(payload)

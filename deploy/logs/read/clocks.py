@@ -52,7 +52,7 @@ _OWN: Final[Mapping[str, tuple[str, ...]]] = {
     SAFETY: ("t_ns",),
     STOPS: ("at_ns",),
     SERVO: ("sample_ns",),
-    PREDICTED: ("sample_ns",),
+    PREDICTED: ("sample_ns", "command_ns"),
 }
 _SURGEONS: Final[Mapping[str, tuple[str, ...]]] = {FRESH: ("sample_ns",), PROMPT: ("sample_ns",)}
 

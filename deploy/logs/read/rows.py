@@ -61,6 +61,7 @@ class PredictedRow(Message):
     tick: int
     shown_tick: int
     shown_m: Vector3
+    command_ns: int
     round_trip_ns: int
 
 

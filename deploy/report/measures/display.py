@@ -23,11 +23,14 @@ Array = NDArray[np.float64]
 class Displayed:
     """One hand's display at the surgeon's ticks (N,): instants in ns, positions (N, 3) in m, NaN where not known.
 
-    ``shown_m`` is the delayed feedback, ``predicted_m`` the prediction, ``now_m`` the arm at that instant, and
-    ``effect_m`` the arm at the first tick of the patient that has the command of that instant, or a newer one.
+    ``command_ns`` is the sample instant of the newest command behind the feedback shown, ``round_trip_ns`` the time
+    from then to its arrival. ``shown_m`` is the delayed feedback, ``predicted_m`` the prediction, ``now_m`` the arm
+    at that instant, and ``effect_m`` the arm at the patient's first tick that has the command of that instant, or a
+    newer one.
     """
 
     sample_ns: Ints
+    command_ns: Ints
     round_trip_ns: Ints
     shown_m: Array
     predicted_m: Array
@@ -44,14 +47,14 @@ def displayed(logs: RunLogs, hand: Hand) -> Displayed | None:
             continue
         ours = rows.where("hand", hand)
         sample_ns, first = np.unique(rows.column("sample_ns")[ours], return_index=True)
-        trip_ns, shown_m, predicted_m = (
-            rows.column(name)[ours][first] for name in ("round_trip_ns", "shown_m", "position_m")
+        command_ns, trip_ns, shown_m, predicted_m = (
+            rows.column(name)[ours][first] for name in ("command_ns", "round_trip_ns", "shown_m", "position_m")
         )
         tick, t_ns, arm_m = _arm(logs, hand)
         now_m = truth_at(sample_ns, t_ns, arm_m) if len(t_ns) else np.full((len(sample_ns), 3), np.nan)
         place, known = place_in(tick, _effect_ticks(logs, hand, sample_ns))
         effect_m = np.where(known[:, None], arm_m[place], np.nan) if len(tick) else np.full_like(now_m, np.nan)
-        return Displayed(sample_ns, trip_ns, shown_m, predicted_m, now_m, effect_m)
+        return Displayed(sample_ns, command_ns, trip_ns, shown_m, predicted_m, now_m, effect_m)
     return None
 
 
@@ -78,6 +81,7 @@ def display_summary(logs: RunLogs, hands: Mapping[Hand, Any]) -> dict[str, Any]:
         both = [errors[name]["at_effect"]["rms"] for name in ("predicted_mm", "feedback_mm")]
         found[hand] = {
             "n": int(np.count_nonzero(scored & np.isfinite(display.effect_m).all(axis=1))),
+            "late_ms": summarise((display.sample_ns - display.command_ns)[scored] / NS_PER_MS),
             "round_trip_ms": summarise(display.round_trip_ns[scored] / NS_PER_MS),
             **errors,
             "ratio": both[0] / both[1] if both[0] is not None and both[1] else None,

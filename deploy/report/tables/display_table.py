@@ -57,5 +57,5 @@ def _view(hand: str, found: Mapping[str, Any]) -> RenderableType:
         view.add_column(name, justify="right", no_wrap=True)
     for row in display_rows(found):
         view.add_row(*row)
-    note = f"{_NOTE}. Round trip: median {number(found['round_trip_ms']['p50'])} ms"
+    note = f"{_NOTE}. Seen late by {number(found['late_ms']['p50'])} ms (median)"
     return Group(view, Text(note, style="table.caption"))

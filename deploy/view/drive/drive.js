@@ -5,7 +5,7 @@
   const tones = JSON.parse(document.getElementById("drive_tones").textContent);
   const drives = canvas.hasAttribute("tabindex");
   const at = (id) => document.getElementById(id);
-  const TRAIL_MS = 2500, SEND_MS = 25, WIDTH_MM = 110, REACH_MM = 48, KEY_MM = 1.5, WHEEL_MM = 0.02;
+  const TRAIL_MS = 2500, SEND_MS = 25, WIDTH_MM = 110, REACH_MM = [46, 29, 30], KEY_MM = 1.5, WHEEL_MM = 0.02;
   const SETTLED_MS = 600;  // after a drag, the hand is drawn where it was put until the surgeon's side has it
 
   let socket = null, seen = null, refused = "", centre = null, over = false;
@@ -46,7 +46,7 @@
     const step = [dx, dy, dz];
     for (let axis = 0; axis < 3; axis++) {
       // the hand stays in the picture
-      const to = Math.min(Math.max(local[axis] + step[axis], centre[axis] - REACH_MM), centre[axis] + REACH_MM);
+      const to = Math.min(Math.max(local[axis] + step[axis], centre[axis] - REACH_MM[axis]), centre[axis] + REACH_MM[axis]);
       moved[axis] += clutch ? step[axis] : to - local[axis];
       if (!clutch) local[axis] = to;
     }
@@ -60,15 +60,16 @@
     if (!seen.arm) return;
     const now = performance.now();
     if (!centre && (seen.shown_mm ?? seen.hand_mm)) centre = [...(seen.shown_mm ?? seen.hand_mm)];
-    if (seen.driver !== "you" && engaged && now - released > 1000 && seen.driver === "other") letGo();
+    if (engaged && seen.driver === "other" && now - released > 1000) letGo();
     if (!drag && now - released > SETTLED_MS && !engaged) local = null;
     const places = { hand: local ?? seen.hand_mm, shown: seen.shown_mm, ghost: seen.ghost_mm };
     for (const [name, place] of Object.entries(places)) {
       if (place) trails[name].push([now, place[0], place[1]]);
       while (trails[name].length && now - trails[name][0][0] > TRAIL_MS) trails[name].shift();
     }
+    const lateness = (ms) => (ms == null ? "–" : ms < 950 ? `${Math.round(ms / 10) * 10} ms` : `${(ms / 1000).toFixed(1)} s`);
     const words = (value, unit, digits) => (value == null ? "–" : `${value.toFixed(digits)} ${unit}`);
-    at("late").textContent = words(seen.round_trip_ms, "ms", 0);
+    at("late").textContent = lateness(seen.late_ms);
     at("late_mm").textContent = words(seen.feedback_error_mm, "mm", 1);
     at("ghost_mm").textContent = words(seen.ghost_error_mm, "mm", 1);
     at("cut").hidden = !seen.outage;
@@ -118,6 +119,7 @@
     if (seen.shown_mm) tool(pen, seen.shown_mm, inks.shown, false, gripper);
     if (at("show_estimate").checked && seen.estimate_mm) diamond(pen, seen.estimate_mm, inks.estimate);
     if (hand) disc(pen, hand, inks.hand);
+    behind(pen, hand, style);
     labels(pen, hand, wide);
     depth(pen, hand, wide, high);
   };
@@ -169,7 +171,8 @@
     for (const side of [-open, open]) {
       const elbow = [wrist[0] + 0.6 * jaw * Math.cos(angle + 1.6 * side), wrist[1] + 0.6 * jaw * Math.sin(angle + 1.6 * side)];
       pen.beginPath(); pen.moveTo(...wrist); pen.lineTo(...elbow);
-      pen.lineTo(tip[0] + 4 * Math.cos(angle + side), tip[1] + 4 * Math.sin(angle + side)); pen.stroke();
+      const gap = 26 * (open - 0.12) * Math.sign(side) * size;
+      pen.lineTo(tip[0] - gap * Math.sin(angle), tip[1] + gap * Math.cos(angle)); pen.stroke();
     }
     pen.setLineDash([]); pen.globalAlpha = 1;
   };
@@ -187,6 +190,16 @@
     pen.fillStyle = ink; pen.beginPath();
     pen.moveTo(cx, cy - 9); pen.lineTo(cx + 9, cy); pen.lineTo(cx, cy + 9); pen.lineTo(cx - 9, cy); pen.fill();
   };
+  // How far the picture is behind the hand.
+  const behind = (pen, hand, style) => {
+    if (!hand || !seen.shown_mm) return;
+    const far_mm = Math.hypot(hand[0] - seen.shown_mm[0], hand[1] - seen.shown_mm[1]);
+    if (far_mm < 8) return;
+    pen.strokeStyle = pen.fillStyle = style.color; pen.lineWidth = 1.5; pen.setLineDash([2, 5]);
+    pen.beginPath(); pen.moveTo(x(seen.shown_mm), y(seen.shown_mm)); pen.lineTo(x(hand), y(hand)); pen.stroke();
+    pen.setLineDash([]); pen.textAlign = "right";  // names stand on the right
+    pen.fillText(`${far_mm.toFixed(0)} mm behind`, (x(hand) + x(seen.shown_mm)) / 2 - 22, (y(hand) + y(seen.shown_mm)) / 2 + 5);
+  };
   // Names stand beside what is far enough apart to be told apart.
   const labels = (pen, hand, wide) => {
     const named = [["your hand", hand, inks.hand], ["ghost", seen.ghost_mm, inks.ghost],
@@ -196,8 +209,9 @@
       if (!place) continue;
       const left = x(place) > wide - 150;
       let cy = y(place) + 5;
-      while (done.some((other) => Math.abs(other - cy) < 17)) cy += 17;
-      done.push(cy);
+      const meets = ([left_x, other]) => Math.abs(left_x - x(place)) < 150 && Math.abs(other - cy) < 17;
+      while (done.some(meets)) cy += 17;
+      done.push([x(place), cy]);
       pen.fillStyle = ink; pen.textAlign = left ? "right" : "left";
       pen.fillText(name, x(place) + (left ? -24 : 24), cy);
     }
@@ -210,7 +224,7 @@
     pen.fillText("near", wide - 8, 24); pen.fillText("far", wide - 8, high - 14);
     for (const [place, ink, radius] of [[seen.shown_mm, inks.shown, 6], [seen.ghost_mm, inks.ghost, 5], [hand, inks.hand, 4]]) {
       if (!place) continue;
-      const share = Math.min(Math.max(0.5 - (place[2] - centre[2]) / (2 * REACH_MM), 0), 1);
+      const share = Math.min(Math.max(0.5 - (place[2] - centre[2]) / (2 * REACH_MM[2]), 0), 1);
       pen.fillStyle = ink; pen.beginPath(); pen.arc(cx, top + share * tall, radius, 0, 7); pen.fill();
     }
   };

@@ -19,21 +19,19 @@ NOT_CONNECTED: Final = "the surgeon's network is not there yet, or no more"
 NOT_LIVE: Final = "this run plays a movement: only a run with source.kind live, like `tis run live --view`, is driven"
 
 _RIVAL_S: Final = 3.0
-_REST_S: Final = 0.2
-_STATE_S: Final = 0.5
+_STATE_S: Final = 0.2
 
 
 class DriveHub:
     """Moves the hand for one page at a time, and tells all pages what the surgeon sees. Of one thread, the server's.
 
-    Until a page drives, the hand rests at its origin, so that there is an arm to see. Once driven, a hand that nobody
-    moves is silent: the surgeon's side holds its last pose, and says so.
+    A hand that nobody moves is silent: the surgeon's side holds its last pose, logs that and tells it in the report.
     """
 
     def __init__(self, observer: Observer, steering: Steering, door: DeviceDoor | None) -> None:
         self.seat = Seat()
         self._observer, self._steering, self._door = observer, steering, door
-        self._rested_s = self._asked_s = 0.0
+        self._asked_s = 0.0
         self._is_outage = False
 
     def drive(self, page: Hashable, move: HandMove, now_s: float) -> str:
@@ -44,7 +42,9 @@ class DriveHub:
             return RIVAL
         if not self.seat.drive(page, move, now_s):
             return OTHER_DRIVES
-        return "" if self._publish(move.clutch) else NOT_CONNECTED
+        seat, device = self.seat, self._door.device
+        pose = device_pose(device, seat.hand_mm, seat.gripper_rad, move.clutch, time.monotonic_ns())
+        return "" if self._door.publish(pose) else NOT_CONNECTED
 
     def leave(self, page: Hashable) -> None:
         """Free the seat of a page that is gone."""
@@ -52,21 +52,11 @@ class DriveHub:
 
     def frame(self, now_s: float) -> dict[str, Any]:
         """Return the picture for all pages; positions in mm, null where nothing is known yet."""
-        if self._door is not None and not self.seat.was_driven and now_s - self._rested_s >= _REST_S:
-            self._rested_s = now_s
-            if not self._door.is_rivalled(_RIVAL_S):
-                self._publish(clutch=False)
         if now_s - self._asked_s >= _STATE_S:
             self._asked_s = now_s
             self._is_outage = self._sees_outage()
         arm = None if self._door is None else self._door.device.arm
         return {**self._observer.read(lambda book: picture(book, arm)), "outage": self._is_outage}
-
-    def _publish(self, clutch: bool) -> bool:
-        assert self._door is not None
-        seat = self.seat
-        pose = device_pose(self._door.device, seat.hand_mm, seat.gripper_rad, clutch, time.monotonic_ns())
-        return self._door.publish(pose)
 
     def _sees_outage(self) -> bool:
         state = self._steering.state()
@@ -96,7 +86,7 @@ def picture(book: LiveBook, arm: str | None) -> dict[str, Any]:
         "shown_mm": _mm(display and display.shown_m),
         "ghost_mm": _mm(display and display.predicted_m),
         "arm_mm": _mm(really and really.arm_m),
-        "round_trip_ms": None if display is None else display.round_trip_ns / NS_PER_MS,
+        "late_ms": None if display is None else display.late_ns / NS_PER_MS,
         "feedback_error_mm": errors and round(errors.feedback_mm, 2),
         "ghost_error_mm": errors and round(errors.predicted_mm, 2),
     }

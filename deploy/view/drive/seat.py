@@ -46,7 +46,6 @@ class Seat:
     driver: Hashable | None = None
     hand_mm: Place = (0.0, 0.0, 0.0)
     gripper_rad: float = 0.0
-    was_driven: bool = False
     last_s: float = 0.0
     _base_mm: Place = field(default=(0.0, 0.0, 0.0))
 
@@ -62,7 +61,7 @@ class Seat:
         x, y, z = self._base_mm
         dx, dy, dz = move.moved_mm
         self.hand_mm = (x + dx, y + dy, z + dz)
-        self.gripper_rad, self.last_s, self.was_driven = move.gripper_rad, now_s, True
+        self.gripper_rad, self.last_s = move.gripper_rad, now_s
         if move.release:
             self.leave(page)
         return True
