@@ -6,7 +6,9 @@ from deploy.view.drive.hand_move import HandMove
 from deploy.view.drive.seat import MAX_RATE_HZ, Rate, Seat
 
 
-def _move(x: float = 0.0, y: float = 0.0, z: float = 0.0, gripper_rad: float = 0.0, release: bool = False) -> HandMove:
+def _move(
+    x: float = 0.0, y: float = 0.0, z: float = 0.0, gripper_rad: float = 0.0, release: bool = False
+) -> HandMove:
     return HandMove(moved_mm=[x, y, z], gripper_rad=gripper_rad, release=release)
 
 
