@@ -48,7 +48,7 @@ def access_control(
     rules.allow("side", (SIDE_ON[network],), _of_side(session, network, devices), security)
     rules.allow("observers", security.observers, _of_observers(session), security)
     rules.allow("control", security.control, _of_control(session), security)
-    rules.allow("netem", ("netem",), _of_own_clients(session), security)
+    rules.allow("netem", ("netem",), _of_own_clients(session, devices), security)
     return rules.as_config("deny")
 
 
@@ -111,10 +111,10 @@ def _of_control(session: str) -> Rights:
     return rights | {"query": (*rights["query"], f"{prefix}*"), "put": (f"{prefix}*", stop_key(session))}
 
 
-def _of_own_clients(session: str) -> Rights:
-    """Return the rights of netem's own clients: the live page, and the measurement of the overhead."""
-    rights, probes = _of_control(session), f"{OVERHEAD}/**"
-    return {kind: (*keys, probes) if kind in ("put", "declare_subscriber") else keys for kind, keys in rights.items()}
+def _of_own_clients(session: str, devices: Sequence[str]) -> Rights:
+    """Return the rights of netem's own clients: the live page, also as a device, and the overhead's probes."""
+    rights, own = _of_control(session), (f"{OVERHEAD}/**", *devices)
+    return {kind: (*keys, *own) if kind in ("put", "declare_subscriber") else keys for kind, keys in rights.items()}
 
 
 class _Rules:
