@@ -36,6 +36,8 @@ class DriveSockets:
 
     def send(self) -> None:
         """Send the picture to every page that has taken the last one."""
+        if not self.pages:
+            return
         frame = self.hub.frame(time.monotonic())
         for page in tuple(self.pages):
             driver = self.hub.seat.driver

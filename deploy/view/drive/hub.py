@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Hashable
+from math import inf
 from typing import Any, Final
 
 from common.units import MM_PER_M, NS_PER_MS, NS_PER_S
@@ -10,6 +11,7 @@ from deploy.view.drive.hand_move import HandMove
 from deploy.view.drive.seat import Seat
 from deploy.view.steering import Steering
 from deploy.watch.book import LiveBook
+from deploy.watch.displays import DisplayErrors
 from deploy.watch.motion import Place
 from deploy.watch.observer import Observer
 
@@ -20,6 +22,8 @@ NOT_LIVE: Final = "this run plays a movement: only a run with source.kind live, 
 
 _RIVAL_S: Final = 3.0
 _STATE_S: Final = 0.2
+_JUDGE_S: Final = 0.5
+_WINDOW_S: Final = 3.0
 
 
 class DriveHub:
@@ -31,8 +35,9 @@ class DriveHub:
     def __init__(self, observer: Observer, steering: Steering, door: DeviceDoor | None) -> None:
         self.seat = Seat()
         self._observer, self._steering, self._door = observer, steering, door
-        self._asked_s = 0.0
+        self._asked_s = self._judged_s = -inf
         self._is_outage = False
+        self._errors: DisplayErrors | None = None
 
     def drive(self, page: Hashable, move: HandMove, now_s: float) -> str:
         """Move the hand for a page; return why not, "" when it moved."""
@@ -55,8 +60,18 @@ class DriveHub:
         if now_s - self._asked_s >= _STATE_S:
             self._asked_s = now_s
             self._is_outage = self._sees_outage()
+        if now_s - self._judged_s >= _JUDGE_S:
+            self._judged_s = now_s
+            self._errors = self._observer.read(
+                lambda book: book.displays.errors(book.now_ns - int(_WINDOW_S * NS_PER_S))
+            )
         arm = None if self._door is None else self._door.device.arm
-        return {**self._observer.read(lambda book: picture(book, arm)), "outage": self._is_outage}
+        return {
+            **self._observer.read(lambda book: picture(book, arm)),
+            "feedback_error_mm": self._errors and round(self._errors.feedback_mm, 2),
+            "ghost_error_mm": self._errors and round(self._errors.predicted_mm, 2),
+            "outage": self._is_outage,
+        }
 
     def _sees_outage(self) -> bool:
         state = self._steering.state()
@@ -77,7 +92,6 @@ def picture(book: LiveBook, arm: str | None) -> dict[str, Any]:
     display = next(iter(book.displays.rows[arm].since(book.displays.rows[arm].n - 1)), None)
     really = next(iter(book.displays.arms[arm].since(book.displays.arms[arm].n - 1)), None)
     newest = book.newest.get(arm, {})
-    errors = book.displays.errors(book.now_ns - 3 * NS_PER_S)
     return {
         "now_s": book.now_ns / NS_PER_S,
         "arm": arm,
@@ -87,8 +101,6 @@ def picture(book: LiveBook, arm: str | None) -> dict[str, Any]:
         "ghost_mm": _mm(display and display.predicted_m),
         "arm_mm": _mm(really and really.arm_m),
         "late_ms": None if display is None else display.late_ns / NS_PER_MS,
-        "feedback_error_mm": errors and round(errors.feedback_mm, 2),
-        "ghost_error_mm": errors and round(errors.predicted_mm, 2),
     }
 
 
