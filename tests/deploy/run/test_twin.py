@@ -171,7 +171,7 @@ def test_what_happens_elsewhere_in_real_time_has_no_twin() -> None:
 def test_all_shipped_scenarios_are_valid() -> None:
     of_the_paper = (f"paper_{row}" for row in range(1, 7))
     assert shipped_names() == sorted(
-        ["default", "kilohertz", "lagging_arm", "live", "lossy", "outage", *of_the_paper]
+        ["default", "drive", "kilohertz", "lagging_arm", "live", "lossy", "outage", *of_the_paper]
     )
     for name in shipped_names():
         assert resolve(name).name == name
