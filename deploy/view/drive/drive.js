@@ -6,6 +6,7 @@
   const drives = canvas.hasAttribute("tabindex");
   const at = (id) => document.getElementById(id);
   const TRAIL_MS = 2500, SEND_MS = 25, WIDTH_MM = 110, REACH_MM = [46, 29, 30], KEY_MM = 1.5, WHEEL_MM = 0.02;
+  const IDLE_MS = 20_000;  // without a touch of it the hand is let go, for another page to take
   const SETTLED_MS = 600;  // after a drag, the hand is drawn where it was put until the surgeon's side has it
 
   let socket = null, seen = null, refused = "", centre = null, over = false;
@@ -30,9 +31,10 @@
     socket.onclose = (event) => { over = true; letGo(); refused = event.reason; say(); };
   };
   const send = () => {
-    if (engaged && socket?.readyState === WebSocket.OPEN) {
-      socket.send(JSON.stringify({ moved_mm: moved, gripper_rad: gripper, clutch }));
-    }
+    if (!engaged || socket?.readyState !== WebSocket.OPEN) return;
+    const release = !drag && performance.now() - released > IDLE_MS;
+    socket.send(JSON.stringify({ moved_mm: moved, gripper_rad: gripper, clutch, release }));
+    if (release) letGo();
   };
   const letGo = () => { engaged = false; drag = null; moved = [0, 0, 0]; local = null; canvas.classList.remove("dragged"); };
 
@@ -271,8 +273,8 @@
       else if (event.key === "c" && !event.repeat) press(!clutch);
       else if (event.key === "g" && !event.repeat) grip(gripper === 0);
       else if (event.key === "Escape" && engaged) {
-        socket.send(JSON.stringify({ moved_mm: moved, gripper_rad: gripper, clutch, release: true }));
-        letGo();
+        drag = null; released = -Infinity;
+        send();
       }
     });
     at("clutch").addEventListener("click", () => press(!clutch));

@@ -15,7 +15,7 @@ from deploy.watch.displays import DisplayErrors
 from deploy.watch.motion import Place
 from deploy.watch.observer import Observer
 
-OTHER_DRIVES: Final = "another page drives the arm; it is free 3 s after that page stops"
+OTHER_DRIVES: Final = "another page drives the arm; wait until it lets go, or is not touched for 20 s"
 RIVAL: Final = "a device outside this page moves the hand"
 NOT_CONNECTED: Final = "the surgeon's network is not there yet, or no more"
 NOT_LIVE: Final = "this run plays a movement: only a run with source.kind live, like `tis run live --view`, is driven"
