@@ -21,7 +21,6 @@ from deploy.shell import run_dir as folder
 from deploy.shell.launch import endpoints_of, launch
 from deploy.shell.messages import print_faults
 from deploy.shell.outcome import Event
-from deploy.view.drive.device import device_of
 from deploy.view.page_process import PageAddress, PageProcess, page_beside
 from deploy.view.page_text import RunOutput
 from deploy.watch.observer import Observer
@@ -55,9 +54,7 @@ def run_live(
         page: PageProcess | None = None
         try:
             if view is not None:
-                page = stack.enter_context(
-                    page_beside(view, endpoints, scenario.session, err, visits, device_of(scenario))
-                )
+                page = stack.enter_context(page_beside(view, endpoints, scenario, err, visits))
         except BaseException:
             folder.remove_unused(path)
             raise

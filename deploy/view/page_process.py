@@ -15,8 +15,9 @@ from rich.console import Console
 from common.errors import Fault, InputError, PeerError
 from common.runtime.child_process import child_environment
 from common.runtime.zenoh_session import ZenohOptions
+from common.scenario import Scenario
 from deploy.shell.extras import GET_REPORT, can_report
-from deploy.view.drive.device import Device
+from deploy.view.drive.device import Device, device_of
 from deploy.view.page_text import RunOutput
 
 _GRACE_S: Final = 6.0
@@ -94,17 +95,14 @@ def page_process(
 
 @contextmanager
 def page_beside(
-    at: PageAddress,
-    endpoints: tuple[str, str],
-    session: str,
-    err: Console,
-    zenoh: ZenohOptions,
-    device: Device | None,
+    at: PageAddress, endpoints: tuple[str, str], scenario: Scenario, err: Console, zenoh: ZenohOptions
 ) -> Iterator[PageProcess]:
     """Serve the page during the block; print its address, and its faults afterwards."""
     page: PageProcess | None = None
     try:
-        with page_process("tis run --view", at, endpoints, session, beside=True, zenoh=zenoh, device=device) as page:
+        with page_process(
+            "tis run --view", at, endpoints, scenario.session, beside=True, zenoh=zenoh, device=device_of(scenario)
+        ) as page:
             announce(page.url, err)
             yield page
     finally:

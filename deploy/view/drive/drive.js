@@ -12,7 +12,7 @@
   let socket = null, seen = null, refused = "", centre = null, over = false;
   const trails = { hand: [], shown: [], ghost: [] };
   // Movement of the hand since this page took it, in mm, and the pointer that moves it.
-  let moved = [0, 0, 0], engaged = false, drag = null, clutch = false, gripper = 0, released = 0, local = null;
+  let moved = [0, 0, 0], engaged = false, drag = null, clutch = false, gripper = 0, touched = 0, local = null;
 
   // Connection: pictures come in, moves go out while this page drives.
   const connect = () => {
@@ -32,7 +32,7 @@
   };
   const send = () => {
     if (!engaged || socket?.readyState !== WebSocket.OPEN) return;
-    const release = !drag && performance.now() - released > IDLE_MS;
+    const release = !drag && performance.now() - touched > IDLE_MS;
     socket.send(JSON.stringify({ moved_mm: moved, gripper_rad: gripper, clutch, release }));
     if (release) letGo();
   };
@@ -52,7 +52,7 @@
       moved[axis] += clutch ? step[axis] : to - local[axis];
       if (!clutch) local[axis] = to;
     }
-    released = performance.now();
+    touched = performance.now();
     if (at("depth")) at("depth").value = local[2] - centre[2];
     send();
   };
@@ -62,8 +62,8 @@
     if (!seen.arm) return;
     const now = performance.now();
     if (!centre && (seen.shown_mm ?? seen.hand_mm)) centre = [...(seen.shown_mm ?? seen.hand_mm)];
-    if (engaged && seen.driver === "other" && now - released > 1000) letGo();
-    if (!drag && now - released > SETTLED_MS && !engaged) local = null;
+    if (engaged && seen.driver === "other" && now - touched > 1000) letGo();
+    if (!drag && now - touched > SETTLED_MS && !engaged) local = null;
     const places = { hand: local ?? seen.hand_mm, shown: seen.shown_mm, ghost: seen.ghost_mm };
     for (const [name, place] of Object.entries(places)) {
       if (place) trails[name].push([now, place[0], place[1]]);
@@ -273,7 +273,7 @@
       else if (event.key === "c" && !event.repeat) press(!clutch);
       else if (event.key === "g" && !event.repeat) grip(gripper === 0);
       else if (event.key === "Escape" && engaged) {
-        drag = null; released = -Infinity;
+        drag = null; touched = -Infinity;
         send();
       }
     });

@@ -1,4 +1,4 @@
-"""What all pages share of driving: the seat, the device, and the picture of the surgeon's display."""
+"""Meeting point of all pages: the driver's seat, the device, and the picture of the surgeon's display."""
 
 import time
 from collections.abc import Hashable

@@ -114,7 +114,7 @@ def test_without_security_what_the_patient_says_is_not_said_on_the_surgeons_netw
     assert _may(config["west"], "anybody", "put", "tis/@tis/stop")
 
 
-def test_without_security_the_surgeons_prediction_is_not_said_on_the_patients_network() -> None:
+def test_without_security_no_prediction_is_said_on_the_patients_network() -> None:
     config = {network: access_control(NoSecurity(kind="none"), "tis", network) for network in ("west", "east")}
     assert not _may(config["east"], "anybody", "put", "tis/PSM2/predicted_cp")
     assert _may(config["west"], "anybody", "put", "tis/PSM2/predicted_cp")
