@@ -39,7 +39,8 @@ _OUTAGES: Final = "network.outages=[{kind: periodic, every_s: 4, for_s: 0.7}]"
 """Outages so frequent that any picture of the live page shows some."""
 
 
-_N_STEPS: Final = 210
+_N_STEPS: Final = 181
+"""Steps of the pointer to where its eight crosses itself, and the hand is fastest."""
 
 _STILL: Final = "() => { window.requestAnimationFrame = () => 0 }"
 """Stop the drawing: a busy machine takes no picture of a page that changes all the time."""
@@ -115,6 +116,7 @@ def _drive(browser: Browser, run_dir: Path) -> None:
             for k in range(_N_STEPS):
                 page.mouse.move(x + 190 * sin(0.07 * k), y + 100 * sin(0.14 * k))
                 page.wait_for_timeout(20)
+            page.evaluate(_STILL)
             height = page.locator("section.surgeon").bounding_box()
             assert height is not None
             clip = FloatRect(x=0, y=0, width=1320, height=height["y"] + height["height"] + 12)
