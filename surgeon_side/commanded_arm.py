@@ -23,7 +23,11 @@ class Servo(NamedTuple):
 
     def after(self, motion: "Motion", for_s: float) -> tuple[Place, Place]:
         """Return position in m and velocity in m/s after ``for_s`` at a constant command."""
-        (stay, drift), (pull, keep) = servo_transition(self.bandwidth_hz, self.damping, for_s).tolist()
+        return self.moved(motion, servo_transition(self.bandwidth_hz, self.damping, for_s).tolist())
+
+    def moved(self, motion: "Motion", transition: list[list[float]]) -> tuple[Place, Place]:
+        """Return position and velocity after a `servo_transition` (2, 2)."""
+        (stay, drift), (pull, keep) = transition
         axes = [
             (command + stay * (x - command) + drift * v, pull * (x - command) + keep * v)
             for command, x, v in zip(*motion, strict=True)
@@ -55,6 +59,7 @@ class CommandedArm:
     _ring: list[Motion | None] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        self._transition = [] if self.servo is None else servo_transition(*self.servo, 1.0 / self.rate_hz).tolist()
         self._ring = [None] * max(2, min(MEMORY_S * self.rate_hz, _MAX_REMEMBERED))
 
     def command(self, index: int, command_m: Place) -> None:
@@ -92,4 +97,4 @@ class CommandedArm:
         """Return the motion a period after ``before``, at a new command."""
         if self.servo is None:
             return Motion(command_m, command_m, _STILL)
-        return Motion(command_m, *self.servo.after(before, 1.0 / self.rate_hz))
+        return Motion(command_m, *self.servo.moved(before, self._transition))

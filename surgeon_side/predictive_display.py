@@ -96,24 +96,33 @@ class Shown:
 
 @dataclass
 class PredictiveDisplay:
-    """What the surgeon sees of one arm: `command` and `feedback` feed it, `show` draws it."""
+    """What the surgeon sees of one arm: `command` and `feedback` feed it, `show` draws it.
+
+    Of the feedback between two pictures the newest is used.
+    """
 
     hand: Hand
     arm: CommandedArm
     timing: ArmTiming = field(default_factory=ArmTiming)
     shown: Shown | None = None
+    waiting: tuple[FeedbackPose, int] | None = None
 
     def command(self, tick: int, pose: Pose) -> None:
         """Take the pose that is commanded to the arm at ``tick``, as it is sent."""
         self.arm.command(tick, position_m(pose))
 
     def feedback(self, pose: FeedbackPose, recv_ns: int) -> None:
-        """Take the arm's pose as it arrives; what is older than the pose shown, or answers no command, is ignored."""
-        command_ns = pose.command_sample_ns
-        if command_ns is None or self.arm.at(command_ns) is None:
+        """Take the arm's pose as it arrives, to be shown next, unless it answers no command or an older one."""
+        newest = self.waiting[0] if self.waiting else self.shown.feedback if self.shown else None
+        is_newer = newest is None or pose.sample_ns > newest.sample_ns
+        if is_newer and pose.command_sample_ns is not None and self.arm.at(pose.command_sample_ns) is not None:
+            self.waiting = pose, recv_ns
+
+    def _take_waiting(self) -> None:
+        """Show the newest feedback; model the instant that it shows."""
+        if self.waiting is None or (command_ns := self.waiting[0].command_sample_ns) is None:
             return
-        if self.shown is not None and pose.sample_ns <= self.shown.feedback.sample_ns:
-            return
+        (pose, recv_ns), self.waiting = self.waiting, None
         shown_m = position_m(pose)
         modelled = [self.arm.at(instant_ns) for instant_ns in self.timing.instants_ns(pose, command_ns)]
         self.timing.note(pose.sample_ns, shown_m, modelled)
@@ -123,6 +132,7 @@ class PredictiveDisplay:
 
     def show(self, tick: int, commanded: Pose) -> PredictedPose | None:
         """Return the display at ``tick``, with the command sent then; None before the first feedback."""
+        self._take_waiting()
         newest_m = self.arm.at(commanded.sample_ns)
         if self.shown is None or newest_m is None:
             return None

@@ -212,3 +212,17 @@ def test_the_display_is_published_and_logged_once_the_arm_has_answered() -> None
     (flown,) = display.on_sent(900)
     assert (flown.topic, flown.data, flown.log_ns, flown.seq) == (display.key, display.payload, 900, 2)
     assert node.counters()["sent"] == 0, "a display is not sent to the patient"
+
+
+def test_a_fast_display_shows_every_ninth_tick_and_knows_all_commands() -> None:
+    recording = a_recording(50, rate_hz=1000)
+    node = SurgeonNode("tis", RecordedMotion(recording), Ticker(1000, 30))
+    payload = FeedbackPose(**a_pose(0.5).model_dump(), tick=0, command_sample_ns=0).model_dump_json().encode()
+    node.wake(0)
+    node.receive(an_arrival("tis/PSM2/measured_cp", 400_000, Stamp(0, 0, 0), payload, "west"))
+    woken = [node.wake(k * 1_000_000) for k in range(1, 30)]
+    sent = [one for outputs in woken for one in _emissions(outputs)]
+    shown = [PredictedPose.model_validate_json(one.payload) for one in sent if one.key.endswith("predicted_cp")]
+    assert [display.tick for display in shown] == [9, 18, 27]
+    x_m = recording.hands[0].follower.position_m[:, 0]
+    assert [display.position_m.x for display in shown] == [0.5 + x_m[k] - x_m[0] for k in (9, 18, 27)]
