@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Final, Literal, get_args
 
-from common.messages import FeedbackPose, Pose, SampledPose, SetPoint
+from common.messages import FeedbackPose, Pose, PredictedPose, SampledPose, SetPoint
 
 Hand = Literal["left", "right"]
 Arm = Literal["PSM1", "PSM2"]
@@ -26,6 +26,12 @@ CONTROL: Final = "@tis"
 
 SERVO: Final = "servo_cp"
 """Last chunk of the keys of set points."""
+
+EXTERNAL: Final = "arm/measured_cp"
+"""Last chunks of the keys on which a program of its own tells where its arm is."""
+
+PREDICTED: Final = "predicted_cp"
+"""Last chunk of the keys of predicted poses."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +52,8 @@ class Channel:
 class HandChannels:
     """The channels of one hand: command u and arm y from the surgeon, estimate and measurement back.
 
-    ``driven`` is the set point for the arm's own controller, on the patient's network only.
+    ``driven`` is the set point for the arm's own controller, on the patient's network only; ``predicted`` is the
+    surgeon's prediction of the arm, on the surgeon's network only.
     """
 
     hand: Hand
@@ -55,6 +62,7 @@ class HandChannels:
     estimated: Channel
     measured: Channel
     driven: Channel
+    predicted: Channel
 
 
 def hand_channels(hand: Hand, arm: Arm) -> HandChannels:
@@ -66,6 +74,7 @@ def hand_channels(hand: Hand, arm: Arm) -> HandChannels:
         estimated=Channel(arm, "estimated_cp", "feedback", FeedbackPose),
         measured=Channel(arm, "measured_cp", "feedback", FeedbackPose),
         driven=Channel(arm, SERVO, None, SetPoint),
+        predicted=Channel(arm, PREDICTED, None, PredictedPose),
     )
 
 
@@ -86,15 +95,29 @@ def _directions(session: str) -> dict[str, Direction]:
     return {channel.key(session): channel.direction for channel in channels if channel.direction is not None}
 
 
+_LOCAL: Final[dict[Network, str]] = {"west": PREDICTED, "east": SERVO}
+
+
 @cache
-def local_keys(session: str) -> frozenset[str]:
-    """Return the keys of all channels that stay on their network."""
-    return frozenset(Channel(arm, SERVO, None, SetPoint).key(session) for arm in get_args(Arm))
+def local_keys(session: str, network: Network) -> frozenset[str]:
+    """Return the keys of all channels that stay on ``network``; in the east those of external arms, too."""
+    own = [f"{session}/{arm}/{_LOCAL[network]}" for arm in get_args(Arm)]
+    return frozenset((*own, *(arm_key(session, arm) for arm in get_args(Arm) if network == "east")))
+
+
+def arm_key(session: str, arm: Arm) -> str:
+    """Return the key on which a program that moves an arm tells where it is, by `common.device_pose.DevicePose`."""
+    return f"{session}/{arm}/{EXTERNAL}"
 
 
 def is_set_point(key: str) -> bool:
     """Tell whether a key is that of an arm's set points, in any session."""
     return key.endswith(f"/{SERVO}")
+
+
+def is_predicted(key: str) -> bool:
+    """Tell whether a key is that of an arm's predicted poses, in any session."""
+    return key.endswith(f"/{PREDICTED}")
 
 
 def stop_key(session: str) -> str:

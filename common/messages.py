@@ -95,6 +95,22 @@ class SetPoint(Pose):
     age_ns: int | None = Field(description="Age of the newest sample, in ns; null: none has arrived.")
 
 
+class PredictedPose(Pose):
+    """The pose at which the surgeon's display draws the arm when the newest command has taken effect.
+
+    The position is predicted; orientation and gripper are those of that command. Sampled when the command was.
+    """
+
+    hand: Literal["left", "right"] = Field(description="Hand whose arm is displayed.")
+    tick: int = Field(ge=0, description="Number of the surgeon's tick, from 0, which is that of the command.")
+    shown_tick: int = Field(ge=0, description="Number of the patient's tick whose feedback is displayed beside it.")
+    shown_m: Vector3 = Field(description="Position of the arm in that feedback, in m.")
+    command_ns: int = Field(description="Sample instant of the newest command behind that feedback, in ns.")
+    round_trip_ns: int = Field(
+        description="Time from that command to the arrival of the feedback, by the surgeon's clock, in ns."
+    )
+
+
 class EmergencyStop(Message):
     """A request to stop the arms now, or to release them again."""
 

@@ -184,6 +184,9 @@ class PlantNote(Message):
     t_ns: int = Field(description="Nominal instant of the tick, in ns.")
     hand: Hand = Field(description=_HAND)
     position_m: Vector3 = Field(description="Position of the plant's arm, in m.")
+    age_ns: int | None = Field(
+        None, description="Age of an external arm's pose, counted from its arrival, in ns; null: a plant of ours."
+    )
 
 
 Outcome = Literal["deliver", "loss", "outage", "refused", "overflow", "queue_full"]

@@ -1,4 +1,4 @@
-"""Screenshots of the README and the landing page: `make pictures` runs this by hand, in Debian's Chromium.
+"""Screenshots of the README and the manual: `make pictures` runs this by hand, in Debian's Chromium.
 
 The report is that of a twin of `default`, so its figures repeat; the live page is that of a run, so they do not.
 """
@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 from io import BytesIO
+from math import sin
 from pathlib import Path
 from typing import Final, Literal
 
@@ -38,6 +39,9 @@ _OUTAGES: Final = "network.outages=[{kind: periodic, every_s: 4, for_s: 0.7}]"
 """Outages so frequent that any picture of the live page shows some."""
 
 
+_N_STEPS: Final = 181
+"""Steps of the pointer to where its eight crosses itself, and the hand is fastest."""
+
 _STILL: Final = "() => { window.requestAnimationFrame = () => 0 }"
 """Stop the drawing: a busy machine takes no picture of a page that changes all the time."""
 
@@ -55,6 +59,7 @@ def main() -> None:
             browser.new_page(viewport={"width": 1120, "height": 900}, device_scale_factor=1.5), Path(folder) / "twin"
         )
         _live(browser, Path(folder) / "run")
+        _drive(browser, Path(folder) / "drive")
         browser.close()
 
 
@@ -89,6 +94,33 @@ def _live(browser: Browser, run_dir: Path) -> None:
             height = page.evaluate("document.querySelector('main').getBoundingClientRect().bottom") + 20
             clip = FloatRect(x=0, y=0, width=1320, height=height)
             _save(page.screenshot(timeout=_PATIENCE_MS, clip=clip), "live", scheme)
+            page.close()
+        tis.terminate()
+
+
+def _drive(browser: Browser, run_dir: Path) -> None:
+    """Picture the surgeon's display while a hand is dragged along an eight, with the arm 200 ms behind."""
+    words = ("run", "drive", "--view", "--run-dir", run_dir, "--no-report", "--no-merge")
+    with subprocess.Popen([_TIS, *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as tis:
+        assert tis.stderr is not None
+        url = next(found[0] for line in tis.stderr if (found := re.search(r"http://\S+", line)))
+        for scheme in _SCHEMES:
+            page = browser.new_page(viewport={"width": 1320, "height": 860}, color_scheme=scheme)
+            page.goto(url)
+            page.get_by_text("Nobody drives").wait_for(timeout=_PATIENCE_MS)
+            box = page.locator("#drive").bounding_box()
+            assert box is not None
+            x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+            page.mouse.move(x, y)
+            page.mouse.down()
+            for k in range(_N_STEPS):
+                page.mouse.move(x + 190 * sin(0.07 * k), y + 100 * sin(0.14 * k))
+                page.wait_for_timeout(20)
+            page.evaluate(_STILL)
+            height = page.locator("section.surgeon").bounding_box()
+            assert height is not None
+            clip = FloatRect(x=0, y=0, width=1320, height=height["y"] + height["height"] + 12)
+            _save(page.screenshot(timeout=_PATIENCE_MS, clip=clip), "drive", scheme)
             page.close()
         tis.terminate()
 

@@ -138,7 +138,8 @@ def _open_routers(
     sessions: dict[Network, zenoh.Session] = {}
     for network, endpoint in endpoints.items():
         config = configure("router", replace(options, listen=[endpoint]))
-        rights = access_control(scenario.security, scenario.session, network)
+        devices = scenario.source.all_keys if scenario.source.kind == "live" and network == "west" else ()
+        rights = access_control(scenario.security, scenario.session, network, devices)
         config.insert_json5("access_control", json.dumps(rights))
         sessions[network] = stack.enter_context(open_router(config, endpoint))
     return sessions

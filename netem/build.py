@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from common.channels import Direction, keys_of, local_keys
+from common.key_set import KeySet
 from common.scenario import Scenario
 from common.scenario.network import NetworkPart
 from common.trace import Trace
@@ -24,7 +25,14 @@ def build_netem(scenario: Scenario, traces: Mapping[str, Trace] | None = None, w
     links = _links(network, rules, scenario.seed, traces)
     for direction, link in links.items():
         link.prepare(keys_of(direction, scenario.session))
-    return NetemNode(**links, local=local_keys(scenario.session))
+    return NetemNode(**links, local=staying_keys(scenario))
+
+
+def staying_keys(scenario: Scenario) -> KeySet:
+    """Return the keys that stay on their network: set points, predictions, poses of devices and external arms."""
+    devices = scenario.source.all_keys if scenario.source.kind == "live" else ()
+    session = scenario.session
+    return KeySet((*local_keys(session, "west"), *local_keys(session, "east"), *devices))
 
 
 def build_links(

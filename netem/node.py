@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from common.channels import DESTINATION, ORIGIN, Network
+from common.key_set import NO_KEYS, KeySet
 from common.node import Arrival, Emission, Output, Record
 from netem.link.ledger import last_records
 from netem.link.link import Link
@@ -17,7 +18,7 @@ class NetemNode:
 
     name = "netem"
 
-    def __init__(self, forward: Link, feedback: Link, local: frozenset[str] = frozenset()) -> None:
+    def __init__(self, forward: Link, feedback: Link, local: KeySet = NO_KEYS) -> None:
         self.local = local
         self.links: dict[Network, Link] = {ORIGIN["forward"]: forward, ORIGIN["feedback"]: feedback}
 

@@ -7,8 +7,8 @@ import typer
 
 from common.runtime.client_side import run_client_side
 from common.runtime.code_origin import USER_CODE_FILE, dump_origins
+from common.runtime.movements import load_movement
 from common.runtime.process_end import run_to_end
-from common.runtime.recordings import load_recording
 from common.runtime.side import Prepared
 from common.runtime.side_cli import endpoints_for, side_command
 from common.runtime.side_log import SideOptions
@@ -29,13 +29,13 @@ def run_patient(scenario: Scenario, options: SideOptions, status: Status) -> int
         # first: their faults are reported before the slow identification
         scenario.identification.check_for_live_runs(scenario.estimators)
         own = own_estimators(scenario)
-        recording = load_recording(scenario)
+        recording = load_movement(scenario)
         models = models_for(scenario, recording)
         node = build_patient(scenario, models, recording, time.perf_counter_ns, factories(own))
         played = dump_played(recording, scenario.n_samples).encode()
         attachments = {**model_attachment(models), RECORDING_FILE: played}
         attachments |= {USER_CODE_FILE: dump_origins(origins(own))} if own else {}
-        return Prepared(node, attachments, warnings_at_start(scenario, recording, models))
+        return Prepared(node, attachments, warnings_at_start(scenario, recording, models), node.foreign_keys())
 
     return run_client_side("patient", "east", scenario, options, prepare, status)
 

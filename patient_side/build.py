@@ -13,6 +13,7 @@ from common.units import ms_to_ns
 from patient_side.estimators.guarded import NO_FACTORIES, Factories
 from patient_side.estimators.protocol import Estimator
 from patient_side.estimators.registry import build_any
+from patient_side.external_arm import ExternalArm
 from patient_side.hand import PatientHand
 from patient_side.identification.companions import Stage, untimed
 from patient_side.identification.identify import identify_hands
@@ -20,7 +21,7 @@ from patient_side.learning.train import with_learned
 from patient_side.node import PatientNode
 from patient_side.orientation.registry import build_methods
 from patient_side.phase_lock import PhaseLock
-from patient_side.plant import build_plant
+from patient_side.plant import Plant, build_plant
 from patient_side.playout import Playout
 from patient_side.safety.gate import GateLimits, StreamGate
 from patient_side.safety.safety_state import SafetyFilter, limits_of
@@ -99,7 +100,7 @@ def build_patient(
     for i, model in enumerate(models):
         channels = hand_channels(model.hand, model.arm)
         estimators = [build(name, model, own) for name in names]
-        plant = None if recording is None else build_plant(scenario, recording, recording.hands[i])
+        plant = None if recording is None else _plant(scenario, recording, i)
         safety = _safety(scenario, model)
         methods = build_methods(scenario.patient.orientation.in_order, model.wrist)
         hands.append(PatientHand(channels, Playout(scenario.rate_hz), estimators, plant, safety, methods))
@@ -108,6 +109,14 @@ def build_patient(
     mode = scenario.patient.tick
     lock = PhaseLock(scenario.rate_hz) if mode == "phase_locked" else None
     return PatientNode(scenario.session, hands, ticker, stopwatch_ns, lock, mode == "on_arrival", gates)
+
+
+def _plant(scenario: Scenario, recording: Recording, i: int) -> Plant:
+    """Return the arm of hand ``i``."""
+    hand, spec = recording.hands[i], scenario.patient.plant
+    if spec.kind == "external":
+        return ExternalArm(hand.hand, hand.arm, ms_to_ns(spec.silent_after_ms))
+    return build_plant(scenario, recording, hand)
 
 
 def _gates(scenario: Scenario, model: ArmModel, channels: HandChannels) -> dict[str, StreamGate]:

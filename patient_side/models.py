@@ -6,7 +6,7 @@ from pathlib import Path
 from common.errors import DataError, Fault
 from common.runtime.code_origin import Origin
 from common.runtime.limited_file import read_limited
-from common.runtime.recordings import load_training
+from common.runtime.movements import training_rows_for
 from common.runtime.user_code import UserCode, load_user_code
 from common.scenario import Scenario
 from common.scenario.estimator_names import is_user_defined
@@ -45,7 +45,7 @@ def models_for(scenario: Scenario, recording: Recording) -> tuple[ArmModel, ...]
     train = scenario.identification.train
     if is_model_file(train):
         return choose_models(scenario, read_models(Path(train)), train, recording)
-    return identify_models(scenario, recording, load_training(scenario, recording))
+    return identify_models(scenario, recording, training_rows_for(scenario, recording))
 
 
 def own_estimators(scenario: Scenario) -> dict[str, UserCode]:

@@ -4,7 +4,7 @@ The ticks' phase may follow the arrivals (`patient_side.phase_lock`), and the ac
 arrivals. Such a prompt answer discards the estimator's new state, so the ticks do not depend on it.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -33,6 +33,7 @@ from common.ticker import Ticker
 from patient_side.answers import answer, estimate_record
 from patient_side.driven import drive, left_place, safety_change, set_point, steer
 from patient_side.estimators.protocol import Estimate
+from patient_side.external_arm import ExternalArm, external_arms
 from patient_side.hand import Begun, Fresh, PatientHand, finite, std_m, vector
 from patient_side.orientation.wrist import Stated, Wrist, answered, components, orientation_note, quaternion, stated
 from patient_side.own_estimators import OwnEstimators
@@ -81,6 +82,7 @@ class PatientNode:
             for hand in self.hands
             for channel, is_command in ((hand.channels.command, True), (hand.channels.arm, False))
         }
+        self._arms = external_arms(self.session, self.hands)
         self._own = OwnEstimators.among(self.hands)
         self._stops = EmergencyStops(self.session)
 
@@ -108,7 +110,11 @@ class PatientNode:
     def listens(self) -> Sequence[tuple[Network, str]]:
         """Return the keys of the surgeon's streams and of emergency stops, which need a safety state."""
         stops = [self._stops.key] if any(hand.safety is not None for hand in self.hands) else []
-        return [("east", key) for key in (*self.intake.wanted(), *stops)]
+        return [("east", key) for key in (*self.intake.wanted(), *stops, *self._arms)]
+
+    def foreign_keys(self) -> Collection[str]:
+        """Return the keys of external arms, which are programs of others."""
+        return frozenset(self._arms)
 
     def publishes(self) -> Sequence[tuple[Network, str]]:
         """Return the keys of the patient's answers."""
@@ -128,6 +134,9 @@ class PatientNode:
         """Insert a sample into the playout buffer of its hand, if it is new and the gate admits it."""
         if arrival.key == self._stops.key:
             return self._stop(arrival)
+        if arrival.key in self._arms:
+            self._arms[arrival.key].take(arrival)
+            return ()
         accepted, records = self.gated.take(arrival)
         if accepted is not None:
             self.insert(arrival.key, accepted, arrival.recv_ns)
@@ -300,6 +309,7 @@ class PatientNode:
             "ticks": self.ticker.k,
             "ticks_missed": self.ticker.n_missed,
             **self._own.counters(),
+            **{name: n for arm in self._arms.values() for name, n in arm.counters().items()},
         }
 
     def _step(self, hand: PatientHand, i: int, t_ns: int) -> tuple[Estimate, int]:
@@ -330,8 +340,12 @@ class PatientNode:
         if change is not None:
             yield change
         if begun.moved is not None:
-            plant_note = PlantNote(tick=k, t_ns=t_ns, hand=of_hand, position_m=vector(begun.moved.position_m))
+            age_ns = hand.plant.age_ns(t_ns) if isinstance(hand.plant, ExternalArm) else None
+            where_m = vector(begun.moved.position_m)
+            plant_note = PlantNote(tick=k, t_ns=t_ns, hand=of_hand, position_m=where_m, age_ns=age_ns)
             yield Record(PLANT, t_ns, plant_note)
+        if isinstance(hand.plant, ExternalArm):
+            yield from hand.plant.notes()
         fresh = hand.freshest
         if fresh is not None and fresh.sample_ns > hand.used_sample_ns:
             hand.used_sample_ns = fresh.sample_ns

@@ -1,7 +1,6 @@
 """The arm at the patient: the recorded one, or a simulated servo that executes the active estimate."""
 
 from dataclasses import dataclass
-from math import exp, expm1, pi, sqrt
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -9,6 +8,7 @@ from scipy.special import ndtri
 
 from common.channels import Arm
 from common.scenario import Scenario
+from common.servo import servo_transition
 from common.sources.trajectory import HandRecording, Recording
 from common.streams import Stream
 from common.units import MM_PER_M, NS_PER_S, sample_instant_ns
@@ -139,28 +139,13 @@ class ServoPlant:
         return np.asarray(self.sensor_noise_m * ndtri(self.noise.uniforms(3 * tick, 3)))
 
 
-def servo_transition(bandwidth_hz: float, damping: float, dt_s: float) -> Array:
-    """Return the (2, 2) transition of (x - r, x') over ``dt_s`` at constant r, exactly, for any damping."""
-    w = 2.0 * pi * bandwidth_hz
-    decay = damping * w
-    s = w * sqrt(abs(damping**2 - 1.0))
-    if damping < 1.0:
-        even = exp(-decay * dt_s) * float(np.cos(s * dt_s))
-        odd = exp(-decay * dt_s) * dt_s * float(np.sinc(s * dt_s / pi))
-    else:
-        # cosh and sinh times the decay: neither overflows; w^2 / (decay + s) is decay - s without cancellation.
-        slow = exp(-(w**2) / (decay + s) * dt_s)
-        even = slow * (1.0 + exp(-2.0 * s * dt_s)) / 2.0
-        odd = slow * (-expm1(-2.0 * s * dt_s) / (2.0 * s) if s else dt_s)
-    return np.array([[even + decay * odd, odd], [-(w**2) * odd, even - decay * odd]])
-
-
 def build_plant(scenario: Scenario, recording: Recording, hand: HandRecording) -> Plant:
     """Return the scenario's arm; sample 0 of the run is row ``recording.start``."""
     spec = scenario.patient.plant
     if spec.kind == "replay":
         arm = hand.follower.rows(recording.start, len(hand.follower))
         return ReplayPlant(arm.position_m, recording.rate_hz, arm.orientation, arm.gripper_rad)
+    assert spec.kind == "servo"
     return ServoPlant(
         bandwidth_hz=spec.bandwidth_hz,
         damping=spec.damping,

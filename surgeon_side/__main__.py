@@ -5,15 +5,16 @@ from dataclasses import replace
 import typer
 
 from common.runtime.client_side import run_client_side
+from common.runtime.movements import load_movement
 from common.runtime.process_end import run_to_end
-from common.runtime.recordings import load_recording
 from common.runtime.side import Prepared
 from common.runtime.side_cli import endpoints_for, side_command
 from common.runtime.side_log import SideOptions
 from common.runtime.status import Status
 from common.scenario import Scenario
+from common.scenario.live_rules import check_foreign_surgeon
 from common.sources.provenance import RECORDING_FILE, dump_played
-from surgeon_side.build import build_surgeon
+from surgeon_side.build import build_surgeon, build_witness
 
 
 def run_surgeon(scenario: Scenario, options: SideOptions, status: Status) -> int:
@@ -22,10 +23,14 @@ def run_surgeon(scenario: Scenario, options: SideOptions, status: Status) -> int
     options = replace(options, zenoh=replace(options.zenoh, connect=connect))
 
     def prepare() -> Prepared:
-        recording = load_recording(scenario)
+        if options.witness:
+            check_foreign_surgeon(f"scenario {scenario.name}", scenario.source)
+        recording = load_movement(scenario)
         played = {RECORDING_FILE: dump_played(recording, scenario.n_samples).encode()}
         warnings = [*recording.warnings, *scenario.surgeon.warnings()]
-        return Prepared(build_surgeon(scenario, recording), played, warnings)
+        node = build_witness(scenario, recording) if options.witness else build_surgeon(scenario, recording)
+        devices = scenario.source.all_keys if scenario.source.kind == "live" else ()
+        return Prepared(node, played, warnings, devices)
 
     return run_client_side("surgeon", "west", scenario, options, prepare, status)
 

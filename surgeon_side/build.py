@@ -5,18 +5,37 @@ from common.sources.sensor_noise import SensorNoise
 from common.sources.trajectory import Recording
 from common.ticker import Ticker
 from common.units import MM_PER_M, ms_to_ns
+from surgeon_side.commanded_arm import Servo
+from surgeon_side.live.motion import LiveMotion
+from surgeon_side.motion import Motion, RecordedMotion
 from surgeon_side.node import Redundancy, SurgeonNode
+from surgeon_side.witness import WitnessNode
 
 
 def build_surgeon(scenario: Scenario, recording: Recording) -> SurgeonNode:
-    """Return a surgeon that plays the recording's rows from its start, at the scenario's rate."""
+    """Return a surgeon that plays the recording's rows from its start, or follows a live source's devices."""
     part = scenario.surgeon
     redundancy = Redundancy(part.copies, ms_to_ns(part.copy_spacing_ms), part.history)
     ticker = Ticker(scenario.rate_hz, scenario.n_samples)
-    return SurgeonNode(scenario.session, recording, ticker, redundancy, noise=sensor_noise(scenario))
+    source = scenario.source
+    motion: Motion = LiveMotion(source, scenario.rate_hz) if source.kind == "live" else RecordedMotion(recording)
+    noise, servo = sensor_noise(scenario), known_servo(scenario)
+    return SurgeonNode(scenario.session, motion, ticker, redundancy, noise=noise, servo=servo)
+
+
+def build_witness(scenario: Scenario, movement: Recording) -> WitnessNode:
+    """Return the witness of a foreign surgeon that moves the hands of ``movement``."""
+    hands = [hand.channels for hand in movement.hands]
+    return WitnessNode(scenario.session, hands, scenario.rate_hz, scenario.n_samples)
 
 
 def sensor_noise(scenario: Scenario) -> SensorNoise | None:
     """Return the noise of the scenario's sensors, None without any."""
     std_mm = scenario.surgeon.sensor_noise_mm
     return SensorNoise(scenario.seed, std_mm / MM_PER_M) if std_mm else None
+
+
+def known_servo(scenario: Scenario) -> Servo | None:
+    """Return the servo of the patient's arm, None where the arm is another one."""
+    plant = scenario.patient.plant
+    return Servo(plant.bandwidth_hz, plant.damping) if plant.kind == "servo" else None

@@ -13,13 +13,12 @@ from common.node import Arrival, Emission, Output, Record
 from common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
 from common.send_plan import SendPlan
 from common.sources.sensor_noise import SensorNoise
-from common.sources.trajectory import Recording
 from common.ticker import Ticker
 from common.units import sample_instant_ns
+from surgeon_side.commanded_arm import Servo
+from surgeon_side.displays import Displays
+from surgeon_side.motion import Motion
 from surgeon_side.samples import SampleMessage, Samples
-
-_MAX_MADE_UP: Final = 10_000
-"""Samples before its return that a surgeon started anew logs: five minutes at 30 Hz, ten seconds at 1 kHz."""
 
 
 class Redundancy(NamedTuple):
@@ -54,14 +53,14 @@ class Traffic:
 
 @dataclass
 class SurgeonNode:
-    """Plays a recording: sample i is sent at its sample instant, or counted as missed, never sent late.
+    """Samples a movement: sample i is sent at its sample instant, or counted as missed, never sent late.
 
     A copy that could not leave before the same copy of the next sample is due is omitted and counted. A missed sample
     was never taken: it has no copies, and no later packet carries it in its history.
     """
 
     session: str
-    recording: Recording
+    motion: Motion
     ticker: Ticker
     redundancy: Redundancy = ONCE
     name: str = "surgeon"
@@ -69,14 +68,17 @@ class SurgeonNode:
     n_sent: int = 0
     n_copies_missed: int = 0
     noise: SensorNoise | None = None
+    servo: Servo | None = None
+    """The servo by which the arm follows its set point, where it is known."""
     intake: Intake = field(init=False)
 
     def __post_init__(self) -> None:
-        answers = [c for hand in self.recording.hands for c in (hand.channels.estimated, hand.channels.measured)]
+        hands = self.motion.channels
+        answers = [channel for hand in hands for channel in (hand.estimated, hand.measured)]
         self.intake = Intake(self.session, answers)
-        self._samples = Samples(
-            self.session, self.recording, self.ticker.rate_hz, self.redundancy.history, self.noise
-        )
+        self._samples = Samples(self.session, hands, self.ticker.rate_hz, self.redundancy.history, self.noise)
+        self._answers = frozenset(self.intake.wanted())
+        self._displays = Displays(self.session, hands, self.ticker.rate_hz, self.servo)
         self._plan = SendPlan(
             self.ticker.rate_hz, self.ticker.n_ticks, self.redundancy.copies, self.redundancy.spacing_ns
         )
@@ -100,25 +102,31 @@ class SurgeonNode:
             self._plan.pop()
 
     def listens(self) -> Sequence[tuple[Network, str]]:
-        """Return the keys of the patient's answers."""
-        return [("west", key) for key in self.intake.wanted()]
+        """Return the keys of the patient's answers, and those that the movement comes from."""
+        return [("west", key) for key in (*self.intake.wanted(), *self.motion.listens())]
 
     def publishes(self) -> Sequence[tuple[Network, str]]:
-        """Return the keys of the surgeon's streams."""
-        return [("west", key) for key in self.traffic]
+        """Return the keys of the surgeon's streams, and of its displays."""
+        return [("west", key) for key in (*self.traffic, *self._displays.keys)]
 
     def next_wake_ns(self) -> int | None:
         """Return the instant of the next packet."""
         return self._plan.next_due_ns()
 
     def receive(self, arrival: Arrival) -> Sequence[Output]:
-        """Log an answer; the report computes the round trip from the log."""
-        _, records = self.intake.take(arrival)
+        """Log an answer, and display it from the next tick on; keep a device's pose for the next sample."""
+        if arrival.key not in self._answers:
+            self.motion.take(arrival)
+            return ()
+        accepted, records = self.intake.take(arrival)
+        if accepted is not None:
+            self._displays.feedback(arrival.key, accepted.message, arrival.recv_ns)
         return records
 
     def wake(self, now_ns: int) -> Sequence[Output]:
         """Send the sample and the copies that are due."""
         emissions: list[Output] = []
+        displayed: list[Output] = []
         notes: list[Output] = []
         for k in self.ticker.skip_missed(now_ns):
             notes.append(self._tick_note(k, now_ns, missed=True))
@@ -128,18 +136,20 @@ class SurgeonNode:
             if packet.copy > 0:
                 messages = self._repeated(packet.k, packet.copy, now_ns)
             elif packet.k == self.ticker.k:
+                notes += self.motion.advance(packet.k, packet.due_ns)
                 messages = self._sample(self.ticker.begin())
+                displayed += self._displays.sampled(packet.k, messages)
                 notes.append(self._tick_note(packet.k, now_ns))
                 notes += self._truth(packet.k)
             else:
                 continue
             emissions += [self._emission(message, packet.seq) for message in messages]
-        # Samples first: logging must not delay sending.
-        return emissions + notes
+        # Samples first: neither the display nor logging must delay sending.
+        return emissions + displayed + notes
 
     def _sample(self, k: int) -> list[SampleMessage]:
         """Take sample ``k`` of all streams."""
-        messages = self._samples.take(k)
+        messages = self._samples.take(k, self.motion.poses(k))
         if self.redundancy.copies > 1:
             self._to_repeat[k] = messages
         return messages
@@ -171,6 +181,7 @@ class SurgeonNode:
             "ticks": self.ticker.k,
             "ticks_missed": self.ticker.n_missed,
             "copies_missed": self.n_copies_missed,
+            **self.motion.counters(),
             **traffic,
         }
 
@@ -191,26 +202,19 @@ class SurgeonNode:
         return Record(TICKS, begin_ns, note)
 
     def _truth(self, k: int) -> list[Record]:
-        """Log the recorded arm one sample ahead: truth is interpolated at every tick, the last included.
-
-        A surgeon that was away also logs where the arm was to be meanwhile.
-        """
-        indices = range(max(0, k - _MAX_MADE_UP), k + 2) if k == self._first else (k + 1,)
+        """Log the arm at the samples that are known with sample ``k``."""
         records = []
-        for hand in self.recording.hands:
-            for index in indices:
-                row = self.recording.start + index
-                if row >= len(self.recording):
-                    continue
-                sample_ns = sample_instant_ns(index, self.ticker.rate_hz)
-                x, y, z = hand.follower.position_m[row].tolist()
+        for index, hands in self.motion.truth(k, k == self._first):
+            sample_ns = sample_instant_ns(index, self.ticker.rate_hz)
+            for channels, (_, arm) in zip(self.motion.channels, hands, strict=True):
+                x, y, z = arm.position_m
                 note = TruthRow(
-                    hand=hand.hand,
+                    hand=channels.hand,
                     index=index,
                     sample_ns=sample_ns,
                     position_m=Vector3(x=x, y=y, z=z),
-                    rotation_rad=rotation_vector(hand.follower.orientation[row].tolist()),
-                    gripper_rad=float(hand.follower.gripper_rad[row]),
+                    rotation_rad=rotation_vector(arm.orientation),
+                    gripper_rad=arm.gripper_rad,
                 )
                 records.append(Record(TRUTH, sample_ns, note))
         return records

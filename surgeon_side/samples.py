@@ -1,13 +1,14 @@
-"""The surgeon's samples as messages: the poses of all streams at one row, each with the samples before it."""
+"""The surgeon's samples as messages: the poses of all streams at one instant, each with the samples before it."""
 
 from collections import deque
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from common.channels import Channel
+from common.channels import Channel, HandChannels
 from common.messages import Pose, Quaternion, SampledPose, Vector3
 from common.sources.sensor_noise import Error, SensorNoise
-from common.sources.trajectory import PoseTrack, Recording
 from common.units import sample_instant_ns
+from surgeon_side.motion import HandPoses, Placed
 
 NO_ERROR: Final = Error(0.0, 0.0, 0.0)
 
@@ -22,37 +23,41 @@ class SampleMessage(NamedTuple):
 
 
 class Samples:
-    """The samples of a recording on the surgeon's keys; each carries the ``history`` samples taken before it.
+    """The samples of a movement on the surgeon's keys; each carries the ``history`` samples taken before it.
 
     Their positions have the errors of ``noise``, if there is any.
     """
 
     def __init__(
-        self, session: str, recording: Recording, rate_hz: int, history: int = 0, noise: SensorNoise | None = None
+        self,
+        session: str,
+        hands: Sequence[HandChannels],
+        rate_hz: int,
+        history: int = 0,
+        noise: SensorNoise | None = None,
     ) -> None:
-        self._recording: Final = recording
         self._rate_hz: Final = rate_hz
         self._n_earlier: Final = history
         self._noise: Final = noise
         self._streams: Final = [
-            (channel, channel.key(session), track, deque[Pose](maxlen=history))
-            for hand in recording.hands
-            for channel, track in ((hand.channels.command, hand.command), (hand.channels.arm, hand.follower))
+            (channel, channel.key(session), deque[Pose](maxlen=history))
+            for hand in hands
+            for channel in (hand.command, hand.arm)
         ]
 
     @property
     def all_keys(self) -> list[str]:
         """Keys of all streams."""
-        return [key for _, key, _, _ in self._streams]
+        return [key for _, key, _ in self._streams]
 
-    def take(self, k: int) -> list[SampleMessage]:
+    def take(self, k: int, hands: Sequence[HandPoses]) -> list[SampleMessage]:
         """Return the messages of sample ``k``, which is then history; skipped samples never are."""
         sample_ns = sample_instant_ns(k, self._rate_hz)
-        row = self._recording.start + k
+        placed = [each for poses in hands for each in (poses.command, poses.arm)]
         messages = []
-        for channel, key, track, earlier in self._streams:
+        for (channel, key, earlier), where in zip(self._streams, placed, strict=True):
             error = NO_ERROR if self._noise is None else self._noise.error(key, k)
-            pose = pose_at(track, row, sample_ns, error)
+            pose = pose_at(where, sample_ns, error)
             if self._n_earlier:
                 sampled = SampledPose.model_construct(**dict(pose), history=tuple(earlier))
                 messages.append(SampleMessage(channel, key, sampled, sampled.payload()))
@@ -62,13 +67,13 @@ class Samples:
         return messages
 
 
-def pose_at(track: PoseTrack, row: int, sample_ns: int, error_m: Error = NO_ERROR) -> Pose:
-    """Return one row of a track as a message, taken at ``sample_ns`` with an error of its position."""
-    x, y, z = track.position_m[row].tolist()
-    qx, qy, qz, qw = track.orientation[row].tolist()
+def pose_at(where: Placed, sample_ns: int, error_m: Error = NO_ERROR) -> Pose:
+    """Return a pose as a message, taken at ``sample_ns`` with an error of its position."""
+    x, y, z = where.position_m
+    qx, qy, qz, qw = where.orientation
     return Pose(
         sample_ns=sample_ns,
         position_m=Vector3(x=x + error_m.x, y=y + error_m.y, z=z + error_m.z),
         orientation=Quaternion(x=qx, y=qy, z=qz, w=qw),
-        gripper_rad=float(track.gripper_rad[row]),
+        gripper_rad=where.gripper_rad,
     )

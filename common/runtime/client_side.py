@@ -121,17 +121,19 @@ class _Client:
         if reading.bound_ns > _COARSE_CLOCK_NS:
             self.status.warning(f"netem's clock is known to +- {reading.bound_ns / 1e6:.2f} ms only")
         bus = ZenohBus({self.network: self.session}, WallClock(0), self.inbox)
-        bus.listen(prepared.node)
+        bus.listen(prepared.node, prepared.foreign_keys)
         bus.announce(prepared.node)
         settle()
         # A side that was killed or cut off stays present until its connection ends.
         own = Presence(self.side, meeting.digest, mirrored=False)
-        if not self._wait_until(lambda: own not in roster.present, f"another {self.side} to leave", is_known=False):
+        # As a witness another program is this side, and this one keeps silent.
+        is_witness, another = self.options.witness, f"another {self.side} to leave"
+        if not is_witness and not self._wait_until(lambda: own not in roster.present, another, is_known=False):
             return self._gave_up()
         # The barrier: the token tells the others that this side is ready, netem then begins the run.
         is_under_way = roster.epoch is not None
         liveliness = self.session.liveliness()
-        tokens = [liveliness.declare_token(meeting.keys.token(*own))]
+        tokens = [] if is_witness else [liveliness.declare_token(meeting.keys.token(*own))]
         self.status.ready()
         if not self._wait_until(lambda: roster.epoch is not None):
             return self._gave_up()
@@ -142,10 +144,11 @@ class _Client:
         memory, attachments = _resume(prepared, log.path.with_name(MEMORY_FILE), membership)
         prepared.node.join(bus.run_id, membership.joined_ns or 0)
         self.inbox.start(clock)
-        tokens.append(liveliness.declare_token(meeting.keys.run(self.side, membership.epoch.text)))
+        if not is_witness:
+            tokens.append(liveliness.declare_token(meeting.keys.run(self.side, membership.epoch.text)))
         self.status.running(scenario.duration_s, str(log.path), membership.joined_ns)
         end = scenario.peer_loss_policy(self.options.alone) == "end"
-        beats = Beats(self.side, {self.network: self.session}, meeting.keys)
+        beats = Beats(self.side, {self.network: self.session}, meeting.keys, is_witness)
         ports: dict[Side, set[int]] = {"netem": {*filter(None, map(port_of, self.connect))}}
         peers = PeerWatch(self.side, beats, clock, ports, meeting.present, scenario.peer_timeout_s)
         try:
@@ -191,7 +194,8 @@ class _Client:
                 raise PeerError(Fault(self.side, "", f"the run was ended before it began: {roster.end_reason}"))
             if "netem" in meeting.lost() and not self.options.alone:
                 raise PeerError(Fault(self.side, "", "netem left before the run began"))
-            missing = {"surgeon", "netem", "patient"} - roster.sides() - {self.side}
+            missing = {"surgeon", "netem", "patient"} - roster.sides()
+            missing -= set() if self.options.witness else {self.side}
             if whom:
                 self.status.waiting(whom)
             elif missing:

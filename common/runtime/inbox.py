@@ -12,6 +12,7 @@ import select
 import threading
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Generic, NamedTuple, TypeVar
 
@@ -26,12 +27,21 @@ _THREADS: Final = Path("/proc/self/task")
 T = TypeVar("T")
 
 
+@dataclass
+class Share:
+    """The share of the queue that one subscription may take: messages that wait, and how many may."""
+
+    limit: int
+    n_waiting: int = 0
+
+
 class Stamped(NamedTuple, Generic[T]):
-    """An arrival on a network, and its effective stamp in run time."""
+    """An arrival on a network, its effective stamp in run time, and the share that it takes while it waits."""
 
     network: Network
     recv_ns: int
     item: T
+    share: Share | None = None
 
 
 def sharpen_timers() -> None:
@@ -79,15 +89,21 @@ class Inbox(Generic[T]):
         self._watermark_ns = -1
         self._alarm = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self.n_early = 0
+        self.n_flooded = 0
         self.error: BaseException | None = None
 
     def start(self, clock: Clock) -> None:
         """Begin to accept arrivals; those before the epoch are counted and dropped."""
         self._clock = clock
 
-    def receiver(self, network: Network) -> Callable[[T], None]:
-        """Return the callback for one network: it stamps, appends and wakes the loop."""
+    def receiver(self, network: Network, limit: int | None = None) -> Callable[[T], None]:
+        """Return the callback for one network: it stamps, appends and wakes the loop.
+
+        While ``limit`` of its messages wait, further ones are counted and dropped: a program of others must not fill
+        the memory.
+        """
         lock, queue = self._lock, self._queue
+        share = None if limit is None else Share(limit)
 
         def receive(item: T) -> None:
             try:
@@ -96,10 +112,15 @@ class Inbox(Generic[T]):
                     if recv_ns < 0:
                         self.n_early += 1
                         return
+                    if share is not None:
+                        if share.n_waiting >= share.limit:
+                            self.n_flooded += 1
+                            return
+                        share.n_waiting += 1
                     # A tick has used all arrivals up to the watermark, so this one must be stamped later.
                     if recv_ns <= self._watermark_ns:
                         recv_ns = self._watermark_ns + 1
-                    queue.append(Stamped(network, recv_ns, item))
+                    queue.append(Stamped(network, recv_ns, item, share))
                 self.alarm()
             except BaseException as error:  # Zenoh would swallow it; the loop raises it
                 self.error = error
@@ -115,7 +136,10 @@ class Inbox(Generic[T]):
             with self._lock:
                 if self._queue:
                     if self._queue[0].recv_ns <= deadline_ns:
-                        return self._queue.popleft()
+                        stamped = self._queue.popleft()
+                        if stamped.share is not None:
+                            stamped.share.n_waiting -= 1
+                        return stamped
                     self._raise_watermark(deadline_ns)
                     return None
                 remaining_ns = deadline_ns - clock.now_ns()

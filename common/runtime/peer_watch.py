@@ -32,12 +32,16 @@ class Beats:
     """Sends a side's beats on its networks, and hears those of the others.
 
     netem, which is on both networks, passes each side's on to the other one, and believes a side on its own only.
+    ``is_witness``: another program is this side, and sends its own beats.
     """
 
-    def __init__(self, side: Side, sessions: Mapping[Network, zenoh.Session], keys: ControlKeys) -> None:
+    def __init__(
+        self, side: Side, sessions: Mapping[Network, zenoh.Session], keys: ControlKeys, is_witness: bool = False
+    ) -> None:
         self._heard: deque[Beat] = deque(maxlen=_MAX_WAITING)
         self._keys = keys
-        self._own = [urgent_publisher(session, keys.beat(side)) for session in sessions.values()]
+        heard_by = () if is_witness else sessions.values()
+        self._own = [urgent_publisher(session, keys.beat(side)) for session in heard_by]
         self._relays: dict[Side, zenoh.Publisher] = {}
         self._held: list[Any] = []
         for network, session in sessions.items():

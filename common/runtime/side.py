@@ -5,7 +5,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Protocol
 
@@ -43,11 +43,12 @@ _TOKENS_S: Final = 0.1  # within which the tokens of a dead netem arrive, one af
 
 @dataclass(frozen=True)
 class Prepared:
-    """Preparations of a side before it meets the others: its node, and files for its log."""
+    """Preparations of a side before it meets the others: its node, files for its log, keys of foreign programs."""
 
     node: SideNode
     attachments: Mapping[str, bytes] = field(default_factory=dict)
     warnings: Sequence[str] = ()
+    foreign_keys: Collection[str] = ()
 
 
 @dataclass(frozen=True)
@@ -119,8 +120,8 @@ class NodeWork:
             lambda: bool(self.error) or stopped(),
         )
         self.watch.close()
-        early = CounterNote(name="before_epoch", value=self.inbox.n_early)
-        recorder.record(Record(COUNTERS, self.clock.now_ns(), early))
+        for name, value in (("before_epoch", self.inbox.n_early), ("flooded", self.inbox.n_flooded)):
+            recorder.record(Record(COUNTERS, self.clock.now_ns(), CounterNote(name=name, value=value)))
 
     def turn(self, now_ns: int) -> tuple[int, str]:
         """Return since when the node computes, now while the loop waits, and what it does."""

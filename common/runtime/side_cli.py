@@ -4,9 +4,9 @@ import ctypes
 import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -25,6 +25,13 @@ if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, n
 ConnectOption = Annotated[
     list[str] | None, typer.Option("--connect", "-e", help="Zenoh endpoint to connect to; overrides hosts.")
 ]
+ListenOption = Annotated[
+    list[str] | None, typer.Option("--listen", "-l", help="Zenoh endpoint to listen on; overrides hosts.")
+]
+LogFolderOption = Annotated[
+    Path | None,
+    typer.Option(help="Folder for the log; by default a new one below runs/, after a kill that of the same run."),
+]
 WaitOption = Annotated[
     float | None, typer.Option(min=0, help="Give up when the others are not there after so many s.")
 ]
@@ -39,33 +46,29 @@ def side_command(
     run_side: "RunSide",
     locate: Callable[[str], Path] = Path,
     profiles: "reading.Profiles | None" = None,
+    devices: Collection[str] = (),
 ) -> Callable[..., None]:
     """Return the typer command that runs one side alone.
 
-    ``locate`` finds the file that a scenario's name means, ``profiles`` is the library that its network may name.
+    ``locate`` finds the file that a scenario's name means, ``profiles`` is the library that its network may name,
+    ``devices`` are the kinds of devices that ``run_side`` can start beside it.
     """
 
     def command(
         scenario: Annotated[
             str, typer.Argument(metavar="SCENARIO", help="Scenario file (YAML); the same one on every host.")
         ],
-        run_dir: Annotated[
-            Path | None,
-            typer.Option(
-                help="Folder for the log; by default a new one below runs/, after a kill that of the same run."
-            ),
-        ] = None,
+        run_dir: LogFolderOption = None,
         connect: ConnectOption = None,
-        listen: Annotated[
-            list[str] | None,
-            typer.Option("--listen", "-l", help="Zenoh endpoint to listen on; overrides hosts."),
-        ] = None,
+        listen: ListenOption = None,
         config: ConfigOption = None,
         cfg: CfgOption = None,
         wait_s: WaitOption = None,
         insecure: Annotated[bool, insecure_option(side == "netem")] = False,
         child: ChildOption = False,
         alone: AloneOption = False,
+        witness: Annotated[bool, _witness_option(side)] = False,
+        device: Annotated[str | None, _device_option(devices)] = None,
     ) -> None:
         from common.runtime.status import Status
 
@@ -85,7 +88,9 @@ def side_command(
             file = locate(scenario)
             agreed = located(build_whole(read_scenario(file), str(file), profiles))
             zenoh_options = ZenohOptions(connect or (), listen or (), config, cfg or (), insecure)
-            return run_side(agreed, SideOptions(run_dir, zenoh_options, wait_s, alone=alone or not child), status)
+            _check_company(side, witness, device, devices)
+            options = SideOptions(run_dir, zenoh_options, wait_s, alone or not child, witness, device)
+            return run_side(agreed, options, status)
 
         def failed(code: int, faults: Sequence[Fault]) -> None:
             status.failed(code, [str(fault) for fault in faults])
@@ -94,6 +99,29 @@ def side_command(
 
     command.__doc__ = f"Run the {side} side alone, for a host of its own; start the sides in any order."
     return command
+
+
+def _witness_option(side: "Side") -> Any:
+    """Return the option by which the surgeon's process only writes a log."""
+    words = "Another program is the surgeon: only write its log."
+    return typer.Option("--witness", hidden=side != "surgeon", help=words)
+
+
+def _device_option(devices: Collection[str]) -> Any:
+    """Return the option that starts one of the ``devices`` beside a side; hidden without any."""
+    return typer.Option(hidden=not devices, metavar="|".join(devices) or None, help="Start this device beside it.")
+
+
+def _check_company(side: "Side", witness: bool, device: str | None, devices: Collection[str]) -> None:
+    """Raise `InputError` for a witness or a device that a side cannot have."""
+    faults = []
+    if witness and side != "surgeon":
+        faults.append(Fault(side, "--witness", "works for the surgeon only"))
+    if device is not None and device not in devices:
+        rule = f"must be {' or '.join(devices)}" if devices else "works in `tis surgeon` only"
+        faults.append(Fault(side, "--device", rule, device))
+    if faults:
+        raise InputError(faults)
 
 
 def endpoints_for(scenario: "Scenario", side: "Side", place: str) -> tuple[str, ...]:

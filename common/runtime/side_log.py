@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from common import host_records, messages, records, safety_records
+from common import device_records, host_records, messages, records, safety_records
 from common.channels import Side
 from common.errors import DataError, Fault, PeerError
 from common.runtime.control import boot_digest
@@ -25,12 +25,16 @@ class SideOptions:
     """Options of a side's process, beside its scenario.
 
     ``run_dir`` None: a new folder below runs/, or that of the run that this side was killed in.
+    ``witness``: another program is this side, and this process only writes its log.
+    ``device``: the kind of device that is started beside the surgeon.
     """
 
     run_dir: Path | None
     zenoh: ZenohOptions = field(default_factory=ZenohOptions)
     wait_s: float | None = None
     alone: bool = True
+    witness: bool = False
+    device: str | None = None
 
 
 def earlier_part(options: SideOptions, scenario: Scenario, side: Side) -> EarlierPart | None:
@@ -66,7 +70,7 @@ def open_log(options: SideOptions, scenario: Scenario, side: Side, earlier: Earl
         "digest": scenario_io.digest(scenario),
         "mode": "live",
     }
-    for module in (messages, records, host_records, safety_records):
+    for module in (messages, records, device_records, host_records, safety_records):
         prepare_schemas(module)
     log = McapLog(folder / part_name(side, number), metadata, keep_void=earlier is None)
     log.attach("scenario.yaml", scenario_io.dump_scenario(scenario).encode())

@@ -1,7 +1,8 @@
 """Bus over Zenoh for surgeon and patient; netem forwards by `netem.bridge.bridge`."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
+from typing import Final
 
 import zenoh
 
@@ -11,6 +12,11 @@ from common.node import Arrival, Emission, Node
 from common.runtime.clock import Clock
 from common.runtime.inbox import Inbox
 from common.runtime.loop import Delivery
+
+MAX_FOREIGN_WAITING: Final = 1000
+"""Messages of one device or arm of others that may wait for the loop: a second at 1 kHz."""
+
+_MAX_FOREIGN_BYTES: Final = 64 * 1024
 
 
 @dataclass
@@ -26,14 +32,28 @@ class ZenohBus:
     _publishers: dict[tuple[Network, str], zenoh.Publisher] = field(default_factory=dict, repr=False)
     _subscribers: list[zenoh.Subscriber[None]] = field(default_factory=list, repr=False)
 
-    def listen(self, node: Node) -> None:
-        """Subscribe to the node's key expressions, for messages of other processes only."""
+    def listen(self, node: Node, foreign_keys: Collection[str] = ()) -> None:
+        """Subscribe to the node's key expressions, for messages of other processes only.
+
+        Of ``foreign_keys``, those of devices and arms of others, a bounded number of short messages waits.
+        """
         for network, key in node.listens():
-            self._subscribers.append(
-                self.sessions[network].declare_subscriber(
-                    key, self.inbox.receiver(network), allowed_origin=zenoh.Locality.REMOTE
-                )
-            )
+            receive = self.inbox.receiver(network)
+            if key in foreign_keys:
+                receive = self._short(self.inbox.receiver(network, MAX_FOREIGN_WAITING))
+            session = self.sessions[network]
+            self._subscribers.append(session.declare_subscriber(key, receive, allowed_origin=zenoh.Locality.REMOTE))
+
+    def _short(self, receive: Callable[[zenoh.Sample], None]) -> Callable[[zenoh.Sample], None]:
+        """Return a callback that drops and counts long messages before they wait."""
+
+        def receive_short(sample: zenoh.Sample) -> None:
+            if len(sample.payload) > _MAX_FOREIGN_BYTES:
+                self.inbox.n_flooded += 1
+            else:
+                receive(sample)
+
+        return receive_short
 
     def announce(self, node: Node) -> None:
         """Declare the node's publishers in advance: it takes milliseconds, too long for the first tick."""

@@ -10,6 +10,7 @@ from common.endpoint import endpoint_fault, is_tls
 from common.scenario.base import NonNegative, Part, Positive, RuleText
 from common.scenario.estimator_names import AnyEstimatorName
 from common.scenario.limits import Limits
+from common.scenario.live_rules import live_rules
 from common.scenario.network import NetworkPart, Rule
 from common.scenario.network.pipeline import Pipeline
 from common.scenario.patient import Estimators, Identification, PatientPart
@@ -168,6 +169,7 @@ class Scenario(Part):
             "identification.train must be own_head or a model file: a synthetic source has no other subjects": (
                 source != "synthetic" or self.identification.train != "others"
             ),
+            **live_rules(self.session, self.source, self.patient, self.identification.train),
             "duration_s must contain at least one sample at rate_hz": self.n_samples >= 1,
             f"duration_s must contain at most {_MAX_SAMPLES} samples at rate_hz": self.n_samples <= _MAX_SAMPLES,
             "patient.tick_phase_ms must be less than one period of rate_hz": (

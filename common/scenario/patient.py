@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from common.errors import Fault, InputError
-from common.scenario.base import NonNegative, Part, Positive, RuleText
+from common.scenario.base import Milliseconds, NonNegative, Part, Positive, RuleText
 from common.scenario.estimator_names import AnyEstimatorName, LearnedName, each_once, is_learned
 from common.scenario.learning import Learning
 from common.scenario.orientation import Orientation
@@ -37,9 +37,23 @@ class ServoPlant(Part):
     )
 
 
+class ExternalPlant(Part):
+    """A simulator or robot of its own, which joins by Zenoh keys of the patient's network.
+
+    It follows ``<session>/PSM2/servo_cp`` and publishes where it is on ``<session>/PSM2/arm/measured_cp``.
+    """
+
+    kind: Literal["external"] = Field(description="external: an arm that another program moves.")
+    silent_after_ms: Annotated[Milliseconds, Field(gt=0)] = Field(
+        500.0,
+        description="Time without a pose after which the arm counts as silent, in ms. Its last pose stays in force, "
+        "and the run's report says so.",
+    )
+
+
 TickMode = Literal["free", "phase_locked", "on_arrival"]
 
-Plant = Annotated[ReplayPlant | ServoPlant, Field(discriminator="kind")]
+Plant = Annotated[ReplayPlant | ServoPlant | ExternalPlant, Field(discriminator="kind")]
 
 
 class PatientPart(Part):
@@ -76,8 +90,10 @@ def is_model_file(train: str) -> bool:
 
 
 def _model_file_or_name(train: str) -> str:
-    if train not in ("own_head", "others") and not is_model_file(train):
-        raise ValueError("must be own_head, others or the path of a model file ending in .json or .safetensors")
+    if train not in ("own_head", "others", "synthetic") and not is_model_file(train):
+        raise ValueError(
+            "must be own_head, others, synthetic or the path of a model file ending in .json or .safetensors"
+        )
     return train
 
 
@@ -106,8 +122,8 @@ class Identification(Part):
     train: Annotated[str, AfterValidator(_model_file_or_name)] = Field(
         "own_head",
         description="Training data. own_head: the first train_samples rows of the same trial; others: all trials of "
-        "the same task by other subjects, for a table the tables of other people beside it; or the path of a model "
-        "file written by `tis identify`.",
+        "the same task by other subjects, for a table the tables of other people beside it; synthetic: a synthetic "
+        "hand in the places of a live source, no data needed; or the path of a model file written by `tis identify`.",
     )
     train_samples: int = Field(
         1240, strict=True, ge=60, description="Number of training rows at the trial's beginning, for own_head."

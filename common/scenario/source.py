@@ -6,6 +6,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, StringConstraints, mo
 
 from common.scenario.base import NonNegative, Part, Positive, Probability, RuleText
 from common.scenario.hands import HANDS_MEANING, START_MEANING, Hands, Start
+from common.scenario.live_source import LiveSource
 from common.scenario.table_source import TableSource
 
 Trial = Annotated[
@@ -116,4 +117,4 @@ class SyntheticSource(Part):
 RecordedSource = JigsawsSource | TableSource
 """Sources that are files: they have an end."""
 
-Source = Annotated[RecordedSource | SyntheticSource, Field(discriminator="kind")]
+Source = Annotated[RecordedSource | SyntheticSource | LiveSource, Field(discriminator="kind")]

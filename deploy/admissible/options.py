@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from common.errors import DataError, Fault, InputError
 from common.scenario import Scenario
+from common.scenario.source import RecordedSource
 from deploy.admissible.axes import Axis, axis_faults, parse_axis, whole_fault
 from deploy.admissible.evaluation import check_persons
 from deploy.admissible.limits import COMMAND, Limit, parse_limit
@@ -66,10 +67,10 @@ def order_of(given: dict[str, Any]) -> Order:
         raise InputError([*faults, *_faults_of(request)])
     scenario, trials = _scenario(request, axes)
     source = scenario.source
-    recorded = source.kind != "synthetic"
+    recorded = isinstance(source, RecordedSource)
     n_seeds = request.n_seeds or (DEFAULT_RECORDED_SEEDS if recorded else DEFAULT_SYNTHETIC_SEEDS)
     request = replace(request, n_seeds=n_seeds)
-    check_persons(trials * n_seeds if source.kind == "synthetic" else people_of(source, trials), recorded)
+    check_persons(people_of(source, trials) if isinstance(source, RecordedSource) else trials * n_seeds, recorded)
     placed = tuple(replace(axis, whole=_is_whole(scenario, axis.path)) for axis in axes)
     if found := [fault for fault in map(whole_fault, placed) if fault is not None]:
         raise InputError(found)

@@ -47,6 +47,9 @@ def run(
     port: PortOption = 0,
     hosts: HostOption = None,
     insecure: InsecureOption = False,
+    foreign_surgeon: Annotated[
+        bool, typer.Option("--foreign-surgeon", help="Another program is the surgeon, by the protocol; needs hosts.")
+    ] = False,
 ) -> int:
     """Run a scenario live, as three processes on this machine in real time."""
     from deploy.run.conclude import Outputs
@@ -57,7 +60,7 @@ def run(
     page = PageAddress(address, port, tuple(hosts or ())) if view else None
     outputs = Outputs(report, merge, verbose, as_json)
     chosen = resolve(scenario, settings or (), seed, duration_s)
-    return run_live(chosen, run_dir, words_to(as_json), ERR, outputs, page, insecure)
+    return run_live(chosen, run_dir, words_to(as_json), ERR, outputs, page, insecure, foreign_surgeon)
 
 
 @app.command()

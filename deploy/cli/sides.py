@@ -3,10 +3,13 @@
 from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+
+import typer
 
 from common.runtime.side_cli import side_command
 from deploy.cli.group import Commands
+from deploy.shell.guard import ERR, guarded
 from netem.bridge.command import netem_command
 
 if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, not for the help
@@ -18,6 +21,8 @@ if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, n
     from common.scenario.network import NetworkPart
 
 app = Commands("One side, on a host of its own")
+
+DeviceKind = Literal["mouse", "gamepad"]
 
 
 def _scenario_path(name: str) -> Path:
@@ -49,10 +54,40 @@ def _side_of(side: "Side", module: str) -> "RunSide":
     return run_side
 
 
-app.command("surgeon")(
-    side_command("surgeon", _side_of("surgeon", "surgeon_side.__main__"), _scenario_path, _library)
-)
+def _surgeon(scenario: "Scenario", options: "SideOptions", status: "Status") -> int:
+    """Run the surgeon's side, with its device beside it."""
+    from deploy.device.beside import device_beside
+
+    with device_beside(scenario, options):
+        return _side_of("surgeon", "surgeon_side.__main__")(scenario, options, status)
+
+
+app.command("surgeon")(side_command("surgeon", _surgeon, _scenario_path, _library, get_args(DeviceKind)))
 app.command("netem")(netem_command(_side_of("netem", "netem.__main__"), _scenario_path, _library, _close_folder))
 app.command("patient")(
     side_command("patient", _side_of("patient", "patient_side.__main__"), _scenario_path, _library)
 )
+
+
+@app.command()
+@guarded
+def device(
+    kind: Annotated[DeviceKind, typer.Argument(help="mouse, in a window; or gamepad.")],
+    connect: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--connect", "-e", metavar="ENDPOINT", help="netem's west endpoint [default: tcp/127.0.0.1:7447]"
+        ),
+    ] = None,
+    key: Annotated[
+        str, typer.Option(help="Key of the hand's device: source.keys of the scenario.")
+    ] = "device/MTML/measured_cp",
+    rate_hz: Annotated[int, typer.Option(min=1, max=1000, help="Poses per second.")] = 125,
+    session: Annotated[str, typer.Option(help="The scenario's session, whose end ends the device.")] = "tis",
+    wait_s: Annotated[float | None, typer.Option(min=0, help="Give up without netem after so many s.")] = None,
+) -> int:
+    """Be the device of a live source, with the mouse or a gamepad of this host."""
+    from deploy.device.command import run_device
+
+    where = connect or ["tcp/127.0.0.1:7447"]
+    return run_device(kind, where, key, rate_hz, session, lambda text: ERR.print(text, soft_wrap=True), wait_s)

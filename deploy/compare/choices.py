@@ -28,7 +28,7 @@ def estimator_faults(names: Sequence[str] | None) -> list[Fault]:
 def trial_faults(source: Source, trials: Sequence[str] | None, people: Sequence[str] | None) -> list[Fault]:
     """Return the faults of the named trials and people; `folder_faults` covers a folder without trials."""
     named = {"--trials": trials, "--people": people}
-    if source.kind == "synthetic":
+    if not isinstance(source, RecordedSource):
         rule = "requires recordings: for a synthetic source use --seeds"
         return [Fault(COMMAND, option, rule) for option, names in named.items() if names is not None]
     found = list_trials(source)
@@ -51,7 +51,7 @@ def people_of(source: RecordedSource, trials: Sequence[str]) -> list[str]:
 
 def folder_faults(source: Source) -> list[Fault]:
     """Return a fault if the source is a folder of trials without any trial, or a table that is not there."""
-    if source.kind == "synthetic":
+    if not isinstance(source, RecordedSource):
         return []
     found = list_trials(source)
     lacks = not found or (source.kind == "table" and own_trial(source) not in found)

@@ -12,9 +12,10 @@ from common.runtime.recordings import list_trials, trial_file, whole_recording
 from common.runtime.user_code import load_user_code
 from common.scenario import Scenario
 from common.scenario.estimator_names import is_user_defined
+from common.scenario.live_rules import virtual_time_faults
 from common.scenario.patient import is_model_file
 from common.scenario.reading import apply_settings, build_scenario
-from common.scenario.source import Source
+from common.scenario.source import RecordedSource, Source
 from common.scenario.table_source import TableSource
 from deploy.compare.cells.cell import Cell, Training, first_row
 from deploy.compare.cells.identity import cell_of, dump, training_of, trial_facts
@@ -85,7 +86,7 @@ def make_plan(request: Request) -> Plan:
     own = load_user_code(list(names), COMMAND)
     # one unit of work per trial and seed
     base = scenarios[0]
-    files = None if base.source.kind == "synthetic" else base.source
+    files = base.source if isinstance(base.source, RecordedSource) else None
     recorded = () if files is None else trials_of(files, request.trials, request.people)
     several = files is not None and len(people_of(files, list_trials(files))) > 1
     seeds = request.n_seeds or (DEFAULT_SYNTHETIC_SEEDS if files is None else 1)
@@ -148,6 +149,9 @@ def _scenarios(request: Request, points: Sequence[Point]) -> list[Scenario]:
             if len(faults) > _MOST_FAULTS:
                 break
     source = scenarios[0].source if scenarios else _source(request)
+    faults += [
+        fault for each in scenarios[:1] for fault in virtual_time_faults(request.scenario, each.source, each.patient)
+    ]
     missing = [] if source is None else folder_faults(source)
     faults += [] if source is None else trial_faults(source, request.trials, request.people)
     if faults:
@@ -190,7 +194,7 @@ def _complete(scenario: Scenario, trial: str, seed: int, train: str | None, dura
     if train is not None:
         raw["identification"] |= {"train": train}
     source = scenario.source
-    if source.kind == "synthetic":
+    if not isinstance(source, RecordedSource):
         return build_scenario(raw | ({} if duration_s is None else {"duration_s": duration_s}), scenario.name)
     file = trial_file(source, trial)
     raw["source"] |= {"trial": trial} if source.kind == "jigsaws" else _at(source, file)

@@ -20,6 +20,7 @@ _TABLES: Final[Mapping[str, str]] = {
     "prompt_estimates": "A row for each estimate made on arrival, between ticks (patient.tick: on_arrival).",
     "fresh": "A row for each tick with a new freshest sample: that sample.",
     "set_points": "A row for each tick and arm: what drives it, the estimate within its limits.",
+    "displays": "A row for each tick of the surgeon from the first feedback on: what the display shows of the arm.",
     "plant": "A row for each tick: the position of the plant's arm.",
 }
 _RECORDS: Final[Mapping[str, str]] = {
@@ -66,6 +67,9 @@ _COLUMNS: Final[Mapping[str, str]] = {
     "released_ns": "instant at which it left; 0: it was dropped later",
     "departure": f"how it left: {', '.join(DEPARTURES)}",
     "queued_ns": "time in the queue of a rate, transmission included",
+    "shown_tick": "tick of the patient whose feedback is shown",
+    "command_ns": "sample instant of the newest command behind that feedback",
+    "round_trip_ns": "from that command to the arrival of the feedback",
     "n_bytes": "size of its payload",
     "copies": "copies that netem made of it",
     "copy_index": "0: the original, else the number of the copy",
@@ -128,6 +132,8 @@ _IN_TABLE: Final[Mapping[tuple[str, str], str]] = {
     ("tick_phases", "age_ns"): "expected mean age of samples after the change",
     ("tick_phases", "tick"): "the last tick before the change",
     ("clock_exchanges", "received_ns"): "by netem's clock: request received",
+    ("displays", "tick"): "number of the surgeon's tick, from 0",
+    ("displays", "sample_ns"): "instant of that tick, at which the newest command was taken",
     ("prompt_estimates", "t_ns"): "instant of the estimate: the arrival",
 }
 _UNITS: Final = ("ns", "us", "mm", "m", "rad", "deg", "ppm", "bytes")
@@ -135,6 +141,7 @@ _BY_NAME: Final = (
     (re.compile(r"truth_([xyz])_m"), "true position of the arm along {0}"),
     (re.compile(r"position_([xyz])_m"), "position along {0}"),
     (re.compile(r"std_([xyz])_m"), "stated standard deviation along {0}; empty: none"),
+    (re.compile(r"shown_([xyz])_m"), "position of the arm in the feedback that is shown, along {0}"),
     (re.compile(r"orientation_([xyzw])"), "orientation, component {0} of the quaternion; empty: none"),
     (re.compile(r"rotation_([xyz])_rad"), "true orientation as a rotation vector, along {0}"),
     (re.compile(r"(?:turn_)?std_([xyz])_rad"), "stated standard deviation about the estimate's {0}; empty: none"),

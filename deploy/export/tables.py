@@ -7,7 +7,7 @@ from typing import Any, Final, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Direction, Hand, Side, is_set_point
+from common.channels import Direction, Hand, Side, is_predicted, is_set_point
 from common.records import ESTIMATES, FRESH, ORIENTATIONS, PLANT, PROMPT
 from common.scenario.estimator_names import plain_name
 from common.units import MM_PER_M
@@ -21,6 +21,7 @@ Columns = dict[str, NDArray[Any]]
 
 _AXES: Final = "xyzw"
 _OF_COLUMNS: Final[Mapping[str, str]] = {PLANT: "plant", FRESH: "fresh", PROMPT: "prompt_estimates"}
+_OF_GROUPS: Final[Mapping[str, str]] = {"estimates": ESTIMATES, "orientations": ORIENTATIONS}
 
 
 class Table(Sequence[Columns]):
@@ -95,9 +96,7 @@ def _in_pieces(run: Run) -> Iterator[tuple[str, list[Callable[[], Columns]]]]:
     for name, by_key, make in (("fates", fates_by_key, _fates), ("releases", releases_by_key, _releases)):
         packets = [(way, key, len(of.seq)) for way in run.fates for key, of in by_key(run.logs, way).items()]
         yield name, [partial(make, run.logs, way, key) for way, key, n in packets if n]
-    estimates: list[Callable[[], Columns]] = []
-    driven: list[Callable[[], Columns]] = []
-    turned: list[Callable[[], Columns]] = []
+    shared = {name: list[Callable[[], Columns]]() for name in (*_OF_GROUPS, "set_points", "displays")}
     for side, log in run.logs.sides.items():
         for topic, rows in log.rows.items():
             if not rows:
@@ -105,17 +104,20 @@ def _in_pieces(run: Run) -> Iterator[tuple[str, list[Callable[[], Columns]]]]:
             if not isinstance(rows, Rows):
                 name = f"{side}_{topic.removeprefix('/tis/').replace('/', '_')}"
                 yield name, [partial(_of_rows, rows)]
-            elif topic.startswith(f"{ESTIMATES}/"):
-                estimates.append(partial(_of_columns, rows))
-            elif topic.startswith(f"{ORIENTATIONS}/"):
-                turned.append(partial(_of_columns, rows))
-            elif is_set_point(topic):
-                driven.append(partial(_of_columns, rows))
             elif topic in _OF_COLUMNS:
                 yield _OF_COLUMNS[topic], [partial(_of_columns, rows)]
-    yield "estimates", estimates
-    yield "orientations", turned
-    yield "set_points", driven
+            elif (group := _shared_table(topic)) is not None:
+                shared[group].append(partial(_of_columns, rows))
+    yield from shared.items()
+
+
+def _shared_table(topic: str) -> str | None:
+    """Return the table that holds the records of several such topics; None for any other topic."""
+    if is_set_point(topic):
+        return "set_points"
+    if is_predicted(topic):
+        return "displays"
+    return next((name for name, group in _OF_GROUPS.items() if topic.startswith(f"{group}/")), None)
 
 
 def _messages(run: Run, side: Side, key: str) -> Columns:

@@ -21,6 +21,8 @@ from deploy.logs.read.load import RunLogs
 from deploy.logs.read.recorded import run_id_in
 from deploy.logs.read.side_columns import SideLog
 from deploy.report.link_summary import link_summary
+from deploy.report.measures.devices import devices_summary, is_foreign
+from deploy.report.measures.display import display_summary
 from deploy.report.measures.duration import active_duration_s
 from deploy.report.measures.estimation.error_by_age import errors_by_age
 from deploy.report.measures.estimation.freshness import age_of_information_ms, freshest_arrivals, tick_modes
@@ -83,7 +85,7 @@ def build_summary(
         "exit": exit_code,
         "command": command,
         "duration_s": scenario.duration_s,
-        "source": source_label(scenario),
+        "source": source_label(scenario, is_foreign(logs)),
         "active_estimator": scenario.active_estimator,
         "active_orientation": scenario.patient.orientation.active,
         "links": links,
@@ -95,7 +97,9 @@ def build_summary(
         "refused": refused(logs),
         "quarantined": _quarantined(logs),
         "rejected": {side: _count(log, "rejected") for side, log in logs.sides.items() if side != "netem"},
+        **devices_summary(logs, scenario),
         "safety": safety_summary(logs, scenario, tracks),
+        "display": display_summary(logs, tracks),
         "ticks": _ticks(logs, "patient", scenario),
         "surgeon_ticks": _ticks(logs, "surgeon", scenario),
         **_estimation(logs, scenario, models, tracks),
@@ -174,17 +178,19 @@ def _orientations(logs: RunLogs, scenario: Scenario, tracks: Mapping[Hand, HandT
     }
 
 
-def source_label(scenario: Scenario) -> str:
+def source_label(scenario: Scenario, foreign_surgeon: bool = False) -> str:
     """Return the origin of the movement in words."""
     source = scenario.source
     hands = " and ".join(source.hands)
+    if foreign_surgeon:
+        return f"foreign surgeon, {hands} hand"
     if source.kind == "jigsaws":
         origin = "synthetic" if source.synthetic else "recorded"
         return f"{origin} {source.task} {source.trial}, {hands} hand"
     if source.kind == "table":
         task = "" if source.task is None else f"{source.task} "
         return f"table {task}{PurePath(source.path).stem}, {hands} hand"
-    return f"synthetic surgeon, {hands} hand"
+    return f"live device, {hands} hand" if source.kind == "live" else f"synthetic surgeon, {hands} hand"
 
 
 def _durations(

@@ -14,6 +14,7 @@ from common.runtime.scenario_file import RUNS, run_folder
 from common.runtime.trace_files import load_traces
 from common.runtime.zenoh_session import ZenohOptions
 from common.scenario import Scenario
+from common.scenario.live_rules import check_foreign_surgeon
 from common.scenario.patient import is_model_file
 from deploy.run.progress import RunProgress
 from deploy.shell import run_dir as folder
@@ -31,20 +32,15 @@ if TYPE_CHECKING:
 
 def run_live(
     scenario: Scenario, run_dir: Path | None, out: Console, err: Console,
-    outputs: "Outputs", view: PageAddress | None, insecure: bool = False,
+    outputs: "Outputs", view: PageAddress | None, insecure: bool = False, foreign_surgeon: bool = False,
 ) -> int:  # fmt: skip
     """Run the three processes, write summary, manifest and report, print the summary; return the exit code.
 
-    ``view`` enables the live page; ``insecure`` as for `launch`. A run in which no side started running leaves no
+    ``view`` enables the live page; ``insecure`` and ``foreign_surgeon`` as for `launch`.
+    A run in which no side started running leaves no
     folder behind.
     """
-    scenario.identification.check_for_live_runs(scenario.estimators)
-    # these fail before any folder or process exists, instead of in a side's process
-    own_estimators(scenario)
-    check_recording(scenario)
-    load_traces(scenario.network)
-    if is_model_file(scenario.identification.train):
-        read_models(Path(scenario.identification.train))
+    _check_before(scenario, foreign_surgeon)
     proof = credentials(scenario.security, "netem")
     path = folder.create(run_dir or run_folder(RUNS, scenario.name), scenario)
     west, east = endpoints = endpoints_of(scenario)
@@ -58,7 +54,7 @@ def run_live(
         page: PageProcess | None = None
         try:
             if view is not None:
-                page = stack.enter_context(page_beside(view, endpoints, scenario.session, err, visits))
+                page = stack.enter_context(page_beside(view, endpoints, scenario, err, visits))
         except BaseException:
             folder.remove_unused(path)
             raise
@@ -73,7 +69,7 @@ def run_live(
 
         # The run itself; the terminal is restored and the observer stopped however it ends.
         try:
-            outcome = launch(scenario, path, take, endpoints, insecure)
+            outcome = launch(scenario, path, take, endpoints, insecure, foreign_surgeon)
         finally:
             progress.stop()
             observer.stop()
@@ -89,6 +85,18 @@ def run_live(
         if page is not None:
             page.send_output(_run_output(path))
     return outcome.exit_code or code
+
+
+def _check_before(scenario: Scenario, foreign_surgeon: bool) -> None:
+    """Raise `InputError` and `DataError` before any folder or process exists, instead of in a side's process."""
+    scenario.identification.check_for_live_runs(scenario.estimators)
+    own_estimators(scenario)
+    if foreign_surgeon:
+        check_foreign_surgeon(f"scenario {scenario.name}", scenario.source)
+    check_recording(scenario)
+    load_traces(scenario.network)
+    if is_model_file(scenario.identification.train):
+        read_models(Path(scenario.identification.train))
 
 
 def _run_output(run_dir: Path) -> RunOutput:

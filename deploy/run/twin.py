@@ -5,6 +5,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from common.channels import Side
+from common.errors import InputError
 from common.node import Node
 from common.records import ControlNote
 from common.runtime.clock import VirtualClock
@@ -19,6 +20,7 @@ from common.runtime.trace_files import load_traces, trace_attachments
 from common.runtime.virtual_bus import VirtualBus
 from common.scenario import Scenario
 from common.scenario import reading as scenario_io
+from common.scenario.live_rules import virtual_time_faults
 from common.sources.provenance import RECORDING_FILE, dump_played
 from common.sources.trajectory import Recording
 from deploy.shell import run_dir as folder
@@ -29,6 +31,13 @@ from patient_side.models import factories, model_attachment, models_for, origins
 from patient_side.provenance import warnings_at_start
 from patient_side.statespace import ArmModel
 from surgeon_side.build import build_surgeon
+
+
+def refuse_in_virtual_time(scenario: Scenario) -> None:
+    """Raise `InputError` for a scenario whose movement or arm is made elsewhere, in real time."""
+    refused = virtual_time_faults(f"scenario {scenario.name}", scenario.source, scenario.patient)
+    if refused:
+        raise InputError(refused)
 
 
 def build_sides(
@@ -42,6 +51,7 @@ def build_sides(
     ``notes`` are the changes of a live run's network to repeat, ``kept`` the attachments of its netem's log,
     ``recording`` the scenario's recording if it is loaded already.
     """
+    refuse_in_virtual_time(scenario)
     own = own_estimators(scenario)  # first: faults are reported before any slow step
     recording = recording or load_recording(scenario)
     models = models_for(scenario, recording)

@@ -17,7 +17,7 @@ from common.scenario.reading import digest
 from deploy.logs.read.load import load_run
 from deploy.run.conclude import EVERYTHING, Ending, Outputs, conclude
 from deploy.run.consistency import FateComparison, compare_fates
-from deploy.run.twin import build_sides, run_twin
+from deploy.run.twin import build_sides, refuse_in_virtual_time, run_twin
 from deploy.shell import run_dir as folder
 from deploy.shell.messages import print_faults, print_warnings
 
@@ -32,6 +32,7 @@ def run_virtual(
 
     ``against`` is the folder of a live run of the same scenario to compare fates with.
     """
+    refuse_in_virtual_time(scenario)
     if against is not None:
         _check_same_scenario(scenario, against)
     live = None if against is None else load_run(against)

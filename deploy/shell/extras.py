@@ -8,6 +8,7 @@ GET_PARQUET: Final = "pip install 'tis-testbed[parquet]'"
 GET_ROSBAG: Final = "pip install 'tis-testbed[rosbag]'"
 GET_HOSTS: Final = "pip install 'tis-testbed[hosts]'"
 GET_CLUSTER: Final = "pip install 'tis-testbed[cluster]'"
+GET_DEVICE: Final = "pip install 'tis-testbed[device]'"
 
 
 def can_report() -> bool:

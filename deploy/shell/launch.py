@@ -61,17 +61,17 @@ def endpoints_of(scenario: Scenario) -> tuple[str, str]:
 
 def launch(
     scenario: Scenario, run_dir: Path, on_event: Callable[[Event], None],
-    endpoints: tuple[str, str] | None = None, insecure: bool = False,
+    endpoints: tuple[str, str] | None = None, insecure: bool = False, foreign_surgeon: bool = False,
 ) -> Outcome:  # fmt: skip
     """Run the three sides as child processes until all have ended; leaves no child behind.
 
     ``endpoints`` are netem's, west and east; by default the scenario's. ``insecure``: netem may listen there even if
-    anybody may connect.
+    anybody may connect. ``foreign_surgeon``: another program is the surgeon, ours only writes its log.
     """
     west, east = endpoints or endpoints_of(scenario)
     places = {
         "netem": ["--listen", west, "--listen", east, *(["--insecure"] if insecure else [])],
-        "surgeon": ["--connect", west],
+        "surgeon": ["--connect", west, *(["--witness"] if foreign_surgeon else [])],
         "patient": ["--connect", east],
     }
     events: queue.SimpleQueue[tuple[Side, Event | None]] = queue.SimpleQueue()

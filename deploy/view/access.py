@@ -18,7 +18,7 @@ LOOPBACK: Final = "127.0.0.1"
 _LOOPBACK_NAMES: Final = (LOOPBACK, "localhost")
 _TOKEN_BYTES: Final = 24
 _FORBIDDEN: Final = 403
-_PATHS: Final = r"/(?:ws|report|static/.*)?"
+_PATHS: Final = r"/(?:ws|drive|report|static/.*)?"
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from bokeh.models.widgets.markups import Div
 from common.scenario.control import EmulatorState
 from common.units import NS_PER_S
 from deploy.report.page import html_page
-from deploy.report.palette import TONES, Tone
+from deploy.report.palette import AMBER, GREEN, TONES, Tone
 from deploy.report.plots.plot_style import THEME
 from deploy.report.plots.scene_3d import live_camera_controls
 from deploy.view.controls import Controls
@@ -148,14 +148,34 @@ def pages(
 ) -> Callable[[Document], None]:
     """Return the function that fills a new document for each browser."""
     template = (_HERE / "page.html").read_text(encoding="utf-8")
-    styles = (_REPORT / "tones.css", _HERE / "page.css")
-    scripts = (_HERE / "page.js", _REPORT / "page.js", _REPORT / "camera.js")
-    tones: dict[str, Tone] = {"truth": TRUTH, "estimate": ESTIMATE, "hold": HOLD, "lost": LOST}
+    styles = (_REPORT / "tones.css", _HERE / "page.css", _HERE / "drive" / "drive.css")
+    scripts = (_HERE / "page.js", _REPORT / "page.js", _REPORT / "camera.js", _HERE / "drive" / "drive.js")
+    tones: dict[str, Tone] = {
+        "truth": TRUTH,
+        "estimate": ESTIMATE,
+        "hold": HOLD,
+        "lost": LOST,
+        "ghost": GREEN,
+        "really": AMBER,
+    }
     tones |= {str(name): tone for name, tone in STREAM_TONES.items()}
     variables = {
         "css": "".join(path.read_text(encoding="utf-8") for path in styles),
         "script": "".join(path.read_text(encoding="utf-8") for path in scripts),
         "tones": {name: f"light-dark({tone.light},{tone.dark})" for name, tone in tones.items()},
+        "driven": context.is_driven,
+        "drive_tones": json.dumps(
+            {
+                name: [tone.light, tone.dark]
+                for name, tone in (
+                    ("hand", STREAM_TONES["master"]),
+                    ("shown", TRUTH),
+                    ("ghost", GREEN),
+                    ("estimate", ESTIMATE),
+                    ("arm", AMBER),
+                )
+            }
+        ),
         "pairs": json.dumps([[tone.light, tone.dark] for tone in TONES]),
         "window_s": WINDOW_S,
         "camera": live_camera_controls(SCENE, SHOWN_S),

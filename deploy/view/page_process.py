@@ -15,7 +15,9 @@ from rich.console import Console
 from common.errors import Fault, InputError, PeerError
 from common.runtime.child_process import child_environment
 from common.runtime.zenoh_session import ZenohOptions
+from common.scenario import Scenario
 from deploy.shell.extras import GET_REPORT, can_report
+from deploy.view.drive.device import Device, device_of
 from deploy.view.page_text import RunOutput
 
 _GRACE_S: Final = 6.0
@@ -60,13 +62,14 @@ class PageProcess:
 @contextmanager
 def page_process(
     command: str, at: PageAddress, endpoints: tuple[str, str], session: str, wait_s: float | None = None,
-    beside: bool = False, zenoh: ZenohOptions | None = None,
+    beside: bool = False, zenoh: ZenohOptions | None = None, device: Device | None = None,
 ) -> Iterator[PageProcess]:  # fmt: skip
     """Serve the page in a process that ends with the block; raises `InputError` when it cannot be served."""
     if not can_report():
         raise InputError(Fault(command, "", f"needs Bokeh: {GET_REPORT}"))
     west, east = endpoints
     options = {"west": west, "east": east, "session": session, "wait_s": wait_s, "beside": beside, **asdict(at)}
+    options["device"] = None if device is None else asdict(device)
     if zenoh is not None:
         file = None if zenoh.config is None else str(zenoh.config)
         options |= {"config": file, "cfg": list(zenoh.cfg), "credentials": dict(zenoh.credentials)}
@@ -92,12 +95,14 @@ def page_process(
 
 @contextmanager
 def page_beside(
-    at: PageAddress, endpoints: tuple[str, str], session: str, err: Console, zenoh: ZenohOptions
+    at: PageAddress, endpoints: tuple[str, str], scenario: Scenario, err: Console, zenoh: ZenohOptions
 ) -> Iterator[PageProcess]:
     """Serve the page during the block; print its address, and its faults afterwards."""
     page: PageProcess | None = None
     try:
-        with page_process("tis run --view", at, endpoints, session, beside=True, zenoh=zenoh) as page:
+        with page_process(
+            "tis run --view", at, endpoints, scenario.session, beside=True, zenoh=zenoh, device=device_of(scenario)
+        ) as page:
             announce(page.url, err)
             yield page
     finally:

@@ -38,6 +38,8 @@ class PageContext(NamedTuple):
     beside: bool
     west: str
     east: str
+    is_driven: bool = False
+    """Whether a page can move the hand."""
 
 
 def run_html(attendance: Attendance, now_s: float, context: PageContext, output: RunOutput | None = None) -> str:
@@ -96,6 +98,9 @@ def figures_html(
         ("Position error", _number(found.rmse_mm, "mm"), verdict),
         ("Orientation error", _number(found.turn_rms_deg, "°"),
          f"of the estimate, root mean square; hold errs by {_number(found.hold_turn_rms_deg, '°')}"),
+        ("The surgeon sees", "–" if found.display is None else _number(found.display.feedback_mm, "mm"),
+         "error of the delayed picture, root mean square, against the arm when the newest command acts; the "
+         f"predicted arm errs by {_number(found.display and found.display.predicted_mm, 'mm')}"),
         ("Ticks missed", str(n_ticks_missed), "ticks at which the patient sent no estimate, since the page began"),
     )  # fmt: skip
     items = "".join(

@@ -23,6 +23,9 @@ from common.errors import Fault, InputError, PeerError
 from common.runtime.emulator_client import EmulatorAddress
 from common.runtime.zenoh_session import ZenohOptions
 from deploy.view.access import Access, TokenAuth, access_to
+from deploy.view.drive.device import Device, DeviceDoor
+from deploy.view.drive.drive_socket import FRAME_MS, DriveSockets
+from deploy.view.drive.hub import DriveHub
 from deploy.view.page import pages
 from deploy.view.page_text import PageContext, RunOutput
 from deploy.view.report_handover import ReportHandover
@@ -51,6 +54,8 @@ class ViewOptions:
     config: str | None = None
     cfg: tuple[str, ...] = ()
     credentials: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    device: Mapping[str, Any] | None = None
+    """The device that a page can be, where the run's source is live: the fields of a `Device`."""
 
     @property
     def zenoh(self) -> ZenohOptions:
@@ -76,26 +81,35 @@ def serve(
     endpoints: dict[Network, str] = {"west": options.west, "east": options.east}
     observer = Observer(endpoints, options.session, zenoh=options.zenoh)
     steering = Steering(EmulatorAddress(options.east, options.session, options.zenoh))
-    context = PageContext(options.beside, options.west, options.east)
+    context = PageContext(options.beside, options.west, options.east, options.device is not None)
+    door = None if options.device is None else DeviceDoor(Device(**options.device), options.west, options.zenoh)
+    sockets = DriveSockets(DriveHub(observer, steering, door))
     application = Application(FunctionHandler(pages(observer, steering, live_profiles(), context, output)))
     loop = IOLoop()
     loop.make_current()
     handover = ReportHandover(output)
-    server, port = listen(application, access, options.port, loop, [handover.route])
+    server, port = listen(application, access, options.port, loop, [handover.route, sockets.route])
     watch = _Watch(loop, observer, stopped, options)
     watch.awaits = lambda: handover.report is not None and handover.n_sent < n_open(server)
     poll = PeriodicCallback(watch.poll, timedelta(seconds=_POLL_S))
+    sending = PeriodicCallback(sockets.send, FRAME_MS)
     try:
         observer.start()
+        if door is not None:
+            door.start()
+        sending.start()
         server.start()
         poll.start()
         loop.add_callback(partial(on_ready, access.url(port)))
         loop.start()
     finally:
         poll.stop()
+        sending.stop()
         server.stop(wait=False)
         server.unlisten()
         steering.close()
+        if door is not None:
+            door.close()
         observer.stop()
         loop.close(all_fds=True)
     if observer.error is not None:

@@ -6,11 +6,12 @@ from typing import Final, NamedTuple, TypeVar
 
 from pydantic import ValidationError
 
-from common.channels import ORIGIN, Network, local_keys
+from common.channels import ORIGIN, Network, is_set_point, local_keys
 from common.header import Header
 from common.messages import FeedbackPose, Pose, position_m
 from common.units import NS_PER_MS, NS_PER_S
 from deploy.watch.crossings import Crossing, Crossings
+from deploy.watch.displays import Displays
 from deploy.watch.live_figures import LiveFigures, live_figures
 from deploy.watch.motion import ArmMotion, Place, TrackRow
 from deploy.watch.safety import SafetyStates
@@ -72,7 +73,10 @@ class LiveBook:
         self.ages: defaultdict[str, Trail[AgeRow]] = defaultdict(lambda: Trail(_MAX_ROWS))
         self.crossed: dict[StreamName, Trail[Crossing]] = {name: Trail(_MAX_ROWS) for name in STREAM_OF.values()}
         self.safety = SafetyStates()
-        self._local = local_keys(session)
+        self.displays = Displays(session)
+        self.newest: defaultdict[str, dict[str, Place]] = defaultdict(dict)
+        """By arm the newest place in m of the commanded pose (``hand``) and of the patient's ``estimate``."""
+        self._local = local_keys(session, "east")
         self._table = watched_streams(session)
         self._crossings: defaultdict[str, Crossings] = defaultdict(Crossings)
         self._motion: defaultdict[str, ArmMotion] = defaultdict(ArmMotion)
@@ -84,11 +88,13 @@ class LiveBook:
     def take(self, seen: Sighting) -> None:
         """Add a message; messages that are not of the session's streams are ignored."""
         if seen.key in self._local:
-            if seen.network == "east":
+            if seen.network == "east" and is_set_point(seen.key):
                 self.safety.take(seen.key.split("/")[-2], seen.payload, self.now_ns)
             return
-        stream = self._table.get(seen.key)
-        header = Header.unpack(seen.attachment) if stream is not None else None
+        stream, is_displayed = self._table.get(seen.key), self.displays.knows(seen.network, seen.key)
+        header = Header.unpack(seen.attachment) if stream is not None or is_displayed else None
+        if is_displayed and header is not None and header.seq % self.thinning == 0:
+            self.displays.take(seen.network, seen.key, seen.payload, self.now_ns)
         if stream is None or header is None:
             return
         at_origin = seen.network == ORIGIN[stream.direction]
@@ -132,6 +138,7 @@ class LiveBook:
             [row.end_to_end_ms for row in ages if row.end_to_end_ms is not None],
             [row for trail in self.tracks.values() for row in _since(trail, begin_ns, lambda row: row.t_ns)],
             sum(row.n for row in _since(self._unseen, begin_ns, lambda row: row.sent_ns)) // self.thinning,
+            self.displays.errors(begin_ns),
         )
 
     def _note_unseen(self, key: str, header: Header) -> None:
@@ -162,10 +169,12 @@ class LiveBook:
             case "command":
                 self.masters[stream.device].append(PlaceRow(pose.sample_ns, where_m))
             case "arm" if at_origin:
+                self.newest[stream.device]["hand"] = where_m
                 motion.sent(pose.sample_ns, where_m, turn)
             case "arm":
                 motion.arrived(pose.sample_ns, where_m, turn)
             case "estimated":
+                self.newest[stream.device]["estimate"] = where_m
                 motion.estimated(pose.sample_ns, where_m, turn)
                 self._record_tick(stream.device, header, pose)
 

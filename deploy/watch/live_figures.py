@@ -9,6 +9,7 @@ import numpy as np
 
 from common.units import NS_PER_MS
 from deploy.watch.crossings import Crossing
+from deploy.watch.displays import DisplayErrors
 from deploy.watch.motion import TrackRow
 from deploy.watch.watched_streams import StreamName
 
@@ -41,6 +42,7 @@ class LiveFigures:
     hold_rmse_mm: float | None = None
     turn_rms_deg: float | None = None
     hold_turn_rms_deg: float | None = None
+    display: DisplayErrors | None = None
     unseen_pct: float = 0.0
     """Share of the packets that the observer did not see on their network of origin, in percent."""
 
@@ -80,6 +82,7 @@ def live_figures(
     end_to_end_ms: Sequence[float],
     ticks: Sequence[TrackRow],
     n_unseen: int = 0,
+    display: DisplayErrors | None = None,
 ) -> LiveFigures:
     """Return the figures of the rows of a time window; of ``n_unseen`` packets the observer saw nothing."""
     found = {name: crossing_figures(rows) for name, rows in streams.items()}
@@ -96,6 +99,7 @@ def live_figures(
         hold_rmse_mm=_rms([row.hold_error_mm for row in ticks]),
         turn_rms_deg=_rms([row.turn_error_deg for row in ticks if row.turn_error_deg is not None]),
         hold_turn_rms_deg=_rms([row.hold_turn_error_deg for row in ticks if row.hold_turn_error_deg is not None]),
+        display=display,
         unseen_pct=unseen_pct,
     )
 

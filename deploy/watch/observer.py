@@ -124,8 +124,9 @@ class Observer:
     def _listen(self, network: Network, session: zenoh.Session, stack: ExitStack) -> None:
         self._rosters[network].watch(session)
         ours, queue, clock_ns = [*watched_streams(self.session)], self._queue, self._clock_ns
+        ours += self._book.displays.keys(network)
         if network == "east":
-            ours += local_keys(self.session)
+            ours += local_keys(self.session, network)
 
         def on_sample(sample: zenoh.Sample) -> None:
             at_ns, attachment = clock_ns(), sample.attachment

@@ -27,7 +27,7 @@ _RECORD_OF = {
     "PLANT": "PlantNote", "FATES": "FateBatch", "RELEASES": "ReleaseBatch", "QUEUES": "QueueNote",
     "CONTROL": "ControlNote", "COUNTERS": "CounterNote", "ESTIMATOR_FAULTS": "EstimatorFault", "FRESH": "FreshNote",
     "PROMPT": "PromptNote", "PHASES": "PhaseNote", "CLOCK": "ClockNote", "EXCHANGES": "ExchangeNote",
-    "PEERS": "PeerNote", "SAFETY": "SafetyNote", "STOPS": "StopNote",
+    "PEERS": "PeerNote", "SAFETY": "SafetyNote", "STOPS": "StopNote", "DEVICES": "DeviceNote",
     "DISCIPLINE": "DisciplineNote", "PROCESSORS": "ProcessorNote",
 }  # fmt: skip
 """The model of each topic, by the names of the modules of records; `page` refuses to go on when one is missing."""
@@ -113,7 +113,7 @@ def _channels() -> str:
         (
             code(channel.key("SESSION")),
             hand,
-            channel.direction or "east only",
+            channel.direction or ("west only" if channels.is_predicted(channel.key("SESSION")) else "east only"),
             f"[{channel.payload.__name__}](#{channel.payload.__name__.lower()})",
         )
         for hand, channel in _all_channels()
@@ -127,7 +127,7 @@ def _all_channels() -> list[tuple[str, Any]]:
 
 
 def _channels_of(row: Any) -> tuple[Any, ...]:
-    return row.command, row.arm, row.estimated, row.measured, row.driven
+    return row.command, row.arm, row.estimated, row.measured, row.driven, row.predicted
 
 
 def _writers(name: str) -> str:

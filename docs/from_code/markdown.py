@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable, Sequence
+from typing import Final
 
 UNITS = {
     "ns": "ns", "us": "µs", "ms": "ms", "s": "s", "hz": "Hz", "mm": "mm", "m": "m", "rad": "rad", "deg": "°",
@@ -12,11 +13,16 @@ UNITS = {
 _CODE = re.compile(r"(``.+?``|`.+?`)")
 
 
+_SPEEDS: Final = ("_m_s", "_mm_s", "_deg_s")
+
+
 def unit_of(name: str) -> str:
     """Return the unit that a name ends with; "" where it names none."""
     head, _, last = name.rpartition("_")
     if name.endswith("_per_s"):
         return f"{head.removesuffix('_per').rpartition('_')[2]}/s"
+    if name.endswith(_SPEEDS):
+        return f"{head.rpartition('_')[2]}/s"
     return UNITS.get(last, "") if head else ""
 
 

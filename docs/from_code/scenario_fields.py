@@ -115,6 +115,9 @@ def _values(of: Schema, parts: Schema) -> str:
         return "name" if len(of["enum"]) > _MAX_CHOICE else ", ".join(map(code, of["enum"]))
     if "const" in of:
         return code(of["const"])
+    if "prefixItems" in of:  # a tuple, as a place in space
+        places = of["prefixItems"]
+        return f"list of {len(places)}: {_values(places[0], parts)}"
     if of.get("type") == "array":
         if "prefixItems" in of:
             return f"list of {len(of['prefixItems'])} x {_values(of['prefixItems'][0], parts)}"

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Final
 
-from common import channels, errors, host_records, records, safety_records
+from common import channels, device_records, errors, host_records, records, safety_records
 from common.scenario import Scenario
 from common.scenario.base import Part
 from common.scenario.yaml_text import MAX_YAML_BYTES
@@ -35,7 +35,7 @@ API: Final = {
 """The public API by the title of its section: the module and its members."""
 
 HOST_KINDS: Final = (SshHost.__name__, NamespaceHost.__name__, LocalHost.__name__)
-RECORD_MODULES: Final = (records, host_records, safety_records)
+RECORD_MODULES: Final = (records, device_records, host_records, safety_records)
 SIDE_PACKAGES: Final = {"surgeon": "surgeon_side", "netem": "netem", "patient": "patient_side"}
 ROOT: Final = Path(__file__).resolve().parents[2]
 NOTEBOOKS: Final = ("run_in_python", "compare_in_python")

@@ -22,14 +22,22 @@ WORDS: Final = Path(__file__).with_name("summary_keys.yaml")
 _SETTINGS: Final = ("estimators=[hold,innovations_kf]", "identification.order=2")  # what takes least time
 _DURATION_S: Final = 6.0
 _STATISTICS: Final = frozenset({"mean", "std", "rms", "last", "p50", "p90", "p95", "p99", "p99.9", "max"})
-_MARK: Final = re.compile(r"\[(live|two hands|own)\] ")
+_MARK: Final = re.compile(r"\[(live|two hands|own|device)\] ")
+_WHERE: Final = {
+    "live": "Live runs",
+    "two hands": "Two hands",
+    "own": "Own estimators",
+    "device": "Devices of others",
+}
 _NAMES: Final = {
     "links": "DIRECTION", "links.DIRECTION.dropped_by": "REASON", "accuracy": "ESTIMATOR", "error_by_age": "HAND",
     "error_by_age.HAND": "ESTIMATOR", "orientation_deg": "HAND", "orientation_deg.HAND": "METHOD",
     "gripper_rad": "HAND", "gripper_rad.HAND": "METHOD", "orientation_by_age": "HAND",
     "orientation_by_age.HAND": "METHOD", "surgeon_traffic": "KEY", "own_estimators": "NAME",
     "quarantined": "KIND", "refused": "KIND", "rejected": "SIDE", "logs": "SIDE", "processors": "SIDE",
-    "clocks": "SIDE", "safety": "HAND", "safety.HAND.time_s": "MODE",
+    "devices": "HAND", "devices.HAND.refused": "REASON", "external_arms": "HAND",
+    "external_arms.HAND.refused": "REASON", "clocks": "SIDE", "safety": "HAND", "safety.HAND.time_s": "MODE",
+    "display": "HAND",
 }  # fmt: skip
 """Kind of thing that the keys of a mapping name, by the mapping's path."""
 
@@ -108,7 +116,7 @@ def _type(value: Any) -> str:
 
 def _row(path: str, text: str, types: set[str]) -> tuple[str, str, str, str]:
     mark = _MARK.match(text)
-    only = {"live": "Live runs. ", "two hands": "Two hands. ", "own": "Own estimators. "}[mark[1]] if mark else ""
+    only = f"{_WHERE[mark[1]]}. " if mark else ""
     longer = {one for one in types if one.startswith("list of ")}
     shown = " or ".join(sorted(types - {"list"} if longer else types))
     last = path.rpartition(".")[2]

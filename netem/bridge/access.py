@@ -31,32 +31,36 @@ Rights = dict[str, Sequence[str]]
 """Key expressions by Zenoh's kind of message."""
 
 
-def access_control(security: NoSecurity | Mtls | Password, session: str, network: Network) -> dict[str, Any]:
+def access_control(
+    security: NoSecurity | Mtls | Password, session: str, network: Network, devices: Sequence[str] = ()
+) -> dict[str, Any]:
     """Return Zenoh's ``access_control`` for netem's router on a network of the run.
 
     With certificates or passwords everything is denied but what the names below may say: the side of this network its
     own streams, its token and questions to netem; ``control`` the emulator's control keys and emergency stops;
-    ``observers`` nothing.
+    ``observers`` nothing. ``devices`` are keys of operators' devices, which speak with the surgeon's name.
     Both may listen. Without either, everything is allowed but what netem alone says: the run, its end, the clock and
     mirrored tokens. Oracle: attacks on real routers, tests/system/test_security.
     """
     if isinstance(security, NoSecurity):
         return _Rules().deny_all(_of_others(session, network)).as_config("allow")
     rules = _Rules()
-    rules.allow("side", (SIDE_ON[network],), _of_side(session, network), security)
+    rules.allow("side", (SIDE_ON[network],), _of_side(session, network, devices), security)
     rules.allow("observers", security.observers, _of_observers(session), security)
     rules.allow("control", security.control, _of_control(session), security)
-    rules.allow("netem", ("netem",), _of_own_clients(session), security)
+    rules.allow("netem", ("netem",), _of_own_clients(session, devices), security)
     return rules.as_config("deny")
 
 
 def _of_others(session: str, network: Network) -> Rights:
-    """Return what no client may say: netem alone does, and on the surgeon's network what the patient alone says."""
+    """Return what no client may say: netem alone does, or the side of the other network."""
     keys = ControlKeys(session)
     away = SIDE_ON["east" if network == "west" else "west"]
-    patients = (stopped_key(session), *local_keys(session)) if network == "west" else ()
+    others = (
+        (stopped_key(session), *local_keys(session, "east")) if network == "west" else local_keys(session, "west")
+    )
     return {
-        "put": (keys.end, keys.beat("netem"), keys.beat(away), *patients),
+        "put": (keys.end, keys.beat("netem"), keys.beat(away), *others),
         "delete": (keys.end,),
         "declare_queryable": (keys.clock, keys.scenario("netem"), keys.scenario(away)),
         "liveliness_token": (
@@ -67,16 +71,20 @@ def _of_others(session: str, network: Network) -> Rights:
     }
 
 
-def _of_side(session: str, network: Network) -> Rights:
+def _of_side(session: str, network: Network, devices: Sequence[str]) -> Rights:
     keys, says = ControlKeys(session), _SAYS[network]
     token = keys.token(SIDE_ON[network], "*", mirrored=False)
-    own = (*local_keys(session), stopped_key(session)) if network == "east" else (stop_key(session),)
+    east = (*local_keys(session, "east"), stopped_key(session))
+    own = east if network == "east" else (*local_keys(session, "west"), stop_key(session), *devices)
+    # an arm or a device is a program of its own
+    beside = local_keys(session, "east") if network == "east" else devices
     return {
         "put": (*keys_of(says, session), keys.beat(SIDE_ON[network]), *own),
         "declare_subscriber": (
             *keys_of(OPPOSITE[says], session),
             keys.end,
             keys.beats,
+            *beside,
             stop_key(session) if network == "east" else stopped_key(session),
         ),
         "query": (keys.clock, keys.scenario("netem")),
@@ -103,10 +111,10 @@ def _of_control(session: str) -> Rights:
     return rights | {"query": (*rights["query"], f"{prefix}*"), "put": (f"{prefix}*", stop_key(session))}
 
 
-def _of_own_clients(session: str) -> Rights:
-    """Return the rights of netem's own clients: the live page, and the measurement of the overhead."""
-    rights, probes = _of_control(session), f"{OVERHEAD}/**"
-    return {kind: (*keys, probes) if kind in ("put", "declare_subscriber") else keys for kind, keys in rights.items()}
+def _of_own_clients(session: str, devices: Sequence[str]) -> Rights:
+    """Return the rights of netem's own clients: the live page, also as a device, and the overhead's probes."""
+    rights, own = _of_control(session), (f"{OVERHEAD}/**", *devices)
+    return {kind: (*keys, *own) if kind in ("put", "declare_subscriber") else keys for kind, keys in rights.items()}
 
 
 class _Rules:

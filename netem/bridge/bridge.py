@@ -9,6 +9,7 @@ from typing import Any, Final
 import zenoh
 
 from common.channels import DESTINATION, ORIGIN, Direction, Network
+from common.key_set import KeySet
 from netem.bridge.driver import Driver
 from netem.bridge.egress import Egress
 from netem.bridge.keys import is_private
@@ -26,7 +27,7 @@ class Bridge(Driver):
 
     def __init__(self, sessions: Mapping[Network, zenoh.Session], links: Mapping[Direction, Link]) -> None:
         super().__init__(links)
-        self.local: frozenset[str] = frozenset()  # keys that stay on their network
+        self.local = KeySet()  # keys that stay on their network
         self.base_overhead_ns = 0
         self.n_unsent = 0
         self._egress: Final = {direction: Egress(sessions[DESTINATION[direction]]) for direction in links}

@@ -168,3 +168,58 @@ def test_a_bad_network_lies_between_two_programs(there: Path) -> None:
     # Decided by the seed alone: the tutorial shows the same numbers.
     assert "received 451 messages, 49 of the first 500 did not arrive" in printed
     assert "received 451 messages, 49 of the first 500" in (TUTORIALS / "bad_network.md").read_text(encoding="utf-8")
+
+
+def _joined(there: Path, *settings: str, programs: dict[str, list[str]]) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return the summary of a run over bad Wi-Fi in which these programs took part, and what each of them printed."""
+    west, east = (f"tcp/127.0.0.1:{port}" for port in free_ports(2))
+    ends = {"WEST": west, "EAST": east}
+    command = ["tis", "run", "live", "--run-dir", "j", "--duration-s", "5", "--no-report", *settings]
+    command += ["--set", f"hosts={{west: {west}, east: {east}}}"]
+    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    joined = {
+        name: subprocess.Popen(
+            [sys.executable, "-W", "error", f"examples/{name}", *(ends.get(word, word) for word in words)],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        )
+        for name, words in programs.items()
+    }  # fmt: skip
+    printed = {}
+    try:
+        told, _ = run.communicate(timeout=200)
+        for name, program in joined.items():
+            printed[name], _ = program.communicate(timeout=60)
+            assert program.returncode == 0, printed[name]
+    finally:
+        for process in (run, *joined.values()):
+            process.kill()
+    found = summary("j")
+    assert is_right_but_for_the_machine(run.returncode, found), told
+    return found, printed
+
+
+@pytest.mark.live
+def test_a_device_and_an_arm_of_others_join_a_run(there: Path) -> None:
+    programs = {"device.py": ["WEST"], "foreign_arm.py": ["EAST"]}
+    found, printed = _joined(there, "--set", "patient.plant.kind=external", programs=programs)
+    assert "poses sent" in printed["device.py"]
+    device, arm = found["devices"]["left"], found["external_arms"]["left"]
+    assert device["poses"] > 100
+    assert set(device["refused"].values()) == set(arm["refused"].values()) == {0}
+    assert arm["poses"] > 100
+    assert found["source"] == "live device, left hand"
+    assert found["accuracy"]["plant"]["n_scored"] > 30
+    assert found["accuracy"]["innovations_kf"]["rmse_3d_mm"] < 20
+    assert found["latency_ms"]["actuation"]["p50"] > 0
+
+
+@pytest.mark.live
+def test_a_surgeon_that_is_no_part_of_the_testbed_replaces_ours(there: Path) -> None:
+    found, printed = _joined(there, "--foreign-surgeon", programs={"foreign_surgeon.py": ["WEST"]})
+    assert re.fullmatch(rf"150 samples sent in run {found['run_id']}\n", printed["foreign_surgeon.py"])
+    assert found["source"] == "foreign surgeon, left hand"
+    assert found["surgeon_ticks"]["count"] == 150
+    assert found["links"]["forward"]["sent"] == 2 * (150 - found["surgeon_ticks"]["missed"])
+    assert found["accuracy"]["innovations_kf"]["n_scored"] > 30
+    assert set(found["quarantined"].values()) == {0}
+    assert found["rejected"] == {"surgeon": 0, "patient": 0}

@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm
 from scipy.spatial.transform import Rotation, Slerp
 from scipy.stats import kstest
 
@@ -12,13 +11,7 @@ from common.scenario import Scenario
 from common.sources.trajectory import HandRecording, PoseTrack, Recording
 from common.streams import Stream
 from common.units import sample_instant_ns
-from patient_side.plant import (
-    ReplayPlant,
-    ServoPlant,
-    build_plant,
-    noise_label,
-    servo_transition,
-)
+from patient_side.plant import ReplayPlant, ServoPlant, build_plant, noise_label
 from patient_side.statespace import Array
 
 NOISE = Stream.named(1, noise_label("PSM2"))
@@ -77,18 +70,6 @@ def test_replay_is_numpys_interpolation_to_the_last_bit(rate_hz: int) -> None:
     for now_ns in [*beside, *rng.integers(0, instants[-1], 50)]:
         expected = [np.interp(now_ns, instants, axis) for axis in recorded_m.T]
         assert plant.step(None, None, 0, int(now_ns))[1].position_m.tolist() == expected
-
-
-@pytest.mark.parametrize("damping", [0.0, 0.3, 0.999999999, 1.0, 1.000000001, 3.0, 10.0])
-@pytest.mark.parametrize("dt_s", [0.0, 0.001, 1 / 30, 0.5])
-def test_transition_is_the_matrix_exponential(damping: float, dt_s: float) -> None:
-    w = 2 * np.pi * 2.0
-    exact = expm(np.array([[0.0, 1.0], [-(w**2), -2.0 * damping * w]]) * dt_s)
-    assert np.allclose(servo_transition(2.0, damping, dt_s), exact, rtol=1e-7, atol=1e-9)
-
-
-def test_transition_of_a_stiff_servo_does_not_overflow() -> None:
-    assert np.allclose(servo_transition(1000.0, 10.0, 60.0), 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("damping", [0.3, 1.0, 2.0])

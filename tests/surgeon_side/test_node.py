@@ -6,10 +6,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from common.header import Header
-from common.messages import FeedbackPose, Pose, SampledPose, Vector3
+from common.messages import FeedbackPose, Pose, PredictedPose, SampledPose, Vector3
 from common.node import Emission, Record
 from common.records import TICKS, TRUTH, TickNote, TruthRow
 from common.ticker import Ticker
+from surgeon_side.motion import RecordedMotion
 from surgeon_side.node import ONCE, Redundancy, SurgeonNode, rotation_vector
 from tests.nodes import Stamp, a_pose, a_recording, an_arrival
 
@@ -17,7 +18,7 @@ PERIOD_NS = 33_333_333
 
 
 def _node(n_ticks: int = 5, start: int = 0, n_rows: int = 50, redundancy: Redundancy = ONCE) -> SurgeonNode:
-    return SurgeonNode("tis", a_recording(n_rows, start), Ticker(30, n_ticks), redundancy)
+    return SurgeonNode("tis", RecordedMotion(a_recording(n_rows, start)), Ticker(30, n_ticks), redundancy)
 
 
 def _emissions(outputs: object) -> list[Emission]:
@@ -34,7 +35,8 @@ def test_sample_k_goes_out_on_both_streams_with_its_row_and_instant() -> None:
         Header(1),
     )
     assert arm.key == "tis/PSM2/setpoint_cp"
-    assert list(node.publishes()) == [(command.network, command.key), (arm.network, arm.key)]
+    streams = [(command.network, command.key), (arm.network, arm.key)]
+    assert list(node.publishes()) == [*streams, ("west", "tis/PSM2/predicted_cp")]
     row = a_recording(50).hands[0]
     assert Pose.model_validate_json(command.payload).sample_ns == PERIOD_NS
     sent = Pose.model_validate_json(command.payload).position_m
@@ -190,3 +192,37 @@ def test_a_surgeon_that_comes_back_goes_on_where_the_hand_is_now() -> None:
     rows = [o.data for o in outputs if isinstance(o, Record) and isinstance(o.data, TruthRow)]
     assert [row.index for row in rows] == list(range(13))
     assert node.counters()["ticks_missed"] == 0
+
+
+def test_the_display_is_published_and_logged_once_the_arm_has_answered() -> None:
+    node = _node(n_ticks=3)
+    node.wake(0)
+    feedback = FeedbackPose(**a_pose(0.5).model_dump(), tick=0, command_sample_ns=0)
+    payload = feedback.model_dump_json().encode()
+    node.receive(an_arrival("tis/PSM2/estimated_cp", 6_000, Stamp(0, 5_000, 6_000), payload, "west"))
+    assert len(_emissions(node.wake(PERIOD_NS))) == 2, "an estimate is not the arm"
+    node.receive(an_arrival("tis/PSM2/measured_cp", PERIOD_NS + 7_000, Stamp(0, 5_000, 6_000), payload, "west"))
+    *samples, display = _emissions(node.wake(2 * PERIOD_NS + 1))
+    assert [one.key for one in samples] == ["tis/MTML/measured_cp", "tis/PSM2/setpoint_cp"]
+    assert (display.network, display.key, display.attachment) == ("west", "tis/PSM2/predicted_cp", Header(2))
+    shown = PredictedPose.model_validate_json(display.payload)
+    assert (shown.shown_m, shown.round_trip_ns) == (feedback.position_m, PERIOD_NS + 7_000)
+    x_m = a_recording(50).hands[0].follower.position_m[:3, 0]
+    assert shown.position_m.x == 0.5 + x_m[2] - x_m[0]
+    (flown,) = display.on_sent(900)
+    assert (flown.topic, flown.data, flown.log_ns, flown.seq) == (display.key, display.payload, 900, 2)
+    assert node.counters()["sent"] == 0, "a display is not sent to the patient"
+
+
+def test_a_fast_display_shows_every_ninth_tick_and_knows_all_commands() -> None:
+    recording = a_recording(50, rate_hz=1000)
+    node = SurgeonNode("tis", RecordedMotion(recording), Ticker(1000, 30))
+    payload = FeedbackPose(**a_pose(0.5).model_dump(), tick=0, command_sample_ns=0).model_dump_json().encode()
+    node.wake(0)
+    node.receive(an_arrival("tis/PSM2/measured_cp", 400_000, Stamp(0, 0, 0), payload, "west"))
+    woken = [node.wake(k * 1_000_000) for k in range(1, 30)]
+    sent = [one for outputs in woken for one in _emissions(outputs)]
+    shown = [PredictedPose.model_validate_json(one.payload) for one in sent if one.key.endswith("predicted_cp")]
+    assert [display.tick for display in shown] == [9, 18, 27]
+    x_m = recording.hands[0].follower.position_m[:, 0]
+    assert [display.position_m.x for display in shown] == [0.5 + x_m[k] - x_m[0] for k in (9, 18, 27)]

@@ -91,6 +91,8 @@ def test_the_page_lives_with_the_run_and_its_buttons_act(start: Start) -> None:
         assert not re.findall(r"^\s*- (?:button|textbox|combobox|img)\b(?! ['\"])", _tree(page), re.MULTILINE)
         page.get_by_role("button", name="Dark page").focus()
         for name in (
+            "the patient's estimate",
+            "the arm itself, which no surgeon can see",
             "Stop the arms",
             "Release",
             "Which way",

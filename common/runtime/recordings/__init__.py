@@ -17,6 +17,7 @@ from common.runtime.recordings.run_length import first_row, too_short
 from common.runtime.recordings.table_recording import table_recording
 from common.runtime.recordings.trials import list_trials, no_trials, own_trial, person_of, trial_file
 from common.scenario import Scenario
+from common.scenario.live_source import LiveSource
 from common.scenario.source import JigsawsSource, RecordedSource, SyntheticSource
 from common.scenario.table_source import TableSource
 from common.sources.provenance import digest_of_synthetic
@@ -52,6 +53,9 @@ def load_recording(scenario: Scenario) -> Recording:
         digest = digest_of_synthetic(source, scenario.seed, scenario.rate_hz)
         n_rows = start + scenario.n_samples + 1
         return replace(synthesise(source, scenario.seed, scenario.rate_hz, n_rows, start), digest=digest)
+    if isinstance(source, LiveSource):
+        rule = "must be recorded or synthetic here: a live movement is known only while it is made"
+        raise InputError(Fault(f"scenario {scenario.name}", "source.kind", rule, source.kind))
     recording = whole_recording(scenario, source, start)
     fault = too_short(scenario, Path(recording.file or ""), len(recording))
     if fault is not None:
@@ -73,7 +77,7 @@ def whole_recording(scenario: Scenario, source: RecordedSource, start: int) -> R
 
 def check_recording(scenario: Scenario) -> None:
     """Raise what `load_recording` raises for recorded trials, before any process starts; a synthetic one is there."""
-    if scenario.source.kind != "synthetic":
+    if isinstance(scenario.source, RecordedSource):
         load_recording(scenario)
 
 
@@ -90,7 +94,7 @@ def load_training(scenario: Scenario, recording: Recording) -> list[Recording]:
         head = recording.head(scenario.identification.train_samples)
         return [with_noise(head, scenario.identification.sensor_noise_m, scenario.seed)]
     source = scenario.source
-    if train != "others" or isinstance(source, SyntheticSource):
+    if train != "others" or not isinstance(source, RecordedSource):
         return []
     others = trials_of_others(source)
     if not others:
@@ -127,7 +131,7 @@ def load_trials(scenario: Scenario, recording: Recording, trials: Sequence[str])
     damaged.
     """
     source = scenario.source
-    assert not isinstance(source, SyntheticSource)
+    assert isinstance(source, RecordedSource)
     faults: list[Fault] = []
     recordings = []
     for trial in trials:

@@ -12,7 +12,7 @@ from common.errors import DataError, Fault, InputError
 from common.runtime.recordings import own_trial, trial_file, whole_recording
 from common.runtime.recordings.run_length import first_row, longest_s
 from common.scenario import AUTO, Scenario, reading
-from common.scenario.source import SyntheticSource
+from common.scenario.source import RecordedSource
 
 _FOR_CHECKS: Final = 1.0
 
@@ -30,12 +30,12 @@ def without_auto(raw: Mapping[str, Any]) -> dict[str, Any]:
 def whole_run(scenario: Scenario, where: str) -> Scenario:
     """Return the scenario with the duration of all its recording, from the first row on.
 
-    Raises `InputError` for a synthetic source or where no row is left to play, `DataError` for a recording that
+    Raises `InputError` for a source without an end or where no row is left to play, `DataError` for a recording that
     cannot be read. Oracle: recordings of known length in the tests.
     """
     source = scenario.source
-    if isinstance(source, SyntheticSource):
-        rule = "must be a number of seconds: auto plays all of a recording, and a synthetic movement has no end"
+    if not isinstance(source, RecordedSource):
+        rule = f"must be a number of seconds: auto plays all of a recording, and a {source.kind} movement has no end"
         raise InputError(Fault(where, "duration_s", rule, AUTO))
     start = first_row(scenario)
     try:

@@ -11,6 +11,7 @@ from common.runtime.trace_files import trace_paths
 from common.runtime.user_code import UserCode
 from common.scenario import Scenario
 from common.scenario.patient import is_model_file
+from common.scenario.source import RecordedSource
 from deploy.compare.cells.cell import Cell, Training
 from deploy.compare.cells.digests import content_digest, file_digest, software_digest, summary_digest, value_digest
 
@@ -33,7 +34,7 @@ def training_of(scenario: Scenario) -> Training | None:
     deciding: dict[str, Any] = {name: raw[name] for name in ("rate_hz", "identification", "estimators")}
     deciding["orientation"] = sorted(scenario.patient.orientation.in_order)
     kept = {name: value for name, value in raw["source"].items() if name not in ("path", "start", "trial")}
-    if source.kind == "synthetic":
+    if not isinstance(source, RecordedSource):
         deciding |= {"source": kept, "seed": scenario.seed}
         label = f"the head of seed {scenario.seed}"
     else:
@@ -50,7 +51,7 @@ def training_of(scenario: Scenario) -> Training | None:
 def training_on(base: Training, trials: Sequence[str], label: str) -> Training:
     """Return the training of a scenario on these trials of its task instead of its own training data."""
     source = base.scenario.source
-    assert source.kind != "synthetic"
+    assert isinstance(source, RecordedSource)
     digests = [trial_facts(trial_file(source, name)).digest for name in trials]
     return replace(base, digest=value_digest([base.digest, "trials", digests]), label=label, trials=tuple(trials))
 
@@ -65,7 +66,7 @@ def cell_of(
     raw = {name: part for name, part in dump(scenario).items() if name not in _IRRELEVANT_FIELDS}
     raw["source"].pop("path", None)
     source, model_file = scenario.source, scenario.identification.train
-    recorded = None if source.kind == "synthetic" else trial_file(source, own_trial(source))
+    recorded = trial_file(source, own_trial(source)) if isinstance(source, RecordedSource) else None
     data = None if recorded is None else trial_facts(recorded).digest
     model = file_digest(Path(model_file)) if training is None else training.digest
     code = {name: asdict(own[name].origin) for name in scenario.estimators if name in own}

@@ -14,6 +14,7 @@ from common.runtime.recordings import load_recording, own_trial, trial_file
 from common.scenario import Scenario
 from common.scenario.estimator_names import is_built_in
 from common.scenario.patient import is_model_file
+from common.scenario.source import RecordedSource
 from common.sources.trajectory import Recording
 from patient_side.build import choose_models
 from patient_side.estimators.guarded import Factories
@@ -22,6 +23,7 @@ from patient_side.estimators.registry import build_any
 from patient_side.models import models_for, read_models
 from patient_side.statespace import ArmModel
 from surgeon_side.build import sensor_noise
+from surgeon_side.motion import RecordedMotion
 from surgeon_side.samples import SampleMessage, Samples
 
 _N_KEPT: Final = 8
@@ -50,15 +52,16 @@ class SharedParts:
         """Return a function that returns the messages of sample 0, 1, ...: each once, in order."""
         history = scenario.surgeon.history
 
-        def taken() -> Samples:
-            return Samples(scenario.session, recording, scenario.rate_hz, history, sensor_noise(scenario))
+        def taken() -> Callable[[int], list[SampleMessage]]:
+            motion = RecordedMotion(recording)
+            samples = Samples(scenario.session, motion.channels, scenario.rate_hz, history, sensor_noise(scenario))
+            return lambda k: samples.take(k, motion.poses(k))
 
         def made() -> list[list[SampleMessage]]:
-            samples = taken()
-            return [samples.take(k) for k in range(scenario.n_samples)]
+            return list(map(taken(), range(scenario.n_samples)))
 
         if 2 * len(recording.hands) * scenario.n_samples * (1 + history) > _MAX_MESSAGES:
-            return taken().take
+            return taken()
         noise = (scenario.surgeon.sensor_noise_mm, scenario.seed)
         key = (scenario.session, history, noise, _recording_key(scenario))
         kept: list[list[SampleMessage]] = self._get("samples", key, made)
@@ -95,7 +98,7 @@ class SharedParts:
 
 def _recording_key(scenario: Scenario) -> Hashable:
     source = scenario.source
-    file = None if source.kind == "synthetic" else _file_key(trial_file(source, own_trial(source)))
+    file = _file_key(trial_file(source, own_trial(source))) if isinstance(source, RecordedSource) else None
     deciding = (source.model_dump_json(), scenario.identification.model_dump_json(exclude={"train"}))
     looks = scenario.identification.train if not is_model_file(scenario.identification.train) else ""
     return (*deciding, looks, scenario.rate_hz, scenario.n_samples, scenario.seed, file)

@@ -68,7 +68,7 @@ def shipped_files(unit: Unit, model_file: Path | None, own: Mapping[str, UserCod
     scenario = unit.scenario
     source, train = scenario.source, scenario.identification.train
     files: dict[str, Path] = {}
-    if source.kind != "synthetic":
+    if isinstance(source, RecordedSource):
         reads_all = not isinstance(unit, Cell) and train != "own_head"
         trials = list_trials(source) if reads_all else [own_trial(source)]
         files |= {f"{_TRIALS}/{trial}": trial_file(source, trial) for trial in trials}
@@ -86,7 +86,7 @@ def shipment_of(unit: Unit, digests: Mapping[str, str], own: Mapping[str, UserCo
     """Return a unit with the digests of its files."""
     source = unit.scenario.source
     home = ""
-    if source.kind != "synthetic":
+    if isinstance(source, RecordedSource):
         file = trial_file(source, own_trial(source))
         home = str(file.parents[3] if source.kind == "jigsaws" else file.parent)
     return Shipment(unit, digests, {name: code.origin for name, code in own.items()}, home)
@@ -153,7 +153,7 @@ def _place(folder: Path, scenario: Scenario, name: str) -> Path:
     kind, _, trial = name.partition("/")
     if kind == _TRIALS:
         source = scenario.source
-        assert source.kind != "synthetic"
+        assert isinstance(source, RecordedSource)
         return trial_file(source.model_copy(update={"path": _trials_path(source, folder)}), trial)
     return folder / name
 
@@ -167,8 +167,8 @@ def _trials_path(source: RecordedSource, folder: Path) -> str:
 def _placed(unit: Unit, there: Path) -> Unit:
     """Return the unit with the paths of its files on this worker."""
     raw = dump(unit.scenario)
-    if unit.scenario.source.kind != "synthetic":
-        raw["source"]["path"] = _trials_path(unit.scenario.source, there)
+    if isinstance(source := unit.scenario.source, RecordedSource):
+        raw["source"]["path"] = _trials_path(source, there)
     if is_model_file(unit.scenario.identification.train):
         raw["identification"]["train"] = str(there / _MODEL)
     names = {path: str(there / _TRACES / str(i)) for i, path in enumerate(trace_paths(unit.scenario.network))}

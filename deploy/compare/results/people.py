@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from common.runtime.recordings import person_of
+from common.scenario.source import RecordedSource
 from deploy.compare.cells.cell import Cell
 from deploy.compare.results.pooled import ENOUGH_PEOPLE, range_holds_median_pct
 
@@ -11,7 +12,7 @@ from deploy.compare.results.pooled import ENOUGH_PEOPLE, range_holds_median_pct
 def person(cell: Cell) -> str:
     """Return who moves in a recorded trial; each seed of a synthetic source is a person of its own."""
     source = cell.scenario.source
-    return cell.trial if source.kind == "synthetic" else person_of(source, cell.trial)
+    return person_of(source, cell.trial) if isinstance(source, RecordedSource) else cell.trial
 
 
 def fewest(rows: Iterable[Mapping[str, Any]]) -> int:

@@ -6,10 +6,11 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from common.channels import SERVO, Side, direction_of, is_set_point
+from common.channels import PREDICTED, SERVO, Side, direction_of
 from common.clocks.exchange import Exchanges, Ints
 from common.clocks.fit import fit_clock
 from common.clocks.model import PPM, SHARED, ClockModel
+from common.device_records import DEVICES
 from common.errors import DataError, Fault
 from common.host_records import CLOCK, DISCIPLINE, EXCHANGES, PROCESSORS
 from common.records import (
@@ -47,9 +48,11 @@ _OWN: Final[Mapping[str, tuple[str, ...]]] = {
     QUARANTINE: ("recv_ns",),
     PROCESSORS: ("from_ns", "to_ns"),
     PEERS: ("at_ns",),
+    DEVICES: ("at_ns",),
     SAFETY: ("t_ns",),
     STOPS: ("at_ns",),
     SERVO: ("sample_ns",),
+    PREDICTED: ("sample_ns", "command_ns"),
 }
 _SURGEONS: Final[Mapping[str, tuple[str, ...]]] = {FRESH: ("sample_ns",), PROMPT: ("sample_ns",)}
 
@@ -211,7 +214,7 @@ def aligned_rows(topic: str, rows: Rows | list[Row], own: ClockModel, surgeons: 
     ``own`` is the side's clock; stamps that are copied from a sample are on the surgeon's.
     """
     named = next((group for group in (ESTIMATES, ORIENTATIONS) if topic.startswith(f"{group}/")), topic)
-    group = SERVO if is_set_point(topic) else named
+    group = topic.rsplit("/", 1)[-1] if not topic.startswith("/") else named
     for fields, model in ((_OWN, own), (_SURGEONS, surgeons)):
         names = fields.get(group, ())
         if not names or model.shared or not rows:

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 from pydantic import TypeAdapter
 
+from common.device_records import DEVICES, DeviceNote
 from common.host_records import (
     CLOCK,
     DISCIPLINE,
@@ -40,6 +41,7 @@ from deploy.logs.json_rows import Row, checked_number
 _MODELS: Final[Mapping[str, type[Message]]] = {
     CLOCK: ClockNote,
     CONTROL: ControlNote,
+    DEVICES: DeviceNote,
     COUNTERS: CounterNote,
     DISCIPLINE: DisciplineNote,
     ESTIMATOR_FAULTS: EstimatorFault,

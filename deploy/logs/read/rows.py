@@ -12,7 +12,7 @@ from typing import Any, Final, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Hand, is_set_point
+from common.channels import Hand, is_predicted, is_set_point
 from common.messages import Message, SafetyMode, Vector3
 from common.records import (
     ESTIMATES,
@@ -52,6 +52,19 @@ class SetPointRow(Message):
     mode: SafetyMode
 
 
+class PredictedRow(Message):
+    """The part of a `common.messages.PredictedPose` that is scored and exported."""
+
+    sample_ns: int
+    position_m: Vector3
+    hand: Hand
+    tick: int
+    shown_tick: int
+    shown_m: Vector3
+    command_ns: int
+    round_trip_ns: int
+
+
 _INTS, _MAYBE, _FLAGS, _WORDS, _REALS, _POINTS, _TURNS = "ints", "maybe", "flags", "words", "reals", "points", "turns"
 _AXES: Final[Mapping[str, str]] = {_POINTS: "xyz", _TURNS: "xyzw"}
 _OF_AXES: Final = {kind: itemgetter(*axes) for kind, axes in _AXES.items()}
@@ -66,6 +79,8 @@ def column_model(topic: str) -> type[Message] | None:
         if topic.startswith(f"{ORIENTATIONS}/"):
             return OrientationNote
         return EstimateNote if topic.startswith(f"{ESTIMATES}/") else _MODELS.get(topic)
+    if is_predicted(topic):
+        return PredictedRow
     return SetPointRow if is_set_point(topic) else None
 
 

@@ -14,6 +14,7 @@ from deploy.report.run_view import RunView
 from deploy.report.tables import html_tables as tables
 from deploy.report.tables.accuracy_tables import accuracy_table, more_accuracy
 from deploy.report.tables.answer import accuracy_by_hand, answer
+from deploy.report.tables.display_table import display_table
 from deploy.report.tables.html_tables import nonbreaking_units
 from deploy.report.tables.numbers import number
 from deploy.report.tables.orientation_table import orientation_table
@@ -87,6 +88,7 @@ def accuracy_section(run: RunView) -> Section:
         "estimates follow; 100 % is all of it.</p>"
         + orientation
         + more_accuracy(by_hand, active)
+        + display_table(summary["display"])
         + tables.redundancy_table(summary["redundancy"])
     )
     return Section("accuracy", "The estimators compared", markup=markup, mark=run.mark)

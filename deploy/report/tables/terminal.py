@@ -11,10 +11,12 @@ from rich.text import Text
 from common.clocks.uncertainty import is_resolvable
 from common.metrics.verdict import SetVerdict
 from common.sources.provenance import RecordedRows, in_words
+from deploy.report.measures.devices import device_texts
 from deploy.report.measures.estimation.own_estimators import estimator_fault_texts, labelled
 from deploy.report.measures.network.refusals import refusal_texts
 from deploy.report.tables.brief import brief
 from deploy.report.tables.delay_rows import STATISTICS, delay_rows
+from deploy.report.tables.display_table import display_views
 from deploy.report.tables.hanging_indent import HangingIndent
 from deploy.report.tables.numbers import (
     LATENCY_PARTS,
@@ -66,6 +68,7 @@ def summary_view(summary: dict[str, Any], since: str | None = None) -> Renderabl
         if accuracy:
             parts.append(_accuracy(accuracy, f" ({hand} hand)" if hand else ""))
     parts += orientation_views(summary)
+    parts += display_views(summary["display"])
     links = summary["links"]
     parts += [_redundancy(summary["redundancy"])] if redundancy_rows(summary["redundancy"]) else []
     parts += [_packets(links), delays_view(links), _latency(summary), Text(f"\n{_footer(summary)}")]
@@ -224,7 +227,7 @@ def _latency(summary: dict[str, Any]) -> RenderableType:
     table = _table("Latency of the freshest sample, ms", ("", *heads(names), *(["\u00b1"] if bounds else [])))
     titles = {
         **LATENCY_PARTS,
-        "actuation": "then the arm follows (servo)",
+        "actuation": "then the arm follows",
         "round_trip": ROUND_TRIP,
         "network_round_trip": "of it in the network",
     }
@@ -270,11 +273,12 @@ def _footer(summary: dict[str, Any]) -> str:
 
 
 def run_warnings(summary: Mapping[str, Any]) -> list[str]:
-    """Return the warnings on a run's figures: absent sides, failed estimators, in-sample models, the recording's."""
+    """Return the warnings on a run's figures: sides, devices, estimators, models, the recording's."""
     recording = summary.get("recording") or {}
     return [
         *_absence_texts(summary),
         *_quarantine_text(summary),
+        *device_texts(summary),
         *refusal_texts(summary.get("refused", {})),
         *estimator_fault_texts(summary),
         *(summary.get("in_sample") or []),

@@ -77,3 +77,18 @@ def test_a_failing_clock_is_remembered_instead_of_swallowed() -> None:
     inbox.start(Broken())
     inbox.receiver("east")("x")
     assert isinstance(inbox.error, RuntimeError)
+
+
+def test_of_a_bounded_subscription_no_more_than_its_share_waits() -> None:
+    inbox, clock = _inbox()
+    clock.advance(5)
+    flood, other = inbox.receiver("west", limit=3), inbox.receiver("west")
+    for i in range(1000):
+        flood(f"flood {i}")
+    other("ours")
+    assert [s.item for s in (inbox.wait(10) for _ in range(4)) if s] == ["flood 0", "flood 1", "flood 2", "ours"]
+    assert inbox.n_flooded == 997
+    flood("later")
+    later = inbox.wait(10)
+    assert later is not None
+    assert later.item == "later"

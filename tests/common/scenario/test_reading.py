@@ -165,8 +165,11 @@ def test_a_file_must_be_a_mapping(text: str) -> None:
             {"source": {"kind": "jigsaws", "start": "now"}},
             "source.start: must be a row number (an integer >= 0) or 'auto' (got 'now')",
         ),
-        ({"source": {"kind": "live"}}, "source.kind: must be 'jigsaws' or 'table' or 'synthetic' (got 'live')"),
-        ({"source": {}}, "source.kind: is required ('jigsaws' or 'table' or 'synthetic')"),
+        (
+            {"source": {"kind": "video"}},
+            "source.kind: must be 'jigsaws' or 'table' or 'synthetic' or 'live' (got 'video')",
+        ),
+        ({"source": {}}, "source.kind: is required ('jigsaws' or 'table' or 'synthetic' or 'live')"),
         ({"source": "synthetic"}, "source: must be a mapping with a kind (got 'synthetic')"),
         (
             {"network": {"forward": {"delay": {"kind": "uniform", "low_ms": 3, "high_ms": 1}}}},

@@ -9,6 +9,7 @@ from common.node import Emission, Record
 from common.records import TRUTH, TruthRow
 from common.sources.sensor_noise import SensorNoise, with_noise
 from common.ticker import Ticker
+from surgeon_side.motion import RecordedMotion
 from surgeon_side.node import ONCE, Redundancy, SurgeonNode
 from tests.nodes import a_recording
 
@@ -17,7 +18,7 @@ ARM = "tis/PSM2/setpoint_cp"
 
 
 def _sent(noise: SensorNoise | None, redundancy: Redundancy = ONCE, n_ticks: int = 5) -> list[Emission | Record]:
-    node = SurgeonNode("tis", a_recording(50, 10), Ticker(30, n_ticks), redundancy, noise=noise)
+    node = SurgeonNode("tis", RecordedMotion(a_recording(50, 10)), Ticker(30, n_ticks), redundancy, noise=noise)
     outputs: list[Emission | Record] = []
     while (due_ns := node.next_wake_ns()) is not None:
         outputs += node.wake(due_ns)

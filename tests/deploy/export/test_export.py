@@ -65,9 +65,10 @@ def test_estimates_without_a_position_are_empty_fields(found: dict[str, list[dic
 def test_messages_and_packets_are_complete(found: dict[str, list[dict[str, str]]], run_dir: Path) -> None:
     for side in ("surgeon", "patient"):
         logged = [t for t, _ in LogReader(run_dir / f"{side}.mcap").messages() if not t.startswith("/")]
-        driven = [topic for topic in logged if topic.endswith("/servo_cp")]
-        assert sum(row["side"] == side for row in found["messages"]) == len(logged) - len(driven)
-        assert side == "surgeon" or len(found["set_points"]) == len(driven) > 0
+        end, table = {"surgeon": ("/predicted_cp", "displays"), "patient": ("/servo_cp", "set_points")}[side]
+        local = [topic for topic in logged if topic.endswith(end)]
+        assert sum(row["side"] == side for row in found["messages"]) == len(logged) - len(local)
+        assert len(found[table]) == len(local) > 0
     counters = {row["name"]: int(row["value"]) for row in found["netem_counters"]}
     for direction in ("forward", "feedback"):
         its = [row for row in found["fates"] if row["direction"] == direction]

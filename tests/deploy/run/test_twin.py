@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from common.errors import InputError
 from common.records import ESTIMATES, TICKS
 from common.scenario import Scenario
 from deploy.logs.read.batches import DELIVER, OUTCOMES, link_fates
@@ -145,7 +146,9 @@ def test_a_servo_executes_the_active_estimate_and_is_scored(tmp_path: Path) -> N
     assert summary["links"]["forward"]["reordered"] > 0
 
 
-@pytest.mark.parametrize("name", [name for name in shipped_names() if not name.startswith("paper")])
+@pytest.mark.parametrize(
+    "name", [name for name in shipped_names() if not name.startswith(("paper", "live", "drive"))]
+)
 def test_every_shipped_scenario_that_needs_no_data_runs_valid(name: str, tmp_path: Path) -> None:
     scenario = resolve(name, (), None, 3.0 if name == "kilohertz" else 5.0)
     logs, models = _twin(scenario, tmp_path / name)
@@ -155,9 +158,23 @@ def test_every_shipped_scenario_that_needs_no_data_runs_valid(name: str, tmp_pat
     assert summary["accuracy"]["innovations_kf"]["ratio_to_hold"] < 1
 
 
+def test_what_happens_elsewhere_in_real_time_has_no_twin() -> None:
+    with pytest.raises(InputError) as refused:
+        build_sides(resolve("live", ["patient.plant.kind=external"]))
+    found = [str(fault) for fault in refused.value.faults]
+    assert found == [
+        "scenario live: source.kind: must be recorded or synthetic in virtual time: nothing tells what a live device "
+        "would do (got 'live')",
+        "scenario live: patient.plant.kind: must be replay or servo in virtual time: an external arm moves in real "
+        "time only (got 'external')",
+    ]
+
+
 def test_all_shipped_scenarios_are_valid() -> None:
     of_the_paper = (f"paper_{row}" for row in range(1, 7))
-    assert shipped_names() == sorted(["default", "kilohertz", "lagging_arm", "lossy", "outage", *of_the_paper])
+    assert shipped_names() == sorted(
+        ["default", "drive", "kilohertz", "lagging_arm", "live", "lossy", "outage", *of_the_paper]
+    )
     for name in shipped_names():
         assert resolve(name).name == name
 

@@ -7,6 +7,7 @@ from rich.console import Console
 
 from common.errors import InputError
 from common.runtime.zenoh_session import ZenohOptions
+from deploy.run.resolve import resolve
 from deploy.view import page_process as beside
 from deploy.view.page_process import PageAddress, announce, page_beside
 
@@ -15,7 +16,7 @@ def test_without_bokeh_it_is_one_line_and_nothing_starts(monkeypatch: pytest.Mon
     monkeypatch.setattr(beside, "can_report", lambda: False)
     with (
         pytest.raises(InputError) as raised,
-        page_beside(PageAddress(), ("w", "e"), "tis", Console(file=io.StringIO()), ZenohOptions()),
+        page_beside(PageAddress(), ("w", "e"), resolve("drive"), Console(file=io.StringIO()), ZenohOptions()),
     ):
         raise AssertionError("the block must not begin")
     assert str(raised.value) == "tis run --view: needs Bokeh: pip install 'tis-testbed[report]'"

@@ -68,6 +68,16 @@ def _may(config: dict[str, Any], subject: str, kind: str, key: str) -> bool:
         ("east", "side", "put", "tis/PSM2/servo_cp", True),
         ("east", "control", "put", "tis/PSM2/servo_cp", False),
         ("west", "side", "put", "tis/PSM2/servo_cp", False),
+        ("east", "side", "declare_subscriber", "tis/PSM2/servo_cp", True),
+        ("west", "side", "put", "tis/PSM2/predicted_cp", True),
+        ("west", "control", "put", "tis/PSM2/predicted_cp", False),
+        ("east", "side", "put", "tis/PSM2/predicted_cp", False),
+        ("west", "observers", "declare_subscriber", "tis/PSM2/predicted_cp", True),
+        ("east", "side", "put", "tis/PSM2/arm/measured_cp", True),
+        ("east", "side", "declare_subscriber", "tis/PSM2/arm/measured_cp", True),
+        ("east", "observers", "put", "tis/PSM2/arm/measured_cp", False),
+        ("west", "side", "put", "tis/PSM2/arm/measured_cp", False),
+        ("west", "side", "put", "device/MTML/measured_cp", False),
         ("east", "observers", "declare_subscriber", "tis/PSM2/servo_cp", True),
         ("west", "side", "declare_subscriber", "tis/@tis/stopped", True),
         ("east", "side", "declare_subscriber", "tis/@tis/stop", True),
@@ -104,6 +114,12 @@ def test_without_security_what_the_patient_says_is_not_said_on_the_surgeons_netw
     assert _may(config["west"], "anybody", "put", "tis/@tis/stop")
 
 
+def test_without_security_no_prediction_is_said_on_the_patients_network() -> None:
+    config = {network: access_control(NoSecurity(kind="none"), "tis", network) for network in ("west", "east")}
+    assert not _may(config["east"], "anybody", "put", "tis/PSM2/predicted_cp")
+    assert _may(config["west"], "anybody", "put", "tis/PSM2/predicted_cp")
+
+
 def test_names_are_proven_as_the_scenario_says() -> None:
     subjects = {one["id"]: one for one in access_control(MTLS, "tis", "west")["subjects"]}
     assert subjects["side"]["cert_common_names"] == ["surgeon"]
@@ -113,3 +129,17 @@ def test_names_are_proven_as_the_scenario_says() -> None:
     assert subjects["side"]["usernames"] == ["patient"]
     assert subjects.keys() == {"side", "netem"}, "nobody is listed"
     assert by_password["default_permission"] == "deny"
+
+
+def test_a_device_speaks_with_the_surgeons_name_on_the_surgeons_network() -> None:
+    key = "device/MTML/measured_cp"
+    config = access_control(MTLS, "tis", "west", [key])
+    assert _may(config, "side", "put", key)
+    assert _may(config, "side", "declare_subscriber", key)
+    assert not _may(config, "observers", "put", key)
+    assert not _may(config, "control", "put", key)
+    assert not _may(config, "side", "put", "device/MTMR/measured_cp")
+    # the live page of the run is a client of netem's own, and may be the device
+    assert _may(config, "netem", "put", key)
+    assert _may(config, "netem", "declare_subscriber", key)
+    assert not _may(config, "netem", "put", "device/MTMR/measured_cp")

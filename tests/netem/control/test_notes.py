@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.channels import Direction
+from common.key_set import KeySet
 from common.records import FATES, ControlNote, FateBatch
 from netem.conditions.conditions import Condition
 from netem.control.changed_conditions import changed_conditions
@@ -90,7 +91,7 @@ def test_the_changes_made_again_decide_the_same_fates(requests: list[tuple[int, 
         for way in get_args(Direction):
             fate = offer(links[way], packet(at_ns, seq), at_ns)
             live.append((fate.outcome, fate.delay_ns))
-    node = with_live_changes(NetemNode(**_links(), local=frozenset()), notes)
+    node = with_live_changes(NetemNode(**_links(), local=KeySet()), notes)
     for at_ns, seq in offers:
         for network in ("west", "east"):
             node.receive(packet(at_ns, seq, network=network))

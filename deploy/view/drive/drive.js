@@ -1,0 +1,289 @@
+"use strict";
+// The surgeon's display on a canvas: the hand now, the arm late, and its ghost. A pointer moves the hand.
+(() => {
+  const canvas = document.getElementById("drive");
+  const tones = JSON.parse(document.getElementById("drive_tones").textContent);
+  const drives = canvas.hasAttribute("tabindex");
+  const at = (id) => document.getElementById(id);
+  const TRAIL_MS = 2500, SEND_MS = 25, WIDTH_MM = 110, REACH_MM = [46, 29, 30], KEY_MM = 1.5, WHEEL_MM = 0.02;
+  const IDLE_MS = 20_000;  // without a touch of it the hand is let go, for another page to take
+  const SETTLED_MS = 600;  // after a drag, the hand is drawn where it was put until the surgeon's side has it
+
+  let socket = null, seen = null, refused = "", centre = null, over = false;
+  const trails = { hand: [], shown: [], ghost: [] };
+  // Movement of the hand since this page took it, in mm, and the pointer that moves it.
+  let moved = [0, 0, 0], engaged = false, drag = null, clutch = false, gripper = 0, touched = 0, local = null;
+
+  // Connection: pictures come in, moves go out while this page drives.
+  const connect = () => {
+    const scheme = location.protocol === "https:" ? "wss:" : "ws:";
+    socket = new WebSocket(`${scheme}//${location.host}/drive`);
+    socket.onmessage = (event) => {
+      const message = JSON.parse(event.data);
+      if ("refused" in message) {
+        refused = message.refused;
+        if (refused) letGo();
+        return say();
+      }
+      seen = message;
+      follow();
+    };
+    socket.onclose = (event) => { over = true; letGo(); refused = event.reason; say(); };
+  };
+  const send = () => {
+    if (!engaged || socket?.readyState !== WebSocket.OPEN) return;
+    const release = !drag && performance.now() - touched > IDLE_MS;
+    socket.send(JSON.stringify({ moved_mm: moved, gripper_rad: gripper, clutch, release }));
+    if (release) letGo();
+  };
+  const letGo = () => { engaged = false; drag = null; moved = [0, 0, 0]; local = null; canvas.classList.remove("dragged"); };
+
+  const take = () => {
+    if (!drives || over || !seen?.hand_mm) return false;
+    if (!engaged) { engaged = true; moved = [0, 0, 0]; local = [...seen.hand_mm]; refused = ""; }
+    canvas.focus({ preventScroll: true });
+    return true;
+  };
+  const move = (dx, dy, dz) => {
+    const step = [dx, dy, dz];
+    for (let axis = 0; axis < 3; axis++) {
+      // the hand stays in the picture
+      const to = Math.min(Math.max(local[axis] + step[axis], centre[axis] - REACH_MM[axis]), centre[axis] + REACH_MM[axis]);
+      moved[axis] += clutch ? step[axis] : to - local[axis];
+      if (!clutch) local[axis] = to;
+    }
+    touched = performance.now();
+    if (at("depth")) at("depth").value = local[2] - centre[2];
+    send();
+  };
+
+  // What was seen, for the trails and the words.
+  const follow = () => {
+    if (!seen.arm) return;
+    const now = performance.now();
+    if (!centre && (seen.shown_mm ?? seen.hand_mm)) centre = [...(seen.shown_mm ?? seen.hand_mm)];
+    if (engaged && seen.driver === "other" && now - touched > 1000) letGo();
+    if (!drag && now - touched > SETTLED_MS && !engaged) local = null;
+    const places = { hand: local ?? seen.hand_mm, shown: seen.shown_mm, ghost: seen.ghost_mm };
+    for (const [name, place] of Object.entries(places)) {
+      if (place) trails[name].push([now, place[0], place[1]]);
+      while (trails[name].length && now - trails[name][0][0] > TRAIL_MS) trails[name].shift();
+    }
+    const lateness = (ms) => (ms == null ? "–" : ms < 950 ? `${Math.round(ms / 10) * 10} ms` : `${(ms / 1000).toFixed(1)} s`);
+    const words = (value, unit, digits) => (value == null ? "–" : `${value.toFixed(digits)} ${unit}`);
+    at("late").textContent = lateness(seen.late_ms);
+    at("late_mm").textContent = words(seen.feedback_error_mm, "mm", 1);
+    at("ghost_mm").textContent = words(seen.ghost_error_mm, "mm", 1);
+    at("cut").hidden = !seen.outage;
+    canvas.parentElement.classList.toggle("cut", Boolean(seen.outage));
+    say();
+  };
+  const say = () => {
+    const line = at("driver");
+    line.classList.toggle("refused", Boolean(refused));
+    if (refused) line.textContent = `Not taken: ${refused}.`;
+    else if (over) line.textContent = "The connection to the page's server is lost.";
+    else if (!drives) line.textContent = "";
+    else if (seen?.driver === "you") line.textContent = clutch ? "Clutch: your hand moves, the arm stays." : "You drive the arm.";
+    else if (seen?.driver === "other") line.textContent = "Another page drives the arm.";
+    else line.textContent = seen?.hand_mm ? "Nobody drives: the hand holds. Press and drag in the picture." : "Waiting for the arm.";
+  };
+
+  // Drawing, at the screen's own pace.
+  let scale = 1, inks = {};
+  const x = (place) => canvas.clientWidth / 2 + (place[0] - centre[0]) * scale;
+  const y = (place) => canvas.clientHeight / 2 - (place[1] - centre[1]) * scale;
+  const near = (place) => Math.min(Math.max(1 + (place[2] - centre[2]) / 60, 0.5), 1.6);
+
+  const paint = () => {
+    requestAnimationFrame(paint);
+    const wide = canvas.clientWidth, high = canvas.clientHeight, ratio = devicePixelRatio || 1;
+    if (canvas.width !== Math.round(wide * ratio) || canvas.height !== Math.round(high * ratio)) {
+      canvas.width = Math.round(wide * ratio); canvas.height = Math.round(high * ratio);
+    }
+    const pen = canvas.getContext("2d");
+    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    pen.clearRect(0, 0, wide, high);
+    const dark = document.documentElement.dataset.scheme === "dark" ? 1 : 0;
+    for (const [name, pair] of Object.entries(tones)) inks[name] = pair[dark];
+    const style = getComputedStyle(canvas);
+    pen.font = `600 14px ${style.fontFamily}`;
+    if (!seen?.arm || !centre) {
+      pen.fillStyle = style.color; pen.textAlign = "center";
+      return pen.fillText("Waiting for the arm …", wide / 2, high / 2);
+    }
+    fit(wide);
+    grid(pen, wide, high, dark);
+    for (const name of ["hand", "shown", "ghost"]) trail(pen, name);
+    const hand = local ?? seen.hand_mm;
+    if (at("show_arm").checked && seen.arm_mm) ring(pen, seen.arm_mm, inks.arm);
+    if (seen.ghost_mm) tool(pen, seen.ghost_mm, inks.ghost, true, gripper);
+    if (seen.shown_mm) tool(pen, seen.shown_mm, inks.shown, false, gripper);
+    if (at("show_estimate").checked && seen.estimate_mm) diamond(pen, seen.estimate_mm, inks.estimate);
+    if (hand) disc(pen, hand, inks.hand);
+    behind(pen, hand, style);
+    labels(pen, hand, wide);
+    depth(pen, hand, wide, high);
+  };
+  const fit = (wide) => {
+    // a recorded movement may be wider than a hand's reach on this page
+    let half = WIDTH_MM / 2;
+    for (const place of [seen.hand_mm, seen.shown_mm]) {
+      if (place) half = Math.max(half, 1.15 * Math.abs(place[0] - centre[0]), 1.8 * Math.abs(place[1] - centre[1]));
+    }
+    const wanted = wide / (2 * half);
+    scale = Math.abs(scale - wanted) > 0.5 * wanted ? wanted : scale + 0.1 * (wanted - scale);
+  };
+  const grid = (pen, wide, high, dark) => {
+    pen.strokeStyle = dark ? "#262e37" : "#e0e5ea"; pen.lineWidth = 1;
+    const step = 10 * scale, left = (wide / 2) % step, top = (high / 2) % step;
+    pen.beginPath();
+    for (let at_x = left; at_x < wide; at_x += step) { pen.moveTo(at_x, 0); pen.lineTo(at_x, high); }
+    for (let at_y = top; at_y < high; at_y += step) { pen.moveTo(0, at_y); pen.lineTo(wide, at_y); }
+    pen.stroke();
+    pen.strokeStyle = pen.fillStyle = dark ? "#b4bec8" : "#4a545e"; pen.lineWidth = 2; pen.textAlign = "left";
+    pen.beginPath(); pen.moveTo(14, 20); pen.lineTo(14 + step, 20); pen.stroke();
+    pen.fillText("10 mm", 22 + step, 25);
+  };
+  const trail = (pen, name) => {
+    const now = performance.now(), rows = trails[name];
+    pen.strokeStyle = inks[name]; pen.lineWidth = 2.5; pen.lineCap = "round";
+    for (let i = 1; i < rows.length; i++) {
+      pen.globalAlpha = 0.45 * Math.max(0, 1 - (now - rows[i][0]) / TRAIL_MS);
+      pen.beginPath();
+      pen.moveTo(x([rows[i - 1][1], 0]), y([0, rows[i - 1][2]]));
+      pen.lineTo(x([rows[i][1], 0]), y([0, rows[i][2]]));
+      pen.stroke();
+    }
+    pen.globalAlpha = 1;
+  };
+  // An instrument: its shaft comes from beyond the upper edge, its jaws are at the tip.
+  const tool = (pen, place, ink, ghostly, grip) => {
+    const tip = [x(place), y(place)], size = near(place);
+    const from = [canvas.clientWidth * 0.5, -canvas.clientHeight * 0.5];
+    const angle = Math.atan2(tip[1] - from[1], tip[0] - from[0]), jaw = 26 * size, shaft = 10 * size;
+    const wrist = [tip[0] - jaw * Math.cos(angle), tip[1] - jaw * Math.sin(angle)];
+    pen.strokeStyle = pen.fillStyle = ink; pen.lineJoin = pen.lineCap = "round";
+    pen.setLineDash(ghostly ? [9, 7] : []);
+    pen.globalAlpha = ghostly ? 1 : 0.85;
+    pen.lineWidth = ghostly ? 3 : shaft;
+    pen.beginPath(); pen.moveTo(...from); pen.lineTo(...wrist); pen.stroke();
+    pen.lineWidth = (ghostly ? 3 : 5) * size;
+    const open = 0.14 + 0.35 * Math.max(0, 1 - grip);
+    for (const side of [-open, open]) {
+      const elbow = [wrist[0] + 0.6 * jaw * Math.cos(angle + 1.6 * side), wrist[1] + 0.6 * jaw * Math.sin(angle + 1.6 * side)];
+      pen.beginPath(); pen.moveTo(...wrist); pen.lineTo(...elbow);
+      const gap = 26 * (open - 0.12) * Math.sign(side) * size;
+      pen.lineTo(tip[0] - gap * Math.sin(angle), tip[1] + gap * Math.cos(angle)); pen.stroke();
+    }
+    pen.setLineDash([]); pen.globalAlpha = 1;
+  };
+  const disc = (pen, place, ink) => {
+    pen.strokeStyle = pen.fillStyle = ink; pen.lineWidth = 3;
+    pen.beginPath(); pen.arc(x(place), y(place), 13 * near(place), 0, 7);
+    pen.globalAlpha = clutch ? 0.05 : 0.25; pen.fill(); pen.globalAlpha = 1; pen.stroke();
+  };
+  const ring = (pen, place, ink) => {
+    pen.strokeStyle = ink; pen.lineWidth = 3; pen.setLineDash([4, 4]);
+    pen.beginPath(); pen.arc(x(place), y(place), 18, 0, 7); pen.stroke(); pen.setLineDash([]);
+  };
+  const diamond = (pen, place, ink) => {
+    const [cx, cy] = [x(place), y(place)];
+    pen.fillStyle = ink; pen.beginPath();
+    pen.moveTo(cx, cy - 9); pen.lineTo(cx + 9, cy); pen.lineTo(cx, cy + 9); pen.lineTo(cx - 9, cy); pen.fill();
+  };
+  // How far the picture is behind the hand.
+  const behind = (pen, hand, style) => {
+    if (!hand || !seen.shown_mm) return;
+    const far_mm = Math.hypot(hand[0] - seen.shown_mm[0], hand[1] - seen.shown_mm[1]);
+    if (far_mm < 8) return;
+    pen.strokeStyle = pen.fillStyle = style.color; pen.lineWidth = 1.5; pen.setLineDash([2, 5]);
+    pen.beginPath(); pen.moveTo(x(seen.shown_mm), y(seen.shown_mm)); pen.lineTo(x(hand), y(hand)); pen.stroke();
+    pen.setLineDash([]); pen.textAlign = "right";  // names stand on the right
+    pen.fillText(`${far_mm.toFixed(0)} mm behind`, (x(hand) + x(seen.shown_mm)) / 2 - 22, (y(hand) + y(seen.shown_mm)) / 2 + 5);
+  };
+  // Names stand beside what is far enough apart to be told apart.
+  const labels = (pen, hand, wide) => {
+    const named = [["your hand", hand, inks.hand], ["ghost", seen.ghost_mm, inks.ghost],
+      [seen.outage ? "frozen picture" : "as you see it", seen.shown_mm, inks.shown]];
+    const done = [];
+    for (const [name, place, ink] of named) {
+      if (!place) continue;
+      const left = x(place) > wide - 150;
+      let cy = y(place) + 5;
+      const meets = ([left_x, other]) => Math.abs(left_x - x(place)) < 150 && Math.abs(other - cy) < 17;
+      while (done.some(meets)) cy += 17;
+      done.push([x(place), cy]);
+      pen.fillStyle = ink; pen.textAlign = left ? "right" : "left";
+      pen.fillText(name, x(place) + (left ? -24 : 24), cy);
+    }
+  };
+  const depth = (pen, hand, wide, high) => {
+    const [cx, top, tall] = [wide - 22, 34, high - 68];
+    pen.strokeStyle = inks.shown; pen.globalAlpha = 0.35; pen.lineWidth = 2;
+    pen.beginPath(); pen.moveTo(cx, top); pen.lineTo(cx, top + tall); pen.stroke();
+    pen.globalAlpha = 1; pen.fillStyle = inks.shown; pen.textAlign = "right"; pen.font = pen.font.replace("600", "400");
+    pen.fillText("near", wide - 8, 24); pen.fillText("far", wide - 8, high - 14);
+    for (const [place, ink, radius] of [[seen.shown_mm, inks.shown, 6], [seen.ghost_mm, inks.ghost, 5], [hand, inks.hand, 4]]) {
+      if (!place) continue;
+      const share = Math.min(Math.max(0.5 - (place[2] - centre[2]) / (2 * REACH_MM[2]), 0), 1);
+      pen.fillStyle = ink; pen.beginPath(); pen.arc(cx, top + share * tall, radius, 0, 7); pen.fill();
+    }
+  };
+
+  // Pointer, wheel and keys; touch is a pointer.
+  if (drives) {
+    const press = (on) => { clutch = on; at("clutch").setAttribute("aria-pressed", on); send(); say(); };
+    const grip = (on) => {
+      gripper = on ? 1 : 0; at("grip").setAttribute("aria-pressed", on);
+      if (take()) move(0, 0, 0);
+    };
+    canvas.addEventListener("pointerdown", (event) => {
+      if (!take()) return;
+      drag = { id: event.pointerId, x: event.clientX, y: event.clientY };
+      canvas.setPointerCapture(event.pointerId);
+      canvas.classList.add("dragged");
+      if (event.button === 2) press(true);
+      move(0, 0, 0);
+      event.preventDefault();
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      if (drag?.id !== event.pointerId || !engaged) return;
+      move((event.clientX - drag.x) / scale, (drag.y - event.clientY) / scale, 0);
+      drag.x = event.clientX; drag.y = event.clientY;
+    });
+    const lift = (event) => {
+      if (drag?.id !== event.pointerId) return;
+      drag = null; canvas.classList.remove("dragged");
+      if (event.button === 2) press(false);
+    };
+    canvas.addEventListener("pointerup", lift);
+    canvas.addEventListener("pointercancel", lift);
+    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener("wheel", (event) => {
+      if (!engaged) return;  // a page that nobody drives scrolls
+      event.preventDefault();
+      move(0, 0, -WHEEL_MM * event.deltaY);
+    }, { passive: false });
+    const steps = { ArrowLeft: [-1, 0, 0], ArrowRight: [1, 0, 0], ArrowUp: [0, 1, 0], ArrowDown: [0, -1, 0],
+      PageUp: [0, 0, 1], PageDown: [0, 0, -1] };
+    canvas.addEventListener("keydown", (event) => {
+      const step = steps[event.key];
+      if (step && take()) { move(...step.map((unit) => unit * KEY_MM)); event.preventDefault(); }
+      else if (event.key === "c" && !event.repeat) press(!clutch);
+      else if (event.key === "g" && !event.repeat) grip(gripper === 0);
+      else if (event.key === "Escape" && engaged) {
+        drag = null; touched = -Infinity;
+        send();
+      }
+    });
+    at("clutch").addEventListener("click", () => press(!clutch));
+    at("grip").addEventListener("click", () => grip(gripper === 0));
+    at("depth").addEventListener("input", () => {
+      if (take()) move(0, 0, at("depth").valueAsNumber - (local[2] - centre[2]));
+    });
+    setInterval(send, SEND_MS);
+  }
+  connect();
+  requestAnimationFrame(paint);
+})();

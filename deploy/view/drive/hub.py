@@ -1,0 +1,108 @@
+"""Meeting point of all pages: the driver's seat, the device, and the picture of the surgeon's display."""
+
+import time
+from collections.abc import Hashable
+from math import inf
+from typing import Any, Final
+
+from common.units import MM_PER_M, NS_PER_MS, NS_PER_S
+from deploy.view.drive.device import DeviceDoor, device_pose
+from deploy.view.drive.hand_move import HandMove
+from deploy.view.drive.seat import Seat
+from deploy.view.steering import Steering
+from deploy.watch.book import LiveBook
+from deploy.watch.displays import DisplayErrors
+from deploy.watch.motion import Place
+from deploy.watch.observer import Observer
+
+OTHER_DRIVES: Final = "another page drives the arm; wait until it lets go, or is not touched for 20 s"
+RIVAL: Final = "a device outside this page moves the hand"
+NOT_CONNECTED: Final = "the surgeon's network is not there yet, or no more"
+NOT_LIVE: Final = "this run plays a movement: only a run with source.kind live, like `tis run live --view`, is driven"
+
+_RIVAL_S: Final = 3.0
+_STATE_S: Final = 0.2
+_JUDGE_S: Final = 0.5
+_WINDOW_S: Final = 3.0
+
+
+class DriveHub:
+    """Moves the hand for one page at a time, and tells all pages what the surgeon sees. Of one thread, the server's.
+
+    A hand that nobody moves is silent: the surgeon's side holds its last pose, logs that and tells it in the report.
+    """
+
+    def __init__(self, observer: Observer, steering: Steering, door: DeviceDoor | None) -> None:
+        self.seat = Seat()
+        self._observer, self._steering, self._door = observer, steering, door
+        self._asked_s = self._judged_s = -inf
+        self._is_outage = False
+        self._errors: DisplayErrors | None = None
+
+    def drive(self, page: Hashable, move: HandMove, now_s: float) -> str:
+        """Move the hand for a page; return why not, "" when it moved."""
+        if self._door is None:
+            return NOT_LIVE
+        if self._door.is_rivalled(_RIVAL_S):
+            return RIVAL
+        if not self.seat.drive(page, move, now_s):
+            return OTHER_DRIVES
+        seat, device = self.seat, self._door.device
+        pose = device_pose(device, seat.hand_mm, seat.gripper_rad, move.clutch, time.monotonic_ns())
+        return "" if self._door.publish(pose) else NOT_CONNECTED
+
+    def leave(self, page: Hashable) -> None:
+        """Free the seat of a page that is gone."""
+        self.seat.leave(page)
+
+    def frame(self, now_s: float) -> dict[str, Any]:
+        """Return the picture for all pages; positions in mm, null where nothing is known yet."""
+        if now_s - self._asked_s >= _STATE_S:
+            self._asked_s = now_s
+            self._is_outage = self._sees_outage()
+        if now_s - self._judged_s >= _JUDGE_S:
+            self._judged_s = now_s
+            self._errors = self._observer.read(
+                lambda book: book.displays.errors(book.now_ns - int(_WINDOW_S * NS_PER_S))
+            )
+        arm = None if self._door is None else self._door.device.arm
+        return {
+            **self._observer.read(lambda book: picture(book, arm)),
+            "feedback_error_mm": self._errors and round(self._errors.feedback_mm, 2),
+            "ghost_error_mm": self._errors and round(self._errors.predicted_mm, 2),
+            "outage": self._is_outage,
+        }
+
+    def _sees_outage(self) -> bool:
+        state = self._steering.state()
+        ways = () if state is None else (state.forward, state.feedback)
+        return any(way is not None and way.outage for way in ways)
+
+
+def picture(book: LiveBook, arm: str | None) -> dict[str, Any]:
+    """Return what is known of an arm (None: the first one that is seen): where hand, feedback and prediction are.
+
+    ``shown_mm`` is the delayed feedback, ``ghost_mm`` the prediction, ``arm_mm`` the arm itself, which nobody at the
+    surgeon can see. Oracle: rows made by hand, tests/deploy/view/drive/test_hub.
+    """
+    shown = [name for name, rows in book.displays.rows.items() if rows.n]
+    arm = arm or next(iter([*shown, *sorted(book.newest)]), None)
+    if arm is None:
+        return {"now_s": book.now_ns / NS_PER_S, "arm": None}
+    display = next(iter(book.displays.rows[arm].since(book.displays.rows[arm].n - 1)), None)
+    really = next(iter(book.displays.arms[arm].since(book.displays.arms[arm].n - 1)), None)
+    newest = book.newest.get(arm, {})
+    return {
+        "now_s": book.now_ns / NS_PER_S,
+        "arm": arm,
+        "hand_mm": _mm(newest.get("hand")),
+        "estimate_mm": _mm(newest.get("estimate")),
+        "shown_mm": _mm(display and display.shown_m),
+        "ghost_mm": _mm(display and display.predicted_m),
+        "arm_mm": _mm(really and really.arm_m),
+        "late_ms": None if display is None else display.late_ns / NS_PER_MS,
+    }
+
+
+def _mm(place_m: Place | None) -> list[float] | None:
+    return None if place_m is None else [round(MM_PER_M * value, 3) for value in place_m]

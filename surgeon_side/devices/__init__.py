@@ -1,0 +1,1 @@
+"""Devices at hand as operators' devices: what mouse and gamepad do, as poses."""

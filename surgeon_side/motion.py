@@ -1,0 +1,99 @@
+"""The movement that a surgeon sends: where master and arm of each hand are at a sample; and a recorded one."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple, Protocol
+
+from common.channels import HandChannels
+from common.node import Arrival, Record
+from common.sources.trajectory import PoseTrack, Recording
+
+
+class Placed(NamedTuple):
+    """A pose: position in m, unit quaternion x y z w, gripper angle in rad."""
+
+    position_m: tuple[float, float, float]
+    orientation: tuple[float, float, float, float]
+    gripper_rad: float
+
+
+class HandPoses(NamedTuple):
+    """Where the master of a hand is, and where its arm is to be."""
+
+    command: Placed
+    arm: Placed
+
+
+class Motion(Protocol):
+    """The movement of all hands; `advance` is called for each sample that is taken, before its poses are read."""
+
+    @property
+    def channels(self) -> Sequence[HandChannels]:
+        """Return the channels of each hand, in the order of the poses."""
+
+    def listens(self) -> Sequence[str]:
+        """Return the keys from which the movement comes; none for a recorded one."""
+
+    def take(self, arrival: Arrival) -> None:
+        """Take a message from one of these keys; it is used at the next sample."""
+
+    def advance(self, k: int, t_ns: int) -> Sequence[Record]:
+        """Move on to sample ``k`` at ``t_ns``; return what is to be logged."""
+
+    def poses(self, k: int) -> Sequence[HandPoses]:
+        """Return the poses at sample ``k``, the last one that was advanced to."""
+
+    def truth(self, k: int, is_first: bool) -> Iterator[tuple[int, Sequence[HandPoses]]]:
+        """Yield the samples whose poses become known with sample ``k``, taken or missed, each with its number.
+
+        ``is_first``: it is the first of this process, for which those before it may be known, too.
+        """
+
+    def counters(self) -> Mapping[str, int]:
+        """Return what was counted, by name."""
+
+
+_MAX_MADE_UP = 10_000
+"""Samples before its return that a surgeon started anew logs: five minutes at 30 Hz, ten seconds at 1 kHz."""
+
+
+class RecordedMotion:
+    """The movement in a recording: sample k is row ``start + k``, so truth is known one sample ahead."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self.channels: Sequence[HandChannels] = [hand.channels for hand in recording.hands]
+
+    def listens(self) -> Sequence[str]:
+        """Return no key."""
+        return ()
+
+    def take(self, arrival: Arrival) -> None:
+        """Do nothing: no message belongs to a recording."""
+
+    def advance(self, k: int, t_ns: int) -> Sequence[Record]:  # noqa: ARG002
+        """Do nothing: all rows are known."""
+        return ()
+
+    def poses(self, k: int) -> Sequence[HandPoses]:
+        """Return the poses of row ``start + k``."""
+        row = self._recording.start + k
+        return [HandPoses(_placed(hand.command, row), _placed(hand.follower, row)) for hand in self._recording.hands]
+
+    def truth(self, k: int, is_first: bool) -> Iterator[tuple[int, Sequence[HandPoses]]]:
+        """Yield the next sample: truth is interpolated at every tick, the last included.
+
+        A surgeon that was away also tells where the arm was to be meanwhile.
+        """
+        for index in range(max(0, k - _MAX_MADE_UP), k + 2) if is_first else (k + 1,):
+            if self._recording.start + index < len(self._recording):
+                yield index, self.poses(index)
+
+    def counters(self) -> Mapping[str, int]:
+        """Return nothing."""
+        return {}
+
+
+def _placed(track: PoseTrack, row: int) -> Placed:
+    x, y, z = track.position_m[row].tolist()
+    qx, qy, qz, qw = track.orientation[row].tolist()
+    return Placed((x, y, z), (qx, qy, qz, qw), float(track.gripper_rad[row]))

@@ -1,0 +1,152 @@
+"""The protocol page against the code: its keys, messages and numbers, which others build programs on."""
+
+import json
+import re
+import struct
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+from pydantic import ValidationError
+
+from common.channels import Hand, arm_key, hand_channels, stop_key, stopped_key
+from common.clocks.exchange import Exchanges
+from common.device_gate import MAX_PER_TICK
+from common.device_pose import MAX_BUTTONS, MAX_DEVICE_BYTES, DevicePose
+from common.device_records import Refusal
+from common.header import Header
+from common.messages import MAX_SIZE, EmergencyStop, FeedbackPose, Message, SafetyMode, SampledPose, SetPoint
+from common.peer_life import BEAT_EVERY_NS, Beat
+from common.pose_stamped import decode_pose_stamped
+from common.runtime.control import ControlKeys, Epoch
+from common.scenario import Scenario
+from common.scenario.agreement import agreed_fields
+from common.units import sample_instant_ns
+from deploy.run.resolve import resolve
+from netem import __main__ as netem_main
+from patient_side.safety.gate import Kind
+
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "protocol.md").read_text(encoding="utf-8")
+OBJECTS = [json.loads(block) for block in re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL)]
+
+
+def rows(*head: str) -> list[list[str]]:
+    """Return the cells of the table with this head."""
+    lines = PAGE.splitlines()
+    at = lines.index(f"| {' | '.join(head)} |")
+    found = []
+    for line in lines[at + 2 :]:
+        if not line.startswith("|"):
+            break
+        found.append([cell.strip().strip("`") for cell in line.strip("| ").split(" | ")])
+    return found
+
+
+def the(*fields: str) -> dict[str, Any]:
+    """Return the page's one object whose first fields are these."""
+    (found,) = [one for one in OBJECTS if tuple(one)[: len(fields)] == fields]
+    return dict(found)
+
+
+def test_headers() -> None:
+    vectors = rows("seq", "sent_ns", "run_id", "bytes")
+    assert len(vectors) == 3
+    for seq, sent_ns, run_id, content in vectors:
+        assert Header(int(seq), int(sent_ns), int(run_id)).pack().hex() == content
+        fields = struct.pack("<IqI", int(seq), int(sent_ns), int(run_id))
+        assert bytes.fromhex(content) == bytes.fromhex("74697302") + fields
+    layout = rows("bytes", "type", "content")
+    assert [row[0] for row in layout] == ["0-3", "4-7", "8-15", "16-19"]
+
+
+def test_sample_instants_clock_exchanges_and_runs() -> None:
+    for rate_hz, k, sample_ns in rows("rate_hz", "k", "sample_ns"):
+        assert sample_instant_ns(int(k), int(rate_hz)) == int(sample_ns)
+    for row in rows("T1", "T2", "T3", "T4", "offset", "round trip"):
+        *stamps, offset_ns, round_trip_ns = map(int, row)
+        exchange = Exchanges.of([(stamps[0], stamps[1], stamps[2], stamps[3])])
+        assert (exchange.offset_ns[0], exchange.round_trip_ns[0]) == (offset_ns, round_trip_ns)
+    for token, run_id, epoch_ns in rows("token", "run_id", "epoch_ns"):
+        epoch = Epoch.parse(token.split("/")[-1])
+        assert epoch is not None
+        assert (epoch.run_id, epoch.epoch_ns) == (int(run_id), int(epoch_ns))
+        assert ControlKeys("tis").run("netem", epoch.text) == token
+
+
+@pytest.mark.parametrize(
+    ("model", "fields"),
+    [
+        (DevicePose, ("stamp_ns", "position_m", "orientation", "gripper_rad", "clutch", "buttons")),
+        (SetPoint, ("sample_ns", "position_m", "orientation", "gripper_rad", "hand", "tick", "mode", "age_ns")),
+        (SampledPose, ("sample_ns", "position_m", "orientation", "gripper_rad")),
+        (FeedbackPose, ("sample_ns", "position_m", "orientation", "gripper_rad", "tick", "command_sample_ns")),
+        (Beat, ("side", "at_ns", "loop_ns")),
+        (EmergencyStop, ("stop", "reason", "number")),
+    ],
+)
+def test_messages(model: type[Message], fields: tuple[str, ...]) -> None:
+    """Each object is one of the model's, with all of its fields that the page requires; others are refused."""
+    content = next(one for one in OBJECTS if tuple(one) == fields)
+    assert model.model_validate_json(json.dumps(content))
+    required = {name for name, field in model.model_fields.items() if field.is_required()}
+    assert required <= set(content)
+    with pytest.raises(ValidationError):
+        model.model_validate_json(json.dumps(content | {"more": 1}))
+
+
+def test_the_fields_of_a_device() -> None:
+    described = rows("field", "type", "default", "meaning")
+    assert [row[0] for row in described] == list(DevicePose.model_fields)
+    assert [row[0] for row in described if row[2] == "required"] == ["position_m"]
+    assert f"up to {MAX_BUTTONS} booleans" in PAGE
+    assert [row[0] for row in rows("reason", "a message that")] == list(get_args(Refusal))
+    assert f"more than {MAX_DEVICE_BYTES} bytes" in PAGE
+    assert f"the newest {MAX_PER_TICK} count" in PAGE
+    assert MAX_SIZE == 1e9
+
+
+def test_keys() -> None:
+    on_page = {key.strip("`") for row in rows("key", "network", "who publishes", "payload", "header")
+               for key in re.split(r", |`, `| \(", row[0]) if "/" in key}  # fmt: skip
+    keys = ControlKeys("tis")
+    expected = {stop_key("tis"), stopped_key("tis"), keys.clock, keys.scenario("netem"), keys.end}
+    expected |= {keys.token("SIDE", "DIGEST", mirrored) for mirrored in (False, True)}  # type: ignore[arg-type]
+    expected |= {keys.run("SIDE", "RUN"), keys.beat("SIDE")}  # type: ignore[arg-type]
+    pairs: tuple[tuple[Hand, Any], ...] = (("left", "PSM2"), ("right", "PSM1"))
+    source = resolve("live").source
+    assert source.kind == "live"
+    for hand, arm in pairs:
+        row = hand_channels(hand, arm)
+        channels = (row.command, row.arm, row.estimated, row.measured, row.driven)
+        expected |= {channel.key("tis") for channel in channels} | {arm_key("tis", arm), source.keys.of(hand)}
+    assert on_page == expected
+
+
+def test_the_fields_of_the_scenario_and_other_numbers() -> None:
+    fields = agreed_fields(resolve("live"))
+    told = the("session", "rate_hz", "duration_s", "drain_s", "surgeon.copies")
+    assert {name: fields[name] for name in told} == told
+    assert {"boot_id", "received_ns", "replied_ns"} in [set(one) for one in OBJECTS]
+    assert BEAT_EVERY_NS == 200_000_000
+    assert netem_main._LEAD_NS == 150_000_000
+    scenario: Scenario = resolve("live")
+    gate = scenario.patient.gate
+    assert (gate.reach_m, gate.speed_m_s, gate.acceleration_m_s2) == (2.0, 5.0, 200.0)
+    source = scenario.source
+    assert source.kind == "live"
+    master, arm = source.master_at_mm.of_m, source.arm_at_mm.of_m
+    assert (master("left"), arm("left")) == ((0.1, -0.05, 0.35), (0.05, 0.025, 0.025))
+    assert (master("right"), arm("right")) == ((0.2, 0.05, 0.35), (0.0, 0.025, -0.025))
+    assert source.scale == 0.5
+    for mode in get_args(SafetyMode):
+        assert f"`{mode}`" in PAGE
+    refused = " ".join(row[0] for row in rows("where", "what"))
+    for kind in get_args(Kind):
+        assert f".{kind}" in refused
+
+
+def test_the_pose_stamped() -> None:
+    block = PAGE.split("```text\n")[-1].split("```")[0]
+    found = decode_pose_stamped(bytes.fromhex(block.replace("\n", " ")))
+    assert found.stamp_ns == 1_000_000_002
+    assert (found.position_m, found.orientation) == ((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))

@@ -1,0 +1,74 @@
+import json
+from typing import Any
+
+from common.device_records import DeviceNote
+from common.node import Arrival
+from patient_side.external_arm import ExternalArm
+
+MS = 1_000_000
+KEY = "tis/PSM2/arm/measured_cp"
+
+
+def an_arm(silent_ms: int = 250) -> ExternalArm:
+    return ExternalArm("left", "PSM2", silent_ms * MS)
+
+
+def pose(ms: int, x: float, **more: Any) -> Arrival:
+    content = json.dumps({"position_m": {"x": x, "y": 0, "z": 0}} | more).encode()
+    return Arrival("east", KEY, content, b"", ms * MS)
+
+
+def notes(arm: ExternalArm) -> list[tuple[str, int, int, str]]:
+    found = [record.data for record in arm.notes()]
+    return [(n.event, n.at_ns // MS, n.for_ns // MS, n.reason) for n in found if isinstance(n, DeviceNote)]
+
+
+def test_the_newest_pose_at_the_tick_is_the_arms_and_has_an_age() -> None:
+    arm = an_arm()
+    assert arm.step(None, None, 0, 0) == (None, None)
+    assert arm.age_ns(0) is None
+    half = {"x": 0, "y": 0, "z": 1, "w": 1}
+    for ms, x in ((10, 0.1), (30, 0.2)):
+        arm.take(pose(ms, x, orientation=half, gripper_rad=0.4))
+    _, moved = arm.step(None, None, 1, 33 * MS)
+    assert moved is not None
+    assert moved.position_m.tolist() == moved.measured_m.tolist() == [0.2, 0.0, 0.0]
+    assert moved.orientation is not None
+    assert [round(value, 6) for value in moved.orientation.tolist()] == [0.0, 0.0, 0.707107, 0.707107]
+    assert moved.gripper_rad == 0.4
+    assert arm.age_ns(33 * MS) == 3 * MS
+    _, moved = arm.step(None, None, 2, 66 * MS)
+    assert moved is not None
+    assert moved.position_m[0] == 0.2
+    assert arm.age_ns(66 * MS) == 36 * MS
+
+
+def test_a_robot_that_stops_is_told_and_counted() -> None:
+    arm = an_arm()
+    arm.take(pose(0, 0.1))
+    for k in range(6):
+        arm.step(None, None, k, k * 100 * MS)
+    arm.take(pose(590, 0.2))
+    arm.step(None, None, 6, 600 * MS)
+    assert notes(arm) == [("first", 0, 0, ""), ("silent", 300, 300, ""), ("back", 600, 600, "")]
+    assert notes(arm) == []
+    assert arm.counters()["arm_silences.left"] == 1
+    assert arm.counters()["arm_silent_ticks.left"] == 3
+
+
+def test_junk_is_counted_and_moves_nothing() -> None:
+    arm = an_arm()
+    arm.take(pose(1, 0.1, stamp_ns=9))
+    for content in (b"", b"\x00" * 5000, b'{"position_m": {"x": NaN, "y": 0, "z": 0}}'):
+        arm.take(Arrival("east", KEY, content, b"", 2 * MS))
+    arm.take(pose(3, 0.3, stamp_ns=8))
+    _, moved = arm.step(None, None, 0, 33 * MS)
+    assert moved is not None
+    assert moved.position_m[0] == 0.1
+    found = {name: n for name, n in arm.counters().items() if n}
+    assert found == {
+        "arm_poses.left": 1, "arm_undecodable.left": 2, "arm_not_finite.left": 1, "arm_backwards.left": 1,
+    }  # fmt: skip
+    assert {reason for event, _, _, reason in notes(arm) if event == "refused"} == {
+        "undecodable", "not_finite", "backwards",
+    }  # fmt: skip

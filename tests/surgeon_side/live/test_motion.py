@@ -1,0 +1,134 @@
+import json
+from typing import Any
+
+import pytest
+
+from common.device_records import DEVICES, DeviceNote
+from common.header import Header
+from common.messages import Pose
+from common.node import Arrival, Emission, Record
+from common.records import TRUTH, TruthRow
+from common.scenario.live_source import LiveSource
+from common.ticker import Ticker
+from surgeon_side.live.motion import LiveMotion
+from surgeon_side.node import SurgeonNode
+
+MS = 1_000_000
+LEFT = "device/MTML/measured_cp"
+
+
+def a_node(n_ticks: int = 100, **source: Any) -> SurgeonNode:
+    motion = LiveMotion(LiveSource(kind="live", **source), 10)
+    return SurgeonNode("tis", motion, Ticker(10, n_ticks))
+
+
+def pose(ms: int, x: float, key: str = LEFT, **more: Any) -> Arrival:
+    content = json.dumps({"position_m": {"x": x, "y": 0, "z": 0}} | more).encode()
+    return Arrival("west", key, content, b"", ms * MS)
+
+
+def sent(outputs: Any) -> dict[str, float]:
+    emissions = [output for output in outputs if isinstance(output, Emission)]
+    return {each.key: Pose.model_validate_json(each.payload).position_m.x for each in emissions}
+
+
+def notes(outputs: Any) -> list[tuple[str, int, int, str]]:
+    found = [output.data for output in outputs if isinstance(output, Record) and output.topic == DEVICES]
+    return [(n.event, n.at_ns // MS, n.for_ns // MS, n.reason) for n in found if isinstance(n, DeviceNote)]
+
+
+def truth(outputs: Any) -> list[tuple[int, float]]:
+    found = [output.data for output in outputs if isinstance(output, Record) and output.topic == TRUTH]
+    return [(row.index, row.position_m.x) for row in found if isinstance(row, TruthRow)]
+
+
+def test_a_sample_is_the_newest_pose_at_its_instant_and_truth_is_the_commanded_arm() -> None:
+    node = a_node()
+    assert ("west", LEFT) in node.listens()
+    assert sent(node.wake(0)) == {"tis/MTML/measured_cp": 0.1, "tis/PSM2/setpoint_cp": 0.05}
+    for ms, x in ((20, 1.0), (60, 1.01), (100, 1.02)):
+        assert node.receive(pose(ms, x)) == ()
+    outputs = node.wake(100 * MS)
+    assert sent(outputs)["tis/MTML/measured_cp"] == pytest.approx(0.12)
+    assert sent(outputs)["tis/PSM2/setpoint_cp"] == pytest.approx(0.06)
+    ((index, x),) = truth(outputs)
+    assert index == 1
+    assert x == pytest.approx(0.06)
+    headers = [output.attachment for output in outputs if isinstance(output, Emission)]
+    assert headers == [Header(1), Header(1)]
+    node.receive(pose(101, 1.03))
+    assert sent(node.wake(200 * MS))["tis/MTML/measured_cp"] == pytest.approx(0.13)
+
+
+def test_a_missed_sample_has_no_truth() -> None:
+    node = a_node()
+    node.wake(0)
+    outputs = node.wake(300 * MS)
+    assert truth(outputs) == [(3, 0.05)]
+    assert node.counters()["ticks_missed"] == 2
+
+
+def test_a_device_that_stops_holds_its_last_pose_and_the_log_says_so() -> None:
+    node = a_node(silent_after_ms=250)
+    node.receive(pose(0, 5.0))
+    seen = notes(node.wake(0))
+    node.receive(pose(50, 5.02))
+    for k in range(1, 8):
+        outputs = node.wake(k * 100 * MS)
+        seen += notes(outputs)
+        assert sent(outputs)["tis/PSM2/setpoint_cp"] == pytest.approx(0.06)
+    node.receive(pose(750, 5.04))
+    seen += notes(node.wake(800 * MS))
+    assert seen == [("first", 0, 0, ""), ("silent", 400, 350, ""), ("back", 800, 750, "")]
+    counters = node.counters()
+    assert counters["device_silences.left"] == 1
+    assert counters["device_silent_ticks.left"] == 4  # 400 to 700 ms
+    assert counters["device_poses.left"] == 3
+
+
+def test_no_device_at_all_is_a_silence() -> None:
+    node = a_node(silent_after_ms=150)
+    seen = [note for k in range(4) for note in notes(node.wake(k * 100 * MS))]
+    assert seen == [("silent", 200, 200, "")]
+
+
+def test_each_kind_of_refusal_is_told_once_and_counted_always() -> None:
+    node = a_node()
+    seen = []
+    for k in range(3):
+        node.receive(Arrival("west", LEFT, b"junk", b"", k * 100 * MS))
+        node.receive(pose(k * 100, 0.0, stamp_ns=5))
+        seen += notes(node.wake(k * 100 * MS))
+    assert [(event, reason) for event, _, _, reason in seen] == [
+        ("first", ""), ("refused", "undecodable"), ("refused", "backwards"),
+    ]  # fmt: skip
+    assert node.counters()["device_undecodable.left"] == 3
+    assert node.counters()["device_backwards.left"] == 2
+
+
+def test_a_jump_is_told() -> None:
+    node = a_node(max_speed_mm_s=100)
+    node.receive(pose(0, 0.0))
+    node.wake(0)
+    node.receive(pose(90, 1.0))
+    outputs = node.wake(100 * MS)
+    assert notes(outputs) == [("refused", 100, 0, "jump")]
+    assert sent(outputs)["tis/MTML/measured_cp"] == pytest.approx(0.1)
+    assert node.counters()["device_jump.left"] == 1
+
+
+def test_each_hand_has_its_device_and_its_arm() -> None:
+    node = a_node(hands=["left", "right"])
+    for ms in (0, 50):
+        node.receive(pose(ms, ms * 0.001, "device/MTMR/measured_cp"))
+    found = sent(node.wake(100 * MS))
+    assert found["tis/MTML/measured_cp"] == 0.1
+    assert found["tis/MTMR/measured_cp"] == pytest.approx(0.25)
+    assert found["tis/PSM1/setpoint_cp"] == pytest.approx(0.025)
+
+
+def test_answers_of_the_patient_are_no_device() -> None:
+    node = a_node()
+    (record,) = node.receive(Arrival("west", "tis/PSM2/estimated_cp", b"{}", b"", 5))
+    assert isinstance(record, Record)
+    assert node.counters()["rejected"] == 1

@@ -1,0 +1,120 @@
+"""The arm driven in a real browser, in a real run: a script drags, cuts the network and closes the page."""
+
+import signal
+from math import sin
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from common.records import COUNTERS, PLANT
+from deploy.logs.read.load import load_run
+from deploy.report.measures.display import displayed
+from tests.system.browser import chromium, watched_page
+from tests.system.conftest import Start
+from tests.system.test_view_page import _url
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+pytestmark = pytest.mark.live
+
+_IS_DRAWN = "() => document.getElementById('late').textContent !== '–'"
+_STATUS = "text => document.getElementById('driver').textContent.includes(text)"
+_STEP_MS = 25
+
+
+def _centre(page: "Page") -> tuple[float, float]:
+    box = page.locator("#drive").bounding_box()
+    assert box is not None
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def _drag(page: "Page", n: int) -> None:
+    """Drag an eight in the picture, which ends where it began."""
+    x, y = _centre(page)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    for k in range(n):
+        page.mouse.move(x + 150 * sin(6.2832 * k / (n - 1)), y + 45 * sin(12.5664 * k / (n - 1)))
+        page.wait_for_timeout(_STEP_MS)
+    page.mouse.up()
+
+
+def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture(start: Start) -> None:
+    tis = start("run", "drive", "--view", "--duration-s", "600", pages=True)  # the test ends it
+    url = _url(tis)
+    with chromium() as browser:
+        page, found = watched_page(browser)
+        page.goto(url)
+        page.wait_for_function(_IS_DRAWN)
+        page.wait_for_function(_STATUS, arg="Nobody drives")
+        _drag(page, 160)
+        page.wait_for_function(_STATUS, arg="You drive the arm")
+
+        # a second page sees the same, and is told that it must wait
+        other, found_there = watched_page(browser)
+        other.goto(url)
+        other.wait_for_function(_IS_DRAWN)
+        other.wait_for_function(_STATUS, arg="Another page drives the arm")
+        x, y = _centre(other)
+        other.mouse.move(x, y)
+        other.mouse.down()
+        other.mouse.move(x + 30, y + 30)
+        other.wait_for_function(_STATUS, arg="Not taken: another page drives the arm")
+        other.close()
+
+        # an outage: the picture freezes, and that is said in it
+        assert not page.locator("#cut").is_visible()
+        page.get_by_label("Outage, ms").fill("3000")
+        page.get_by_label("Outage, ms").press("Tab")
+        page.get_by_role("button", name="Cause an outage").click()
+        page.locator("#cut").wait_for()
+        _drag(page, 60)
+        page.locator("#cut").wait_for(state="hidden")
+
+        # keys drive as well, and the gripper closes
+        page.locator("#drive").focus()
+        for key in ("ArrowLeft", "ArrowUp", "PageUp", "g", "c", "c"):
+            page.keyboard.press(key)
+        assert page.get_by_role("button", name="Close the gripper").get_attribute("aria-pressed") == "true"
+        for width in (1280, 500):
+            page.set_viewport_size({"width": width, "height": 900})
+            page.wait_for_function("w => document.documentElement.scrollWidth <= w", arg=width)
+        assert found == found_there == []
+
+        # the driver closes the page: the run goes on, and the hand holds
+        watching, _ = watched_page(browser)
+        watching.goto(url)
+        watching.wait_for_function(_IS_DRAWN)
+        page.close()
+        watching.wait_for_function(_STATUS, arg="Nobody drives: the hand holds")
+        watching.wait_for_timeout(2_000)
+        assert tis.process.poll() is None
+        tis.process.send_signal(signal.SIGINT)
+        watching.wait_for_function("() => document.title.startsWith('tis live: The run has ended')")
+    assert tis.wait()[0] == 130
+
+    summary, logs = tis.summary(), load_run(tis.run_dir)
+    counters = {row["name"]: row["value"] for row in logs.of("surgeon", COUNTERS)}
+    assert counters["device_poses.left"] > 150
+    assert counters["device_undecodable.left"] == counters["device_backwards.left"] == 0
+    assert counters["device_silences.left"] >= 1, "a hand that nobody moves is silent, and that is logged"
+    arm_mm = 1e3 * logs.columns("patient", PLANT).column("position_m")
+    assert np.ptp(arm_mm, axis=0)[:2].min() > 8.0, "the arm went along the eight"
+    display = summary["display"]["left"]
+    assert display["n"] > 200
+    assert display["late_ms"]["p50"] >= 200.0
+    assert display["late_ms"]["max"] >= 2_000.0, "the outage"
+    # before the outage, whose commands never act, the ghost is ahead of the picture, and nearer to the arm to come
+    seen = displayed(logs, "left")
+    assert seen is not None
+    cut_ns = seen.sample_ns[np.argmax(seen.sample_ns - seen.command_ns > 1_000_000_000)] - 1_500_000_000
+    known = np.flatnonzero(np.isfinite(seen.effect_m).all(axis=1) & (seen.sample_ns < cut_ns))
+    assert len(known) > 100
+    shown_mm, ghost_mm = (
+        1e3 * np.linalg.norm(where_m[known] - seen.effect_m[known], axis=1)
+        for where_m in (seen.shown_m, seen.predicted_m)
+    )
+    assert np.square(ghost_mm).sum() < 0.5 * np.square(shown_mm).sum()
+    assert all(link["dropped_by"].get("outage", 0) > 30 for link in summary["links"].values())
