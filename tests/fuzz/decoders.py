@@ -18,6 +18,7 @@ from mcap.records import Chunk
 from common.channels import hand_channels
 from common.clocks.exchange import Exchanges
 from common.clocks.fit import fit_clock
+from common.device_gate import DeviceGate, from_json, from_ros2
 from common.errors import TisError
 from common.header import Header
 from common.host_records import CLOCK, PROCESSORS, ClockNote, ProcessorNote
@@ -43,6 +44,7 @@ from common.runtime.control import ControlKeys, Epoch, Roster
 from common.runtime.credentials import credentials
 from common.runtime.mcap_log import McapLog
 from common.runtime.recordings.table_recording import table_recording
+from common.scenario.live_source import LiveSource
 from common.scenario.reading import build_scenario, parse_yaml
 from common.scenario.security import Password
 from common.scenario.table_source import TableSource
@@ -76,8 +78,10 @@ from deploy.tools.certificates import certificates, new_authority
 from deploy.tools.runs import Wanted, list_runs
 from netem.control.control import Control
 from patient_side.identification.model_io import dump_models, parse_models
+from surgeon_side.live.mapping import Mapping
 from tests.common.runtime.recordings.tables import movement, write_csv, write_parquet
 from tests.common.sources.trials import rows_of, text_of
+from tests.common.test_pose_stamped import BY_HAND as POSE_STAMPED
 from tests.deploy.logs.hostile_files import channel, chunk, message, packed
 from tests.deploy.net.fitting.test_captures import frame
 from tests.deploy.recordings_import.foreign_files import STORE, json_mcap, ros_mcap, ros_messages
@@ -166,6 +170,18 @@ def _study(data: bytes) -> None:
     grid_faults(study.request.sweeps, study.request.zipped)
 
 
+def _device(data: bytes) -> None:
+    """Follow a device that sends this twice, in either encoding."""
+    for decode in (from_json, from_ros2):
+        gate, mapping = DeviceGate(decode, 10**9), Mapping(LiveSource(kind="live"), "left")
+        for _ in range(2):
+            gate.take(1, data)
+        samples = gate.drain()
+        if samples:
+            mapping.move(samples, 2, 1)
+        mapping.poses()
+
+
 def _trial(data: bytes) -> None:
     rows = parse_trial(data.decode(errors="replace"), "a.txt")
     for device in COLUMNS:
@@ -251,6 +267,7 @@ def _whole_log() -> bytes:
     return path.read_bytes()
 
 
+_DEVICE = b'{"stamp_ns": 5, "position_m": {"x": 0.1, "y": 0, "z": -1}, "gripper_rad": 0.3, "clutch": true}'
 _SAMPLED = SampledPose(**_pose()).payload()
 _TWO_POSES = [(k, json.loads(_SAMPLED) | {"sample_ns": k}) for k in (1, 2)]
 _FEEDBACK = FeedbackPose(**_pose(tick=3, command_sample_ns=4)).model_dump_json().encode()
@@ -351,6 +368,7 @@ def _capture() -> bytes:
 DECODERS: dict[str, Decoder] = {
     "packet header": Decoder(_attached, [Header(7, 9).pack()]),
     "pose and feedback": Decoder(_taken, [_SAMPLED, _FEEDBACK]),
+    "device, JSON and ROS 2": Decoder(_device, [_DEVICE, POSE_STAMPED]),
     "control request": Decoder(_controlled, [_REQUEST, b"[" + _REQUEST + b"]", b'{"for_s":3}']),
     "clock reading": Decoder(_reading, [_READING]),
     "begin and end": Decoder(_begin_and_end, [b'{"epoch_ns":5,"run_id":7}', b'{"reason":"over"}']),
