@@ -2,8 +2,14 @@ import json
 from typing import Any
 
 from common.device_records import DeviceNote
-from common.node import Arrival
+from common.messages import FeedbackPose
+from common.node import Arrival, Emission, Record
+from common.records import PLANT, PlantNote
+from common.runtime.movements import load_movement
+from deploy.run.resolve import resolve
+from patient_side.build import build_patient
 from patient_side.external_arm import ExternalArm
+from tests.patient_side.arm_models import static_model
 
 MS = 1_000_000
 KEY = "tis/PSM2/arm/measured_cp"
@@ -72,3 +78,27 @@ def test_junk_is_counted_and_moves_nothing() -> None:
     assert {reason for event, _, _, reason in notes(arm) if event == "refused"} == {
         "undecodable", "not_finite", "backwards",
     }  # fmt: skip
+
+
+def test_the_patient_listens_to_the_arm_and_sends_its_newest_pose_with_its_age() -> None:
+    scenario = resolve("live", ["patient.plant.kind=external"], None, 1.0)
+    node = build_patient(scenario, [static_model()], load_movement(scenario))
+    assert ("east", KEY) in node.listens()
+    assert list(node.foreign_keys()) == [KEY]
+    assert node.receive(pose(1, 0.25)) == ()
+    node.wake(2 * MS)
+    outputs = list(node.wake(35_333_333))
+    sent = [each for each in outputs if isinstance(each, Emission) and each.key == "tis/PSM2/measured_cp"]
+    (message,) = [FeedbackPose.model_validate_json(each.payload) for each in sent]
+    assert message.position_m.x == 0.25
+    (note,) = [each.data for each in outputs if isinstance(each, Record) and each.topic == PLANT]
+    assert isinstance(note, PlantNote)
+    assert note.age_ns == 34_333_333
+    assert node.counters()["arm_poses.left"] == 1
+
+
+def test_without_an_external_arm_its_key_is_nobodys() -> None:
+    scenario = resolve("live", (), None, 1.0)
+    node = build_patient(scenario, [static_model()], load_movement(scenario))
+    assert node.foreign_keys() == frozenset()
+    assert KEY not in [key for _, key in node.listens()]
