@@ -1,4 +1,4 @@
-"""A surgeon that is no part of the testbed: docs/reference/protocol.md in 50 lines, with Zenoh alone.
+"""A surgeon that is no part of the testbed: it follows docs/reference/protocol.md, with Zenoh alone.
 
 python examples/foreign_surgeon.py tcp/127.0.0.1:7447
 """
