@@ -184,6 +184,7 @@ class PlantNote(Message):
     t_ns: int = Field(description="Nominal instant of the tick, in ns.")
     hand: Hand = Field(description=_HAND)
     position_m: Vector3 = Field(description="Position of the plant's arm, in m.")
+    clamped: bool = Field(False, description="True: the set point in force lies outside what the arm's joints reach.")
 
 
 Outcome = Literal["deliver", "loss", "outage", "refused", "overflow", "queue_full"]

@@ -24,6 +24,7 @@ from deploy.view.page_process import PageAddress, PageProcess, page_beside
 from deploy.view.page_text import RunOutput
 from deploy.watch.observer import Observer
 from patient_side.models import own_estimators, read_models
+from patient_side.plant.build import check_plant
 
 if TYPE_CHECKING:
     from deploy.run.conclude import Outputs
@@ -39,6 +40,7 @@ def run_live(
     folder behind.
     """
     scenario.identification.check_for_live_runs(scenario.estimators)
+    check_plant(scenario)
     # these fail before any folder or process exists, instead of in a side's process
     own_estimators(scenario)
     check_recording(scenario)

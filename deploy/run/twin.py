@@ -26,6 +26,7 @@ from netem.build import build_netem
 from netem.control.notes import with_live_changes
 from patient_side.build import build_patient
 from patient_side.models import factories, model_attachment, models_for, origins, own_estimators
+from patient_side.plant.build import check_plant
 from patient_side.provenance import warnings_at_start
 from patient_side.statespace import ArmModel
 from surgeon_side.build import build_surgeon
@@ -42,7 +43,8 @@ def build_sides(
     ``notes`` are the changes of a live run's network to repeat, ``kept`` the attachments of its netem's log,
     ``recording`` the scenario's recording if it is loaded already.
     """
-    own = own_estimators(scenario)  # first: faults are reported before any slow step
+    check_plant(scenario)  # first: faults are reported before any slow step
+    own = own_estimators(scenario)
     recording = recording or load_recording(scenario)
     models = models_for(scenario, recording)
     nodes: dict[Side, Node] = {

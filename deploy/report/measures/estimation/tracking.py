@@ -65,7 +65,7 @@ def track_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand) -> HandTrack:
     scored = scored_ticks(t_ns, truth_m, estimates["hold"], first_ns)
     # after a time that is left out filters settle again, as at the beginning
     scored &= ~lies_in(t_ns, logs.left_out, 0, SETTLING_NS)
-    if scenario.patient.plant.kind == "servo":
+    if scenario.patient.plant.kind != "replay":
         moved = notes(logs, "patient", PLANT)
         which = moved.where("hand", hand)
         estimates["plant"] = at_ticks(tick, moved.column("tick")[which], moved.column("position_m")[which])
