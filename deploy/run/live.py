@@ -39,14 +39,7 @@ def run_live(
     ``view`` enables the live page; ``insecure`` as for `launch`. A run in which no side started running leaves no
     folder behind.
     """
-    scenario.identification.check_for_live_runs(scenario.estimators)
-    check_plant(scenario)
-    # these fail before any folder or process exists, instead of in a side's process
-    own_estimators(scenario)
-    check_recording(scenario)
-    load_traces(scenario.network)
-    if is_model_file(scenario.identification.train):
-        read_models(Path(scenario.identification.train))
+    _check_inputs(scenario)
     proof = credentials(scenario.security, "netem")
     path = folder.create(run_dir or run_folder(RUNS, scenario.name), scenario)
     west, east = endpoints = endpoints_of(scenario)
@@ -91,6 +84,17 @@ def run_live(
         if page is not None:
             page.send_output(_run_output(path))
     return outcome.exit_code or code
+
+
+def _check_inputs(scenario: Scenario) -> None:
+    """Raise, before any folder or process exists, what would fail in a side's process."""
+    scenario.identification.check_for_live_runs(scenario.estimators)
+    check_plant(scenario)
+    own_estimators(scenario)
+    check_recording(scenario)
+    load_traces(scenario.network)
+    if is_model_file(scenario.identification.train):
+        read_models(Path(scenario.identification.train))
 
 
 def _run_output(run_dir: Path) -> RunOutput:

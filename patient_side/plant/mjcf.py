@@ -45,7 +45,7 @@ def arm_mjcf(timestep_s: float, friction: float, stiffness: Array, damping: Arra
     """
     bodies, ends = [], []
     for i, joint in enumerate(JOINTS):
-        bodies.append(_body(i, joint, friction))
+        bodies.append(_body(i, joint, timestep_s, friction))
         ends.append("</body>")
     motors = [
         f'<position joint="{joint}" kp="{stiffness[i]:.17g}" kv="{damping[i]:.17g}" inheritrange="0"/>'
@@ -69,7 +69,7 @@ def arm_mjcf(timestep_s: float, friction: float, stiffness: Array, damping: Arra
     )
 
 
-def _body(i: int, joint: str, friction: float) -> str:
+def _body(i: int, joint: str, timestep_s: float, friction: float) -> str:
     """Return the opening of a link's body at joint position zero, with its joint and its inertia."""
     # Modified Denavit-Hartenberg: Rot_x(alpha) Trans_x(a) Rot_z(theta) Trans_z(d).
     twist, turn = ALPHA_RAD[i] / 2.0, THETA_RAD[i] / 2.0
@@ -87,6 +87,7 @@ def _body(i: int, joint: str, friction: float) -> str:
         f'<body name="{joint}" pos="{_numbers(place_m)}" quat="{_numbers(quaternion)}" gravcomp="1">',
         f'<inertial mass="{MASS_KG[i]:.17g}" pos="{_numbers(COM_M[i])}" diaginertia="{_numbers(INERTIA_KG_M2[i])}"/>',
         f'<joint name="{joint}" type="{kind}" axis="0 0 1" range="{low:.17g} {high:.17g}" '
+        f'solreflimit="{2.0 * timestep_s:.17g} 1" solimplimit="0.95 0.99 0.001" '
         f'actuatorfrcrange="{-force:.17g} {force:.17g}" actuatorgravcomp="true" '
         f'armature="{MOTOR_INERTIA[i]:.17g}" damping="{friction * VISCOUS[i]:.17g}" '
         f'frictionloss="{friction * COULOMB[i]:.17g}"/>',

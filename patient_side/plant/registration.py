@@ -1,4 +1,4 @@
-"""Where the scenario's positions lie in the workspace of the simulated arm."""
+"""Place of the scenario's positions in the workspace of the simulated arm."""
 
 from typing import NamedTuple, Self
 
