@@ -67,14 +67,27 @@ def identify(
         Path | None,
         typer.Option(help="Draw the singular values, the order rules and the validation (.svg, .pdf or .png)."),
     ] = None,
+    dynamics: Annotated[
+        bool,
+        typer.Option(
+            "--dynamics",
+            help="Identify masses, inertias and friction of the simulated arm (patient.plant: mujoco) instead.",
+        ),
+    ] = False,
     settings: SetOption = None,
     seed: SeedOption = None,
 ) -> int:
     """Identify the arm's model from a scenario's training data; use the file as identification.train."""
     from deploy.run.resolve import resolve
+
+    resolved = resolve(scenario, settings or (), seed)
+    if dynamics:
+        from deploy.tools.identify_dynamics import identify_dynamics_and_print
+
+        return identify_dynamics_and_print(resolved, out, figure, OUT)
     from deploy.tools.identify import identify_and_print
 
-    return identify_and_print(resolve(scenario, settings or (), seed), out, figure, OUT, ERR)
+    return identify_and_print(resolved, out, figure, OUT, ERR)
 
 
 @app.command()

@@ -88,6 +88,7 @@ def _body(i: int, joint: str, timestep_s: float, friction: float) -> str:
         f'<inertial mass="{MASS_KG[i]:.17g}" pos="{_numbers(COM_M[i])}" diaginertia="{_numbers(INERTIA_KG_M2[i])}"/>',
         f'<joint name="{joint}" type="{kind}" axis="0 0 1" range="{low:.17g} {high:.17g}" '
         f'solreflimit="{2.0 * timestep_s:.17g} 1" solimplimit="0.95 0.99 0.001" '
+        f'solreffriction="{2.0 * timestep_s:.17g} 1" solimpfriction="0.99 0.99 0.001" '
         f'actuatorfrcrange="{-force:.17g} {force:.17g}" actuatorgravcomp="true" '
         f'armature="{MOTOR_INERTIA[i]:.17g}" damping="{friction * VISCOUS[i]:.17g}" '
         f'frictionloss="{friction * COULOMB[i]:.17g}"/>',

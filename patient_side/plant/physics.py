@@ -32,13 +32,11 @@ class Moved(NamedTuple):
 class Motion(NamedTuple):
     """Joints that follow set points, at each step of the physics.
 
-    Positions, velocities, accelerations and motor torques (N, 7), in rad, rad/s, rad/s^2 and N m, those of the
-    insertion in m, m/s, m/s^2 and N.
+    Positions and motor torques (N, 7), in rad and N m, those of the insertion in m and N. A torque is the one that
+    acts until the next step.
     """
 
     joints: Array
-    velocity: Array
-    acceleration: Array
     torque: Array
 
 
@@ -65,6 +63,7 @@ class ArmPhysics:
     def __init__(self, spec: MujocoPlant) -> None:
         check_simulator()
         stiffness, damping = loop_gains(spec)
+        self._loop_damping = damping
         self._mujoco, self.model = _compiled(1.0 / spec.physics_hz, spec.friction, stiffness, damping)
         self._data = self._mujoco.MjData(self.model)
         self._parts = self._mujoco.mjtState.mjSTATE_INTEGRATION
@@ -88,17 +87,14 @@ class ArmPhysics:
 
     def follow(self, state: Array, set_points: Array) -> Motion:
         """Return the motion of an arm whose joints get the set points (N, 7), one at each step."""
-        data, n = self._data, len(set_points)
-        found = Motion(*(np.empty((n, N_JOINTS)) for _ in Motion._fields))
+        data, found = self._data, Motion(np.empty(set_points.shape), np.empty(set_points.shape))
         self._mujoco.mj_setState(self.model, data, state, self._parts)
-        for k in range(n):
-            data.ctrl[:] = set_points[k]
-            # forward dynamics at this instant, before the integration to the next
-            self._mujoco.mj_step1(self.model, data)
-            position, velocity = data.qpos.copy(), data.qvel.copy()
-            self._mujoco.mj_step2(self.model, data)
-            found.joints[k], found.velocity[k] = position, velocity
-            found.acceleration[k], found.torque[k] = data.qacc, data.qfrc_actuator
+        for k, set_point in enumerate(set_points):
+            data.ctrl[:] = set_point
+            found.joints[k], before = data.qpos, data.qvel.copy()
+            self._mujoco.mj_step(self.model, data)
+            # implicit integration damps by the velocity at the step's end
+            found.torque[k] = data.qfrc_actuator - self._loop_damping * (data.qvel - before)
         return found
 
     def _state(self) -> Array:
