@@ -22,7 +22,7 @@ WORDS: Final = Path(__file__).with_name("summary_keys.yaml")
 _SETTINGS: Final = ("estimators=[hold,innovations_kf]", "identification.order=2")  # what takes least time
 _DURATION_S: Final = 6.0
 _STATISTICS: Final = frozenset({"mean", "std", "rms", "last", "p50", "p90", "p95", "p99", "p99.9", "max"})
-_MARK: Final = re.compile(r"\[(live|two hands|own)\] ")
+_MARK: Final = re.compile(r"\[(live|two hands|own|arm)\] ")
 _NAMES: Final = {
     "links": "DIRECTION", "links.DIRECTION.dropped_by": "REASON", "accuracy": "ESTIMATOR", "error_by_age": "HAND",
     "error_by_age.HAND": "ESTIMATOR", "orientation_deg": "HAND", "orientation_deg.HAND": "METHOD",
@@ -108,7 +108,13 @@ def _type(value: Any) -> str:
 
 def _row(path: str, text: str, types: set[str]) -> tuple[str, str, str, str]:
     mark = _MARK.match(text)
-    only = {"live": "Live runs. ", "two hands": "Two hands. ", "own": "Own estimators. "}[mark[1]] if mark else ""
+    only = (
+        {"live": "Live runs. ", "two hands": "Two hands. ", "own": "Own estimators. ", "arm": "Arms that execute. "}[
+            mark[1]
+        ]
+        if mark
+        else ""
+    )
     longer = {one for one in types if one.startswith("list of ")}
     shown = " or ".join(sorted(types - {"list"} if longer else types))
     last = path.rpartition(".")[2]

@@ -54,9 +54,10 @@ def equations(motion: Motion, rate_hz: int, columns: NDArray[np.int64]) -> Equat
     """Return the equations ``Y b = torque`` of a movement read at ``rate_hz``, for columns (B,) of the regressor.
 
     Only positions and torques are used. Both pass a low-pass filter without phase (Butterworth, forward and
-    backward), central differences give velocities and accelerations, and the velocity's sign, which jumps, is filtered likewise.
-    Then both sides of the equations pass a narrower filter, which changes nothing in what is linear, and one row in
-    50 ms is kept: parallel filtering, Gautier, "Dynamic identification of robots with power model", ICRA 1997.
+    backward), central differences give velocities and accelerations, and the velocity's sign, which jumps, is
+    filtered likewise. Then both sides of the equations pass a narrower filter, which changes nothing in what is
+    linear, and one row in 50 ms is kept: parallel filtering, Gautier, "Dynamic identification of robots with power
+    model", ICRA 1997.
     Oracle: torques computed from sines and known parameters, test_readings.
     """
     smooth = butter(_ORDER, CUTOFF_HZ, fs=rate_hz, output="sos")

@@ -3,7 +3,9 @@
 import numpy as np
 
 from common.channels import Arm
+from common.errors import Fault, InputError
 from common.scenario import Scenario
+from common.scenario.patient import Plant as PlantPart
 from common.scenario.simulated_arm import MujocoPlant
 from common.sources.trajectory import HandRecording, Recording
 from common.streams import Stream
@@ -25,7 +27,14 @@ def build_plant(scenario: Scenario, recording: Recording, hand: HandRecording) -
     if spec.kind == "replay":
         arm = hand.follower.rows(recording.start, len(hand.follower))
         return ReplayPlant(arm.position_m, recording.rate_hz, arm.orientation, arm.gripper_rad)
-    noise = Stream.named(scenario.seed, noise_label(hand.arm))
+    return executing_plant(spec, scenario.seed, hand.arm)
+
+
+def executing_plant(spec: PlantPart, seed: int, arm: Arm) -> Plant:
+    """Return an arm that executes set points; a replay does not, and is refused with `InputError`."""
+    if spec.kind == "replay":
+        raise InputError(Fault("patient.plant", "kind", "must not be replay for an arm that executes movements"))
+    noise = Stream.named(seed, noise_label(arm))
     if spec.kind == "mujoco":
         return simulated_arm(spec, noise)
     return ServoPlant(

@@ -224,7 +224,7 @@ def _latency(summary: dict[str, Any]) -> RenderableType:
     table = _table("Latency of the freshest sample, ms", ("", *heads(names), *(["\u00b1"] if bounds else [])))
     titles = {
         **LATENCY_PARTS,
-        "actuation": "then the arm follows (servo)",
+        "actuation": "then the arm follows",
         "round_trip": ROUND_TRIP,
         "network_round_trip": "of it in the network",
     }
