@@ -147,6 +147,8 @@ def test_a_servo_executes_the_active_estimate_and_is_scored(tmp_path: Path) -> N
 
 @pytest.mark.parametrize("name", [name for name in shipped_names() if not name.startswith("paper")])
 def test_every_shipped_scenario_that_needs_no_data_runs_valid(name: str, tmp_path: Path) -> None:
+    if name == "simulated_arm":
+        pytest.importorskip("mujoco", reason="the extra sim is not installed")
     scenario = resolve(name, (), None, 3.0 if name == "kilohertz" else 5.0)
     logs, models = _twin(scenario, tmp_path / name)
     summary = build_summary(logs, scenario, models, "twin", 0, "")
@@ -157,7 +159,9 @@ def test_every_shipped_scenario_that_needs_no_data_runs_valid(name: str, tmp_pat
 
 def test_all_shipped_scenarios_are_valid() -> None:
     of_the_paper = (f"paper_{row}" for row in range(1, 7))
-    assert shipped_names() == sorted(["default", "kilohertz", "lagging_arm", "lossy", "outage", *of_the_paper])
+    assert shipped_names() == sorted(
+        ["default", "kilohertz", "lagging_arm", "lossy", "outage", "simulated_arm", *of_the_paper]
+    )
     for name in shipped_names():
         assert resolve(name).name == name
 
