@@ -17,7 +17,7 @@ from common.scenario import Scenario
 from common.sources.provenance import RECORDING_FILE, dump_played
 from patient_side.build import build_patient
 from patient_side.models import factories, model_attachment, models_for, origins, own_estimators
-from patient_side.plant.build import check_plant
+from patient_side.plant.extra import check_plant
 from patient_side.provenance import warnings_at_start
 
 

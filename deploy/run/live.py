@@ -24,7 +24,7 @@ from deploy.view.page_process import PageAddress, PageProcess, page_beside
 from deploy.view.page_text import RunOutput
 from deploy.watch.observer import Observer
 from patient_side.models import own_estimators, read_models
-from patient_side.plant.build import check_plant
+from patient_side.plant.extra import check_plant
 
 if TYPE_CHECKING:
     from deploy.run.conclude import Outputs

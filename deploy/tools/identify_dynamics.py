@@ -23,7 +23,7 @@ from patient_side.dynamics.identify import (
 )
 from patient_side.dynamics.parameters import NAMES, OF_JOINT, PER_LINK, joints, links, pseudo_inertia
 from patient_side.plant.arm_geometry import JOINTS
-from patient_side.plant.physics import check_simulator
+from patient_side.plant.extra import check_simulator
 from patient_side.statespace import Array
 
 

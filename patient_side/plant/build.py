@@ -11,7 +11,7 @@ from common.sources.trajectory import HandRecording, Recording
 from common.streams import Stream
 from common.units import MM_PER_M
 from patient_side.plant.arm_geometry import INSERTION, N_JOINTS
-from patient_side.plant.physics import ArmPhysics, check_simulator
+from patient_side.plant.physics import ArmPhysics
 from patient_side.plant.protocol import Plant
 from patient_side.plant.replay import ReplayPlant
 from patient_side.plant.servo import ServoPlant
@@ -50,12 +50,6 @@ def simulated_arm(spec: MujocoPlant, noise: Stream) -> SimulatedArm:
     std = np.full(N_JOINTS, spec.encoder_noise_mrad / 1000.0)
     std[INSERTION] = spec.encoder_noise_mm / MM_PER_M
     return SimulatedArm(ArmPhysics(spec), spec.physics_hz, spec.insertion_m, std, noise)
-
-
-def check_plant(scenario: Scenario) -> None:
-    """Raise `InputError` where this installation cannot move the scenario's arm."""
-    if scenario.patient.plant.kind == "mujoco":
-        check_simulator()
 
 
 def noise_label(arm: Arm) -> str:

@@ -6,20 +6,17 @@ nothing but its arguments, bit for bit.
 
 from collections.abc import Sequence
 from functools import cache
-from importlib.util import find_spec
 from math import pi
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from common.errors import Fault, InputError
 from common.scenario.simulated_arm import MujocoPlant
 from patient_side.plant.arm_geometry import INSERTION, N_JOINTS
 from patient_side.plant.arm_links import VISCOUS
+from patient_side.plant.extra import check_simulator
 from patient_side.plant.mjcf import arm_mjcf
 from patient_side.statespace import Array
-
-GET_SIM: Final = "pip install 'tis-testbed[sim]'"
 
 
 class Moved(NamedTuple):
@@ -38,12 +35,6 @@ class Motion(NamedTuple):
 
     joints: Array
     torque: Array
-
-
-def check_simulator() -> None:
-    """Raise `InputError` where MuJoCo is missing, which simulates the arm."""
-    if find_spec("mujoco") is None:
-        raise InputError(Fault("patient.plant", "kind", f"mujoco needs the package mujoco: {GET_SIM}"))
 
 
 class ArmPhysics:

@@ -13,7 +13,7 @@ from common.runtime.trace_files import load_traces
 from common.scenario import Scenario
 from common.scenario.patient import is_model_file
 from patient_side.models import own_estimators, read_models
-from patient_side.plant.build import check_plant
+from patient_side.plant.extra import check_plant
 
 
 def input_faults(side: Side, scenario: Scenario) -> list[Fault]:

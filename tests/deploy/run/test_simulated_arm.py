@@ -18,7 +18,7 @@ from deploy.report.summary import build_summary
 from deploy.run.resolve import resolve
 from deploy.run.twin import build_sides, run_twin
 from deploy.shell import run_dir as folder
-from patient_side.plant import physics
+from patient_side.plant import extra
 from patient_side.plant.build import executing_plant
 from patient_side.plant.protocol import Reference
 from patient_side.statespace import ArmModel, Array
@@ -92,7 +92,7 @@ def test_a_missing_simulator_ends_the_command_before_anything_starts(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(physics, "find_spec", lambda _: None)
+    monkeypatch.setattr(extra, "find_spec", lambda _: None)
     done = CliRunner().invoke(app, [command, "simulated_arm"])
     assert done.exit_code == 2
     assert "patient.plant: kind: mujoco needs the package mujoco: pip install 'tis-testbed[sim]'" in " ".join(
