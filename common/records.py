@@ -187,6 +187,7 @@ class PlantNote(Message):
     age_ns: int | None = Field(
         None, description="Age of an external arm's pose, counted from its arrival, in ns; null: a plant of ours."
     )
+    clamped: bool = Field(False, description="True: the set point in force lies outside what the arm's joints reach.")
 
 
 Outcome = Literal["deliver", "loss", "outage", "refused", "overflow", "queue_full"]

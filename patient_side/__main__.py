@@ -17,6 +17,7 @@ from common.scenario import Scenario
 from common.sources.provenance import RECORDING_FILE, dump_played
 from patient_side.build import build_patient
 from patient_side.models import factories, model_attachment, models_for, origins, own_estimators
+from patient_side.plant.extra import check_plant
 from patient_side.provenance import warnings_at_start
 
 
@@ -28,6 +29,7 @@ def run_patient(scenario: Scenario, options: SideOptions, status: Status) -> int
     def prepare() -> Prepared:
         # first: their faults are reported before the slow identification
         scenario.identification.check_for_live_runs(scenario.estimators)
+        check_plant(scenario)
         own = own_estimators(scenario)
         recording = load_movement(scenario)
         models = models_for(scenario, recording)

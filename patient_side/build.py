@@ -21,7 +21,8 @@ from patient_side.learning.train import with_learned
 from patient_side.node import PatientNode
 from patient_side.orientation.registry import build_methods
 from patient_side.phase_lock import PhaseLock
-from patient_side.plant import Plant, build_plant
+from patient_side.plant.build import build_plant
+from patient_side.plant.protocol import Plant
 from patient_side.playout import Playout
 from patient_side.safety.gate import GateLimits, StreamGate
 from patient_side.safety.safety_state import SafetyFilter, limits_of

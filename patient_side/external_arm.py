@@ -11,8 +11,7 @@ from common.device_gate import DeviceGate, DeviceSample, from_json
 from common.device_records import DEVICES, DeviceEvent, DeviceNote, Refusal
 from common.node import Arrival, Record
 from patient_side.hand import PatientHand
-from patient_side.plant import PlantOutput
-from patient_side.statespace import Array
+from patient_side.plant.protocol import PlantOutput, Reference
 
 _ARM: Final = "arm"
 
@@ -50,7 +49,7 @@ class ExternalArm:
     def step(
         self,
         state: Any,  # noqa: ARG002  part of the protocol of plants; the arm moves elsewhere
-        reference_m: Array | None,  # noqa: ARG002
+        reference: Reference | None,  # noqa: ARG002
         tick: int,  # noqa: ARG002
         now_ns: int,
     ) -> tuple[None, PlantOutput | None]:

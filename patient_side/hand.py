@@ -12,9 +12,10 @@ from common.scenario.estimator_names import plain_name
 from patient_side.estimators.protocol import Estimator
 from patient_side.orientation.protocol import NOTHING, WristEstimate, WristMethod
 from patient_side.orientation.wrist import Stated, Wrist
-from patient_side.plant import Plant, PlantOutput
+from patient_side.plant.protocol import Plant, PlantOutput
 from patient_side.playout import Playout
 from patient_side.safety.safety_state import SafetyFilter, SafetyState
+from patient_side.safety.set_point import Place
 from patient_side.statespace import Array
 
 
@@ -26,8 +27,15 @@ class Fresh(NamedTuple):
     sample_ns: int
 
 
+class Driven(NamedTuple):
+    """A hand's set point at a tick; without a place its arm keeps the one before."""
+
+    place: Place | None
+    wrist: Wrist
+
+
 class Begun(NamedTuple):
-    """The published part of a hand's tick: the active estimates, their durations and number, and the arm's movement.
+    """The published part of a hand's tick: the active estimates, their durations and number, and the set point.
 
     ``mode_before`` is the safety state before the tick.
     """
@@ -38,7 +46,7 @@ class Begun(NamedTuple):
     wrist: Stated
     wrist_step_ns: int
     number: int | None
-    moved: PlantOutput | None
+    driven: Driven
     mode_before: SafetyMode
 
 
@@ -89,6 +97,7 @@ class PatientHand:
     ``safety`` the active estimate drives the arm as it is. ``methods`` estimate orientation and gripper, the first is
     the active one; without any the answers carry those of ``pose``. ``driven`` are those of the set point, and
     ``is_turn_bounded`` tells whether they still follow their target slowly.
+    ``moved`` is where the plant's arm is since the last tick.
     """
 
     channels: HandChannels
@@ -110,6 +119,7 @@ class PatientHand:
     pose: Pose | None = None
     driven: Wrist | None = None
     is_turn_bounded: bool = False
+    moved: PlantOutput | None = None
 
     def __post_init__(self) -> None:
         self.states = [estimator.initial() for estimator in self.estimators]

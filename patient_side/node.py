@@ -18,27 +18,25 @@ from common.records import (
     COUNTERS,
     FRESH,
     PHASES,
-    PLANT,
     PROMPT,
     TICKS,
     CounterNote,
     FreshNote,
     PhaseNote,
-    PlantNote,
     PromptNote,
     TickNote,
 )
 from common.safety_records import STOPS
 from common.ticker import Ticker
 from patient_side.answers import answer, estimate_record
+from patient_side.arm_motion import move, moved_notes
 from patient_side.driven import drive, left_place, safety_change, set_point, steer
 from patient_side.estimators.protocol import Estimate
-from patient_side.external_arm import ExternalArm, external_arms
-from patient_side.hand import Begun, Fresh, PatientHand, finite, std_m, vector
-from patient_side.orientation.wrist import Stated, Wrist, answered, components, orientation_note, quaternion, stated
+from patient_side.external_arm import external_arms
+from patient_side.hand import Begun, Driven, Fresh, PatientHand, finite, std_m
+from patient_side.orientation.wrist import Stated, answered, components, orientation_note, stated
 from patient_side.own_estimators import OwnEstimators
 from patient_side.phase_lock import PhaseLock
-from patient_side.plant import PlantOutput
 from patient_side.playout import Playout, SourceBuffer
 from patient_side.rotations import unit
 from patient_side.safety.emergency_stop import EmergencyStops
@@ -200,7 +198,7 @@ class PatientNode:
 
     def _tick(self, k: int, t_ns: int, begin_ns: int) -> Iterator[Output]:
         """Yield the answers as soon as they are computed, then the records: logging must not delay publishing."""
-        # For each hand the active estimate, the set point, and the arm's reaction to it.
+        # For each hand the active estimate and the set point.
         begun: list[Begun] = []
         for hand in self.hands:
             estimate, step_ns = self._step(hand, 0, t_ns)
@@ -218,14 +216,10 @@ class PatientNode:
                 wrist = steer(hand, wrist, t_ns)
             if place is not None and hand.safety is not None:
                 yield set_point(self.session, hand, place, wrist, k, t_ns)
-            moved = None
-            if hand.plant is not None:
-                reference = None if place is None else np.array(place)
-                hand.plant_state, moved = hand.plant.step(hand.plant_state, reference, k, t_ns)
-                if moved is not None:
-                    measured, at = hand.channels.measured, vector(moved.measured_m)
-                    yield answer(self.session, hand, measured, at, _moved_wrist(moved, wrist), k, t_ns, k)
-            begun.append(Begun(where_m, std, step_ns, turn, turn_step_ns, number, moved, before))
+            begun.append(Begun(where_m, std, step_ns, turn, turn_step_ns, number, Driven(place, wrist), before))
+        # The arms move after all answers have left, as physics takes its time.
+        for hand, done in zip(self.hands, begun, strict=True):
+            yield from move(self.session, hand, done.driven, k, t_ns)
         # The other estimators and the records.
         for hand, done in zip(self.hands, begun, strict=True):
             yield from self._notes(hand, done, k, t_ns)
@@ -339,13 +333,7 @@ class PatientNode:
         change = safety_change(hand, begun.mode_before, t_ns)
         if change is not None:
             yield change
-        if begun.moved is not None:
-            age_ns = hand.plant.age_ns(t_ns) if isinstance(hand.plant, ExternalArm) else None
-            where_m = vector(begun.moved.position_m)
-            plant_note = PlantNote(tick=k, t_ns=t_ns, hand=of_hand, position_m=where_m, age_ns=age_ns)
-            yield Record(PLANT, t_ns, plant_note)
-        if isinstance(hand.plant, ExternalArm):
-            yield from hand.plant.notes()
+        yield from moved_notes(hand, k, t_ns)
         fresh = hand.freshest
         if fresh is not None and fresh.sample_ns > hand.used_sample_ns:
             hand.used_sample_ns = fresh.sample_ns
@@ -364,9 +352,3 @@ class PatientNode:
     def _tick_note(self, k: int, begin_ns: int, missed: bool = False) -> Record:
         note = TickNote(tick=k, due_ns=self.ticker.due_ns(k), begin_ns=begin_ns, missed=missed)
         return Record(TICKS, begin_ns, note)
-
-
-def _moved_wrist(moved: PlantOutput, driven: Wrist) -> Wrist:
-    """Return orientation and gripper of the plant's arm: its own, or those that drive it."""
-    orientation = driven.orientation if moved.orientation is None else quaternion(moved.orientation)
-    return Wrist(orientation, driven.gripper_rad if moved.gripper_rad is None else moved.gripper_rad)

@@ -15,7 +15,7 @@ def live_rules(session: str, source: Source, patient: PatientPart, train: str) -
     """
     is_live = isinstance(source, LiveSource)
     return {
-        "patient.plant.kind must be servo or external with a live source: there is no recorded arm to replay": (
+        "patient.plant.kind must be servo, mujoco or external with a live source: there is no recorded arm to replay": (
             not is_live or patient.plant.kind != "replay"
         ),
         "identification.train must be synthetic or a model file with a live source, which has no training rows": (
@@ -45,7 +45,7 @@ def virtual_time_faults(where: str, source: Source, patient: PatientPart) -> lis
         rule = "must be recorded or synthetic in virtual time: nothing tells what a live device would do"
         faults.append(Fault(where, "source.kind", rule, source.kind))
     if patient.plant.kind == "external":
-        rule = "must be replay or servo in virtual time: an external arm moves in real time only"
+        rule = "must be replay, servo or mujoco in virtual time: an external arm moves in real time only"
         faults.append(Fault(where, "patient.plant.kind", rule, patient.plant.kind))
     return faults
 

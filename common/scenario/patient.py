@@ -11,6 +11,7 @@ from common.scenario.estimator_names import AnyEstimatorName, LearnedName, each_
 from common.scenario.learning import Learning
 from common.scenario.orientation import Orientation
 from common.scenario.safety import Gate, Safety
+from common.scenario.simulated_arm import MujocoPlant
 from common.units import MM_PER_M
 
 OrderRule = Literal["auto", "energy", "gap", "criterion", "validation"]
@@ -53,7 +54,7 @@ class ExternalPlant(Part):
 
 TickMode = Literal["free", "phase_locked", "on_arrival"]
 
-Plant = Annotated[ReplayPlant | ServoPlant | ExternalPlant, Field(discriminator="kind")]
+Plant = Annotated[ReplayPlant | ServoPlant | ExternalPlant | MujocoPlant, Field(discriminator="kind")]
 
 
 class PatientPart(Part):

@@ -67,14 +67,27 @@ def identify(
         Path | None,
         typer.Option(help="Draw the singular values, the order rules and the validation (.svg, .pdf or .png)."),
     ] = None,
+    dynamics: Annotated[
+        bool,
+        typer.Option(
+            "--dynamics",
+            help="Identify masses, inertias and friction of the simulated arm (patient.plant: mujoco) instead.",
+        ),
+    ] = False,
     settings: SetOption = None,
     seed: SeedOption = None,
 ) -> int:
     """Identify the arm's model from a scenario's training data; use the file as identification.train."""
     from deploy.run.resolve import resolve
+
+    resolved = resolve(scenario, settings or (), seed)
+    if dynamics:
+        from deploy.tools.identify_dynamics import identify_dynamics_and_print
+
+        return identify_dynamics_and_print(resolved, out, figure, OUT)
     from deploy.tools.identify import identify_and_print
 
-    return identify_and_print(resolve(scenario, settings or (), seed), out, figure, OUT, ERR)
+    return identify_and_print(resolved, out, figure, OUT, ERR)
 
 
 @app.command()
@@ -96,6 +109,15 @@ def synth(
     ),
     seed: Annotated[int, typer.Option(help="Seed of the movements.")] = 1,
     duration_s: Annotated[float, typer.Option(help="Length of a trial, in s.")] = 90.0,
+    plant: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SCENARIO",
+            help="Let the arm of this scenario (patient.plant: mujoco or servo) execute the movements: the trials' "
+            "arms are its own; --set changes it.",
+        ),
+    ] = None,
+    settings: SetOption = None,
     check: Annotated[
         bool, typer.Option("--check", help="Compare the movement's statistics with those of recorded suturing.")
     ] = False,
@@ -106,12 +128,16 @@ def synth(
     on the others.
     """
     from common.runtime.command_line import command_line
+    from deploy.run.resolve import resolve
     from deploy.tools.synth import print_calibration, write_trials
 
     if out_dir is None and not check:
         raise InputError(Fault("tis synth", "OUT_FOLDER", "is required, or --check"))
+    if settings and plant is None:
+        raise InputError(Fault("tis synth", "--set", "must be given with --plant, whose scenario it changes"))
     if out_dir is not None:
-        files = write_trials(out_dir, trials, task, seed, duration_s, command_line(), people)
+        arm = None if plant is None else resolve(plant, settings or ())
+        files = write_trials(out_dir, trials, task, seed, duration_s, command_line(), people, arm)
         OUT.print(
             escape(f"{len(files)} synthetic trials in {out_dir}; play one with\n")
             + escape(f"source: {{kind: jigsaws, path: {out_dir}, task: {task}, trial: S001}}"),

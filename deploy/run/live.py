@@ -25,6 +25,7 @@ from deploy.view.page_process import PageAddress, PageProcess, page_beside
 from deploy.view.page_text import RunOutput
 from deploy.watch.observer import Observer
 from patient_side.models import own_estimators, read_models
+from patient_side.plant.extra import check_plant
 
 if TYPE_CHECKING:
     from deploy.run.conclude import Outputs
@@ -90,6 +91,7 @@ def run_live(
 def _check_before(scenario: Scenario, foreign_surgeon: bool) -> None:
     """Raise `InputError` and `DataError` before any folder or process exists, instead of in a side's process."""
     scenario.identification.check_for_live_runs(scenario.estimators)
+    check_plant(scenario)
     own_estimators(scenario)
     if foreign_surgeon:
         check_foreign_surgeon(f"scenario {scenario.name}", scenario.source)

@@ -28,6 +28,7 @@ from netem.build import build_netem
 from netem.control.notes import with_live_changes
 from patient_side.build import build_patient
 from patient_side.models import factories, model_attachment, models_for, origins, own_estimators
+from patient_side.plant.extra import check_plant
 from patient_side.provenance import warnings_at_start
 from patient_side.statespace import ArmModel
 from surgeon_side.build import build_surgeon
@@ -52,6 +53,7 @@ def build_sides(
     ``recording`` the scenario's recording if it is loaded already.
     """
     refuse_in_virtual_time(scenario)
+    check_plant(scenario)
     own = own_estimators(scenario)  # first: faults are reported before any slow step
     recording = recording or load_recording(scenario)
     models = models_for(scenario, recording)

@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError
+from common.scenario import Scenario
 from common.scenario.source import SYNTHETIC_SUBJECTS, JigsawsSource, SyntheticSource
 from common.sources.calibration import (
     RECORDED_SUTURING,
@@ -25,6 +26,8 @@ from common.sources.population import MAX_TRIALS, population
 from common.sources.synthetic import synthesise
 from common.sources.trajectory import Recording
 from deploy.tools.synth_readme import readme
+from patient_side.plant.build import executing_plant
+from patient_side.plant.execution import executed
 
 _MAX_DURATION_S: Final = 3600.0
 
@@ -41,18 +44,22 @@ def write_trials(
     duration_s: float,
     command: str,
     n_people: int | None = None,
+    arm: Scenario | None = None,
 ) -> list[Path]:
     """Write trials and a README into a new or empty folder, all or none; return the trials' files.
 
     The trials are S001, S002, ... of the calibrated surgeon, or with ``n_people`` (1 to 8) S001, ..., T001, ... of
-    each person of the seed's `population`. Raises `InputError` with all faults of the numbers and the task,
+    each person of the seed's `population`. The plant of the scenario ``arm``, if given, executes the movements, and
+    the trials' arms are its own. Raises `InputError` with all faults of the numbers and the task,
     `DataError` when the folder is not empty or cannot be written.
     """
     _check(n_people, n_trials, task, seed, duration_s)
+    if arm is not None:
+        executing_plant(arm.patient.plant, seed, "PSM1")  # its faults are reported before anything is written
     out_dir = out_dir.absolute()
     letters = SYNTHETIC_SUBJECTS[: n_people or 1]
     names = [f"{letter}{trial:03d}" for letter in letters for trial in range(1, n_trials + 1)]
-    text = readme(names, _SOURCE, seed, n_people, task, command, out_dir)
+    text = readme(names, _SOURCE, seed, n_people, task, command, out_dir, arm)
     # Trials and README are written to a partial folder and moved; a failure removes everything again.
     is_new = not out_dir.exists()
     partial: Path | None = None
@@ -65,7 +72,8 @@ def write_trials(
         folder = partial / task / "kinematics" / "AllGestures"
         folder.mkdir(parents=True)
         for name, recording in zip(names, _recordings(n_people, n_trials, seed, duration_s), strict=True):
-            (folder / f"{task}_{name}.txt").write_text(trial_text(recording), "utf-8")
+            done = recording if arm is None else executed(recording, arm, _arm_seed(seed, name))
+            (folder / f"{task}_{name}.txt").write_text(trial_text(done), "utf-8")
         (partial / "README.txt").write_text(text, "utf-8")
         (partial / "README.txt").replace(out_dir / "README.txt")
         (partial / task).replace(out_dir / task)
@@ -113,6 +121,12 @@ def _recordings(n_people: int | None, n_trials: int, seed: int, duration_s: floa
 
 def _trial(seed: int, number: int, duration_s: float) -> Recording:
     return synthesise(_SOURCE, (MAX_TRIALS + 1) * seed + number, RATE_HZ, _n_rows(duration_s), 0)
+
+
+def _arm_seed(seed: int, name: str) -> int:
+    """Return the seed of the sensor noise in a trial: each has one of its own."""
+    people = len(SYNTHETIC_SUBJECTS)
+    return (people * seed + SYNTHETIC_SUBJECTS.index(name[0])) * (MAX_TRIALS + 1) + int(name[1:])
 
 
 def _n_rows(duration_s: float) -> int:

@@ -4,6 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+import yaml
+
+from common.scenario import Scenario
 from common.scenario.source import SYNTHETIC_SUBJECTS, SyntheticSource
 from common.sources.jigsaws import RATE_HZ
 from common.sources.population import SPREAD, person
@@ -32,6 +35,13 @@ Trial k of seed n is the movement of the source {kind: synthetic, hands: [left, 
 1000 n + k. It is calibrated to aggregate statistics of recorded suturing. "tis synth --check" prints the
 calibration."""
 
+_ARM: Final = """
+
+The columns of the arms are those of an arm with dynamics of its own, as its sensors measure it. It executed the poses
+of the synthetic arm, a set point for each row; row k shows it at the instant of set point k:
+{plant}
+"""
+
 _SEVERAL: Final = """\
 Each letter is a person. They differ as much as recorded people do, about a surgeon who is calibrated to aggregate
 statistics of recorded suturing. Trial k of person p (from 1) of seed n is the movement of the person's source for the
@@ -47,10 +57,11 @@ def readme(
     task: str,
     command: str,
     path: Path,
+    arm: Scenario | None = None,
 ) -> str:
     """Return the text for the trials ``names`` in the folder ``path``, of ``n_people`` about ``source``.
 
-    Without ``n_people`` they are of the source itself.
+    Without ``n_people`` they are of the source itself. The plant of the scenario ``arm`` executed them.
     """
     return _TEXT.format(
         first=names[0],
@@ -60,7 +71,8 @@ def readme(
         rate_hz=RATE_HZ,
         letter_1=SYNTHETIC_SUBJECTS[0],
         letter_n=SYNTHETIC_SUBJECTS[-1],
-        whose=_ONE if n_people is None else _SEVERAL.format(people=_people(source, seed, n_people)),
+        whose=(_ONE if n_people is None else _SEVERAL.format(people=_people(source, seed, n_people)))
+        + ("" if arm is None else _ARM.format(plant=yaml.safe_dump(arm.patient.plant.model_dump(), width=100)[:-1])),
         recorder_hz=source.recorder_hz,
         path=path,
     )

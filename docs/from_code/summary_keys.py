@@ -22,12 +22,13 @@ WORDS: Final = Path(__file__).with_name("summary_keys.yaml")
 _SETTINGS: Final = ("estimators=[hold,innovations_kf]", "identification.order=2")  # what takes least time
 _DURATION_S: Final = 6.0
 _STATISTICS: Final = frozenset({"mean", "std", "rms", "last", "p50", "p90", "p95", "p99", "p99.9", "max"})
-_MARK: Final = re.compile(r"\[(live|two hands|own|device)\] ")
+_MARK: Final = re.compile(r"\[(live|two hands|own|device|arm)\] ")
 _WHERE: Final = {
     "live": "Live runs",
     "two hands": "Two hands",
     "own": "Own estimators",
     "device": "Devices of others",
+    "arm": "Arms that execute",
 }
 _NAMES: Final = {
     "links": "DIRECTION", "links.DIRECTION.dropped_by": "REASON", "accuracy": "ESTIMATOR", "error_by_age": "HAND",

@@ -13,6 +13,7 @@ from common.runtime.trace_files import load_traces
 from common.scenario import Scenario
 from common.scenario.patient import is_model_file
 from patient_side.models import own_estimators, read_models
+from patient_side.plant.extra import check_plant
 
 
 def input_faults(side: Side, scenario: Scenario) -> list[Fault]:
@@ -30,6 +31,7 @@ def input_faults(side: Side, scenario: Scenario) -> list[Fault]:
         identification = scenario.identification
         steps.append(lambda: identification.check_for_live_runs(scenario.estimators))
         steps.append(lambda: own_estimators(scenario))
+        steps.append(lambda: check_plant(scenario))
         if is_model_file(scenario.identification.train):
             steps.append(lambda: read_models(Path(scenario.identification.train)))
     for step in steps:

@@ -96,6 +96,21 @@ def _accuracy(summary: Mapping[str, Any]) -> Iterator[Row]:
     errors = [f"{hand} {number(one[active]['rmse_3d_mm'])}" for hand, one in by_hand.items() if active in one]
     if errors:
         yield Row("by hand, mm", ", ".join(errors))
+    yield from _arm(summary)
+
+
+def _arm(summary: Mapping[str, Any]) -> Iterator[Row]:
+    """Yield the error of an arm that executes the set points, and how late it follows them."""
+    entry = summary["accuracy"].get("plant")
+    if entry is None or entry["rmse_3d_mm"] is None:
+        return
+    text = f"{number(entry['rmse_3d_mm'])} mm (RMSE in 3D)"
+    lag_ms = summary["latency_ms"].get("actuation", {}).get("p50")
+    if lag_ms is not None:
+        text += f"; it follows {number(lag_ms)} ms later (median)"
+    if entry.get("clamped_pct"):
+        text += f"; {number(entry['clamped_pct'])} % of the set points were out of its reach"
+    yield Row("arm", text)
 
 
 def _orientation(summary: Mapping[str, Any]) -> Iterator[Row]:

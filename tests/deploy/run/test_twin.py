@@ -150,6 +150,8 @@ def test_a_servo_executes_the_active_estimate_and_is_scored(tmp_path: Path) -> N
     "name", [name for name in shipped_names() if not name.startswith(("paper", "live", "drive"))]
 )
 def test_every_shipped_scenario_that_needs_no_data_runs_valid(name: str, tmp_path: Path) -> None:
+    if name == "simulated_arm":
+        pytest.importorskip("mujoco", reason="the extra sim is not installed")
     scenario = resolve(name, (), None, 3.0 if name == "kilohertz" else 5.0)
     logs, models = _twin(scenario, tmp_path / name)
     summary = build_summary(logs, scenario, models, "twin", 0, "")
@@ -165,15 +167,15 @@ def test_what_happens_elsewhere_in_real_time_has_no_twin() -> None:
     assert found == [
         "scenario live: source.kind: must be recorded or synthetic in virtual time: nothing tells what a live device "
         "would do (got 'live')",
-        "scenario live: patient.plant.kind: must be replay or servo in virtual time: an external arm moves in real "
-        "time only (got 'external')",
+        "scenario live: patient.plant.kind: must be replay, servo or mujoco in virtual time: an external arm moves "
+        "in real time only (got 'external')",
     ]
 
 
 def test_all_shipped_scenarios_are_valid() -> None:
     of_the_paper = (f"paper_{row}" for row in range(1, 7))
     assert shipped_names() == sorted(
-        ["default", "drive", "kilohertz", "lagging_arm", "live", "lossy", "outage", *of_the_paper]
+        ["default", "drive", "kilohertz", "lagging_arm", "live", "lossy", "outage", "simulated_arm", *of_the_paper]
     )
     for name in shipped_names():
         assert resolve(name).name == name

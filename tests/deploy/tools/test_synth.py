@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from common.errors import EXIT_INVALID_RUN, DataError, InputError
 from common.runtime.recordings import list_trials, load_recording, load_training
 from common.scenario import Scenario
+from common.scenario.patient import PatientPart
 from common.scenario.reading import build_scenario
 from common.scenario.source import JigsawsSource, SyntheticSource
 from common.sources.calibration import RECORDED_SUTURING
@@ -184,3 +185,31 @@ def test_the_people_of_a_smaller_folder_are_the_first_of_a_larger_one(tmp_path: 
     files = synth.write_trials(tmp_path / "one", 1, "Suturing", 7, 14.0, "", 1)
     assert [file.name for file in files] == ["Suturing_S001.txt"]
     assert files[0].read_bytes() == next(people.rglob("Suturing_S001.txt")).read_bytes()
+
+
+def test_the_arm_of_a_scenario_executes_the_movements(tmp_path: Path) -> None:
+    plain, executed = tmp_path / "plain", tmp_path / "executed"
+    synth.write_trials(plain, 2, "Suturing", 3, 20.0, "tis synth")
+    arm = _scenario(plain).model_copy(
+        update={"patient": PatientPart.model_validate({"plant": {"kind": "servo", "bandwidth_hz": 2}})}
+    )
+    files = synth.write_trials(executed, 2, "Suturing", 3, 20.0, "tis synth", arm=arm)
+    before, after = (load_recording(_scenario(path, trial="S001")).hands[0] for path in (plain, executed))
+    assert np.array_equal(after.command.position_m, before.command.position_m)
+    lags = [
+        np.linalg.norm(after.follower.position_m[9:] - before.follower.position_m[9 - lag : -lag]) for lag in (1, 4)
+    ]
+    assert lags[1] < 0.5 * lags[0]  # a critically damped servo of 2 Hz is 160 ms behind
+    assert "bandwidth_hz: 2.0" in (executed / "README.txt").read_text()
+    assert [file.name for file in files] == ["Suturing_S001.txt", "Suturing_S002.txt"]
+
+
+def test_settings_without_an_arm_and_an_arm_that_executes_nothing_are_refused(tmp_path: Path) -> None:
+    folder = str(tmp_path / "none")
+    done = CliRunner().invoke(app, ["synth", folder, "--set", "patient.plant.kind=servo"])
+    assert done.exit_code == 2
+    assert "tis synth: --set: must be given with --plant" in done.stderr
+    done = CliRunner().invoke(app, ["synth", folder, "--plant", "default"])
+    assert done.exit_code == 2
+    assert "patient.plant: kind: must not be replay" in done.stderr
+    assert not (tmp_path / "none").exists()

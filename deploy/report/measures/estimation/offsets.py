@@ -41,7 +41,7 @@ def offsets(tracks: "Sequence[HandTrack]", name: str, rate_hz: int) -> dict[str,
 
 
 def actuation_ms(track: "HandTrack", active: str, rate_hz: int) -> Array:
-    """Return the delay (T,) in ms of a servo's arm behind the active estimate; empty without a servo."""
+    """Return the delay (T,) in ms of the plant's arm behind the active estimate; empty where it executes nothing."""
     if "plant" not in track.estimates or active not in track.estimates:
         return np.empty(0)
     found = _aligned(track, track.estimates["plant"], track.estimates[active], rate_hz)

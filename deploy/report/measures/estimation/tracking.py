@@ -28,9 +28,9 @@ Array = NDArray[np.float64]
 class HandTrack:
     """Truth and estimates of one hand by tick; positions (T, 3) in m, NaN for none.
 
-    ``estimates`` begins with the scenario's estimators in its order; a servo's arm comes last, as ``plant``. ``stds``
-    (T, 3) are the standard deviations that estimators state, NaN for none. ``scored`` (T,) marks the scored ticks.
-    Without estimates the instants are those of the recorded samples.
+    ``estimates`` begins with the scenario's estimators in its order; the arm that executes set points comes last, as
+    ``plant``. ``stds`` (T, 3) are the standard deviations that estimators state, NaN for none. ``scored`` (T,) marks
+    the scored ticks. Without estimates the instants are those of the recorded samples.
     """
 
     t_ns: Ints
@@ -73,7 +73,7 @@ def track_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand) -> HandTrack:
 
 
 def accuracy_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand, model: ArmModel) -> dict[str, Any]:
-    """Return the scores of all estimators for one hand, and of a servo plant."""
+    """Return the scores of all estimators for one hand, and of an arm that executes set points."""
     return accuracy_of_track(logs, scenario, track_of_hand(logs, scenario, hand), model)
 
 
@@ -100,6 +100,8 @@ def pooled_accuracy(logs: RunLogs, scenario: Scenario, hands: Sequence[tuple[Han
         entry["offset"] = offsets([track for track, _, _ in having], name, scenario.rate_hz)
         if name != "plant":
             entry |= _steps_and_deviations(logs, name, having)
+        else:
+            entry["clamped_pct"] = _clamped_pct(logs, [model for _, model, _ in having])
         result[name] = entry
     return result
 
@@ -127,6 +129,14 @@ def _steps_and_deviations(
         entry["nees"] = consistency(np.concatenate(errors))
         entry["nis"] = consistency(np.concatenate(innovations))
     return entry
+
+
+def _clamped_pct(logs: RunLogs, models: Sequence[ArmModel]) -> float | None:
+    """Return the share of the hands' ticks whose set point lay outside what the arm's joints reach, in %."""
+    rows = notes(logs, "patient", PLANT)
+    which = np.any([rows.where("hand", model.hand) for model in models], axis=0)
+    clamped = rows.column("clamped")[which]
+    return 100.0 * float(np.mean(clamped)) if len(clamped) else None
 
 
 def _samples_arrived(logs: RunLogs, scenario: Scenario, track: HandTrack, model: ArmModel) -> NDArray[np.bool_]:

@@ -89,13 +89,18 @@ def test_two_hands_are_scored_apart(tmp_path: Path) -> None:
 
 def test_a_servos_arm_is_scored_beside_the_estimators(tmp_path: Path) -> None:
     plant = [
-        Record(PLANT, t * MS, PlantNote(tick=k, t_ns=t * MS, hand="left", position_m=Vector3(x=x, y=0, z=0)))
+        Record(
+            PLANT,
+            t * MS,
+            PlantNote(tick=k, t_ns=t * MS, hand="left", position_m=Vector3(x=x, y=0, z=0), clamped=k == 2),
+        )
         for k, (t, x) in enumerate(zip(TICKS_MS, (0, 0.0235, 0.0245, 0.0255), strict=True))
     ]  # 3 mm ahead
     logs = write_run(tmp_path, surgeon=TRUTH, patient=[FIRST, *_at_mm(0, 18.5, 19.5, 20.5, name="hold"), *plant])
     servo = a_scenario(patient={"plant": {"kind": "servo"}})
     assert accuracy_of_hand(logs, servo, "left", MODEL)["plant"]["rmse_3d_mm"] == pytest.approx(3)
     assert accuracy_of_hand(logs, servo, "left", MODEL)["plant"]["ratio_to_hold"] == pytest.approx(1.5)
+    assert accuracy_of_hand(logs, servo, "left", MODEL)["plant"]["clamped_pct"] == pytest.approx(25)  # 1 tick of 4
     assert "plant" not in accuracy_of_hand(logs, a_scenario(), "left", MODEL)
 
 

@@ -11,7 +11,10 @@ from common.scenario import Scenario
 from common.sources.trajectory import HandRecording, PoseTrack, Recording
 from common.streams import Stream
 from common.units import sample_instant_ns
-from patient_side.plant import ReplayPlant, ServoPlant, build_plant, noise_label
+from patient_side.plant.build import build_plant, noise_label
+from patient_side.plant.protocol import Reference
+from patient_side.plant.replay import ReplayPlant
+from patient_side.plant.servo import ServoPlant
 from patient_side.statespace import Array
 
 NOISE = Stream.named(1, noise_label("PSM2"))
@@ -80,7 +83,7 @@ def test_servo_solves_its_differential_equation(damping: float) -> None:
     state, w = plant.initial(), 2 * np.pi * 2.0
     z, held = np.concatenate([[0.1, 0.0, -0.2], np.zeros(3)]), np.array([0.1, 0.0, -0.2])
     for k, (now_ns, reference) in enumerate(zip(ticks_ns, references, strict=True)):
-        state, output = plant.step(state, reference, k, now_ns)
+        state, output = plant.step(state, None if reference is None else Reference(reference), k, now_ns)
         if k:
 
             def motion(_: float, s: Array, r: Array = held) -> Array:
@@ -101,13 +104,13 @@ def test_servo_waits_for_a_reference_and_begins_there_at_rest() -> None:
     assert output is None
     target = np.array([0.1, 0.2, 0.3])
     for k in range(1, 4):
-        state, output = plant.step(state, target, k, k * 33_333_333)
+        state, output = plant.step(state, Reference(target), k, k * 33_333_333)
         assert output is not None
         assert output.position_m == pytest.approx(target, abs=1e-15)
 
 
 def test_sensor_noise_belongs_to_the_tick_and_is_normal() -> None:
-    plant, target = servo(noise_m=1e-3), np.zeros(3)
+    plant, target = servo(noise_m=1e-3), Reference(np.zeros(3))
     state, _ = plant.step(None, target, 0, 0)
     errors = []
     for k in range(1, 1500):

@@ -1,0 +1,56 @@
+"""The arm's movement at a tick: the plant takes the set point, and its sensors answer."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from common.node import Emission, Record
+from common.records import PLANT, PlantNote
+from patient_side.answers import answer
+from patient_side.external_arm import ExternalArm
+from patient_side.hand import Driven, PatientHand, vector
+from patient_side.orientation.wrist import Wrist, components, quaternion
+from patient_side.plant.protocol import PlantOutput, Reference
+from patient_side.rotations import unit
+
+
+def move(session: str, hand: PatientHand, driven: Driven, tick: int, t_ns: int) -> Iterator[Emission]:
+    """Move a hand's arm until ``t_ns``, give it the new set point, and yield what its sensors measure."""
+    if hand.plant is None:
+        return
+    hand.plant_state, hand.moved = hand.plant.step(hand.plant_state, _reference(hand, driven), tick, t_ns)
+    if hand.moved is not None:
+        measured, at = hand.channels.measured, vector(hand.moved.measured_m)
+        yield answer(session, hand, measured, at, _moved_wrist(hand.moved, driven.wrist), tick, t_ns, tick)
+
+
+def moved_notes(hand: PatientHand, tick: int, t_ns: int) -> Iterator[Record]:
+    """Yield the record of a hand's arm at a tick, and what an arm of another program did or sent."""
+    external = hand.plant if isinstance(hand.plant, ExternalArm) else None
+    if hand.moved is not None:
+        note = PlantNote(
+            tick=tick,
+            t_ns=t_ns,
+            hand=hand.channels.hand,
+            position_m=vector(hand.moved.position_m),
+            age_ns=None if external is None else external.age_ns(t_ns),
+            clamped=hand.moved.is_clamped,
+        )
+        yield Record(PLANT, t_ns, note)
+    if external is not None:
+        yield from external.notes()
+
+
+def _reference(hand: PatientHand, driven: Driven) -> Reference | None:
+    """Return the set point for the plant; its orientation is unknown before a sample has told it."""
+    if driven.place is None:
+        return None
+    is_known = hand.pose is not None
+    orientation = unit(components(driven.wrist.orientation)) if is_known else None
+    return Reference(np.array(driven.place), orientation, driven.wrist.gripper_rad)
+
+
+def _moved_wrist(moved: PlantOutput, driven: Wrist) -> Wrist:
+    """Return orientation and gripper of the plant's arm: its own, or those that drive it."""
+    orientation = driven.orientation if moved.orientation is None else quaternion(moved.orientation)
+    return Wrist(orientation, driven.gripper_rad if moved.gripper_rad is None else moved.gripper_rad)

@@ -1,0 +1,21 @@
+"""The optional package that simulates an arm."""
+
+from importlib.util import find_spec
+from typing import Final
+
+from common.errors import Fault, InputError
+from common.scenario import Scenario
+
+GET_SIM: Final = "pip install 'tis-testbed[sim]'"
+
+
+def check_plant(scenario: Scenario) -> None:
+    """Raise `InputError` where this installation cannot move the scenario's arm."""
+    if scenario.patient.plant.kind == "mujoco":
+        check_simulator()
+
+
+def check_simulator() -> None:
+    """Raise `InputError` where MuJoCo is missing, which simulates the arm."""
+    if find_spec("mujoco") is None:
+        raise InputError(Fault("patient.plant", "kind", f"mujoco needs the package mujoco: {GET_SIM}"))

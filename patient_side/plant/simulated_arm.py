@@ -1,0 +1,92 @@
+"""The simulated arm: joints that MuJoCo moves, driven by set points through its inverse kinematics."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import ndtri
+
+from common.streams import Stream
+from common.units import NS_PER_S
+from patient_side.plant.arm_geometry import INSERTION, N_JOINTS, tip_frame
+from patient_side.plant.inverse_kinematics import Reached, joints_for
+from patient_side.plant.physics import ArmPhysics
+from patient_side.plant.protocol import PlantOutput, Reference
+from patient_side.plant.registration import Registration, orientation_of, pose
+from patient_side.statespace import Array
+
+
+class ArmState(NamedTuple):
+    """State of the physics, its number of steps since the run's epoch, and the set point in force.
+
+    ``orientation`` (4,) is that of the set point, ``reached`` are its joints.
+    """
+
+    physics: Array
+    n_steps: int
+    registration: Registration
+    orientation: Array
+    reached: Reached
+
+
+@dataclass(frozen=True)
+class SimulatedArm:
+    """A simulated arm whose physics takes whole steps, beside the ticks.
+
+    The first set point with an orientation becomes the home pose, where the arm rests (`Registration`); before it
+    there is no arm. At a tick the arm stands where its last whole step of ``1 / physics_hz`` has brought it, at most
+    one step earlier. The noise of joint j at tick k is element ``7 k + j`` of the stream; it is that of the readings,
+    the position loops are free of it. ``noise_std`` (7,) is in rad, of the insertion in m.
+
+    Oracles: the servo's differential equation for small movements, and equal states from equal set points,
+    test_simulated_arm.
+    """
+
+    physics: ArmPhysics
+    physics_hz: int
+    insertion_m: float
+    noise_std: Array
+    noise: Stream
+
+    def initial(self) -> ArmState | None:
+        """Return the state before the first set point: none."""
+        return None
+
+    def step(
+        self, state: ArmState | None, reference: Reference | None, tick: int, now_ns: int
+    ) -> tuple[ArmState | None, PlantOutput | None]:
+        """Return the arm at ``now_ns``, moved from the last tick's state towards the last set point."""
+        n_steps = max(now_ns, 0) * self.physics_hz // NS_PER_S
+        if state is None:
+            if reference is None or reference.orientation is None:
+                return None, None
+            state = self._at_home(reference, n_steps)
+        # the movement until now, by the set point of the tick before
+        physics, joints = self.physics.advance(state.physics, state.reached.joints, max(n_steps - state.n_steps, 0))
+        where = state.registration.from_base @ tip_frame(joints)
+        read = joints + self._reading_error(tick)
+        measured = state.registration.from_base @ tip_frame(read) if self.noise_std.any() else where
+        output = PlantOutput(
+            where[:3, 3], measured[:3, 3], orientation_of(measured), float(read[-1]), state.reached.is_clamped
+        )
+        # the set point from now on
+        orientation, reached = state.orientation, state.reached
+        if reference is not None:
+            orientation = orientation if reference.orientation is None else reference.orientation
+            target = state.registration.to_base @ pose(reference._replace(orientation=orientation))
+            reached = joints_for(target, reference.gripper_rad, reached.joints)
+        return ArmState(physics, n_steps, state.registration, orientation, reached), output
+
+    def _at_home(self, first: Reference, n_steps: int) -> ArmState:
+        joints = np.zeros(N_JOINTS)
+        joints[INSERTION] = self.insertion_m
+        home = tip_frame(joints)
+        reached = joints_for(home, first.gripper_rad, joints)
+        assert first.orientation is not None
+        physics = self.physics.at_rest(reached.joints)
+        return ArmState(physics, n_steps, Registration.at_home(first, home), first.orientation, reached)
+
+    def _reading_error(self, tick: int) -> Array:
+        if not self.noise_std.any():
+            return np.zeros(N_JOINTS)
+        return np.asarray(self.noise_std * ndtri(self.noise.uniforms(N_JOINTS * tick, N_JOINTS)))
