@@ -82,6 +82,7 @@ _COLUMNS: Final[Mapping[str, str]] = {
     "reason": "reason of the rejection",
     "head_hex": "its first bytes, hexadecimal",
     "at_ns": "when it was recorded",
+    "clamped": "1: the set point in force lay outside what the joints of the arm reach",
     "before": "safety state until then",
     "mode": "safety state: tracking, resuming, hold, slow_stop or safe",
     "cause": "reason of the change",
