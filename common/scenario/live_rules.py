@@ -15,7 +15,7 @@ def live_rules(session: str, source: Source, patient: PatientPart, train: str) -
     """
     is_live = isinstance(source, LiveSource)
     return {
-        "patient.plant.kind must be servo, mujoco or external with a live source: there is no recorded arm to replay": (
+        "patient.plant.kind must not be replay with a live source: there is no recorded arm to replay": (
             not is_live or patient.plant.kind != "replay"
         ),
         "identification.train must be synthetic or a model file with a live source, which has no training rows": (

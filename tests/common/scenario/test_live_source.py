@@ -28,7 +28,7 @@ def rules(**changes: Any) -> list[str]:
 def test_a_live_source_needs_a_plant_and_a_training_without_a_recording() -> None:
     found = rules(patient={}, identification={})
     assert len(found) == 2
-    assert "patient.plant.kind must be servo, mujoco or external with a live source" in found[0]
+    assert "patient.plant.kind must not be replay with a live source" in found[0]
     assert "identification.train must be synthetic or a model file with a live source" in found[1]
 
 
