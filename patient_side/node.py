@@ -133,7 +133,8 @@ class PatientNode:
         if arrival.key == self._stops.key:
             return self._stop(arrival)
         if arrival.key in self._arms:
-            self._arms[arrival.key].take(arrival)
+            if self.ticker.next_due_ns() is not None:  # else no tick would take it
+                self._arms[arrival.key].take(arrival)
             return ()
         accepted, records = self.gated.take(arrival)
         if accepted is not None:

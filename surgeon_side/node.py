@@ -116,7 +116,8 @@ class SurgeonNode:
     def receive(self, arrival: Arrival) -> Sequence[Output]:
         """Log an answer, and display it from the next tick on; keep a device's pose for the next sample."""
         if arrival.key not in self._answers:
-            self.motion.take(arrival)
+            if self.ticker.next_due_ns() is not None:  # else no sample would take it
+                self.motion.take(arrival)
             return ()
         accepted, records = self.intake.take(arrival)
         if accepted is not None:

@@ -61,7 +61,8 @@ def outcome_of(ends: Mapping[Side, SideEnd], interrupted: bool) -> Outcome:
     for end in killed:
         output = "; ".join(end.reasons) or "none"
         reasons.append(f"{end.side}: killed by {_signal_name(-end.exit_code)}, last output: {output}")
-    for end in failed:
+    # netem stands between the others, and knows best who left: to each of them it is netem that goes.
+    for end in sorted(failed, key=lambda end: end.side != "netem"):
         reasons += [reason for reason in end.reasons if end not in killed and reason not in reasons]
     if killed:
         return Outcome(PeerError.exit_code, tuple(reasons), codes)

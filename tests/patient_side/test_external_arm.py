@@ -97,6 +97,16 @@ def test_the_patient_listens_to_the_arm_and_sends_its_newest_pose_with_its_age()
     assert node.counters()["arm_poses.left"] == 1
 
 
+def test_after_the_last_tick_an_arm_that_goes_on_sends_nothing_too_fast() -> None:
+    scenario = resolve("live", ["patient.plant.kind=external"], None, 0.05)
+    node = build_patient(scenario, [static_model()], load_movement(scenario))
+    while (due_ns := node.next_wake_ns()) is not None:
+        list(node.wake(due_ns))
+    for ms in range(60, 560):
+        node.receive(pose(ms, 0.25))
+    assert node.counters()["arm_flooded.left"] == 0
+
+
 def test_without_an_external_arm_its_key_is_nobodys() -> None:
     scenario = resolve("live", (), None, 1.0)
     node = build_patient(scenario, [static_model()], load_movement(scenario))

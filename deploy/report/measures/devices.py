@@ -11,12 +11,12 @@ from common.units import NS_PER_S
 from deploy.logs.read.load import RunLogs
 
 MEANING: Final[Mapping[Refusal, str]] = {
-    "undecodable": "no pose",
+    "undecodable": "that were no pose or beyond its limits",
     "not_finite": "with numbers that are not finite",
     "no_rotation": "with a quaternion of length 0",
     "backwards": "with a clock that stood or went back",
-    "flooded": "too many between two ticks",
-    "jump": "a jump, which was not followed",
+    "flooded": "that came too fast, between two ticks",
+    "jump": "that jumped, which were not followed",
 }
 """Words for each reason of a refusal."""
 
@@ -46,14 +46,13 @@ def device_texts(summary: Mapping[str, Any]) -> list[str]:
         for hand, row in summary.get(key, {}).items():
             whose = f"the {name.format(hand)}"
             if not row["poses"]:
-                texts.append(f"{whose} sent no pose at all")
-                continue
-            if row["silent_ticks"]:
+                texts.append(f"{whose} sent no pose that could be used")
+            elif row["silent_ticks"]:
                 times = "once" if row["silences"] == 1 else f"{row['silences']} times"
                 texts.append(f"{whose} was silent {times}, for {row['silent_s']:.1f} s in all: its last pose held")
             refused = [f"{n} {MEANING[reason]}" for reason, n in row["refused"].items() if n]
             if refused:
-                texts.append(f"messages of {whose} that were not used: {', '.join(refused)}")
+                texts.append(f"not used of the messages of {whose}: {', '.join(refused)}")
     return texts
 
 

@@ -102,7 +102,7 @@ def _accuracy(summary: Mapping[str, Any]) -> Iterator[Row]:
 def _arm(summary: Mapping[str, Any]) -> Iterator[Row]:
     """Yield the error of an arm that executes the set points, and how late it follows them."""
     entry = summary["accuracy"].get("plant")
-    if entry is None or entry["rmse_3d_mm"] is None:
+    if entry is None or entry["rmse_3d_mm"] is None or entry["n_missing"] == entry["n_scored"]:
         return
     text = f"{number(entry['rmse_3d_mm'])} mm (RMSE in 3D)"
     lag_ms = summary["latency_ms"].get("actuation", {}).get("p50")

@@ -278,12 +278,23 @@ def run_warnings(summary: Mapping[str, Any]) -> list[str]:
     return [
         *_absence_texts(summary),
         *_quarantine_text(summary),
+        *_stop_texts(summary),
         *device_texts(summary),
         *refusal_texts(summary.get("refused", {})),
         *estimator_fault_texts(summary),
         *(summary.get("in_sample") or []),
         *recording.get("warnings", []),
     ]
+
+
+def _stop_texts(summary: Mapping[str, Any]) -> list[str]:
+    """Return a sentence on emergency stops; none without any."""
+    hands = [row for row in summary.get("safety", {}).values() if row is not None and row["emergency_stops"]]
+    if not hands:
+        return []
+    n, safe_s = hands[0]["emergency_stops"], max(row["time_s"]["safe"] for row in hands)
+    times = "an emergency stop" if n == 1 else f"{n} emergency stops"
+    return [f"{times} stopped the arms, which stood still for {safe_s:.1f} s: the errors count that time"]
 
 
 def _absence_texts(summary: Mapping[str, Any]) -> list[str]:

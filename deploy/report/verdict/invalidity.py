@@ -12,6 +12,7 @@ from common.sources.provenance import RECORDING_FILE, parse_played
 from common.units import NS_PER_S
 from deploy.logs.json_rows import Row
 from deploy.logs.read.load import RunLogs
+from deploy.report.measures.devices import is_foreign
 from deploy.report.measures.processors import shares_of
 from deploy.report.verdict.contention import contention_clause
 
@@ -27,11 +28,58 @@ _SAME_NS: Final = 2 * NS_PER_S
 _MAX_MISSED_TICKS: Final = 0.01
 _MAX_UNPLANNED: Final = 0.01
 _MAX_WITHOUT_ESTIMATE: Final = 0.01
+_MAX_UNUSED: Final = 0.01
+_EARLIEST_MS: Final = -1.0
+"""A message that arrives more than this before it was sent has a send time that is wrong."""
 
 
 def invalidities(summary: Mapping[str, Any], scenario: Scenario, logs: RunLogs) -> list[str]:
     """Return a sentence for each problem that the figures of a summary show."""
-    return _lives(logs) + _unrecorded(logs) + _starved(summary, scenario, logs) + _without_estimate(summary)
+    return [
+        *_lives(logs),
+        *_unused(summary),
+        *_silent_programs(summary),
+        *_sent_after_arrival(summary),
+        *_unrecorded(logs),
+        *_starved(summary, scenario, logs),
+        *_without_estimate(summary),
+    ]
+
+
+def _unused(summary: Mapping[str, Any]) -> list[str]:
+    """Return a problem where the patient used few of the messages that arrived: what causes the problems below."""
+    few = _MAX_UNUSED * (summary["links"]["forward"]["sent"] or 0)
+    problems = []
+    rejected = summary.get("rejected", {}).get("patient") or 0
+    if rejected > few:
+        why = "no header of the testbed, another run's number, or no such pose"
+        problems.append(f"rejected: the patient rejected {rejected} messages: {why}")
+    kinds = {kind: n for kind, n in summary.get("quarantined", {}).items() if n}
+    if sum(kinds.values()) > few:
+        texts = ", ".join(f"{n} {kind}" for kind, n in kinds.items())
+        problems.append(f"quarantined: the patient did not use {sum(kinds.values())} samples ({texts})")
+    return problems
+
+
+def _silent_programs(summary: Mapping[str, Any]) -> list[str]:
+    """Return a problem for each device and external arm of which no pose was used: nothing was measured."""
+    names = {"devices": "the device", "external_arms": "the external arm"}
+    return [
+        f"{key}.{hand}: no pose came from {name} that could be used"
+        for key, name in names.items()
+        for hand, row in summary.get(key, {}).items()
+        if not row["poses"]
+    ]
+
+
+def _sent_after_arrival(summary: Mapping[str, Any]) -> list[str]:
+    """Return a problem where the usual message arrived before it was sent, by its header and the clocks."""
+    network_ms = (summary["latency_ms"].get("network") or {}).get("p50")
+    bound = summary.get("uncertainty_ms", {}).get("latency_ms.network", {}).get("p50") or 0.0
+    if network_ms is None or network_ms >= _EARLIEST_MS - bound:
+        return []
+    rule = "by their headers (sent_ns) messages were sent after they had arrived, median"
+    return [f"latency_ms.network: {rule} {-network_ms:.1f} ms"]
 
 
 def _lives(logs: RunLogs) -> list[str]:
@@ -158,6 +206,8 @@ def _while_away(logs: RunLogs) -> str:
 
 def _why_missed(logs: RunLogs, side: Side) -> str:
     """Return why ticks were missed: the side was away or stood still, its clock stepped, or the machine was busy."""
+    if side == "surgeon" and is_foreign(logs):
+        return "as the foreign surgeon sent no such sample in time that could be used"
     covered = logs.coverage(side)
     if covered is not None and covered.away and covered.away_counts:
         return "as it was started anew in mid-run (on_rejoin)"

@@ -211,5 +211,5 @@ def test_settings_without_an_arm_and_an_arm_that_executes_nothing_are_refused(tm
     assert "tis synth: --set: must be given with --plant" in done.stderr
     done = CliRunner().invoke(app, ["synth", folder, "--plant", "default"])
     assert done.exit_code == 2
-    assert "patient.plant: kind: must not be replay" in done.stderr
+    assert "patient.plant: kind: must be servo or mujoco" in done.stderr
     assert not (tmp_path / "none").exists()

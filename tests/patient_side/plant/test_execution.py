@@ -53,5 +53,5 @@ def test_the_simulated_arm_follows_late_with_pose_and_gripper() -> None:
 
 
 def test_a_replay_executes_nothing() -> None:
-    with pytest.raises(InputError, match=r"patient\.plant: kind: must not be replay"):
+    with pytest.raises(InputError, match=r"patient\.plant: kind: must be servo or mujoco"):
         executed(a_recording(3), a_scenario(kind="replay"), 1)

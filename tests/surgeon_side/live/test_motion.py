@@ -106,6 +106,17 @@ def test_each_kind_of_refusal_is_told_once_and_counted_always() -> None:
     assert node.counters()["device_backwards.left"] == 2
 
 
+def test_after_the_last_sample_a_device_that_goes_on_sends_nothing_too_fast() -> None:
+    node = a_node(n_ticks=2)
+    for k in range(2):
+        node.receive(pose(k * 100, 0.0))
+        node.wake(k * 100 * MS)
+    for ms in range(101, 500):
+        node.receive(pose(ms, 0.0))
+    assert node.counters()["device_flooded.left"] == 0
+    assert node.counters()["device_poses.left"] == 2
+
+
 def test_a_jump_is_told() -> None:
     node = a_node(max_speed_mm_s=100)
     node.receive(pose(0, 0.0))

@@ -23,6 +23,7 @@ def test_what_devices_and_arms_sent_and_what_was_not_used_of_it(tmp_path: Path) 
         counter("device_jump.left", 1),
         counter("device_poses.right", 0),
         counter("device_silences.right", 1),
+        counter("device_not_finite.right", 5),
     ]
     patient = [counter("arm_poses.left", 7), counter("arm_poses.right", 8), counter("arm_flooded.right", 1000)]
     scenario = a_scenario(**LIVE)
@@ -33,10 +34,11 @@ def test_what_devices_and_arms_sent_and_what_was_not_used_of_it(tmp_path: Path) 
     assert found["external_arms"]["left"]["poses"] == 7
     assert device_texts(found) == [
         "the device of the left hand was silent 2 times, for 1.5 s in all: its last pose held",
-        "messages of the device of the left hand that were not used: 3 with numbers that are not finite, "
-        "1 a jump, which was not followed",
-        "the device of the right hand sent no pose at all",
-        "messages of the external arm of the right hand that were not used: 1000 too many between two ticks",
+        "not used of the messages of the device of the left hand: 3 with numbers that are not finite, 1 that jumped, "
+        "which were not followed",
+        "the device of the right hand sent no pose that could be used",
+        "not used of the messages of the device of the right hand: 5 with numbers that are not finite",
+        "not used of the messages of the external arm of the right hand: 1000 that came too fast, between two ticks",
     ]
 
 

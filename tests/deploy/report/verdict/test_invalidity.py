@@ -1,8 +1,12 @@
 """What the sides noticed of each other, as problems of a run."""
 
 from pathlib import Path
+from typing import Any
+
+import pytest
 
 from common.channels import Side
+from common.device_records import FOREIGN_SURGEON
 from common.peer_life import Event
 from common.records import COUNTERS, PEERS, CounterNote, PeerNote
 from common.units import NS_PER_S
@@ -70,3 +74,50 @@ def test_a_log_that_lacks_records_is_a_problem_and_the_topics_are_named() -> Non
     assert invalidity._unrecorded(logs) == [
         "patient's log lacks 43 records, written too slowly: 40 of /tis/estimates/hold, 3 of /tis/plant"
     ]
+
+
+def _summary(**parts: Any) -> dict[str, Any]:
+    nothing = {"links": {"forward": {"sent": 720}}, "latency_ms": {}, "rejected": {"surgeon": 0, "patient": 0}}
+    return nothing | {"quarantined": {}} | parts
+
+
+def test_messages_that_were_not_used_are_named_as_the_cause() -> None:
+    assert invalidity._unused(_summary(rejected={"surgeon": 9, "patient": 7}, quarantined={"ahead": 7})) == []
+    found = invalidity._unused(
+        _summary(rejected={"surgeon": 9, "patient": 720}, quarantined={"ahead": 8, "place": 0, "number": None})
+    )
+    assert found == [
+        "rejected: the patient rejected 720 messages: no header of the testbed, another run's number, or no such pose",
+        "quarantined: the patient did not use 8 samples (8 ahead)",
+    ]
+
+
+def test_a_program_of_which_no_pose_was_used_is_a_problem() -> None:
+    devices = {"left": {"poses": 0}, "right": {"poses": 1}}
+    assert invalidity._silent_programs(_summary(devices=devices, external_arms={"left": {"poses": 0}})) == [
+        "devices.left: no pose came from the device that could be used",
+        "external_arms.left: no pose came from the external arm that could be used",
+    ]
+    assert invalidity._silent_programs(_summary()) == []
+
+
+@pytest.mark.parametrize(("network_ms", "bound_ms"), [(None, None), (3.0, None), (-0.9, None), (-3.9, 3.0)])
+def test_a_send_time_within_what_clocks_know_is_no_problem(network_ms: float | None, bound_ms: float | None) -> None:
+    summary = _summary(latency_ms={"network": {"p50": network_ms}})
+    if bound_ms is not None:
+        summary["uncertainty_ms"] = {"latency_ms.network": {"p50": bound_ms}}
+    assert invalidity._sent_after_arrival(summary) == []
+
+
+def test_messages_sent_after_their_arrival_are_a_problem() -> None:
+    summary = _summary(latency_ms={"network": {"p50": -999.4}})
+    assert invalidity._sent_after_arrival(summary) == [
+        "latency_ms.network: by their headers (sent_ns) messages were sent after they had arrived, median 999.4 ms"
+    ]
+
+
+def test_ticks_of_a_foreign_surgeon_are_not_the_machines_fault() -> None:
+    logs = _logs()
+    logs.sides["surgeon"].add(COUNTERS, CounterNote(name=FOREIGN_SURGEON, value=1).model_dump(), 1)
+    assert invalidity._why_missed(logs, "surgeon").startswith("as the foreign surgeon sent no such sample")
+    assert invalidity._why_missed(logs, "patient").startswith("the machine is too busy")
