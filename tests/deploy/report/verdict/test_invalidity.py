@@ -87,7 +87,8 @@ def test_messages_that_were_not_used_are_named_as_the_cause() -> None:
         _summary(rejected={"surgeon": 9, "patient": 720}, quarantined={"ahead": 8, "place": 0, "number": None})
     )
     assert found == [
-        "rejected: the patient rejected 720 messages: no header of the testbed, another run's number, or no such pose",
+        "rejected: the patient rejected 720 messages: no header of the testbed, another run's number, or no such "
+        "pose",
         "quarantined: the patient did not use 8 samples (8 ahead)",
     ]
 
