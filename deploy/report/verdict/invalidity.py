@@ -47,8 +47,14 @@ def invalidities(summary: Mapping[str, Any], scenario: Scenario, logs: RunLogs) 
 
 
 def _unused(summary: Mapping[str, Any]) -> list[str]:
-    """Return a problem where the patient used few of the messages that arrived: what causes the problems below."""
-    few = _MAX_UNUSED * (summary["links"]["forward"]["sent"] or 0)
+    """Return a problem where the patient did not use messages that it lacked: what causes the problems below.
+
+    Junk of strangers beside a whole stream does no harm, and is none.
+    """
+    link = summary["links"]["forward"]
+    few = _MAX_UNUSED * (link["sent"] or 0)
+    if _is_scored(summary) and (link["unplanned_loss"] or 0) <= few:
+        return []
     problems = []
     rejected = summary.get("rejected", {}).get("patient") or 0
     if rejected > few:
@@ -193,9 +199,13 @@ def _starved(summary: Mapping[str, Any], scenario: Scenario, logs: RunLogs) -> l
         unplanned, sent = link["unplanned_loss"], link["sent"]
         if unplanned is not None and unplanned > _MAX_UNPLANNED * sent:
             problems.append(f"links.{direction}: {unplanned} of {sent} lost that nobody planned{_while_away(logs)}")
-    if not any(entry.get("n_scored") for entry in summary["accuracy"].values()):
+    if not _is_scored(summary):
         problems.append(f"accuracy: no tick could be scored: {why_unscored(logs, scenario)}")
     return problems
+
+
+def _is_scored(summary: Mapping[str, Any]) -> bool:
+    return any(entry.get("n_scored") for entry in summary["accuracy"].values())
 
 
 def _while_away(logs: RunLogs) -> str:

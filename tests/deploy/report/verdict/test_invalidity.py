@@ -77,16 +77,22 @@ def test_a_log_that_lacks_records_is_a_problem_and_the_topics_are_named() -> Non
 
 
 def _summary(**parts: Any) -> dict[str, Any]:
-    nothing = {"links": {"forward": {"sent": 720}}, "latency_ms": {}, "rejected": {"surgeon": 0, "patient": 0}}
-    return nothing | {"quarantined": {}} | parts
+    link = {"sent": 720, "unplanned_loss": 0}
+    nothing = {"links": {"forward": link}, "latency_ms": {}, "rejected": {"surgeon": 0, "patient": 0}}
+    return nothing | {"quarantined": {}, "accuracy": {"hold": {"n_scored": 99}}} | parts
 
 
 def test_messages_that_were_not_used_are_named_as_the_cause() -> None:
-    assert invalidity._unused(_summary(rejected={"surgeon": 9, "patient": 7}, quarantined={"ahead": 7})) == []
-    found = invalidity._unused(
-        _summary(rejected={"surgeon": 9, "patient": 720}, quarantined={"ahead": 8, "place": 0, "number": None})
+    unused = {"rejected": {"surgeon": 9, "patient": 720}, "quarantined": {"ahead": 8, "place": 0, "number": None}}
+    lost, unscored = (
+        {"links": {"forward": {"sent": 720, "unplanned_loss": 8}}},
+        {"accuracy": {"hold": {"n_scored": 0}}},
     )
-    assert found == [
+    assert invalidity._unused(_summary(**unused)) == []  # a stranger's: the stream is whole
+    assert invalidity._unused(_summary(**lost)) == []
+    assert invalidity._unused(_summary(**lost, rejected={"patient": 7}, quarantined={"ahead": 7})) == []
+    assert invalidity._unused(_summary(**unused, **lost)) == invalidity._unused(_summary(**unused, **unscored))
+    assert invalidity._unused(_summary(**unused, **lost)) == [
         "rejected: the patient rejected 720 messages: no header of the testbed, another run's number, or no such "
         "pose",
         "quarantined: the patient did not use 8 samples (8 ahead)",
