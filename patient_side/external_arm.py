@@ -7,8 +7,8 @@ from typing import Any, Final, get_args
 import numpy as np
 
 from common.channels import Arm, Hand, arm_key
-from common.device_gate import DeviceGate, DeviceSample, from_json
-from common.device_records import DEVICES, DeviceEvent, DeviceNote, Refusal
+from common.devices.gate import DeviceGate, DeviceSample, from_json
+from common.devices.records import DEVICES, DeviceEvent, DeviceNote, Refusal
 from common.node import Arrival, Record
 from patient_side.hand import PatientHand
 from patient_side.plant.protocol import PlantOutput, Reference

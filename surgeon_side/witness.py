@@ -10,7 +10,7 @@ from math import sqrt
 from typing import Final
 
 from common.channels import HandChannels, Network
-from common.device_records import FOREIGN_SURGEON
+from common.devices.records import FOREIGN_SURGEON
 from common.header import HEADER_BYTES
 from common.intake import Accepted, Intake
 from common.messages import Pose, Vector3

@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from common import device_records, host_records, messages, records, safety_records
+from common import host_records, messages, records, safety_records
 from common.channels import Side
+from common.devices import records as device_records
 from common.errors import DataError, Fault, PeerError
 from common.runtime.control import boot_digest
 from common.runtime.json_schema import prepare_schemas

@@ -3,7 +3,8 @@
 from pathlib import Path
 from typing import Final
 
-from common import channels, device_records, errors, host_records, records, safety_records
+from common import channels, errors, host_records, records, safety_records
+from common.devices import records as device_records
 from common.scenario import Scenario
 from common.scenario.base import Part
 from common.scenario.yaml_text import MAX_YAML_BYTES

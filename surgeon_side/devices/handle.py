@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from common.device_pose import DevicePose
+from common.devices.pose import DevicePose
 from common.messages import Vector3
 
 OPEN_RAD: Final = 0.8

@@ -10,7 +10,7 @@ from math import cos, dist, radians, sin, sqrt
 from typing import Final
 
 from common.channels import Hand
-from common.device_gate import DeviceSample
+from common.devices.gate import DeviceSample
 from common.scenario.live_source import LiveSource
 from common.units import MM_PER_M, NS_PER_S
 from surgeon_side.motion import HandPoses, Placed

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Final, get_args
 
 from common.channels import FOLLOWER, Hand, HandChannels, hand_channels
-from common.device_gate import DeviceGate, from_json, from_ros2
-from common.device_records import DEVICES, DeviceEvent, DeviceNote, Refusal
+from common.devices.gate import DeviceGate, from_json, from_ros2
+from common.devices.records import DEVICES, DeviceEvent, DeviceNote, Refusal
 from common.key_expression import key_matches
 from common.node import Arrival, Record
 from common.scenario.live_source import LiveSource

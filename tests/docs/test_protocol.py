@@ -11,13 +11,13 @@ from pydantic import ValidationError
 
 from common.channels import Hand, arm_key, hand_channels, stop_key, stopped_key
 from common.clocks.exchange import Exchanges
-from common.device_gate import MAX_PER_TICK
-from common.device_pose import MAX_BUTTONS, MAX_DEVICE_BYTES, DevicePose
-from common.device_records import Refusal
+from common.devices.gate import MAX_PER_TICK
+from common.devices.pose import MAX_BUTTONS, MAX_DEVICE_BYTES, DevicePose
+from common.devices.pose_stamped import decode_pose_stamped
+from common.devices.records import Refusal
 from common.header import Header
 from common.messages import MAX_SIZE, EmergencyStop, FeedbackPose, Message, SafetyMode, SampledPose, SetPoint
 from common.peer_life import BEAT_EVERY_NS, Beat
-from common.pose_stamped import decode_pose_stamped
 from common.runtime.control import ControlKeys, Epoch
 from common.scenario import Scenario
 from common.scenario.agreement import agreed_fields

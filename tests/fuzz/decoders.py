@@ -18,7 +18,7 @@ from mcap.records import Chunk
 from common.channels import hand_channels
 from common.clocks.exchange import Exchanges
 from common.clocks.fit import fit_clock
-from common.device_gate import DeviceGate, from_json, from_ros2
+from common.devices.gate import DeviceGate, from_json, from_ros2
 from common.errors import TisError
 from common.header import Header
 from common.host_records import CLOCK, PROCESSORS, ClockNote, ProcessorNote
@@ -79,9 +79,9 @@ from deploy.tools.runs import Wanted, list_runs
 from netem.control.control import Control
 from patient_side.identification.model_io import dump_models, parse_models
 from surgeon_side.live.mapping import Mapping
+from tests.common.devices.test_pose_stamped import BY_HAND as POSE_STAMPED
 from tests.common.runtime.recordings.tables import movement, write_csv, write_parquet
 from tests.common.sources.trials import rows_of, text_of
-from tests.common.test_pose_stamped import BY_HAND as POSE_STAMPED
 from tests.deploy.logs.hostile_files import channel, chunk, message, packed
 from tests.deploy.net.fitting.test_captures import frame
 from tests.deploy.recordings_import.foreign_files import STORE, json_mcap, ros_mcap, ros_messages

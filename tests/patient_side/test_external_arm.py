@@ -1,7 +1,7 @@
 import json
 from typing import Any
 
-from common.device_records import DeviceNote
+from common.devices.records import DeviceNote
 from common.messages import FeedbackPose
 from common.node import Arrival, Emission, Record
 from common.records import PLANT, PlantNote

@@ -10,7 +10,7 @@ from common.channels import PREDICTED, SERVO, Side, direction_of
 from common.clocks.exchange import Exchanges, Ints
 from common.clocks.fit import fit_clock
 from common.clocks.model import PPM, SHARED, ClockModel
-from common.device_records import DEVICES
+from common.devices.records import DEVICES
 from common.errors import DataError, Fault
 from common.host_records import CLOCK, DISCIPLINE, EXCHANGES, PROCESSORS
 from common.records import (

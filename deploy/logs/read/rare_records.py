@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from pydantic import TypeAdapter
 
-from common.device_records import DEVICES, DeviceNote
+from common.devices.records import DEVICES, DeviceNote
 from common.host_records import (
     CLOCK,
     DISCIPLINE,

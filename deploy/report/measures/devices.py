@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, Final, get_args
 
 from common.channels import Hand, Side
-from common.device_records import DEVICES, FOREIGN_SURGEON, Refusal
+from common.devices.records import DEVICES, FOREIGN_SURGEON, Refusal
 from common.records import COUNTERS
 from common.scenario import Scenario
 from common.units import NS_PER_S

@@ -10,7 +10,7 @@ from typing import Final
 import zenoh
 
 from common.channels import FOLLOWER, Hand
-from common.device_pose import DevicePose
+from common.devices.pose import DevicePose
 from common.errors import TisError
 from common.messages import Vector3
 from common.runtime.zenoh_session import ZenohOptions, open_client, urgent_publisher, visitor

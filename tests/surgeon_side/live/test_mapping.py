@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from common.device_gate import DeviceSample
+from common.devices.gate import DeviceSample
 from common.scenario.live_source import LiveSource
 from surgeon_side.live.mapping import Mapping, quaternion_of, turned
 

@@ -3,7 +3,7 @@ from typing import Any
 
 import pytest
 
-from common.device_records import DEVICES, DeviceNote
+from common.devices.records import DEVICES, DeviceNote
 from common.header import Header
 from common.messages import Pose
 from common.node import Arrival, Emission, Record

@@ -1,7 +1,7 @@
 from pathlib import Path
 from typing import Any
 
-from common.device_records import DEVICES, DeviceNote
+from common.devices.records import DEVICES, DeviceNote
 from common.node import Record
 from deploy.report.measures.devices import device_texts, devices_summary, is_foreign
 from deploy.report.summary import source_label

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from common.channels import Side
-from common.device_records import FOREIGN_SURGEON
+from common.devices.records import FOREIGN_SURGEON
 from common.peer_life import Event
 from common.records import COUNTERS, PEERS, CounterNote, PeerNote
 from common.units import NS_PER_S

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from common.device_pose import DevicePose
+from common.devices.pose import DevicePose
 from common.scenario.control import EmulatorState
 from deploy.view.drive.device import Device
 from deploy.view.drive.hand_move import HandMove

@@ -1,7 +1,7 @@
 import pytest
 from pydantic import ValidationError
 
-from common.device_pose import DevicePose
+from common.devices.pose import DevicePose
 
 
 def test_only_the_position_is_required() -> None:

@@ -31,7 +31,7 @@ def decode_pose_stamped(payload: bytes) -> StampedPose:
 
     Notes
     -----
-    Oracle: bytes written by hand, and the rosbags package, tests/common/test_pose_stamped.
+    Oracle: bytes written by hand, and the rosbags package, tests/common/devices/test_pose_stamped.
     """
     try:
         (representation,) = struct.unpack_from(">H", payload)
