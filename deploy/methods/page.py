@@ -126,7 +126,7 @@ _NOTES: Final = {
     ),
     "Steps": (
         "Medians over interleaved rounds on one machine: compare methods, not machines. At 1 kHz: processor time of "
-        "the steps of a synthetic hand, with a model of its first 6 s."
+        "the steps of a synthetic hand, with a model of its first 6 s, of learned methods 20 s."
     ),
     "Exponents": (
         "Slope of the logarithms, in brackets its 95 % confidence interval. An exponent near 0 means a cost that "

@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from common.errors import DataError, Fault
 from common.streams import Stream
 from common.units import NS_PER_S
 from patient_side.estimators.innovations_kf import InnovationsKf
@@ -103,8 +104,9 @@ def examples_of(
     """Return the examples of all tracks, each seen ``n_passes`` times through a network drawn anew.
 
     Each path has forecasts over ``ages``, in steps; by default over its own at the tick, and three that are drawn.
-    Every kind of network serves every track in turn. Oracle in test_examples: forecasts and truths worked out row by
-    row, and no dependence on rows that have not arrived.
+    Every kind of network serves every track in turn. Raises `DataError` where the tracks are too short.
+    Oracle in test_examples: forecasts and truths worked out row by row, and no dependence on rows that have not
+    arrived.
     """
     rate_hz = linear.model.rate_hz
     stride = stride_of(rate_hz)
@@ -134,6 +136,11 @@ def examples_of(
                 names,
             )
         )
+    if not parts:
+        furthest_s = MAX_AGE * stride / rate_hz if ages is None else float(ages.max()) * stride / rate_hz
+        longest_s = max(len(track.position_m) for track in tracks) / rate_hz
+        rule = f"must be longer than the furthest forecast that is learned, {furthest_s:.1f} s"
+        raise DataError(Fault("training rows", "the longest stretch", rule, f"{longest_s:.1f} s"))
     return Examples.joined(parts)
 
 

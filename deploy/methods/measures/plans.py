@@ -20,7 +20,10 @@ HOLD: Final = "hold"
 ALL: Final = "all"
 OWN, OTHER_PERSON = "own person", "other person"
 _AT_DELAY: Final = f"network={{forward: {{delay: {{kind: constant, delay_ms: {DELAY_MS:g}}}}}}}"
-_FAST: Final = ("rate_hz=1000", "patient.tick_phase_ms=0.5", "identification.train_samples=6000")
+_FAST: Final = ("rate_hz=1000", "patient.tick_phase_ms=0.5")
+_FAST_ROWS: Final = 6000
+_FAST_LEARNED_ROWS: Final = 20000
+"""Training rows at 1 kHz; learned methods judge forecasts of five seconds on the last third of theirs."""
 _FAST_S: Final = 5.0
 """Length of the twin at 1 kHz, in s: 5000 steps of each hand."""
 _N_ADAPTED: Final = 2
@@ -180,7 +183,10 @@ def _fast(subject: Subject) -> Plan:
     """Return the plan at 1 kHz, which no recording has: a synthetic hand, with a model of its own first rows."""
     source = "source={kind: synthetic, hands: [left]}"
     names = tuple(dict.fromkeys((HOLD, subject.method)))
-    request = Request("default", (source, _AT_DELAY, *_FAST), names, n_seeds=1, seed=subject.seed, duration_s=_FAST_S)
+    n_rows = _FAST_LEARNED_ROWS if is_learned(subject.method) else _FAST_ROWS
+    rows = f"identification.train_samples={n_rows}"
+    settings = (source, _AT_DELAY, *_FAST, rows)
+    request = Request("default", settings, names, n_seeds=1, seed=subject.seed, duration_s=_FAST_S)
     return make_plan(request)
 
 

@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
+from common.errors import DataError
 from common.streams import Stream
+from patient_side.learned.gaussian_process import AGES
 from patient_side.learned.inputs import activity_of
 from patient_side.learned.window import N_LAGS, window_before
 from patient_side.learning.arrivals import TICK_PHASE, draw_arrivals
@@ -52,6 +54,13 @@ def test_an_example_is_what_a_patient_would_see_and_what_the_filter_leaves() -> 
             matched += 1
             break
     assert matched == len(of_pass)
+
+
+def test_rows_shorter_than_the_furthest_forecast_are_refused_in_words() -> None:
+    rule = r"training rows: the longest stretch: must be longer than the furthest forecast.*5\.0 s \(got '5\.0 s'\)"
+    with pytest.raises(DataError, match=rule):
+        examples_of([turning(3, n=150), turning(3, n=90)], linear(), USUAL_M, SPREAD_RAD, 1, 1, AGES)
+    assert len(examples_of([turning(3, n=300)], linear(), USUAL_M, SPREAD_RAD, 1, 1, AGES)) > 0
 
 
 def test_examples_have_a_forecast_to_the_tick_and_three_over_drawn_ages() -> None:

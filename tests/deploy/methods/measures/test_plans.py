@@ -139,3 +139,8 @@ def test_at_1_khz_a_synthetic_hand_is_scored_after_the_rows_it_was_trained_on(pl
     assert (cell.scenario.rate_hz, cell.scenario.source.kind) == (1000, "synthetic")
     assert cell.scenario.identification.train == "own_head"
     assert cell.scenario.identification.train_samples == 6000
+
+
+def test_at_1_khz_a_learned_method_has_rows_for_its_furthest_forecasts(people: Trials) -> None:
+    (cell,) = plans_of(Subject("gpr", people, EXTENT, 7))["fast"].cells
+    assert cell.scenario.identification.train_samples == 20000
