@@ -154,7 +154,10 @@ def test_loss_that_nobody_planned_makes_a_run_invalid(tmp_path: Path) -> None:
     records = _three_samples()
     records["patient"] = [r for r in records["patient"] if (r.topic, r.seq) != (COMMAND, 2)]
     summary = _summary(write_run(tmp_path, **records), a_scenario())
-    assert summary["problems"] == ["links.forward: 1 of 3 lost that nobody planned"]
+    assert summary["problems"] == [
+        "rejected: the patient rejected 4 messages: no header of the testbed, another run's number, or no such pose",
+        "links.forward: 1 of 3 lost that nobody planned",
+    ]
 
 
 @pytest.mark.parametrize("missing", [*SIDES, None])
