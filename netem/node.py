@@ -32,7 +32,7 @@ class NetemNode:
 
     def receive(self, arrival: Arrival) -> Sequence[Output]:
         """Decide the packet's fate, its delay counted from ``recv_ns``; without a delay it leaves at once."""
-        if arrival.key in self.local or (self.local and "*" in arrival.key):
+        if arrival.key in self.local or ("*" in arrival.key and self.local):
             return ()
         link = self.links[arrival.network]
         now_ns = arrival.recv_ns

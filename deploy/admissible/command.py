@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from common.errors import EXIT_OK
+from common.extras import GET_REPORT
 from common.runtime.command_line import command_line
 from deploy.admissible import tables
 from deploy.admissible.evaluation import Evaluation
@@ -18,7 +19,6 @@ from deploy.admissible.study import Study
 from deploy.compare.cells.store import Store
 from deploy.compare.engine.choice import workers_of
 from deploy.shell import run_dir as folder
-from deploy.shell.extras import GET_REPORT
 from deploy.shell.messages import print_json, print_warnings
 from deploy.shell.outputs import check_outputs
 

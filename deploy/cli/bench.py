@@ -8,8 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from common.errors import EXIT_OK, Fault, InputError
+from common.extras import GET_HOSTS
 from deploy.cli.group import Commands
-from deploy.shell.extras import GET_HOSTS, can_certify
+from deploy.shell.extras import can_certify
 from deploy.shell.guard import OUT, guarded
 from deploy.shell.outputs import check_outputs
 

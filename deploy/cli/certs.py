@@ -9,9 +9,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from common.errors import EXIT_OK, DataError, Fault, InputError
+from common.extras import GET_HOSTS
 from deploy.cli.group import Commands
 from deploy.cli.options import JsonOption
-from deploy.shell.extras import GET_HOSTS, can_certify
+from deploy.shell.extras import can_certify
 from deploy.shell.guard import ERR, OUT, guarded, words_to
 from deploy.shell.messages import print_json
 

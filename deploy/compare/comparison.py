@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 from rich.console import Console
 
 from common.errors import DataError, Fault, InputError
+from common.extras import GET_PARQUET, GET_REPORT
 from deploy.compare.cells.store import Store
 from deploy.compare.engine.choice import workers_of
 from deploy.compare.engine.compute import compute
@@ -17,7 +18,6 @@ from deploy.compare.results.files import Results, figures_of, files_of, results_
 from deploy.compare.results.tidy import arrow
 from deploy.compare.study import Study
 from deploy.compare.study_plan import plan_study
-from deploy.shell.extras import GET_PARQUET, GET_REPORT
 from deploy.shell.guard import ERR
 from deploy.shell.progress import PhaseProgress
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any, Final, Literal
 
 from common.errors import Fault, InputError
-from deploy.shell.extras import GET_DEVICE
+from common.extras import GET_DEVICE
 from surgeon_side.devices import gamepad, mouse
 from surgeon_side.devices.handle import Handle
 

@@ -14,13 +14,13 @@ from rich.console import Console
 from rich.markup import escape
 
 from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault, InputError
+from common.extras import GET_PARQUET
 from deploy.export.columns import readme
 from deploy.export.jigsaws import jigsaws_files
 from deploy.export.tables import Table, tables
 from deploy.logs.read.recorded import models_in
 from deploy.logs.topics import RunTopics
 from deploy.report.run_data import Run, load
-from deploy.shell.extras import GET_PARQUET
 
 _CSV_ROWS: Final = 65_536
 _README: Final = "README.md"

@@ -8,12 +8,13 @@ from typing import get_args
 
 from common.channels import Side
 from common.errors import Fault, InputError, PeerError, TisError
+from common.extras import GET_HOSTS
 from common.scenario import reading
 from deploy.hosts.host import Host, SideHost
 from deploy.hosts.hosts_file import Plan
 from deploy.hosts.process_host import ProcessHost
 from deploy.hosts.protocol import CheckAnswer, CheckRequest, printable
-from deploy.shell.extras import GET_HOSTS, can_ssh
+from deploy.shell.extras import can_ssh
 from deploy.shell.version import version_text
 
 

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 from importlib.util import find_spec
 from typing import Any, Final, NamedTuple
 
+from common.extras import GET_REPORT
 from deploy.compare.results.latex import tabular
 from deploy.methods.main_table import main_table
-from deploy.shell.extras import GET_REPORT
 
 _FORMATS: Final = ("svg", "pdf")
 PLOTS: Final = ("accuracy", "disturbances", "training", "steps")

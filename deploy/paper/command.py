@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from common.errors import EXIT_OK
+from common.extras import GET_REPORT
 from common.runtime.recordings import load_recording, load_training
 from common.scenario import Scenario
 from deploy.paper.cells import Cell, Method, Pairing, Trial, run_cells, scenario_of
@@ -17,7 +18,6 @@ from deploy.paper.printed import ROWS
 from deploy.paper.results import METHODS, PAIRINGS, READINGS, Results, SimulationKey, all_cells, few_cells, meaningful
 from deploy.paper.simulation import Simulated, simulate
 from deploy.shell import run_dir as folder
-from deploy.shell.extras import GET_REPORT
 from deploy.shell.outputs import check_outputs
 from deploy.shell.progress import PhaseProgress
 from patient_side.build import identify_models

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from common.errors import DataError, Fault, InputError
+from common.extras import GET_PARQUET
 from common.runtime.limited_file import read_limited
 from common.scenario.table_source import PoseColumns, PoseUnits
 from common.sources.table.layout import DeviceLayout
@@ -17,7 +18,6 @@ from common.sources.table.poses import finite_faults, pose_track
 from common.units import NS_PER_S
 from deploy.recordings_import.found import Array, Found, Ints, Stream, Wanted
 from deploy.recordings_import.lerobot_names import Elements, elements_of, names_in
-from deploy.shell.extras import GET_PARQUET
 
 INFO: Final = Path("meta") / "info.json"
 VECTORS: Final = ("observation.state", "action")

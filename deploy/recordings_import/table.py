@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from common.errors import Fault, InputError
+from common.extras import GET_PARQUET
 from common.runtime.recordings.table_file import METADATA
 from common.sources.table.layout import TIME, canonical_names
 from deploy.recordings_import.found import Array
 from deploy.recordings_import.one_clock import Rows
 from deploy.shell import run_dir as folder
-from deploy.shell.extras import GET_PARQUET
 
 
 def columns_of(rows: Rows) -> dict[str, Array]:

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault, InputError, TisError
+from common.extras import GET_REPORT
 from common.scenario import Scenario
 from deploy.logs.read.load import RunLogs, load_run
 from deploy.logs.read.recorded import mode_of, models_in, scenario_in
@@ -18,7 +19,7 @@ from deploy.report.run_view import RunView, run_view
 from deploy.report.summary import build_summary
 from deploy.report.summary_version import check_version, readable
 from deploy.shell import run_dir as folder
-from deploy.shell.extras import GET_REPORT, can_report
+from deploy.shell.extras import can_report
 from patient_side.statespace import ArmModel
 
 COMPARED_FILE: Final = Path("compare.html")

@@ -37,9 +37,8 @@ def run_live(
 ) -> int:  # fmt: skip
     """Run the three processes, write summary, manifest and report, print the summary; return the exit code.
 
-    ``view`` enables the live page; ``insecure`` and ``foreign_surgeon`` as for `launch`.
-    A run in which no side started running leaves no
-    folder behind.
+    ``view`` enables the live page; ``insecure`` and ``foreign_surgeon`` as for `launch`. A run in which no side
+    started running leaves no folder behind.
     """
     _check_before(scenario, foreign_surgeon)
     proof = credentials(scenario.security, "netem")

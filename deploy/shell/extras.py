@@ -1,14 +1,6 @@
 """Optional packages of the extras, which a host that runs one side need not have."""
 
 from importlib.util import find_spec
-from typing import Final
-
-GET_REPORT: Final = "pip install 'tis-testbed[report]'"
-GET_PARQUET: Final = "pip install 'tis-testbed[parquet]'"
-GET_ROSBAG: Final = "pip install 'tis-testbed[rosbag]'"
-GET_HOSTS: Final = "pip install 'tis-testbed[hosts]'"
-GET_CLUSTER: Final = "pip install 'tis-testbed[cluster]'"
-GET_DEVICE: Final = "pip install 'tis-testbed[device]'"
 
 
 def can_report() -> bool:

@@ -8,10 +8,11 @@ from rich.markup import escape
 
 from common.channels import Side
 from common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, Fault, InputError
+from common.extras import GET_REPORT
 from common.runtime.command_line import command_line
 from common.scenario.network import NetworkPart
 from deploy.shell import run_dir as folder
-from deploy.shell.extras import GET_REPORT, can_report
+from deploy.shell.extras import can_report
 from deploy.shell.messages import print_json
 from deploy.standalone.standalone_run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
 from deploy.standalone.summary import build_summary

@@ -9,13 +9,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from common.errors import EXIT_OK, Fault, InputError
+from common.extras import GET_REPORT
 from common.runtime.recordings import load_recording, load_training
 from common.scenario import Scenario
 from common.scenario.patient import Identification, is_model_file
 from common.sources.provenance import in_words
 from common.sources.trajectory import Recording
 from deploy.shell import run_dir as folder
-from deploy.shell.extras import GET_REPORT
 from deploy.shell.messages import print_warnings
 from deploy.shell.outputs import check_outputs, unwritable
 from deploy.tools.identify_learned import learned_names, learned_text, print_epoch

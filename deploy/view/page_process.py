@@ -13,10 +13,11 @@ from typing import Any, Final
 from rich.console import Console
 
 from common.errors import Fault, InputError, PeerError
+from common.extras import GET_REPORT
 from common.runtime.child_process import child_environment
 from common.runtime.zenoh_session import ZenohOptions
 from common.scenario import Scenario
-from deploy.shell.extras import GET_REPORT, can_report
+from deploy.shell.extras import can_report
 from deploy.view.drive.device import Device, device_of
 from deploy.view.page_text import RunOutput
 

@@ -49,7 +49,7 @@ class Bridge(Driver):
             try:
                 key = str(sample.key_expr)
                 # a put may name many keys at once; in a run nobody needs that, and it could name a local one
-                if key in self.local or (self.local and "*" in key) or is_private(key):
+                if key in self.local or ("*" in key and self.local) or is_private(key):
                     return
                 attached, payload = sample.attachment, sample.payload
                 attachment, n_bytes = None if attached is None else attached.to_bytes(), len(payload)

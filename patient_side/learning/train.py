@@ -3,11 +3,12 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from common.errors import Fault, InputError
+from common.extras import GET_LEARNED
 from common.scenario.estimator_names import LearnedName
 from common.scenario.learning import Learning
 from common.scenario.patient import Identification
@@ -30,8 +31,6 @@ from patient_side.learning.held_out import grouped, held_out, is_in
 from patient_side.learning.process_noise import Noise
 from patient_side.learning.process_scales import inverse_lengths, turned
 from patient_side.statespace import ArmModel
-
-GET_LEARNED: Final = "pip install 'tis-testbed[learned]'"
 
 Progress = Callable[[Epoch], None]
 

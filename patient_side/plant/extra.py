@@ -1,12 +1,10 @@
 """The optional package that simulates an arm."""
 
 from importlib.util import find_spec
-from typing import Final
 
 from common.errors import Fault, InputError
+from common.extras import GET_SIM
 from common.scenario import Scenario
-
-GET_SIM: Final = "pip install 'tis-testbed[sim]'"
 
 
 def check_plant(scenario: Scenario) -> None:

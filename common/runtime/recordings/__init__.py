@@ -6,6 +6,7 @@ from pathlib import Path
 
 from common.errors import DataError, Fault, InputError
 from common.runtime.recordings.jigsaws_recording import (
+    HEAD_ROWS,
     JIGSAWS_VARIABLE,
     folder,
     jigsaws_recording,
@@ -24,8 +25,6 @@ from common.sources.provenance import digest_of_synthetic
 from common.sources.sensor_noise import with_noise
 from common.sources.synthetic import synthesise
 from common.sources.trajectory import Recording
-
-_HEAD_ROWS = 1240
 
 
 def located(scenario: Scenario) -> Scenario:
@@ -68,7 +67,7 @@ def whole_recording(scenario: Scenario, source: RecordedSource, start: int) -> R
     if isinstance(source, JigsawsSource):
         return jigsaws_recording(scenario, source, start)
     own_head = scenario.identification.train == "own_head"
-    head_rows = scenario.identification.train_samples if own_head else _HEAD_ROWS
+    head_rows = scenario.identification.train_samples if own_head else HEAD_ROWS
     if scenario.identification.looks_ahead:
         rule = "must be position: a table has no columns of velocities"
         raise InputError(Fault(f"scenario {scenario.name}", "identification.inputs", rule))
@@ -139,7 +138,7 @@ def load_trials(scenario: Scenario, recording: Recording, trials: Sequence[str])
             if isinstance(source, JigsawsSource):
                 clean = training_trial(scenario, source, recording, trial)
             else:
-                clean = table_recording(source, trial_file(source, trial), scenario.rate_hz, _HEAD_ROWS, 0)
+                clean = table_recording(source, trial_file(source, trial), scenario.rate_hz, HEAD_ROWS, 0)
             recordings.append(with_noise(clean, scenario.identification.sensor_noise_m, scenario.seed))
         except DataError as error:
             faults += error.faults

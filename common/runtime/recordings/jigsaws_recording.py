@@ -22,7 +22,8 @@ from common.sources.trajectory import Array, HandRecording, Recording
 JIGSAWS_VARIABLE: Final = "TIS_JIGSAWS"
 _USUAL_FOLDER: Final = "data/jigsaws"
 
-_MAX_PAIRING_ROWS: Final = 1240
+HEAD_ROWS: Final = 1240
+"""First rows, at most, by which it is judged which arm follows a master."""
 _HANDS: Final[tuple[Hand, ...]] = ("left", "right")
 _ARMS: Final[tuple[Arm, ...]] = ("PSM1", "PSM2")
 _ABOUT: Final = (
@@ -51,7 +52,7 @@ def training_trial(scenario: Scenario, source: JigsawsSource, recording: Recordi
     crossed = recording.hands[0].arm == FOLLOWER[recording.hands[0].hand]
     file = jigsaws_file(source, trial)
     rows = _read_trial(source, file)
-    pairings = pair_over("cross" if crossed else "same_name", _HANDS, [_positions(rows[:_MAX_PAIRING_ROWS])])
+    pairings = pair_over("cross" if crossed else "same_name", _HANDS, [_positions(rows[:HEAD_ROWS])])
     return _recording(source, trial, pairings, file, rows, 0, scenario.identification.looks_ahead)
 
 
@@ -60,7 +61,7 @@ def _pairings(scenario: Scenario, source: JigsawsSource, rows: Array) -> tuple[P
     train, requested, hands = scenario.identification.train, source.pairing, source.hands
     if train == "own_head":
         return pair_over(requested, hands, [_positions(rows[: scenario.identification.train_samples])])
-    played = _positions(rows[:_MAX_PAIRING_ROWS])
+    played = _positions(rows[:HEAD_ROWS])
     if train == "others" and requested == "auto":
         heads = _heads(source)
         if heads:
@@ -77,7 +78,7 @@ def _heads(source: JigsawsSource) -> list[Positions]:
     heads = []
     for trial in other_subjects(source, jigsaws_trials(source)):
         with suppress(DataError):
-            heads.append(_positions(_read_trial(source, jigsaws_file(source, trial), _MAX_PAIRING_ROWS)))
+            heads.append(_positions(_read_trial(source, jigsaws_file(source, trial), HEAD_ROWS)))
     return heads
 
 

@@ -9,7 +9,7 @@ from concurrent.futures import CancelledError, Future, wait
 from typing import Any, Final
 
 from common.errors import Fault, InputError, PeerError
-from deploy.shell.extras import GET_CLUSTER
+from common.extras import GET_CLUSTER
 
 OPTION: Final = "--scheduler"
 CONNECT_S: Final = 10

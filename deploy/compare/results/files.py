@@ -7,6 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+from common.extras import GET_PARQUET, GET_REPORT
 from deploy.compare.engine.compute import Outcome
 from deploy.compare.plan import Plan
 from deploy.compare.results import tables
@@ -15,7 +16,7 @@ from deploy.compare.results.page.page_sums import PageSums, page_sums
 from deploy.compare.results.rows import report as build_report
 from deploy.compare.results.tidy import FILE, parquet, tidy_rows
 from deploy.shell import run_dir as folder
-from deploy.shell.extras import GET_PARQUET, GET_REPORT, can_report
+from deploy.shell.extras import can_report
 from deploy.shell.outputs import check_outputs
 
 if TYPE_CHECKING:

@@ -45,9 +45,7 @@ def device_texts(summary: Mapping[str, Any]) -> list[str]:
     for key, name in (("devices", "device of the {} hand"), ("external_arms", "external arm of the {} hand")):
         for hand, row in summary.get(key, {}).items():
             whose = f"the {name.format(hand)}"
-            if not row["poses"]:
-                texts.append(f"{whose} sent no pose that could be used")
-            elif row["silent_ticks"]:
+            if row["poses"] and row["silent_ticks"]:  # without any pose the run is invalid, and says so
                 times = "once" if row["silences"] == 1 else f"{row['silences']} times"
                 texts.append(f"{whose} was silent {times}, for {row['silent_s']:.1f} s in all: its last pose held")
             refused = [f"{n} {MEANING[reason]}" for reason, n in row["refused"].items() if n]

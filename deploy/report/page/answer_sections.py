@@ -18,7 +18,8 @@ from deploy.report.tables.display_table import display_table
 from deploy.report.tables.html_tables import nonbreaking_units
 from deploy.report.tables.numbers import number
 from deploy.report.tables.orientation_table import orientation_table
-from deploy.report.tables.terminal import END_TO_END, run_warnings
+from deploy.report.tables.run_warnings import run_warnings
+from deploy.report.tables.terminal import END_TO_END
 from deploy.report.tables.verdict_table import outcome_list, verdict_tables
 from deploy.report.verdict.verdict_text import validity_text
 

@@ -11,9 +11,7 @@ from rich.text import Text
 from common.clocks.uncertainty import is_resolvable
 from common.metrics.verdict import SetVerdict
 from common.sources.provenance import RecordedRows, in_words
-from deploy.report.measures.devices import device_texts
-from deploy.report.measures.estimation.own_estimators import estimator_fault_texts, labelled
-from deploy.report.measures.network.refusals import refusal_texts
+from deploy.report.measures.estimation.own_estimators import labelled
 from deploy.report.tables.brief import brief
 from deploy.report.tables.delay_rows import STATISTICS, delay_rows
 from deploy.report.tables.display_table import display_views
@@ -37,6 +35,7 @@ from deploy.report.tables.redundancy_rows import (
     redundancy_text,
     sample_loss_text,
 )
+from deploy.report.tables.run_warnings import run_warnings
 from deploy.report.verdict.verdict_text import (
     FIDELITY_STYLES,
     OUT_OF_REACH,
@@ -270,46 +269,3 @@ def _footer(summary: dict[str, Any]) -> str:
         line += f". Model: {model['method']}, {kind}, trained on {trained_on(model)}"
         line += f", fit {' '.join(fit_text(value, 3) for value in model['fit_pct'])} %."
     return line
-
-
-def run_warnings(summary: Mapping[str, Any]) -> list[str]:
-    """Return the warnings on a run's figures: sides, devices, estimators, models, the recording's."""
-    recording = summary.get("recording") or {}
-    return [
-        *_absence_texts(summary),
-        *_quarantine_text(summary),
-        *_stop_texts(summary),
-        *device_texts(summary),
-        *refusal_texts(summary.get("refused", {})),
-        *estimator_fault_texts(summary),
-        *(summary.get("in_sample") or []),
-        *recording.get("warnings", []),
-    ]
-
-
-def _stop_texts(summary: Mapping[str, Any]) -> list[str]:
-    """Return a sentence on emergency stops; none without any."""
-    hands = [row for row in summary.get("safety", {}).values() if row is not None and row["emergency_stops"]]
-    if not hands:
-        return []
-    n, safe_s = hands[0]["emergency_stops"], max(row["time_s"]["safe"] for row in hands)
-    times = "an emergency stop" if n == 1 else f"{n} emergency stops"
-    return [f"{times} stopped the arms, which stood still for {safe_s:.1f} s: the errors count that time"]
-
-
-def _absence_texts(summary: Mapping[str, Any]) -> list[str]:
-    """Return a sentence on each time without a side that was started anew in mid-run."""
-    return [
-        f"{side} was away from {begin_s:.2f} to {end_s:.2f} s and was started anew: that time "
-        f"{'counts' if log['away_counts'] else 'is left out'} (on_rejoin)"
-        for side, log in summary.get("logs", {}).items()
-        for begin_s, end_s in log.get("away_s", ())
-    ]
-
-
-def _quarantine_text(summary: Mapping[str, Any]) -> list[str]:
-    """Return a sentence on the messages that the patient's gate did not let through; none without any."""
-    found = {kind: n for kind, n in summary.get("quarantined", {}).items() if n}
-    kinds = ", ".join(f"{number(n)} {kind}" for kind, n in found.items())
-    n = number(sum(found.values()))
-    return [f"the patient did not use {n} samples ({kinds}; see patient.gate)"] if found else []
