@@ -12,7 +12,7 @@ from patient_side.dynamics.base_parameters import BaseParameters, base_parameter
 from patient_side.dynamics.consistent_fit import consistent_fit
 from patient_side.dynamics.excitation import excitation
 from patient_side.dynamics.parameters import true_parameters
-from patient_side.dynamics.readings import Equations, equations, read
+from patient_side.dynamics.readings import Equations, clean_equations, equations, read
 from patient_side.plant.arm_geometry import INSERTION, N_JOINTS
 from patient_side.plant.physics import ArmPhysics
 from patient_side.statespace import Array
@@ -22,7 +22,7 @@ N_VALIDATION: Final = 2
 DURATION_S: Final = 22.0
 DETERMINED: Final = 0.02
 """Largest standard deviation of a base parameter that movements determine, as a share of its size."""
-_FINEST: Final = 1e-4
+_FINEST: Final = 1e-7
 """Least standard deviation of a joint's torque, as a share of its rms: errors of the computation, not of readings."""
 
 
@@ -66,12 +66,14 @@ def identify_dynamics(spec: MujocoPlant, seed: int) -> Dynamics:
     """Move the simulated arm, and identify its base parameters from encoders and torques.
 
     Three movements of 20 s train and two others validate, each chosen by `excitation` from a stream of its own.
+    Without noise of the encoders nothing is filtered.
     Raises `InputError` without MuJoCo, `DataError` where the solver fails. Oracle: the parameters that MuJoCo
     simulates, test_identify_dynamics.
     """
     base, arm = base_parameters(), ArmPhysics(spec)
     noise_std = np.full(N_JOINTS, spec.encoder_noise_mrad / 1000.0)
     noise_std[INSERTION] = spec.encoder_noise_mm / 1000.0
+    rows_of = equations if noise_std.any() else clean_equations
     found = []
     for n in range(N_TRAINING + N_VALIDATION):
         set_points = excitation(
@@ -79,7 +81,7 @@ def identify_dynamics(spec: MujocoPlant, seed: int) -> Dynamics:
         )
         motion = arm.follow(arm.at_rest(set_points[0]), set_points)
         told = read(motion, noise_std, Stream.named(seed, f"dynamics/{n}/noise"))
-        found.append(equations(told, spec.physics_hz, base.independent))
+        found.append(rows_of(told, spec.physics_hz, base.independent))
     training, validation = Equations.joined(found[:N_TRAINING]), Equations.joined(found[N_TRAINING:])
     return fit(training, validation, base, true_parameters(spec.friction))
 

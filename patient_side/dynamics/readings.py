@@ -9,6 +9,7 @@ from scipy.special import ndtri
 
 from common.streams import Stream
 from patient_side.dynamics.excitation import MAX_SPEED
+from patient_side.dynamics.parameters import NAMES
 from patient_side.dynamics.regressor import regressor
 from patient_side.plant.physics import Motion
 from patient_side.statespace import Array
@@ -50,6 +51,25 @@ def read(motion: Motion, noise_std: Array, noise: Stream) -> Motion:
     return motion._replace(joints=motion.joints + errors)
 
 
+def clean_equations(motion: Motion, rate_hz: int, columns: NDArray[np.int64]) -> Equations:
+    """Return the equations ``Y b = torque`` of a movement read without noise, at every step of its simulation.
+
+    Nothing is filtered: the simulation's steps are semi-implicit, so differences of positions are the velocities that
+    it used, those at a step's end for friction, at its beginning for the rest. The rows of `equations` are kept.
+    Oracle: MuJoCo's torques and the true parameters, test_readings.
+    """
+    velocity = np.diff(motion.joints, axis=0) * rate_hz
+    acceleration = np.diff(velocity, axis=0) * rate_hz
+    edge = int(_EDGE_S * rate_hz)
+    kept = slice(edge, len(acceleration) - edge, max(round(rate_hz / (2.0 * SMOOTH_HZ)), 1))
+    joints, torque = motion.joints[1:-1][kept], motion.torque[1:-1][kept]
+    before, after = velocity[:-1][kept], velocity[1:][kept]
+    matrix = regressor(joints, before, acceleration[kept], np.sign(after))
+    of_friction = [i for i, name in enumerate(NAMES) if name.startswith("viscous")]
+    matrix[:, :, of_friction] = regressor(joints, after, acceleration[kept])[:, :, of_friction]
+    return _moving_rows(matrix[:, :, columns], torque, after)
+
+
 def equations(motion: Motion, rate_hz: int, columns: NDArray[np.int64]) -> Equations:
     """Return the equations ``Y b = torque`` of a movement read at ``rate_hz``, for columns (B,) of the regressor.
 
@@ -73,5 +93,10 @@ def equations(motion: Motion, rate_hz: int, columns: NDArray[np.int64]) -> Equat
     matrix, torque = (sosfiltfilt(narrow, values, axis=0) for values in (matrix, torque[few]))
     edge = int(_EDGE_S * rows_hz)
     kept = slice(edge, len(joints) - edge, round(rows_hz / (2.0 * SMOOTH_HZ)))
-    row, joint = np.nonzero(np.abs(velocity[kept]) > _MOVING * MAX_SPEED)
-    return Equations(matrix[kept][row, joint], torque[kept][row, joint], joint.astype(np.int64))
+    return _moving_rows(matrix[kept], torque[kept], velocity[kept])
+
+
+def _moving_rows(matrix: Array, torque: Array, velocity: Array) -> Equations:
+    """Return the rows of the joints that move, from (N, 7, B), (N, 7) and (N, 7)."""
+    row, joint = np.nonzero(np.abs(velocity) > _MOVING * MAX_SPEED)
+    return Equations(matrix[row, joint], torque[row, joint], joint.astype(np.int64))

@@ -22,6 +22,13 @@ def test_the_dynamics_are_recovered_within_five_percent(found: Dynamics) -> None
     assert found.error_pct.max() < 5.0
 
 
+def test_clean_encoders_tell_every_base_parameter() -> None:
+    found = identify_dynamics(MujocoPlant(kind="mujoco", encoder_noise_mrad=0.0, encoder_noise_mm=0.0), 2)
+    assert found.determined.all()
+    assert np.abs(found.identified / found.true - 1.0).max() < 0.05
+    assert found.error_pct.max() < 0.01
+
+
 def test_what_is_not_determined_hardly_moves_the_arm(found: Dynamics) -> None:
     assert found.undetermined_pct.max() < 5.0
 

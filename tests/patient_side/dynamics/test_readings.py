@@ -2,12 +2,13 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
+from common.scenario.simulated_arm import MujocoPlant
 from common.streams import Stream
 from patient_side.dynamics.base_parameters import base_parameters
 from patient_side.dynamics.parameters import true_parameters
-from patient_side.dynamics.readings import equations, read
+from patient_side.dynamics.readings import clean_equations, equations, read
 from patient_side.dynamics.regressor import regressor
-from patient_side.plant.physics import Motion
+from patient_side.plant.physics import ArmPhysics, Motion
 from patient_side.statespace import Array
 
 HOME = np.array([0.1, 0.2, 0.12, 0.3, 0.1, -0.2, 0.2])
@@ -46,3 +47,16 @@ def test_readings_have_the_noise_of_their_joints() -> None:
         assert kstest(error[:, joint] / std[joint], "norm").pvalue > 0.01
     assert error[10, 0] == pytest.approx(read(motion, std, stream).joints[10, 0] - HOME[0], abs=1e-15)
     assert read(motion, np.zeros(7), stream) is motion
+
+
+def test_a_clean_simulated_movement_holds_for_the_true_parameters_to_the_last_digits() -> None:
+    pytest.importorskip("mujoco", reason="the extra sim is not installed")
+    spec, base = MujocoPlant(kind="mujoco", encoder_noise_mrad=0.0, encoder_noise_mm=0.0), base_parameters()
+    set_points = sines(2000, spec.physics_hz)[0]
+    arm = ArmPhysics(spec)
+    found = clean_equations(arm.follow(arm.at_rest(set_points[0]), set_points), spec.physics_hz, base.independent)
+    residual = found.torque - found.matrix @ (base.combine @ true_parameters(spec.friction))
+    for joint in range(7):
+        of = found.joint == joint
+        assert 15 < of.sum() <= 40
+        assert np.std(residual[of]) < 1e-6 * np.std(found.torque[of])
