@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 from math import pi
 
 import numpy as np
-from scipy.signal import lfilter
 
 from patient_side.filters.recent_past import N_INCREMENTS
+from patient_side.filters.recursion import filtered
 from patient_side.statespace import Array
 
 N_HARMONICS = 4
@@ -125,8 +125,9 @@ def terms_of(clock: RowClock, increments: Array, activity: Array) -> Array:
     Oracle: `RowClock`, row by row.
     """
     excess, weight = evidence_of(increments, activity, clock.usual_m)
-    total = lfilter([1.0], [1.0, -clock.turn], excess.astype(complex))
-    confidence = np.abs(total) / ((lfilter([1.0], [1.0, -_KEPT], weight) + _PRIOR_ROWS) * _CONFIDENT)
+    (total,) = filtered(np.ones(1), np.array([1.0, -clock.turn]), excess[None])
+    (weights,) = filtered(np.ones(1), np.array([1.0, -_KEPT]), weight[None])
+    confidence = np.abs(total) / ((weights + _PRIOR_ROWS) * _CONFIDENT)
     angles = np.angle(total)[:, None] * np.arange(1, N_HARMONICS + 1)
     both = np.stack([np.cos(angles), np.sin(angles)], axis=2).reshape(len(angles), -1)
     return np.asarray(np.minimum(1.0, confidence)[:, None] * both)

@@ -9,8 +9,8 @@ coordinates makes the problem ill-conditioned, and a signal passes n filters ins
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dtbtrs
 
+from patient_side.filters.recursion import filtered
 from patient_side.statespace import Array
 
 
@@ -57,7 +57,7 @@ class OrthonormalBasis:
         for section in self.sections:
             n = len(section.b)
             for numerator, state in zip(_numerators(section), states[at : at + n], strict=True):
-                state[:] = _filtered(numerator, _denominator(section), signals)
+                state[:] = filtered(numerator, _denominator(section), signals)
             signals = section.d * signals
             for weight, state in zip(section.c, states[at : at + n], strict=True):
                 signals += weight * state
@@ -94,19 +94,6 @@ def _section(pole: complex) -> Section:
     gain = np.sqrt((1 - abs(pole)) * (1 + abs(pole)) * (1 + q))
     A = np.array([[along, -q * across], [across, q * along]])
     return Section(A, gain * np.array([across, -along]), np.array([0.0, gain]), float(q))
-
-
-def _filtered(numerator: Array, denominator: Array, signals: Array) -> Array:
-    """Return the d signals (d, N), at rest before the first sample, behind a filter whose denominator begins with 1.
-
-    A recursion is a banded triangular system. `scipy.signal.lfilter`, the oracle, takes a second to load.
-    """
-    driven = np.zeros_like(signals)
-    for lag, weight in enumerate(numerator):
-        if weight:
-            driven[:, lag:] += weight * signals[:, : signals.shape[1] - lag]
-    bands = np.repeat(denominator[:, None], signals.shape[1], axis=1)
-    return np.asarray(dtbtrs(bands, driven.T, uplo="L", diag="U")[0].T)
 
 
 def _denominator(section: Section) -> Array:

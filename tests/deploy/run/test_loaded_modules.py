@@ -100,3 +100,11 @@ def test_the_emulator_loads_nothing_more(network: str) -> None:
 def test_scipy_is_loaded_only_by_who_computes_with_it(module: str) -> None:
     found = _said_by(f"import sys, {module}; print(*(name for name in sys.modules if name.startswith('scipy.')))")
     assert not {"scipy.special", "scipy.signal", "scipy.stats", "scipy.linalg", "scipy.spatial"} & set(found.split())
+
+
+def test_the_patient_loads_no_signal_processing() -> None:
+    """It would double the time until it is ready."""
+    found = _said_by(
+        "import sys, patient_side.__main__; print(*(each for each in sys.modules if each[:5] == 'scipy'))"
+    )
+    assert not {"scipy.signal", "scipy.stats", "scipy.interpolate", "scipy.optimize"} & set(found.split())
