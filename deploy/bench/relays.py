@@ -1,6 +1,7 @@
-"""Relays under test, each in a separate process: a native Zenoh router, netem, and loops that only keep instants."""
+"""Relays under test, each in a process: a native router, netem, the least one in Python, and loops that only wait."""
 
 import contextlib
+import heapq
 import multiprocessing
 import os
 import tempfile
@@ -33,7 +34,11 @@ from netem.build import build_links
 _READY_S: Final = 20.0
 _SPAWN: Final = multiprocessing.get_context("spawn")
 _LONGEST_S: Final = 600
+_AHEAD_NS: Final = 20_000  # as netem takes packets
 _QUANTILES: Final = (("p50", 0.5), ("p95", 0.95), ("p99", 0.99), ("p99.9", 0.999), ("max", 1.0))
+
+_Held = tuple[int, int, zenoh.Publisher, zenoh.ZBytes, zenoh.ZBytes | None]
+"""A message that waits: its release in ns, a number, publisher, payload and attachment."""
 
 
 @dataclass
@@ -67,6 +72,16 @@ def native_router(endpoint: str) -> Iterator[Relay]:
 def netem(west: str, east: str, network: NetworkPart) -> Iterator[Relay]:
     """Run netem with a log, as a run has one; its figures are counters and the quantiles of the release error."""
     with _process(_bridge, west, east, network.model_dump(mode="json", exclude_none=True)) as relay:
+        yield relay
+
+
+@contextmanager
+def least_relay(west: str, east: str) -> Iterator[Relay]:
+    """Run the least that delays messages in Python: two routers, callbacks, a heap and one thread that puts.
+
+    It has no models, keeps no books and no log, and carries one key of each direction with one quality of service.
+    """
+    with _process(_delay, west, east) as relay:
         yield relay
 
 
@@ -139,6 +154,61 @@ def _bridge(pipe: Connection, west: str, east: str, raw: dict[str, Any]) -> None
         pipe.send({"counters": bridge.counters(), "n": errors.n, "release_error_us": quantiles})
 
 
+def _delay(pipe: Connection, west: str, east: str) -> None:
+    merge_acceptor()
+    with (
+        zenoh.open(configure("router", ZenohOptions(listen=[west]))) as one,
+        zenoh.open(configure("router", ZenohOptions(listen=[east]))) as two,
+    ):
+        alarm, errors_ns, heap, lock = Alarm(), list[int](), list[_Held](), threading.Lock()
+        late_ns = (_late_s(int(_LONGEST_S * 2000)) * NS_PER_S).astype(np.int64).tolist()
+        asleep_until_ns = 0
+
+        def delayed(session: zenoh.Session, key: str) -> Callable[[zenoh.Sample], None]:
+            publisher = session.declare_publisher(
+                key,
+                priority=zenoh.Priority.REAL_TIME,
+                express=True,
+                congestion_control=zenoh.CongestionControl.DROP,
+                allowed_destination=zenoh.Locality.REMOTE,
+            )
+            last_ns = 0
+
+            def offer(sample: zenoh.Sample) -> None:
+                nonlocal last_ns
+                with lock:
+                    last_ns = max(last_ns, clock.now_ns() + late_ns.pop())
+                    heapq.heappush(heap, (last_ns, len(late_ns), publisher, sample.payload, sample.attachment))
+                    wakes = last_ns < asleep_until_ns
+                if wakes:
+                    alarm.ring()
+
+            return offer
+
+        settle(privileged=False)
+        alarm.lead_ns = measure_lead_ns()
+        clock = WallClock(time.monotonic_ns())
+        for here, there, way in ((one, two, 0), (two, one, 1)):
+            offer = delayed(there, f"tis/way{way}/0")
+            here.declare_subscriber(f"tis/way{way}/**", offer, allowed_origin=zenoh.Locality.REMOTE)
+        stopped = _stop_of(pipe, alarm.ring)
+        while not stopped.is_set():
+            due = list[_Held]()
+            with lock:
+                now_ns = clock.now_ns()
+                while heap and heap[0][0] <= now_ns + _AHEAD_NS:
+                    due.append(heapq.heappop(heap))
+                asleep_until_ns = heap[0][0] if heap else now_ns + NS_PER_S
+            for release_ns, _, publisher, payload, attachment in due:
+                while (now_ns := clock.now_ns()) < release_ns:
+                    pass
+                publisher.put(payload, attachment=attachment)
+                errors_ns.append(now_ns - release_ns)
+            if not due:
+                alarm.sleep(clock, asleep_until_ns - _AHEAD_NS)
+        pipe.send({"n": len(errors_ns), "release_error_us": _quantiles_us(errors_ns)})
+
+
 def _keep_instants(pipe: Connection, rate_hz: float, poll_s: float | None) -> None:
     settle(privileged=False)
     alarm = Alarm()
@@ -155,16 +225,23 @@ def _keep_instants(pipe: Connection, rate_hz: float, poll_s: float | None) -> No
         if stopped.is_set():
             break
         errors_ns.append(now_ns - instant_ns)
-    quantiles = {name: float(np.quantile(errors_ns or [0], p)) * 1e-3 for name, p in _QUANTILES}
-    pipe.send({"n": len(errors_ns), "release_error_us": quantiles})
+    pipe.send({"n": len(errors_ns), "release_error_us": _quantiles_us(errors_ns)})
+
+
+def _quantiles_us(errors_ns: list[int]) -> dict[str, float]:
+    return {name: float(np.quantile(errors_ns or [0], p)) * 1e-3 for name, p in _QUANTILES}
 
 
 def _instants(rate_hz: float) -> NDArray[np.int64]:
     """Return instants, in ns, as the releases of two directions whose messages have a jitter of 1 ms."""
     n = int(rate_hz / 2 * _LONGEST_S)
     sent_s = np.tile(np.arange(n) * 2 / rate_hz, 2)
-    late_s = np.random.default_rng(1).normal(0.005, 0.001, 2 * n)
-    return np.sort((sent_s + late_s) * NS_PER_S).astype(np.int64)
+    return np.sort((sent_s + _late_s(2 * n)) * NS_PER_S).astype(np.int64)
+
+
+def _late_s(n: int) -> NDArray[np.float64]:
+    """Return delays with a jitter of 1 ms."""
+    return np.random.default_rng(1).normal(0.005, 0.001, n)
 
 
 def _stop_of(pipe: Connection, wake: Callable[[], None]) -> threading.Event:
