@@ -17,6 +17,7 @@ N_RECENT: Final = 8
 COARSE: Final = (70, 80, 95, 110, 130, 150, 180, 210, 250, 300)
 LAGS: Final = np.array([*range(N_FINE + 1), *COARSE])
 N_LAGS: Final = len(LAGS)
+_LAGS: Final[list[int]] = LAGS.tolist()
 
 
 class Window(NamedTuple):
@@ -54,20 +55,17 @@ def window_before(
     """
     here, angle = sample(newest), gripper_rad(newest)
     assert here is not None, "the newest sample is known"
-    way_m, present = np.zeros((1, N_LAGS, 3)), np.zeros((1, N_LAGS), dtype=np.bool_)
-    angles_rad = np.zeros((1, N_LAGS))
-    for i, lag in enumerate(LAGS.tolist()):
+    places, angles_rad, present = [], [], []
+    for lag in _LAGS:
         index = newest - lag * stride
-        if index < 0:
-            break
-        there = sample(index)
-        if there is None:
-            continue
-        present[0, i] = True
-        way_m[0, i] = there - here
-        then = gripper_rad(index)
-        angles_rad[0, i] = 0.0 if angle is None or then is None else then - angle
-    return filled(way_m, angles_rad, present)
+        there = sample(index) if index >= 0 else None
+        present.append(there is not None)
+        places.append(here if there is None else there)
+        then = None if there is None or angle is None else gripper_rad(index)
+        angles_rad.append(0.0 if then is None or angle is None else then - angle)
+    # one array from all: each write into an array would cost as much as reading a sample
+    way_m = np.concatenate(places).reshape(1, N_LAGS, -1) - here
+    return filled(way_m, np.array([angles_rad]), np.array([present]))
 
 
 def window_of_rows(
