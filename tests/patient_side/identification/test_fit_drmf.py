@@ -100,7 +100,7 @@ def test_an_arm_that_never_moved_is_held() -> None:
 
 def test_people_are_held_out_together() -> None:
     # Of each person a rhythm of their own: what helps within a person does not help with another.
-    t = np.arange(600)[:, None]
+    t = np.arange(300)[:, None]
     trials = [0.01 * np.sin(rate * t + [0.0, 1.0, 2.0] + phase) for rate in (0.05, 0.4, 1.1) for phase in (0.0, 1.5)]
     alone = fit_drmf(trials, RATE_HZ)
     apart = fit_drmf(trials, RATE_HZ, ["a", "a", "b", "b", "c", "c"])
