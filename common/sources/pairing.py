@@ -64,19 +64,12 @@ def fit_arm(command_m: Array, arm_m: Array, arm: Arm) -> ArmFit:
     return _pooled_fit([(command_m, arm_m)], arm)
 
 
-def pair_hands(
-    requested: Requested, hands: Sequence[Hand], commands_m: Mapping[Hand, Array], arms_m: Mapping[Arm, Array]
-) -> tuple[Pairing, ...]:
-    """Return the arm of each hand, from positions (N, 3) in m; they must not include scored rows.
-
-    ``auto`` takes the arm with the smaller residual ratio. If both hands would get the same arm, both are crossed
-    instead, with a warning.
-    """
-    return pair_over(requested, hands, [(commands_m, arms_m)])
-
-
 def pair_over(requested: Requested, hands: Sequence[Hand], recordings: Sequence[Positions]) -> tuple[Pairing, ...]:
-    """Return what `pair_hands` returns, from several recordings, each with a map of its own: set-ups differ."""
+    """Return the arm of each hand, from recordings that each have a map of their own: set-ups differ.
+
+    They must not include scored rows. ``auto`` takes the arm with the smaller residual ratio. If both hands would get
+    the same arm, both are crossed instead, with a warning.
+    """
     pairings = tuple(_pair(requested, hand, _fits(hand, recordings)) for hand in hands)
     if len({pairing.arm for pairing in pairings}) == len(pairings):
         return pairings

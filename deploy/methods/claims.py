@@ -58,8 +58,3 @@ CLAIMS: Final[dict[Feature, Claim]] = {
     "reliability": _claim("Reliability", "High", "Moderate", "Moderate"),
     "applications": _claim("Real-World Applications", "Ideal for Tactile Internet", "Limited", "Theoretical Focus"),
 }
-
-
-def family_of(method: str) -> Family | None:
-    """Return the family that an estimator belongs to, None for one that the paper does not compare."""
-    return next((family for family, members in MEMBERS.items() if method in members), None)

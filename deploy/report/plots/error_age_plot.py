@@ -76,10 +76,6 @@ def _figure(view: HandView, errors: _Errors) -> style.Figure | None:
     )
 
 
-def _ends(curve: ErrorByAge) -> str:
-    return f"{number(float(curve.rmse[0]))} to {number(float(curve.rmse[-1]))}"
-
-
 def _caption(errors: _Errors, curves: dict[str, ErrorByAge]) -> str:
     text = "A good estimator stays low however old its newest sample is; hold rises as fast as the arm moves. "
     active, unit = errors.active, errors.unit

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 from common.scenario.source import SyntheticSource
 from common.sources.jigsaws import parse_trial, pose_track, position_m
 from common.sources.jigsaws_text import trial_text
-from common.sources.pairing import pair_hands
+from common.sources.pairing import pair_over
 from common.sources.synthetic import synthesise
 from common.sources.trajectory import HandRecording, PoseTrack, Recording
 from tests.common.sources.trials import FIRST
@@ -34,7 +34,7 @@ def test_the_pairing_is_found_in_what_is_written() -> None:
     rows = parse_trial(trial_text(synthesise(BOTH, 8, 30, 1240, 0)), "S001")
     commands_m = {"left": position_m(rows, "MTML"), "right": position_m(rows, "MTMR")}
     arms_m = {"PSM1": position_m(rows, "PSM1"), "PSM2": position_m(rows, "PSM2")}
-    left, right = pair_hands("auto", ("left", "right"), commands_m, arms_m)  # type: ignore[arg-type]
+    left, right = pair_over("auto", ("left", "right"), [(commands_m, arms_m)])  # type: ignore[list-item]
     assert (left.arm, right.arm) == ("PSM2", "PSM1")
     assert left.warnings == right.warnings == ()
     for pairing in (left, right):

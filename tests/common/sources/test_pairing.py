@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from common.channels import Arm, Hand
 from common.sources.jigsaws import parse_trial, position_m
-from common.sources.pairing import contradictions, fit_arm, pair_hands, pair_over
+from common.sources.pairing import contradictions, fit_arm, pair_over
 from common.sources.trajectory import Array
 
 
@@ -29,10 +29,10 @@ COMMANDS: dict[Hand, Array] = {"left": LEFT, "right": RIGHT}
 
 @pytest.mark.parametrize(("arms", "expected"), [(CROSSED, ("PSM2", "PSM1")), (NAMED, ("PSM1", "PSM2"))])
 def test_auto_finds_the_arms_that_follow(arms: dict[Arm, Array], expected: tuple[str, str]) -> None:
-    pairings = pair_hands("auto", ("left", "right"), COMMANDS, arms)
+    pairings = pair_over("auto", ("left", "right"), [(COMMANDS, arms)])
     assert tuple(pairing.arm for pairing in pairings) == expected
     assert [pairing.warnings for pairing in pairings] == [(), ()]
-    [alone] = pair_hands("auto", ("right",), COMMANDS, arms)
+    [alone] = pair_over("auto", ("right",), [(COMMANDS, arms)])
     assert (alone.hand, alone.arm) == ("right", expected[1])
 
 
@@ -62,7 +62,7 @@ def test_the_residual_is_that_of_the_normal_equations() -> None:
 def test_an_order_is_obeyed_with_a_warning_where_the_data_disagree(
     requested: str, expected: str, arms: dict[Arm, Array]
 ) -> None:
-    [pairing] = pair_hands("cross" if requested == "cross" else "same_name", ("left",), COMMANDS, arms)
+    [pairing] = pair_over("cross" if requested == "cross" else "same_name", ("left",), [(COMMANDS, arms)])
     assert pairing.arm == expected
     agrees = (arms is CROSSED) == (requested == "cross")
     assert len(pairing.warnings) == (0 if agrees else 1)
@@ -77,7 +77,7 @@ def test_an_order_is_obeyed_with_a_warning_where_the_data_disagree(
 
 def test_auto_says_when_nothing_follows() -> None:
     arms: dict[Arm, Array] = {"PSM1": walk(11), "PSM2": walk(12)}
-    [pairing] = pair_hands("auto", ("left",), COMMANDS, arms)
+    [pairing] = pair_over("auto", ("left",), [(COMMANDS, arms)])
     assert min(fit.ratio for fit in pairing.fits) > 0.2
     [text] = pairing.warnings
     assert text.startswith("no arm follows MTML: a static gain leaves ")
@@ -86,17 +86,17 @@ def test_auto_says_when_nothing_follows() -> None:
 
 def test_auto_says_when_both_follow() -> None:
     arms: dict[Arm, Array] = {"PSM1": follower(LEFT, 5, 1.5e-5), "PSM2": follower(LEFT, 6, 1e-5)}
-    [pairing] = pair_hands("auto", ("left",), COMMANDS, arms)
+    [pairing] = pair_over("auto", ("left",), [(COMMANDS, arms)])
     assert pairing.arm == "PSM2"
     assert pairing.warnings[0].startswith("both arms follow MTML about equally: a static gain leaves ")
     clear: dict[Arm, Array] = {"PSM1": follower(LEFT, 5, 3e-5), "PSM2": follower(LEFT, 6, 1e-5)}
-    assert pair_hands("auto", ("left",), COMMANDS, clear)[0].warnings == ()
+    assert pair_over("auto", ("left",), [(COMMANDS, clear)])[0].warnings == ()
 
 
 def test_rows_that_any_map_fits_tell_nothing() -> None:
     for first in range(0, 400, 4):
         few: dict[Arm, Array] = {arm: track[first : first + 4] for arm, track in CROSSED.items()}
-        [pairing] = pair_hands("auto", ("left",), {"left": LEFT[first : first + 4]}, few)
+        [pairing] = pair_over("auto", ("left",), [({"left": LEFT[first : first + 4]}, few)])
         assert len(pairing.warnings) == 1
 
 
@@ -106,13 +106,13 @@ def test_an_arm_that_stands_still_follows_nobody() -> None:
     assert np.ptp(LEFT) < 0.2
     assert fit_arm(LEFT, 0.1 + 1e-6 * LEFT, "PSM1").ratio == 1.0
     still: dict[Arm, Array] = {"PSM1": np.full_like(LEFT, 0.1), "PSM2": follower(LEFT, 4)}
-    assert pair_hands("auto", ("left",), COMMANDS, still)[0].arm == "PSM2"
+    assert pair_over("auto", ("left",), [(COMMANDS, still)])[0].arm == "PSM2"
     assert fit_arm(np.full_like(LEFT, 0.1), LEFT, "PSM1").ratio == pytest.approx(1.0)
 
 
 def test_two_masters_never_share_an_arm() -> None:
     arms: dict[Arm, Array] = {"PSM1": follower(LEFT + RIGHT, 5, 1e-6), "PSM2": walk(12)}
-    pairings = pair_hands("auto", ("left", "right"), COMMANDS, arms)
+    pairings = pair_over("auto", ("left", "right"), [(COMMANDS, arms)])
     assert [pairing.arm for pairing in pairings] == ["PSM2", "PSM1"]
     for pairing in pairings:
         assert pairing.warnings[0].startswith(
@@ -121,7 +121,7 @@ def test_two_masters_never_share_an_arm() -> None:
 
 
 def test_the_description_names_master_arm_and_both_residuals() -> None:
-    [pairing] = pair_hands("auto", ("left",), COMMANDS, CROSSED)
+    [pairing] = pair_over("auto", ("left",), [(COMMANDS, CROSSED)])
     text = str(pairing)
     assert text.startswith("MTML -> PSM2 (auto; a static gain leaves ")
     assert text.count("mm rms of PSM") == 2
@@ -136,7 +136,7 @@ def test_in_every_real_trial_left_drives_psm2_and_right_psm1_at_half_gain(jigsaw
         seen = rows[:1240]
         commands: dict[Hand, Array] = {"left": position_m(seen, "MTML"), "right": position_m(seen, "MTMR")}
         arms: dict[Arm, Array] = {"PSM1": position_m(seen, "PSM1"), "PSM2": position_m(seen, "PSM2")}
-        pairings = pair_hands("auto", ("left", "right"), commands, arms)
+        pairings = pair_over("auto", ("left", "right"), [(commands, arms)])
         assert [pairing.arm for pairing in pairings] == ["PSM2", "PSM1"], file.name
         assert all(pairing.warnings == () for pairing in pairings), file.name
         for master, arm in (("MTML", "PSM2"), ("MTMR", "PSM1")):
@@ -148,7 +148,7 @@ def test_in_every_real_trial_left_drives_psm2_and_right_psm1_at_half_gain(jigsaw
 
 def test_recordings_of_different_set_ups_are_pooled_with_a_map_each() -> None:
     turned: dict[Arm, Array] = {arm: np.asarray(5.0 - positions[:, [1, 2, 0]]) for arm, positions in CROSSED.items()}
-    alone = pair_hands("auto", ("left", "right"), COMMANDS, CROSSED)
+    alone = pair_over("auto", ("left", "right"), [(COMMANDS, CROSSED)])
     both = pair_over("auto", ("left", "right"), [(COMMANDS, CROSSED), (COMMANDS, turned)])
     for one, two in zip(alone, both, strict=True):
         assert (one.arm, one.warnings) == (two.arm, two.warnings)
@@ -161,7 +161,7 @@ def test_recordings_of_different_set_ups_are_pooled_with_a_map_each() -> None:
 
 
 def test_a_recording_that_contradicts_a_pairing_adds_a_warning() -> None:
-    found = pair_hands("auto", ("left", "right"), COMMANDS, CROSSED)
+    found = pair_over("auto", ("left", "right"), [(COMMANDS, CROSSED)])
     assert contradictions(found, (COMMANDS, CROSSED), "in a test") == found
     doubted = contradictions(found, (COMMANDS, NAMED), "in a test")
     assert [pairing.arm for pairing in doubted] == ["PSM2", "PSM1"]
