@@ -24,7 +24,7 @@ def main_table(methods: Sequence[Figures]) -> Table:
 def _complexity(figures: Figures) -> str:
     laws = figures["exponents"]
     words = {"train_rows": "training: rows", "train_size": "size", "step_rows": "step: rows", "step_size": "size"}
-    return ", ".join(f"{words[name]}^{laws[name]['exponent']:.2f}" for name in words if laws[name]) or NONE
+    return ", ".join(f"{words[name]}^{laws[name]['exponent']:z.2f}" for name in words if laws[name]) or NONE
 
 
 def _real_time(figures: Figures) -> str:
@@ -68,7 +68,7 @@ def _scalability_cell(figures: Figures) -> str:
     both = (
         "" if step is None or step["rate_both_hz"] is None else f"both hands up to {rate_text(step['rate_both_hz'])}"
     )
-    return ", ".join(filter(None, (both, "" if law is None else f"step: size^{law['exponent']:.2f}"))) or NONE
+    return ", ".join(filter(None, (both, "" if law is None else f"step: size^{law['exponent']:z.2f}"))) or NONE
 
 
 def _training_cell(figures: Figures) -> str:

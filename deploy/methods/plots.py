@@ -7,6 +7,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from deploy.compare.results.plot_style import draw_line, tone
 from deploy.methods.measures.plans import ALL
@@ -16,6 +17,8 @@ Figures = Mapping[str, Any]
 Points = Sequence[tuple[float, Mapping[str, Any]]]
 """Places on the horizontal axis, each with a value's ratio and bounds."""
 
+_LEGEND_COLUMNS: Final = {1: 3, 2: 4, 4: 6}
+"""By number of panels: what fits their width."""
 _MOST: Final = 2.0
 """Ratio to hold up to which is drawn: beyond it a method is useless."""
 
@@ -29,7 +32,7 @@ def accuracy_figure(methods: Sequence[Figures]) -> Figure:
     with mpl.rc_context(STYLE):
         figure, (axes,) = _panels(1)
         _lines(axes, methods, points, "delay, ms", "3D RMSE over hold's")
-        axes.set_xscale("log")
+        _log_across(axes)
         _bound(axes)
         _legend(figure, axes)
     return figure
@@ -79,7 +82,7 @@ def training_figure(methods: Sequence[Figures]) -> Figure:
         _lines(error, methods, errors, "training rows", "3D RMSE over hold's")
         _lines(time, methods, times, "training rows", "training, s")
         for axes in (error, time):
-            axes.set_xscale("log")
+            _log_across(axes)
         _bound(error)
         time.set_yscale("log")
         _legend(figure, error)
@@ -98,7 +101,7 @@ def steps_figure(methods: Sequence[Figures]) -> Figure:
             name, ratio = str(figures["method"]), data[0]["ratio_to_hold"]
             draw_line(axes, name, names, [step["p50_us"]], [ratio])
             axes.plot([step["p50_us"], step["p99_us"]], [ratio, ratio], color=tone(name, names), linewidth=0.8)
-        axes.set_xscale("log")
+        _log_across(axes)
         _bound(axes)
         axes.set_xlabel("time of a step, µs: median and p99")
         axes.set_ylabel("3D RMSE over hold's")
@@ -134,14 +137,24 @@ def _lines(axes: Axes, methods: Sequence[Figures], points: Callable[[Figures], P
     axes.set_ylabel(up)
 
 
+def _log_across(axes: Axes) -> None:
+    """Make the horizontal axis logarithmic, with numbers that are read at a glance, also within a decade."""
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
 def _bound(axes: Axes) -> None:
     """Show ratios up to `_MOST`, and name the methods that are beyond it everywhere."""
-    beyond = [
-        str(line.get_label())
+    ratios = {
+        str(line.get_label()): np.asarray(line.get_ydata(), dtype=float)
         for line in axes.lines
-        if not str(line.get_label()).startswith("_") and min(np.asarray(line.get_ydata()), default=0.0) > _MOST
-    ]
-    axes.set_ylim(0, min(_MOST, axes.get_ylim()[1]))
+        if not str(line.get_label()).startswith("_")
+    }
+    beyond = [name for name, ratio in ratios.items() if ratio.min() > _MOST]
+    shown = [float(ratio.max()) for name, ratio in ratios.items() if name not in beyond]
+    axes.set_ylim(0, min(_MOST, 1.15 * max(shown, default=_MOST)))
     if beyond:
         axes.set_title(f"above {_MOST:g}: {', '.join(beyond)}", loc="left")
 
@@ -149,7 +162,7 @@ def _bound(axes: Axes) -> None:
 def _legend(figure: Figure, axes: Axes) -> None:
     handles, names = axes.get_legend_handles_labels()
     if handles:
-        figure.legend(handles, names, loc="outside lower center", ncols=4)
+        figure.legend(handles, names, loc="outside lower center", ncols=_LEGEND_COLUMNS[len(figure.axes)])
 
 
 def _ratio(entry: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -16,8 +16,8 @@ NONE: Final = "-"
 def exponent_text(law: Figures) -> str:
     """Return an exponent with its interval."""
     if law["low"] is None:
-        return f"{law['exponent']:.2f}"
-    return f"{law['exponent']:.2f} ({law['low']:.2f} to {law['high']:.2f})"
+        return f"{law['exponent']:z.2f}"
+    return f"{law['exponent']:z.2f} ({law['low']:z.2f} to {law['high']:z.2f})"
 
 
 def rate_text(rate_hz: float) -> str:

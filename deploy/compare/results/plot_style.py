@@ -17,7 +17,16 @@ def tone(name: str, names: Sequence[str]) -> str:
 
 
 def draw_line(axes: Axes, name: str, names: Sequence[str], x: Sequence[float], y: Sequence[float]) -> None:
-    """Draw the line of one estimator of several."""
-    dash, marker = _DASHES[look_of(name, names).dash], _MARKERS[list(names).index(name) % len(_MARKERS)]
-    colour = tone(name, names)
-    axes.plot(x, y, color=colour, linestyle=dash, marker=marker, markersize=3.5, linewidth=1.0, label=name)
+    """Draw the line of one estimator of several; where it is not solid, its markers are hollow."""
+    look, marker = look_of(name, names), _MARKERS[list(names).index(name) % len(_MARKERS)]
+    axes.plot(
+        x,
+        y,
+        color=look.tone.light,
+        linestyle=_DASHES[look.dash],
+        linewidth=1.0,
+        marker=marker,
+        markersize=4.5,
+        markerfacecolor=look.tone.light if look.dash == "solid" else "white",
+        label=name,
+    )
