@@ -75,6 +75,7 @@ def test_each_side_rejoins_its_run_after_a_kill(tmp_path: Path, without_report: 
         for side in get_args(Side):
             time.sleep(1.5)
             sides.kill(side)
+            time.sleep(2.0)  # a shorter silence need not be told
             sides.start(side)
             sides.await_word(side, "back in the run")
         codes = {side: process.wait(timeout=60) for side, process in sides.running.items()}
