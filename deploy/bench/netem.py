@@ -102,8 +102,10 @@ def _one_kilohertz(seconds: float, figures: dict[str, Any]) -> list[Row]:
         polling = f"a loop that polls each ms {median(found['polling']):.0f}"
         text = f"{_beside(found['reordered'], found['bare'], 'us', 'a bare loop')}; {polling}"
         rows.append((f"release error there, an instant each, {p}", text, "1.5x"))
-        text = f"{median(found['in_order']):.0f} us, the least relay {median(found['least']):.0f}"
-        rows.append((f"release error there, in order, {p}", text, ""))
+        text = _beside(found["in_order"], found["bare"], "us", "a bare loop")
+        rows.append(
+            (f"release error there, in order, {p}", f"{text}; the least relay {median(found['least']):.0f}", "1.5x")
+        )
     return rows
 
 

@@ -162,7 +162,7 @@ def _delay(pipe: Connection, west: str, east: str) -> None:
     ):
         alarm, errors_ns, heap, lock = Alarm(), list[int](), list[_Held](), threading.Lock()
         late_ns = (_late_s(int(_LONGEST_S * 2000)) * NS_PER_S).astype(np.int64).tolist()
-        asleep_until_ns = 0
+        asleep_until_ns, held = 0, list[object]()
 
         def delayed(session: zenoh.Session, key: str) -> Callable[[zenoh.Sample], None]:
             publisher = session.declare_publisher(
@@ -190,7 +190,7 @@ def _delay(pipe: Connection, west: str, east: str) -> None:
         clock = WallClock(time.monotonic_ns())
         for here, there, way in ((one, two, 0), (two, one, 1)):
             offer = delayed(there, f"tis/way{way}/0")
-            here.declare_subscriber(f"tis/way{way}/**", offer, allowed_origin=zenoh.Locality.REMOTE)
+            held.append(here.declare_subscriber(f"tis/way{way}/**", offer, allowed_origin=zenoh.Locality.REMOTE))
         stopped = _stop_of(pipe, alarm.ring)
         while not stopped.is_set():
             due = list[_Held]()

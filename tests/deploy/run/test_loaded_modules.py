@@ -103,7 +103,7 @@ def test_scipy_is_loaded_only_by_who_computes_with_it(module: str) -> None:
 
 
 def test_the_patient_loads_no_signal_processing() -> None:
-    """It would double the time until it is ready."""
+    """It would nearly double the time that it takes to load."""
     found = _said_by(
         "import sys, patient_side.__main__; print(*(each for each in sys.modules if each[:5] == 'scipy'))"
     )
