@@ -25,7 +25,7 @@ from common.runtime.memory import share_arenas
 from common.runtime.peer_watch import Beats, PeerWatch
 from common.runtime.process_end import run_to_end
 from common.runtime.scenario_exchange import ScenarioExchange
-from common.runtime.side import Membership, drive, settle
+from common.runtime.side import Membership, drive
 from common.runtime.side_cli import endpoints_for
 from common.runtime.side_log import SideOptions, continued, earlier_part, open_log
 from common.runtime.status import Status
@@ -35,7 +35,6 @@ from common.runtime.zenoh_session import ZenohOptions, configure, lease_ms, merg
 from common.scenario import Scenario
 from common.units import NS_PER_MS
 from netem.bridge.access import access_control
-from netem.bridge.alarm import measure_lead_ns
 from netem.bridge.applications import Applications
 from netem.bridge.bridge import Bridge
 from netem.bridge.command import netem_command
@@ -100,8 +99,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
             if mirrors is None:
                 return EXIT_INTERRUPTED
             applications.refuse_leaks()
-            settle()
-            bridge.alarm.lead_ns = measure_lead_ns()
+            bridge.settle()
             watch = BufferWatch(bridge.links, scenario.network.buffer, status.warning)
             membership = _join(meeting)
             continued(log, options, scenario, "netem", earlier, membership.epoch.run_id)

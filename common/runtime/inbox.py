@@ -1,28 +1,20 @@
-"""The queue between Zenoh's callback threads and the loop, and a precise wait that needs no privilege.
+"""The queue between Zenoh's callback threads and the loop, with a precise wait that needs no privilege.
 
 A callback stamps and appends under one lock and does nothing else. Draining sets a watermark, so that no arrival can
 have a stamp that a tick has already passed. The wait is `select` on an eventfd: with a timer slack of 1 ns it is late
 by some 20 us at the median, a condition variable by some 70 us.
 """
 
-import contextlib
-import ctypes
 import os
 import select
 import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Final, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from common.channels import Network
 from common.runtime.clock import Clock
-
-_PR_SET_TIMERSLACK: Final = 29
-
-_BEHIND, _PRIORITY = 1, 2
-_THREADS: Final = Path("/proc/self/task")
 
 T = TypeVar("T")
 
@@ -42,41 +34,6 @@ class Stamped(NamedTuple, Generic[T]):
     recv_ns: int
     item: T
     share: Share | None = None
-
-
-def sharpen_timers() -> None:
-    """Set the timer slack of this thread to its minimum (Linux, no privilege needed; elsewhere without effect)."""
-    prctl = getattr(ctypes.CDLL(None), "prctl", None)
-    if prctl is not None:
-        prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
-
-
-def request_real_time() -> bool:
-    """Request real-time scheduling for all present and future threads of this process; return whether it holds.
-
-    Linux grants it to root, with CAP_SYS_NICE, or within RLIMIT_RTPRIO; else nothing changes. It applies to all
-    threads, since the loop waits for any thread that holds the interpreter's lock. Threads of equal priority take
-    turns (SCHED_RR), and the kernel reserves a share of the time for ordinary processes.
-    """
-    requested = os.sched_param(_PRIORITY)
-    try:
-        for thread in _THREADS.iterdir():
-            with contextlib.suppress(ProcessLookupError):  # the thread has ended meanwhile
-                os.sched_setscheduler(int(thread.name), os.SCHED_RR, requested)
-    except OSError:
-        return False
-    return True
-
-
-def stand_behind(thread_id: int, behind: bool) -> None:
-    """Set a thread's real-time priority, if it has one, below that of all loops on this host, or equal to theirs.
-
-    ``thread_id`` is the kernel's, 0 for the calling thread. Behind the loops belongs long work without the
-    interpreter's lock, which would delay loops of equal priority; it may get no processor as long as loops want all.
-    """
-    with contextlib.suppress(OSError):
-        if os.sched_getscheduler(thread_id) == os.SCHED_RR:
-            os.sched_setscheduler(thread_id, os.SCHED_RR, os.sched_param(_BEHIND if behind else _PRIORITY))
 
 
 class Inbox(Generic[T]):
@@ -128,7 +85,10 @@ class Inbox(Generic[T]):
         return receive
 
     def wait(self, deadline_ns: int) -> Stamped[T] | None:
-        """Return the next arrival stamped at or before ``deadline_ns``, None when there is none or on `alarm`."""
+        """Return the next arrival stamped at or before ``deadline_ns``, None when there is none or on `alarm`.
+
+        Each arrival rings, too: after one that was returned at once, the next wait may end with None early.
+        """
         clock = self._clock
         assert clock is not None, "start() comes before wait()"
         while True:

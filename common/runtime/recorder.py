@@ -13,9 +13,9 @@ from pydantic import BaseModel
 from common.channels import is_set_point
 from common.node import Record
 from common.records import COUNTERS, ESTIMATES, FRESH, ORIENTATIONS, PLANT, UNRECORDED, CounterNote
-from common.runtime.inbox import stand_behind
 from common.runtime.loop import Recorder
 from common.runtime.memory import LevelHeap
+from common.runtime.scheduling import stand_behind
 from common.units import NS_PER_S
 
 FLUSH_EVERY_NS: Final = NS_PER_S // 2

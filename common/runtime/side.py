@@ -20,7 +20,7 @@ from common.runtime.clock import Clock, WallClock
 from common.runtime.clock_discipline import read_discipline
 from common.runtime.clock_watch import ClockWatch
 from common.runtime.control import Epoch, boot_digest
-from common.runtime.inbox import Inbox, request_real_time, sharpen_timers
+from common.runtime.inbox import Inbox
 from common.runtime.log_parts import CLOCK_FILE, PartClock
 from common.runtime.loop import LateRecorder, Recorder, Seat, run
 from common.runtime.meeting import Meeting
@@ -28,6 +28,7 @@ from common.runtime.memory import keep_heap_level
 from common.runtime.peer_watch import BEAT_EVERY_S, PeerWatch, tell
 from common.runtime.processor_watch import ProcessorWatch
 from common.runtime.recorder import MAX_WAITING_BYTES, FileLog, ThreadedRecorder
+from common.runtime.scheduling import request_real_time, sharpen_timers
 from common.runtime.status import Status
 from common.runtime.ticks_only import TicksOnly, recorder_for
 from common.runtime.zenoh_bus import ZenohBus

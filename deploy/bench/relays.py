@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from common.runtime.clock import WallClock
 from common.runtime.mcap_log import McapLog
 from common.runtime.recorder import ThreadedRecorder
+from common.runtime.scheduling import let_zenoh_wait
 from common.runtime.side import settle
 from common.runtime.zenoh_session import ZenohOptions, configure, merge_acceptor
 from common.scenario.network import NetworkPart
@@ -80,6 +81,7 @@ def least_relay(west: str, east: str) -> Iterator[Relay]:
     """Run the least that delays messages in Python: two routers, callbacks, a heap and one thread that puts.
 
     It has no models, keeps no books and no log, and carries one key of each direction with one quality of service.
+    Its threads are scheduled as netem's are.
     """
     with _process(_delay, west, east) as relay:
         yield relay
@@ -139,8 +141,7 @@ def _bridge(pipe: Connection, west: str, east: str, raw: dict[str, Any]) -> None
         bridge = Bridge({"west": one, "east": two}, links)
         bridge.subscribe("forward", "tis/**")
         bridge.subscribe("feedback", "tis/**")
-        settle(privileged=False)  # the bounds apply to an unprivileged process
-        bridge.alarm.lead_ns = measure_lead_ns()
+        bridge.settle(privileged=False)  # the bounds apply to an unprivileged process
         bridge.start(WallClock(time.monotonic_ns()))
         tally = Tally(McapLog(Path(scratch) / "netem.mcap", {}), lambda: None)
         recorder = ThreadedRecorder(tally)
@@ -186,6 +187,7 @@ def _delay(pipe: Connection, west: str, east: str) -> None:
             return offer
 
         settle(privileged=False)
+        let_zenoh_wait()
         alarm.lead_ns = measure_lead_ns()
         clock = WallClock(time.monotonic_ns())
         for here, there, way in ((one, two, 0), (two, one, 1)):

@@ -13,7 +13,7 @@ import zenoh
 from numpy.typing import NDArray
 
 from common.header import Header
-from common.runtime.inbox import sharpen_timers
+from common.runtime.scheduling import sharpen_timers
 from common.runtime.zenoh_session import ZenohOptions, configure
 
 _SETTLE_S: Final = 0.4

@@ -6,7 +6,7 @@ import time
 from typing import Final
 
 from common.runtime.clock import Clock
-from common.runtime.inbox import sharpen_timers
+from common.runtime.scheduling import sharpen_timers
 
 _MAX_SLEEP_S: Final = 0.5
 _N_SLEEPS: Final = 100

@@ -13,9 +13,10 @@ from typing import Any, Final, TypeVar
 from common.channels import Direction
 from common.node import Record
 from common.runtime.clock import Clock
-from common.runtime.inbox import sharpen_timers
 from common.runtime.loop import LateRecorder
-from netem.bridge.alarm import Alarm
+from common.runtime.scheduling import let_zenoh_wait, sharpen_timers
+from common.runtime.side import settle
+from netem.bridge.alarm import Alarm, measure_lead_ns
 from netem.bridge.standstill import Pulse
 from netem.link.ledger import last_records
 from netem.link.link import Link
@@ -49,6 +50,12 @@ class Driver:
         self._busy = False  # the release thread sends: no callback may overtake it
         self._n_leaving = 0  # packets that callbacks are sending now
         self._records: list[Record] = []
+
+    def settle(self, privileged: bool = True) -> None:
+        """Tune this process for punctual releases, as `common.runtime.side.settle`; it comes before `start`."""
+        settle(privileged)
+        let_zenoh_wait()
+        self.alarm.lead_ns = measure_lead_ns()
 
     def start(self, clock: Clock) -> None:
         """Begin to accept packets."""

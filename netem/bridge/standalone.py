@@ -23,7 +23,6 @@ from common.runtime.mcap_log import McapLog
 from common.runtime.memory import share_arenas
 from common.runtime.processor_watch import ProcessorWatch
 from common.runtime.recorder import ThreadedRecorder
-from common.runtime.side import settle
 from common.runtime.side_log import LOG_VERSION
 from common.runtime.status import Status
 from common.runtime.trace_files import load_traces, trace_attachments
@@ -32,7 +31,6 @@ from common.scenario.network import NetworkPart
 from common.scenario.reading import Profiles
 from common.trace import Trace
 from common.units import s_to_ns
-from netem.bridge.alarm import measure_lead_ns
 from netem.bridge.applications import Applications
 from netem.bridge.bridge import Bridge
 from netem.bridge.bypass import refuse_one_router
@@ -148,8 +146,7 @@ def _base_overhead_ns(
 
 def start(bridge: Driver) -> WallClock:
     """Let packets pass; return the clock, whose zero is now."""
-    settle()
-    bridge.alarm.lead_ns = measure_lead_ns()
+    bridge.settle()
     clock = WallClock(time.monotonic_ns())
     bridge.start(clock)
     return clock

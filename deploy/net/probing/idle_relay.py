@@ -17,7 +17,7 @@ from common.errors import Fault, PeerError
 from common.header import Header
 from common.runtime.clock import monotonic_ns
 from common.runtime.free_endpoints import free_endpoints
-from common.runtime.inbox import sharpen_timers
+from common.runtime.scheduling import sharpen_timers
 from common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
 from deploy.net.probing.receiving_end import LocalReceivingEnd
 from netem.fit.measuring import Spread

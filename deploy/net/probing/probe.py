@@ -16,7 +16,7 @@ from common.clocks.model import ClockModel
 from common.errors import Fault, PeerError
 from common.header import Header
 from common.runtime.clock import monotonic_ns
-from common.runtime.inbox import sharpen_timers
+from common.runtime.scheduling import sharpen_timers
 from common.units import NS_PER_S, s_to_ns
 from deploy.net.probing.message_pairing import Paired, last_received, pair
 from deploy.net.probing.receiving_end import WARM_UP, ReceivingEnd

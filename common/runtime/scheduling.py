@@ -1,0 +1,64 @@
+"""Scheduling of this process's threads by the kernel: when they wake, and which of them goes first (Linux)."""
+
+import contextlib
+import ctypes
+import os
+from pathlib import Path
+from typing import Final
+
+_PR_SET_TIMERSLACK: Final = 29
+_BEHIND, _PRIORITY = 1, 2
+_THREADS: Final = Path("/proc/self/task")
+_ZENOH: Final = (b"rx-", b"tx-")
+"""How Zenoh begins the names of the threads that receive and send."""
+
+
+def sharpen_timers() -> None:
+    """Set the timer slack of this thread to its minimum (Linux, no privilege needed; elsewhere without effect)."""
+    prctl = getattr(ctypes.CDLL(None), "prctl", None)
+    if prctl is not None:
+        prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
+
+
+def request_real_time() -> bool:
+    """Request real-time scheduling for all present and future threads of this process; return whether it holds.
+
+    Linux grants it to root, with CAP_SYS_NICE, or within RLIMIT_RTPRIO; else nothing changes. It applies to all
+    threads, since the loop waits for any thread that holds the interpreter's lock. Threads of equal priority take
+    turns (SCHED_RR), and the kernel reserves a share of the time for ordinary processes.
+    """
+    requested = os.sched_param(_PRIORITY)
+    try:
+        for thread in _THREADS.iterdir():
+            with contextlib.suppress(ProcessLookupError):  # the thread has ended meanwhile
+                os.sched_setscheduler(int(thread.name), os.SCHED_RR, requested)
+    except OSError:
+        return False
+    return True
+
+
+def stand_behind(thread_id: int, behind: bool) -> None:
+    """Set a thread's real-time priority, if it has one, below that of all loops on this host, or equal to theirs.
+
+    ``thread_id`` is the kernel's, 0 for the calling thread. Behind the loops belongs long work without the
+    interpreter's lock, which would delay loops of equal priority; it may get no processor as long as loops want all.
+    """
+    with contextlib.suppress(OSError):
+        if os.sched_getscheduler(thread_id) == os.SCHED_RR:
+            os.sched_setscheduler(thread_id, os.SCHED_RR, os.sched_param(_BEHIND if behind else _PRIORITY))
+
+
+def let_zenoh_wait() -> None:
+    """Let no thread of Zenoh that receives or sends interrupt a running one when it is woken (SCHED_BATCH).
+
+    By default the sending thread, which a `put` wakes, may interrupt the thread that puts, in the middle of its
+    releases, and so may a receiving thread when a message arrives. Threads that those begin later inherit the policy.
+    It needs no privilege. Real-time threads keep theirs: equal priorities do not interrupt each other. Threads that
+    ZENOH_RUNTIME merges with others have other names and are left alone.
+    """
+    with contextlib.suppress(OSError):
+        for thread in _THREADS.iterdir():
+            with contextlib.suppress(OSError):  # the thread has ended meanwhile
+                is_zenoh = (thread / "comm").read_bytes().startswith(_ZENOH)
+                if is_zenoh and os.sched_getscheduler(int(thread.name)) == os.SCHED_OTHER:
+                    os.sched_setscheduler(int(thread.name), os.SCHED_BATCH, os.sched_param(0))
