@@ -26,7 +26,7 @@ REFUSED: Final = "refused"
 """First part of the names of their counters."""
 
 _COLOUR: Final = re.compile(rb"\x1b\[[0-9;]*m")
-_PATTERNS: Final[tuple[tuple[bytes, Refusal], ...]] = (
+_PATTERNS: Final[tuple[tuple[bytes, Refusal | None], ...]] = (
     (b"interceptor: Msg intercepted", "not_permitted"),
     (b"did not match any configured ACL subject", "unknown_name"),
     (b"peer sent no certificates", "no_certificate"),
@@ -36,6 +36,7 @@ _PATTERNS: Final[tuple[tuple[bytes, Refusal], ...]] = (
     (b"UnknownIssuer", "foreign_authority"),
     (b"invalid peer certificate", "bad_certificate"),
     (b"received fatal alert", "false_netem"),
+    (b"tls handshake eof", None),  # the client gave up: a side ends an attempt after 0.4 s, and tries again
     (b"Hint: increase the system open file limit", "no_tls"),  # how the line of each failed handshake ends
     (b"UsrPwd extension - Recv InitSyn", "no_password"),
     (b"UsrPwd extension - Recv OpenSyn", "wrong_password"),

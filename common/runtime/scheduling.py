@@ -10,7 +10,7 @@ _PR_SET_TIMERSLACK: Final = 29
 _BEHIND, _PRIORITY = 1, 2
 _THREADS: Final = Path("/proc/self/task")
 _ZENOH: Final = (b"rx-", b"tx-")
-"""How Zenoh begins the names of the threads that receive and send."""
+"""Beginnings of the names of Zenoh's threads that receive and send."""
 
 
 def sharpen_timers() -> None:

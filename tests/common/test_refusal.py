@@ -30,7 +30,7 @@ _HINT = ". Hint: increase the system open file limit."
         (_line("WARN", _TLS, f"invalid peer certificate: certificate not valid yet: 1{_HINT}"), "expired"),
         (_line("WARN", _TLS, f"invalid peer certificate: BadEncoding{_HINT}"), "bad_certificate"),
         (_line("WARN", _TLS, f"received corrupt message of type InvalidContentType{_HINT}"), "no_tls"),
-        (_line("WARN", _TLS, f"tls handshake eof{_HINT}"), "no_tls"),
+        (_line("WARN", _TLS, f"tls handshake eof{_HINT}"), None),  # it gave up, and nobody refused it
         (_line("WARN", _TLS, f"received fatal alert: UnknownCA{_HINT}"), "false_netem"),
         (_line("INFO", _ACL, "5ae8 did not match any configured ACL subject. Default permission"), "unknown_name"),
         (_line("TRACE", "zenoh::net::routing::interceptor", "Msg intercepted!"), "not_permitted"),
