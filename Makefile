@@ -21,7 +21,7 @@ $(VENV)/.stamp: pyproject.toml constraints.txt
 
 $(VENV)/.stamp-dev: $(VENV)/.stamp
 	@echo "adding the tools of tests and manual to $(VENV)"
-	@$(PIP) --editable '.[dev,docs]'
+	@$(PIP) --no-compile --editable '.[dev,docs]'  # what is used is compiled then
 	@touch $@
 
 demo: run-env

@@ -7,8 +7,13 @@ export PATH="$PWD/.venv/bin:$PATH"
 unset PYTHONDONTWRITEBYTECODE
 ruff format --check .
 ruff check --no-cache .
-mypy
 lint-imports
+# types on one core; on the other the manual, and the tests are compiled, which each worker would do again
+mypy &
+types=$!
+trap 'kill $types 2> /dev/null || true' EXIT
 deploy/docs.sh
+pytest --collect-only --quiet > /dev/null || true  # a fault is told below
+wait $types
 # one worker more than cores, for live tests mostly wait; these come first, as tests/conftest.py sorts them
 pytest -n 3 --dist loadgroup --no-loadscope-reorder --durations=25 "$@"

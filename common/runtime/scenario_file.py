@@ -8,7 +8,7 @@ from typing import Any, Final
 from common.errors import Fault, InputError
 from common.runtime.limited_file import read_limited
 from common.scenario import reading
-from common.scenario.yaml_text import MAX_YAML_BYTES
+from common.yaml_text import MAX_YAML_BYTES
 
 RUNS: Final = Path("runs")
 """Folder of the runs whose folder the user does not name."""

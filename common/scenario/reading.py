@@ -12,7 +12,7 @@ from common.errors import Fault, InputError
 from common.scenario import Scenario
 from common.scenario.faults import faults
 from common.scenario.source import NULL_IS_A_VALUE
-from common.scenario.yaml_text import load_yaml
+from common.yaml_text import load_yaml
 
 Profiles = Callable[[str], Mapping[str, Any]]
 """The profile library: returns the network of a name as its file gives it, without defaults.

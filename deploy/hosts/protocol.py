@@ -12,8 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapte
 
 from common.channels import Side
 from common.errors import Fault, InputError
-from common.scenario.base import Part
-from common.scenario.yaml_text import MAX_YAML_BYTES
+from common.yaml_text import MAX_YAML_BYTES
 from deploy.hosts.transfer.offered_logs import LogName, OfferedLog
 from deploy.shell.outcome import Event
 
@@ -34,7 +33,11 @@ RunName = Annotated[str, StringConstraints(pattern=f"^{RUN_NAME.pattern}$")]
 _Text = Annotated[str, StringConstraints(max_length=MAX_YAML_BYTES)]
 
 
-class CheckRequest(Part):
+class _Request(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class CheckRequest(_Request):
     """Asks for the faults of all that a side needs on its host."""
 
     action: Literal["check"] = "check"
@@ -43,7 +46,7 @@ class CheckRequest(Part):
     scenario: _Text
 
 
-class RunRequest(Part):
+class RunRequest(_Request):
     """Starts a side, which ends with the connection that started it."""
 
     action: Literal["run"] = "run"
@@ -55,7 +58,7 @@ class RunRequest(Part):
     insecure: bool = False
 
 
-class RunsRequest(Part):
+class RunsRequest(_Request):
     """Asks for the runs of which the host has a side's folder."""
 
     action: Literal["runs"] = "runs"
@@ -63,7 +66,7 @@ class RunsRequest(Part):
     side: Side
 
 
-class ListRequest(Part):
+class ListRequest(_Request):
     """Asks for the logs of a run; ``parts`` are the sizes of what was fetched before, by name."""
 
     action: Literal["list"] = "list"
@@ -73,7 +76,7 @@ class ListRequest(Part):
     parts: dict[LogName, Annotated[int, Field(ge=0)]] = Field(default={}, max_length=100)
 
 
-class ReadRequest(Part):
+class ReadRequest(_Request):
     """Asks for the bytes of a log from ``begin`` to before ``end``."""
 
     action: Literal["read"] = "read"

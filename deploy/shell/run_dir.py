@@ -20,8 +20,8 @@ from common.errors import DataError, Fault
 from common.runtime.limited_file import read_limited
 from common.scenario import Scenario
 from common.scenario import reading as scenario_io
-from common.scenario.yaml_text import MAX_YAML_BYTES
 from common.sources.provenance import MODEL_FILES
+from common.yaml_text import MAX_YAML_BYTES
 
 SCENARIO_FILE: Final = "scenario.yaml"
 NETWORK_FILE: Final = "network.yaml"

@@ -13,7 +13,7 @@ from common.records import FATES
 from common.runtime.trace_files import load_traces
 from common.scenario.faults import faults
 from common.scenario.network import NetworkPart, Rule
-from common.scenario.yaml_text import load_yaml
+from common.yaml_text import load_yaml
 from deploy.logs.log_paths import log_file
 from deploy.logs.read.compact_ints import CompactInts
 from deploy.logs.read.load import RunLogs, load_side

@@ -7,8 +7,8 @@ from common import channels, errors, host_records, records, safety_records
 from common.devices import records as device_records
 from common.scenario import Scenario
 from common.scenario.base import Part
-from common.scenario.yaml_text import MAX_YAML_BYTES
 from common.sources.jigsaws import MAX_TRIAL_BYTES
+from common.yaml_text import MAX_YAML_BYTES
 from deploy.cli.main import app
 from deploy.compare.study import Study
 from deploy.export.columns import columns_of, table_meaning

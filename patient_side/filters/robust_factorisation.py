@@ -71,12 +71,15 @@ def low_rank_part(columns: Array, known: NDArray[np.bool_], factor: LeftFactor) 
     ``columns`` (C, A, R) have A axes; the values of unknown entries have no effect. Oracle: numpy's least squares.
     """
     basis, n_factors = factor.basis, factor.basis.shape[1]
-    products = (basis[:, :, None] * basis[:, None, :]).reshape(len(basis), -1)
-    left = (known @ products).reshape(-1, n_factors, n_factors)
-    left[:, range(n_factors), range(n_factors)] += factor.shrinkage
     right = (columns * known[:, None]) @ basis
-    coefficients = np.linalg.solve(left, right.transpose(0, 2, 1))
-    return np.asarray(coefficients.transpose(0, 2, 1) @ basis.T)
+    # Of a column without gaps the normal equations are diagonal, as the factors are orthonormal.
+    coefficients = right / (1.0 + factor.shrinkage)
+    gappy = ~np.all(known, axis=1)
+    products = (basis[:, :, None] * basis[:, None, :]).reshape(len(basis), -1)
+    left = (known[gappy] @ products).reshape(-1, n_factors, n_factors)
+    left[:, range(n_factors), range(n_factors)] += factor.shrinkage
+    coefficients[gappy] = np.linalg.solve(left, right[gappy].transpose(0, 2, 1)).transpose(0, 2, 1)
+    return np.asarray(coefficients @ basis.T)
 
 
 def largest(sizes: Array, n_largest: int, least: float) -> NDArray[np.bool_]:

@@ -28,7 +28,8 @@ TUTORIALS = ROOT / "docs" / "tutorials"
 _MODULE, _, _FUNCTION = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]["tis"].partition(
     ":"
 )
-COMMANDS = {"tis": f'-c "from {_MODULE} import {_FUNCTION}; {_FUNCTION}()"', "python": ""}
+_MAIN = f"from {_MODULE} import {_FUNCTION}; {_FUNCTION}()"
+COMMANDS = {"tis": f'-c "{_MAIN}"', "python": ""}
 
 
 @pytest.fixture
@@ -37,14 +38,25 @@ def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     commands = tmp_path / "bin"
     commands.mkdir()
     for name, words in COMMANDS.items():
-        (commands / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" {words} "$@"\n')
-        (commands / name).chmod(0o755)
+        _write_command(commands / name, words)
     shutil.copytree(EXAMPLES, tmp_path / "examples", ignore=shutil.ignore_patterns("runs", "__pycache__"))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", f"{commands}{os.pathsep}{os.environ['PATH']}")
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.setenv("COLUMNS", "200")
     return tmp_path
+
+
+def _write_command(path: Path, words: str) -> None:
+    path.write_text(f'#!/bin/sh\nexec "{sys.executable}" {words} "$@"\n')
+    path.chmod(0o755)
+
+
+@pytest.fixture
+def no_report(there: Path) -> None:
+    """Let `tis` take Bokeh for missing: for tests that do not look at the report, which takes longest."""
+    missing = "from deploy.shell import extras; extras.can_report = lambda: False"
+    _write_command(there / "bin" / "tis", f'-c "{missing}; {_MAIN}"')
 
 
 def example(*words: str, **more: Any) -> "subprocess.CompletedProcess[str]":
@@ -113,7 +125,7 @@ def test_the_first_run_has_a_twin_and_a_replay(there: Path) -> None:
 
 
 @pytest.mark.live
-def test_three_hosts_make_one_run(there: Path, model_file: Path) -> None:
+def test_three_hosts_make_one_run(there: Path, model_file: Path, no_report: None) -> None:
     west, east = free_ports(2)
     scenario = Path("examples/three_hosts.yaml").read_text()
     for shown, here in (("7451", str(west)), ("7452", str(east)), ("duration_s: 10", "duration_s: 3")):
@@ -135,7 +147,8 @@ def test_tis_up_makes_one_run_of_the_three_hosts(there: Path, model_file: Path) 
     for shown, here in (("7451", str(west)), ("7452", str(east)), ("duration_s: 10", "duration_s: 3")):
         assert shown in scenario
         scenario = scenario.replace(shown, here)
-    Path("examples/three_hosts.yaml").write_text(f"{scenario}identification: {{train: {model_file}}}\n")
+    scenario += f"identification: {{train: {model_file}}}\n"
+    Path("examples/three_hosts.yaml").write_text(f"{scenario}estimators: [hold, innovations_kf]\n")
     done = example("tis", "up", "examples/hosts.yaml", "--run-dir", "o", "--no-report", "--no-merge")
     found = summary("o")
     assert is_right_but_for_the_machine(done.returncode, found), done.stderr
@@ -174,7 +187,8 @@ def _joined(there: Path, *settings: str, programs: dict[str, list[str]]) -> tupl
     """Return the summary of a run over bad Wi-Fi in which these programs took part, and what each of them printed."""
     west, east = (f"tcp/127.0.0.1:{port}" for port in free_ports(2))
     ends = {"WEST": west, "EAST": east}
-    command = ["tis", "run", "live", "--run-dir", "j", "--duration-s", "5", "--no-report", *settings]
+    command = ["tis", "run", "live", "--run-dir", "j", "--duration-s", "5", "--no-report", "--no-merge", *settings]
+    command += ["--set", "estimators=[hold, innovations_kf]"]
     command += ["--set", f"hosts={{west: {west}, east: {east}}}"]
     run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     joined = {

@@ -30,7 +30,8 @@ name: apart
 duration_s: 4
 source: {{kind: synthetic}}
 hosts: {{west: {west}, east: {east}}}
-identification: {{train: {model_file}}}
+estimators: [hold]
+active_estimator: hold
 network:
   forward: {{delay: {{kind: constant, delay_ms: 20}}}}
   feedback: {{delay: {{kind: constant, delay_ms: 20}}}}
@@ -38,12 +39,12 @@ network:
 
 
 def test_one_way_delays_under_a_wrong_clock_lie_within_the_stated_uncertainty(
-    tmp_path: Path, endpoints: tuple[str, str], model_file: Path, without_report: None
+    tmp_path: Path, endpoints: tuple[str, str], without_report: None
 ) -> None:
     """Its clock is wrong by a known function of this machine's, so the true delay of each message is known."""
     west, east = endpoints
     scenario = tmp_path / "s.yaml"
-    scenario.write_text(SCENARIO.format(west=west, east=east, model_file=model_file))
+    scenario.write_text(SCENARIO.format(west=west, east=east))
     processes: dict[str, subprocess.Popen[str]] = {}
     with ExitStack() as stack:
         for side in ("netem", "patient", "surgeon"):

@@ -11,6 +11,7 @@ import pytest
 
 from deploy.tools.certificates import issue, new_authority
 from tests.deploy.commands import call
+from tests.system.conftest import HOLD
 
 pytestmark = pytest.mark.live
 _ROOT = Path(__file__).resolve().parents[2]
@@ -18,21 +19,30 @@ _TIS = [sys.executable, "-m", "deploy.cli.main"]
 _SIDES = ("surgeon", "netem", "patient")
 
 
-@pytest.fixture
-def apart(tmp_path: Path, without_report: None) -> Path:
-    """Return a folder with the logs of a run, each in a folder of its own, and with certificates."""
-    code, _, err = call("twin", "default", "--duration-s", "8", "--run-dir", str(tmp_path / "run"))
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a run, for all tests of this file."""
+    path = tmp_path_factory.mktemp("collected") / "run"
+    words = (*HOLD, "--duration-s", "8", "--no-report", "--no-merge")
+    code, _, err = call("twin", "default", *words, "--run-dir", str(path))
     assert code in (0, 5), err
+    return path
+
+
+@pytest.fixture
+def apart(tmp_path: Path, run: Path) -> Path:
+    """Return a folder with the logs of a run, each in a folder of its own, and with certificates."""
     new_authority(tmp_path / "certs")
     for side in _SIDES:
         (tmp_path / side).mkdir()
-        shutil.copy(tmp_path / "run" / f"{side}.mcap", tmp_path / side)
+        shutil.copy(run / f"{side}.mcap", tmp_path / side)
         issue(tmp_path / "certs", side)
     return tmp_path
 
 
 def _start(stack: ExitStack, folder: Path, side: str, *words: str) -> subprocess.Popen[str]:
-    command = [*_TIS, "collect", *words, "-c", str(folder / "certs" / side / "zenoh.json5")]
+    brief = () if "--offer" in words else ("--no-report", "--no-merge")
+    command = [*_TIS, "collect", *words, *brief, "-c", str(folder / "certs" / side / "zenoh.json5")]
     process = subprocess.Popen(command, cwd=_ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     stack.callback(process.communicate)
     stack.callback(process.kill)
@@ -40,7 +50,7 @@ def _start(stack: ExitStack, folder: Path, side: str, *words: str) -> subprocess
 
 
 def test_netems_host_collects_what_the_others_offer_with_their_certificates(
-    apart: Path, endpoints: tuple[str, str]
+    apart: Path, run: Path, endpoints: tuple[str, str]
 ) -> None:
     west, east = (endpoint.replace("tcp/", "tls/") for endpoint in endpoints)
     with ExitStack() as stack:
@@ -56,7 +66,7 @@ def test_netems_host_collects_what_the_others_offer_with_their_certificates(
             offer.send_signal(signal.SIGINT)
             assert offer.wait(timeout=60) == 0
     for side in _SIDES:
-        assert (apart / "netem" / f"{side}.mcap").read_bytes() == (apart / "run" / f"{side}.mcap").read_bytes()
+        assert (apart / "netem" / f"{side}.mcap").read_bytes() == (run / f"{side}.mcap").read_bytes()
     assert {"summary.json", "manifest.json", "scenario.yaml"} <= {path.name for path in (apart / "netem").iterdir()}
     assert "default (twin" in out
 

@@ -10,9 +10,9 @@ import pytest
 from common.records import COUNTERS, PLANT
 from deploy.logs.read.load import load_run
 from deploy.report.measures.display import displayed
-from tests.system.browser import chromium, watched_page
+from tests.system.browser import chromium, live_page
 from tests.system.conftest import Start
-from tests.system.test_view_page import _url
+from tests.system.test_view_page import url_of
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -42,10 +42,10 @@ def _drag(page: "Page", n: int) -> None:
 
 
 def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture(start: Start) -> None:
-    tis = start("run", "drive", "--view", "--duration-s", "600", pages=True)  # the test ends it
-    url = _url(tis)
+    tis = start("run", "drive", "--view", "--duration-s", "600")  # the test ends it
+    url = url_of(tis)
     with chromium() as browser:
-        page, found = watched_page(browser)
+        page, found = live_page(browser)
         page.goto(url)
         page.wait_for_function(_IS_DRAWN)
         page.wait_for_function(_STATUS, arg="Nobody drives")
@@ -53,7 +53,7 @@ def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture
         page.wait_for_function(_STATUS, arg="You drive the arm")
 
         # a second page sees the same, and is told that it must wait
-        other, found_there = watched_page(browser)
+        other, found_there = live_page(browser)
         other.goto(url)
         other.wait_for_function(_IS_DRAWN)
         other.wait_for_function(_STATUS, arg="Another page drives the arm")
@@ -84,7 +84,7 @@ def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture
         assert found == found_there == []
 
         # the driver closes the page: the run goes on, and the hand holds
-        watching, _ = watched_page(browser)
+        watching, _ = live_page(browser)
         watching.goto(url)
         watching.wait_for_function(_IS_DRAWN)
         page.close()

@@ -10,7 +10,7 @@ from common.scenario.reading import build_scenario
 from deploy.logs.read.load import load_run
 from deploy.run.consistency import compare_fates
 from deploy.run.twin import build_sides, run_twin
-from tests.system.conftest import Start, is_right_but_for_the_machine
+from tests.system.conftest import StartHere, is_right_but_for_the_machine
 
 pytestmark = pytest.mark.live
 
@@ -95,12 +95,12 @@ def _scenario(trace: Path) -> dict[str, Any]:
     }
 
 
-def test_every_model_at_once(start: Start, tmp_path: Path) -> None:
+def test_every_model_at_once(run_here: StartHere, tmp_path: Path) -> None:
     trace = tmp_path / "trace.csv"
     trace.write_text(_TRACE)
     file = tmp_path / "every_model.yaml"
     file.write_text(yaml.safe_dump(_scenario(trace)))
-    tis = start("run", str(file))
+    tis = run_here("run", str(file))
     code, _, err = tis.wait()
     summary = tis.summary()
     assert is_right_but_for_the_machine(code, summary), (err, summary["problems"])

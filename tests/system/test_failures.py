@@ -15,11 +15,11 @@ from common.records import TICKS
 from common.runtime.zenoh_session import ZenohOptions, configure
 from tests.log_reader import LogReader
 from tests.nodes import a_pose
-from tests.system.conftest import Start, Tis, is_right_but_for_the_machine
+from tests.system.conftest import HOLD, Run, RunHere, Start, StartHere, is_right_but_for_the_machine
+from tests.system.test_view_page import is_free, port_of, url_of
 
 pytestmark = pytest.mark.live
 _PATIENCE_S = 20.0  # what is promised is 3 s on a machine of its own; the runs below are longer
-_HOLD = ("--set", "estimators=[hold]", "--set", "active_estimator=hold")  # no test of a death looks at estimates
 MODULES = {"surgeon": "surgeon_side", "netem": "netem", "patient": "patient_side"}
 
 
@@ -32,19 +32,20 @@ def _gone(pids: list[int], within_s: float) -> bool:
     return False
 
 
-def _last_record_s(tis: Tis, side: str) -> float:
+def _last_record_s(tis: Run, side: str) -> float:
     return max(message.log_time for _, message in LogReader(tis.run_dir / f"{side}.mcap").messages()) / 1e9
 
 
 @pytest.mark.parametrize("side", ["surgeon", "netem", "patient"])
-def test_a_killed_side_ends_the_run_and_every_log_is_readable(start: Start, side: str) -> None:
-    tis = start("run", "default", "--duration-s", "60", *_HOLD)
-    tis.await_log("surgeon")
-    time.sleep(1.5)
-    children = tis.children()
-    victim = tis.child(MODULES[side])
-    os.kill(victim, signal.SIGKILL)
-    assert _gone(children, _PATIENCE_S)
+def test_a_killed_side_ends_the_run_and_every_log_is_readable(run_here: StartHere, side: str) -> None:
+    def kill(run: RunHere) -> None:
+        run.await_log("surgeon")
+        time.sleep(1.5)
+        children = run.children()
+        os.kill(run.child(MODULES[side]), signal.SIGKILL)
+        assert _gone(children, _PATIENCE_S)
+
+    tis = run_here("run", "default", "--duration-s", "60", *HOLD, meanwhile=kill)
     code, _, err = tis.wait()
     assert code == 3
     assert f"tis: {side}: killed by SIGKILL" in err
@@ -62,10 +63,13 @@ def test_a_killed_side_ends_the_run_and_every_log_is_readable(start: Start, side
 
 
 @pytest.mark.parametrize("side", ["netem", "patient"])
-def test_a_killed_side_is_named_where_the_run_goes_on(start: Start, side: str) -> None:
-    tis = start("run", "default", "--duration-s", "6", *_HOLD, "--set", "on_peer_loss=continue")
-    tis.await_log("surgeon")
-    os.kill(tis.child(MODULES[side]), signal.SIGKILL)
+def test_a_killed_side_is_named_where_the_run_goes_on(run_here: StartHere, side: str) -> None:
+    def kill(run: RunHere) -> None:
+        run.await_log("surgeon")
+        os.kill(run.child(MODULES[side]), signal.SIGKILL)
+
+    words = ("--duration-s", "6", *HOLD, "--set", "on_peer_loss=continue")
+    tis = run_here("run", "default", *words, meanwhile=kill)
     code, _, err = tis.wait()
     assert code == 3
     assert err.count(f"{side} left, and this side goes on without it") >= 1, err
@@ -75,16 +79,28 @@ def test_a_killed_side_is_named_where_the_run_goes_on(start: Start, side: str) -
     assert [problem.split(" ")[0] for problem in named] == [side]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupt_ends_the_run_in_order(start: Start, number: signal.Signals) -> None:
-    tis = start("run", "default", "--duration-s", "60", *_HOLD)
+@pytest.mark.parametrize(
+    ("number", "words", "patience_s"),
+    [
+        (signal.SIGTERM, (), _PATIENCE_S),
+        (signal.SIGINT, ("--view",), 2 * _PATIENCE_S),  # its page's process is a child like the sides
+    ],
+)
+def test_an_interrupt_ends_the_run_in_order(
+    start: Start, number: signal.Signals, words: tuple[str, ...], patience_s: float
+) -> None:
+    tis = start("run", "default", "--duration-s", "60", *HOLD, *words)
+    port = port_of(url_of(tis)) if words else None
     tis.await_log("surgeon")
     children = tis.children()
+    assert len(children) == len(MODULES) + len(words)
+    assert port is None or not is_free(port)
     tis.process.send_signal(number)
-    assert _gone(children, _PATIENCE_S)
+    assert _gone(children, patience_s)
     code, _, err = tis.wait()
     assert code == 130
     assert "Traceback" not in err
+    assert port is None or is_free(port)
     for side in MODULES:
         reader = LogReader(tis.run_dir / f"{side}.mcap")
         assert any(topic == TICKS or side == "netem" for topic, _ in reader.messages())
@@ -105,10 +121,7 @@ def test_an_interrupt_before_the_run_leaves_nothing_behind(start: Start) -> None
     assert _gone(children, _PATIENCE_S)
 
 
-def test_junk_on_our_keys_is_counted_and_the_run_goes_on(start: Start, endpoints: tuple[str, str]) -> None:
-    west, east = endpoints
-    tis = start("run", "default", "--duration-s", "5", "--set", f"hosts={{west: {west}, east: {east}}}")
-    tis.await_log("surgeon")
+def _speak_nonsense(west: str) -> None:
     config = configure("client", ZenohOptions(connect=[west]))
     whole = a_pose(9.0).model_dump_json().encode()
     future = a_pose(9.0, sample_ns=10**17).model_dump_json().encode()
@@ -122,6 +135,17 @@ def test_junk_on_our_keys_is_counted_and_the_run_goes_on(start: Start, endpoints
         session.put("somebody/else", b"refused")
         session.delete(key)
         time.sleep(0.3)
+
+
+def test_junk_on_our_keys_is_counted_and_the_run_goes_on(run_here: StartHere, endpoints: tuple[str, str]) -> None:
+    def speak(run: RunHere) -> None:
+        run.await_log("surgeon")
+        _speak_nonsense(west)
+
+    west, east = endpoints
+    words = ("--duration-s", "5", "--set", "estimators=[hold, innovations_kf]")
+    hosts = f"hosts={{west: {west}, east: {east}}}"
+    tis = run_here("run", "default", *words, "--set", hosts, meanwhile=speak)
     code, _, err = tis.wait()
     summary = tis.summary()
     assert is_right_but_for_the_machine(code, summary), (err, summary["problems"])
@@ -135,10 +159,13 @@ def test_junk_on_our_keys_is_counted_and_the_run_goes_on(start: Start, endpoints
 
 
 @pytest.mark.parametrize("policy", ["continue", "end"])
-def test_a_lost_run_folder_is_told_when_it_is_lost(start: Start, policy: str) -> None:
-    tis = start("run", "default", "--duration-s", "7", *_HOLD, "--set", f"on_log_loss={policy}")
-    tis.await_log("surgeon")
-    shutil.rmtree(tis.run_dir)
+def test_a_lost_run_folder_is_told_when_it_is_lost(run_here: StartHere, policy: str) -> None:
+    def lose(run: RunHere) -> None:
+        run.await_log("surgeon")
+        shutil.rmtree(run.run_dir)
+
+    settings = ("--duration-s", "7", *HOLD, "--set", f"on_log_loss={policy}")
+    tis = run_here("run", "default", *settings, meanwhile=lose)
     code, _, err = tis.wait()
     assert code == 4, err
     words = "goes on without it" if policy == "continue" else "ends (on_log_loss)"

@@ -10,7 +10,7 @@ from common.records import COUNTERS
 from common.runtime.zenoh_session import ZenohOptions, configure
 from deploy.logs.read.load import load_run
 from deploy.run.replay import replay
-from tests.system.conftest import Start, is_right_but_for_the_machine
+from tests.system.conftest import StartHere, is_right_but_for_the_machine
 
 LEFT = "device/MTML/measured_cp"
 GOOD = '{"stamp_ns": %d, "position_m": {"x": %f, "y": 0, "z": 0}}'
@@ -23,21 +23,12 @@ BAD = (
 
 @pytest.mark.live
 def test_a_device_that_lies_floods_and_stops_is_named_and_ends_no_run(
-    start: Start, endpoints: tuple[str, str]
+    run_here: StartHere, endpoints: tuple[str, str]
 ) -> None:
     west, east = endpoints
     hosts = json.dumps({"west": west, "east": east})
-    tis = start("run", "live", "--set", f"hosts={hosts}", "--duration-s", "6")
-    with zenoh.open(a_patient_client(west)) as session:
-        await_run(session)
-        for i in range(100):  # a second of honest movement, and lies between
-            put(session, GOOD % (100 + i, 0.001 * (i % 10)))
-            time.sleep(0.01)
-            for lie in BAD if i % 10 == 0 else ():
-                put(session, lie)
-        for i in range(30_000):
-            put(session, GOOD % (1000 + i, 0.001 * (i % 10)))
-        put(session, GOOD % (100_000, 5.0))  # five metres away; then nothing any more
+    words = ("--set", f"hosts={hosts}", "--set", "estimators=[hold, innovations_kf]", "--duration-s", "6")
+    tis = run_here("run", "live", *words, meanwhile=lambda _: _lie_and_flood(west))
     code, _, err = tis.wait()
     summary, logs = tis.summary(), load_run(tis.run_dir)
     assert is_right_but_for_the_machine(code, summary), (err, summary["problems"])
@@ -53,6 +44,19 @@ def test_a_device_that_lies_floods_and_stops_is_named_and_ends_no_run(
     found = replay(tis.run_dir)
     assert found.identical
     assert found.n_compared > 300
+
+
+def _lie_and_flood(west: str) -> None:
+    with zenoh.open(a_patient_client(west)) as session:
+        await_run(session)
+        for i in range(100):  # a second of honest movement, and lies between
+            put(session, GOOD % (100 + i, 0.001 * (i % 10)))
+            time.sleep(0.01)
+            for lie in BAD if i % 10 == 0 else ():
+                put(session, lie)
+        for i in range(30_000):
+            put(session, GOOD % (1000 + i, 0.001 * (i % 10)))
+        put(session, GOOD % (100_000, 5.0))  # five metres away; then nothing any more
 
 
 def put(session: zenoh.Session, content: str | bytes) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import socket
 from pathlib import Path
 
 import pytest
@@ -17,7 +18,7 @@ from deploy.run.consistency import compare_fates
 from deploy.run.replay import replay
 from deploy.run.resolve import resolve
 from deploy.run.twin import build_sides, run_twin
-from tests.system.conftest import Start, is_right_but_for_the_machine, samples_taken
+from tests.system.conftest import HOLD, Start, StartHere, is_right_but_for_the_machine, samples_taken
 
 pytestmark = pytest.mark.live
 SETTINGS = [
@@ -27,9 +28,9 @@ SETTINGS = [
 ]
 
 
-def test_a_live_run_adds_up_replays_bit_for_bit_and_has_the_twins_fates(start: Start, tmp_path: Path) -> None:
+def test_a_live_run_adds_up_replays_bit_for_bit_and_has_the_twins_fates(run_here: StartHere, tmp_path: Path) -> None:
     words = [word for setting in SETTINGS for word in ("--set", setting)]
-    tis = start("run", "default", "--duration-s", "5", *words, identified=True)
+    tis = run_here("run", "default", "--duration-s", "5", *words, identified=True)
     code, out, err = tis.wait()
     summary = tis.summary()
     assert is_right_but_for_the_machine(code, summary), (err, summary["problems"])
@@ -51,6 +52,7 @@ def test_a_live_run_adds_up_replays_bit_for_bit_and_has_the_twins_fates(start: S
         assert 0 < shares["own_pct"] < 100 * shares["n_processors"] + 1
 
     assert replay(tis.run_dir).identical
+    _assert_a_changed_model_no_longer_replays_identically(tis.run_dir, tmp_path / "other")
 
     scenario = resolve("default", SETTINGS, None, 5.0)
     nodes, models, _ = build_sides(scenario)
@@ -70,13 +72,8 @@ def test_a_live_run_adds_up_replays_bit_for_bit_and_has_the_twins_fates(start: S
     assert "summary.json" in manifest["sha256"]
 
 
-def test_a_changed_model_no_longer_replays_identically(start: Start, tmp_path: Path) -> None:
-    tis = start("run", "default", "--duration-s", "3", "--set", "estimators=[damped_velocity, innovations_kf]")
-    code, _, err = tis.wait()
-    assert is_right_but_for_the_machine(code, tis.summary()), err
-    assert replay(tis.run_dir).identical
-    other = tmp_path / "other"
-    shutil.copytree(tis.run_dir, other)
+def _assert_a_changed_model_no_longer_replays_identically(run_dir: Path, other: Path) -> None:
+    shutil.copytree(run_dir, other)
     changed = json.loads((other / "model.json").read_text())
     _halve_damping(changed)
     (other / "model.json").write_text(json.dumps(changed))
@@ -102,7 +99,7 @@ def test_sides_alone_meet_in_any_order_and_run(
     scenario.write_text(
         "version: 1\nname: alone\nduration_s: 3\nsource: {kind: synthetic}\n"
         f"hosts: {{west: {west}, east: {east}}}\nnetwork: {{forward: {{delay: {{kind: constant, delay_ms: 10}}}}}}\n"
-        f"identification: {{train: {model_file}}}\n"
+        f"identification: {{train: {model_file}}}\nestimators: [hold, innovations_kf]\n"
     )
     patient = start("patient", str(scenario), run_dir="p")
     patient.await_log("patient", n_bytes=0)  # it is ready and waits before anybody else is there
@@ -136,13 +133,11 @@ def test_a_side_with_another_scenario_is_refused_by_all(
         assert f"seed is {there} there, {here} here" in err
 
 
-def test_a_named_port_in_use_is_one_line(start: Start, tmp_path: Path, endpoints: tuple[str, str]) -> None:
-    import socket
-
+def test_a_named_port_in_use_is_one_line(run_here: StartHere, endpoints: tuple[str, str]) -> None:
     west, east = endpoints
     host, port = west.removeprefix("tcp/").split(":")
     with socket.create_server((host, int(port))):
-        tis = start("run", "default", "--set", f"hosts={{west: {west}, east: {east}}}")
+        tis = run_here("run", "default", *HOLD, "--set", f"hosts={{west: {west}, east: {east}}}")
         code, out, err = tis.wait()
     assert code == 3
     assert f"netem: {west}: cannot listen here: in use or not of this host" in err

@@ -5,17 +5,19 @@ import pytest
 from common.records import PHASES, PROMPT, TICKS
 from deploy.logs.read.load import load_run
 from deploy.run.replay import replay
-from tests.system.conftest import Start, is_right_but_for_the_machine
+from tests.system.conftest import StartHere, is_right_but_for_the_machine
 
 pytestmark = pytest.mark.live
 
-ACTIVE = ("active_estimator=moesp_kf",)
+ESTIMATORS = ("estimators=[hold, innovations_kf]", "active_estimator=innovations_kf")
 
 
 @pytest.mark.parametrize("mode", ["phase_locked", "on_arrival"])
-def test_a_live_run_replays_bit_for_bit(mode: str, start: Start) -> None:
-    words = (f"patient.tick={mode}", "network.forward.jitter=null", "estimators=[hold, moesp_kf]", *ACTIVE)
-    tis = start("run", "default", "-v", "--duration-s", "2.5", *(word for text in words for word in ("--set", text)))
+def test_a_live_run_replays_bit_for_bit(mode: str, run_here: StartHere) -> None:
+    words = (f"patient.tick={mode}", "network.forward.jitter=null", *ESTIMATORS)
+    tis = run_here(
+        "run", "default", "-v", "--duration-s", "2.5", *(word for text in words for word in ("--set", text))
+    )
     code, out, err = tis.wait()
     summary = tis.summary()
     assert is_right_but_for_the_machine(code, summary), (err, summary["problems"])

@@ -14,26 +14,29 @@ import pytest
 from common.runtime.free_endpoints import free_endpoints
 from deploy.tools.certificates import issue, new_authority
 from tests.deploy.commands import call, call_in_one_line
-from tests.system.conftest import Start
+from tests.system.conftest import HOLD, RunHere, Start, StartHere
 from tests.system.hosts import IP, Hosts, hosts
 
 pytestmark = pytest.mark.live
 __all__ = ["hosts"]
-_HOLD = ("--set", "estimators=[hold]", "--set", "active_estimator=hold")
 _TIS = [sys.executable, "-m", "deploy.cli.main"]
 _SLOW = """
 import time
+from pathlib import Path
 import numpy as np
 from patient_side.estimators.protocol import Estimate
+
+NOW = Path(__file__).with_name("now")
 
 class Slow:
     name = "slow"
     def initial(self):
-        return 0
+        return False
     def step(self, state, playout, now_ns):
-        if state == 60:
+        if not state and NOW.exists():
             time.sleep(3.0)
-        return state + 1, Estimate(np.zeros(3), None)
+            state = True
+        return state, Estimate(np.zeros(3), None)
 
 def factory(model):
     return Slow()
@@ -50,51 +53,54 @@ active_estimator: hold
 """
 
 
-@pytest.mark.parametrize(("side", "module"), [("patient", "patient_side"), ("netem", "netem")])
-def test_a_side_that_stands_still_is_told_and_is_not_dead(start: Start, side: str, module: str) -> None:
-    tis = start("run", "default", "--duration-s", "8", *_HOLD)
-    tis.await_log("surgeon")
-    victim = tis.child(module)
-    os.kill(victim, signal.SIGSTOP)
-    time.sleep(3)
-    os.kill(victim, signal.SIGCONT)
-    code, _, err = tis.wait()
-    assert code == 5, err
-    assert f"surgeon: warning: {side} stands still" in err
-    assert f"surgeon: warning: {side} is back after" in err
-    assert f"{side}: warning: this process stood still for" in err
-    problems = [text for text in tis.summary()["problems"] if " at " in text and "noticed" in text]
-    assert len(problems) == 1, problems
-    assert problems[0].startswith(f"{side} stood still (")
-    assert "clock" not in err
-
-
-def test_a_side_that_is_silent_for_too_long_ends_the_run(start: Start) -> None:
-    tis = start("run", "default", "--duration-s", "60", *_HOLD, "--set", "peer_timeout_s=2")
-    tis.await_log("surgeon")
-    victim = tis.child("patient_side")
-    os.kill(victim, signal.SIGSTOP)
-    try:
-        until_s = time.monotonic() + 30
-        while len(tis.children()) > 1 and time.monotonic() < until_s:
-            time.sleep(0.1)
-    finally:
-        os.kill(victim, signal.SIGCONT)
-    code, _, err = tis.wait()
-    assert code == 3, err
-    assert "patient was silent for" in " ".join(err.split())
-
-
-def test_an_estimator_that_blocks_is_named(start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_side_that_stands_still_or_blocks_is_told_and_is_not_dead(
+    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """First the patient stands still, then netem, then the patient's estimator; each is back before the next."""
     (tmp_path / "slow_filter.py").write_text(_SLOW)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     names = ("--set", "estimators=[hold, 'slow_filter:factory']", "--set", "active_estimator=slow_filter:factory")
-    tis = start("run", "default", "--duration-s", "8", *names)
+    tis = start("run", "default", "--duration-s", "17", *names)
+    tis.await_log("surgeon")
+    for module in ("patient_side", "netem"):
+        victim = tis.child(module)
+        os.kill(victim, signal.SIGSTOP)
+        time.sleep(3)
+        os.kill(victim, signal.SIGCONT)
+        time.sleep(2)
+    (tmp_path / "now").touch()
     code, _, err = tis.wait()
     assert code == 5, err
+    all_problems = tis.summary()["problems"]
+    problems = [text for text in all_problems if " at " in text and "noticed" in text]
+    for side in ("patient", "netem"):
+        assert f"surgeon: warning: {side} stands still" in err
+        assert f"surgeon: warning: {side} is back after" in err
+        assert f"{side}: warning: this process stood still for" in err
+        assert len([text for text in problems if text.startswith(f"{side} stood still (")]) == 1, problems
+    assert len([text for text in problems if " stood still (" in text]) == 2, problems
     assert "patient does not tick: its loop has been in one step for" in " ".join(err.split())
     assert "slow_filter:factory" in err
-    assert any("its loop stayed in one step (slow_filter:factory)" in text for text in tis.summary()["problems"])
+    assert any("its loop stayed in one step (slow_filter:factory)" in text for text in all_problems)
+    assert "clock" not in err
+
+
+def test_a_side_that_is_silent_for_too_long_ends_the_run(run_here: StartHere) -> None:
+    def stop(run: RunHere) -> None:
+        run.await_log("surgeon")
+        victim = run.child("patient_side")
+        os.kill(victim, signal.SIGSTOP)
+        try:
+            until_s = time.monotonic() + 30
+            while len(run.children()) > 1 and time.monotonic() < until_s:
+                time.sleep(0.1)
+        finally:
+            os.kill(victim, signal.SIGCONT)
+
+    tis = run_here("run", "default", "--duration-s", "60", *HOLD, "--set", "peer_timeout_s=2", meanwhile=stop)
+    code, _, err = tis.wait()
+    assert code == 3, err
+    assert "patient was silent for" in " ".join(err.split())
 
 
 def _sides(

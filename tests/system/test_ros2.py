@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.conftest import Start, is_right_but_for_the_machine
+from tests.system.conftest import RunHere, StartHere, is_right_but_for_the_machine
 from tests.system.ros2_side import N_EACH, TOPICS
 from tests.system.test_transparent import Netem
 
@@ -18,6 +19,7 @@ pytestmark = [
     pytest.mark.live,
     pytest.mark.skipif(find_spec("zenoh_ros2_sdk") is None, reason="zenoh-ros2-sdk is not installed"),
 ]
+_ESTIMATORS = "estimators=[hold, innovations_kf]"
 _ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -56,15 +58,20 @@ def test_poses_twists_joint_states_and_a_service_cross_netem(endpoints: tuple[st
 
 
 def test_a_pose_stamped_of_ros_2_is_a_device_that_the_estimators_follow(
-    start: Start, endpoints: tuple[str, str]
+    run_here: StartHere, endpoints: tuple[str, str]
 ) -> None:
+    def move(run: RunHere) -> None:
+        run.await_log("netem", 1)
+        with a_side("device", west):
+            while run.is_under_way():
+                time.sleep(0.05)
+
     west, east = endpoints
     source = "source={kind: live, encoding: ros2, keys: {left: 0/device/left/*/*}}"
     hosts = f"hosts={{west: {west}, east: {east}}}"
-    tis = start("run", "live", "--duration-s", "5", "--set", source, "--set", hosts)
-    tis.await_log("netem", 1)
-    with a_side("device", west):
-        code, _, err = tis.wait()
+    settings = [word for text in (source, hosts, _ESTIMATORS) for word in ("--set", text)]
+    tis = run_here("run", "live", "--duration-s", "5", *settings, meanwhile=move)
+    code, _, err = tis.wait()
     summary = tis.summary()
     assert is_right_but_for_the_machine(code, summary), (err, summary["problems"])
     row = summary["devices"]["left"]

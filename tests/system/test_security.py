@@ -1,7 +1,5 @@
 """Runs under attack: who is let in, who may say what, and that the run goes on as if nothing had happened."""
 
-import subprocess
-import sys
 from datetime import timedelta
 from pathlib import Path
 
@@ -13,7 +11,7 @@ from common.runtime.zenoh_session import ZenohOptions, configure
 from common.scenario.security import Password
 from deploy.tools import certificates
 from deploy.tools.certificates import issue, new_authority
-from tests.deploy.commands import call
+from tests.deploy.commands import call, call_in_one_line
 from tests.system.conftest import Start, Tis, is_right_but_for_the_machine
 from tests.system.intruders import a_client, cause_an_outage, lie, of_another_run, speak_for_the_patient
 
@@ -168,13 +166,10 @@ def test_a_side_says_why_it_cannot_connect(
     security = f"security: {{kind: mtls, folder: {certs}}}"
     scenario.write_text(f"version: 1\nname: s\nsource: {{kind: synthetic}}\n{security}\n")
     with zenoh.open(configure("router", false)):
-        found = subprocess.run(
-            [sys.executable, "-m", "surgeon_side", str(scenario), "-e", west, "--wait-s", "1",
-             "--run-dir", str(tmp_path)],
-            cwd=Path(__file__).resolve().parents[2], capture_output=True, text=True, check=False,
-        )  # fmt: skip
-    assert found.returncode == 3
-    assert f"netem at {west} did not answer within 1.0 s: {reason}" in found.stderr
+        words = (str(scenario), "-e", west, "--wait-s", "1", "--run-dir", str(tmp_path))
+        code, _, err = call_in_one_line("surgeon", *words)
+    assert code == 3
+    assert f"netem at {west} did not answer within 1.0 s: {reason}" in err
 
 
 def test_a_patient_with_another_scenario_is_told_the_field_and_so_are_the_others(

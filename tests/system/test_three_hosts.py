@@ -29,6 +29,7 @@ hosts: {west: tls/10.77.1.1:7447, east: tls/10.77.2.1:7448}
 security: {kind: mtls}
 network: {forward: {delay: {kind: constant, delay_ms: 20}}, feedback: {delay: {kind: constant, delay_ms: 20}}}
 identification: {train: MODEL_FILE}
+estimators: [hold, innovations_kf]
 """
 
 

@@ -19,6 +19,7 @@ from common.host_records import CLOCK
 from common.metrics.percentiles import summarise
 from deploy.logs.read.load import load_run, load_side
 from deploy.report.measures.latency import used_samples
+from tests.deploy.commands import Call, call
 from tests.system.conftest import is_right_but_for_the_machine, samples_taken
 from tests.system.hosts import Hosts, hosts
 
@@ -27,6 +28,7 @@ __all__ = ["hosts"]
 _ROOT = Path(__file__).resolve().parents[2]
 _TIS = f"{sys.executable} -m deploy.cli.main"
 _SIDES = ("surgeon", "netem", "patient")
+_ENVIRONMENT = {"PYTHONPATH": str(_ROOT), "COLUMNS": "200"}
 _ERRORS = {"surgeon": (3_000_000_000, 50e-6), "patient": (-2_000_000_000, -80e-6)}
 """Error of each side's clock: offset in ns, drift."""
 
@@ -35,6 +37,7 @@ def _write(folder: Path, model_file: Path, west: str, east: str, duration_s: int
     scenario = {
         "version": 1, "name": "up", "duration_s": duration_s, "source": {"kind": "synthetic"},
         "hosts": {"west": west, "east": east}, "identification": {"train": str(model_file)},
+        "estimators": ["hold", "innovations_kf"],
         "network": {way: {"delay": {"kind": "constant", "delay_ms": 20}} for way in ("forward", "feedback")},
     }  # fmt: skip
     (folder / "s.yaml").write_text(yaml.safe_dump(scenario))
@@ -47,11 +50,19 @@ def _write(folder: Path, model_file: Path, west: str, east: str, duration_s: int
 
 
 def _start(folder: Path, *words: str) -> subprocess.Popen[str]:
-    environment = {**os.environ, "PYTHONPATH": str(_ROOT), "COLUMNS": "200"}
     return subprocess.Popen(
         [*_TIS.split(), *words, "--run-dir", str(folder / "run")],
-        cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        cwd=folder, env=os.environ | _ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
+
+
+@pytest.fixture
+def called(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Call:
+    """Return the command in this process, in the folder of the test and the environment of the hosts."""
+    monkeypatch.chdir(tmp_path)
+    for name, value in _ENVIRONMENT.items():
+        monkeypatch.setenv(name, value)
+    return call
 
 
 def _true_ns(shown_ns: NDArray[np.int64], side: str) -> NDArray[np.int64]:
@@ -62,7 +73,7 @@ def _true_ns(shown_ns: NDArray[np.int64], side: str) -> NDArray[np.int64]:
 
 
 def test_three_hosts_with_wrong_clocks_make_one_run_with_true_delays(
-    hosts: Hosts, tmp_path: Path, model_file: Path
+    hosts: Hosts, tmp_path: Path, model_file: Path, called: Call
 ) -> None:
     """Both clocks are wrong by known functions of this machine's, so the true delay of each message is known."""
     skews = {"surgeon": "3:50", "netem": None, "patient": "-2:-80"}
@@ -71,14 +82,13 @@ def test_three_hosts_with_wrong_clocks_make_one_run_with_true_delays(
         for side, skew in skews.items()
     }
     file = _write(tmp_path, model_file, "tcp/10.77.1.1:7447", "tcp/10.77.2.1:7448", 4, **more)
-    process = _start(tmp_path, "up", str(file), "--insecure", "--no-merge")
-    out, err = process.communicate(timeout=180)
+    code, out, err = called("up", str(file), "--insecure", "--no-merge", "--run-dir", str(tmp_path / "run"))
     run = tmp_path / "run"
     names = {path.name for path in run.iterdir()}
     assert names >= {"scenario.yaml", "summary.json", "manifest.json", "report.html"}, err
     assert {name for name in names if name.endswith(".mcap")} == {f"{side}.mcap" for side in _SIDES}
     summary = json.loads((run / "summary.json").read_text())
-    assert is_right_but_for_the_machine(process.returncode, summary), out + err
+    assert is_right_but_for_the_machine(code, summary), out + err
     assert "Unknown child" not in err
     assert json.loads((run / "manifest.json").read_text())["exit_codes"] == dict.fromkeys(_SIDES, 0)
     kinds = {side: clock["kind"] for side, clock in summary["clocks"].items()}
@@ -111,7 +121,7 @@ def test_three_hosts_with_wrong_clocks_make_one_run_with_true_delays(
 
 
 def test_a_run_whose_terminal_died_is_collected_afterwards(
-    tmp_path: Path, model_file: Path, endpoints: tuple[str, str]
+    tmp_path: Path, model_file: Path, endpoints: tuple[str, str], called: Call
 ) -> None:
     file = _write(tmp_path, model_file, *endpoints, 60)
     process = _start(tmp_path, "up", str(file))
@@ -124,9 +134,8 @@ def test_a_run_whose_terminal_died_is_collected_afterwards(
     process.communicate()
     code, err = 0, ""
     for _ in range(20):  # the sides close their logs; a log that grows meanwhile is fetched as far as it reaches
-        collecting = _start(tmp_path, "collect", str(file), "--no-report", "--no-merge")
-        _, err = collecting.communicate(timeout=120)
-        code = collecting.returncode
+        words = ("collect", str(file), "--no-report", "--no-merge", "--run-dir", str(tmp_path / "run"))
+        code, _, err = called(*words)
         summary = json.loads((tmp_path / "run" / "summary.json").read_text())
         if not any("truncated" in problem or "damaged" in problem for problem in summary["problems"]):
             break

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from common.runtime.free_endpoints import free_endpoints
-from tests.system.browser import chromium, watched_page
-from tests.system.conftest import Start, is_right_but_for_the_machine
+from tests.deploy.commands import call
+from tests.system.browser import chromium, live_page
+from tests.system.conftest import HOLD, StartHere, is_right_but_for_the_machine
 
 pytestmark = pytest.mark.live
 
@@ -45,12 +45,13 @@ def _url(process: "subprocess.Popen[str]") -> str:
     return found[1]
 
 
-def test_it_begins_before_the_run_and_ends_with_it(start: Start, endpoints: tuple[str, str]) -> None:
+def test_it_begins_before_the_run_and_ends_with_it(run_here: StartHere, endpoints: tuple[str, str]) -> None:
     west, east = endpoints
     with a_view(endpoints) as view:
         with urllib.request.urlopen(_url(view), timeout=10) as page:
             assert "A run of the testbed, live" in page.read().decode()
-        tis = start("run", "default", "--duration-s", "3", "--set", f"hosts={{west: {west}, east: {east}}}")
+        hosts = f"hosts={{west: {west}, east: {east}}}"
+        tis = run_here("run", "default", "--duration-s", "3", *HOLD, "--set", hosts)
         out, err = view.communicate(timeout=120)
         assert (view.returncode, out, err) == (0, "", "the run is over\n")
     code, _, err = tis.wait()
@@ -59,17 +60,9 @@ def test_it_begins_before_the_run_and_ends_with_it(start: Start, endpoints: tupl
     assert f"netem joins {west} (west) and {east} (east)" in err
 
 
-def test_ctrl_c_ends_it(endpoints: tuple[str, str]) -> None:
-    with a_view(endpoints) as view:
-        _url(view)
-        view.send_signal(signal.SIGINT)
-        assert view.communicate(timeout=120) == ("", "")
-        assert view.returncode == 130
-
-
 def test_a_page_whose_server_is_gone_says_so_calmly(endpoints: tuple[str, str]) -> None:
     with a_view(endpoints) as view, chromium() as browser:
-        page, found = watched_page(browser)
+        page, found = live_page(browser)
         page.goto(_url(view))
         page.get_by_text(f"Waiting for a run whose netem listens at {endpoints[0]}").wait_for()
         assert page.get_by_role("button", name="Cause an outage").is_disabled()  # there is nobody to ask
@@ -80,29 +73,28 @@ def test_a_page_whose_server_is_gone_says_so_calmly(endpoints: tuple[str, str]) 
         assert found == []
 
 
-def test_nobody_there_is_exit_code_3_when_that_is_not_waited_for(endpoints: tuple[str, str]) -> None:
-    with a_view(endpoints, "--wait-s", "0.5") as view:
-        _url(view)
-        out, err = view.communicate(timeout=120)
-    assert (view.returncode, out) == (3, "")
-    assert err == f"tis: tis view: {endpoints[0]}: no answer from a run within 0.5 s\n"
+def test_nobody_there_is_exit_code_3_when_that_is_not_waited_for(
+    endpoints: tuple[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    west, east = endpoints
+    code, out, err = call("view", "--west", west, "--east", east, "--wait-s", "0.5")
+    assert (code, out) == (3, "")
+    page, said = err.splitlines()
+    assert page.startswith("live page: http://")
+    assert said == f"tis: tis view: {west}: no answer from a run within 0.5 s"
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--address", "192.0.2.1"], "tis: tis view: --address: cannot be listened on: "),
-    ],
-)
-def test_an_address_that_is_not_ours_is_a_line(words: list[str], said: str) -> None:
-    with a_view(free_endpoints(), *words) as view:
-        out, err = view.communicate(timeout=120)
-    assert (view.returncode, out) == (2, "")
-    assert err.startswith(said)
+def test_an_address_that_is_not_ours_is_a_line(endpoints: tuple[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    west, east = endpoints
+    code, out, err = call("view", "--west", west, "--east", east, "--address", "192.0.2.1")
+    assert (code, out) == (2, "")
+    assert err.startswith("tis: tis view: --address: cannot be listened on: ")
     assert len(err.splitlines()) == 1
 
 
-def test_wider_than_loopback_the_address_has_a_token(endpoints: tuple[str, str]) -> None:
+def test_wider_than_loopback_the_address_has_a_token_and_ctrl_c_ends_it(endpoints: tuple[str, str]) -> None:
     with a_view(endpoints, "--address", "0.0.0.0", "--host", "localhost") as view:
         url = _url(view)
         assert re.fullmatch(r"http://localhost:\d+/\?token=[\w-]{32}", url)
@@ -111,3 +103,6 @@ def test_wider_than_loopback_the_address_has_a_token(endpoints: tuple[str, str])
         with pytest.raises(urllib.error.HTTPError, match="403") as refused:
             urllib.request.urlopen(url.partition("?")[0], timeout=10)
         refused.value.close()
+        view.send_signal(signal.SIGINT)
+        assert view.communicate(timeout=120) == ("", "")
+        assert view.returncode == 130

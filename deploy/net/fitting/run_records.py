@@ -12,9 +12,9 @@ from common.metrics.percentiles import summarise
 from common.records import CONTROL, ControlNote
 from common.scenario.faults import faults
 from common.scenario.network import NetworkPart
-from common.scenario.yaml_text import load_yaml
 from common.trace import LOST, Trace
 from common.units import NS_PER_MS
+from common.yaml_text import load_yaml
 from deploy.logs.log_paths import log_file, log_files
 from deploy.logs.read.batches import DELIVER, DEPARTURES, OUTCOMES, Flags, link_fates, link_releases
 from deploy.logs.read.load import Ints, RunLogs, load_parts

@@ -14,6 +14,7 @@ name: small
 drain_s: 0.2
 source: {kind: synthetic, hands: [left]}
 identification: {train_samples: 240, block_rows: 4, order: 0}
+patient: {orientation: {methods: [hold], active: hold}}
 estimators: [hold, damped_velocity]
 active_estimator: damped_velocity
 """
@@ -27,7 +28,7 @@ numbers:
 """
 DELAY = "network.forward.delay.delay_ms"
 LOSS = "network.forward.loss.p_loss"
-QUICK = ("--seeds", "2", "--duration-s", "3.5", "--jobs", "1", "--tolerance", "0.1", "--out", "kept")
+QUICK = ("--seeds", "2", "--duration-s", "3", "--jobs", "1", "--tolerance", "0.1", "--out", "kept")
 
 
 @pytest.fixture(autouse=True)

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import DataError, InputError
-from common.scenario.yaml_text import load_yaml
+from common.yaml_text import load_yaml
 from deploy.compare.cells.store import Store
 from deploy.compare.grid import parse_sweep
 from deploy.compare.options import plan_of_study_file

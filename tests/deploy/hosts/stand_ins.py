@@ -19,14 +19,31 @@ hosts: {west: tcp/127.0.0.1:7551, east: tcp/127.0.0.1:7552}
 """
 _ROOT = Path(__file__).resolve().parents[3]
 _TIS = """\
-import os, sys
+import sys
 sys.path.insert(0, {root!r})
-os.environ["PYTHONPATH"] = {folder!r}
-from deploy.shell import launch
-launch.MODULES.update(surgeon="stand_in_surgeon", netem="stand_in_netem", patient="stand_in_patient")
-from deploy.cli.main import app
-app()
+sys.executable = {python!r}  # what starts the sides
+{before}
+from deploy.cli.main import main
+main()
 """
+_NO_CHECK = """\
+if sys.argv[1:] == ["host"]:  # without what the other commands load
+    from common.errors import TisError
+    from deploy.hosts.agent import requests
+    requests._faults = lambda request: []
+    try:
+        sys.exit(requests.obey(*requests.standard_streams()))
+    except TisError as error:
+        print(*error.faults, sep="; ", file=sys.stderr)
+        sys.exit(error.exit_code)
+"""
+_PYTHON = """\
+#!/bin/sh
+module=$2
+shift 2
+exec {python} "{folder}/stand_in_$module.py" "$@"
+"""
+_MODULES = {"surgeon": "surgeon_side", "netem": "netem", "patient": "patient_side"}
 _HEAD = """\
 import json, os, pathlib, signal, sys, time
 side = {side!r}
@@ -40,6 +57,7 @@ def say(event, **more):
 def log(text="log", name=None):
     (run_dir / (name or side + ".mcap")).write_text(text)
 def interrupted(*_):
+    (place / (side + ".interrupted")).touch()
     say("failed", exit_code=130, reasons=["interrupted"])
     sys.exit(130)
 signal.signal(signal.SIGINT, interrupted)
@@ -53,6 +71,8 @@ class Stage:
     """A folder with a hosts file, a scenario, and the programs."""
 
     path: Path
+    checks: bool = False
+    """Whether the hosts look for faults before the run: what they load for it takes longer than all else."""
 
     @property
     def tis(self) -> str:
@@ -60,12 +80,15 @@ class Stage:
 
     def write(self, programs: dict[str, str], scenario: str = SCENARIO, **hosts: dict[str, object]) -> Path:
         """Write programs and files; return the hosts file. What is not given of a host is `kind: local`."""
-        (self.path / "tis.py").write_text(_TIS.format(root=str(_ROOT), folder=str(self.path)))
+        python, before = self.path / "python", "" if self.checks else _NO_CHECK
+        python.write_text(_PYTHON.format(python=sys.executable, folder=self.path))
+        python.chmod(0o755)
+        (self.path / "tis.py").write_text(_TIS.format(root=str(_ROOT), python=str(python), before=before))
         (self.path / "s.yaml").write_text(scenario)
         content: dict[str, object] = {"scenario": "s.yaml"}
         for side in SIDES:
             head = _HEAD.format(side=side, folder=str(self.path))
-            (self.path / f"stand_in_{side}.py").write_text(head + programs.get(side, RUNS))
+            (self.path / f"stand_in_{_MODULES[side]}.py").write_text(head + programs.get(side, RUNS))
             (self.path / "work").mkdir(exist_ok=True)
             given = {"kind": "local", "tis": self.tis, "folder": str(self.path / "work")} | hosts.get(side, {})
             content[side] = {key: value for key, value in given.items() if value is not None}
@@ -76,6 +99,10 @@ class Stage:
         """Return the processes that were started for a side, in order."""
         file = self.path / f"{side}.pids"
         return [int(word) for word in file.read_text().split()] if file.exists() else []
+
+    def was_interrupted(self, side: str) -> bool:
+        """Tell whether SIGINT reached a process of a side."""
+        return (self.path / f"{side}.interrupted").exists()
 
     def nobody_is_left(self) -> bool:
         return not any(Path(f"/proc/{pid}").exists() for side in SIDES for pid in self.pids(side))

@@ -1,9 +1,12 @@
-"""Recordings of three people in two tasks, in the format of JIGSAWS, made up."""
+"""Recordings of three people in two tasks, in the format of JIGSAWS, made up; and twins that take little time."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from deploy.compare.plan import Plan, Request, make_plan
+from deploy.methods.measures import plans
 from deploy.methods.measures.trials import Trials, find_trials
 from deploy.tools.synth import write_trials
 
@@ -17,3 +20,16 @@ def people(tmp_path_factory: pytest.TempPathFactory) -> Trials:
     write_trials(other, 1, "Knot_Tying", 2, 8.0, "a test", 2)
     (other / "Knot_Tying").rename(folder / "Knot_Tying")
     return find_trials(str(folder), "Suturing", Path(), 1, 10.0)
+
+
+@pytest.fixture
+def quick_twins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Shorten the twin at 1 kHz, and let all twins hold the orientation: its methods take as long as all else."""
+
+    def holding(request: Request) -> Plan:
+        held = "patient.orientation={methods: [hold], active: hold}"
+        return make_plan(replace(request, settings=(*request.settings, held)))
+
+    monkeypatch.setattr(plans, "make_plan", holding)
+    monkeypatch.setattr(plans, "_FAST_S", 2.5)
+    monkeypatch.setattr(plans, "_FAST_ROWS", 2000)

@@ -22,6 +22,7 @@ from tests.deploy.recordings_import.foreign_files import lerobot_set, ros_mcap, 
 
 QUIET = Console(quiet=True)
 LOSS = {"kind": "bernoulli", "p_loss": 0.1}
+JIGSAWS_RUN = "jigsaws_run"  # beside the people's folder
 
 
 def imported(source: Path, out_file: Path, episode: int = 0) -> Path:
@@ -33,10 +34,14 @@ def scenario_of(source: dict[str, Any]) -> Scenario:
     raw = {
         "version": 1,
         "name": "s",
-        "duration_s": 6,
+        "duration_s": 4,
         "source": {**source, "hands": ["left", "right"]},
         "network": {"forward": {"delay": {"kind": "constant", "delay_ms": 120}, "loss": LOSS}},
-        "identification": {"train": "own_head", "train_samples": 200, "block_rows": 5},
+        "identification": {"train": "own_head", "train_samples": 150, "block_rows": 3},
+        # of positions and of orientations one method that does without training rows, and one that needs them
+        "estimators": ["hold", "moesp_kf"],
+        "active_estimator": "moesp_kf",
+        "patient": {"orientation": {"methods": ["hold", "constant_rate"], "active": "constant_rate"}},
     }
     return build_scenario(raw, "s.yaml")
 
@@ -44,6 +49,10 @@ def scenario_of(source: dict[str, Any]) -> Scenario:
 def twin(scenario: Scenario, run_dir: Path) -> Path:
     run_virtual(scenario, run_dir, None, QUIET, QUIET, Outputs(report=False, merge=False))
     return run_dir
+
+
+def jigsaws(trial: Path) -> dict[str, Any]:
+    return {"kind": "jigsaws", "path": str(trial.parents[3]), "trial": "S001", "pairing": "cross"}
 
 
 def numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
@@ -66,14 +75,13 @@ def scores(scenario: Scenario, run_dir: Path) -> dict[str, float]:
 @pytest.fixture(scope="module")
 def trial(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("synth") / "people"
-    [file] = write_trials(folder, 1, "Suturing", 3, 15.0, "tis synth", None)
+    [file] = write_trials(folder, 1, "Suturing", 3, 10.0, "tis synth", None)
     return file
 
 
 @pytest.fixture(scope="module")
-def expected(trial: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, float]:
-    source = {"kind": "jigsaws", "path": str(trial.parents[3]), "trial": "S001", "pairing": "cross"}
-    found = scores(scenario_of(source), tmp_path_factory.mktemp("jigsaws") / "run")
+def expected(trial: Path) -> dict[str, float]:
+    found = scores(scenario_of(jigsaws(trial)), trial.parents[4] / JIGSAWS_RUN)
     assert len(found) > 30
     assert found["/accuracy/hold/rmse_3d_mm"] > 0.1
     return found
@@ -107,11 +115,10 @@ def of_ros_mcap(trial: Path, folder: Path) -> Path:
 
 def of_own_log(trial: Path, folder: Path) -> Path:
     """A log holds the samples that were sent, from row 0 on."""
-    source = {"kind": "jigsaws", "path": str(trial.parents[3]), "trial": "S001", "pairing": "cross"}
-    whole = scenario_of(source).model_dump(mode="json", exclude_none=True)
-    whole |= {"rate_hz": 30, "duration_s": 14.9, "estimators": ["hold"], "active_estimator": "hold"}
+    whole = scenario_of(jigsaws(trial)).model_dump(mode="json", exclude_none=True)
+    whole |= {"rate_hz": 30, "duration_s": 9.9, "estimators": ["hold"], "active_estimator": "hold"}
     whole["source"]["start"] = 0
-    whole["identification"] = {"train": str(twin(scenario_of(source), folder / "first") / "model.json")}
+    whole["identification"] = {"train": str(trial.parents[4] / JIGSAWS_RUN / "model.json")}
     run = twin(build_scenario(whole, "log"), folder / "log")
     return imported(run / "surgeon.mcap", folder / "t.parquet")
 

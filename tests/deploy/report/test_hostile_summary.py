@@ -37,7 +37,7 @@ def _with(tree: Any, path: tuple[Any, ...], value: Any) -> Any:
 def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run_dir = tmp_path_factory.mktemp("hostile") / "run"
     settings = ("--set", "estimators=[hold]", "--set", "active_estimator=hold", "--no-report", "--no-merge")
-    assert call("twin", "default", "--duration-s", "6", "--run-dir", str(run_dir), *settings)[0] == 0
+    assert call("twin", "default", "--duration-s", "3", "--run-dir", str(run_dir), *settings)[0] == 0
     return run_dir
 
 

@@ -25,6 +25,7 @@ SPREAD = (
     f"network={{forward: {{delay: {{kind: uniform, low_ms: {LOW_MS}, high_ms: {HIGH_MS}}}, ordering: reorder}}}}",
     "estimators=[hold]",
     "active_estimator=hold",
+    "patient.orientation={methods: [hold], active: hold}",
 )
 
 
@@ -37,6 +38,7 @@ def _twin(*settings: str, duration_s: float = 20.0) -> tuple[RunLogs, Scenario, 
     return RunLogs(Path(), {side: memory.log for side, memory in memories.items()}), scenario, models
 
 
+@cache
 def _summary(*settings: str) -> dict[str, Any]:
     logs, scenario, models = _twin(*settings)
     return build_summary(logs, scenario, models, "twin", 0, "")

@@ -5,10 +5,13 @@ import pytest
 
 from deploy.tools.synth import write_trials
 from tests.deploy.commands import Call, call
+from tests.patient_side.identification.test_fit_drmf import few_draws
+
+__all__ = ["few_draws"]
 
 
 @pytest.fixture
-def tis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Call:
+def tis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, few_draws: None) -> Call:
     """Return a function that calls `tis identify` in an empty folder: exit code, output, diagnostics."""
     monkeypatch.chdir(tmp_path)
 

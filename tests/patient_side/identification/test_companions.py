@@ -7,7 +7,9 @@ from patient_side.identification.companions import fit_companions
 from patient_side.identification.dataset import TrainingSet, training_set
 from patient_side.statespace import StateSpace
 from tests.patient_side.identification.known_systems import hand_like, recording, sorted_eigenvalues
+from tests.patient_side.identification.test_fit_drmf import few_draws
 
+__all__ = ["few_draws"]
 LAG = StateSpace(0.7 * np.eye(3), 0.15 * np.eye(3), np.eye(3), np.zeros((3, 3)))
 
 
@@ -18,7 +20,7 @@ def training(n_rows: int, *, static: bool) -> TrainingSet:
     return training_set([recording("T", {"left": (u, y + 0.1)})], "left", pool_hands=False)
 
 
-def test_only_what_is_wanted_is_found() -> None:
+def test_only_what_is_wanted_is_found(few_draws: None) -> None:
     found = fit_companions(training(600, static=True), Identification(), ["hold", "direct_ls"])
     assert found.direct is not None
     assert (found.n4sid, found.arx, found.autoregression) == (None, None, None)
@@ -43,7 +45,7 @@ def test_a_gain_has_an_autoregression_and_a_lag_has_none() -> None:
     assert lagging.n4sid.output_offset_m == pytest.approx(training(900, static=False).output_offset_m)
 
 
-def test_what_the_rows_do_not_allow_is_an_error_where_wanted_and_else_a_warning() -> None:
+def test_what_the_rows_do_not_allow_is_an_error_where_wanted_and_else_a_warning(few_draws: None) -> None:
     short = training(150, static=True)
     with pytest.raises(DataError, match="block rows"):
         fit_companions(short, Identification(), ["n4sid_kf"])

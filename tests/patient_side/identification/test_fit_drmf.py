@@ -1,11 +1,10 @@
-from functools import cache
-
 import numpy as np
 import pytest
 
 from common.errors import DataError
 from patient_side.completion_model import CompletionModel
 from patient_side.estimators.drmf import Drmf
+from patient_side.identification import fit_drmf as module
 from patient_side.identification.fit_drmf import fit_drmf
 from patient_side.playout import Playout
 from patient_side.statespace import Array
@@ -41,7 +40,7 @@ def errors(trials: list[Array], y: Array, steps: int) -> tuple[float, float]:
     return float(np.sqrt(np.mean(np.square(missed)))), float(np.sqrt(np.mean(np.square(held))))
 
 
-def test_a_movement_of_known_rank_is_forecast_to_its_noise() -> None:
+def test_a_movement_of_known_rank_is_forecast_to_its_noise(few_draws: None) -> None:
     missed, held = errors([waves(500, seed) for seed in range(3)], waves(400, 9), 6)
     assert held > 5e-3
     assert missed < 5e-5
@@ -54,25 +53,38 @@ def test_of_a_velocity_that_decays_the_error_is_near_the_least() -> None:
     assert missed < 1.1 * least
 
 
-def test_of_a_random_walk_hold_is_left() -> None:
+def test_of_a_random_walk_hold_is_left(few_draws: None) -> None:
     walk = np.cumsum(np.random.default_rng(1).normal(size=(3000, 3)), axis=0) * 1e-4
     missed, held = errors([walk[:2000]], walk[2000:2700], 6)
     assert missed < 1.06 * held
 
 
-@cache
-def model_of_two_trials() -> CompletionModel:
-    return fit_drmf([movement(300, 1), movement(900, 2)], RATE_HZ)
+def judge_by_few_draws(patch: pytest.MonkeyPatch) -> None:
+    """Judge and calibrate by few draws: enough where the best choice is far ahead, or does not matter."""
+    patch.setattr(module, "_N_JUDGED", 5)
+    patch.setattr(module, "_N_CALIBRATED", 30)
 
 
-def test_moves_are_mean_squares_per_axis_of_all_trials() -> None:
-    trials, model = [movement(300, 1), movement(900, 2)], model_of_two_trials()
+@pytest.fixture
+def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    judge_by_few_draws(monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def of_two_trials() -> CompletionModel:
+    with pytest.MonkeyPatch.context() as patch:
+        judge_by_few_draws(patch)
+        return fit_drmf([movement(300, 1), movement(900, 2)], RATE_HZ)
+
+
+def test_moves_are_mean_squares_per_axis_of_all_trials(of_two_trials: CompletionModel) -> None:
+    trials, model = [movement(300, 1), movement(900, 2)], of_two_trials
     for steps in (0, 1, 7, len(model.moves_m2) - 1):
         moves = np.concatenate([y[steps:] - y[: len(y) - steps] for y in trials])
         assert model.moves_m2[steps] == pytest.approx(np.mean(moves**2), abs=1e-18)
 
 
-def test_at_a_higher_rate_a_step_is_a_30th_of_a_second() -> None:
+def test_at_a_higher_rate_a_step_is_a_30th_of_a_second(few_draws: None) -> None:
     y = movement(2400, 3)
     model = fit_drmf([y], 240)
     assert model.stride == 8
@@ -80,14 +92,14 @@ def test_at_a_higher_rate_a_step_is_a_30th_of_a_second() -> None:
     assert model.moves_m2[2] == pytest.approx(np.mean((every_eighth[2:] - every_eighth[:-2]) ** 2), abs=1e-18)
 
 
-def test_errors_grow_with_the_horizon() -> None:
-    model = model_of_two_trials()
+def test_errors_grow_with_the_horizon(of_two_trials: CompletionModel) -> None:
+    model = of_two_trials
     spreads = np.trace(model.covariance_m2, axis1=1, axis2=2)
     assert np.all(np.diff(np.log(spreads[[0, 2, 4, 6]])) > 0)
     assert np.all(np.linalg.eigvalsh(model.covariance_m2) > 0)
 
 
-def test_an_arm_that_never_moved_is_held() -> None:
+def test_an_arm_that_never_moved_is_held(few_draws: None) -> None:
     model = fit_drmf([np.full((200, 3), 0.05)], RATE_HZ)
     playout, y = Playout(RATE_HZ), movement(100, 4)
     for index in range(90):
@@ -98,7 +110,7 @@ def test_an_arm_that_never_moved_is_held() -> None:
     assert np.linalg.eigvalsh(model.covariance_m2).min() > 0
 
 
-def test_people_are_held_out_together() -> None:
+def test_people_are_held_out_together(few_draws: None) -> None:
     # Of each person a rhythm of their own: what helps within a person does not help with another.
     t = np.arange(300)[:, None]
     trials = [0.01 * np.sin(rate * t + [0.0, 1.0, 2.0] + phase) for rate in (0.05, 0.4, 1.1) for phase in (0.0, 1.5)]
@@ -108,7 +120,7 @@ def test_people_are_held_out_together() -> None:
     assert alone.moves_m2[:10] == pytest.approx(apart.moves_m2[:10])
 
 
-def test_too_few_rows_are_refused_and_few_are_enough() -> None:
+def test_too_few_rows_are_refused_and_few_are_enough(few_draws: None) -> None:
     with pytest.raises(DataError, match="drmf needs 32 rows in one trial"):
         fit_drmf([movement(31, 0)], RATE_HZ)
     with pytest.raises(DataError, match="drmf needs 256 rows in one trial"):
@@ -117,10 +129,12 @@ def test_too_few_rows_are_refused_and_few_are_enough() -> None:
     assert np.isfinite(model.covariance_m2).all()
 
 
-def test_the_same_rows_give_the_same_model_and_are_not_modified() -> None:
+def test_the_same_rows_give_the_same_model_and_are_not_modified(
+    few_draws: None, of_two_trials: CompletionModel
+) -> None:
     trials = [movement(300, 1), movement(900, 2)]
     for y in trials:
         y.flags.writeable = False
     model = fit_drmf(trials, RATE_HZ)
-    assert model.factorisation == model_of_two_trials().factorisation
-    assert np.array_equal(model.covariance_m2, model_of_two_trials().covariance_m2)
+    assert model.factorisation == of_two_trials.factorisation
+    assert np.array_equal(model.covariance_m2, of_two_trials.covariance_m2)

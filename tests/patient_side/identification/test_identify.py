@@ -238,7 +238,8 @@ def test_a_trial_with_missing_rows_is_identified_as_its_halves_are() -> None:
     whole = synthesise(SyntheticSource(kind="synthetic"), 3, 30, 1700, 0)
     u, y = whole.hands[0].command.position_m, whole.hands[0].follower.position_m
     cut_u, cut_y = (np.delete(side, slice(600, 700), axis=0) for side in (u, y))
-    model = identify_arm([recording("T", {"left": (cut_u, cut_y)})], "left", Identification(), "", wanted=None)
+    wanted = ["innovations_kf", "n4sid_kf", "arx_kf", "direct_ls"]
+    model = identify_arm([recording("T", {"left": (cut_u, cut_y)})], "left", Identification(), "", wanted)
     assert model.warnings[0].startswith("T: trained on rows 0-599, rows 600-1599")
     for fitted in (model.innovations, model.n4sid, model.arx, model.direct):
         assert fitted is not None

@@ -21,7 +21,7 @@ from patient_side.build import identify_models
 from patient_side.identification.model_io import dump_models
 from patient_side.node import PatientNode
 
-SETTINGS = ("source.hands=[left, right]", "estimators=[innovations_kf, damped_velocity]", "duration_s=6")
+SETTINGS = ("source.hands=[left, right]", "estimators=[innovations_kf, damped_velocity]", "duration_s=3")
 NETWORKS = {
     "clear": "{}",
     "uniform, lost in bursts": "{forward: {loss: {kind: gilbert_elliott, p_bad: 0.1, p_good: 0.3}, delay: "
@@ -32,12 +32,14 @@ NETWORKS = {
     "delay_ms: 10}}}",
     "outages": "{forward: {delay: {kind: constant, delay_ms: 30}}, outages: [{kind: alternating, down: {low_s: 0.3, "
     "high_s: 0.6}, up: {low_s: 0.5, high_s: 1}, direction: forward}]}",
-    "a timeline": "{forward: {delay: {kind: constant, delay_ms: 120}}, timeline: [{at_s: 2, direction: forward, set: "
-    "{loss: {kind: bernoulli, p_loss: 0.5}}}, {at_s: 4, direction: forward, set: {clean: true}}]}",
+    "a timeline": "{forward: {delay: {kind: constant, delay_ms: 120}}, timeline: [{at_s: 1, direction: forward, set: "
+    "{loss: {kind: bernoulli, p_loss: 0.5}}}, {at_s: 2, direction: forward, set: {clean: true}}]}",
     "a profile": "{profile: starlink_2025}",
     "little room": "{forward: {delay: {kind: constant, delay_ms: 200}}, "
     "buffer: {max_packets: 9, policy: drop_oldest}}",
 }
+HELD = "patient.orientation={methods: [hold], active: hold}"
+"""For tests that do not look at the orientation: its methods take as long as all else."""
 SENDING = {
     "once": (),
     "copies": ("surgeon={copies: 3, copy_spacing_ms: 7, sensor_noise_mm: 2}",),
@@ -48,7 +50,9 @@ SENDING = {
 
 @pytest.fixture(scope="module")
 def model_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    scenario = resolve("default", (*SETTINGS, "identification.order=2"), None, None)
+    scenario = resolve(
+        "default", (*SETTINGS, "identification.order=2", "identification.train_samples=600"), None, None
+    )
     recording = load_recording(scenario)
     head = recording.head(scenario.identification.train_samples)
     file = tmp_path_factory.mktemp("models") / "model.json"
@@ -57,14 +61,14 @@ def model_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def scenario_of(model_file: Path, network: str, sending: tuple[str, ...]) -> Scenario:
-    settings = (*SETTINGS, f"identification.train={model_file}", "source.start=1240", f"network={network}", *sending)
+    settings = (*SETTINGS, f"identification.train={model_file}", "source.start=600", f"network={network}", *sending)
     return resolve("default", settings, None, None)
 
 
 @pytest.mark.parametrize("sending", SENDING)
 @pytest.mark.parametrize("network", NETWORKS)
 def test_packets_and_estimates_are_those_of_the_logged_twin(model_file: Path, network: str, sending: str) -> None:
-    scenario = scenario_of(model_file, NETWORKS[network], SENDING[sending])
+    scenario = scenario_of(model_file, NETWORKS[network], (HELD, *SENDING[sending]))
     assert is_plain(scenario)
     recording, parts = load_recording(scenario), SharedParts()
     # Both twins.

@@ -43,19 +43,24 @@ def started(command: list[str], folder: Path, env: dict[str, str]) -> "subproces
         )
 
 
-@pytest.fixture
-def environment(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
-    monkeypatch.delenv("TIS_JIGSAWS", raising=False)
-    return {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "3"}
+@pytest.fixture(scope="module")
+def environment() -> dict[str, str]:
+    without = {name: value for name, value in os.environ.items() if name != "TIS_JIGSAWS"}
+    return {**without, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "3"}
 
 
-@pytest.fixture
-def scheduler(tmp_path: Path, environment: dict[str, str]) -> Iterator[str]:
-    """Return the address of a scheduler without workers."""
+@pytest.fixture(scope="module")
+def cluster_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("cluster")
+
+
+@pytest.fixture(scope="module")
+def scheduler(cluster_dir: Path, environment: dict[str, str]) -> Iterator[str]:
+    """Return the address of a scheduler; it has no worker but those that are started here."""
     pytest.importorskip("distributed")
-    file = tmp_path / "scheduler" / "about.json"
+    file = cluster_dir / "scheduler" / "about.json"
     command = ["distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
-    process = started([*command, "--scheduler-file", str(file)], tmp_path / "scheduler", environment)
+    process = started([*command, "--scheduler-file", str(file)], cluster_dir / "scheduler", environment)
     try:
         until(file.is_file)
         yield json.loads(file.read_text())["address"]
@@ -71,15 +76,15 @@ def until(there: Callable[[], bool]) -> None:
         time.sleep(0.05)
 
 
-@pytest.fixture
-def worker(scheduler: str, tmp_path: Path, environment: dict[str, str]) -> Iterator[Start]:
-    """Return a function that starts workers in a folder of this name; ``root`` is the tree that they import."""
+@pytest.fixture(scope="module")
+def worker(scheduler: str, cluster_dir: Path, environment: dict[str, str]) -> Iterator[Start]:
+    """Return a function that starts a worker in a folder of this name; ``root`` is the tree that it imports."""
     running = []
 
-    def start(name: str, n: int = 1, root: Path = _ROOT) -> "subprocess.Popen[bytes]":
-        options = f"--nthreads 1 --nworkers {n} --no-dashboard --local-directory ."
-        command = ["distributed.cli.dask_worker", scheduler, *options.split()]
-        running.append(started(command, tmp_path / name, {**environment, "PYTHONPATH": str(root)}))
+    def start(name: str, *options: str, root: Path = _ROOT) -> "subprocess.Popen[bytes]":
+        usual = "--nthreads 1 --nworkers 1 --no-dashboard --local-directory ."
+        command = ["distributed.cli.dask_worker", scheduler, *usual.split(), *options]
+        running.append(started(command, cluster_dir / name, {**environment, "PYTHONPATH": str(root)}))
         return running[-1]
 
     yield start
@@ -89,57 +94,23 @@ def worker(scheduler: str, tmp_path: Path, environment: dict[str, str]) -> Itera
         process.wait(_START_S)
 
 
+@pytest.fixture(scope="module")
+def foreign(cluster_dir: Path, worker: Start) -> None:
+    """Start a worker that has other code."""
+    other = cluster_dir / "other"
+    for name in _PACKAGES:
+        shutil.copytree(_ROOT / name, other / name, ignore=shutil.ignore_patterns("*.pyc.*"))  # being written
+    with (other / "common" / "units.py").open("a") as file:
+        file.write("# changed\n")
+    worker("foreign", "--no-nanny", root=other)
+
+
 def computed(plan: Plan, folder: Path, workers: Workers) -> Outcome:
     with workers:
         return compute(plan, Store(folder), workers, PhaseProgress(Console(quiet=True)))
 
 
-@pytest.mark.live
-def test_a_cluster_finds_what_processes_find_and_a_killed_worker_costs_only_time(
-    small: Path, own_folder: Path, tmp_path: Path, scheduler: str, worker: Start
-) -> None:
-    (own_folder / FILE).write_text(documented_estimator())
-    (own_folder / "killing_own.py").write_text(KILLING)
-    settings = ("estimators=[hold, 'killing_own:Once']", "active_estimator=hold")
-    plan = make_plan(Request(str(small), settings, duration_s=4.0, n_seeds=2))
-    worker("there")  # Dask starts it anew, under another address
-    (tmp_path / "there" / "kill").touch()
-    said: list[str] = []
-    away = computed(plan, tmp_path / "away", Cluster(scheduler, said.append))
-    assert not (tmp_path / "there" / "kill").exists()
-    assert away.failures == []
-    at_home = computed(plan, tmp_path / "home", Processes(1))
-    assert len(away.cells) == 4
-    assert untimed(away.cells) == untimed(at_home.cells)
-    assert [path.read_text() for path in sorted((tmp_path / "away" / "models").iterdir())] == [
-        path.read_text() for path in sorted((tmp_path / "home" / "models").iterdir())
-    ]
-    assert sum(text.startswith(f"workers (threads) of {scheduler}: tcp://") for text in said) == 1
-
-
-@pytest.mark.live
-def test_a_worker_with_other_code_is_refused_by_name(tmp_path: Path, scheduler: str, worker: Start) -> None:
-    other = tmp_path / "other"
-    for name in _PACKAGES:
-        shutil.copytree(_ROOT / name, other / name, ignore=shutil.ignore_patterns("__pycache__"))
-    with (other / "common" / "units.py").open("a") as file:
-        file.write("# changed\n")
-    worker("foreign", root=other)
-    with pytest.raises(PeerError, match=r"refused: it has tis [^(]+\(\w{16}\), this is tis [^(]+\(\w{16}\)"):
-        Cluster(scheduler, lambda _: None).__enter__()
-    # Beside a worker that fits, it is left alone.
-    worker("fitting")
-    output = tmp_path / "fitting" / "output.txt"
-    until(lambda: "Registered to:" in output.read_text())
-    said: list[str] = []
-    with Cluster(scheduler, said.append) as cluster:
-        plan = make_plan(Request("default", ("identification.train_samples=240",), n_seeds=1, duration_s=3.0))
-        outcome = compute(plan, Store(tmp_path / "kept"), cluster, PhaseProgress(Console(quiet=True)))
-        assert len(outcome.cells) == 1
-    assert [" refused: " in text for text in said] == [True, False]
-
-
-@pytest.mark.live
+@pytest.mark.live  # the first one: the scheduler has no worker yet
 def test_without_a_worker_or_a_scheduler_one_line_says_so(scheduler: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_FIRST_WORKER_S", 0.1)
     monkeypatch.setattr(connection, "CONNECT_S", 2)
@@ -156,6 +127,41 @@ def test_without_a_worker_or_a_scheduler_one_line_says_so(scheduler: str, monkey
             Cluster(address, said.append).__enter__()
     with pytest.raises(InputError, match="must be the address of a Dask scheduler"):
         Cluster("nonsense", said.append).__enter__()
+
+
+@pytest.mark.live
+def test_a_worker_with_other_code_is_refused_by_name(scheduler: str, foreign: None) -> None:
+    with pytest.raises(PeerError, match=r"refused: it has tis [^(]+\(\w{16}\), this is tis [^(]+\(\w{16}\)"):
+        Cluster(scheduler, lambda _: None).__enter__()
+
+
+@pytest.mark.live
+def test_a_cluster_finds_what_processes_find_and_a_killed_worker_costs_only_time(
+    small: Path, own_folder: Path, tmp_path: Path, scheduler: str, foreign: None, worker: Start, cluster_dir: Path,
+    in_this_process: None,
+) -> None:  # fmt: skip
+    """Beside a worker with other code, which is left alone."""
+    (own_folder / FILE).write_text(documented_estimator())
+    (own_folder / "killing_own.py").write_text(KILLING)
+    settings = ("estimators=[hold, 'killing_own:Once']", "active_estimator=hold")
+    plan = make_plan(Request(str(small), settings, duration_s=3.0, n_seeds=2))
+    worker("there")  # Dask starts it anew, under another address
+    output, folder = ((cluster_dir / name) for name in ("there/output.txt", "there"))
+    until(lambda: "Registered to:" in output.read_text())
+    (folder / "kill").touch()
+    said: list[str] = []
+    away = computed(plan, tmp_path / "away", Cluster(scheduler, said.append))
+    assert not (folder / "kill").exists()
+    assert away.failures == []
+    at_home = computed(plan, tmp_path / "home", Processes(1))
+    assert len(away.cells) == 4
+    assert untimed(away.cells) == untimed(at_home.cells)
+    assert [path.read_text() for path in sorted((tmp_path / "away" / "models").iterdir())] == [
+        path.read_text() for path in sorted((tmp_path / "home" / "models").iterdir())
+    ]
+    assert [" refused: " in text for text in said[:2]] == [True, False]
+    assert sum(" refused: " in text for text in said) == 1
+    assert sum(text.startswith(f"workers (threads) of {scheduler}: tcp://") for text in said) == 1
 
 
 def test_without_dask_the_error_names_the_command(monkeypatch: pytest.MonkeyPatch) -> None:

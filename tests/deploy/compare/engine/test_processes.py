@@ -1,5 +1,6 @@
 """Processes that die while they compute: nothing but the unit that ends its own process is lost."""
 
+import multiprocessing
 import os
 import subprocess
 import sys
@@ -52,9 +53,17 @@ def there(small: Path, own_folder: Path) -> Path:
     return small
 
 
+@pytest.fixture
+def forked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let processes begin as copies of one that has loaded what they compute with: they die as all others do."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["__main__", "deploy.compare.engine.processes"])
+    monkeypatch.setattr(multiprocessing, "get_context", lambda _: context)
+
+
 def plan_with(there: Path, name: str, **changes: Any) -> Plan:
     settings = ("identification.train=own_head", f"estimators=[hold, 'killing_own:{name}']", "active_estimator=hold")
-    return make_plan(Request(str(there), settings, duration_s=4.0, **changes))
+    return make_plan(Request(str(there), settings, duration_s=3.0, **changes))
 
 
 def computed(plan: Plan, folder: Path) -> Outcome:
@@ -62,7 +71,7 @@ def computed(plan: Plan, folder: Path) -> Outcome:
         return compute(plan, Store(folder), workers, PhaseProgress(Console(quiet=True)))
 
 
-def test_a_killed_process_costs_nothing_but_time(there: Path, tmp_path: Path) -> None:
+def test_a_killed_process_costs_nothing_but_time(there: Path, tmp_path: Path, forked: None) -> None:
     plan = plan_with(there, "Once", n_seeds=3)
     undisturbed = computed(plan, tmp_path / "undisturbed")
     Path("kill").touch()
@@ -73,7 +82,7 @@ def test_a_killed_process_costs_nothing_but_time(there: Path, tmp_path: Path) ->
     assert untimed(disturbed.cells) == untimed(undisturbed.cells)
 
 
-def test_what_ends_its_process_each_time_fails_alone(there: Path, tmp_path: Path) -> None:
+def test_what_ends_its_process_each_time_fails_alone(there: Path, tmp_path: Path, forked: None) -> None:
     plan = plan_with(there, "Always", n_seeds=2)
     # The place at which the twins of the first trial die.
     recording = load_recording(next(cell.scenario for cell in plan.cells if cell.trial == "S001"))

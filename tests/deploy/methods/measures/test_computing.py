@@ -18,7 +18,7 @@ from deploy.methods.measures.plans import Measure, Subject, plans_of
 from deploy.methods.measures.trials import Trials
 from patient_side.build import identify_models
 
-EXTENT = replace(QUICK, duration_s=6.0)
+EXTENT = replace(QUICK, duration_s=4.0)
 QUIET = Console(quiet=True)
 NEEDED = Fault("estimators", "arx_kf", "needs another package: pip install 'tis-testbed[another]'")
 
@@ -29,7 +29,7 @@ def few_plans(subject: Subject) -> dict[Measure, Plan]:
 
 
 @pytest.fixture
-def few(monkeypatch: pytest.MonkeyPatch, in_this_process: None) -> None:
+def few(monkeypatch: pytest.MonkeyPatch, in_this_process: None, quick_twins: None) -> None:
     monkeypatch.setattr(computing, "plans_of", few_plans)
 
 

@@ -43,6 +43,7 @@ from tests.deploy.report.hand_made import (
 from tests.deploy.report.outline import Outline
 from tests.patient_side.arm_models import static_model
 
+DURATION_S = 15.0
 SIDES: tuple[Side, ...] = ("surgeon", "netem", "patient")
 MODEL = static_model()
 _COMPLAINT = re.compile(r":(ERROR|WARNING):CONSOLE|uncaught|violates|failed|error", re.IGNORECASE)
@@ -51,15 +52,15 @@ LOSSY = (
     "limits.end_to_end_p99_ms=100",
     "limits.loss_max_pct=50",
     "network.forward.ordering=drop_late",
-    "network.timeline=[{at_s: 20, for_s: 1, set: {outage: true}}]",
+    "network.timeline=[{at_s: 7, for_s: 1, set: {outage: true}}]",
 )
 
 
 @pytest.fixture(scope="module")
-def minute(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a minute with two hands, a servo, loss, reordering, an outage and limits, with its report."""
-    path = tmp_path_factory.mktemp("minute")
-    scenario = resolve("lossy", LOSSY, None, 60.0)
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run with two hands, a servo, loss, reordering, an outage and limits, with its report."""
+    path = tmp_path_factory.mktemp("finished")
+    scenario = resolve("lossy", LOSSY, None, DURATION_S)
     nodes, models, _ = build_sides(scenario)
     folder.write(path / folder.SCENARIO_FILE, "")
     run_twin(scenario, nodes, models, path)
@@ -78,8 +79,8 @@ def _summary_of(path: Path) -> dict[str, Any]:
     return summary
 
 
-def test_the_file_needs_nothing_else_and_is_small(minute: Path) -> None:
-    page = (minute / "report.html").read_text()
+def test_the_file_needs_nothing_else_and_is_small(finished: Path) -> None:
+    page = (finished / "report.html").read_text()
     found = Outline(page)
     beside = {given["href"] for given, _ in found.all("a") if not given["href"].startswith("#")}
     assert beside == {"scenario.yaml", "model.json", "summary.json", "manifest.json"}  # links are not fetched
@@ -95,14 +96,14 @@ def test_the_file_needs_nothing_else_and_is_small(minute: Path) -> None:
     assert script in page
     for fetching in ("@import", "url(", "fetch(", "XMLHttpRequest", "import(", "http:", "https:", "//cdn"):
         assert fetching not in css[0] + script, fetching
-    assert (minute / "report.html").stat().st_size < 2_500_000
+    assert (finished / "report.html").stat().st_size < 2_500_000
 
 
-def test_the_answer_comes_first_and_then_what_it_rests_on(minute: Path) -> None:
-    summary, text = _summary_of(minute), _page(minute).text
-    words = nonbreaking_units(answer(summary, resolve("lossy", LOSSY, None, 60.0)))
+def test_the_answer_comes_first_and_then_what_it_rests_on(finished: Path) -> None:
+    summary, text = _summary_of(finished), _page(finished).text
+    words = nonbreaking_units(answer(summary, resolve("lossy", LOSSY, None, DURATION_S)))
     parts = [
-        "lossy", "valid measurement", "synthetic movement", "seed 7", "60 s",
+        "lossy", "valid measurement", "synthetic movement", "seed 7", "15 s",
         words, "How late", "How lossy", "How accurate", "the scenario's limits",
         "Error over time: left hand", "Error over time: right hand", "Verdict on each set of requirements",
         "the scenario's limits", "Accuracy at the tick, left hand", "Accuracy at the tick, right hand",
@@ -128,17 +129,17 @@ def test_the_answer_comes_first_and_then_what_it_rests_on(minute: Path) -> None:
         assert verdict["source"] in text
 
 
-def test_the_first_figure_after_the_answer_is_the_error_of_estimate_and_hold(minute: Path) -> None:
-    page = (minute / "report.html").read_text()
+def test_the_first_figure_after_the_answer_is_the_error_of_estimate_and_hold(finished: Path) -> None:
+    page = (finished / "report.html").read_text()
     first = page[page.index("<figure aria-labelledby") :]
     assert re.match(r'<figure aria-labelledby="error-1">', first)
     pressed = re.findall(r'data-series="([^"]+)" aria-pressed="true"', first[: first.index("</figure>")])
     assert set(pressed) == {"hold", "innovations_kf"}
 
 
-def test_all_tables_are_of_one_style(minute: Path) -> None:
+def test_all_tables_are_of_one_style(finished: Path) -> None:
     """Each column has a name; words stand at the left, and what stands at the right is a number without a unit."""
-    page = _page(minute)
+    page = _page(finished)
     heads = [(given, text) for given, text in page.all("th") if given["scope"] == "col"]
     assert len(heads) > 40
     assert all(text for _, text in heads)
@@ -147,9 +148,9 @@ def test_all_tables_are_of_one_style(minute: Path) -> None:
     assert words == []
 
 
-def test_the_figures_at_the_top_say_which_statistic_they_are_and_what_lies_between(minute: Path) -> None:
-    text = " ".join(_page(minute).text.replace("\u00a0", " ").split())
-    late = _summary_of(minute)["latency_ms"]["end_to_end"]
+def test_the_figures_at_the_top_say_which_statistic_they_are_and_what_lies_between(finished: Path) -> None:
+    text = " ".join(_page(finished).text.replace("\u00a0", " ").split())
+    late = _summary_of(finished)["latency_ms"]["end_to_end"]
     tile = f"from newest sample to estimate; in 99 of 100 cases at most {number(late['p99'])} ms (p99)"
     assert f"median, end to end: {tile}" in text
     assert f"is {number(late['p50'])} ms old in the median, and at most {number(late['p99'])} ms in 99 of 100" in text
@@ -163,8 +164,8 @@ def test_in_topology_observer_the_page_says_whose_latency_it_is(tmp_path: Path) 
     assert "Here, in topology observer, commands cross unimpaired" in page
 
 
-def test_every_figure_says_what_to_see_and_has_words_for_a_screen_reader(minute: Path) -> None:
-    page = (minute / "report.html").read_text()
+def test_every_figure_says_what_to_see_and_has_words_for_a_screen_reader(finished: Path) -> None:
+    page = (finished / "report.html").read_text()
     figures = re.findall(r'<figure aria-labelledby="[^"]+">(.*?)</figure>', page, re.DOTALL)
     # two hands: position, two errors, two ages, path, set point, singular values, poles; delay, two distributions,
     # losses
@@ -181,8 +182,8 @@ def test_every_figure_says_what_to_see_and_has_words_for_a_screen_reader(minute:
     assert sum(bool(re.search(r"<p>[^<]*\d", figure)) for figure in figures) >= len(figures) - 1
 
 
-def test_nobody_stumbles_over_the_page(minute: Path) -> None:
-    found = _page(minute)
+def test_nobody_stumbles_over_the_page(finished: Path) -> None:
+    found = _page(finished)
     assert found.faults() == []
     first = next(given for given, text in found.all("a") if text.startswith("Skip"))
     assert first["href"] == "#answer"
@@ -192,28 +193,28 @@ def test_nobody_stumbles_over_the_page(minute: Path) -> None:
     assert {"truth", "hold", "moesp_kf", "lost"} <= {given["data-series"] for given in toggles}
 
 
-def test_every_name_that_can_be_pressed_is_that_of_something_drawn(minute: Path) -> None:
-    page = (minute / "report.html").read_text()
+def test_every_name_that_can_be_pressed_is_that_of_something_drawn(finished: Path) -> None:
+    page = (finished / "report.html").read_text()
     drawn = set(re.findall(r'"name":"([^"]+)"', page))
     assert {given["data-series"] for given, _ in Outline(page).all("button") if "data-series" in given} <= drawn
 
 
-def test_every_colour_of_a_figure_has_one_for_a_dark_page(minute: Path) -> None:
-    page = (minute / "report.html").read_text()
+def test_every_colour_of_a_figure_has_one_for_a_dark_page(finished: Path) -> None:
+    page = (finished / "report.html").read_text()
     known = {tone.light for tone in TONES}
     used = set(re.findall(r'"[a-z_]+_color":(?:\{"type":"value","value":)?"(#[0-9a-f]{6})"', page))
     assert len(used) > 8
     assert used <= known
 
 
-def test_a_synthetic_source_is_named_in_every_part_that_shows_the_movement(minute: Path) -> None:
-    page = (minute / "report.html").read_text()
+def test_a_synthetic_source_is_named_in_every_part_that_shows_the_movement(finished: Path) -> None:
+    page = (finished / "report.html").read_text()
     for anchor in ("answer", "error", "accuracy", "path", "distributions", "model"):
         section = page[page.index(f'<section id="{anchor}"') :]
         assert '<span class="tag open">synthetic</span></h2>' in section[:400], anchor
     recorded = a_scenario(source={"kind": "jigsaws"}, rate_hz=30)
-    summary = _summary_of(minute) | {"source": "recorded Suturing D002, left hand"}
-    logs = load_run(minute)
+    summary = _summary_of(finished) | {"source": "recorded Suturing D002, left hand"}
+    logs = load_run(finished)
     assert "synthetic" not in Outline(_report(logs, recorded, summary)).text
 
 
@@ -272,13 +273,15 @@ def test_a_log_cut_anywhere_gives_a_page(tmp_path: Path) -> None:
     write_run(tmp_path, **_a_run())
     whole = _report(load_run(tmp_path), a_scenario())
     assert "is damaged" not in whole
-    for side in SIDES:
-        path = tmp_path / f"{side}.mcap"
-        data = path.read_bytes()
-        for cut in (0, len(data) - 40):
-            path.write_bytes(data[:cut])
-            assert f"{side}: log is damaged" in _report(load_run(tmp_path), a_scenario()), (side, cut)
-        path.write_bytes(data)
+    logs = {side: (tmp_path / f"{side}.mcap").read_bytes() for side in SIDES}
+    # what is cut off at the end is the index alone: a page of two damaged logs lacks the records of one of them only
+    for empty, torn in zip(SIDES, (*SIDES[1:], SIDES[0]), strict=True):
+        for side, data in logs.items():
+            kept = 0 if side == empty else len(data) - 40 if side == torn else len(data)
+            (tmp_path / f"{side}.mcap").write_bytes(data[:kept])
+        page = _report(load_run(tmp_path), a_scenario())
+        damaged = {side for side in SIDES if f"{side}: log is damaged" in page}
+        assert damaged == {empty, torn}
 
 
 def test_names_and_texts_of_a_run_cannot_become_markup(tmp_path: Path) -> None:
@@ -343,9 +346,9 @@ def browse(chromium: str, tmp_path: Path) -> Callable[[Path], tuple[str, Path]]:
 
 
 def test_a_browser_draws_it_without_a_network_and_without_a_complaint(
-    browse: Callable[[Path], tuple[str, Path]], minute: Path
+    browse: Callable[[Path], tuple[str, Path]], finished: Path
 ) -> None:
-    console, shot = browse(minute / "report.html")
+    console, shot = browse(finished / "report.html")
     assert "document idle" in console  # Bokeh's word for: all is drawn
     assert not _COMPLAINT.search(console), console
     image = pytest.importorskip("PIL.Image").open(shot).convert("RGB")
@@ -356,11 +359,11 @@ def test_a_browser_draws_it_without_a_network_and_without_a_complaint(
 
 
 def test_the_page_forbids_itself_to_fetch_anything(
-    browse: Callable[[Path], tuple[str, Path]], minute: Path, tmp_path: Path
+    browse: Callable[[Path], tuple[str, Path]], finished: Path, tmp_path: Path
 ) -> None:
     """And the test above would notice if it tried."""
     greedy = tmp_path / "greedy.html"
-    page = (minute / "report.html").read_text()
+    page = (finished / "report.html").read_text()
     greedy.write_text(page.replace("</main>", '</main><img src="https://example.org/x.png" alt="">'))
     console, _ = browse(greedy)
     assert re.search(r"violates.*Content Security Policy", console, re.DOTALL)

@@ -6,7 +6,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from common.errors import InputError
-from common.scenario.yaml_text import load_yaml
+from common.yaml_text import load_yaml
 
 
 def fault(text: str) -> str:
