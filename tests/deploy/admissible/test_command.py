@@ -28,7 +28,7 @@ numbers:
 """
 DELAY = "network.forward.delay.delay_ms"
 LOSS = "network.forward.loss.p_loss"
-QUICK = ("--seeds", "2", "--duration-s", "3", "--jobs", "1", "--tolerance", "0.1", "--out", "kept")
+QUICK = ("--seeds", "2", "--duration-s", "3.5", "--jobs", "1", "--tolerance", "0.1", "--out", "kept")
 
 
 @pytest.fixture(autouse=True)

@@ -96,7 +96,7 @@ def test_the_file_needs_nothing_else_and_is_small(finished: Path) -> None:
     assert script in page
     for fetching in ("@import", "url(", "fetch(", "XMLHttpRequest", "import(", "http:", "https:", "//cdn"):
         assert fetching not in css[0] + script, fetching
-    assert (finished / "report.html").stat().st_size < 2_500_000
+    assert (finished / "report.html").stat().st_size < 2_050_000  # that of a minute is a quarter larger
 
 
 def test_the_answer_comes_first_and_then_what_it_rests_on(finished: Path) -> None:
