@@ -133,7 +133,7 @@ def test_a_clock_that_steps_is_named(tmp_path: Path, without_report: None) -> No
     west, east = free_endpoints()
     (tmp_path / "s.yaml").write_text(_SCENARIO.replace("WEST", west).replace("EAST", east).replace("DURATION", "20"))
     with ExitStack() as stack:
-        skew = {"patient": {"TIS_CLOCK_SKEW": "0:0:10@9"}}
+        skew = {"patient": {"TIS_CLOCK_SKEW": "0:0:10@12"}}
         processes = _sides(stack, tmp_path, {side: [] for side in ("netem", "surgeon", "patient")}, skew)
         said = {side: " ".join(process.communicate(timeout=120)[1].split()) for side, process in processes.items()}
     assert "patient has a clock that stepped by +10.0 s" in said["patient"], said
