@@ -15,7 +15,6 @@ from tests.common.sources.trials import FIRST, text_of
 from tests.deploy.commands import Call, call_in_one_line
 
 MODEL = "identification.train=m.json"
-# too few training rows for drmf, whose model takes longest and is used here by nobody
 SCENARIO = """version: 1
 name: own
 duration_s: 4
