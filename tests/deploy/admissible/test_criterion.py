@@ -14,8 +14,9 @@ N_PERSONS = 8
 N_SAMPLES = 6000
 
 
-def student(values: np.ndarray) -> float:
-    return float(ttest_1samp(values, 0.0, alternative="less").confidence_interval(0.95).high)
+def student(values: np.ndarray) -> np.ndarray:
+    """Return the bound of each row."""
+    return np.asarray(ttest_1samp(values, 0.0, axis=-1, alternative="less").confidence_interval(0.95).high)
 
 
 def coverage(bound: object, drawn: np.ndarray, mean: float) -> float:
@@ -36,7 +37,7 @@ def coverage(bound: object, drawn: np.ndarray, mean: float) -> float:
 def test_of_eight_skewed_persons_the_bound_holds_more_often_than_students(draw: object, mean: float) -> None:
     assert callable(draw)
     drawn = draw(np.random.default_rng(4), (N_SAMPLES, N_PERSONS))
-    ours, theirs = coverage(upper_bound, drawn, mean), coverage(student, drawn[:2000], mean)
+    ours, theirs = coverage(upper_bound, drawn, mean), float(np.mean(student(drawn) >= mean))
     assert ours > 0.84
     assert ours > theirs + 0.01
     assert abs(0.95 - ours) < 0.8 * abs(0.95 - theirs)

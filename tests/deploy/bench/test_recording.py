@@ -14,15 +14,19 @@ from deploy.run.resolve import resolve
 from deploy.run.twin import build_sides
 from patient_side.identification.model_io import dump_models
 
-SECONDS = 2.0
+SECONDS = 1.0
+LIGHT = ("estimators=[hold]", "active_estimator=hold", "patient.orientation={methods: [hold], active: hold}")
 
 
 @pytest.mark.live
 def test_both_ways_are_run_and_the_ticks_of_both_are_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With a model from a file: at 1 kHz the patient would take longer to find one than the runs last."""
-    _, models, _ = build_sides(resolve("kilohertz", (), None, SECONDS))
+    _, models, _ = build_sides(resolve("kilohertz", LIGHT, None, SECONDS))
     (tmp_path / "model.json").write_bytes(dump_models(models))
-    settings = (f"identification.train={tmp_path / 'model.json'}",)
+    settings = (
+        *LIGHT,
+        f"identification.train={tmp_path / 'model.json'}",
+    )
 
     def with_model(name: str, _: object, seed: int | None, duration_s: float) -> Scenario:
         return resolve(name, settings, seed, duration_s)

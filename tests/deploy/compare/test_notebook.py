@@ -13,7 +13,7 @@ def test_the_notebook_runs_and_its_rows_pool_to_the_reports_figures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("DURATION_S", "4")
+    monkeypatch.setenv("DURATION_S", "3")
     names = executed(NOTEBOOK)
     result = names["result"]
     assert len(result.rows) == 3 * 4 * 3

@@ -36,9 +36,8 @@ def there(small: Path, own_folder: Path) -> Path:
 
 
 def compare(*words: str) -> tuple[int, str, str]:
-    result = CliRunner().invoke(
-        app, ["compare", "small.yaml", "--set", "identification.train=own_head", "--duration-s", "6", *words]
-    )
+    small = ["--set", "identification.train=own_head", "--set", "identification.block_rows=2", "--duration-s", "6"]
+    result = CliRunner().invoke(app, ["compare", "small.yaml", *small, *words])
     assert "Traceback" not in result.output, result.output
     return result.exit_code, result.stdout, result.stderr
 

@@ -24,12 +24,21 @@ def people(tmp_path_factory: pytest.TempPathFactory) -> Trials:
 
 @pytest.fixture
 def quick_twins(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Shorten the twin at 1 kHz, and let all twins hold the orientation: its methods take as long as all else."""
+    """Let twins and trainings take little time: small models, a short twin at 1 kHz, and an orientation that is held.
 
-    def holding(request: Request) -> Plan:
-        held = "patient.orientation={methods: [hold], active: hold}"
-        return make_plan(replace(request, settings=(*request.settings, held)))
+    The methods for the orientation take as long as all else. What a plan itself says of its models counts.
+    """
+    cheap = {
+        "patient.orientation": "{methods: [hold], active: hold}",
+        "identification.block_rows": "3",
+        "identification.order": "2",
+    }
 
-    monkeypatch.setattr(plans, "make_plan", holding)
+    def cheaply(request: Request) -> Plan:
+        given = {setting.partition("=")[0] for setting in request.settings}
+        added = [f"{path}={value}" for path, value in cheap.items() if path not in given]
+        return make_plan(replace(request, settings=(*request.settings, *added)))
+
+    monkeypatch.setattr(plans, "make_plan", cheaply)
     monkeypatch.setattr(plans, "_FAST_S", 2.5)
     monkeypatch.setattr(plans, "_FAST_ROWS", 2000)

@@ -9,7 +9,12 @@ from deploy.compare.definitions.splits import plan_splits
 from tests.deploy.commands import call, call_in_one_line
 from tests.markdown_tables import ragged_rows
 
-SMALL = ("--set", "identification.train_samples=240", "--set", "identification.block_rows=4")
+SETTINGS = (
+    "identification.train_samples=240",
+    "identification.block_rows=2",
+    "patient.orientation={methods: [hold], active: hold}",
+)
+SMALL = tuple(word for setting in SETTINGS for word in ("--set", setting))
 
 
 @pytest.fixture

@@ -143,7 +143,7 @@ def test_a_cluster_finds_what_processes_find_and_a_killed_worker_costs_only_time
     """Beside a worker with other code, which is left alone."""
     (own_folder / FILE).write_text(documented_estimator())
     (own_folder / "killing_own.py").write_text(KILLING)
-    settings = ("estimators=[hold, 'killing_own:Once']", "active_estimator=hold")
+    settings = ("identification.block_rows=2", "estimators=[hold, 'killing_own:Once']", "active_estimator=hold")
     plan = make_plan(Request(str(small), settings, duration_s=3.0, n_seeds=2))
     worker("there")  # Dask starts it anew, under another address
     output, folder = ((cluster_dir / name) for name in ("there/output.txt", "there"))

@@ -20,6 +20,7 @@ from deploy.compare.engine.processes import Processes
 from deploy.compare.plan import Plan, Request, make_plan
 from deploy.shell.progress import PhaseProgress
 from tests.deploy.compare.engine.killing import KILLING
+from tests.deploy.compare.in_this_process import InThisProcess
 from tests.deploy.compare.untimed import untimed
 from tests.documented_estimator import FILE, documented_estimator
 
@@ -46,6 +47,10 @@ class Slow(AlphaBeta):
 """
 
 
+# For an own estimator all models are tried: small ones, of few samples.
+SMALL = ("identification.train=own_head", "identification.train_samples=120", "identification.block_rows=2")
+
+
 @pytest.fixture
 def there(small: Path, own_folder: Path) -> Path:
     (own_folder / FILE).write_text(documented_estimator())
@@ -57,12 +62,12 @@ def there(small: Path, own_folder: Path) -> Path:
 def forked(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let processes begin as copies of one that has loaded what they compute with: they die as all others do."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["__main__", "deploy.compare.engine.processes"])
+    context.set_forkserver_preload(["deploy.compare.engine.processes"])
     monkeypatch.setattr(multiprocessing, "get_context", lambda _: context)
 
 
 def plan_with(there: Path, name: str, **changes: Any) -> Plan:
-    settings = ("identification.train=own_head", f"estimators=[hold, 'killing_own:{name}']", "active_estimator=hold")
+    settings = (*SMALL, f"estimators=[hold, 'killing_own:{name}']", "active_estimator=hold")
     return make_plan(Request(str(there), settings, duration_s=3.0, **changes))
 
 
@@ -73,7 +78,9 @@ def computed(plan: Plan, folder: Path) -> Outcome:
 
 def test_a_killed_process_costs_nothing_but_time(there: Path, tmp_path: Path, forked: None) -> None:
     plan = plan_with(there, "Once", n_seeds=3)
-    undisturbed = computed(plan, tmp_path / "undisturbed")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("deploy.compare.engine.processes.ProcessPoolExecutor", InThisProcess)
+        undisturbed = computed(plan, tmp_path / "undisturbed")
     Path("kill").touch()
     disturbed = computed(plan, tmp_path / "disturbed")
     assert not Path("kill").exists()
@@ -96,7 +103,8 @@ def test_what_ends_its_process_each_time_fails_alone(there: Path, tmp_path: Path
 
 def test_workers_end_with_a_client_that_is_killed(there: Path, own_folder: Path) -> None:
     (own_folder / "slow_own.py").write_text(SLOW)
-    settings = [f"--set={text}" for text in ("estimators=[hold, 'slow_own:Slow']", "active_estimator=hold")]
+    own = (*SMALL, "estimators=[hold, 'slow_own:Slow']", "active_estimator=hold")
+    settings = [f"--set={text}" for text in own]
     command = [
         sys.executable,
         "-m",
