@@ -76,10 +76,11 @@ def test_a_plane_is_found_drawn_written_and_resumed() -> None:
     assert all((row["inside"] == "True") == (float(row["margin"]) <= 0) for row in points)
     assert Path("kept/admissible.svg").read_bytes().startswith(b"<?xml")
 
-    code, again, out = tis(*words, "--json")
+    code, again, _ = tis(*words, "--json")
     assert code == 0
     assert json.loads(again)["estimators"] == report["estimators"]
     n_twins = report["n_twins"]
+    code, out, _ = tis(*words)
     assert f"{n_twins:,} twins, {n_twins:,} of them stored before" in out
 
 

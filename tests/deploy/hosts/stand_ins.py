@@ -27,15 +27,8 @@ from deploy.cli.main import main
 main()
 """
 _NO_CHECK = """\
-if sys.argv[1:] == ["host"]:  # without what the other commands load
-    from common.errors import TisError
-    from deploy.hosts.agent import requests
-    requests._faults = lambda request: []
-    try:
-        sys.exit(requests.obey(*requests.standard_streams()))
-    except TisError as error:
-        print(*error.faults, sep="; ", file=sys.stderr)
-        sys.exit(error.exit_code)
+from deploy.hosts.agent import requests
+requests._faults = lambda request: []
 """
 _PYTHON = """\
 #!/bin/sh

@@ -1,13 +1,11 @@
 """The command: a quick comparison on a synthetic population from beginning to end, and what it refuses."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from deploy.methods import command
-from deploy.methods.choice import DEFAULT_METHODS, QUICK, methods_of
+from deploy.methods.choice import DEFAULT_METHODS, methods_of
 from tests.deploy.commands import call_in_one_line as tis
 from tests.markdown_tables import ragged_rows
 
@@ -19,10 +17,7 @@ def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: None
     return tmp_path
 
 
-def test_a_quick_comparison_without_recordings_gives_page_tables_and_figures(
-    there: Path, quick_twins: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(command, "QUICK", replace(QUICK, duration_s=5.0, n_ticks=120))
+def test_a_quick_comparison_without_recordings_gives_page_tables_and_figures(there: Path) -> None:
     code, _, err = tis("paper", "--methods", "--quick", "--estimators", "moesp_kf", "--jobs", "1")
     assert code == 0, err
     page = (there / "runs" / "methods.md").read_text("utf-8")

@@ -38,10 +38,6 @@ def scenario_of(source: dict[str, Any]) -> Scenario:
         "source": {**source, "hands": ["left", "right"]},
         "network": {"forward": {"delay": {"kind": "constant", "delay_ms": 120}, "loss": LOSS}},
         "identification": {"train": "own_head", "train_samples": 150, "block_rows": 3},
-        # of positions and of orientations one method that does without training rows, and one that needs them
-        "estimators": ["hold", "moesp_kf"],
-        "active_estimator": "moesp_kf",
-        "patient": {"orientation": {"methods": ["hold", "constant_rate"], "active": "constant_rate"}},
     }
     return build_scenario(raw, "s.yaml")
 

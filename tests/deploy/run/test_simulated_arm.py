@@ -25,7 +25,7 @@ from patient_side.statespace import ArmModel, Array
 from tests.log_reader import LogReader
 
 EXTRA = pytest.mark.skipif(find_spec("mujoco") is None, reason="the extra sim is not installed")
-HOLD = ("estimators=[hold]", "active_estimator=hold", "patient.orientation={methods: [hold], active: hold}")
+HOLD = ("estimators=[hold]", "active_estimator=hold")
 
 
 def _twin(run_dir: Path, *settings: str, duration_s: float = 6.0) -> tuple[Path, tuple[ArmModel, ...]]:

@@ -21,8 +21,7 @@ from patient_side.identification.model_io import dump_models
 from patient_side.statespace import ArmModel
 
 LOGS = ("surgeon.mcap", "netem.mcap", "patient.mcap")
-# where nobody looks at estimates
-HOLD = ("estimators=[hold]", "active_estimator=hold", "patient.orientation={methods: [hold], active: hold}")
+HOLD = ("estimators=[hold]", "active_estimator=hold")  # where nobody looks at estimates
 
 
 def _twin(scenario: Scenario, run_dir: Path) -> tuple[RunLogs, tuple[ArmModel, ...]]:

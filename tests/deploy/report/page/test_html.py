@@ -273,15 +273,13 @@ def test_a_log_cut_anywhere_gives_a_page(tmp_path: Path) -> None:
     write_run(tmp_path, **_a_run())
     whole = _report(load_run(tmp_path), a_scenario())
     assert "is damaged" not in whole
-    logs = {side: (tmp_path / f"{side}.mcap").read_bytes() for side in SIDES}
-    # what is cut off at the end is the index alone: a page of two damaged logs lacks the records of one of them only
-    for empty, torn in zip(SIDES, (*SIDES[1:], SIDES[0]), strict=True):
-        for side, data in logs.items():
-            kept = 0 if side == empty else len(data) - 40 if side == torn else len(data)
-            (tmp_path / f"{side}.mcap").write_bytes(data[:kept])
-        page = _report(load_run(tmp_path), a_scenario())
-        damaged = {side for side in SIDES if f"{side}: log is damaged" in page}
-        assert damaged == {empty, torn}
+    for side in SIDES:
+        path = tmp_path / f"{side}.mcap"
+        data = path.read_bytes()
+        for cut in (0, len(data) - 40):
+            path.write_bytes(data[:cut])
+            assert f"{side}: log is damaged" in _report(load_run(tmp_path), a_scenario()), (side, cut)
+        path.write_bytes(data)
 
 
 def test_names_and_texts_of_a_run_cannot_become_markup(tmp_path: Path) -> None:
