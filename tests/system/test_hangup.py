@@ -42,6 +42,7 @@ def test_netem_closes_its_folder_when_its_terminal_goes_away(tmp_path: Path, end
     command = [sys.executable, "-m", "deploy.cli.main", "netem", "demo/**", "--west", west, "--east", east]
     pid, terminal = pty.fork()
     if pid == 0:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup ignores it, and a child inherits that
         os.chdir(_ROOT)
         os.execv(sys.executable, [*command, "--run-dir", str(tmp_path / "run")])
     try:
