@@ -6,6 +6,7 @@ import os
 import pickle
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -39,7 +40,8 @@ def hands_once(
     """
     # which of one's own it is plays no part: for each of them all models are tried
     names = wanted and sorted({"own" if is_user_defined(name) else name for name in wanted} - _NEED_NONE)
-    asked = pickle.dumps((list(trainings), list(hands), identification.model_dump_json(), pairing, names))
+    anywhere = [replace(each, file=None) for each in trainings]
+    asked = pickle.dumps((anywhere, list(hands), identification.model_dump_json(), pairing, names))
     key = hashlib.sha256(asked).hexdigest()
     if key not in _FOUND:
         file = kept / key
