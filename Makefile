@@ -2,7 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip install --quiet --constraint constraints.txt
+# Python compiles what is used when it is used: of what is installed that is a small part
+PIP := $(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt
 
 .PHONY: run-env env demo test docs pictures clean
 
@@ -21,7 +22,7 @@ $(VENV)/.stamp: pyproject.toml constraints.txt
 
 $(VENV)/.stamp-dev: $(VENV)/.stamp
 	@echo "adding the tools of tests and manual to $(VENV)"
-	@$(PIP) --no-compile --editable '.[dev,docs]'  # what is used is compiled then
+	@$(PIP) --editable '.[dev,docs]'
 	@touch $@
 
 demo: run-env

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# The one check: format, lint, types, import contracts, manual, tests. Stops at the first that fails.
+# The one check: format, lint, types, import contracts, manual, tests. Stops at the first that fails, but for types:
+# they are checked meanwhile on the other core, told as soon as they are known, and count at the end.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 export PATH="$PWD/.venv/bin:$PATH"
@@ -8,12 +9,12 @@ unset PYTHONDONTWRITEBYTECODE
 ruff format --check .
 ruff check --no-cache .
 lint-imports
-# types on one core; on the other the manual, and the tests are compiled, which each worker would do again
 mypy &
 types=$!
 trap 'kill $types 2> /dev/null || true' EXIT
 deploy/docs.sh
+# the tests are compiled once, which each worker would do again
 pytest --collect-only --quiet > /dev/null || true  # a fault is told below
-wait $types
 # one worker more than cores, for live tests mostly wait; these come first, as tests/conftest.py sorts them
 pytest -n 3 --dist loadgroup --no-loadscope-reorder --durations=25 "$@"
+wait $types

@@ -9,7 +9,6 @@ beyond the newest position, and what fills them is the forecast.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from patient_side.completion_model import Factorisation
@@ -18,16 +17,17 @@ from patient_side.statespace import Array
 
 
 class Completion(NamedTuple):
-    """The last column (R, A) of the low-rank part, the movement (W, A) with S taken out and what is missing filled.
+    """The last column (..., R, A) of the low-rank part, and the movement (..., W, A) without S and with the fill.
 
-    ``outliers`` (W,) are the positions that S holds, ``left_m`` (W,) is what L leaves of each known position.
+    ``outliers`` (..., W) are the positions that S holds, ``left_m`` (..., W) is what L leaves of each known position,
+    ``n_turns`` (...) how many turns were taken.
     """
 
     newest: Array
     filled: Array
     outliers: NDArray[np.bool_]
     left_m: Array
-    n_turns: int
+    n_turns: NDArray[np.int64]
 
 
 def complete(
@@ -58,27 +58,52 @@ def complete(
     A turn is: the left factor from the filled matrix less S, the coefficients by least squares on known entries, the
     fill by the means of the antidiagonals, S. Oracles in test_hankel_completion: a sum of damped sinusoids.
     """
-    n_rows, n_axes = len(prior), path.shape[1]
-    n_columns = len(path) - n_rows + 1
-    filled = _held(path, known)
-    clean, moved, turn = known, np.inf, 0
-    known_columns = sliding_window_view(clean, n_rows).astype(float)
-    while turn < numbers.max_turns and moved > numbers.tolerance_m:
-        turn += 1
+    return Completion(
+        *(each[0] for each in complete_all(path[None], known[None], prior[None], prior_columns, numbers))
+    )
+
+
+def complete_all(
+    paths: Array, known: NDArray[np.bool_], priors: Array, prior_columns: float, numbers: Factorisation
+) -> Completion:
+    """Return the completions of M movements of one length together, as `complete` those of each.
+
+    The arrays are those of `complete` in stacks: (M, W, A), (M, W) and (M, R, R). Oracle: `complete` itself.
+    """
+    n_rows, n_axes = priors.shape[-1], paths.shape[-1]
+    n_columns = paths.shape[1] - n_rows + 1
+    places = np.arange(n_columns)[:, None] + np.arange(n_rows)
+    done = Completion(
+        np.empty((len(paths), n_rows, n_axes)),
+        np.array([_held(path, its) for path, its in zip(paths, known, strict=True)]),
+        np.zeros(known.shape, dtype=bool),
+        np.zeros(known.shape),
+        np.zeros(len(paths), dtype=np.int64),
+    )
+    moving = np.arange(len(paths))
+    for _ in range(numbers.max_turns):
+        path, arrived, filled = paths[moving], known[moving], done.filled[moving]
         # L: first its left factor, from the whole matrix, then its coefficients.
-        columns = sliding_window_view(filled, n_rows, axis=0)
-        flat = columns.reshape(-1, n_rows)
-        moments = (prior_columns * prior + flat.T @ flat) / (prior_columns + n_columns * n_axes)
-        factor = left_factor(moments, numbers.rank, numbers.ridge, numbers.least_noise_m2)
-        low_rank = low_rank_part(columns, known_columns, factor)
+        columns = filled.swapaxes(1, 2)[:, :, places].swapaxes(1, 2)
+        flat = columns.reshape(len(moving), -1, n_rows)
+        moments = prior_columns * priors[moving] + flat.swapaxes(1, 2) @ flat
+        factor = left_factor(
+            moments / (prior_columns + n_columns * n_axes), numbers.rank, numbers.ridge, numbers.least_noise_m2
+        )
+        clean = arrived & ~done.outliers[moving]
+        low_rank = low_rank_part(flat.reshape(columns.shape), clean[:, places], factor)
         means = _antidiagonal_means(low_rank)
         # S: what of the known positions L explains least.
-        left_m = np.where(known, np.linalg.norm(path - means, axis=1), 0.0)
-        clean = known & ~largest(left_m, numbers.n_outliers, numbers.least_outlier_m)
-        known_columns = sliding_window_view(clean, n_rows).astype(float)
-        before, filled = filled, np.where(clean[:, None], path, means)
-        moved = float(np.abs(filled - before).max(initial=0.0))
-    return Completion(np.asarray(low_rank[-1].T), filled, known & ~clean, left_m, turn)
+        left_m = np.where(arrived, np.linalg.norm(path - means, axis=-1), 0.0)
+        struck = arrived & largest(left_m, numbers.n_outliers, numbers.least_outlier_m)
+        after = np.where((arrived & ~struck)[..., None], path, means)
+        done.newest[moving], done.filled[moving] = low_rank[:, -1].swapaxes(1, 2), after
+        done.outliers[moving], done.left_m[moving] = struck, left_m
+        done.n_turns[moving] += 1
+        moving = moving[np.abs(after - filled).max(axis=(1, 2)) > numbers.tolerance_m]
+        if not len(moving):
+            break
+    return done
 
 
 def column_moments(moves_m2: Array) -> Array:
@@ -102,13 +127,14 @@ def _held(path: Array, known: NDArray[np.bool_]) -> Array:
 
 
 def _antidiagonal_means(columns: Array) -> Array:
-    """Return the movement (W, A) that is nearest to a matrix of columns (C, A, R). Oracle: a loop over entries."""
-    n_columns, n_axes, n_rows = columns.shape
+    """Return the movements (M, W, A) nearest to matrices of columns (M, C, A, R). Oracle: a loop over entries."""
+    n_movements, n_columns, n_axes, n_rows = columns.shape
     length = n_columns + n_rows - 1
     # Rows of length W + 1, read as rows of length W, are each shifted by one against the row before.
-    skewed = np.zeros((n_axes, n_columns, length + 1))
-    skewed[:, :, :n_rows] = columns.transpose(1, 0, 2)
-    sums = skewed.reshape(n_axes, -1)[:, : n_columns * length].reshape(n_axes, n_columns, length).sum(axis=1)
+    skewed = np.zeros((n_movements, n_axes, n_columns, length + 1))
+    skewed[..., :n_rows] = columns.swapaxes(1, 2)
+    read = skewed.reshape(n_movements, n_axes, -1)[..., : n_columns * length]
+    sums = read.reshape(n_movements, n_axes, n_columns, length).sum(axis=2)
     places = np.arange(length)
     counts = np.minimum(np.minimum(places + 1, length - places), min(n_columns, n_rows))
-    return np.asarray((sums / counts).T)
+    return np.asarray((sums / counts).swapaxes(1, 2))

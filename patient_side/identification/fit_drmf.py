@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from common.errors import DataError, Fault
 from patient_side.completion_model import CompletionModel, Factorisation
-from patient_side.filters.hankel_completion import Completion, column_moments, complete
+from patient_side.filters.hankel_completion import column_moments, complete_all
 from patient_side.identification.arrival_draws import ArrivalDraw, arrival_draws
 from patient_side.identification.coverage import coverage_factor, prediction_factor
 from patient_side.identification.held_out import held_out_groups
@@ -29,6 +29,8 @@ _MAX_TURNS: Final = 3
 _TOLERANCE_M: Final = 1e-5
 _N_JUDGED: Final = 40
 _N_CALIBRATED: Final = 240
+_AT_ONCE: Final = 16
+"""Draws completed together: more would leave the processor's cache."""
 _SHARES: Final = (0.1, 0.03)
 _AS_GOOD: Final = 0.004
 """Difference of scores that does not count: 0.4 % of the error."""
@@ -165,29 +167,36 @@ class _HeldOut:
         known = [horizon for horizon in horizons if horizon <= max(lengths) // 4]
         return arrival_draws(lengths, known, n_each, _MOST_STEPS, label)
 
-    def forecasts(self, choice: Choice, draws: Sequence[ArrivalDraw]) -> list[tuple[Completion, Array, Array]]:
-        """Return completion, error (3,) and move (3,) of each draw, with factors of the other groups' rows."""
-        numbers = choice.factorisation
-        priors = [column_moments(self.moves_m2(group, choice.n_rows)) for group in range(len(self.counts))]
-        found = []
-        for draw in draws:
-            y = self.trials[draw.trial]
-            beyond = max(0, draw.ahead - choice.longest)
-            path, known = draw.window(y, choice.n_steps, draw.row - beyond)
-            prior = priors[int(self.groups[draw.trial][draw.row])]
-            done = complete(path, known, prior, choice.prior_columns, numbers)
-            moved = y[draw.row] - y[draw.row - draw.ahead]
-            found.append((done, done.newest[-1] - moved, moved))
-        return found
+    def forecasts(self, choice: Choice, draws: Sequence[ArrivalDraw]) -> tuple[Array, Array, float]:
+        """Return errors (D, 3) and moves (D, 3) of the draws, and the most that L leaves of a position, in m.
+
+        The factors of a draw are those of the other groups' rows.
+        """
+        moments = [column_moments(self.moves_m2(group, choice.n_rows)) for group in range(len(self.counts))]
+        windows = [
+            draw.window(self.trials[draw.trial], choice.n_steps, draw.row - max(0, draw.ahead - choice.longest))
+            for draw in draws
+        ]
+        priors = [moments[int(self.groups[draw.trial][draw.row])] for draw in draws]
+        moved = np.array([self.trials[draw.trial][draw.row] for draw in draws])
+        moved -= [self.trials[draw.trial][draw.row - draw.ahead] for draw in draws]
+        newest, most_left_m = [], 0.0
+        for first in range(0, len(draws), _AT_ONCE):
+            part = slice(first, first + _AT_ONCE)
+            paths, known = (np.array(each) for each in zip(*windows[part], strict=True))
+            done = complete_all(paths, known, np.array(priors[part]), choice.prior_columns, choice.factorisation)
+            newest.append(done.newest[:, -1])
+            most_left_m = max(most_left_m, float(done.left_m.max()))
+        return np.concatenate(newest) - moved, moved, most_left_m
 
     def score(self, choice: Choice, draws: Sequence[ArrivalDraw]) -> float:
         """Return the mean over horizons of the logarithm of the mean error, in units of that of hold.
 
         Distances are judged and not their squares, of which a few draws would be nearly all.
         """
-        found, ahead = self.forecasts(choice, draws), np.array([draw.ahead for draw in draws])
-        errors = np.array([np.linalg.norm(error) for _, error, _ in found]) + SENSOR_RESOLUTION_M
-        moved = np.array([np.linalg.norm(move) for _, _, move in found]) + SENSOR_RESOLUTION_M
+        missed, moves, _ = self.forecasts(choice, draws)
+        ahead = np.array([draw.ahead for draw in draws])
+        errors, moved = (np.linalg.norm(each, axis=1) + SENSOR_RESOLUTION_M for each in (missed, moves))
         return float(np.mean([np.log(errors[ahead == h].sum() / moved[ahead == h].sum()) for h in np.unique(ahead)]))
 
 
@@ -222,11 +231,13 @@ def _errors_by_horizon(held_out: _HeldOut, choice: Choice) -> tuple[NDArray[np.i
     The covariances are such that 95 % ellipsoids hold 95 %.
     """
     draws = held_out.draws(_HORIZONS, _N_CALIBRATED, "drmf/calibrate")
-    found, horizons = held_out.forecasts(choice, draws), sorted({draw.ahead for draw in draws})
+    missed, _, most_left_m = held_out.forecasts(choice, draws)
+    ahead = np.array([draw.ahead for draw in draws])
+    horizons = np.unique(ahead)
     n_rows = sum(map(len, held_out.trials))
     covariances: list[Array] = []
     for horizon in horizons:
-        errors = np.array([e for (_, e, _), draw in zip(found, draws, strict=True) if draw.ahead == horizon])
+        errors = missed[ahead == horizon]
         covariance = errors.T @ errors / len(errors) + SENSOR_RESOLUTION_M**2 * np.eye(3)
         # Draws from few rows share their movements.
         shared = max(1, round(len(errors) * horizon / n_rows))
@@ -234,5 +245,4 @@ def _errors_by_horizon(held_out: _HeldOut, choice: Choice) -> tuple[NDArray[np.i
         # What is known shrinks with the horizon, so an error that seems to shrink does so by chance.
         grown = max(1.0, np.trace(covariances[-1]) / np.trace(factor * covariance)) if covariances else 1.0
         covariances.append(grown * factor * covariance)
-    most_left_m = max(float(done.left_m.max()) for done, _, _ in found)
-    return np.array(horizons), np.array(covariances), most_left_m
+    return horizons, np.array(covariances), most_left_m

@@ -22,7 +22,6 @@ from tests.patient_side.arm_models import (
     delayed,
     play,
     positions,
-    random_command,
     ratio_to_hold,
     static_model,
     truth_at_ticks,
@@ -127,30 +126,14 @@ def test_on_any_arrivals_estimates_are_finite(arrivals: list[int], size: float, 
         assert np.linalg.eigvalsh(covariance)[0] >= 0
 
 
-def test_ellipsoids_cover_what_they_say(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fitting, "_N_JUDGED", 5)  # they must whatever factorisation was selected
-    trials = [random_command(np.random.default_rng(seed), 1500, 0.9, 1e-4) for seed in range(4)]
-    estimator, inside = Drmf(fit_drmf(trials, RATE_HZ)), []
-    for seed in range(2):
-        y = random_command(np.random.default_rng(60 + seed), 600, 0.9, 1e-4)
-        lost = np.random.default_rng(seed).random(len(y)) < 0.2
-        arrivals = [LOST if lost[i] else t for i, t in enumerate(delayed(len(y), 150_000_000))]
-        estimates = play(estimator, Streams(y, y, [LOST] * len(y), arrivals))
-        for estimate, truth in zip(estimates[120:-1], truth_at_ticks(y)[120:-1], strict=True):
-            assert estimate.position_m is not None
-            assert estimate.covariance_m2 is not None
-            e = estimate.position_m - truth
-            inside.append(e @ np.linalg.solve(estimate.covariance_m2, e) < 7.815)
-    assert 0.90 < np.mean(inside) < 0.99
-
-
 def test_a_model_file_without_its_model_is_named() -> None:
     with pytest.raises(DataError, match="drmf needs a model of the arm's movement"):
         drmf(replace(static_model(), drmf=None))
 
 
-def test_on_a_real_trial_it_beats_hold(jigsaws_dir: Path) -> None:
+def test_on_a_real_trial_it_beats_hold(jigsaws_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     y = real_recording(jigsaws_dir, "Suturing_D002").hands[0].follower.position_m
+    monkeypatch.setattr(fitting, "_N_CALIBRATED", 30)  # covariances, which are not looked at
     estimator = Drmf(fit_drmf([y[:1240]], RATE_HZ))
     y = y[1240:2240]
     for delay_ms, bound in ((33, 0.55), (100, 0.55), (200, 0.65)):

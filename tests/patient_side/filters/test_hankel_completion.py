@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from patient_side.completion_model import Factorisation
-from patient_side.filters.hankel_completion import column_moments, complete
+from patient_side.filters.hankel_completion import column_moments, complete, complete_all
 from patient_side.statespace import Array
 
 EXACT = Factorisation(
@@ -83,6 +83,23 @@ def test_an_origin_elsewhere_moves_all_results_alike() -> None:
     near, far = (complete(y + origin, known, np.eye(N_ROWS), 50.0, numbers) for origin in (0.0, 7.0))
     assert far.newest == pytest.approx(near.newest + 7.0, abs=1e-9)
     assert far.filled == pytest.approx(near.filled + 7.0, abs=1e-9)
+
+
+def test_movements_together_are_completed_as_each_alone() -> None:
+    paths = np.array([damped_sinusoids(2, seed) for seed in range(5)])
+    paths[3, 40] += 0.02
+    known = np.array([arrived(0.1 * seed, 2 + 3 * seed, seed) for seed in range(5)])
+    priors = np.array([1e-5 * (seed + 1) * np.eye(N_ROWS) for seed in range(5)])
+    numbers = replace(EXACT, n_outliers=2, least_outlier_m=1e-4, tolerance_m=1e-5, max_turns=60)
+    together = complete_all(paths, known, priors, 3.0, numbers)
+    assert len(set(together.n_turns)) > 2, "they end after different numbers of turns"
+    assert together.outliers.any()
+    for i in range(5):
+        alone = complete(paths[i], known[i], priors[i], 3.0, numbers)
+        assert together.n_turns[i] == alone.n_turns
+        assert np.array_equal(together.outliers[i], alone.outliers)
+        for name in ("newest", "filled", "left_m"):
+            assert getattr(together, name)[i] == pytest.approx(getattr(alone, name), abs=1e-12), name
 
 
 def test_the_fill_is_the_mean_of_each_antidiagonal() -> None:

@@ -8,9 +8,7 @@ from patient_side.identification import fit_drmf as module
 from patient_side.identification.fit_drmf import fit_drmf
 from patient_side.playout import Playout
 from patient_side.statespace import Array
-from tests.patient_side.arm_models import random_command
-
-RATE_HZ = 30
+from tests.patient_side.arm_models import LOST, RATE_HZ, Streams, delayed, play, random_command, truth_at_ticks
 
 
 def movement(n_rows: int, seed: int) -> Array:
@@ -26,9 +24,9 @@ def waves(n_rows: int, seed: int) -> Array:
     )
 
 
-def errors(trials: list[Array], y: Array, steps: int) -> tuple[float, float]:
-    """Root mean square errors of the fitted estimator and of hold, ``steps`` ahead, on every third row."""
-    estimator, missed, held = Drmf(fit_drmf(trials, RATE_HZ)), [], []
+def errors(model: CompletionModel, y: Array, steps: int) -> tuple[float, float]:
+    """Root mean square errors of the model's estimator and of hold, ``steps`` ahead, on every third row."""
+    estimator, missed, held = Drmf(model), [], []
     for row in range(120, len(y) - steps, 3):
         playout = Playout(RATE_HZ)
         for index in range(row - 110, row + 1):
@@ -41,21 +39,42 @@ def errors(trials: list[Array], y: Array, steps: int) -> tuple[float, float]:
 
 
 def test_a_movement_of_known_rank_is_forecast_to_its_noise(few_draws: None) -> None:
-    missed, held = errors([waves(500, seed) for seed in range(3)], waves(400, 9), 6)
+    model = fit_drmf([waves(500, seed) for seed in range(3)], RATE_HZ)
+    missed, held = errors(model, waves(400, 9), 6)
     assert held > 5e-3
     assert missed < 5e-5
 
 
-def test_of_a_velocity_that_decays_the_error_is_near_the_least() -> None:
-    missed, _ = errors([movement(1500, seed) for seed in range(4)], movement(600, 50), 3)
+@pytest.fixture(scope="module")
+def of_decaying_velocities() -> CompletionModel:
+    return fit_drmf([movement(1500, seed) for seed in range(4)], RATE_HZ)
+
+
+def test_of_a_velocity_that_decays_the_error_is_near_the_least(of_decaying_velocities: CompletionModel) -> None:
+    missed, _ = errors(of_decaying_velocities, movement(600, 50), 3)
     # The best forecast errs by the noises of three steps: the sums of powers 1; 1, 0.9; 1, 0.9, 0.81.
     least = 1e-4 * np.sqrt(1.0**2 + 1.9**2 + 2.71**2)
     assert missed < 1.1 * least
 
 
+def test_ellipsoids_cover_what_they_say(of_decaying_velocities: CompletionModel) -> None:
+    estimator, inside = Drmf(of_decaying_velocities), []
+    for seed in range(2):
+        y = movement(600, 60 + seed)
+        lost = np.random.default_rng(seed).random(len(y)) < 0.2
+        arrivals = [LOST if lost[i] else t for i, t in enumerate(delayed(len(y), 150_000_000))]
+        estimates = play(estimator, Streams(y, y, [LOST] * len(y), arrivals))
+        for estimate, truth in zip(estimates[120:-1], truth_at_ticks(y)[120:-1], strict=True):
+            assert estimate.position_m is not None
+            assert estimate.covariance_m2 is not None
+            e = estimate.position_m - truth
+            inside.append(e @ np.linalg.solve(estimate.covariance_m2, e) < 7.815)
+    assert 0.90 < np.mean(inside) < 0.99
+
+
 def test_of_a_random_walk_hold_is_left(few_draws: None) -> None:
     walk = np.cumsum(np.random.default_rng(1).normal(size=(3000, 3)), axis=0) * 1e-4
-    missed, held = errors([walk[:2000]], walk[2000:2700], 6)
+    missed, held = errors(fit_drmf([walk[:2000]], RATE_HZ), walk[2000:2700], 6)
     assert missed < 1.06 * held
 
 
