@@ -98,17 +98,20 @@ def _beside(module: ModuleType) -> dict[str, tuple[str, str]]:
     in_package = "." in module.__name__ or hasattr(module, "__path__")
     folder = Path(getattr(module, "__file__", None) or ".").resolve().parent
     found = {}
+    resolved = cache(Path.resolve)  # thousands of modules lie in few folders
     for name, other in list(sys.modules.items()):
         file = getattr(other, "__file__", None)
         if not file or name in ("__main__", "__mp_main__"):
             continue
-        path = Path(file).resolve()
         if in_package:
             beside = name.partition(".")[0] == top
         else:
-            beside = path.parent == folder and folder.name not in _INSTALLED
+            path = Path(file)
+            where = path.resolve().parent if path.is_symlink() else resolved(path.parent)
+            beside = where == folder and folder.name not in _INSTALLED
         if other is not module and not beside:
             continue
+        path = Path(file).resolve()
         with suppress(OSError):  # for instance within an archive
             inside = name.replace(".", "/")
             label = f"{inside}{'/__init__' if hasattr(other, '__path__') else ''}{path.suffix}"
