@@ -34,18 +34,21 @@ class Stream:
 
     def uniform(self, index: int) -> float:
         """Return element ``index`` (>= 0), a float in the open interval (0, 1)."""
-        # The last block is cached: packets come in the order of their numbers, nearly always.
         number, offset = divmod(index, _BLOCK)
-        if number != self._number:
-            self._block = self._draw(number)
-            self._number = number
-        return float(self._block[offset])
+        return float(self._block_of(number)[offset])
 
     def uniforms(self, start: int, count: int) -> NDArray[np.float64]:
         """Return elements ``start`` .. ``start + count - 1``, shape (count,)."""
         first, last = start // _BLOCK, (start + count - 1) // _BLOCK
-        blocks = np.concatenate([self._draw(number) for number in range(first, max(first, last) + 1)])
+        blocks = np.concatenate([self._block_of(number) for number in range(first, max(first, last) + 1)])
         return blocks[start - first * _BLOCK :][:count]
+
+    def _block_of(self, number: int) -> NDArray[np.float64]:
+        # The last block is cached: packets and draws come in the order of their numbers, nearly always.
+        if number != self._number:
+            self._block = self._draw(number)
+            self._number = number
+        return self._block
 
     def _draw(self, number: int) -> NDArray[np.float64]:
         philox = np.random.Philox(key=np.array(self.key, dtype=np.uint64), counter=[0, number, 0, 0])

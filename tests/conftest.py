@@ -4,10 +4,12 @@ import gc
 import os
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from typer.main import get_command
 
 import common as common  # before numpy: it keeps linear algebra to one thread, as in the processes of a run
 from tests.deploy.compare.in_this_process import InThisProcess
@@ -52,6 +54,14 @@ def of_all_workers(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "of_all_workers"
     path.mkdir(exist_ok=True)
     return path
+
+
+@pytest.fixture(scope="session", autouse=True)
+def commands_once() -> Iterator[None]:
+    """Build the commands of `tis` once: Typer's runner does so for each call, which often takes longest of it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("typer.testing._get_command", cache(get_command))
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

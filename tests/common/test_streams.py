@@ -13,9 +13,12 @@ BLOCK = 4096  # the borders of these blocks are where an off-by-one would show
 @settings(deadline=None, max_examples=30)
 @given(st.lists(st.integers(0, 3 * BLOCK), min_size=1, max_size=20), st.integers(0, 2**32))
 def test_an_element_is_the_same_however_it_is_asked_for(indices: list[int], seed: int) -> None:
-    block = Stream.named(seed, LABEL).uniforms(0, 3 * BLOCK + 1)
+    block = Stream.named(seed, LABEL).uniforms(0, 3 * BLOCK + 3)
     stream = Stream.named(seed, LABEL)
     assert [stream.uniform(i) for i in indices] == block[indices].tolist()
+    for one, two in zip(indices, reversed(indices), strict=True):
+        assert stream.uniform(one) == block[one]
+        assert stream.uniforms(two, 3).tolist() == block[two : two + 3].tolist()
 
 
 @pytest.mark.parametrize(("start", "count"), [(7, 0), (0, 1), (BLOCK - 1, 2), (5, 2 * BLOCK), (2 * BLOCK, BLOCK)])
@@ -23,6 +26,14 @@ def test_a_stretch_is_a_part_of_the_whole(start: int, count: int) -> None:
     whole = Stream.named(1, LABEL).uniforms(0, 4 * BLOCK)
     stretch = Stream.named(1, LABEL).uniforms(start, count)
     assert stretch.tolist() == whole[start : start + count].tolist()
+
+
+def test_who_changes_what_was_drawn_changes_no_later_draw() -> None:
+    stream = Stream.named(1, LABEL)
+    drawn = stream.uniforms(5, 10)
+    before = drawn.copy()
+    drawn[:] = 0.0
+    assert np.array_equal(stream.uniforms(5, 10), before)
 
 
 def test_drawing_from_one_stream_shifts_no_other() -> None:
