@@ -2,8 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-# Python compiles what is used when it is used: of what is installed that is a small part
-PIP := $(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt
+PIP := $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
 .PHONY: run-env env demo test docs pictures clean
 
@@ -22,7 +21,7 @@ $(VENV)/.stamp: pyproject.toml constraints.txt
 
 $(VENV)/.stamp-dev: $(VENV)/.stamp
 	@echo "adding the tools of tests and manual to $(VENV)"
-	@$(PIP) --editable '.[dev,docs]'
+	@$(PIP) --no-compile --editable '.[dev,docs]'  # what is used is compiled then
 	@touch $@
 
 demo: run-env
