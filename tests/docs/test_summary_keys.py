@@ -10,8 +10,9 @@ __all__ = ["model_file", "run_here"]
 
 @pytest.mark.live
 def test_every_key_of_a_live_run_is_explained(run_here: StartHere) -> None:
-    least = ("estimators=[hold,innovations_kf]", "identification.order=2")  # what takes least time
-    settings = [word for text in ("source.hands=[left,right]", *least) for word in ("--set", text)]
+    small = "identification={order: 2, block_rows: 3, train_samples: 240}"
+    least = ("source.hands=[left,right]", "estimators=[hold,innovations_kf]", small)  # what takes least time
+    settings = [word for text in least for word in ("--set", text)]
     tis = run_here("run", "default", "--duration-s", "4", *settings, identified=True)
     found = types_of(tis.summary())
     assert undescribed(found) == set()

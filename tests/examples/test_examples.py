@@ -18,6 +18,7 @@ import pytest
 from common.scenario.reading import dump_scenario
 from deploy.report import load
 from deploy.run.resolve import resolve
+from tests.deploy.commands import call
 from tests.system.conftest import is_right_but_for_the_machine, model_file
 
 __all__ = ["model_file"]
@@ -59,6 +60,21 @@ def no_report(there: Path) -> None:
     _write_command(there / "bin" / "tis", f'-c "{missing}; {_MAIN}"')
 
 
+@pytest.fixture
+def no_identification(there: Path, model_file: Path) -> None:
+    """Let each `tis run` and `tis twin` read its model from a file: for tests that do not look at how it is found."""
+    words = ["--set", f"identification.train={model_file}"]
+    given = f"import sys; sys.argv += {words} if sys.argv[1] in ('run', 'twin') else []"
+    _write_command(there / "bin" / "tis", f'-c "{given}; {_MAIN}"')
+
+
+@pytest.fixture
+def few_estimators(there: Path) -> None:
+    """Let the recording be played with two estimators: the others take longest, and nothing here looks at them."""
+    with (there / "examples" / "own_recording.yaml").open("a") as file:
+        file.write("estimators: [hold, innovations_kf]\n")
+
+
 def example(*words: str, **more: Any) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(list(words), capture_output=True, text=True, timeout=300, check=False, **more)
 
@@ -85,7 +101,7 @@ def test_every_example_is_in_a_tutorial_and_every_tutorial_has_one() -> None:
         assert "examples" in page.read_text(encoding="utf-8") or page.name == "first_run.md"
 
 
-def test_an_own_recording_is_identified_and_played(there: Path) -> None:
+def test_an_own_recording_is_identified_and_played(there: Path, few_estimators: None) -> None:
     done = example("examples/own_recordings.sh", "o")
     assert done.returncode == 0, done.stderr
     assert "1000 rows, taken at 50 Hz, are 20.0 s" in done.stdout
@@ -96,7 +112,7 @@ def test_an_own_recording_is_identified_and_played(there: Path) -> None:
     assert found["duration_s"] == 19.98  # 2000 rows, 1000 to train on, and the last for truth after the last sample
 
 
-def test_an_own_estimator_runs_beside_the_others(there: Path) -> None:
+def test_an_own_estimator_runs_beside_the_others(there: Path, no_identification: None) -> None:
     done = example("examples/own_estimator.sh", "o", "4", "")  # the comparison: tests/deploy/compare
     assert done.returncode == 0, done.stderr
     assert set(summary("o/twin")["accuracy"]) == {"hold", "innovations_kf", "my_filter:AlphaBeta"}
@@ -115,7 +131,7 @@ def test_figures_for_a_paper_are_drawn(there: Path, model_file: Path) -> None:
 
 
 @pytest.mark.live
-def test_the_first_run_has_a_twin_and_a_replay(there: Path) -> None:
+def test_the_first_run_has_a_twin_and_a_replay(there: Path, no_identification: None) -> None:
     done = example("examples/first_run.sh", "o", "3", "--no-report", "--no-merge")
     if is_right_but_for_the_machine(done.returncode, summary("o/live")) and done.returncode:
         pytest.skip("the machine was too busy for a live run, which ended the script")
@@ -148,10 +164,10 @@ def test_tis_up_makes_one_run_of_the_three_hosts(there: Path, model_file: Path) 
         assert shown in scenario
         scenario = scenario.replace(shown, here)
     scenario += f"identification: {{train: {model_file}}}\n"
-    Path("examples/three_hosts.yaml").write_text(f"{scenario}estimators: [hold, innovations_kf]\n")
-    done = example("tis", "up", "examples/hosts.yaml", "--run-dir", "o", "--no-report", "--no-merge")
+    Path("examples/three_hosts.yaml").write_text(f"{scenario}estimators: [hold]\nactive_estimator: hold\n")
+    code, _, err = call("up", "examples/hosts.yaml", "--run-dir", "o", "--no-report", "--no-merge")
     found = summary("o")
-    assert is_right_but_for_the_machine(done.returncode, found), done.stderr
+    assert is_right_but_for_the_machine(code, found), err
     assert abs(found["clocks"]["patient"]["offset_ms"]) > 2000
     assert {path.name for path in Path("o").glob("*.mcap")} == {"surgeon.mcap", "netem.mcap", "patient.mcap"}
 
@@ -183,14 +199,15 @@ def test_a_bad_network_lies_between_two_programs(there: Path) -> None:
     assert "received 451 messages, 49 of the first 500" in (TUTORIALS / "bad_network.md").read_text(encoding="utf-8")
 
 
-def _joined(there: Path, *settings: str, programs: dict[str, list[str]]) -> tuple[dict[str, Any], dict[str, str]]:
+def _joined(
+    model_file: Path, *settings: str, programs: dict[str, list[str]]
+) -> tuple[dict[str, Any], dict[str, str]]:
     """Return the summary of a run over bad Wi-Fi in which these programs took part, and what each of them printed."""
     west, east = (f"tcp/127.0.0.1:{port}" for port in free_ports(2))
     ends = {"WEST": west, "EAST": east}
-    command = ["tis", "run", "live", "--run-dir", "j", "--duration-s", "5", "--no-report", "--no-merge", *settings]
-    command += ["--set", "estimators=[hold, innovations_kf]"]
+    command = ["run", "live", "--run-dir", "j", "--duration-s", "5", "--no-report", "--no-merge", *settings]
+    command += ["--set", "estimators=[hold, innovations_kf]", "--set", f"identification.train={model_file}"]
     command += ["--set", f"hosts={{west: {west}, east: {east}}}"]
-    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     joined = {
         name: subprocess.Popen(
             [sys.executable, "-W", "error", f"examples/{name}", *(ends.get(word, word) for word in words)],
@@ -200,22 +217,22 @@ def _joined(there: Path, *settings: str, programs: dict[str, list[str]]) -> tupl
     }  # fmt: skip
     printed = {}
     try:
-        told, _ = run.communicate(timeout=200)
+        code, _, told = call(*command)
         for name, program in joined.items():
             printed[name], _ = program.communicate(timeout=60)
             assert program.returncode == 0, printed[name]
     finally:
-        for process in (run, *joined.values()):
-            process.kill()
+        for program in joined.values():
+            program.kill()
     found = summary("j")
-    assert is_right_but_for_the_machine(run.returncode, found), told
+    assert is_right_but_for_the_machine(code, found), told
     return found, printed
 
 
 @pytest.mark.live
-def test_a_device_and_an_arm_of_others_join_a_run(there: Path) -> None:
+def test_a_device_and_an_arm_of_others_join_a_run(there: Path, model_file: Path) -> None:
     programs = {"device.py": ["WEST"], "foreign_arm.py": ["EAST"]}
-    found, printed = _joined(there, "--set", "patient.plant.kind=external", programs=programs)
+    found, printed = _joined(model_file, "--set", "patient.plant.kind=external", programs=programs)
     assert "poses sent" in printed["device.py"]
     device, arm = found["devices"]["left"], found["external_arms"]["left"]
     assert device["poses"] > 100
@@ -228,8 +245,8 @@ def test_a_device_and_an_arm_of_others_join_a_run(there: Path) -> None:
 
 
 @pytest.mark.live
-def test_a_surgeon_that_is_no_part_of_the_testbed_replaces_ours(there: Path) -> None:
-    found, printed = _joined(there, "--foreign-surgeon", programs={"foreign_surgeon.py": ["WEST"]})
+def test_a_surgeon_that_is_no_part_of_the_testbed_replaces_ours(there: Path, model_file: Path) -> None:
+    found, printed = _joined(model_file, "--foreign-surgeon", programs={"foreign_surgeon.py": ["WEST"]})
     assert re.fullmatch(rf"150 samples sent in run {found['run_id']}\n", printed["foreign_surgeon.py"])
     assert found["source"] == "foreign surgeon, left hand"
     assert found["surgeon_ticks"]["count"] == 150

@@ -2,6 +2,7 @@
 
 import signal
 from math import sin
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +12,7 @@ from common.records import COUNTERS, PLANT
 from deploy.logs.read.load import load_run
 from deploy.report.measures.display import displayed
 from tests.system.browser import chromium, live_page
-from tests.system.conftest import Start
+from tests.system.conftest import HOLD, Start
 from tests.system.test_view_page import url_of
 
 if TYPE_CHECKING:
@@ -41,8 +42,11 @@ def _drag(page: "Page", n: int) -> None:
     page.mouse.up()
 
 
-def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture(start: Start) -> None:
-    tis = start("run", "drive", "--view", "--duration-s", "600")  # the test ends it
+def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture(
+    start: Start, model_file: Path
+) -> None:
+    words = ("--duration-s", "600", *HOLD, "--set", f"identification.train={model_file}")
+    tis = start("run", "drive", "--view", *words)  # the test ends it
     url = url_of(tis)
     with chromium() as browser:
         page, found = live_page(browser)

@@ -10,6 +10,7 @@ from common.scenario.reading import build_scenario
 from deploy.logs.read.load import load_run
 from deploy.run.consistency import compare_fates
 from deploy.run.twin import build_sides, run_twin
+from patient_side.identification.model_io import dump_models
 from tests.system.conftest import StartHere, is_right_but_for_the_machine
 
 pytestmark = pytest.mark.live
@@ -98,8 +99,11 @@ def _scenario(trace: Path) -> dict[str, Any]:
 def test_every_model_at_once(run_here: StartHere, tmp_path: Path) -> None:
     trace = tmp_path / "trace.csv"
     trace.write_text(_TRACE)
+    nodes, models, _ = build_sides(build_scenario(_scenario(trace), "every_model.yaml"))
+    (tmp_path / "model.json").write_bytes(dump_models(models))  # the patient's process need not find it again
+    content = _scenario(trace) | {"identification": {"train": str(tmp_path / "model.json")}}
     file = tmp_path / "every_model.yaml"
-    file.write_text(yaml.safe_dump(_scenario(trace)))
+    file.write_text(yaml.safe_dump(content))
     tis = run_here("run", str(file))
     code, _, err = tis.wait()
     summary = tis.summary()
@@ -113,8 +117,7 @@ def test_every_model_at_once(run_here: StartHere, tmp_path: Path) -> None:
     error_us = forward["release_error_us"]
     assert 0 <= error_us["p50"] < 5_000  # loosely: what it really is stands in `tis bench netem`
 
-    scenario = build_scenario(_scenario(trace), "every_model.yaml")
-    nodes, models, _ = build_sides(scenario)
+    scenario = build_scenario(content, "every_model.yaml")
     twin_dir = tmp_path / "twin"
     twin_dir.mkdir()
     run_twin(scenario, nodes, models, twin_dir)

@@ -99,7 +99,7 @@ def test_sides_alone_meet_in_any_order_and_run(
     scenario.write_text(
         "version: 1\nname: alone\nduration_s: 3\nsource: {kind: synthetic}\n"
         f"hosts: {{west: {west}, east: {east}}}\nnetwork: {{forward: {{delay: {{kind: constant, delay_ms: 10}}}}}}\n"
-        f"identification: {{train: {model_file}}}\nestimators: [hold, innovations_kf]\n"
+        f"identification: {{train: {model_file}}}\nestimators: [hold]\nactive_estimator: hold\n"
     )
     patient = start("patient", str(scenario), run_dir="p")
     patient.await_log("patient", n_bytes=0)  # it is ready and waits before anybody else is there

@@ -1,5 +1,6 @@
 """Lives of the sides in live runs: what stands still, cannot be reached, or has a clock that steps is named."""
 
+import json
 import os
 import shutil
 import signal
@@ -14,7 +15,7 @@ import pytest
 from common.runtime.free_endpoints import free_endpoints
 from deploy.tools.certificates import issue, new_authority
 from tests.deploy.commands import call, call_in_one_line
-from tests.system.conftest import HOLD, RunHere, Start, StartHere
+from tests.system.conftest import Start
 from tests.system.hosts import IP, Hosts, hosts
 
 pytestmark = pytest.mark.live
@@ -87,24 +88,6 @@ def test_a_side_that_stands_still_or_blocks_is_told_and_is_not_dead(
     assert "clock" not in err
 
 
-def test_a_side_that_is_silent_for_too_long_ends_the_run(run_here: StartHere) -> None:
-    def stop(run: RunHere) -> None:
-        run.await_log("surgeon")
-        victim = run.child("patient_side")
-        os.kill(victim, signal.SIGSTOP)
-        try:
-            until_s = time.monotonic() + 30
-            while len(run.children()) > 1 and time.monotonic() < until_s:
-                time.sleep(0.1)
-        finally:
-            os.kill(victim, signal.SIGCONT)
-
-    tis = run_here("run", "default", "--duration-s", "60", *HOLD, "--set", "peer_timeout_s=2", meanwhile=stop)
-    code, _, err = tis.wait()
-    assert code == 3, err
-    assert "patient was silent for" in " ".join(err.split())
-
-
 def _sides(
     stack: ExitStack, folder: Path, prefix: dict[str, list[str]], environment: dict[str, dict[str, str]]
 ) -> dict[str, subprocess.Popen[str]]:
@@ -131,16 +114,39 @@ def _sides(
     return found
 
 
-def test_a_clock_that_steps_is_named(tmp_path: Path, without_report: None) -> None:
+def _await_word(process: subprocess.Popen[str], word: str) -> None:
+    """Read what a side says until it has said this."""
+    assert process.stderr is not None
+    said = ""
+    for line in process.stderr:
+        said = f"{said} {line.strip()}"
+        if word in said:
+            return
+    raise AssertionError(said)
+
+
+def test_a_clock_that_steps_is_named_and_a_side_silent_for_too_long_ends_the_run(
+    tmp_path: Path, without_report: None
+) -> None:
+    """The patient's clock steps; once it has said so, it stands still until the others are gone."""
     west, east = free_endpoints()
-    (tmp_path / "s.yaml").write_text(_SCENARIO.replace("WEST", west).replace("EAST", east).replace("DURATION", "20"))
+    text = _SCENARIO.replace("WEST", west).replace("EAST", east).replace("DURATION", "60")
+    (tmp_path / "s.yaml").write_text(f"{text}on_peer_loss: end\npeer_timeout_s: 5\n")
     with ExitStack() as stack:
         skew = {"patient": {"TIS_CLOCK_SKEW": "0:0:10@12"}}
         processes = _sides(stack, tmp_path, {side: [] for side in ("netem", "surgeon", "patient")}, skew)
+        patient = processes.pop("patient")
+        _await_word(patient, "patient has a clock that stepped by +10.0 s")
+        patient.send_signal(signal.SIGSTOP)
         said = {side: " ".join(process.communicate(timeout=120)[1].split()) for side, process in processes.items()}
-    assert "patient has a clock that stepped by +10.0 s" in said["patient"], said
+        patient.send_signal(signal.SIGCONT)
+        patient.communicate(timeout=120)
+    assert any("patient was silent for" in text for text in said.values()), said  # who sees it first ends the other
+    assert {side: process.returncode for side, process in processes.items()} == {"netem": 3, "surgeon": 3}, said
     code, _, _ = call("summarize", str(tmp_path / "run"))
     assert code == 5
+    problems = json.loads((tmp_path / "run" / "summary.json").read_text())["problems"]
+    assert any("patient's clock stepped by +10.0 s" in problem for problem in problems), problems
     out = call_in_one_line("info", "-v", str(tmp_path / "run"))[1]
     assert "patient's clock stepped by +10.0 s" in out
 

@@ -12,24 +12,21 @@ from common.scenario.security import Password
 from deploy.tools import certificates
 from deploy.tools.certificates import issue, new_authority
 from tests.deploy.commands import call, call_in_one_line
-from tests.system.conftest import Start, Tis, is_right_but_for_the_machine
+from tests.system.conftest import HOLD, RunHere, Start, StartHere, Tis, is_right_but_for_the_machine
 from tests.system.intruders import a_client, cause_an_outage, lie, of_another_run, speak_for_the_patient
 
 pytestmark = pytest.mark.live
-_HOLD = ("--set", "estimators=[hold]", "--set", "active_estimator=hold")
 _DURATION_S = "12"
 
 
-def _started(start: Start, endpoints: tuple[str, str], *settings: str) -> Tis:
+def _words(endpoints: tuple[str, str], *settings: str) -> list[str]:
     west, east = endpoints
     words = [word for setting in settings for word in ("--set", setting)]
     hosts = f"hosts={{west: {west}, east: {east}}}"
-    tis = start("run", "default", "--duration-s", _DURATION_S, *_HOLD, "--set", hosts, *words)
-    tis.await_log("surgeon", 10_000)
-    return tis
+    return ["run", "default", "--duration-s", _DURATION_S, *HOLD, "--set", hosts, *words]
 
 
-def _refused(tis: Tis) -> dict[str, int]:
+def _refused(tis: Tis | RunHere) -> dict[str, int]:
     """Return the refusals of a run that came to its end, whole and undisturbed."""
     code, _, err = tis.wait()
     assert code in (0, 5), err
@@ -60,7 +57,8 @@ def test_certificates_keep_strangers_out_and_let_nobody_say_more_than_is_theirs(
 ) -> None:
     west, east = (endpoint.replace("tcp/", "tls/") for endpoint in endpoints)
     security = f"security={{kind: mtls, folder: {certs}, control: [operator], observers: [watcher]}}"
-    tis = _started(start, (west, east), security)
+    tis = start(*_words((west, east), security))
+    tis.await_log("surgeon", 10_000)
     mine = tls_settings(certs / "surgeon", listens=False)
 
     # Who is not let in.
@@ -102,27 +100,29 @@ def test_certificates_keep_strangers_out_and_let_nobody_say_more_than_is_theirs(
 
 
 def test_passwords_keep_strangers_out_and_let_nobody_say_more_than_is_theirs(
-    start: Start, endpoints: tuple[str, str], tmp_path: Path
+    run_here: StartHere, endpoints: tuple[str, str], tmp_path: Path
 ) -> None:
     west, east = endpoints
     file = tmp_path / "passwords.txt"
     file.write_text("".join(f"{name}:{name}-secret\n" for name in ("surgeon", "netem", "patient", "mallory")))
     file.chmod(0o600)
-    tis = _started(start, (west, east), f"security={{kind: password, file: {file}}}")
     security = Password(kind="password", file=str(file))
 
-    wrong = {"transport/auth/usrpwd": {"user": "surgeon", "password": "guessed"}}
-    for keys in (None, wrong):
-        with a_client(west, keys) as session:
-            assert session is None
-    for name, endpoint in (("mallory", west), ("surgeon", east), ("patient", east)):
-        with a_client(endpoint, credentials(security, name)) as session:
-            assert session is not None
-            lie(session)
-            if name != "patient":
-                speak_for_the_patient(session)
-            assert cause_an_outage(session) == []
+    def intrude(run: RunHere) -> None:
+        run.await_log("surgeon", 10_000)
+        wrong = {"transport/auth/usrpwd": {"user": "surgeon", "password": "guessed"}}
+        for keys in (None, wrong):
+            with a_client(west, keys) as session:
+                assert session is None
+        for name, endpoint in (("mallory", west), ("surgeon", east), ("patient", east)):
+            with a_client(endpoint, credentials(security, name)) as session:
+                assert session is not None
+                lie(session)
+                if name != "patient":
+                    speak_for_the_patient(session)
+                assert cause_an_outage(session) == []
 
+    tis = run_here(*_words(endpoints, f"security={{kind: password, file: {file}}}"), meanwhile=intrude)
     secrets = [f"{name}-secret" for name in ("surgeon", "netem", "patient")]
     refused = _refused(tis)
     assert refused.keys() == {"no_password", "wrong_password", "unknown_name", "not_permitted"}
@@ -132,16 +132,20 @@ def test_passwords_keep_strangers_out_and_let_nobody_say_more_than_is_theirs(
         assert not [secret for secret in secrets if secret.encode() in content], written.name
 
 
-def test_without_security_nobody_but_netem_says_what_is_netems(start: Start, endpoints: tuple[str, str]) -> None:
-    tis = _started(start, endpoints)
-    for endpoint in endpoints:
-        with a_client(endpoint) as session:
+def test_without_security_nobody_but_netem_says_what_is_netems(
+    run_here: StartHere, endpoints: tuple[str, str]
+) -> None:
+    def intrude(run: RunHere) -> None:
+        run.await_log("surgeon", 10_000)
+        for endpoint in endpoints:
+            with a_client(endpoint) as session:
+                assert session is not None
+                lie(session)
+        with a_client(endpoints[0]) as session:
             assert session is not None
-            lie(session)
-    with a_client(endpoints[0]) as session:
-        assert session is not None
-        of_another_run(session)
-    refused = _refused(tis)
+            of_another_run(session)
+
+    refused = _refused(run_here(*_words(endpoints), meanwhile=intrude))
     assert refused.keys() == {"not_permitted", "other_run"}
     assert refused["not_permitted"] >= 2 * 4
     assert refused["other_run"] == 1

@@ -37,7 +37,7 @@ def _write(folder: Path, model_file: Path, west: str, east: str, duration_s: int
     scenario = {
         "version": 1, "name": "up", "duration_s": duration_s, "source": {"kind": "synthetic"},
         "hosts": {"west": west, "east": east}, "identification": {"train": str(model_file)},
-        "estimators": ["hold", "innovations_kf"],
+        "estimators": ["hold"], "active_estimator": "hold",
         "network": {way: {"delay": {"kind": "constant", "delay_ms": 20}} for way in ("forward", "feedback")},
     }  # fmt: skip
     (folder / "s.yaml").write_text(yaml.safe_dump(scenario))

@@ -1,21 +1,27 @@
-"""`tis view` on a run that somebody else started, and on none."""
+"""`tis view` on a run that somebody else started and others disturb, and on none."""
 
+import json
 import os
 import re
 import signal
 import subprocess
 import sys
+import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
+import zenoh
 
+from common.header import Header
+from common.runtime.zenoh_session import ZenohOptions, configure
 from tests.deploy.commands import call
+from tests.nodes import a_pose
 from tests.system.browser import chromium, live_page
-from tests.system.conftest import HOLD, StartHere, is_right_but_for_the_machine
+from tests.system.conftest import RunHere, StartHere, is_right_but_for_the_machine
 
 pytestmark = pytest.mark.live
 
@@ -45,25 +51,65 @@ def _url(process: "subprocess.Popen[str]") -> str:
     return found[1]
 
 
-def test_it_begins_before_the_run_and_ends_with_it(run_here: StartHere, endpoints: tuple[str, str]) -> None:
+def _speak_nonsense(west: str) -> None:
+    config = configure("client", ZenohOptions(connect=[west]))
+    whole = a_pose(9.0).model_dump_json().encode()
+    future = a_pose(9.0, sample_ns=10**17).model_dump_json().encode()
+    with zenoh.open(config) as session:
+        key = "tis/MTML/measured_cp"
+        session.put(key, b"")
+        session.put(key, b"\xff" * 5000)
+        session.put(key, whole)
+        session.put(key, whole[:40], attachment=Header(4_000_000).pack())
+        session.put(key, future, attachment=Header(4_000_001).pack())
+        session.put("somebody/else", b"refused")
+        session.delete(key)
+        time.sleep(0.3)
+
+
+def test_it_begins_before_the_run_and_ends_with_it_and_junk_on_our_keys_is_counted(
+    run_here: StartHere, endpoints: tuple[str, str]
+) -> None:
+    def speak(run: RunHere) -> None:
+        run.await_log("surgeon")
+        _speak_nonsense(west)
+
     west, east = endpoints
+    words = ("--duration-s", "5", "--set", "estimators=[hold, innovations_kf]")
+    hosts = f"hosts={{west: {west}, east: {east}}}"
     with a_view(endpoints) as view:
         with urllib.request.urlopen(_url(view), timeout=10) as page:
             assert "A run of the testbed, live" in page.read().decode()
-        hosts = f"hosts={{west: {west}, east: {east}}}"
-        tis = run_here("run", "default", "--duration-s", "3", *HOLD, "--set", hosts)
-        out, err = view.communicate(timeout=120)
-        assert (view.returncode, out, err) == (0, "", "the run is over\n")
+        tis = run_here("run", "default", *words, "--set", hosts, meanwhile=speak)
+        out, said = view.communicate(timeout=120)
+        assert (view.returncode, out, said) == (0, "", "the run is over\n")
     code, _, err = tis.wait()
     summary = tis.summary()
     assert is_right_but_for_the_machine(code, summary), (err, summary["problems"])
     assert f"netem joins {west} (west) and {east} (east)" in err
+    # netem may itself lose one of the six on our key: they cross a link with 1 % loss
+    assert summary["rejected"]["patient"] >= 4
+    assert summary["links"]["forward"]["foreign"] == 7
+    assert summary["ticks"]["missed"] <= (summary["ticks"]["count"] / 2 if summary["problems"] else 2)
+    assert summary["problems"] or summary["accuracy"]["innovations_kf"]["ratio_to_hold"] < 1
+    manifest = json.loads((tis.run_dir / "manifest.json").read_text())
+    assert set(manifest["exit_codes"].values()) == {0}
 
 
-def test_a_page_whose_server_is_gone_says_so_calmly(endpoints: tuple[str, str]) -> None:
-    with a_view(endpoints) as view, chromium() as browser:
-        page, found = live_page(browser)
-        page.goto(_url(view))
+def test_a_wide_address_has_a_token_and_a_page_whose_server_is_gone_says_so_calmly(
+    endpoints: tuple[str, str],
+) -> None:
+    with ExitStack() as stack:
+        view = stack.enter_context(a_view(endpoints, "--address", "0.0.0.0", "--host", "localhost"))
+        url = _url(view)
+        assert re.fullmatch(r"http://localhost:\d+/\?token=[\w-]{32}", url)
+        with urllib.request.urlopen(url, timeout=10) as there:
+            assert there.status == 200
+        with pytest.raises(urllib.error.HTTPError, match="403") as refused:
+            urllib.request.urlopen(url.partition("?")[0], timeout=10)
+        refused.value.close()
+        page, found = live_page(stack.enter_context(chromium()))
+        page.goto(url)
         page.get_by_text(f"Waiting for a run whose netem listens at {endpoints[0]}").wait_for()
         assert page.get_by_role("button", name="Cause an outage").is_disabled()  # there is nobody to ask
         view.send_signal(signal.SIGINT)
@@ -71,6 +117,8 @@ def test_a_page_whose_server_is_gone_says_so_calmly(endpoints: tuple[str, str]) 
         page.set_viewport_size({"width": 700, "height": 700})  # nothing is sent to nobody
         page.wait_for_function("w => document.documentElement.scrollWidth <= w", arg=700)
         assert found == []
+        assert view.communicate(timeout=120) == ("", "")
+        assert view.returncode == 130
 
 
 def test_nobody_there_is_exit_code_3_when_that_is_not_waited_for(
@@ -92,17 +140,3 @@ def test_an_address_that_is_not_ours_is_a_line(endpoints: tuple[str, str], monke
     assert (code, out) == (2, "")
     assert err.startswith("tis: tis view: --address: cannot be listened on: ")
     assert len(err.splitlines()) == 1
-
-
-def test_wider_than_loopback_the_address_has_a_token_and_ctrl_c_ends_it(endpoints: tuple[str, str]) -> None:
-    with a_view(endpoints, "--address", "0.0.0.0", "--host", "localhost") as view:
-        url = _url(view)
-        assert re.fullmatch(r"http://localhost:\d+/\?token=[\w-]{32}", url)
-        with urllib.request.urlopen(url, timeout=10) as page:
-            assert page.status == 200
-        with pytest.raises(urllib.error.HTTPError, match="403") as refused:
-            urllib.request.urlopen(url.partition("?")[0], timeout=10)
-        refused.value.close()
-        view.send_signal(signal.SIGINT)
-        assert view.communicate(timeout=120) == ("", "")
-        assert view.returncode == 130

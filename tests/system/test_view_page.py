@@ -13,6 +13,7 @@ import pytest
 
 from tests.system.browser import chromium, live_page, watched_page
 from tests.system.conftest import HOLD, Start, StartHere, Tis
+from tests.system.test_failures import MODULES, PATIENCE_S, assert_ended_in_order, gone
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -123,13 +124,20 @@ def test_the_page_lives_with_the_run_and_its_buttons_act(start: Start) -> None:
         page.get_by_role("button", name="Dark page").click()
         assert page.evaluate(_INK) == ["#e6ebf0"]
 
+        children = tis.children()
+        assert len(children) == len(MODULES) + 1  # the page's process is a child like the sides
+        sides = [tis.child(module) for module in MODULES.values()]
+        assert not is_free(port_of(url))
         tis.process.send_signal(signal.SIGINT)
+        assert gone(sides, PATIENCE_S)
         page.wait_for_function("() => document.title.startsWith('tis live: The run has ended')")
         page.get_by_text(str(tis.run_dir / "report.html")).wait_for()
         link = page.get_by_role("link", name="Open the report of this run")
         link.wait_for()
         assert page.get_by_role("button", name="Cause an outage").is_disabled()
-        assert tis.wait()[0] == 130
+        assert gone(children, 2 * PATIENCE_S)
+        assert_ended_in_order(tis)
+        assert is_free(port_of(url))
         # with the server gone nothing is sent any more, and that is no error
         page.set_viewport_size({"width": 900, "height": 700})
         page.wait_for_function("() => Bokeh.documents[0].get_model_by_name('sides').tags.includes('over')")
@@ -147,7 +155,6 @@ def test_the_page_lives_with_the_run_and_its_buttons_act(start: Start) -> None:
     links = tis.summary()["links"].values()
     # nothing else is lost, and 700 ms of two streams at 30 Hz are 42; a busy surgeon or patient sends fewer
     assert all(0 < link["dropped"] <= 48 for link in links)
-    assert is_free(port_of(url))
 
 
 def _assert_report_is_drawn(browser: "Browser", report: Path) -> None:
@@ -161,7 +168,6 @@ def _assert_report_is_drawn(browser: "Browser", report: Path) -> None:
 
 
 def test_the_page_ends_with_a_run_that_is_killed(start: Start) -> None:
-    """With one that is interrupted: `test_failures`."""
     tis = start("run", "default", "--view", "--duration-s", "30", *HOLD)
     port = port_of(url_of(tis))
     tis.await_log("patient")  # the children are then ours to end, so they must all be there

@@ -39,6 +39,12 @@ def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: None
     Path("lossy.yaml").write_text(LOSSY)
 
 
+@pytest.fixture
+def without_figure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write the tables without the figure: for tests that do not look at it."""
+    monkeypatch.setattr("deploy.admissible.command._figures", lambda _: {})
+
+
 def tis(*words: str) -> tuple[int, str, str]:
     return call_in_one_line("admissible", "small.yaml", *words)
 
@@ -48,7 +54,7 @@ def kept() -> dict[str, Any]:
     return found
 
 
-def test_a_plane_is_found_drawn_written_and_resumed() -> None:
+def test_a_plane_is_found_drawn_written_and_resumed(request: pytest.FixtureRequest) -> None:
     words = [*QUICK, "--limit", "rmse_3d_mm=6", "--limit", "age_mean_ms<=150", "--over", f"{DELAY}=0..300"]
     words += ["--over", f"{LOSS}=0..0.8", "--profiles", "none", "--checks", "4", "--points", "10"]
     code, out, err = tis(*words)
@@ -76,6 +82,7 @@ def test_a_plane_is_found_drawn_written_and_resumed() -> None:
     assert all((row["inside"] == "True") == (float(row["margin"]) <= 0) for row in points)
     assert Path("kept/admissible.svg").read_bytes().startswith(b"<?xml")
 
+    request.getfixturevalue("without_figure")
     code, again, _ = tis(*words, "--json")
     assert code == 0
     assert json.loads(again)["estimators"] == report["estimators"]
@@ -102,7 +109,7 @@ def test_profiles_are_judged_and_the_cheapest_redundancy_is_found() -> None:
     assert Path("kept/admissible.pdf").is_file()
 
 
-def test_a_figure_of_the_summary_is_a_limit_as_well() -> None:
+def test_a_figure_of_the_summary_is_a_limit_as_well(without_figure: None) -> None:
     words = (*QUICK, "--limit", "links.forward.loss_pct=30", "--over", f"{LOSS}=0..1", "--profiles", "none")
     code, _, err = tis(*words, "--checks", "0", "--estimators", "hold")
     assert code == 0, err
@@ -116,7 +123,7 @@ def test_a_figure_of_the_summary_is_a_limit_as_well() -> None:
     assert "links.forward.loss_pct" in err
 
 
-def test_whole_numbers_and_a_bound_inside_the_range() -> None:
+def test_whole_numbers_and_a_bound_inside_the_range(without_figure: None) -> None:
     words = [*QUICK, "--limit", "age_mean_ms=70", "--set", f"{DELAY}=20", "--estimators", "hold", "--checks", "0"]
     words += ["--profiles", "none", "--points", "10"]
     code, _, err = tis(*words, "--over", "surgeon.copies=1..4", "--over", f"{LOSS}=0..2")
@@ -129,7 +136,7 @@ def test_whole_numbers_and_a_bound_inside_the_range() -> None:
     assert all(at[LOSS] <= 1 for at in report["estimators"]["hold"]["border"])
 
 
-def test_recorded_people_are_the_persons(written_people: Path) -> None:
+def test_recorded_people_are_the_persons(written_people: Path, without_figure: None) -> None:
     words = [*QUICK, "--set", f"source={{kind: jigsaws, path: {written_people}, hands: [left]}}"]
     words += ["--set", "identification.train=own_head", "--limit", "age_mean_ms=60", "--over", f"{DELAY}=0..90"]
     code, out, err = tis(*words, "--profiles", "none", "--checks", "2")

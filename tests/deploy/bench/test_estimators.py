@@ -1,4 +1,5 @@
 import time
+from collections.abc import Iterator
 from io import StringIO
 
 import numpy as np
@@ -17,11 +18,23 @@ from deploy.bench.estimators import (
     step_times_us,
 )
 from patient_side.estimators.hold import Hold
+from patient_side.statespace import ArmModel
+
+N_TICKS = 200
 
 
-def test_every_network_has_a_table_with_every_estimator(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(estimators, "_N_TICKS", 200)
-    monkeypatch.setattr(estimators, "_N_TRAIN", 400)
+@pytest.fixture(scope="module")
+def made() -> Iterator[tuple[ArmModel, ArmModel, Samples]]:
+    """Return what `bench_models` makes, with few samples after training; as long as it is there they are few."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(estimators, "_N_TICKS", N_TICKS)
+        yield bench_models()
+
+
+def test_every_network_has_a_table_with_every_estimator(
+    made: tuple[ArmModel, ArmModel, Samples], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(estimators, "bench_models", lambda: made)  # once for this test and the last one
     monkeypatch.setattr(estimators, "_N_PLAYS", 2)
     monkeypatch.setattr(estimators, "NETWORKS", (Network("a", (50.0, 50.0), 0.0), Network("b", (50.0, 90.0), 0.1)))
     text = StringIO()
@@ -75,12 +88,11 @@ def test_what_takes_long_is_played_less_often(monkeypatch: pytest.MonkeyPatch) -
     assert measured.n_plays == 3
 
 
-def test_the_model_is_of_the_size_that_is_promised(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(estimators, "_N_TICKS", 10)
-    model, identified, samples = bench_models()
+def test_the_model_is_of_the_size_that_is_promised(made: tuple[ArmModel, ArmModel, Samples]) -> None:
+    model, identified, samples = made
     assert identified.innovations is not None
     assert identified.innovations.correction is not None
     assert model.innovations is not None
     assert model.innovations.order == estimators.ORDER
-    assert samples.command_m.shape == samples.arm_m.shape == (10, 3)
-    assert samples.gripper_rad.shape == (10,)
+    assert samples.command_m.shape == samples.arm_m.shape == (N_TICKS, 3)
+    assert samples.gripper_rad.shape == (N_TICKS,)

@@ -13,6 +13,8 @@ from tests.log_reader import cut
 
 __all__ = ["run_dir", "scenario"]
 
+HOLD = ("estimators=[hold]", "active_estimator=hold", "patient.orientation={methods: [hold], active: hold}")
+
 
 @pytest.fixture
 def tis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Call:
@@ -176,8 +178,9 @@ def test_export_writes_all_or_nothing(tis: Call, run: Path) -> None:
 
 
 def test_jigsaws_rows_are_30_a_second(tis: Call) -> None:
-    settings = ("--set", "rate_hz=60", "--set", "estimators=[hold]", "--set", "active_estimator=hold")
-    tis("twin", "default", "--duration-s", "3", *settings, "--run-dir", "f", "--no-report", "--no-merge")
+    settings = ("rate_hz=60", *HOLD, "identification.train_samples=300")
+    words = (*(f"--set={setting}" for setting in settings), "--run-dir", "f", "--no-report", "--no-merge")
+    assert tis("twin", "default", "--duration-s", "3", *words)[0] == 0
     assert not Path("f/run.mcap").exists()
     code, _, err = tis("export", "f", "--jigsaws")
     assert code == 2
@@ -300,7 +303,7 @@ def test_what_was_recovered_of_another_log_is_not_read_and_that_is_said(tis: Cal
 
 
 def test_a_missing_log_does_not_hide_that_the_others_do_not_belong_together(tis: Call, run: Path) -> None:
-    hold = ("--set", "estimators=[hold]", "--set", "active_estimator=hold")
+    hold = [f"--set={setting}" for setting in HOLD]
     words = ("--duration-s", "4", "--seed", "9", *hold, "--run-dir", "other", "--no-report", "--no-merge")
     assert tis("twin", "default", *words)[0] == 0
     (run / "patient.mcap").write_bytes(Path("other/patient.mcap").read_bytes())

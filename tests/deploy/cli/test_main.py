@@ -5,6 +5,7 @@ import os
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
+from shutil import copytree, ignore_patterns
 
 import pytest
 
@@ -21,6 +22,14 @@ def tis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Call:
     monkeypatch.delenv("TIS_JIGSAWS", raising=False)
 
     return call
+
+
+@pytest.fixture(scope="module")
+def twin_of_4_s(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a twin of 4 s with its merged file, without a report; not to be changed."""
+    path = tmp_path_factory.mktemp("twin") / "r"
+    assert call("twin", "default", "--duration-s", "4", "--run-dir", str(path), "--no-report")[0] == 0
+    return path
 
 
 @pytest.mark.parametrize(
@@ -187,8 +196,8 @@ def test_a_twin_writes_a_run_that_info_and_replay_read(tis: Call) -> None:
     assert "complete" in out
 
 
-def test_a_damaged_log_never_replays_as_identical(tis: Call) -> None:
-    tis("twin", "default", "--duration-s", "4", "--run-dir", "r", "--no-report", "--no-merge")
+def test_a_damaged_log_never_replays_as_identical(tis: Call, twin_of_4_s: Path) -> None:
+    copytree(twin_of_4_s, "r", ignore=ignore_patterns("run.mcap"))
     cut(Path("r/patient.mcap"))
     code, out, err = tis("replay", "r")
     assert code == 5
@@ -203,8 +212,8 @@ def test_a_damaged_log_never_replays_as_identical(tis: Call) -> None:
     assert "log was recovered from a damaged one (patient_recovered.mcap)" in err
 
 
-def test_a_twin_is_held_against_what_a_damaged_log_still_tells_and_says_so(tis: Call) -> None:
-    tis("twin", "default", "--duration-s", "4", "--run-dir", "r", "--no-report", "--no-merge")
+def test_a_twin_is_held_against_what_a_damaged_log_still_tells_and_says_so(tis: Call, twin_of_4_s: Path) -> None:
+    copytree(twin_of_4_s, "r", ignore=ignore_patterns("run.mcap"))
     log = Path("r/netem.mcap")
     log.write_bytes(log.read_bytes()[: log.stat().st_size * 2 // 3])
     words = ("--duration-s", "4", "--against", "r", "--run-dir", "again", "--no-report", "--no-merge")
@@ -215,8 +224,8 @@ def test_a_twin_is_held_against_what_a_damaged_log_still_tells_and_says_so(tis: 
     assert "only the readable part was compared" in err
 
 
-def test_gathered_logs_can_be_looked_at_before_they_are_summarised(tis: Call) -> None:
-    tis("twin", "default", "--duration-s", "4", "--run-dir", "r", "--no-report")
+def test_gathered_logs_can_be_looked_at_before_they_are_summarised(tis: Call, twin_of_4_s: Path) -> None:
+    copytree(twin_of_4_s, "r")
     for name in ("scenario.yaml", "summary.json", "manifest.json", "model.json"):
         Path("r", name).unlink()
     code, out, _ = tis("info", "r")
@@ -234,8 +243,8 @@ def test_a_side_finds_a_shipped_scenario(tis: Call) -> None:
     assert "no such scenario" in err
 
 
-def test_recover_tells_lossy_from_whole(tis: Call) -> None:
-    tis("twin", "default", "--duration-s", "4", "--run-dir", "r", "--no-report", "--no-merge")
+def test_recover_tells_lossy_from_whole(tis: Call, twin_of_4_s: Path) -> None:
+    copytree(twin_of_4_s, "r", ignore=ignore_patterns("run.mcap"))
     code, out, _ = tis("recover", "r/patient.mcap")
     assert code == 0
     assert "nothing to recover" in " ".join(out.split())

@@ -1,5 +1,6 @@
 """Trials in the format of JIGSAWS, of several made-up subjects, and a scenario that plays them."""
 
+import multiprocessing
 from pathlib import Path
 
 import pytest
@@ -35,3 +36,18 @@ def small(tmp_path: Path, written_trials: Path, monkeypatch: pytest.MonkeyPatch)
     path = tmp_path / "small.yaml"
     path.write_text(SCENARIO.format(path=written_trials))
     return path
+
+
+@pytest.fixture
+def forked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let processes begin as copies of one that has loaded what they compute with: they die as all others do."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["deploy.compare.engine.processes"])
+    monkeypatch.setattr(multiprocessing, "get_context", lambda _: context)
+
+
+@pytest.fixture
+def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write a comparison without its figures and its page: for tests that look at neither."""
+    monkeypatch.setattr("deploy.compare.results.files._drawn", lambda _: {})
+    monkeypatch.setattr("deploy.compare.results.files.can_report", lambda: False)

@@ -59,6 +59,7 @@ def test_a_comparison_fails_alone_resumes_and_writes_every_form(
     assert f"| damped_velocity | {ratios['damped_velocity', '33']:.3f} (" in Path("kept/table.md").read_text()
 
     # The same again, without the damaged trial: nothing is left to compute, not even a process is begun.
+    request.getfixturevalue("without_figures")
     code, again, err = tis(*words)
     assert code == 0
     assert "4 of 4 twins were computed before" in err
@@ -144,7 +145,7 @@ def test_where_nothing_is_scored_the_reason_is_said_and_nothing_else(
 
 
 def test_one_trial_without_a_score_is_named_beside_the_table(
-    tis: Call, small: Path, written_trials: Path, in_this_process: None
+    tis: Call, small: Path, written_trials: Path, in_this_process: None, without_figures: None
 ) -> None:
     folder = written_trials / "Suturing" / "kinematics" / "AllGestures"
     short = folder / "Suturing_U003.txt"

@@ -28,7 +28,7 @@ def result_of(study: Study, **more: Any) -> Comparison:
 
 
 def test_it_returns_what_the_command_writes(
-    study: Study, small: Path, in_this_process: None, capsys: pytest.CaptureFixture[str]
+    study: Study, small: Path, in_this_process: None, without_figures: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
     result = result_of(study)
     assert capsys.readouterr() == ("", "")

@@ -27,6 +27,9 @@ def picky(model):
     raise LookupError(f"nothing for {model.arm}")
 """
 
+# For an own estimator all models are tried: small ones, of few samples.
+SMALL = ("identification.train=own_head", "identification.train_samples=120", "identification.block_rows=2")
+
 
 @pytest.fixture
 def there(small: Path, own_folder: Path) -> Path:
@@ -36,13 +39,15 @@ def there(small: Path, own_folder: Path) -> Path:
 
 
 def compare(*words: str) -> tuple[int, str, str]:
-    small = ["--set", "identification.train=own_head", "--set", "identification.block_rows=2", "--duration-s", "6"]
-    result = CliRunner().invoke(app, ["compare", "small.yaml", *small, *words])
+    small = [word for setting in SMALL for word in ("--set", setting)]
+    result = CliRunner().invoke(app, ["compare", "small.yaml", *small, "--duration-s", "6", *words])
     assert "Traceback" not in result.output, result.output
     return result.exit_code, result.stdout, result.stderr
 
 
-def test_two_processes_compare_it_with_ours_and_what_fails_is_marked(there: Path) -> None:
+def test_two_processes_compare_it_with_ours_and_what_fails_is_marked(
+    there: Path, forked: None, without_figures: None
+) -> None:
     names = f"hold,damped_velocity,{NAME},failing_own:Filter"
     words = ["--estimators", names, "--out", "kept", "--jobs", "2", "--trials", "S001"]
     words += ["--sweep", "network.forward.delay.delay_ms=33,100"]

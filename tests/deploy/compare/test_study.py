@@ -70,7 +70,7 @@ people: [T]
 
 
 def test_a_new_value_and_a_new_axis_reuse_the_stored_cells(
-    small: Path, tmp_path: Path, in_this_process: None
+    small: Path, tmp_path: Path, in_this_process: None, without_figures: None
 ) -> None:
     """What the file gains has the value that held before among its values."""
     text = f"scenario: small.yaml\npeople: [S]\nduration_s: 4\nestimators: [hold]\naxes:\n  {DELAY}: [33, 100"
@@ -200,7 +200,7 @@ def test_options_override_the_part_computed_and_nothing_else(small: Path, tmp_pa
 
 
 def test_a_store_is_named_by_the_file_and_a_scenario_lies_beside_it(
-    small: Path, tmp_path: Path, in_this_process: None
+    small: Path, tmp_path: Path, in_this_process: None, without_figures: None
 ) -> None:
     (tmp_path / "deep").mkdir()
     small.rename(tmp_path / "deep" / "small.yaml")
@@ -212,7 +212,7 @@ def test_a_store_is_named_by_the_file_and_a_scenario_lies_beside_it(
 
 
 def test_the_study_of_the_manual_runs_in_a_small_form(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: None
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: None, without_figures: None
 ) -> None:
     text = (ROOT / "docs" / "how_to" / "compare_estimators.md").read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)

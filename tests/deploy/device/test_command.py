@@ -5,9 +5,17 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.conftest import Start, endpoints, is_right_but_for_the_machine, model_file, start
+from tests.system.conftest import (
+    HOLD,
+    RunHere,
+    StartHere,
+    endpoints,
+    is_right_but_for_the_machine,
+    model_file,
+    run_here,
+)
 
-__all__ = ["endpoints", "model_file", "start"]
+__all__ = ["endpoints", "model_file", "run_here"]
 
 _ROOT = Path(__file__).resolve().parents[3]
 
@@ -40,13 +48,19 @@ def test_a_device_needs_a_live_source() -> None:
 
 
 @pytest.mark.live
-def test_the_mouse_is_a_device_in_a_run_and_ends_with_it(start: Start, endpoints: tuple[str, str]) -> None:
+def test_the_mouse_is_a_device_in_a_run_and_ends_with_it(
+    run_here: StartHere, endpoints: tuple[str, str], model_file: Path
+) -> None:
     pytest.importorskip("pygame")
     west, east = endpoints
-    run = start("run", "live", "--duration-s", "4", "--set", f"hosts={{west: {west}, east: {east}}}")
-    done = tis("device", "mouse", "--connect", west, SDL_VIDEODRIVER="dummy")
-    assert done.returncode == 0, done.stderr
-    assert "poses sent on device/MTML/measured_cp" in done.stderr
+
+    def move(_: RunHere) -> None:
+        done = tis("device", "mouse", "--connect", west, SDL_VIDEODRIVER="dummy")
+        assert done.returncode == 0, done.stderr
+        assert "poses sent on device/MTML/measured_cp" in done.stderr
+
+    words = ("--set", f"hosts={{west: {west}, east: {east}}}", "--set", f"identification.train={model_file}")
+    run = run_here("run", "live", "--duration-s", "4", *HOLD, *words, meanwhile=move)
     code, _, err = run.wait()
     summary = run.summary()
     assert is_right_but_for_the_machine(code, summary), (err, summary["problems"])

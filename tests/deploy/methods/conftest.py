@@ -1,5 +1,6 @@
 """Recordings of three people in two tasks, in the format of JIGSAWS, made up; and twins that take little time."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,8 @@ from deploy.compare.plan import Plan, Request, make_plan
 from deploy.methods.measures import plans
 from deploy.methods.measures.trials import Trials, find_trials
 from deploy.tools.synth import write_trials
+
+_HELD = {"patient.orientation": "{methods: [hold], active: hold}"}
 
 
 @pytest.fixture(scope="session")
@@ -22,23 +25,29 @@ def people(tmp_path_factory: pytest.TempPathFactory) -> Trials:
     return find_trials(str(folder), "Suturing", Path(), 1, 10.0)
 
 
+def _add_to_plans(settings: Mapping[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let each plan have these settings where it does not give them itself."""
+
+    def cheaply(request: Request) -> Plan:
+        given = {setting.partition("=")[0] for setting in request.settings}
+        added = [f"{path}={value}" for path, value in settings.items() if path not in given]
+        return make_plan(replace(request, settings=(*request.settings, *added)))
+
+    monkeypatch.setattr(plans, "make_plan", cheaply)
+
+
+@pytest.fixture
+def held_orientation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hold the orientation, of which no table tells: the methods for it take as long as all else."""
+    _add_to_plans(_HELD, monkeypatch)
+
+
 @pytest.fixture
 def quick_twins(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let twins and trainings take little time: small models, a short twin at 1 kHz, and an orientation that is held.
 
-    The methods for the orientation take as long as all else. What a plan itself says of its models counts.
+    What a plan itself says of its models counts.
     """
-    cheap = {
-        "patient.orientation": "{methods: [hold], active: hold}",
-        "identification.block_rows": "3",
-        "identification.order": "2",
-    }
-
-    def cheaply(request: Request) -> Plan:
-        given = {setting.partition("=")[0] for setting in request.settings}
-        added = [f"{path}={value}" for path, value in cheap.items() if path not in given]
-        return make_plan(replace(request, settings=(*request.settings, *added)))
-
-    monkeypatch.setattr(plans, "make_plan", cheaply)
+    _add_to_plans({**_HELD, "identification.block_rows": "3", "identification.order": "2"}, monkeypatch)
     monkeypatch.setattr(plans, "_FAST_S", 2.5)
     monkeypatch.setattr(plans, "_FAST_ROWS", 2000)

@@ -11,7 +11,7 @@ from tests.markdown_tables import ragged_rows
 
 
 @pytest.fixture
-def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: None) -> Path:
+def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: None, held_orientation: None) -> Path:
     monkeypatch.delenv("TIS_JIGSAWS", raising=False)
     monkeypatch.chdir(tmp_path)
     return tmp_path

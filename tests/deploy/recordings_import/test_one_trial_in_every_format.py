@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from rich.console import Console
 
+from common.runtime.recordings import load_recording
 from common.scenario import Scenario
 from common.scenario.reading import build_scenario
 from deploy.recordings_import.command import import_recording
@@ -34,7 +35,7 @@ def scenario_of(source: dict[str, Any]) -> Scenario:
     raw = {
         "version": 1,
         "name": "s",
-        "duration_s": 4,
+        "duration_s": 3,
         "source": {**source, "hands": ["left", "right"]},
         "network": {"forward": {"delay": {"kind": "constant", "delay_ms": 120}, "loss": LOSS}},
         "identification": {"train": "own_head", "train_samples": 150, "block_rows": 3},
@@ -134,10 +135,19 @@ def of_lerobot_3(trial: Path, folder: Path) -> Path:
 def test_scores_are_those_of_the_jigsaws_file(
     trial: Path, expected: dict[str, float], tmp_path: Path, make: Callable[[Path, Path], Path]
 ) -> None:
-    found = scores(scenario_of({"kind": "table", "path": str(make(trial, tmp_path))}), tmp_path / "run")
+    scenario = scenario_of({"kind": "table", "path": str(make(trial, tmp_path))})
+    found = scores(scenario, tmp_path / "run")
     assert found.keys() == expected.keys()
     for name, value in expected.items():
         assert math.isclose(found[name], value, rel_tol=1e-9, abs_tol=1e-9), name
+    # angles between orientations, which are all that is scored, are the same with their components in another order
+    both = (load_recording(scenario_of(jigsaws(trial))), load_recording(scenario))
+    for one, other in zip(*(recording.hands for recording in both), strict=True):
+        for its, read in ((one.command, other.command), (one.follower, other.follower)):
+            n_rows = min(len(its), len(read))
+            assert n_rows > 250
+            alike = np.abs(np.sum(its.orientation[:n_rows] * read.orientation[:n_rows], axis=1))
+            assert alike == pytest.approx(np.ones(n_rows), abs=1e-9)
 
 
 def test_single_precision_gives_scores_to_its_precision(

@@ -12,12 +12,15 @@ import pytest
 from deploy.shell import run_dir as folder
 from tests.deploy.commands import call_by_lines as tis
 
+_HOLD = ("estimators=[hold]", "active_estimator=hold", "patient.orientation={methods: [hold], active: hold}")
+_TWIN = ("twin", "default", "--duration-s", "3", *(f"--set={setting}" for setting in _HOLD), "--no-merge")
+
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A twin of 3 s without a report."""
     path = tmp_path_factory.mktemp("finished") / "run"
-    code, out, _ = tis("twin", "default", "--duration-s", "3", "--run-dir", str(path), "--no-report", "--no-merge")
+    code, out, _ = tis(*_TWIN, "--run-dir", str(path), "--no-report")
     assert code == 0
     assert out[-1] == f"The run lies in {path}; all tables: tis info -v {path}"
     assert not (path / "report.html").exists()
@@ -37,7 +40,7 @@ def without_bokeh(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_last_line_of_a_run_names_its_report(tmp_path: Path) -> None:
     path = tmp_path / "run"
-    code, out, _ = tis("twin", "default", "--duration-s", "3", "--run-dir", str(path), "--no-merge")
+    code, out, _ = tis(*_TWIN, "--run-dir", str(path))
     assert code == 0
     assert out[-1] == f"Report: {path / 'report.html'}"
     manifest = folder.read_json(path / "manifest.json")
@@ -91,7 +94,7 @@ def test_a_folder_without_any_log_has_nothing_to_report(run_dir: Path) -> None:
 
 def test_without_bokeh_a_run_says_how_to_get_a_report(tmp_path: Path, without_bokeh: None) -> None:
     path = tmp_path / "run"
-    code, out, _ = tis("twin", "default", "--duration-s", "3", "--run-dir", str(path), "--no-merge")
+    code, out, _ = tis(*_TWIN, "--run-dir", str(path))
     assert code == 0
     assert out[-1] == "No report was written, since Bokeh is not installed: pip install 'tis-testbed[report]'"
     assert not (path / "report.html").exists()

@@ -13,6 +13,11 @@ from tests.deploy.commands import call_by_lines as tis
 from tests.deploy.report.outline import Outline
 
 LOSSY = ("--set", "network.forward.loss.p_loss=0.3", "--set", "network.forward.delay.delay_ms=90")
+SETTINGS = (
+    "estimators=[hold, damped_velocity]",
+    "active_estimator=damped_velocity",
+    "patient.orientation={methods: [hold], active: hold}",
+)
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +26,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     base = tmp_path_factory.mktemp("runs")
     for name, more in (("calm", ()), ("again", ("--seed", "8")), ("lossy", LOSSY)):
         words = ("--duration-s", "8", "--no-report", "--no-merge", "--run-dir", str(base / name), *more)
-        assert tis("twin", "default", *words)[0] == 0
+        assert tis("twin", "default", *(f"--set={setting}" for setting in SETTINGS), *words)[0] == 0
     return base
 
 
@@ -29,6 +34,12 @@ def _compared(runs: Path, out: Path, *names: str) -> Outline:
     code, lines, err = tis("report", "--compare", *(str(runs / name) for name in names), "--out", str(out))
     assert (code, lines, err) == (0, [f"Comparison: {out}"], [])
     return Outline(out.read_text())
+
+
+@pytest.fixture(scope="module")
+def lossy_and_calm(runs: Path, tmp_path_factory: pytest.TempPathFactory) -> Outline:
+    """The page on these two runs."""
+    return _compared(runs, tmp_path_factory.mktemp("page") / "page.html", "lossy", "calm")
 
 
 def test_runs_stand_side_by_side_with_their_differences(runs: Path, tmp_path: Path) -> None:
@@ -49,14 +60,14 @@ def test_runs_stand_side_by_side_with_their_differences(runs: Path, tmp_path: Pa
     assert toggles == {"calm", "again", "lossy"}
 
 
-def test_the_difference_is_that_to_the_first_run(runs: Path, tmp_path: Path) -> None:
+def test_the_difference_is_that_to_the_first_run(runs: Path, tmp_path: Path, lossy_and_calm: Outline) -> None:
     shutil.copytree(runs / "calm", runs / "more" / "calm", dirs_exist_ok=True)  # a copy is another run
     same = _compared(runs, tmp_path / "same.html", "calm", "more/calm")
     assert "All runs have the same scenario and seed" in same.text
     assert "(same)" in same.text
     assert "+0 %" not in same.text
     assert "more/calm" in same.text
-    rows = [text for _, text in _compared(runs, tmp_path / "other.html", "lossy", "calm").all("tr")]
+    rows = [text for _, text in lossy_and_calm.all("tr")]
     lossy, calm = (folder.read_json(runs / name / "summary.json") for name in ("lossy", "calm"))
     assert lossy is not None
     assert calm is not None
@@ -84,25 +95,34 @@ def test_shares_differin_points_countsin_numbers_and_all_else_in_per_cent(
     assert compared(values, difference)[1:] == beside
 
 
-def test_no_row_of_shares_has_a_difference_in_per_cent(runs: Path, tmp_path: Path) -> None:
-    rows = [text for _, text in _compared(runs, tmp_path / "page.html", "calm", "lossy").all("tr")]
+def test_no_row_of_shares_has_a_difference_in_per_cent(lossy_and_calm: Outline) -> None:
+    rows = [text for _, text in lossy_and_calm.all("tr")]
     shares = [row for row in rows if row.startswith(("packets lost ", "samples that never")) or "% of hold" in row]
     assert len(shares) == 4
     for row in shares:
         assert row.endswith((" points)", "(same)")), row
 
 
+@pytest.fixture(scope="module")
+def repetitions(runs: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int, list[str]]:
+    """The directory in which two repetitions were compared, the exit code, and what was printed."""
+    current = tmp_path_factory.mktemp("current")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(current)
+        code, out, _ = tis("report", "--compare", str(runs / "calm"), str(runs / "again"))
+    return current, code, out
+
+
 def test_without_a_name_the_page_lies_in_the_current_directory_and_that_is_said(
-    runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    repetitions: tuple[Path, int, list[str]],
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    code, out, _ = tis("report", "--compare", str(runs / "calm"), str(runs / "again"))
-    assert (code, out) == (0, [f"Comparison: {tmp_path / 'compare.html'}"])
-    assert (tmp_path / "compare.html").is_file()
+    current, code, out = repetitions
+    assert (code, out) == (0, [f"Comparison: {current / 'compare.html'}"])
+    assert (current / "compare.html").is_file()
 
 
-def test_repetitions_are_called_so(runs: Path, tmp_path: Path) -> None:
-    assert "they are repetitions" in _compared(runs, tmp_path / "page.html", "calm", "again").text
+def test_repetitions_are_called_so(repetitions: tuple[Path, int, list[str]]) -> None:
+    assert "they are repetitions" in Outline((repetitions[0] / "compare.html").read_text()).text
 
 
 @pytest.mark.parametrize("n", [1, 9])

@@ -36,8 +36,9 @@ def _with(tree: Any, path: tuple[Any, ...], value: Any) -> Any:
 @pytest.fixture(scope="module")
 def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run_dir = tmp_path_factory.mktemp("hostile") / "run"
-    settings = ("--set", "estimators=[hold]", "--set", "active_estimator=hold", "--no-report", "--no-merge")
-    assert call("twin", "default", "--duration-s", "3", "--run-dir", str(run_dir), *settings)[0] == 0
+    hold = ("estimators=[hold]", "active_estimator=hold", "patient.orientation={methods: [hold], active: hold}")
+    words = (*(f"--set={setting}" for setting in hold), "--no-report", "--no-merge")
+    assert call("twin", "default", "--duration-s", "2.5", "--run-dir", str(run_dir), *words)[0] == 0
     return run_dir
 
 

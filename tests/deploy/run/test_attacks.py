@@ -111,7 +111,7 @@ ATTACKS: dict[str, tuple[list[Forged], str]] = {
 
 
 def _run(run_dir: Path, messages: Sequence[Forged]) -> dict[str, Any]:
-    scenario = resolve("default", (), None, 8.0)
+    scenario = resolve("default", ["patient.orientation={methods: [hold], active: hold}"], None, 8.0)
     recording = load_recording(scenario)
     nodes, models, _ = build_sides(scenario, recording=recording)
     everybody = cast("dict[Side, Node]", {**nodes, "attacker": Attacker(messages)})

@@ -52,7 +52,7 @@ def test_gathered_logs_become_a_whole_run_folder(gathered: Path) -> None:
     assert summary["ticks"]["count"] == 90
     assert "end to end    median" in out.getvalue()
     names = {path.name for path in gathered.iterdir()}
-    assert {"scenario.yaml", "summary.json", "manifest.json", "model.json"} <= names
+    assert {"scenario.yaml", "summary.json", "manifest.json", "model.json", "report.html"} <= names
     assert folder.read_scenario(gathered).duration_s == 3
     assert replay(gathered).identical
     assert print_info(gathered, Console(quiet=True), Console(quiet=True)) == EXIT_OK
@@ -118,7 +118,7 @@ def test_an_empty_log_of_a_killed_side_is_a_problem_of_the_run_not_another_scena
     assert "damaged, nothing to recover: the file is empty" in out.getvalue()
 
 
-def test_a_log_torn_within_its_head_has_no_digest_to_differ(gathered: Path) -> None:
+def test_a_log_torn_within_its_head_has_no_digest_to_differ(gathered: Path, without_report: None) -> None:
     path = gathered / "surgeon.mcap"
     path.write_bytes(path.read_bytes()[:20])
     assert load_run(gathered).sides["surgeon"].metadata == {}

@@ -43,10 +43,12 @@ def there(own_folder: Path) -> Path:
     return own_folder
 
 
-def twin(*names: str, active: str = NAME, run_dir: str = "run", more: tuple[str, ...] = ()) -> tuple[int, str, str]:
-    listed = ", ".join(("hold", *names))
-    return tis("twin", "default", "--duration-s", "6", "--set", f"estimators=[{listed}]",
-               "--set", f"active_estimator={active}", "--run-dir", run_dir, "-v", *more)  # fmt: skip
+def twin(*names: str, active: str = NAME, duration_s: int = 6, more: tuple[str, ...] = ()) -> tuple[int, str, str]:
+    """Call `tis twin` with models for all estimators, from few rows and in each call the same."""
+    listed = ", ".join(("hold", "innovations_kf", *names))
+    return tis("twin", "default", "--duration-s", str(duration_s), "--set", f"estimators=[{listed}]",
+               "--set", f"active_estimator={active}", "--set", "identification.train_samples=300",
+               "--run-dir", "run", "-v", *more)  # fmt: skip
 
 
 def test_the_document_is_short_and_its_example_too() -> None:
@@ -59,7 +61,7 @@ def test_the_document_is_short_and_its_example_too() -> None:
 
 
 def test_a_run_with_the_documented_estimator_is_whole(there: Path) -> None:
-    code, out, err = twin("innovations_kf", NAME, FAILING_NAME)
+    code, out, err = twin(NAME, FAILING_NAME)
     assert code == 0, err
     assert "a_rather_long_nam" in out
     assert all(len(line) <= 80 for line in out.splitlines()[:60])
@@ -105,7 +107,7 @@ def test_a_run_with_the_documented_estimator_is_whole(there: Path) -> None:
 
 
 def test_a_replay_meets_the_run_and_says_what_has_changed_since(there: Path) -> None:
-    code, _, err = twin(NAME, more=("--no-report", "--no-merge"))
+    code, _, err = twin(NAME, duration_s=4, more=("--no-report", "--no-merge"))
     assert code == 0, err
     assert replay(Path("run")).identical
     (there / FILE).write_text(documented_estimator().replace("0.8, 0.5,", "0.7, 0.5,"))
@@ -213,7 +215,7 @@ def test_an_active_estimator_without_estimates_makes_a_run_invalid(
 def test_an_absurd_estimate_is_scored_and_breaks_no_summary(own_folder: Path, where_m: str) -> None:
     step = f"return None, Estimate(np.full(3, {where_m}), np.full((3, 3), 1e300))"
     (own_folder / "useless.py").write_text(USELESS.format(what=step))
-    code, _, err = twin("useless:Useless", active="useless:Useless")
+    code, _, err = twin("useless:Useless", active="useless:Useless", duration_s=4)
     assert code == 0, err
     summary = json.loads(Path("run/summary.json").read_text())
     score = summary["accuracy"]["useless:Useless"]

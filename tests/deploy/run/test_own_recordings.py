@@ -138,11 +138,10 @@ def test_the_report_and_a_comparison_say_it_too(tis: Call, in_this_process: None
 
 
 def test_a_model_of_another_arm_is_refused_before_anything_is_written(tis: Call) -> None:
-    code, _, err = tis("identify", "own.yaml", "--set", "source.pairing=same_name", "--out", "m.json")
-    assert code == 0, err
-    code, _, err = tis("twin", "own.yaml", "--set", MODEL, "--run-dir", "r")
+    twin(tis, "other", "source.pairing=same_name")
+    code, _, err = tis("twin", "own.yaml", "--set", "identification.train=other/model.json", "--run-dir", "r")
     assert code == 4
-    assert "m.json: arm: must be PSM2, which the left hand drives in this run" in err
+    assert "other/model.json: arm: must be PSM2, which the left hand drives in this run" in err
     assert "(got 'PSM1')" in err
     assert not Path("r").exists()
 

@@ -130,7 +130,7 @@ def test_twins_with_redundancy_are_equal_and_replay_bit_for_bit(tmp_path: Path) 
     settings = ["surgeon={copies: 3, copy_spacing_ms: 20, history: 2}", "source.hands=[left, right]"]
     rows = []
     for name in ("a", "b"):
-        scenario = resolve("lossy", settings, None, 5.0)
+        scenario = resolve("lossy", settings, None, 3.0)
         nodes, models, _ = build_sides(scenario)
         (tmp_path / name).mkdir()
         run_twin(scenario, nodes, models, tmp_path / name)

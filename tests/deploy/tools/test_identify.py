@@ -21,7 +21,7 @@ def tis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, few_draws: None) -> Cal
     return identify
 
 
-PAPER = ("--set", "identification.method=moesp_paper", "--set", "identification.order=10")
+PAPER = ("--set", "identification={method: moesp_paper, order: 10, train_samples: 600}")
 
 
 def test_the_table_has_every_rules_order_and_the_figure_is_written(tis: Call) -> None:

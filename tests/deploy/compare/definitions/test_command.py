@@ -10,6 +10,7 @@ from tests.deploy.commands import call, call_in_one_line
 from tests.markdown_tables import ragged_rows
 
 SETTINGS = (
+    "duration_s=5",
     "identification.train_samples=240",
     "identification.block_rows=2",
     "patient.orientation={methods: [hold], active: hold}",

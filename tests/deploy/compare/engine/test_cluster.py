@@ -30,6 +30,8 @@ from tests.documented_estimator import FILE, documented_estimator
 _PACKAGES = ("common", "surgeon_side", "netem", "patient_side", "deploy")
 _ROOT = Path(__file__).resolve().parents[4]
 _START_S = 60.0
+# For an own estimator all models are tried: small ones, of few samples; those of others are shipped.
+SMALL = ("identification.train=others", "identification.train_samples=120", "identification.block_rows=2")
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 
@@ -143,7 +145,7 @@ def test_a_cluster_finds_what_processes_find_and_a_killed_worker_costs_only_time
     """Beside a worker with other code, which is left alone."""
     (own_folder / FILE).write_text(documented_estimator())
     (own_folder / "killing_own.py").write_text(KILLING)
-    settings = ("identification.block_rows=2", "estimators=[hold, 'killing_own:Once']", "active_estimator=hold")
+    settings = (*SMALL, "estimators=[hold, 'killing_own:Once']", "active_estimator=hold")
     plan = make_plan(Request(str(small), settings, duration_s=3.0, n_seeds=2))
     worker("there")  # Dask starts it anew, under another address
     output, folder = ((cluster_dir / name) for name in ("there/output.txt", "there"))

@@ -1,6 +1,5 @@
 """Processes that die while they compute: nothing but the unit that ends its own process is lost."""
 
-import multiprocessing
 import os
 import subprocess
 import sys
@@ -56,14 +55,6 @@ def there(small: Path, own_folder: Path) -> Path:
     (own_folder / FILE).write_text(documented_estimator())
     (own_folder / "killing_own.py").write_text(KILLING + ALWAYS)
     return small
-
-
-@pytest.fixture
-def forked(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let processes begin as copies of one that has loaded what they compute with: they die as all others do."""
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["deploy.compare.engine.processes"])
-    monkeypatch.setattr(multiprocessing, "get_context", lambda _: context)
 
 
 def plan_with(there: Path, name: str, **changes: Any) -> Plan:

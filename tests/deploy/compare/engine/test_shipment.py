@@ -18,7 +18,7 @@ from deploy.compare.plan import Plan, Request, make_plan
 from tests.deploy.compare.untimed import untimed
 from tests.documented_estimator import FILE, NAME, documented_estimator
 
-SYNTHETIC = ("identification.train_samples=240", "identification.order=0", "identification.block_rows=2")
+SYNTHETIC = ("identification.train_samples=120", "identification.order=0", "identification.block_rows=2")
 
 
 def packed(unit: Unit, model_file: Path | None) -> tuple[bytes, dict[str, bytes]]:

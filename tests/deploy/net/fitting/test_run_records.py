@@ -26,6 +26,13 @@ from tests.log_reader import LogReader
 
 RUN_HEADER_FIELDS = {"scenario.yaml": dump_scenario(a_scenario(1.0)).encode()}
 
+LIGHT = (
+    "estimators=[hold]",
+    "active_estimator=hold",
+    "patient.orientation={methods: [hold], active: hold}",
+    "identification={order: 2, block_rows: 3, train_samples: 240}",
+)
+"""For twins whose estimates are not looked at."""
 
 WAYS: tuple[Direction, ...] = ("forward", "feedback")
 
@@ -40,7 +47,7 @@ def twin(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """6 s of a delay of 30 to 50 ms and of 10 % loss there, of 5 ms back."""
     path = tmp_path_factory.mktemp("twin")
     forward = "{delay: {kind: uniform, low_ms: 30, high_ms: 50}, loss: {kind: bernoulli, p_loss: 0.1}}"
-    settings = [f"network.forward={forward}", "network.feedback={delay: {kind: constant, delay_ms: 5}}"]
+    settings = [f"network.forward={forward}", "network.feedback={delay: {kind: constant, delay_ms: 5}}", *LIGHT]
     scenario = resolve("default", settings, None, 6.0)
     nodes, models, _ = build_sides(scenario)
     run_twin(scenario, nodes, models, path)
@@ -146,6 +153,7 @@ def test_an_outage_and_a_timeline_change_nothing_in_the_fit_of_what_holds_else(t
         "network.forward.duplicate={p_duplicate: 0.1}",
         "network.timeline=[{at_s: 30, for_s: 15, set: {add_delay_ms: 50}}]",
         "network.outages=[{kind: periodic, every_s: 20, for_s: 2, first_s: 10}]",
+        *LIGHT,
     ]
     scenario = resolve("default", settings, None, 60.0)
     nodes, models, _ = build_sides(scenario)

@@ -13,6 +13,7 @@ from common.metrics.percentiles import summarise
 from common.records import ESTIMATES, TRUTH
 from common.units import NS_PER_MS
 from deploy.logs.read.load import aligned
+from deploy.logs.read.memory import MemoryLog
 from deploy.report.measures.estimation.tracking import track_of_hand
 from deploy.report.measures.latency import ages_of_hand
 from deploy.report.measures.uncertainty import not_resolvable
@@ -21,11 +22,13 @@ from deploy.report.tables.answer import answer
 from deploy.report.tables.numbers import figure
 from deploy.report.tables.terminal import print_summary
 from deploy.run.resolve import resolve
+from patient_side.statespace import ArmModel
 from tests.common.clocks.wrong_clock import WrongClock
 from tests.deploy.report.other_hosts import MONOTONIC_NS, as_run, run_apart
 
 DELAY_MS = 20.0
 CLOCKS: dict[Side, WrongClock] = {"surgeon": WrongClock(400_000, 50.0), "patient": WrongClock(-900_000, -35.0)}
+Apart = tuple[dict[Side, MemoryLog], tuple[ArmModel, ...]]
 APART: dict[Side, str] = {"surgeon": "host a", "patient": "host b"}
 
 
@@ -33,16 +36,23 @@ def _scenario() -> Any:
     constant = f"{{kind: constant, delay_ms: {DELAY_MS:g}}}"
     settings = [f"network.{direction}.delay={constant}" for direction in ("forward", "feedback")]
     settings += [f"network.{direction}.jitter=null" for direction in ("forward", "feedback")]
+    settings += ["estimators=[hold]", "active_estimator=hold", "patient.orientation={methods: [hold], active: hold}"]
     return resolve("default", settings, 1, 6.0)
 
 
-def test_one_way_figures_of_hosts_apart_come_back_within_their_uncertainty() -> None:
+@pytest.fixture(scope="module")
+def apart() -> Apart:
+    """The logs of a run of the scenario with both sides on hosts of their own, and its models; not to be changed."""
+    return run_apart(_scenario(), CLOCKS, APART)
+
+
+def test_one_way_figures_of_hosts_apart_come_back_within_their_uncertainty(apart: Apart) -> None:
     """In virtual time each message takes 20 ms exactly; by the sides' own clocks it does not.
 
     Exchanges take 100 us and more, four fifths of it on the way there.
     """
     scenario = _scenario()
-    logs, models = run_apart(scenario, CLOCKS, APART)
+    logs, models = apart
     summary, raw = (
         build_summary(run, scenario, models, "live", 0, "") for run in (aligned(as_run(logs)), as_run(logs))
     )
@@ -70,10 +80,10 @@ def _seen(summary: dict[str, Any]) -> str:
     return "\n".join(line.rstrip() for line in out.getvalue().splitlines()) + "\n"
 
 
-def test_ages_come_back_within_their_uncertainty() -> None:
+def test_ages_come_back_within_their_uncertainty(apart: Apart) -> None:
     """The age at each tick by both clocks' true errors, against that by the aligned logs."""
     scenario = _scenario()
-    logs, models = run_apart(scenario, CLOCKS, APART)
+    logs, models = apart
     summary = build_summary(aligned(as_run(logs)), scenario, models, "live", 0, "")
     at_ns, age_ns = ages_of_hand(as_run(logs), "left")
     true_ms = (_true_ns(CLOCKS["patient"], at_ns) - _true_ns(CLOCKS["surgeon"], at_ns - age_ns)) / NS_PER_MS
@@ -88,10 +98,10 @@ def test_ages_come_back_within_their_uncertainty() -> None:
     assert abs(on_arrival["p50"] - DELAY_MS) <= bounds["tick_modes.on_arrival.age_when_used_ms"]["p50"]
 
 
-def test_delay_variation_is_as_uncertain_as_both_delays_that_it_is_the_difference_of() -> None:
+def test_delay_variation_is_as_uncertain_as_both_delays_that_it_is_the_difference_of(apart: Apart) -> None:
     """Each message takes 20 ms exactly, so there is none; what the clocks' drift adds lies within what is said."""
     scenario = _scenario()
-    logs, models = run_apart(scenario, CLOCKS, APART)
+    logs, models = apart
     summary = build_summary(aligned(as_run(logs)), scenario, models, "live", 0, "")
     findings = [finding for verdict in summary["verdicts"] for finding in verdict["findings"]]
     varied = [finding for finding in findings if finding["title"].startswith("delay variation")]
@@ -150,10 +160,10 @@ def test_a_figure_that_the_clocks_drown_is_not_resolvable() -> None:
     assert summary["latency_ms"]["round_trip"]["p50"] == pytest.approx(56, abs=3)  # one clock: known as ever
 
 
-def test_figures_of_a_clock_that_nobody_compared_are_open() -> None:
+def test_figures_of_a_clock_that_nobody_compared_are_open(apart: Apart, monkeypatch: pytest.MonkeyPatch) -> None:
     scenario = _scenario()
-    logs, models = run_apart(scenario, CLOCKS, APART)
-    del logs["surgeon"].log.rows["/tis/clock_exchanges"]
+    logs, models = apart
+    monkeypatch.delitem(logs["surgeon"].log.rows, "/tis/clock_exchanges")
     summary = build_summary(aligned(as_run(logs)), scenario, models, "live", 0, "")
     assert summary["clocks"]["surgeon"]["kind"] == "unknown"
     assert set(summary["uncertainty_ms"]["latency_ms.network"].values()) == {None}
