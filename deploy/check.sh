@@ -17,4 +17,4 @@ deploy/docs.sh
 pytest --collect-only --quiet > /dev/null || true  # a fault is told below
 # one worker more than cores, for live tests mostly wait; these come first, as tests/conftest.py sorts them
 pytest -n 3 --dist loadgroup --no-loadscope-reorder --durations=25 "$@"
-wait $types
+wait $types || { echo "the types are wrong: see mypy's lines above" >&2; exit 1; }

@@ -103,15 +103,15 @@ def _beside(module: ModuleType) -> dict[str, tuple[str, str]]:
         file = getattr(other, "__file__", None)
         if not file or name in ("__main__", "__mp_main__"):
             continue
+        path = Path(file)
         if in_package:
             beside = name.partition(".")[0] == top
         else:
-            path = Path(file)
             where = path.resolve().parent if path.is_symlink() else resolved(path.parent)
             beside = where == folder and folder.name not in _INSTALLED
         if other is not module and not beside:
             continue
-        path = Path(file).resolve()
+        path = path.resolve()
         with suppress(OSError):  # for instance within an archive
             inside = name.replace(".", "/")
             label = f"{inside}{'/__init__' if hasattr(other, '__path__') else ''}{path.suffix}"

@@ -84,14 +84,14 @@ def complete_all(
     for _ in range(numbers.max_turns):
         path, arrived, filled = paths[moving], known[moving], done.filled[moving]
         # L: first its left factor, from the whole matrix, then its coefficients.
-        columns = filled.swapaxes(1, 2)[:, :, places].swapaxes(1, 2)
+        columns = np.ascontiguousarray(filled.swapaxes(1, 2)[:, :, places].swapaxes(1, 2))
         flat = columns.reshape(len(moving), -1, n_rows)
         moments = prior_columns * priors[moving] + flat.swapaxes(1, 2) @ flat
         factor = left_factor(
             moments / (prior_columns + n_columns * n_axes), numbers.rank, numbers.ridge, numbers.least_noise_m2
         )
         clean = arrived & ~done.outliers[moving]
-        low_rank = low_rank_part(flat.reshape(columns.shape), clean[:, places], factor)
+        low_rank = low_rank_part(columns, clean[:, places], factor)
         means = _antidiagonal_means(low_rank)
         # S: what of the known positions L explains least.
         left_m = np.where(arrived, np.linalg.norm(path - means, axis=-1), 0.0)

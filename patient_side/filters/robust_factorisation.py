@@ -9,8 +9,8 @@ with several axes, which share the left factor, and have entries that are missin
 that L fills it. Each column has a level of its own beside the factors, without a penalty: L is the same wherever the
 origin of X is.
 
-The functions take one matrix, or a stack of matrices of one shape along leading axes: small as they are, what takes
-longest is otherwise that numpy is called.
+The functions take one matrix, or a stack of matrices of one shape along leading axes: each is so small that the
+calls of numpy would otherwise take longer than the arithmetic.
 """
 
 from typing import NamedTuple

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 
+from common.metrics.consistency import CHI2_3_95
 from common.units import sample_instant_ns
 from patient_side.completion_model import CompletionModel, Factorisation
 from patient_side.direct_model import DirectModel
@@ -168,6 +169,17 @@ def truth_at_ticks(y: Array) -> Array:
     instants = [sample_instant_ns(i, RATE_HZ) for i in range(len(y))]
     ticks = [tick_ns(k) for k in range(len(y))]
     return np.stack([np.interp(ticks, instants, axis) for axis in y.T], axis=1)
+
+
+def inside_95(estimates: Sequence[Estimate], truth: Array) -> list[bool]:
+    """Tell of each estimate whether the truth (N, 3) lies in its 95 % ellipsoid."""
+    inside = []
+    for estimate, at in zip(estimates, truth, strict=True):
+        assert estimate.position_m is not None
+        assert estimate.covariance_m2 is not None
+        error = estimate.position_m - at
+        inside.append(float(error @ np.linalg.solve(estimate.covariance_m2, error)) <= CHI2_3_95)
+    return inside
 
 
 def play(estimator: Estimator, streams: Streams, last_first: bool = False) -> list[Estimate]:

@@ -30,3 +30,16 @@ def test_changes_are_told_and_origins_read_back_as_they_were(own_folder: Path) -
 def test_a_damaged_note_of_origins_is_a_fault(data: bytes) -> None:
     with pytest.raises(DataError, match=r"patient\.mcap: estimators\.json: cannot be read"):
         parse_origins(data, "patient.mcap")
+
+
+def test_linked_modules_lie_beside_those_of_the_folder_that_the_links_name(own_folder: Path) -> None:
+    lab = own_folder / "lab"
+    lab.mkdir()
+    (lab / "beside_linked.py").write_text("x = 1\n")
+    (lab / "own_linked.py").write_text("import beside_linked, beside_here\nclass F: pass\n")
+    (own_folder / "beside_here.py").write_text("x = 1\n")
+    for name in ("own_linked.py", "beside_linked.py"):
+        (own_folder / name).symlink_to(lab / name)
+    origin = load_user_code(("own_linked:F",), "estimators")["own_linked:F"].origin
+    assert origin.file == "own_linked.py"
+    assert list(origin.beside) == ["beside_linked.py"]

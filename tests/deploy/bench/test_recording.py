@@ -13,19 +13,19 @@ from deploy.bench import recording
 from deploy.run.resolve import resolve
 from deploy.run.twin import build_sides
 from patient_side.identification.model_io import dump_models
+from tests.deploy.hold_only import HOLD
 
 SECONDS = 1.0
-LIGHT = ("estimators=[hold]", "active_estimator=hold", "patient.orientation={methods: [hold], active: hold}")
 SMALL = ("identification.train_samples=600", "identification.block_rows=3", "identification.order=2")
 
 
 @pytest.mark.live
 def test_both_ways_are_run_and_the_ticks_of_both_are_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With a model from a file: at 1 kHz the patient would take longer to find one than the runs last."""
-    _, models, _ = build_sides(resolve("kilohertz", (*LIGHT, *SMALL), None, SECONDS))
+    _, models, _ = build_sides(resolve("kilohertz", (*HOLD, *SMALL), None, SECONDS))
     (tmp_path / "model.json").write_bytes(dump_models(models))
     settings = (
-        *LIGHT,
+        *HOLD,
         f"identification.train={tmp_path / 'model.json'}",
     )
 

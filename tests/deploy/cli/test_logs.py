@@ -8,12 +8,11 @@ import pytest
 
 from deploy.shell.guard import ERR, OUT
 from tests.deploy.commands import Call, call
+from tests.deploy.hold_only import HOLD
 from tests.deploy.logs.conftest import run_dir, scenario, write_ros2
 from tests.log_reader import cut
 
 __all__ = ["run_dir", "scenario"]
-
-HOLD = ("estimators=[hold]", "active_estimator=hold", "patient.orientation={methods: [hold], active: hold}")
 
 
 @pytest.fixture

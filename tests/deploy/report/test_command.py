@@ -11,9 +11,9 @@ import pytest
 
 from deploy.shell import run_dir as folder
 from tests.deploy.commands import call_by_lines as tis
+from tests.deploy.hold_only import HOLD
 
-_HOLD = ("estimators=[hold]", "active_estimator=hold", "patient.orientation={methods: [hold], active: hold}")
-_TWIN = ("twin", "default", "--duration-s", "3", *(f"--set={setting}" for setting in _HOLD), "--no-merge")
+_TWIN = ("twin", "default", "--duration-s", "3", *(f"--set={setting}" for setting in HOLD), "--no-merge")
 
 
 @pytest.fixture(scope="module")

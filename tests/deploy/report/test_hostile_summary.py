@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.deploy.commands import call
+from tests.deploy.hold_only import HOLD
 
 ODD: tuple[Any, ...] = (
     None, "x", "[/red] <script>", -1e308, 10**40, 0, True, [], [1], [None], {}, {"a": 1}, [["x"]], "9" * 500,
@@ -36,8 +37,7 @@ def _with(tree: Any, path: tuple[Any, ...], value: Any) -> Any:
 @pytest.fixture(scope="module")
 def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run_dir = tmp_path_factory.mktemp("hostile") / "run"
-    hold = ("estimators=[hold]", "active_estimator=hold", "patient.orientation={methods: [hold], active: hold}")
-    words = (*(f"--set={setting}" for setting in hold), "--no-report", "--no-merge")
+    words = (*(f"--set={setting}" for setting in HOLD), "--no-report", "--no-merge")
     assert call("twin", "default", "--duration-s", "2.5", "--run-dir", str(run_dir), *words)[0] == 0
     return run_dir
 

@@ -19,13 +19,12 @@ from deploy.run.resolve import resolve
 from deploy.run.twin import build_sides, drive, run_twin
 from patient_side.identification.model_io import dump_models
 from patient_side.statespace import ArmModel
+from tests.deploy.hold_only import HOLD
 
 LOW_MS, HIGH_MS = 100.0, 700.0
 SPREAD = (
     f"network={{forward: {{delay: {{kind: uniform, low_ms: {LOW_MS}, high_ms: {HIGH_MS}}}, ordering: reorder}}}}",
-    "estimators=[hold]",
-    "active_estimator=hold",
-    "patient.orientation={methods: [hold], active: hold}",
+    *HOLD,
 )
 
 

@@ -22,13 +22,9 @@ from deploy.run.twin import build_sides, run_twin
 from deploy.shell.shipped_scenarios import shipped_names
 from patient_side.identification.model_io import dump_models
 from patient_side.statespace import ArmModel
+from tests.deploy.hold_only import HOLD
 
 LOGS = ("surgeon.mcap", "netem.mcap", "patient.mcap")
-HOLD = (  # where nobody looks at estimates
-    "estimators=[hold]",
-    "active_estimator=hold",
-    "patient.orientation={methods: [hold], active: hold}",
-)
 
 
 def _twin(scenario: Scenario, run_dir: Path) -> tuple[RunLogs, tuple[ArmModel, ...]]:

@@ -17,6 +17,7 @@ from tests.patient_side.arm_models import (
     RATE_HZ,
     Streams,
     delayed,
+    inside_95,
     play,
     positions,
     random_command,
@@ -100,17 +101,13 @@ def test_between_horizons_it_interpolates_and_beyond_the_last_it_stays(estimator
 
 
 def test_ellipsoids_cover_what_they_say(estimator: DirectLs) -> None:
-    inside = []
+    inside: list[bool] = []
     for seed in range(4):
         y = movement(900, 60 + seed)
         lost = np.random.default_rng(seed).random(len(y)) < 0.2
         arrivals = [LOST if lost[i] else t for i, t in enumerate(delayed(len(y), 150_000_000))]
         estimates = play(estimator, Streams(y, y, [LOST] * len(y), arrivals))
-        for estimate, truth in zip(estimates[120:-1], truth_at_ticks(y)[120:-1], strict=True):
-            assert estimate.position_m is not None
-            assert estimate.covariance_m2 is not None
-            e = estimate.position_m - truth
-            inside.append(e @ np.linalg.solve(estimate.covariance_m2, e) < 7.815)
+        inside += inside_95(estimates[120:-1], truth_at_ticks(y)[120:-1])
     assert 0.90 < np.mean(inside) < 0.98
 
 

@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.metrics.consistency import CHI2_3_95
 from common.scenario.estimator_names import EstimatorName
 from common.scenario.patient import Identification
 from common.units import sample_instant_ns
 from patient_side.estimators.registry import build_estimator
 from patient_side.identification.identify import identify_arm
 from patient_side.statespace import ArmModel
-from tests.patient_side.arm_models import LOST, RATE_HZ, Streams, play, truth_at_ticks
+from tests.patient_side.arm_models import LOST, RATE_HZ, Streams, inside_95, play, truth_at_ticks
 from tests.patient_side.identification.known_systems import real_recording
 
 WITH_COVARIANCE: list[EstimatorName] = [
@@ -59,11 +58,5 @@ def test_95_per_cent_are_about_95_per_cent(known: list[tuple[ArmModel, list[Stre
 
 
 def _inside(name: EstimatorName, model: ArmModel, streams: Streams) -> list[bool]:
-    scored, inside = slice(100, -1), []
-    estimates, truth = play(build_estimator(name, model), streams)[scored], truth_at_ticks(streams.y)[scored]
-    for estimate, at in zip(estimates, truth, strict=True):
-        assert estimate.position_m is not None
-        assert estimate.covariance_m2 is not None
-        error = estimate.position_m - at
-        inside.append(float(error @ np.linalg.solve(estimate.covariance_m2, error)) <= CHI2_3_95)
-    return inside
+    scored = slice(100, -1)
+    return inside_95(play(build_estimator(name, model), streams)[scored], truth_at_ticks(streams.y)[scored])

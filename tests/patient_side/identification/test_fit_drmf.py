@@ -8,7 +8,16 @@ from patient_side.identification import fit_drmf as module
 from patient_side.identification.fit_drmf import fit_drmf
 from patient_side.playout import Playout
 from patient_side.statespace import Array
-from tests.patient_side.arm_models import LOST, RATE_HZ, Streams, delayed, play, random_command, truth_at_ticks
+from tests.patient_side.arm_models import (
+    LOST,
+    RATE_HZ,
+    Streams,
+    delayed,
+    inside_95,
+    play,
+    random_command,
+    truth_at_ticks,
+)
 
 
 def movement(n_rows: int, seed: int) -> Array:
@@ -58,17 +67,14 @@ def test_of_a_velocity_that_decays_the_error_is_near_the_least(of_decaying_veloc
 
 
 def test_ellipsoids_cover_what_they_say(of_decaying_velocities: CompletionModel) -> None:
-    estimator, inside = Drmf(of_decaying_velocities), []
+    estimator = Drmf(of_decaying_velocities)
+    inside: list[bool] = []
     for seed in range(2):
         y = movement(600, 60 + seed)
         lost = np.random.default_rng(seed).random(len(y)) < 0.2
         arrivals = [LOST if lost[i] else t for i, t in enumerate(delayed(len(y), 150_000_000))]
         estimates = play(estimator, Streams(y, y, [LOST] * len(y), arrivals))
-        for estimate, truth in zip(estimates[120:-1], truth_at_ticks(y)[120:-1], strict=True):
-            assert estimate.position_m is not None
-            assert estimate.covariance_m2 is not None
-            e = estimate.position_m - truth
-            inside.append(e @ np.linalg.solve(estimate.covariance_m2, e) < 7.815)
+        inside += inside_95(estimates[120:-1], truth_at_ticks(y)[120:-1])
     assert 0.90 < np.mean(inside) < 0.99
 
 

@@ -21,17 +21,13 @@ from deploy.run.resolve import resolve
 from deploy.run.twin import build_sides, run_twin
 from netem.fit.direction import fit_direction
 from netem.fit.record import Flips
+from tests.deploy.hold_only import HOLD
 from tests.deploy.report.hand_made import MS, a_scenario, fate, release, write_log
 from tests.log_reader import LogReader
 
 RUN_HEADER_FIELDS = {"scenario.yaml": dump_scenario(a_scenario(1.0)).encode()}
 
-LIGHT = (
-    "estimators=[hold]",
-    "active_estimator=hold",
-    "patient.orientation={methods: [hold], active: hold}",
-    "identification={order: 2, block_rows: 3, train_samples: 240}",
-)
+LIGHT = (*HOLD, "identification={order: 2, block_rows: 3, train_samples: 240}")
 """For twins whose estimates are not looked at."""
 
 WAYS: tuple[Direction, ...] = ("forward", "feedback")

@@ -24,6 +24,7 @@ from deploy.report.tables.terminal import print_summary
 from deploy.run.resolve import resolve
 from patient_side.statespace import ArmModel
 from tests.common.clocks.wrong_clock import WrongClock
+from tests.deploy.hold_only import HOLD
 from tests.deploy.report.other_hosts import MONOTONIC_NS, as_run, run_apart
 
 DELAY_MS = 20.0
@@ -36,8 +37,7 @@ def _scenario() -> Any:
     constant = f"{{kind: constant, delay_ms: {DELAY_MS:g}}}"
     settings = [f"network.{direction}.delay={constant}" for direction in ("forward", "feedback")]
     settings += [f"network.{direction}.jitter=null" for direction in ("forward", "feedback")]
-    settings += ["estimators=[hold]", "active_estimator=hold", "patient.orientation={methods: [hold], active: hold}"]
-    return resolve("default", settings, 1, 6.0)
+    return resolve("default", [*settings, *HOLD], 1, 6.0)
 
 
 @pytest.fixture(scope="module")
