@@ -1,10 +1,11 @@
 # `make demo` runs the main job, `make test` passes the tests, `make docs` builds the manual; each sets itself up.
+# `make test-all` runs the slow tests as well: before a release.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
-.PHONY: run-env env demo test docs pictures clean
+.PHONY: run-env env demo test test-all docs pictures clean
 
 # what a run and its report need, and no more
 run-env: $(VENV)/.stamp
@@ -28,6 +29,9 @@ demo: run-env
 	@$(BIN)/tis run default || [ $$? -eq 5 ]  # 5: the run is not valid, and says why
 
 test: env
+	@deploy/check.sh -m 'not slow'
+
+test-all: env
 	@deploy/check.sh
 
 docs: env

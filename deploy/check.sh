@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # The one check: format, lint, types, import contracts, manual, tests. Stops at the first that fails, but for types:
 # they are checked meanwhile on the other core, told as soon as they are known, and count at the end.
+# Arguments are pytest's: without any, all tests run.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 export PATH="$PWD/.venv/bin:$PATH"

@@ -118,6 +118,7 @@ def test_an_own_estimator_runs_beside_the_others(there: Path, no_identification:
     assert set(summary("o/twin")["accuracy"]) == {"hold", "innovations_kf", "my_filter:AlphaBeta"}
 
 
+@pytest.mark.slow
 def test_figures_for_a_paper_are_drawn(there: Path, model_file: Path) -> None:
     Path("s.yaml").write_text(dump_scenario(resolve("default", (f"identification.train={model_file}",), None, 4.0)))
     done = example("examples/paper_figure.sh", "o", "4", "s.yaml")
@@ -140,6 +141,7 @@ def test_the_first_run_has_a_twin_and_a_replay(there: Path, no_identification: N
     assert "identical, bit for bit" in done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.live
 def test_three_hosts_make_one_run(there: Path, model_file: Path, no_report: None) -> None:
     west, east = free_ports(2)
@@ -156,6 +158,7 @@ def test_three_hosts_make_one_run(there: Path, model_file: Path, no_report: None
     assert abs(found["clocks"]["patient"]["offset_ms"]) > 2000  # as TIS_CLOCK_SKEW has it
 
 
+@pytest.mark.slow
 @pytest.mark.live
 def test_tis_up_makes_one_run_of_the_three_hosts(there: Path, model_file: Path) -> None:
     west, east = free_ports(2)
@@ -229,6 +232,7 @@ def _joined(
     return found, printed
 
 
+@pytest.mark.slow
 @pytest.mark.live
 def test_a_device_and_an_arm_of_others_join_a_run(there: Path, model_file: Path) -> None:
     programs = {"device.py": ["WEST"], "foreign_arm.py": ["EAST"]}
@@ -244,6 +248,7 @@ def test_a_device_and_an_arm_of_others_join_a_run(there: Path, model_file: Path)
     assert found["latency_ms"]["actuation"]["p50"] > 0
 
 
+@pytest.mark.slow
 @pytest.mark.live
 def test_a_surgeon_that_is_no_part_of_the_testbed_replaces_ours(there: Path, model_file: Path) -> None:
     found, printed = _joined(model_file, "--foreign-surgeon", programs={"foreign_surgeon.py": ["WEST"]})

@@ -49,6 +49,7 @@ def _start(stack: ExitStack, folder: Path, side: str, *words: str) -> subprocess
     return process
 
 
+@pytest.mark.slow
 def test_netems_host_collects_what_the_others_offer_with_their_certificates(
     apart: Path, run: Path, endpoints: tuple[str, str]
 ) -> None:

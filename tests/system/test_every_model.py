@@ -96,6 +96,7 @@ def _scenario(trace: Path) -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow
 def test_every_model_at_once(run_here: StartHere, tmp_path: Path) -> None:
     trace = tmp_path / "trace.csv"
     trace.write_text(_TRACE)

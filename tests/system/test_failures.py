@@ -13,6 +13,7 @@ from tests.log_reader import LogReader
 from tests.system.conftest import HOLD, Run, RunHere, Start, StartHere, Tis
 
 pytestmark = pytest.mark.live
+SLOW = pytest.mark.slow
 PATIENCE_S = 20.0  # what is promised is 3 s on a machine of its own; the runs below are longer
 MODULES = {"surgeon": "surgeon_side", "netem": "netem", "patient": "patient_side"}
 
@@ -31,7 +32,7 @@ def _last_record_s(tis: Run, side: str) -> float:
     return max(message.log_time for _, message in LogReader(tis.run_dir / f"{side}.mcap").messages()) / 1e9
 
 
-@pytest.mark.parametrize("side", ["surgeon", "netem", "patient"])
+@pytest.mark.parametrize("side", [pytest.param("surgeon", marks=SLOW), pytest.param("netem", marks=SLOW), "patient"])
 def test_a_killed_side_ends_the_run_and_every_log_is_readable(run_here: StartHere, side: str) -> None:
     def kill(run: RunHere) -> None:
         run.await_log("surgeon")
@@ -57,7 +58,7 @@ def test_a_killed_side_ends_the_run_and_every_log_is_readable(run_here: StartHer
     assert not summary["valid"]
 
 
-@pytest.mark.parametrize("side", ["netem", "patient"])
+@pytest.mark.parametrize("side", [pytest.param("netem", marks=SLOW), "patient"])
 def test_a_killed_side_is_named_where_the_run_goes_on(run_here: StartHere, side: str) -> None:
     def kill(run: RunHere) -> None:
         run.await_log("surgeon")
@@ -110,7 +111,7 @@ def test_an_interrupt_before_the_run_leaves_nothing_behind(start: Start) -> None
     assert gone(children, PATIENCE_S)
 
 
-@pytest.mark.parametrize("policy", ["continue", "end"])
+@pytest.mark.parametrize("policy", [pytest.param("continue", marks=SLOW), "end"])
 def test_a_lost_run_folder_is_told_when_it_is_lost(run_here: StartHere, policy: str) -> None:
     def lose(run: RunHere) -> None:
         run.await_log("surgeon")

@@ -21,6 +21,7 @@ BAD = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.live
 def test_a_device_that_lies_floods_and_stops_is_named_and_ends_no_run(
     run_here: StartHere, endpoints: tuple[str, str]

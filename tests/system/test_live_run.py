@@ -91,6 +91,7 @@ def _halve_damping(node: object) -> None:
             _halve_damping(item)
 
 
+@pytest.mark.slow
 def test_sides_alone_meet_in_any_order_and_run(
     start: Start, tmp_path: Path, endpoints: tuple[str, str], model_file: Path
 ) -> None:

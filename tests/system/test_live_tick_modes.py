@@ -12,7 +12,7 @@ pytestmark = pytest.mark.live
 ESTIMATORS = ("estimators=[hold, innovations_kf]", "active_estimator=innovations_kf")
 
 
-@pytest.mark.parametrize("mode", ["phase_locked", "on_arrival"])
+@pytest.mark.parametrize("mode", ["phase_locked", pytest.param("on_arrival", marks=pytest.mark.slow)])
 def test_a_live_run_replays_bit_for_bit(mode: str, run_here: StartHere) -> None:
     words = (f"patient.tick={mode}", "network.forward.jitter=null", *ESTIMATORS)
     tis = run_here(

@@ -30,6 +30,7 @@ def tis(folder: Path, *words: str) -> "subprocess.CompletedProcess[str]":
     )
 
 
+@pytest.mark.slow
 def test_it_acts_fails_at_times_and_replays(own_folder: Path, model_file: Path) -> None:
     failing = documented_estimator().replace(
         "        arm = playout.arm\n", "        arm = playout.arm\n        assert arm.newest % 20 != 7, 'a bad day'\n"

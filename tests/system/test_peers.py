@@ -125,6 +125,7 @@ def _await_word(process: subprocess.Popen[str], word: str) -> None:
     raise AssertionError(said)
 
 
+@pytest.mark.slow
 def test_a_clock_that_steps_is_named_and_a_side_silent_for_too_long_ends_the_run(
     tmp_path: Path, without_report: None
 ) -> None:
@@ -151,6 +152,7 @@ def test_a_clock_that_steps_is_named_and_a_side_silent_for_too_long_ends_the_run
     assert "patient's clock stepped by +10.0 s" in out
 
 
+@pytest.mark.slow
 def test_a_network_between_hosts_that_carries_nothing_is_named(
     hosts: Hosts, tmp_path: Path, without_report: None
 ) -> None:

@@ -99,6 +99,7 @@ def test_certificates_keep_strangers_out_and_let_nobody_say_more_than_is_theirs(
     assert refused["not_permitted"] >= 4 * 5
 
 
+@pytest.mark.slow
 def test_passwords_keep_strangers_out_and_let_nobody_say_more_than_is_theirs(
     run_here: StartHere, endpoints: tuple[str, str], tmp_path: Path
 ) -> None:
@@ -132,6 +133,7 @@ def test_passwords_keep_strangers_out_and_let_nobody_say_more_than_is_theirs(
         assert not [secret for secret in secrets if secret.encode() in content], written.name
 
 
+@pytest.mark.slow
 def test_without_security_nobody_but_netem_says_what_is_netems(
     run_here: StartHere, endpoints: tuple[str, str]
 ) -> None:

@@ -72,6 +72,7 @@ def _true_ns(shown_ns: NDArray[np.int64], side: str) -> NDArray[np.int64]:
     return ns
 
 
+@pytest.mark.slow
 def test_three_hosts_with_wrong_clocks_make_one_run_with_true_delays(
     hosts: Hosts, tmp_path: Path, model_file: Path, called: Call
 ) -> None:
@@ -120,6 +121,7 @@ def test_three_hosts_with_wrong_clocks_make_one_run_with_true_delays(
         assert abs(summary["latency_ms"]["network"][name] - true / 1e6) <= bounds[name], name
 
 
+@pytest.mark.slow
 def test_a_run_whose_terminal_died_is_collected_afterwards(
     tmp_path: Path, model_file: Path, endpoints: tuple[str, str], called: Call
 ) -> None:

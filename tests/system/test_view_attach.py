@@ -96,6 +96,7 @@ def test_it_begins_before_the_run_and_ends_with_it_and_junk_on_our_keys_is_count
     assert set(manifest["exit_codes"].values()) == {0}
 
 
+@pytest.mark.slow
 def test_a_wide_address_has_a_token_and_a_page_whose_server_is_gone_says_so_calmly(
     endpoints: tuple[str, str],
 ) -> None:

@@ -31,6 +31,7 @@ def made() -> Iterator[tuple[ArmModel, ArmModel, Samples]]:
         yield bench_models()
 
 
+@pytest.mark.slow
 def test_every_network_has_a_table_with_every_estimator(
     made: tuple[ArmModel, ArmModel, Samples], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -19,6 +19,7 @@ SECONDS = 1.0
 SMALL = ("identification.train_samples=600", "identification.block_rows=3", "identification.order=2")
 
 
+@pytest.mark.slow
 @pytest.mark.live
 def test_both_ways_are_run_and_the_ticks_of_both_are_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With a model from a file: at 1 kHz the patient would take longer to find one than the runs last."""

@@ -9,6 +9,7 @@ from tests.notebooks import check_form, executed
 NOTEBOOK = "compare_in_python.ipynb"
 
 
+@pytest.mark.slow
 def test_the_notebook_runs_and_its_rows_pool_to_the_reports_figures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: None, capsys: pytest.CaptureFixture[str]
 ) -> None:

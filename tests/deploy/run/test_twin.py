@@ -175,7 +175,12 @@ def test_a_servo_executes_the_active_estimate_and_is_scored(shipped: Callable[[s
 
 
 @pytest.mark.parametrize(
-    "name", [name for name in shipped_names() if not name.startswith(("paper", "live", "drive"))]
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if name == "kilohertz" else [])
+        for name in shipped_names()
+        if not name.startswith(("paper", "live", "drive"))
+    ],
 )
 def test_every_shipped_scenario_that_needs_no_data_runs_valid(
     name: str, shipped: Callable[[str], dict[str, Any]]

@@ -131,6 +131,7 @@ def test_a_model_file_without_its_model_is_named() -> None:
         drmf(replace(static_model(), drmf=None))
 
 
+@pytest.mark.slow
 def test_on_a_real_trial_it_beats_hold(jigsaws_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     y = real_recording(jigsaws_dir, "Suturing_D002").hands[0].follower.position_m
     monkeypatch.setattr(fitting, "_N_CALIBRATED", 30)  # covariances, which are not looked at

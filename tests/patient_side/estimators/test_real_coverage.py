@@ -50,6 +50,7 @@ def known(jigsaws_dir: Path) -> list[tuple[ArmModel, list[Streams]]]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WITH_COVARIANCE)
 def test_95_per_cent_are_about_95_per_cent(known: list[tuple[ArmModel, list[Streams]]], name: EstimatorName) -> None:
     for network in range(len(NETWORKS)):

@@ -52,7 +52,7 @@ def assert_same(one: Any, other: Any, where: str = "model") -> None:
 
 
 @pytest.mark.parametrize("train", ["own_head", "others"])
-@pytest.mark.parametrize("method", ["moesp", "moesp_paper", "arx"])
+@pytest.mark.parametrize("method", [pytest.param("moesp", marks=pytest.mark.slow), "moesp_paper", "arx"])
 def test_each_hand_gets_the_model_that_it_has_on_its_own(train: str, method: str) -> None:
     made, identification = trials(), of(train, method=method)
     # Most models beside the chosen one do not depend on its method.

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
+import pytest
 
 from common.channels import Direction
 from deploy.logs.read.batches import link_fates, link_releases
@@ -14,6 +15,7 @@ from deploy.run.resolve import resolve
 from deploy.run.twin import build_sides, drive, run_twin
 
 
+@pytest.mark.slow
 def test_a_twin_in_memory_is_the_twin_in_files(tmp_path: Path) -> None:
     scenario = resolve("lossy", (), None, 4.0)
     nodes, models, _ = build_sides(scenario)

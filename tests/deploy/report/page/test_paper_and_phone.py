@@ -33,6 +33,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path / folder.REPORT_FILE
 
 
+@pytest.mark.slow
 def test_on_paper_the_answer_comes_first_the_requirements_last_on_four_pages(report: Path) -> None:
     with chromium() as browser:
         page, found = watched_page(browser)
