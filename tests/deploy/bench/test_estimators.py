@@ -89,6 +89,7 @@ def test_what_takes_long_is_played_less_often(monkeypatch: pytest.MonkeyPatch) -
     assert measured.n_plays == 3
 
 
+@pytest.mark.slow
 def test_the_model_is_of_the_size_that_is_promised(made: tuple[ArmModel, ArmModel, Samples]) -> None:
     model, identified, samples = made
     assert identified.innovations is not None

@@ -12,7 +12,10 @@ def test_after_an_outage_no_step_is_large_and_the_estimate_is_met_within_a_secon
     assert found.error_mm <= 1.1 * found.estimate_error_mm
 
 
-@pytest.mark.parametrize(("name", "duration_s"), [("default", 10.0), ("lossy", 10.0), ("kilohertz", 1.5)])
+@pytest.mark.parametrize(
+    ("name", "duration_s"),
+    [("default", 10.0), ("lossy", 10.0), pytest.param("kilohertz", 1.5, marks=pytest.mark.slow)],
+)
 def test_without_outages_the_set_point_is_the_estimate_bit_for_bit(name: str, duration_s: float) -> None:
     seen, _ = watched(name, ("source.hands=[left]",), 7, duration_s)
     assert seen.driven == seen.estimates
