@@ -38,7 +38,8 @@ def connect(address: str) -> Any:
         rule = "must be the address of a Dask scheduler, tcp://HOST:8786"
         raise InputError(Fault(OPTION, "", rule, address)) from error
     except Exception as error:  # whatever Dask makes of another program's answer
-        raise PeerError(Fault(OPTION, "", "what answers there is no Dask scheduler", address)) from error
+        rule = f"what answers there is no Dask scheduler: {type(error).__name__}"
+        raise PeerError(Fault(OPTION, "", rule, address)) from error
 
 
 def _client(make: Any, address: str) -> Any:
@@ -48,7 +49,7 @@ def _client(make: Any, address: str) -> Any:
 
 
 def _within(seconds: float, call: Callable[[], Any]) -> Any:
-    """Return what a call returns; raises what it raises, and `RuntimeError` where it takes too long.
+    """Return what a call returns; raises what it raises, and `TimeoutError` where it takes too long.
 
     Dask's own timeout ends no handshake with a program that waits for more.
     """
@@ -63,5 +64,5 @@ def _within(seconds: float, call: Callable[[], Any]) -> Any:
     threading.Thread(target=answered, daemon=True).start()
     done, _ = wait([answer], seconds)
     if not done:
-        raise RuntimeError(f"no answer within {seconds} s")
+        raise TimeoutError(f"no answer within {seconds} s")
     return answer.result()
