@@ -8,7 +8,6 @@ from tests.system.conftest import StartHere, model_file, run_here
 __all__ = ["model_file", "run_here"]
 
 
-@pytest.mark.slow
 @pytest.mark.live
 def test_every_key_of_a_live_run_is_explained(run_here: StartHere) -> None:
     small = "identification={order: 2, block_rows: 3, train_samples: 240}"

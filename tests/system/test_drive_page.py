@@ -42,7 +42,6 @@ def _drag(page: "Page", n: int) -> None:
     page.mouse.up()
 
 
-@pytest.mark.slow
 def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture(
     start: Start, model_file: Path
 ) -> None:

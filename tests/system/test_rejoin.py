@@ -61,7 +61,6 @@ class _Sides:
         return {side: [" ".join(path.read_text().split()) for path in paths] for side, paths in self.said.items()}
 
 
-@pytest.mark.slow
 def test_each_side_rejoins_its_run_after_a_kill_but_not_after_its_end(tmp_path: Path, without_report: None) -> None:
     west, east = free_endpoints()
     (tmp_path / "s.yaml").write_text(_SCENARIO.replace("WEST", west).replace("EAST", east))

@@ -47,7 +47,6 @@ def test_a_device_needs_a_live_source() -> None:
     assert "source.kind: needs a scenario whose source is live (got 'synthetic')" in done.stderr
 
 
-@pytest.mark.slow
 @pytest.mark.live
 def test_the_mouse_is_a_device_in_a_run_and_ends_with_it(
     run_here: StartHere, endpoints: tuple[str, str], model_file: Path

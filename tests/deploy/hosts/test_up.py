@@ -125,7 +125,6 @@ def test_no_side_outlives_a_killed_tis_up(stage: Stage) -> None:
     assert soon(stage.nobody_is_left)
 
 
-@pytest.mark.slow
 def test_a_side_that_dies_is_started_again_where_the_file_allows_it_but_not_for_ever(
     stage: Stage, run: Run, tmp_path: Path
 ) -> None:

@@ -17,7 +17,6 @@ def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: None
     return tmp_path
 
 
-@pytest.mark.slow
 def test_a_quick_comparison_without_recordings_gives_page_tables_and_figures(there: Path) -> None:
     code, _, err = tis("paper", "--methods", "--quick", "--estimators", "moesp_kf", "--jobs", "1")
     assert code == 0, err

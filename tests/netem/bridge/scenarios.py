@@ -21,8 +21,6 @@ _SPREAD_S = 1.5
 """Longer than a declaration needs to become known on the other side, at 50 ms of delay too."""
 _ARRIVAL_S = 1.5
 _TIME_OUT_S = 4.0
-_QUESTIONS = 10
-_GONE = str(zenoh.SampleKind.DELETE)
 
 
 @dataclass
@@ -62,17 +60,6 @@ def _heard(there: Between, key: str, act: Callable[[], None], read: Callable[[ze
 
 def _local(sample: zenoh.Sample, root: str) -> str:
     return str(sample.key_expr).removeprefix(root)
-
-
-def _changes(events: list[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Return the events that change what is alive: on a busy machine, Zenoh may report a token again."""
-    last: dict[str, str] = {}
-    changes = []
-    for key, kind in events:
-        if kind != last.get(key, _GONE):
-            changes.append((key, kind))
-        last[key] = kind
-    return changes
 
 
 @_scenario
@@ -359,16 +346,21 @@ def liveliness(there: Between, root: str) -> Any:
         time.sleep(_SPREAD_S)
         with there.west.liveliness().declare_token(f"{root}/late"):
             time.sleep(_SPREAD_S)
-            present = max((_present(there.east, root) for _ in range(_QUESTIONS)), key=len)
+            present = _present(there, root)
         time.sleep(_ARRIVAL_S)
     time.sleep(_ARRIVAL_S)
     watching.undeclare()  # type: ignore[no-untyped-call]
-    return _changes(events), present
+    return events, present
 
 
-def _present(session: zenoh.Session, root: str) -> list[str]:
-    """Return the live tokens that Zenoh reports: on a busy machine, it may leave some out."""
-    return sorted(_local(reply.ok, root) for reply in session.liveliness().get(f"{root}/**") if reply.ok is not None)
+def _present(there: Between, root: str) -> list[str]:
+    """Return the live tokens, asked for by a client that watches none.
+
+    In a session that watches them, Zenoh 1.10 may end a question before its answers, which then are events.
+    """
+    with a_client(there.east_end) as asking:
+        replies = list(asking.liveliness().get(f"{root}/**"))
+    return sorted(_local(reply.ok, root) for reply in replies if reply.ok is not None)
 
 
 @_scenario
@@ -382,7 +374,7 @@ def tokens_of_a_client_that_goes(there: Between, root: str) -> Any:
             _known(passing)
         time.sleep(_ARRIVAL_S)
         del held
-    return sorted(_changes(events))
+    return sorted(events)
 
 
 @_scenario

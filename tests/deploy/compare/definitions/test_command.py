@@ -25,7 +25,6 @@ def folder(written_trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     return written_trials
 
 
-@pytest.mark.slow
 def test_both_tables_are_printed_and_written(folder: Path, in_this_process: None) -> None:
     code, out, err = call("compare", "--definitions", *SMALL, "--json", "--out", "kept", "--page", "page.md")
     assert code == 0, err

@@ -139,7 +139,6 @@ def test_a_worker_with_other_code_is_refused_by_name(scheduler: str, foreign: No
         Cluster(scheduler, lambda _: None).__enter__()
 
 
-@pytest.mark.slow
 @pytest.mark.live
 def test_a_cluster_finds_what_processes_find_and_a_killed_worker_costs_only_time(
     small: Path, own_folder: Path, tmp_path: Path, scheduler: str, foreign: None, worker: Start, cluster_dir: Path,
