@@ -33,8 +33,19 @@ def _slow(delay_ms: float) -> dict[str, Any]:
     return {"direction": "forward", "change": {"delay": {"kind": "constant", "delay_ms": delay_ms}}}
 
 
+def _soon_crosses(running: Running) -> bool:
+    """Tell whether 20 messages of 20 cross without the 50 ms, soon: a busy machine may hold up a burst or more."""
+
+    def crosses() -> bool:
+        late_ms = running.burst(20)
+        assert len(late_ms) == 20
+        return max(late_ms) < 40
+
+    return soon(crosses)
+
+
 def test_set_outage_and_reset_do_what_they_say_and_are_logged(running: Running) -> None:
-    assert max(running.burst(20)) < 40
+    assert _soon_crosses(running)
     done = Acknowledgement.model_validate(running.ask("set", _slow(50)))
     assert done.accepted
     assert done.at_ns is not None
@@ -54,17 +65,16 @@ def test_set_outage_and_reset_do_what_they_say_and_are_logged(running: Running) 
     out = running.ask("outage", {"for_ms": 300}, running.east)  # either network will do
     assert out["accepted"]
     time.sleep(0.002)
+    n_heard = len(running.heard)
     for _ in range(10):
         running.send()
     time.sleep(0.32)
-    assert len(running.heard) == 40
+    assert len(running.heard) == n_heard
     assert running.ask("state")["forward"]["counters"]["dropped.outage"] == 10
 
     assert running.ask("reset")["accepted"]
     time.sleep(0.002)
-    late_ms = running.burst(20)
-    assert len(late_ms) == 20
-    assert sorted(late_ms)[10] < 40
+    assert _soon_crosses(running)
     assert soon(lambda: len(running.notes()) == 3)
     assert [(note.operation, note.accepted, note.at_ns) for note in running.notes()] == [
         ("set", True, done.at_ns), ("outage", True, out["at_ns"]), ("reset", True, running.notes()[2].at_ns),
