@@ -3,8 +3,10 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip install --quiet --constraint constraints.txt
+PIP := $(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt
 
+# both set-ups write to one folder
+.NOTPARALLEL:
 .PHONY: run-env env demo test test-all docs pictures clean
 
 # what a run and its report need, and no more
@@ -13,17 +15,21 @@ run-env: $(VENV)/.stamp
 # the tools of the tests and of the manual as well
 env: $(VENV)/.stamp-dev
 
-$(VENV)/.stamp: pyproject.toml constraints.txt
+$(VENV)/pyvenv.cfg: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "tis needs Python 3.11 or newer, this is " + sys.version.split()[0])'
 	@echo "setting up $(VENV), about half a minute"
 	@$(PYTHON) -m venv --clear $(VENV)
+
+# compiled on all cores, pip does it on one; a package may hold a template that is no Python
+$(VENV)/.stamp: $(VENV)/pyvenv.cfg
 	@$(PIP) --editable '.[report]'
+	@$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib || true
 	@touch $@
 
-$(VENV)/.stamp-dev: $(VENV)/.stamp
-	@echo "adding the tools of tests and manual to $(VENV)"
-	@$(PIP) --no-compile --editable '.[dev,docs]'  # what is used is compiled then
-	@touch $@
+# not compiled: the checks use less than half, and compile that
+$(VENV)/.stamp-dev: $(VENV)/pyvenv.cfg
+	@$(PIP) --editable '.[report,dev,docs]'
+	@touch $(VENV)/.stamp $@
 
 demo: run-env
 	@$(BIN)/tis run default || [ $$? -eq 5 ]  # 5: the run is not valid, and says why

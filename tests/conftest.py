@@ -22,6 +22,12 @@ settings.load_profile("repeatable")
 _ROOT = Path(__file__).resolve().parents[1]
 
 
+def pytest_make_parametrize_id(val: object) -> str | None:
+    """Name a long value by its beginning: pytest-xdist sends all names to and fro, and one value has 4 MB."""
+    shown = repr(val) if isinstance(val, (str, bytes)) else ""
+    return f"{shown[:40]}... ({len(val)})" if isinstance(val, (str, bytes)) and len(val) > 100 else None
+
+
 @pytest.hookimpl(tryfirst=True)  # before pytest-xdist looks for groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Let one worker run the runs of three processes, and one all other live tests.
