@@ -1,15 +1,14 @@
 """Decoders of what hosts of one run say to each other outside the run."""
 
-import tempfile
-from pathlib import Path
 from typing import Any, Final
 
 from common.errors import TisError
 from common.scenario.agreement import checked_fields
 from deploy.hosts.protocol import event_in, request_of
 from deploy.hosts.transfer.zenoh_offer import answer
+from tests.fuzz.own_folder import own_folder
 
-_FOLDER: Final = Path(tempfile.mkdtemp(prefix="tis_fuzz_logs_"))
+_FOLDER: Final = own_folder()
 (_FOLDER / "netem.mcap").write_bytes(b"log")
 
 
