@@ -20,14 +20,15 @@ $(VENV)/pyvenv.cfg: pyproject.toml constraints.txt
 	@echo "setting up $(VENV), about half a minute"
 	@$(PYTHON) -m venv --clear $(VENV)
 
-# compiled on all cores, pip does it on one; a package may hold a template that is no Python
+# Compiled on all cores; pip uses one. Packages hold a few files that do not compile, and nobody imports them.
 $(VENV)/.stamp: $(VENV)/pyvenv.cfg
 	@$(PIP) --editable '.[report]'
 	@$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib || true
 	@touch $@
 
-# not compiled: the checks use less than half, and compile that
+# not compiled: the checks compile what they use
 $(VENV)/.stamp-dev: $(VENV)/pyvenv.cfg
+	@echo "adding the tools of tests and manual to $(VENV)"
 	@$(PIP) --editable '.[report,dev,docs]'
 	@touch $(VENV)/.stamp $@
 

@@ -10,7 +10,7 @@ unset PYTHONDONTWRITEBYTECODE
 ruff format --check .
 ruff check --no-cache .
 lint-imports
-nice mypy &  # it takes what the tests leave, which wait for each other at first
+nice mypy &  # at a low priority: live tests come first, and often wait
 types=$!
 trap 'kill $types 2> /dev/null || true' EXIT
 deploy/docs.sh

@@ -24,8 +24,7 @@ _ROOT = Path(__file__).resolve().parents[1]
 
 def pytest_make_parametrize_id(val: object) -> str | None:
     """Name a long value by its beginning: pytest-xdist sends all names to and fro, and one value has 4 MB."""
-    shown = repr(val) if isinstance(val, (str, bytes)) else ""
-    return f"{shown[:40]}... ({len(val)})" if isinstance(val, (str, bytes)) and len(val) > 100 else None
+    return f"{val[:40]!r}... ({len(val)})" if isinstance(val, (str, bytes)) and len(val) > 100 else None
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest-xdist looks for groups

@@ -86,13 +86,13 @@ from tests.deploy.logs.hostile_files import channel, chunk, message, packed
 from tests.deploy.net.fitting.test_captures import frame
 from tests.deploy.recordings_import.foreign_files import STORE, json_mcap, ros_mcap, ros_messages
 from tests.fuzz.host_decoders import HOST_DECODERS
-from tests.fuzz.own_folder import own_folder
+from tests.fuzz.scratch_folder import scratch_folder
 from tests.netem.control.test_control import a_control
 from tests.patient_side.identification.test_model_io import model
 from tests.patient_side.learned.models import learned_model
 
 _ROW = hand_channels("left", "PSM2")
-_FOLDER = own_folder()
+_FOLDER = scratch_folder()
 
 
 class Decoder(NamedTuple):

@@ -6,9 +6,9 @@ from common.errors import TisError
 from common.scenario.agreement import checked_fields
 from deploy.hosts.protocol import event_in, request_of
 from deploy.hosts.transfer.zenoh_offer import answer
-from tests.fuzz.own_folder import own_folder
+from tests.fuzz.scratch_folder import scratch_folder
 
-_FOLDER: Final = own_folder()
+_FOLDER: Final = scratch_folder()
 (_FOLDER / "netem.mcap").write_bytes(b"log")
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 _MEMORY = Path("/dev/shm")
 
 
-def own_folder() -> Path:
+def scratch_folder() -> Path:
     """Return a new folder of this process."""
     path = Path(tempfile.mkdtemp(prefix="tis_fuzz_", dir=_MEMORY if _MEMORY.is_dir() else None))
     atexit.register(shutil.rmtree, path, ignore_errors=True)
