@@ -8,6 +8,7 @@ from pydantic import BaseModel
 
 from common.channels import Network
 from common.header import Header
+from common.peer_life import Alarm
 
 
 class Arrival(NamedTuple):
@@ -93,6 +94,9 @@ class SideNode(Node, Protocol):
 
     def resume(self, last: Mapping[str, bytes]) -> None:
         """Go on after these records of an earlier process of this side, by topic."""
+
+    def alarms(self) -> Mapping[Alarm, int]:
+        """Return what the side has evidence of, by the run time at which it began; from any thread."""
 
     def join(self, run_id: int, from_ns: int = 0) -> None:
         """Take messages of this run only, from now on; the node's ticks before ``from_ns`` are not its own."""

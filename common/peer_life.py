@@ -5,9 +5,10 @@ sender's clock and the last turn of its loop. The judge asks at each look; a loo
 pause as nobody's silence.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal, NamedTuple
+from types import MappingProxyType
+from typing import Annotated, Final, Literal, NamedTuple
 
 from pydantic import Field
 
@@ -15,7 +16,15 @@ from common.channels import Side
 from common.messages import Message
 from common.units import NS_PER_MS, NS_PER_S
 
-Event = Literal["left", "frozen", "link_down", "silent", "back", "stalled", "resumed", "clock_step", "suspended"]
+Alarm = Literal["conflict", "foreign_set_point"]
+"""What a side has evidence of that somebody does on purpose."""
+
+NO_ALARMS: Final[Mapping[Alarm, int]] = MappingProxyType({})
+
+Event = Literal[
+    "left", "frozen", "link_down", "silent", "back", "stalled", "resumed", "clock_step", "suspended", "conflict",
+    "foreign_set_point",
+]  # fmt: skip
 
 View = Literal["left", "frozen", "link_down", "silent"]
 """netem's view of a side that is not well."""
@@ -37,16 +46,24 @@ _MAX_DRIFT_NS: Final = NS_PER_MS
 """By which a clock may fall behind from beat to beat, far more than any does."""
 _MAX_STAMP_NS: Final = 1 << 62
 
+Stamp = Annotated[int, Field(ge=-_MAX_STAMP_NS, le=_MAX_STAMP_NS)]
+
 
 class Beat(Message):
     """A sign of life of one side."""
 
     side: Side = Field(description="Side that sends it.")
-    at_ns: int = Field(ge=-_MAX_STAMP_NS, le=_MAX_STAMP_NS, description="Its run time, in ns.")
-    loop_ns: int = Field(ge=-_MAX_STAMP_NS, le=_MAX_STAMP_NS, description="Run time of its loop's last turn, in ns.")
+    at_ns: Stamp = Field(description="Its run time, in ns.")
+    loop_ns: Stamp = Field(description="Run time of its loop's last turn, in ns.")
     doing: str = Field("", max_length=200, description="What the loop does in this turn, where that may take long.")
     views: dict[Side, View] = Field(
         default_factory=dict, max_length=3, description="What netem knows of other sides that are not well."
+    )
+    alarms: dict[Alarm, Stamp] = Field(
+        default_factory=dict,
+        max_length=8,
+        description="What the side has evidence of, and the run time at which it began, in ns. conflict: samples of "
+        "the surgeon came in two versions; foreign_set_point: somebody else sends set points.",
     )
 
 
@@ -80,6 +97,7 @@ class PeerLife:
     _n_known: int = 0
     _blind_until_ns: int = -(1 << 62)
     _beat: Beat | None = None
+    _alarms: set[Alarm] = field(default_factory=set)
     _steps: list[Change] = field(default_factory=list)
 
     def hear(self, beat: Beat, now_ns: int) -> None:
@@ -88,6 +106,10 @@ class PeerLife:
             self._judge_clock(beat.at_ns - now_ns, now_ns)
         else:
             self._offset_ns = None
+        for alarm, begun_ns in beat.alarms.items():
+            if alarm not in self._alarms:
+                self._alarms.add(alarm)
+                self._steps.append(Change(self.peer, alarm, begun_ns, 0))
         self.heard_ns, self._beat = now_ns, beat
 
     def _judge_clock(self, offset_ns: int, now_ns: int) -> None:
@@ -186,6 +208,8 @@ TEXTS: Final[dict[Event, str]] = {
     "resumed": "ticks again after {s} s",
     "clock_step": "has a clock that stepped by {s} s",
     "suspended": "was suspended with its host for {s} s",
+    "conflict": "receives samples of the surgeon in two versions: somebody forges them (patient.gate.on_conflict)",
+    "foreign_set_point": "hears set points for its arm that somebody else sends",
 }
 
 

@@ -61,7 +61,8 @@ class PeerNote(Message):
     event: Event = Field(
         description="left: its process ended; frozen: it stands still; link_down: nothing gets through to it; "
         "silent: one of these; back: it is heard again; stalled: its loop stays in one step; resumed: it goes on; "
-        "clock_step: its clock stepped; suspended: its host was.",
+        "clock_step: its clock stepped; suspended: its host was; conflict: it receives samples in two versions; "
+        "foreign_set_point: it hears set points for its arm that it did not send.",
     )
     for_ns: int = Field(description="How long it has been so, or how far the clock stepped, in ns.")
     doing: str = Field(description="Step in which a loop stays; empty: none, or not known.")

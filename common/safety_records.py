@@ -29,7 +29,7 @@ QUARANTINED = "quarantined"
 
 
 SafetyCause = Literal[
-    "first", "age", "uncertainty", "no_estimate", "emergency_stop", "latched", "break", "sound", "met"
+    "first", "age", "uncertainty", "conflict", "no_estimate", "emergency_stop", "latched", "break", "sound", "met"
 ]
 
 
@@ -41,7 +41,8 @@ class SafetyNote(Message):
     before: SafetyMode = Field(description="State until then.")
     mode: SafetyMode = Field(description="State from then on: tracking, resuming, hold, slow_stop or safe.")
     cause: SafetyCause = Field(
-        description="first: the first estimate; age, uncertainty, no_estimate: the data became unsound; "
+        description="first: the first estimate; age, uncertainty, no_estimate: the data became unsound; conflict: "
+        "samples came in two versions, so some are forged; "
         "emergency_stop; latched: safe until a release; break: the data came back after a gap; sound: the data are "
         "sound again; met: the set point met the estimate."
     )

@@ -4,14 +4,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from common.messages import MAX_SIZE
 from common.node import Emission, Record
 from common.records import PLANT, PlantNote
 from patient_side.answers import answer
 from patient_side.external_arm import ExternalArm
-from patient_side.hand import Driven, PatientHand, vector
+from patient_side.hand import Driven, PatientHand, finite, vector
 from patient_side.orientation.wrist import Wrist, components, quaternion
 from patient_side.plant.protocol import PlantOutput, Reference
-from patient_side.rotations import unit
+from patient_side.rotations import is_orientation, unit
 
 
 def move(session: str, hand: PatientHand, driven: Driven, tick: int, t_ns: int) -> Iterator[Emission]:
@@ -19,9 +20,14 @@ def move(session: str, hand: PatientHand, driven: Driven, tick: int, t_ns: int) 
     if hand.plant is None:
         return
     hand.plant_state, hand.moved = hand.plant.step(hand.plant_state, _reference(hand, driven), tick, t_ns)
-    if hand.moved is not None:
-        measured, at = hand.channels.measured, vector(hand.moved.measured_m)
-        yield answer(session, hand, measured, at, _moved_wrist(hand.moved, driven.wrist), tick, t_ns, tick)
+    if hand.moved is None:
+        return
+    at, where = finite(hand.moved.measured_m), finite(hand.moved.position_m)
+    if at is None or where is None:  # a simulation that has left the numbers measures nothing
+        hand.moved, hand.n_not_stated = None, hand.n_not_stated + 1
+        return
+    wrist = _moved_wrist(hand.moved, driven.wrist)
+    yield answer(session, hand, hand.channels.measured, at, wrist, tick, t_ns, tick)
 
 
 def moved_notes(hand: PatientHand, tick: int, t_ns: int) -> Iterator[Record]:
@@ -52,5 +58,9 @@ def _reference(hand: PatientHand, driven: Driven) -> Reference | None:
 
 def _moved_wrist(moved: PlantOutput, driven: Wrist) -> Wrist:
     """Return orientation and gripper of the plant's arm: its own, or those that drive it."""
-    orientation = driven.orientation if moved.orientation is None else quaternion(moved.orientation)
-    return Wrist(orientation, driven.gripper_rad if moved.gripper_rad is None else moved.gripper_rad)
+    turn, gripper_rad = moved.orientation, moved.gripper_rad
+    is_turned = turn is not None and is_orientation(tuple(turn.tolist()))
+    return Wrist(
+        quaternion(turn) if turn is not None and is_turned else driven.orientation,
+        driven.gripper_rad if gripper_rad is None or not abs(gripper_rad) <= MAX_SIZE else gripper_rad,
+    )

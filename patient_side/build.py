@@ -24,7 +24,8 @@ from patient_side.phase_lock import PhaseLock
 from patient_side.plant.build import build_plant
 from patient_side.plant.protocol import Plant
 from patient_side.playout import Playout
-from patient_side.safety.gate import GateLimits, StreamGate
+from patient_side.safety import gate
+from patient_side.safety.gate import StreamGate
 from patient_side.safety.safety_state import SafetyFilter, limits_of
 from patient_side.safety.set_point import Place
 from patient_side.statespace import ArmModel, Array
@@ -104,7 +105,9 @@ def build_patient(
         plant = None if recording is None else _plant(scenario, recording, i)
         safety = _safety(scenario, model)
         methods = build_methods(scenario.patient.orientation.in_order, model.wrist)
-        hands.append(PatientHand(channels, Playout(scenario.rate_hz), estimators, plant, safety, methods))
+        hand = PatientHand(channels, Playout(scenario.rate_hz), estimators, plant, safety, methods)
+        hand.holds_on_conflict = scenario.on_conflict == "hold"
+        hands.append(hand)
         gates |= _gates(scenario, model, channels)
     ticker = Ticker(scenario.rate_hz, scenario.n_samples, ms_to_ns(scenario.patient.tick_phase_ms))
     mode = scenario.patient.tick
@@ -124,9 +127,11 @@ def _gates(scenario: Scenario, model: ArmModel, channels: HandChannels) -> dict[
     """Return the gates of a hand's two streams by key; their workspaces lie about the means of the training rows."""
     limit, part = scenario.patient.gate, scenario.surgeon
     plan = SendPlan(scenario.rate_hz, scenario.n_samples, part.copies, ms_to_ns(part.copy_spacing_ms))
-    limits = GateLimits(limit.reach_m, limit.speed_m_s, limit.acceleration_m_s2, ms_to_ns(limit.lead_ms))
     centres = ((channels.command, model.input_offset_m), (channels.arm, model.output_offset_m))
-    return {channel.key(scenario.session): StreamGate(plan, _place(at_m), limits) for channel, at_m in centres}
+    return {
+        channel.key(scenario.session): StreamGate(plan, _place(at_m), gate.limits_of(limit, channel is channels.arm))
+        for channel, at_m in centres
+    }
 
 
 def _safety(scenario: Scenario, model: ArmModel) -> SafetyFilter | None:

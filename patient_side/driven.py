@@ -2,59 +2,45 @@
 
 from collections.abc import Sequence
 from math import inf
-from typing import NamedTuple
 
 from pydantic import ValidationError
 
 from common.header import Header
 from common.messages import SafetyMode, SetPoint, Vector3, position_m
-from common.node import Emission, Record
-from common.safety_records import SAFETY, SafetyNote
-from patient_side.hand import PatientHand
-from patient_side.orientation.turn_limit import turn_towards
-from patient_side.orientation.wrist import Wrist, components
-from patient_side.rotations import unit
-from patient_side.safety.safety_state import Seen
+from common.node import Arrival, Emission, Record
+from common.records import REJECTED, Rejected
+from common.safety_records import QUARANTINE, SAFETY, QuarantineNote, SafetyNote
+from patient_side.hand import Driven, PatientHand
+from patient_side.orientation.wrist import Wrist, components, quaternion
+from patient_side.rotations import is_orientation
+from patient_side.safety import wrist_point as point
+from patient_side.safety.safety_state import Left, Seen
 from patient_side.safety.set_point import Place
 
 
 def drive(
-    hand: PatientHand, where_m: Vector3 | None, std_m: Vector3 | None, is_certain: bool, t_ns: int
-) -> Place | None:
-    """Advance a hand's safety state; return the set point, None while there is none.
+    hand: PatientHand, where_m: Vector3 | None, std_m: Vector3 | None, is_certain: bool, wrist: Wrist, t_ns: int
+) -> Driven:
+    """Advance a hand's safety state; return the set point, without a place while there is none.
 
     Without a safety state the active estimate drives the arm as it is. ``is_certain``: the stated deviation is valid,
-    or the estimator states none.
+    or the estimator states none. ``wrist`` is the answer's.
     """
     estimate_m = None if where_m is None else (where_m.x, where_m.y, where_m.z)
     if hand.safety is None:
-        return estimate_m
+        return Driven(estimate_m, wrist)
     newest = hand.freshest
     largest_m = (None if is_certain else inf) if std_m is None else max(std_m.x, std_m.y, std_m.z)
-    seen = Seen(None if newest is None else newest.sample_ns, estimate_m, largest_m)
-    hand.safety_state = hand.safety.step(hand.safety_state, t_ns, seen)
-    return hand.safety_state.place
-
-
-def steer(hand: PatientHand, target: Wrist, t_ns: int) -> Wrist:
-    """Advance orientation and gripper of a hand's set point, after `drive`; return them.
-
-    They are those of ``target``, the answer's. While the set point follows no estimate they stay, and after that, and
-    after a break, they turn towards it at a bounded rate until the arm tracks again and they have met it. Without a
-    safety state they are the target's.
-    """
-    if hand.safety is None or hand.driven is None:
-        hand.driven = target
-        return target
-    state = hand.safety_state
-    is_slow = state.mode != "tracking" or hand.safety.is_cautious(state, t_ns)
-    hand.is_turn_bounded = hand.is_turn_bounded or is_slow
-    if state.mode in ("tracking", "resuming"):
-        hand.driven = (
-            turn_towards(hand.driven, target, hand.safety.limits.turn_rad) if hand.is_turn_bounded else target
-        )
-        hand.is_turn_bounded = is_slow or hand.driven != target
-    return hand.driven
+    target = point.Wrist(components(wrist.orientation), wrist.gripper_rad)
+    sample_ns = None if newest is None else newest.sample_ns
+    seen = Seen(sample_ns, estimate_m, largest_m, target, hand.is_in_conflict(t_ns))
+    hand.safety_state = state = hand.safety.step(hand.safety_state, t_ns, seen)
+    if state.place is None or state.wrist is None:
+        return Driven(None, wrist)
+    at = state.wrist.at
+    # the answer's own message where it is met: a second one of the same numbers costs time
+    orientation = wrist.orientation if at.orientation == target.orientation else quaternion(at.orientation)
+    return Driven(state.place, Wrist(orientation, at.gripper_rad))
 
 
 def set_point(session: str, hand: PatientHand, place: Place, wrist: Wrist, tick: int, t_ns: int) -> Emission:
@@ -80,28 +66,41 @@ def set_point(session: str, hand: PatientHand, place: Place, wrist: Wrist, tick:
     return Emission("east", key, payload, Header(tick), on_sent)
 
 
-class LeftPlace(NamedTuple):
-    """Where a process that is gone has left the arm, and in which safety state.
-
-    ``wrist`` is None where its orientation is none.
-    """
-
-    place: Place
-    mode: SafetyMode
-    wrist: Wrist | None
-
-
-def left_place(payload: bytes | None) -> LeftPlace | None:
-    """Return the place in the payload of a set point; None without one, or where it cannot be read."""
+def left_place(payload: bytes | None) -> Left | None:
+    """Return where a process that is gone has left the arm, by its last set point; None where it cannot be read."""
     if payload is None:
         return None
     try:
         last = SetPoint.model_validate_json(payload)
     except ValidationError:
         return None
-    is_orientation = unit(components(last.orientation)) is not None
-    wrist = Wrist(last.orientation, last.gripper_rad) if is_orientation else None
-    return LeftPlace(position_m(last), last.mode, wrist)
+    turn = components(last.orientation)
+    wrist = point.Wrist(turn, last.gripper_rad) if is_orientation(turn) else None
+    return Left(position_m(last), last.mode, wrist)
+
+
+def foreign_set_point(hand: PatientHand, arrival: Arrival) -> Sequence[Record]:
+    """Count a set point that the patient did not send, which an arm on its network may follow; return its record."""
+    if not hand.foreign.note(arrival.recv_ns):
+        return ()
+    header = Header.unpack(arrival.attachment)
+    try:
+        sent = SetPoint.model_validate_json(arrival.payload)
+    except ValidationError:
+        head = arrival.payload[:32].hex()
+        note = Rejected(key=arrival.key, recv_ns=arrival.recv_ns, reason="a foreign set point", head_hex=head)
+        return (Record(REJECTED, arrival.recv_ns, note),)
+    x_m, y_m, z_m = position_m(sent)
+    return (
+        Record(
+            QUARANTINE,
+            arrival.recv_ns,
+            QuarantineNote(
+                key=arrival.key, seq=0 if header is None else header.seq, recv_ns=arrival.recv_ns,
+                sample_ns=sent.sample_ns, x_m=x_m, y_m=y_m, z_m=z_m, kind="foreign_set_point",
+            ),
+        ),
+    )  # fmt: skip
 
 
 def safety_change(hand: PatientHand, before: SafetyMode, t_ns: int) -> Record | None:

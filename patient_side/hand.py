@@ -14,6 +14,7 @@ from patient_side.orientation.protocol import NOTHING, WristEstimate, WristMetho
 from patient_side.orientation.wrist import Stated, Wrist
 from patient_side.plant.protocol import Plant, PlantOutput
 from patient_side.playout import Playout
+from patient_side.safety.evidence import Evidence
 from patient_side.safety.safety_state import SafetyFilter, SafetyState
 from patient_side.safety.set_point import Place
 from patient_side.statespace import Array
@@ -95,8 +96,9 @@ class PatientHand:
     ``freshest`` is the newest sample of either stream, ``pose`` the newest of the arm. ``prompt_ns`` is the instant
     of an arrival to be answered before the next tick, ``topics`` are the log topics of the estimates. Without
     ``safety`` the active estimate drives the arm as it is. ``methods`` estimate orientation and gripper, the first is
-    the active one; without any the answers carry those of ``pose``. ``driven`` are those of the set point, and
-    ``is_turn_bounded`` tells whether they still follow their target slowly.
+    the active one; without any the answers carry those of ``pose``. ``conflicts`` are contradictions between the
+    samples of a stream, ``holds_on_conflict``: they hold the arm. ``foreign`` are set points that others sent,
+    ``n_not_stated`` counts what was computed for it that no message can state.
     ``moved`` is where the plant's arm is since the last tick.
     """
 
@@ -117,8 +119,10 @@ class PatientHand:
     n_answers: int = 0
     safety_state: SafetyState = field(default_factory=SafetyState)
     pose: Pose | None = None
-    driven: Wrist | None = None
-    is_turn_bounded: bool = False
+    conflicts: Evidence = field(default_factory=Evidence)
+    holds_on_conflict: bool = False
+    foreign: Evidence = field(default_factory=Evidence)
+    n_not_stated: int = 0
     moved: PlantOutput | None = None
 
     def __post_init__(self) -> None:
@@ -126,6 +130,10 @@ class PatientHand:
         self.topics = tuple(f"{ESTIMATES}/{plain_name(estimator.name)}" for estimator in self.estimators)
         self.method_topics = tuple(f"{ORIENTATIONS}/{method.name}" for method in self.methods)
         self.plant_state = None if self.plant is None else self.plant.initial()
+
+    def is_in_conflict(self, t_ns: int) -> bool:
+        """Tell whether contradictions between its samples hold the arm at a tick."""
+        return self.holds_on_conflict and self.conflicts.holds(t_ns)
 
     def wrist_at(self, i: int, t_ns: int) -> WristEstimate:
         """Return the estimate of orientation method ``i`` for the instant ``t_ns``; nothing without such a method."""

@@ -14,6 +14,7 @@ from common.channels import Network
 from common.intake import Accepted, Intake
 from common.messages import Pose, SampledPose, position_m
 from common.node import Arrival, Output, Record
+from common.peer_life import Alarm
 from common.records import (
     COUNTERS,
     FRESH,
@@ -30,16 +31,17 @@ from common.safety_records import STOPS
 from common.ticker import Ticker
 from patient_side.answers import answer, estimate_record
 from patient_side.arm_motion import move, moved_notes
-from patient_side.driven import drive, left_place, safety_change, set_point, steer
+from patient_side.driven import drive, foreign_set_point, left_place, safety_change, set_point
 from patient_side.estimators.protocol import Estimate
 from patient_side.external_arm import external_arms
-from patient_side.hand import Begun, Driven, Fresh, PatientHand, finite, std_m
+from patient_side.hand import Begun, Fresh, PatientHand, finite, std_m
 from patient_side.orientation.wrist import Stated, answered, components, orientation_note, stated
 from patient_side.own_estimators import OwnEstimators
 from patient_side.phase_lock import PhaseLock
 from patient_side.playout import Playout, SourceBuffer
 from patient_side.rotations import unit
 from patient_side.safety.emergency_stop import EmergencyStops
+from patient_side.safety.evidence import Evidence
 from patient_side.safety.gate import StreamGate
 from patient_side.safety.gated_intake import GatedIntake
 
@@ -73,13 +75,15 @@ class PatientNode:
     def __post_init__(self) -> None:
         incoming = [channel for hand in self.hands for channel in (hand.channels.command, hand.channels.arm)]
         self.intake = Intake(self.session, incoming)
-        self.gated = GatedIntake(self.intake, self.gates)
         # The hand of each key, and whether it carries the commands.
         self._hand_of = {
             channel.key(self.session): (hand, is_command)
             for hand in self.hands
             for channel, is_command in ((hand.channels.command, True), (hand.channels.arm, False))
         }
+        conflicts = {key: hand.conflicts for key, (hand, _) in self._hand_of.items()}
+        self.gated = GatedIntake(self.intake, self.gates, conflicts)
+        self._driven = {h.channels.driven.key(self.session): h for h in self.hands if h.safety is not None}
         self._arms = external_arms(self.session, self.hands)
         self._own = OwnEstimators.among(self.hands)
         self._stops = EmergencyStops(self.session)
@@ -95,8 +99,7 @@ class PatientNode:
         for hand in self.hands:
             left = left_place(last.get(hand.channels.driven.key(self.session)))
             if hand.safety is not None:
-                hand.safety_state = hand.safety.resumed(None if left is None else (left.place, left.mode), is_stopped)
-                hand.driven = None if left is None else left.wrist
+                hand.safety_state = hand.safety.resumed(left, is_stopped)
 
     def join(self, run_id: int, from_ns: int = 0) -> None:
         """Take messages of this run only, and tick from ``from_ns`` on."""
@@ -106,13 +109,16 @@ class PatientNode:
             hand.n_answers = from_ns // _LEAST_BETWEEN_NS
 
     def listens(self) -> Sequence[tuple[Network, str]]:
-        """Return the keys of the surgeon's streams and of emergency stops, which need a safety state."""
-        stops = [self._stops.key] if any(hand.safety is not None for hand in self.hands) else []
-        return [("east", key) for key in (*self.intake.wanted(), *stops, *self._arms)]
+        """Return the keys of the surgeon's streams; with a safety state those of emergency stops and set points, too.
+
+        On the keys of set points only strangers can be heard: a side does not hear itself.
+        """
+        stops = [self._stops.key] if self._driven else []
+        return [("east", key) for key in (*self.intake.wanted(), *stops, *self._arms, *self._driven)]
 
     def foreign_keys(self) -> Collection[str]:
-        """Return the keys of external arms, which are programs of others."""
-        return frozenset(self._arms)
+        """Return the keys of external arms, which are programs of others, and those of set points."""
+        return frozenset((*self._arms, *self._driven))
 
     def publishes(self) -> Sequence[tuple[Network, str]]:
         """Return the keys of the patient's answers."""
@@ -136,6 +142,8 @@ class PatientNode:
             if self.ticker.next_due_ns() is not None:  # else no tick would take it
                 self._arms[arrival.key].take(arrival)
             return ()
+        if arrival.key in self._driven:
+            return foreign_set_point(self._driven[arrival.key], arrival)
         accepted, records = self.gated.take(arrival)
         if accepted is not None:
             self.insert(arrival.key, accepted, arrival.recv_ns)
@@ -212,12 +220,10 @@ class PatientNode:
             std = std_m(where_m, estimate.covariance_m2)
             before = hand.safety_state.mode
             is_certain = std is not None or estimate.covariance_m2 is None
-            place = drive(hand, where_m, std, is_certain, t_ns)
-            if place is not None:
-                wrist = steer(hand, wrist, t_ns)
-            if place is not None and hand.safety is not None:
-                yield set_point(self.session, hand, place, wrist, k, t_ns)
-            begun.append(Begun(where_m, std, step_ns, turn, turn_step_ns, number, Driven(place, wrist), before))
+            driven = drive(hand, where_m, std, is_certain, wrist, t_ns)
+            if driven.place is not None and hand.safety is not None:
+                yield set_point(self.session, hand, driven.place, driven.wrist, k, t_ns)
+            begun.append(Begun(where_m, std, step_ns, turn, turn_step_ns, number, driven, before))
         # The arms move after all answers have left, as physics takes its time.
         for hand, done in zip(self.hands, begun, strict=True):
             yield from move(self.session, hand, done.driven, k, t_ns)
@@ -283,6 +289,15 @@ class PatientNode:
         hand.n_answers += 1
         return hand.n_answers - 1
 
+    def alarms(self) -> Mapping[Alarm, int]:
+        """Return what somebody must have done on purpose, and the run time at which it began."""
+        kinds: dict[Alarm, list[Evidence]] = {
+            "conflict": [hand.conflicts for hand in self.hands],
+            "foreign_set_point": [hand.foreign for hand in self.hands],
+        }
+        begun = {kind: [one.begun_ns for one in all_ if one.begun_ns is not None] for kind, all_ in kinds.items()}
+        return {kind: min(instants) for kind, instants in begun.items() if instants}
+
     def finish(self, now_ns: int) -> Sequence[Record]:
         """Return the counters."""
         return [Record(COUNTERS, now_ns, CounterNote(name=name, value=n)) for name, n in self.counters().items()]
@@ -290,6 +305,8 @@ class PatientNode:
     def counters(self) -> dict[str, int]:
         """Return the numbers of messages received, duplicated, rejected, superseded; of estimates and ticks missed.
 
+        ``not_stated`` counts estimates and places of the arm that no message can state, ``foreign_set_points`` what
+        others sent on the patient's own keys.
         ``repeated`` counts packets whose own sample was already known (or too old), ``recovered`` the samples that
         arrived first in another one's history. Each user-defined estimator adds the number of its failed steps.
         """
@@ -303,6 +320,8 @@ class PatientNode:
             "estimates": self.n_estimates,
             "ticks": self.ticker.k,
             "ticks_missed": self.ticker.n_missed,
+            "foreign_set_points": sum(hand.foreign.n for hand in self.hands),
+            "not_stated": sum(hand.n_not_stated for hand in self.hands),
             **self._own.counters(),
             **{name: n for arm in self._arms.values() for name, n in arm.counters().items()},
         }
@@ -317,7 +336,8 @@ class PatientNode:
     def _turn(self, hand: PatientHand, i: int, t_ns: int) -> tuple[Stated, int]:
         """Return the estimate of a hand's orientation method ``i``, and its duration in ns."""
         begun_ns = self.stopwatch_ns()
-        found = stated(hand.wrist_at(i, t_ns))
+        found, is_whole = stated(hand.wrist_at(i, t_ns))
+        hand.n_not_stated += not is_whole
         return found, self.stopwatch_ns() - begun_ns
 
     def _notes(self, hand: PatientHand, begun: Begun, k: int, t_ns: int) -> Iterator[Record]:

@@ -3,12 +3,15 @@
 q and -q are one orientation: rotations between two orientations are the shorter ones. Oracle of all: SciPy.
 """
 
-from math import cos, sin, sqrt
+from math import atan2, copysign, cos, inf, sin, sqrt
 from typing import Final
 
 import numpy as np
 
 from patient_side.direct_model import Array
+
+Turn = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
 
 _MIN_NORM: Final = 1e-6
 _SMALL: Final = 1e-7
@@ -20,11 +23,11 @@ _SIGN: Final = np.array(
 """Conjugate of a quaternion q times p: the matrix ``q[_PLACE] * _SIGN`` times p."""
 
 
-def unit(quaternion: tuple[float, float, float, float]) -> Array | None:
+def unit(quaternion: Quaternion) -> Array | None:
     """Return the unit quaternion (4,) of the same orientation; None without one: its norm is 0 or not finite."""
     x, y, z, w = quaternion
     norm = sqrt(x * x + y * y + z * z + w * w)
-    return np.array([x / norm, y / norm, z / norm, w / norm]) if _MIN_NORM < norm < np.inf else None
+    return np.array([x / norm, y / norm, z / norm, w / norm]) if _MIN_NORM < norm < inf else None
 
 
 def turned(now: Array, other: Array) -> Array:
@@ -75,3 +78,43 @@ def at_end(vector: Array, covariance: Array) -> Array:
     cross = np.array([[0.0, -c, b], [c, 0.0, -a], [-b, a, 0.0]])
     jacobian = np.eye(3) - first * cross + second * (cross @ cross)
     return np.asarray(jacobian @ covariance @ jacobian.T)
+
+
+def is_orientation(quaternion: Quaternion) -> bool:
+    """Tell whether numbers x, y, z, w of any length are an orientation: `unit` has one for them."""
+    x, y, z, w = quaternion
+    return _MIN_NORM < sqrt(x * x + y * y + z * z + w * w) < inf
+
+
+def turn_to(here: Quaternion, there: Quaternion) -> Turn:
+    """Return the rotation vector, in rad, in the frame of the base, that turns ``here`` into ``there``.
+
+    ``log(R_there R_here^-1)``, of length 0 to pi; the quaternions may have any length but 0. Oracle: SciPy.
+    """
+    if here == there:
+        return 0.0, 0.0, 0.0
+    (a, b, c, d), (x, y, z, w) = here, there
+    e, f, g = x * d - w * a - y * c + z * b, y * d - w * b - z * a + x * c, z * d - w * c - x * b + y * a
+    scalar = w * d + x * a + y * b + z * c
+    sine = sqrt(e * e + f * f + g * g)
+    if sine == 0.0:
+        return 0.0, 0.0, 0.0
+    scale = copysign(2.0 * atan2(sine, abs(scalar)) / sine, scalar)
+    return scale * e, scale * f, scale * g
+
+
+def after_turn(here: Quaternion, turn: Turn) -> Quaternion:
+    """Return the unit quaternion after a rotation vector in the frame of the base: ``exp(turn) R_here``."""
+    a, b, c = turn
+    half = 0.5 * sqrt(a * a + b * b + c * c)
+    share = 0.5 if half < _SMALL else 0.5 * sin(half) / half
+    a, b, c, d = share * a, share * b, share * c, cos(half)
+    x, y, z, w = here
+    found = (
+        d * x + a * w + b * z - c * y,
+        d * y + b * w + c * x - a * z,
+        d * z + c * w + a * y - b * x,
+        d * w - a * x - b * y - c * z,
+    )
+    norm = sqrt(sum(part * part for part in found))
+    return found[0] / norm, found[1] / norm, found[2] / norm, found[3] / norm

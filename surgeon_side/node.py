@@ -10,6 +10,7 @@ from common.header import HEADER_BYTES, Header
 from common.intake import Intake
 from common.messages import Vector3
 from common.node import Arrival, Emission, Output, Record
+from common.peer_life import NO_ALARMS, Alarm
 from common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
 from common.send_plan import SendPlan
 from common.sources.sensor_noise import SensorNoise
@@ -92,6 +93,10 @@ class SurgeonNode:
 
     def resume(self, last: Mapping[str, bytes]) -> None:
         """Do nothing."""
+
+    def alarms(self) -> Mapping[Alarm, int]:
+        """Return none: nobody forges what the surgeon's hand does."""
+        return NO_ALARMS
 
     def join(self, run_id: int, from_ns: int = 0) -> None:
         """Take messages of this run only, and send the samples from ``from_ns`` on: the hand moves on by itself."""

@@ -15,6 +15,7 @@ from common.header import HEADER_BYTES
 from common.intake import Accepted, Intake
 from common.messages import Pose, Vector3
 from common.node import Arrival, Record
+from common.peer_life import NO_ALARMS, Alarm
 from common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
 from common.units import sample_index, sample_instant_ns
 from surgeon_side.node import Traffic, rotation_vector
@@ -56,6 +57,10 @@ class WitnessNode:
 
     def resume(self, last: Mapping[str, bytes]) -> None:
         """Do nothing."""
+
+    def alarms(self) -> Mapping[Alarm, int]:
+        """Return none: nobody forges what the surgeon's hand does."""
+        return NO_ALARMS
 
     def join(self, run_id: int, from_ns: int = 0) -> None:
         """Take messages of this run only."""

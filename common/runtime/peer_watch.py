@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from common.channels import SIDE_ON, Network, Side
 from common.node import Record
-from common.peer_life import BEAT_EVERY_NS, Beat, Change, PeerLife, View, described
+from common.peer_life import BEAT_EVERY_NS, NO_ALARMS, Alarm, Beat, Change, PeerLife, View, described
 from common.records import PEERS, PeerNote
 from common.runtime.clock import WallClock, monotonic_ns
 from common.runtime.control import ControlKeys
@@ -120,14 +120,17 @@ class PeerWatch:
         self._lives: dict[Side, PeerLife] = {peer: PeerLife(peer, peer in ports) for peer in others}
         self._views: Mapping[Side, View] = {}
         self._own = _OwnClocks()
+        self._alarms: set[Alarm] = set()
         self._looked_ns: int | None = None
 
-    def look(self, loop_ns: int, doing: str) -> Sequence[Change]:
-        """Send a beat, take those that came, and return what has changed."""
+    def look(self, loop_ns: int, doing: str, alarms: Mapping[Alarm, int] = NO_ALARMS) -> Sequence[Change]:
+        """Send a beat with this side's alarms, take those that came, and return what has changed."""
         now_ns = self._clock.now_ns()
         pause_ns = 0 if self._looked_ns is None else max(0, now_ns - self._looked_ns - BEAT_EVERY_NS)
         self._looked_ns = now_ns
         found = self.own_changes()
+        found += [Change(self._side, one, alarms[one], 0) for one in alarms if one not in self._alarms]
+        self._alarms |= alarms.keys()
         stepped = sum(one.for_ns for one in found if one.event == "clock_step")
         if pause_ns - max(stepped, 0) > _MIN_PAUSE_NS:
             found.append(Change(self._side, "frozen", now_ns, pause_ns))
@@ -141,7 +144,8 @@ class PeerWatch:
                 self._lives[beat.side].hear(beat, now_ns)
         found += self._look_at_others(now_ns)
         views = self._unwell() if self._side == "netem" else {}
-        self._beats.send(Beat(side=self._side, at_ns=now_ns, loop_ns=loop_ns, doing=doing, views=views))
+        told = {"views": views, "alarms": dict(alarms)}
+        self._beats.send(Beat(side=self._side, at_ns=now_ns, loop_ns=loop_ns, doing=doing, **told))
         return found
 
     def own_changes(self) -> list[Change]:

@@ -14,6 +14,7 @@ import zenoh
 from common.errors import EXIT_INTERRUPTED, EXIT_OK, DataError, Fault, PeerError
 from common.host_records import DISCIPLINE
 from common.node import Record, SideNode
+from common.peer_life import Alarm
 from common.records import COUNTERS, CounterNote
 from common.runtime.arm_memory import ArmMemory
 from common.runtime.clock import Clock, WallClock
@@ -89,6 +90,9 @@ class Work(Protocol):
     def turn(self, now_ns: int) -> tuple[int, str]:
         """Return the run time of the loop's last turn, now while it waits, and what it does."""
 
+    def alarms(self) -> Mapping[Alarm, int]:
+        """Return what the side has evidence of, by the run time at which it began."""
+
     def counters(self) -> dict[str, int]:
         """Return the present counters by name."""
 
@@ -128,6 +132,10 @@ class NodeWork:
         """Return since when the node computes, now while the loop waits, and what it does."""
         since_ns = self.bus.busy_since_ns
         return (now_ns, "") if since_ns is None else (since_ns, self.node.doing)
+
+    def alarms(self) -> Mapping[Alarm, int]:
+        """Return the node's alarms."""
+        return self.node.alarms()
 
     def counters(self) -> dict[str, int]:
         """Return the node's counters."""
@@ -247,7 +255,7 @@ def _report(
     while not finished.wait(BEAT_EVERY_S):
         now_ns = clock.now_ns()
         recorder.keep_up()
-        changes = peers.look(*work.turn(now_ns))
+        changes = peers.look(*work.turn(now_ns), work.alarms())
         if now_ns * (1 + _DRIFT) > end_ns - _ENDING_NS:  # at the end each leaves in its own time
             changes = [change for change in changes if change.peer == status.side]
         tell(changes, recorder, status, end)

@@ -6,7 +6,7 @@ from typing import Annotated, Final, Literal, Self
 from pydantic import AfterValidator, Discriminator, Field, StringConstraints, Tag, WithJsonSchema, model_validator
 
 from common.channels import Side
-from common.endpoint import endpoint_fault, is_tls
+from common.endpoint import endpoint_fault, is_local, is_tls
 from common.scenario.base import NonNegative, Part, Positive, RuleText
 from common.scenario.estimator_names import AnyEstimatorName
 from common.scenario.limits import Limits
@@ -178,6 +178,9 @@ class Scenario(Part):
             "hosts must be endpoints like tls/192.168.1.5:7447 with security mtls": (
                 self.security.kind != "mtls" or self.hosts == "auto" or all(map(is_tls, self.hosts.endpoints))
             ),
+            "patient.gate.on_conflict must be warn where the network corrupts messages, whose copies then differ": (
+                self.patient.gate.on_conflict != "hold" or not self.network.corrupts("forward")
+            ),
             f"surgeon.copies must give at most {MAX_PACKETS_PER_S} packets a second at this rate_hz and number of "
             f"hands ({n_packets})": n_packets <= MAX_PACKETS_PER_S,
             f"surgeon.copies and surgeon.history must give at most {MAX_MB_PER_S} MB a second at this rate_hz and "
@@ -197,6 +200,14 @@ class Scenario(Part):
     def end_ns(self) -> int:
         """Run time at which every side stops, after the drain."""
         return s_to_ns(self.duration_s + self.drain_s)
+
+    @property
+    def on_conflict(self) -> Literal["hold", "warn"]:
+        """What the patient does when samples contradict each other: as the scenario says, or by hosts and network."""
+        if self.patient.gate.on_conflict is not None:
+            return self.patient.gate.on_conflict
+        is_one_machine = self.hosts == "auto" or all(map(is_local, self.hosts.endpoints))
+        return "warn" if is_one_machine or self.network.corrupts("forward") else "hold"
 
     @property
     def impaired_keys(self) -> tuple[str, ...]:

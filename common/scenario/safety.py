@@ -1,6 +1,6 @@
 """Limits of the patient's side: of the samples that it uses, and of the set point that drives the arm."""
 
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -23,6 +23,30 @@ class Gate(Part):
     )
     acceleration_m_s2: Positive = Field(
         200.0, description="Largest change of velocity over 33 ms, in m/s^2; recorded trials reach 43."
+    )
+    turn_deg_s: Positive = Field(
+        4500.0,
+        description="Largest speed at which the orientation turns between samples, in degrees/s: 150 degrees in 33 "
+        "ms; recorded trials hold a jump of 100, and turn at 570 else.",
+    )
+    turn_acceleration_deg_s2: Positive = Field(
+        180_000.0,
+        description="Largest change of this speed over 33 ms, in degrees/s^2; recorded trials reach 88 000.",
+    )
+    gripper_deg: Positive = Field(
+        180.0, description="Largest angle of a gripper, to either side, in degrees; recorded ones reach 111."
+    )
+    gripper_deg_s: Positive = Field(
+        2600.0,
+        description="Largest speed at which the arm's gripper moves between samples, in degrees/s; recorded ones "
+        "reach 1310. That of the master's drives nothing here, and jumps.",
+    )
+    on_conflict: Literal["hold", "warn"] | None = Field(
+        None,
+        description="What follows when three samples within a second came in two versions, which no honest surgeon "
+        "sends: hold leads the arm to its safety state hold until a second after the last one, warn goes on and says "
+        "so. Not given: hold where the hosts are several, warn on one machine and where the network corrupts "
+        "messages. With hold a stranger who reaches the network can hold the arm.",
     )
     lead_ms: NonNegative = Field(
         50.0,
@@ -61,7 +85,25 @@ class Safety(Part):
         2.0, description="Largest speed of the set point in tracking, over 33 ms at least, in m/s."
     )
     acceleration_m_s2: Positive = Field(
-        200.0, description="Largest change of its velocity in tracking, over 33 ms at least, in m/s^2."
+        200.0,
+        description="Largest change of its velocity in tracking, and with which it comes to a stop, in m/s^2: after "
+        "10 mm at the largest speed.",
+    )
+    correction_mm: NonNegative = Field(
+        5.0,
+        description="Corrections of an estimate that the set point in tracking makes at once, as no movement that "
+        "goes on, in mm within 33 ms: a part of what the speed allows in that time, at most a quarter.",
+    )
+    turn_deg_s: Positive = Field(
+        2400.0,
+        description="Largest speed at which the set point turns in tracking, and its gripper opens or closes, over "
+        "33 ms at least, in degrees/s: 80 degrees a tick at 30 Hz.",
+    )
+    turn_acceleration_deg_s2: Positive = Field(
+        240_000.0, description="Largest change of these speeds in tracking and when it stops, in degrees/s^2."
+    )
+    turn_correction_deg: NonNegative = Field(
+        20.0, description="As correction_mm, for orientation and gripper, in degrees within 33 ms."
     )
     break_ms: PositiveMs = Field(
         400.0,
@@ -81,7 +123,9 @@ class Safety(Part):
         0.24, description="Largest speed of the set point while it resumes or holds, in m/s: 8 mm a tick at 30 Hz."
     )
     resume_acceleration_m_s2: Positive = Field(
-        10.0, description="Largest change of its velocity while it resumes, holds or stops, in m/s^2."
+        10.0,
+        description="Largest change of its velocity while it resumes, and goes to the last estimate in hold, in "
+        "m/s^2.",
     )
     resume_turn_deg_s: Positive = Field(
         240.0,
@@ -102,4 +146,6 @@ class Safety(Part):
             raise ValueError("resume_speed_m_s must not exceed speed_m_s")
         if self.resume_acceleration_m_s2 > self.acceleration_m_s2:
             raise ValueError("resume_acceleration_m_s2 must not exceed acceleration_m_s2")
+        if self.resume_turn_deg_s > self.turn_deg_s:
+            raise ValueError("resume_turn_deg_s must not exceed turn_deg_s")
         return self

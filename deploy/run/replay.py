@@ -2,7 +2,7 @@
 
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
@@ -13,14 +13,14 @@ from pydantic_core import from_json
 from common.channels import direction_of, is_set_point, stop_key
 from common.errors import DataError, Fault
 from common.header import Header
-from common.messages import EmergencyStop
+from common.messages import EmergencyStop, Pose, Quaternion, Vector3
 from common.node import Arrival, Emission, Record
 from common.records import COUNTERS, ESTIMATES, ORIENTATIONS, PROMPT, TICKS, UNRECORDED
 from common.runtime.arm_memory import RESUMED_FILE, parse_resumed
 from common.runtime.code_origin import USER_CODE_FILE, Origin, parse_origins
 from common.runtime.log_parts import part_clock
 from common.runtime.loop import Delivery, Seat, run
-from common.safety_records import STOPS, StopNote
+from common.safety_records import QUARANTINE, STOPS, QuarantineNote, StopNote
 from common.scenario import Scenario
 from common.units import NS_PER_S
 from deploy.logs.json_rows import other_version
@@ -34,6 +34,8 @@ from patient_side.models import factories, origins, own_estimators, read_models
 from patient_side.node import PatientNode
 
 _Address = tuple[str, str, bool, int]
+_NOBODYS_RAD: Final = 1.234567890123e-9
+"""A gripper's angle that no message states: whatever it is in differs from the message that came."""
 _TURNS: Final = ("orientation", "gripper_rad", "gripper_std_rad")
 
 
@@ -206,6 +208,23 @@ def _value(row: dict[str, Any]) -> tuple[Any, ...]:
     return (row["t_ns"], row["position_m"], row["std_m"])
 
 
+def _contradiction(payload: bytes) -> Iterator[Arrival]:
+    """Yield a message that contradicts the replayed ones as the quarantined one did, whose payload was not logged.
+
+    Other messages in quarantine have changed nothing.
+    """
+    try:
+        note = QuarantineNote.model_validate_json(payload)
+    except ValidationError:
+        raise other_version(QUARANTINE) from None
+    if note.kind != "conflicting":
+        return
+    level = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+    place = Vector3(x=note.x_m, y=note.y_m, z=note.z_m)
+    pose = Pose(sample_ns=note.sample_ns, position_m=place, orientation=level, gripper_rad=_NOBODYS_RAD)
+    yield Arrival("east", note.key, pose.model_dump_json().encode(), Header(note.seq).pack(), note.recv_ns)
+
+
 def _arrivals(path: Path, session: str) -> deque[Arrival]:
     """Return the arrivals in the order in which they came from the bus."""
     file, found = LogFile(path), deque[Arrival]()
@@ -221,6 +240,8 @@ def _arrivals(path: Path, session: str) -> deque[Arrival]:
                     raise other_version(STOPS) from None
                 request = EmergencyStop(stop=note.stop, reason=note.reason)
                 found.append(Arrival("east", stop_key(session), request.model_dump_json().encode(), b"", log_ns))
+            elif key == QUARANTINE:
+                found.extend(_contradiction(payload))
             elif direction_of(key, session) == "forward":
                 found.append(Arrival("east", key, payload, Header(seq, sent_ns).pack(), log_ns))
     return found

@@ -10,6 +10,7 @@ import zenoh
 
 from common.channels import DESTINATION, ORIGIN, Direction, Network
 from common.key_set import KeySet
+from common.peer_life import NO_ALARMS, Alarm
 from netem.bridge.driver import Driver
 from netem.bridge.egress import Egress
 from netem.bridge.keys import is_private
@@ -98,6 +99,10 @@ class Bridge(Driver):
     def turn(self, now_ns: int) -> tuple[int, str]:
         """Return now: callbacks do the work, and no user's code runs here."""
         return now_ns, ""
+
+    def alarms(self) -> Mapping[Alarm, int]:
+        """Return none: netem reads no payload."""
+        return NO_ALARMS
 
     def counters(self) -> dict[str, int]:
         """Return the counts, by name."""

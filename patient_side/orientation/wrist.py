@@ -4,9 +4,11 @@ from math import sqrt
 from typing import Final, NamedTuple
 
 from common.channels import Hand
-from common.messages import Pose, Quaternion, Vector3
+from common.messages import MAX_SIZE, Pose, Quaternion, Vector3
 from common.records import OrientationNote
 from patient_side.orientation.protocol import WristEstimate
+from patient_side.rotations import Quaternion as Components
+from patient_side.rotations import is_orientation
 from patient_side.statespace import Array
 
 LEVEL: Final = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
@@ -28,30 +30,41 @@ class Stated(NamedTuple):
     gripper_std_rad: float | None
 
 
-def quaternion(orientation: Array) -> Quaternion:
+def quaternion(orientation: Array | Components) -> Quaternion:
     """Return an orientation (4,) as a message's quaternion."""
-    x, y, z, w = orientation.tolist()
+    x, y, z, w = orientation if isinstance(orientation, tuple) else orientation.tolist()
     return Quaternion(x=x, y=y, z=z, w=w)
 
 
-def components(orientation: Quaternion) -> tuple[float, float, float, float]:
+def components(orientation: Quaternion) -> Components:
     """Return a message's quaternion as x, y, z, w."""
     return orientation.x, orientation.y, orientation.z, orientation.w
 
 
-def stated(estimate: WristEstimate) -> Stated:
-    """Return an estimate as records state it."""
+def stated(estimate: WristEstimate) -> tuple[Stated, bool]:
+    """Return an estimate as records state it, and whether it is whole: what no message can state is left out."""
     orientation, covariance, gripper_rad, variance = estimate
-    std_rad = None
-    if covariance is not None:
-        x, y, z = covariance.diagonal().tolist()
-        std_rad = Vector3(x=sqrt(x), y=sqrt(y), z=sqrt(z))
-    return Stated(
-        None if orientation is None else quaternion(orientation),
-        std_rad,
-        gripper_rad,
-        None if variance is None else sqrt(variance),
-    )
+    is_whole = True
+    turn = std_rad = gripper_std_rad = None
+    if orientation is not None:
+        parts = tuple(orientation.tolist())
+        is_whole = is_orientation(parts)
+        turn = quaternion(parts) if is_whole else None
+    if covariance is not None and turn is not None:
+        x, y, z = (_deviation(part) for part in covariance.diagonal().tolist())
+        std_rad = None if x is None or y is None or z is None else Vector3(x=x, y=y, z=z)
+        is_whole = is_whole and std_rad is not None
+    if gripper_rad is not None and not abs(gripper_rad) <= MAX_SIZE:
+        gripper_rad, is_whole = None, False
+    if variance is not None and gripper_rad is not None:
+        gripper_std_rad = _deviation(variance)
+        is_whole = is_whole and gripper_std_rad is not None
+    return Stated(turn, std_rad, gripper_rad, gripper_std_rad), is_whole
+
+
+def _deviation(variance: float) -> float | None:
+    """Return the deviation that a record can state; None where the variance is none."""
+    return sqrt(variance) if 0.0 <= variance <= MAX_SIZE**2 else None
 
 
 def answered(estimate: Stated, newest: Pose | None) -> Wrist:

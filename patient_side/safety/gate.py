@@ -1,37 +1,71 @@
 """The gate in front of the estimators: a sample that the surgeon cannot have sent, or no arm can make, is not used.
 
 The surgeon's packets are known in advance but for their content: each sample has its instant and its sequence numbers
-(`common.send_plan`). So a forged packet must take the number of a true one. Its content must continue the movement.
+(`common.send_plan`). So a forged packet must take the number of a true one. Its content must continue the movement of
+the whole pose.
 """
 
 from bisect import bisect_left
 from dataclasses import dataclass, field
-from math import dist
+from math import dist, inf, radians
 from typing import Final, Literal, NamedTuple
 
 from common.messages import Pose, position_m
+from common.scenario.safety import Gate
 from common.send_plan import SendPlan
-from common.units import NS_PER_MS, NS_PER_S, sample_index, sample_instant_ns
-from patient_side.safety.set_point import STILL, Place
+from common.units import NS_PER_MS, NS_PER_S, ms_to_ns, sample_index, sample_instant_ns
+from patient_side.orientation.wrist import components
+from patient_side.rotations import Quaternion, is_orientation, turn_to
+from patient_side.safety.set_point import STILL, Place, Vector, minus
 
-Kind = Literal["conflicting", "ahead", "number", "place", "speed", "acceleration"]
+Kind = Literal[
+    "conflicting", "ahead", "number", "place", "speed", "acceleration", "turn_speed", "turn_acceleration", "gripper"
+]
 
 _MAX_DRIFT: Final = 100e-6
 """Drift of two clocks that were compared at the beginning: quartz keeps 50 parts in a million each."""
 _NOISE_M: Final = 0.002
 """Distance that is no movement: noise of a sensor and rounding, which at 1 kHz would pass for speed."""
+_NOISE_RAD: Final = 0.02
+"""Angle that is no movement."""
 _BASE_NS: Final = 33 * NS_PER_MS
 """Time over which a velocity is measured at least, so that noise does not pass for acceleration."""
 _N_KEPT: Final = 512
 
 
 class GateLimits(NamedTuple):
-    """Limits of a sample: how far from the centre, how fast, and how far ahead of now."""
+    """Limits of a sample: of its place and movement, of its lead over now, of its turning and of its gripper."""
 
     reach_m: float
     speed_m_s: float
     acceleration_m_s2: float
     lead_ns: int
+    turn_rad_s: float = inf
+    turn_acceleration_rad_s2: float = inf
+    gripper_rad: float = inf
+    gripper_rad_s: float = inf
+
+
+def limits_of(part: Gate, is_arm: bool = True) -> GateLimits:
+    """Return the limits of a scenario for a stream; how fast a master's gripper moves has none."""
+    return GateLimits(
+        part.reach_m,
+        part.speed_m_s,
+        part.acceleration_m_s2,
+        ms_to_ns(part.lead_ms),
+        radians(part.turn_deg_s),
+        radians(part.turn_acceleration_deg_s2),
+        radians(part.gripper_deg),
+        radians(part.gripper_deg_s) if is_arm else inf,
+    )
+
+
+class _Known(NamedTuple):
+    """An admitted sample, as others are measured against it; ``turn`` is None before the first orientation."""
+
+    where: Place
+    turn: Quaternion | None
+    gripper_rad: float
 
 
 @dataclass
@@ -46,7 +80,7 @@ class StreamGate:
     centre_m: Place
     limits: GateLimits
     _at_ns: list[int] = field(default_factory=list, repr=False)
-    _where: list[Place] = field(default_factory=list, repr=False)
+    _known: list[_Known] = field(default_factory=list, repr=False)
 
     def refusal(self, pose: Pose, seq: int, recv_ns: int) -> Kind | None:
         """Return why a message's own sample is not to be used; None admits it.
@@ -56,22 +90,14 @@ class StreamGate:
         kind = self._of_schedule(pose.sample_ns, seq, recv_ns)
         if kind is not None:
             return kind
-        at_ns, where = pose.sample_ns, position_m(pose)
-        kind = self._of_movement(at_ns, where)
-        if kind is None:
-            self._keep(at_ns, where)
-        return kind
+        return self._of_pose(pose)
 
     def refusal_of_earlier(self, pose: Pose) -> Kind | None:
         """Return why an earlier sample in a message's history is not to be used; None admits it."""
-        at_ns, where = pose.sample_ns, position_m(pose)
-        k = sample_index(at_ns, self.plan.rate_hz)
-        if sample_instant_ns(k, self.plan.rate_hz) != at_ns:
+        k = sample_index(pose.sample_ns, self.plan.rate_hz)
+        if sample_instant_ns(k, self.plan.rate_hz) != pose.sample_ns:
             return "number"
-        kind = self._of_movement(at_ns, where)
-        if kind is None:
-            self._keep(at_ns, where)
-        return kind
+        return self._of_pose(pose)
 
     def _of_schedule(self, at_ns: int, seq: int, recv_ns: int) -> Kind | None:
         """Return the fault of a sample's instant, or of its number, against the plan."""
@@ -85,56 +111,84 @@ class StreamGate:
             return None if seq == k else "number"
         return None if any(plan.seq_of(k, copy) == seq for copy in range(plan.copies)) else "number"
 
-    def _of_movement(self, at_ns: int, where: Place) -> Kind | None:
-        """Return the fault of a sample against the workspace and the admitted samples around it."""
+    def _of_pose(self, pose: Pose) -> Kind | None:
+        """Return the fault of a sample against the workspace and the admitted ones around it; keep it without one."""
+        at_ns, where, turn = pose.sample_ns, position_m(pose), components(pose.orientation)
+        new = _Known(where, turn if is_orientation(turn) else None, pose.gripper_rad)
         if dist(where, self.centre_m) > self.limits.reach_m:
             return "place"
-        known_ns, known, speed_m_s = self._at_ns, self._where, self.limits.speed_m_s
-        if not known_ns:
-            return None
-        # in order, as nearly always: only the last sample matters, and the velocity before it
-        if at_ns > known_ns[-1]:
-            if _is_faster(known_ns[-1], known[-1], at_ns, where, speed_m_s):
+        if abs(new.gripper_rad) > self.limits.gripper_rad:
+            return "gripper"
+        at, known_ns = self._place_of(at_ns), self._at_ns
+        if new.turn is None and at:  # a sample of no orientation continues the one before it
+            new = new._replace(turn=self._known[at - 1].turn)
+        if at < len(known_ns) and known_ns[at] == at_ns:
+            return None if self._known[at] == new else "conflicting"
+        kind = self._of_neighbours(at, at_ns, new)
+        if kind is None and at == len(known_ns) and at:
+            kind = self._of_acceleration(at_ns, new)
+        if kind is None:
+            self._keep(at, at_ns, new)
+        return kind
+
+    def _place_of(self, at_ns: int) -> int:
+        """Return the number of admitted samples before an instant; nearly always it is that of all."""
+        known_ns = self._at_ns
+        return len(known_ns) if not known_ns or at_ns > known_ns[-1] else bisect_left(known_ns, at_ns)
+
+    def _of_neighbours(self, at: int, at_ns: int, new: _Known) -> Kind | None:
+        """Return the fault of a sample that is farther from the one before it, or after it, than an arm can move."""
+        limits = self.limits
+        for i in (at - 1, at):
+            if not 0 <= i < len(self._at_ns):
+                continue
+            span_s, old = abs(at_ns - self._at_ns[i]) / NS_PER_S, self._known[i]
+            if dist(new.where, old.where) > _NOISE_M + limits.speed_m_s * span_s:
                 return "speed"
-            return "acceleration" if self._turns_too_fast(at_ns, where) else None
-        i = bisect_left(known_ns, at_ns)
-        if known_ns[i] == at_ns:
-            return None if known[i] == where else "conflicting"
-        around = (i - 1, i) if i else (i,)
-        return "speed" if any(_is_faster(known_ns[j], known[j], at_ns, where, speed_m_s) for j in around) else None
+            if _angle(old.turn, new.turn) > _NOISE_RAD + limits.turn_rad_s * span_s:
+                return "turn_speed"
+            if abs(new.gripper_rad - old.gripper_rad) > _NOISE_RAD + limits.gripper_rad_s * span_s:
+                return "gripper"
+        return None
 
-    def _turns_too_fast(self, at_ns: int, where: Place) -> bool:
-        """Tell whether the velocity to a newest sample differs too much from the one before it."""
-        last_ns, (x1, y1, z1) = self._at_ns[-1], self._where[-1]
-        base = bisect_left(self._at_ns, last_ns - _BASE_NS + 1) - 1
-        if base < 0:
-            return False
-        (x0, y0, z0), (x2, y2, z2) = self._where[base], where
-        before_s = (last_ns - self._at_ns[base]) / NS_PER_S
+    def _of_acceleration(self, at_ns: int, new: _Known) -> Kind | None:
+        """Return the fault of a newest sample whose velocity differs too much from the one before it."""
+        limits, last_ns, last = self.limits, self._at_ns[-1], self._known[-1]
+        i = bisect_left(self._at_ns, last_ns - _BASE_NS + 1) - 1
+        if i < 0:
+            return None
+        base = self._known[i]
+        before_s = (last_ns - self._at_ns[i]) / NS_PER_S
         after_s = max(at_ns - last_ns, _BASE_NS) / NS_PER_S
-        change = (
-            (x2 - x1) / after_s - (x1 - x0) / before_s,
-            (y2 - y1) / after_s - (y1 - y0) / before_s,
-            (z2 - z1) / after_s - (z1 - z0) / before_s,
-        )
-        most_m_s = self.limits.acceleration_m_s2 * (before_s + after_s) / 2 + _NOISE_M / after_s
-        return dist(change, STILL) > most_m_s
+        half_s = (before_s + after_s) / 2
+        after, before = minus(new.where, last.where), minus(last.where, base.where)
+        if _change(after, after_s, before, before_s) > limits.acceleration_m_s2 * half_s + _NOISE_M / after_s:
+            return "acceleration"
+        most_rad_s = limits.turn_acceleration_rad_s2 * half_s + _NOISE_RAD / after_s
+        # what the speed alone keeps within the limit needs no second turn, as nearly always
+        if _angle(last.turn, new.turn) / after_s + limits.turn_rad_s > most_rad_s:
+            turned, before = _turn(last.turn, new.turn), _turn(base.turn, last.turn)
+            if _change(turned, after_s, before, before_s) > most_rad_s:
+                return "turn_acceleration"
+        return None
 
-    def _keep(self, at_ns: int, where: Place) -> None:
+    def _keep(self, at: int, at_ns: int, new: _Known) -> None:
         """Add an admitted sample in the order of instants; the oldest ones are forgotten."""
-        known_ns, known = self._at_ns, self._where
-        if not known_ns or at_ns > known_ns[-1]:
-            known_ns.append(at_ns)
-            known.append(where)
-        else:
-            i = bisect_left(known_ns, at_ns)
-            if known_ns[i] == at_ns:
-                return
-            known_ns.insert(i, at_ns)
-            known.insert(i, where)
-        if len(known_ns) > _N_KEPT:
-            del known_ns[: -_N_KEPT // 2], known[: -_N_KEPT // 2]
+        self._at_ns.insert(at, at_ns)
+        self._known.insert(at, new)
+        if len(self._at_ns) > _N_KEPT:
+            del self._at_ns[: -_N_KEPT // 2], self._known[: -_N_KEPT // 2]
 
 
-def _is_faster(one_ns: int, one: Place, other_ns: int, other: Place, speed_m_s: float) -> bool:
-    return dist(one, other) > _NOISE_M + speed_m_s * abs(other_ns - one_ns) / NS_PER_S
+def _turn(here: Quaternion | None, there: Quaternion | None) -> Vector:
+    return STILL if here is None or there is None else turn_to(here, there)
+
+
+def _angle(here: Quaternion | None, there: Quaternion | None) -> float:
+    return dist(_turn(here, there), STILL)
+
+
+def _change(after: Vector, after_s: float, before: Vector, before_s: float) -> float:
+    """Return the change between two velocities, which movements and their times state."""
+    (x, y, z), (a, b, c) = after, before
+    return dist((x / after_s, y / after_s, z / after_s), (a / before_s, b / before_s, c / before_s))

@@ -9,15 +9,20 @@ from common.intake import Accepted, Intake
 from common.messages import SampledPose, position_m
 from common.node import Arrival, Record
 from common.safety_records import QUARANTINE, QUARANTINED, QuarantineNote
+from patient_side.safety.evidence import Evidence
 from patient_side.safety.gate import Kind, StreamGate
 
 
 @dataclass
 class GatedIntake:
-    """Intake with a gate for each key; a key without one admits all that is new."""
+    """Intake with a gate for each key; a key without one admits all that is new.
+
+    ``conflicts`` collects, by key, that samples contradict each other.
+    """
 
     intake: Intake
     gates: Mapping[str, StreamGate]
+    conflicts: Mapping[str, Evidence] = field(default_factory=dict)
     n_quarantined: Counter[Kind] = field(default_factory=Counter)
 
     def take(self, arrival: Arrival) -> tuple[Accepted | None, list[Record]]:
@@ -50,9 +55,14 @@ class GatedIntake:
         """Return the new message as its gate admits it, or why it is refused, which is counted."""
         kind = self._refusal(accepted, key, recv_ns)
         if kind is None:
-            return self._with_sound_history(accepted, key)
-        self.n_quarantined[kind] += 1
+            return self._with_sound_history(accepted, key, recv_ns)
+        self._count(kind, key, recv_ns)
         return kind
+
+    def _count(self, kind: Kind, key: str, recv_ns: int) -> None:
+        self.n_quarantined[kind] += 1
+        if kind == "conflicting" and key in self.conflicts:
+            self.conflicts[key].note(recv_ns)
 
     def _refusal(self, accepted: Accepted, key: str, recv_ns: int) -> Kind | None:
         if accepted.conflicting:
@@ -63,13 +73,15 @@ class GatedIntake:
             self.intake.forget(key, seq)
         return kind
 
-    def _with_sound_history(self, accepted: Accepted, key: str) -> Accepted:
+    def _with_sound_history(self, accepted: Accepted, key: str, recv_ns: int) -> Accepted:
         """Return a message without the earlier samples that its gate refuses; these are counted."""
         gate, message = self.gates.get(key), accepted.message
         if gate is None or not isinstance(message, SampledPose) or not message.history:
             return accepted
         kinds = [gate.refusal_of_earlier(pose) for pose in message.history]
-        self.n_quarantined.update(kind for kind in kinds if kind is not None)
+        for kind in kinds:
+            if kind is not None:
+                self._count(kind, key, recv_ns)
         sound = tuple(pose for pose, kind in zip(message.history, kinds, strict=True) if kind is None)
         return accepted._replace(message=message.model_copy(update={"history": sound}))
 

@@ -1,50 +1,107 @@
-"""Motion of a set point between two ticks: towards a target or to a stop, within a speed and an acceleration."""
+"""Motion of a set point between two ticks: towards its target or to a stop, as far as speed and acceleration allow.
+
+A movement has two parts. The *carried* step goes on from tick to tick: its length is a speed, its change an
+acceleration. A *correction* is spent once, at once, and leaves nothing behind that would have to be braked. Only the
+carried step decides how far the set point still moves when its target stays, or when it is stopped:
+at most v^2 / (2 a). One law serves places in m, rotation vectors in rad and the angle of a gripper.
+"""
 
 from math import dist, sqrt
 from typing import Final, NamedTuple
 
-Place = tuple[float, float, float]
+Vector = tuple[float, float, float]
+Place = Vector
 
-STILL: Final[Place] = (0.0, 0.0, 0.0)
+STILL: Final[Vector] = (0.0, 0.0, 0.0)
 _ROUNDING: Final = 1e-12
 
 
-class Bounds(NamedTuple):
-    """Bounds of one tick: of its step, in m, and of the step's change from the last one, in m."""
+class Pace(NamedTuple):
+    """Bounds of a tick: length of the carried step, and its change from the last one, both in m or rad.
 
-    step_m: float
-    change_m: float
+    ``change`` bounds how the step grows, ``brake``, at least as large, how what leads astray is given up.
+    """
+
+    step: float
+    change: float
+    brake: float
 
 
-def follow(place: Place, last_step: Place, target: Place, bounds: Bounds) -> Place:
-    """Return the next place on the way to ``target``.
+class Allowance(NamedTuple):
+    """Corrections in any ``window_ns``: their lengths add up to ``most`` at most, in m or rad."""
 
-    It is the target itself, bit for bit, where step and change of step stay within the bounds. Otherwise the set
-    point goes straight towards it, no faster than it can brake in front of it. A step that was longer than the bound
-    shortens by the allowed change. Oracle: test_set_point, by hypothesis and against the time-optimal way.
+    most: float
+    window_ns: int
+
+
+NO_CORRECTION: Final = Allowance(0.0, 0)
+
+
+class Motion(NamedTuple):
+    """Motion of a set point after a tick; ``spent`` are the instants and lengths of its latest corrections."""
+
+    carried: Vector = STILL
+    has_met: bool = False
+    spent: tuple[tuple[int, float], ...] = ()
+
+
+AT_REST: Final = Motion()
+
+
+class Moved(NamedTuple):
+    """Movement of a tick; ``meets``: it ends on the target, bit for bit."""
+
+    by: Vector
+    meets: bool
+    motion: Motion
+
+
+def follow(way: Vector, motion: Motion, pace: Pace, allowance: Allowance, t_ns: int) -> Moved:
+    """Return the movement towards a target, which it meets if the bounds allow it.
+
+    With a target that stays, the set point never leaves the segment between place and target by more than
+    v^2 / (2 a), where v is the carried speed and a the acceleration, both as steps: l^2 / (2 change).
 
     Parameters
     ----------
-    place, target
-        Positions (3,) in m.
-    last_step
-        The last movement, place minus the place before it, in m.
-    bounds
+    way
+        From the place to the target, in m or rad.
+    motion
+        Motion of the set point after the last tick.
+    pace, allowance
         Bounds of this tick.
+    t_ns
+        Instant of the tick in run time.
+
+    Notes
+    -----
+    Oracles: test_set_point, by hypothesis, by a search for the worst target and against the time-optimal way.
     """
-    way = minus(target, place)
-    distance_m = dist(place, target)
-    if distance_m <= bounds.step_m and dist(way, last_step) <= bounds.change_m:
-        return target
-    # The longest step from which the set point still comes to rest at the target: v^2 = 2 a d in steps of a tick.
-    length_m = min(bounds.step_m, sqrt(2.0 * bounds.change_m * distance_m), distance_m)
-    wanted = _scaled(way, length_m / distance_m) if distance_m > 0.0 else STILL
-    return _plus(place, _bounded(_towards(last_step, wanted, bounds.change_m), last_step, bounds))
+    carried, length = motion.carried, dist(way, STILL)
+    spent = _recent(motion.spent, allowance, t_ns)
+    left = allowance.most - sum(amount for _, amount in spent)
+    # The carried step that comes nearest to the target, and the correction that is missing then.
+    fits = length <= pace.step and dist(way, carried) <= pace.change
+    towards = way if fits else _shortened(_turned_towards(carried, way, pace.change), pace.step)
+    correction = 0.0 if fits else dist(way, towards)
+    # A set point that comes from afar keeps back what brings it to rest at the target.
+    kept_back = 0.0 if motion.has_met else run_out(dist(towards, STILL), pace.change)
+    if correction + kept_back <= left or correction == kept_back == 0.0:
+        return Moved(way, True, Motion(towards, True, spent if fits else (*spent, (t_ns, correction))))
+    step = _carry(way, length, carried, pace)
+    return Moved(step, False, Motion(step, False, spent))
 
 
-def brake(place: Place, last_step: Place, bounds: Bounds) -> Place:
-    """Return the next place of a set point that comes to a stop as fast as the bounds allow."""
-    return _plus(place, _towards(last_step, STILL, bounds.change_m))
+def brake(motion: Motion, change: float) -> Moved:
+    """Return the movement of a set point that has no target and comes to rest, slower by ``change`` each tick."""
+    step = _turned_towards(motion.carried, STILL, change)
+    return Moved(step, False, Motion(step, False, motion.spent))
+
+
+def run_out(step: float, change: float) -> float:
+    """Return the way of a set point that is braked after a carried ``step``: at most v^2 / (2 a)."""
+    n = int(step / change)
+    return n * step - change * n * (n + 1) / 2.0
 
 
 def within(place: Place, centre: Place, radius_m: float) -> Place:
@@ -52,30 +109,62 @@ def within(place: Place, centre: Place, radius_m: float) -> Place:
     distance_m = dist(place, centre)
     if distance_m <= radius_m * (1.0 + _ROUNDING):  # a place on the sphere stays as it is, bit for bit
         return place
-    return _plus(centre, _scaled(minus(place, centre), radius_m / distance_m))
+    return plus(centre, _scaled(minus(place, centre), radius_m / distance_m))
 
 
-def _towards(step: Place, wanted: Place, change_m: float) -> Place:
-    """Return ``wanted``, or the step that differs by ``change_m`` from the last one in its direction."""
-    change = dist(step, wanted)
-    return wanted if change <= change_m else _plus(step, _scaled(minus(wanted, step), change_m / change))
+def _carry(way: Vector, length: float, carried: Vector, pace: Pace) -> Vector:
+    """Return the next carried step. What does not lead to the target is given up first, then the step grows.
+
+    So the distance from the segment plus what the carried step needs to end never grows, which is the bound above.
+    """
+    share, most = 0.0, 0.0
+    if length > 0.0:
+        most = min(pace.step, _longest_step(length, pace.change))
+        along = (carried[0] * way[0] + carried[1] * way[1] + carried[2] * way[2]) / length
+        share = min(max(along, 0.0), most) / length
+    leading = _scaled(way, share)
+    astray = minus(carried, leading)
+    n_astray = dist(astray, STILL)
+    if n_astray > pace.brake:
+        return plus(leading, _scaled(astray, 1.0 - pace.brake / n_astray))
+    if length == 0.0:
+        return STILL
+    return _scaled(way, min(share * length + min(pace.brake - n_astray, pace.change), most) / length)
 
 
-def _bounded(step: Place, last_step: Place, bounds: Bounds) -> Place:
-    """Return a step no longer than the bound, or than the last step less the allowed change."""
-    length_m, last_m = dist(step, STILL), dist(last_step, STILL)
-    most_m = max(bounds.step_m, last_m - bounds.change_m)
-    return step if length_m <= most_m else _scaled(step, most_m / length_m)
+def _longest_step(distance: float, change: float) -> float:
+    """Return the longest step s with s + (s - change) + (s - 2 change) + ... at most ``distance``."""
+    n = int((sqrt(1.0 + 8.0 * distance / change) - 1.0) / 2.0)
+    return (distance + change * n * (n + 1) / 2.0) / (n + 1)
 
 
-def _plus(a: Place, b: Place) -> Place:
+def _turned_towards(step: Vector, wanted: Vector, change: float) -> Vector:
+    """Return ``wanted``, or the step that differs by ``change`` from the last one in its direction."""
+    difference = dist(step, wanted)
+    return wanted if difference <= change else plus(step, _scaled(minus(wanted, step), change / difference))
+
+
+def _shortened(step: Vector, most: float) -> Vector:
+    length = dist(step, STILL)
+    return step if length <= most else _scaled(step, most / length)
+
+
+def _recent(spent: tuple[tuple[int, float], ...], allowance: Allowance, t_ns: int) -> tuple[tuple[int, float], ...]:
+    """Return the corrections of the last window, without this tick's."""
+    if not spent or spent[0][0] > t_ns - allowance.window_ns:
+        return spent
+    return tuple(one for one in spent if one[0] > t_ns - allowance.window_ns)
+
+
+def plus(a: Vector, b: Vector) -> Vector:
+    """Return the sum."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-def minus(a: Place, b: Place) -> Place:
-    """Return the step from ``b`` to ``a``."""
+def minus(a: Vector, b: Vector) -> Vector:
+    """Return the way from ``b`` to ``a``."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-def _scaled(a: Place, factor: float) -> Place:
+def _scaled(a: Vector, factor: float) -> Vector:
     return a[0] * factor, a[1] * factor, a[2] * factor

@@ -71,6 +71,13 @@ class NetworkPart(Part):
     timeline: tuple[TimelineEntry, ...] = Field((), description="Changes at given moments of the run.")
     buffer: Buffer = Field(Buffer(), description="Bound on the messages that netem holds in each direction.")
 
+    def corrupts(self, direction: Literal["forward", "feedback"]) -> bool:
+        """Tell whether bits of messages flip in a direction, at any time of the run."""
+        changes = [getattr(state, direction) for state in self.states.states] if self.states else []
+        changes += [entry.set for entry in self.timeline if entry.direction in (direction, "both")]
+        rules = [rule.pipeline for rule in self.rules if rule.direction in (direction, "both")]
+        return any(stages.corrupt is not None for stages in (getattr(self, direction), *rules, *changes))
+
     @field_validator("profile")
     @classmethod
     def _filled_in(cls, profile: str | None) -> None:

@@ -15,6 +15,8 @@ from patient_side.driven import drive
 from patient_side.estimators.hold import Hold
 from patient_side.hand import Fresh, PatientHand
 from patient_side.node import PatientNode
+from patient_side.orientation.wrist import LEVEL as LEVEL_TURN
+from patient_side.orientation.wrist import Wrist
 from patient_side.playout import Playout
 from patient_side.safety.emergency_stop import EmergencyStops
 from patient_side.safety.safety_state import SafetyFilter, limits_of
@@ -125,8 +127,9 @@ def test_an_estimate_with_an_invalid_covariance_is_not_followed() -> None:
     hand = PatientHand(LEFT, Playout(30), [Hold()], plant=None, safety=safety)
     hand.freshest = Fresh("k", 0, 0)
     where = Vector3(x=0.1, y=0.0, z=0.0)
-    assert drive(hand, where, None, is_certain=False, t_ns=1_000) is None
-    assert drive(hand, where, None, is_certain=True, t_ns=33_000_000) == (0.1, 0.0, 0.0)
+    level = Wrist(LEVEL_TURN, 0.0)
+    assert drive(hand, where, None, is_certain=False, wrist=level, t_ns=1_000).place is None
+    assert drive(hand, where, None, is_certain=True, wrist=level, t_ns=33_000_000).place == (0.1, 0.0, 0.0)
 
 
 def test_a_new_process_goes_on_after_the_last_stop_or_release() -> None:

@@ -1,15 +1,17 @@
 """The gate: what a surgeon sends passes in any order of arrival; what nobody can have moved does not."""
 
-from math import pi, sin
+from math import cos, pi, radians, sin
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from common.messages import Pose, Quaternion
+from common.scenario.safety import Gate
 from common.send_plan import SendPlan
 from common.units import NS_PER_MS, NS_PER_S, sample_instant_ns
-from patient_side.safety.gate import GateLimits, Kind, StreamGate
+from patient_side.safety.gate import GateLimits, Kind, StreamGate, limits_of
 from tests.nodes import a_pose
 
 RATE_HZ = 30
@@ -88,6 +90,66 @@ def test_a_turn_that_no_hand_makes_is_refused() -> None:
     gate = _gate()
     places = [0.0, 0.15, 0.30, 0.15]  # from 4.5 m/s to -4.5 m/s in 33 ms: 270 m/s^2
     assert [_send(gate, k, x) for k, x in enumerate(places)] == [None, None, None, "acceleration"]
+
+
+def _turned(k: int, angle_deg: float, gripper_rad: float = 0.5) -> Pose:
+    half = radians(angle_deg) / 2
+    turn = Quaternion(x=0.0, y=0.0, z=sin(half), w=cos(half))
+    at_ns = sample_instant_ns(k, RATE_HZ)
+    return a_pose(_where_m(k), sample_ns=at_ns).model_copy(update={"orientation": turn, "gripper_rad": gripper_rad})
+
+
+def _whole_gate() -> StreamGate:
+    return StreamGate(SendPlan(RATE_HZ, 3000), (0.0, 0.0, 0.0), limits_of(Gate()))
+
+
+@pytest.mark.parametrize(
+    ("angle_deg", "gripper_rad", "expected"),
+    [
+        (180.0, 0.5, "turn_speed"),
+        (-160.0, 0.5, "turn_speed"),
+        (100.0, 0.5, None),  # the largest jump between two recorded samples
+        (0.0, 1e9, "gripper"),
+        (0.0, -3.2, "gripper"),
+        (0.0, -3.0, "gripper"),  # within its angles, but 3.5 rad off in 33 ms
+        (0.0, -0.3, None),
+    ],
+)
+def test_a_pose_that_turns_or_grips_as_no_arm_does_is_refused_and_the_true_one_passes(
+    angle_deg: float, gripper_rad: float, expected: Kind | None
+) -> None:
+    gate = _whole_gate()
+    for k in range(5):
+        assert gate.refusal(_turned(k, 3.0 * k), k, sample_instant_ns(k, RATE_HZ) + DELAY_NS) is None
+    at = sample_instant_ns(5, RATE_HZ) + DELAY_NS
+    assert gate.refusal(_turned(5, 12.0 + angle_deg, gripper_rad), 5, at) == expected
+    if expected is not None:
+        assert gate.refusal(_turned(5, 15.0), 5, at) is None
+
+
+def test_a_turn_to_and_fro_beyond_any_hand_is_refused() -> None:
+    """From 4200 to -4200 degrees/s in 33 ms: 252 000 degrees/s^2."""
+    gate = _whole_gate()
+    angles = [0.0, 140.0, 280.0, 140.0]
+    found = [gate.refusal(_turned(k, a), k, sample_instant_ns(k, RATE_HZ) + DELAY_NS) for k, a in enumerate(angles)]
+    assert found == [None, None, None, "turn_acceleration"]
+
+
+def test_a_sample_of_no_orientation_hides_no_turn() -> None:
+    gate = _whole_gate()
+    assert gate.refusal(_turned(0, 0.0), 0, DELAY_NS) is None
+    none = _turned(1, 0.0).model_copy(update={"orientation": Quaternion(x=0.0, y=0.0, z=0.0, w=0.0)})
+    assert gate.refusal(none, 1, none.sample_ns + DELAY_NS) is None
+    turned = _turned(2, 170.0)
+    assert gate.refusal(turned, 2, turned.sample_ns + DELAY_NS) == "turn_speed"
+
+
+def test_another_orientation_or_gripper_at_a_known_instant_is_conflicting() -> None:
+    gate = _whole_gate()
+    assert gate.refusal(_turned(0, 0.0), 0, DELAY_NS) is None
+    assert gate.refusal_of_earlier(_turned(0, 1.0)) == "conflicting"
+    assert gate.refusal_of_earlier(_turned(0, 0.0, 0.51)) == "conflicting"
+    assert gate.refusal_of_earlier(_turned(0, 0.0)) is None
 
 
 def test_another_content_at_a_known_instant_is_refused() -> None:

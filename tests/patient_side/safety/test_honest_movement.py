@@ -10,34 +10,38 @@ from common.messages import Pose, Quaternion, Vector3
 from common.runtime.recordings import load_recording
 from common.scenario.safety import Gate
 from common.send_plan import SendPlan
-from common.sources.jigsaws import parse_trial, position_m
+from common.sources.jigsaws import parse_trial, pose_track, position_m
+from common.sources.trajectory import PoseTrack
 from common.units import NS_PER_MS, sample_instant_ns
 from deploy.run.resolve import resolve
-from patient_side.safety.gate import GateLimits, StreamGate
+from patient_side.safety.gate import StreamGate, limits_of
 
 Array = NDArray[np.float64]
 
-LEVEL = Quaternion(x=0, y=0, z=0, w=1)
 DEVICES = ("MTML", "MTMR", "PSM1", "PSM2")
 
 
-def _refused(places_m: Array, rate_hz: int, centre_m: Array, seed: int) -> list[tuple[int, str]]:
+def _refused(track: PoseTrack, device: str, rate_hz: int, centre_m: Array, seed: int) -> list[tuple[int, str]]:
     """Return the samples that the gate refuses when a fifth is lost and delays vary by 300 ms."""
-    part, rng = Gate(), np.random.default_rng(seed)
-    limits = GateLimits(part.reach_m, part.speed_m_s, part.acceleration_m_s2, round(part.lead_ms * NS_PER_MS))
+    rng, n = np.random.default_rng(seed), len(track.position_m)
     x, y, z = centre_m.tolist()
-    gate = StreamGate(SendPlan(rate_hz, len(places_m)), (x, y, z), limits)
-    k = np.flatnonzero(rng.random(len(places_m)) > 0.2)
+    gate = StreamGate(SendPlan(rate_hz, n), (x, y, z), limits_of(Gate(), device.startswith("PSM")))
+    k = np.flatnonzero(rng.random(n) > 0.2)
     instants = [sample_instant_ns(i, rate_hz) for i in k.tolist()]
     recv_ns = np.array(instants) + rng.integers(0, 300 * NS_PER_MS, len(k))
     found: list[tuple[int, str]] = []
-    for n in np.argsort(recv_ns).tolist():
-        x, y, z = places_m[k[n]].tolist()
-        where = Vector3.model_construct(x=x, y=y, z=z)  # unchecked, as there are many
-        pose = Pose.model_construct(sample_ns=instants[n], position_m=where, orientation=LEVEL, gripper_rad=0.0)
-        kind = gate.refusal(pose, int(k[n]), int(recv_ns[n]))
+    for i in np.argsort(recv_ns).tolist():
+        x, y, z = track.position_m[k[i]].tolist()
+        a, b, c, d = track.orientation[k[i]].tolist()
+        pose = Pose.model_construct(  # unchecked, as there are many
+            sample_ns=instants[i],
+            position_m=Vector3.model_construct(x=x, y=y, z=z),
+            orientation=Quaternion.model_construct(x=a, y=b, z=c, w=d),
+            gripper_rad=float(track.gripper_rad[k[i]]),
+        )
+        kind = gate.refusal(pose, int(k[i]), int(recv_ns[i]))
         if kind is not None:
-            found.append((int(k[n]), kind))
+            found.append((int(k[i]), kind))
     return found
 
 
@@ -49,7 +53,8 @@ def test_of_the_recorded_trials_nothing_is_refused(jigsaws_dir: Path) -> None:
     for i, rows in enumerate(trials):
         for device in DEVICES:
             centre_m = position_m(trials[i - 1], device).mean(axis=0)
-            assert _refused(position_m(rows, device), 30, centre_m, i) == [], (files[i].name, device)
+            track = pose_track(rows, device, files[i].name)
+            assert _refused(track, device, 30, centre_m, i) == [], (files[i].name, device)
 
 
 @pytest.mark.parametrize(("rate_hz", "n_seeds"), [(30, 5), (200, 1), (1000, 1)])
@@ -58,5 +63,5 @@ def test_of_synthetic_movements_nothing_is_refused(rate_hz: int, n_seeds: int) -
         settings = (f"rate_hz={rate_hz}", "patient.tick_phase_ms=0", "source.hands=[left, right]")
         recording = load_recording(resolve("default", settings, seed, 20.0))
         for hand in recording.hands:
-            for track in (hand.command, hand.follower):
-                assert _refused(track.position_m, rate_hz, track.position_m[0], seed) == [], seed
+            for track, device in ((hand.command, "MTML"), (hand.follower, "PSM2")):
+                assert _refused(track, device, rate_hz, track.position_m[0], seed) == [], seed

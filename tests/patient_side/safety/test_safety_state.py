@@ -1,17 +1,22 @@
 """Safety states by literal times at 30 Hz, and properties over arbitrary data."""
 
 from collections.abc import Iterator
+from functools import partial
 from itertools import pairwise
-from math import dist
+from math import degrees, dist
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.scenario.safety import Safety
 from common.units import sample_instant_ns
-from patient_side.safety.safety_state import SafetyFilter, SafetyState, Seen, limits_of
-from patient_side.safety.set_point import STILL, Bounds, Place, minus, within
+from patient_side.rotations import Quaternion, turn_to
+from patient_side.safety.safety_state import Left, SafetyFilter, SafetyState, Seen, limits_of
+from patient_side.safety.set_point import STILL, Place, minus, within
+from patient_side.safety.wrist_point import Wrist
+from tests.patient_side.safety.worst_case import overshot, run_on, search
 
 _RATE_HZ = 30
 _S = 1_000_000_000
@@ -111,8 +116,10 @@ def test_a_gap_as_long_as_the_limit_is_no_break() -> None:
 
 
 def test_an_emergency_stop_brakes_at_once_and_lasts_until_its_release() -> None:
+    """By the acceleration of tracking, here 1 m/s^2."""
     seen = {k: _fresh(k, 0.005 * k) for k in range(200)}
-    states = [*_run(_filter(resume_acceleration_m_s2=1.0), seen, 200, {60: True, 90: False})]
+    safety = _filter(acceleration_m_s2=1.0, resume_acceleration_m_s2=1.0, correction_mm=0.0)
+    states = [*_run(safety, seen, 200, {60: True, 90: False})]
     assert _modes(states)[1:4] == [
         (2.0, "slow_stop", "emergency_stop"),
         (2.13, "safe", "emergency_stop"),
@@ -152,7 +159,8 @@ def test_over_a_tenth_of_a_second_an_arm_in_tracking_moves_no_faster_than_allowe
     window = rate_hz // 10
     farthest = max(b - a for a, b in zip(places, places[window:], strict=False))
     assert farthest <= 0.4 * (0.1 + max(0.033, 1 / rate_hz)) + 1e-9
-    assert places[-1] - places[0] == pytest.approx(0.4, rel=0.1)
+    # what is kept for corrections does not serve a chase
+    assert 0.27 <= places[-1] - places[0] <= 0.4
 
 
 @pytest.mark.parametrize(
@@ -166,6 +174,11 @@ def test_over_a_tenth_of_a_second_an_arm_in_tracking_moves_no_faster_than_allowe
 def test_limits_that_contradict_each_other_are_refused(fields: dict[str, float], text: str) -> None:
     with pytest.raises(ValueError, match=text):
         Safety.model_validate(fields)
+
+
+def is_at_border(state: SafetyState) -> bool:
+    """Tell whether the workspace of 1.5 m has ended the movement."""
+    return state.place is not None and dist(state.place, STILL) >= 1.5 - 1e-9
 
 
 _ESTIMATE = st.one_of(st.none(), st.tuples(*[st.floats(-3.0, 3.0)] * 3))
@@ -199,21 +212,20 @@ def test_whatever_arrives_the_set_point_stays_within_its_limits(
         assert dist(state.place, STILL) <= limits.workspace_m + 1e-9
         if before.place is None:
             continue
-        step_m, last_m = dist(state.place, before.place), dist(before.step, STILL)
+        step_m, last_m = dist(state.place, before.place), dist(before.motion.carried, STILL)
+        carried_m = dist(state.motion.carried, STILL)
         is_cautious = state.resumed_ns is not None and t_ns - state.resumed_ns < limits.cautious_ns
         is_slow = state.mode != "tracking" or is_cautious
-        spent, usual, refill = before.spent, limits.usual, limits.refill
-        left = Bounds(
-            max(0.0, usual.step_m - max(0.0, spent.step_m - refill.step_m)),
-            max(0.0, usual.change_m - max(0.0, spent.change_m - refill.change_m)),
-        )
-        bounds = limits.slow if is_slow else left
-        assert step_m <= max(bounds.step_m, last_m) + 1e-9
-        if state.mode != "tracking" and last_m <= limits.slow.step_m:
-            assert step_m <= limits.slow.step_m + 1e-9
+        # what is carried on has the limits of a movement; a correction is more, once
+        assert carried_m <= max(limits.usual.step, limits.slow.step) + 1e-9
+        assert dist(state.motion.carried, before.motion.carried) <= limits.usual.change + 1e-9 or is_at_border(state)
+        corrected_m = dist(minus(state.place, before.place), state.motion.carried)
+        assert corrected_m <= (1e-9 if is_slow else limits.allowance.most + 1e-9)
+        if state.mode != "tracking" and last_m <= limits.slow.step:
+            assert step_m <= limits.slow.step + 1e-9
         if is_stopped:
             assert state.mode in ("slow_stop", "safe")
-            assert step_m <= max(0.0, last_m - limits.slow.change_m) + 1e-9
+            assert step_m <= max(0.0, last_m - limits.usual.change) + 1e-9
         if state.mode in ("tracking", "resuming"):
             assert estimate_m is not None
             assert newest_ns is not None
@@ -221,8 +233,9 @@ def test_whatever_arrives_the_set_point_stays_within_its_limits(
             assert std_m is None or std_m <= limits.std_m
         if state.mode == "tracking" and estimate_m is not None:
             target = within(estimate_m, STILL, limits.workspace_m)
-            way = minus(target, before.place)
-            if dist(way, STILL) <= bounds.step_m and dist(way, before.step) <= bounds.change_m:
+            pace, way = limits.slow if is_slow else limits.usual, minus(target, before.place)
+            near = dist(way, before.motion.carried) <= pace.change and dist(way, STILL) <= pace.step
+            if before.motion.has_met and near and last_m <= pace.step:
                 assert state.place == target
         if state.mode == "safe":
             assert step_m <= 1e-9
@@ -232,7 +245,7 @@ def test_a_new_process_holds_the_arm_where_it_was_left_and_resumes_slowly() -> N
     """The estimate is 50 mm away: a process that did not know the place would jump."""
     limits = limits_of(Safety(), 30)
     safety = SafetyFilter(limits, (0.0, 0.0, 0.0))
-    state = safety.resumed(((0.1, 0.0, 0.0), "tracking"), is_stopped=False)
+    state = safety.resumed(Left((0.1, 0.0, 0.0), "tracking"), is_stopped=False)
     places = []
     for k in range(1, 120):
         t_ns = sample_instant_ns(k, 30)
@@ -245,5 +258,96 @@ def test_a_new_process_holds_the_arm_where_it_was_left_and_resumes_slowly() -> N
     assert places[-1] == pytest.approx(0.15)
     assert safety.resumed(None, is_stopped=True) == SafetyState(is_stopped=True)
     latching = SafetyFilter(limits._replace(latch=True), (0.0, 0.0, 0.0))
-    assert latching.resumed(((0.1, 0.0, 0.0), "safe"), is_stopped=False).is_latched
-    assert not latching.resumed(((0.1, 0.0, 0.0), "hold"), is_stopped=False).is_latched
+    assert latching.resumed(Left((0.1, 0.0, 0.0), "safe"), is_stopped=False).is_latched
+    assert not latching.resumed(Left((0.1, 0.0, 0.0), "hold"), is_stopped=False).is_latched
+
+
+def _tracking(
+    rate_hz: int, jump_m: float, after: str = "", jump_deg: float = 0.0, **fields: float
+) -> list[SafetyState]:
+    """Return the states from a jump of the estimate in tracking on; ``after`` a tick: "stop" or "uncertain"."""
+    safety, state, found = _filter(rate_hz, workspace_m=5.0, **fields), SafetyState(), list[SafetyState]()
+    for k, t_ns in enumerate(_instants(rate_hz // 2, rate_hz)):
+        jumped, failed = k >= 10, k >= 11
+        if after == "stop" and k == 11:
+            state = safety.stop(state, True)
+        std_m = 1.0 if after == "uncertain" and failed else 0.001
+        wrist = Wrist(_about_z(jump_deg if jumped else 0.0), 0.02 * jump_deg if jumped else 0.0)
+        state = safety.step(state, t_ns, Seen(t_ns, (jump_m if jumped else 0.0, 0.0, 0.0), std_m, wrist))
+        if jumped:
+            found.append(state)
+    return found
+
+
+def _about_z(angle_deg: float) -> Quaternion:
+    half = np.radians(angle_deg) / 2
+    return (0.0, 0.0, float(np.sin(half)), float(np.cos(half)))
+
+
+def _x_m(states: list[SafetyState]) -> list[float]:
+    assert all(state.place is not None for state in states)
+    return [state.place[0] for state in states if state.place is not None]
+
+
+@pytest.mark.parametrize(("rate_hz", "jump_mm"), [(1000, 10), (1000, 5), (200, 30), (30, 60), (5000, 10), (100, 40)])
+def test_a_jump_of_the_estimate_is_never_overshot(rate_hz: int, jump_mm: float) -> None:
+    places_m = _x_m(_tracking(rate_hz, jump_mm / 1000))
+    assert max(places_m) == places_m[-1] == jump_mm / 1000
+    assert all(a <= b for a, b in pairwise(places_m))
+
+
+@pytest.mark.parametrize("after", ["stop", "uncertain"])
+@pytest.mark.parametrize(("rate_hz", "jump_mm"), [(1000, 2), (1000, 5), (200, 30), (5000, 5)])
+def test_one_tick_after_a_jump_a_stop_stops(rate_hz: int, jump_mm: float, after: str) -> None:
+    """Of the jump only what is carried on goes on: the acceleration of one tick, 0.2 mm at 1 kHz.
+
+    A hold goes on to the last sound estimate, slowly, and not beyond.
+    """
+    places_m = _x_m(_tracking(rate_hz, jump_mm / 1000, after))
+    carried_m = 200.0 / rate_hz**2
+    allowed_m = places_m[0] + carried_m**2 / (2 * carried_m)
+    assert places_m[0] <= jump_mm / 1000
+    assert max(places_m) <= (allowed_m if after == "stop" else max(allowed_m, jump_mm / 1000)) + 1e-9
+
+
+def test_the_way_after_a_stop_is_that_of_the_speed() -> None:
+    """At 1.5 m/s and 200 m/s^2: 5.6 mm, in 7.5 ms."""
+    safety, state, places = _filter(1000, workspace_m=5.0), SafetyState(), []
+    for k, t_ns in enumerate(_instants(1000, 1000)):
+        if k == 500:
+            state = safety.stop(state, True)
+        state = safety.step(state, t_ns, Seen(t_ns, (0.0015 * min(k, 500), 0.0, 0.0), 0.001))
+        assert state.place is not None
+        places.append(state.place[0])
+    assert places[499] == 0.0015 * 499
+    assert places[-1] - places[499] == pytest.approx(1.5**2 / 400 - 0.0015 / 2, abs=1e-4)
+    assert places[508] == places[-1]
+    assert safety.limits.run_out_m <= 0.010
+
+
+def test_a_turned_estimate_is_followed_within_the_speed_of_turning() -> None:
+    """180 degrees and a gripper 206 degrees off: at 30 Hz 80 degrees a tick, and met without overshoot."""
+    states = _tracking(30, 0.0, jump_deg=179.0)
+    wrists = [state.wrist.at for state in states if state.wrist is not None]
+    angles = [degrees(dist(turn_to(_about_z(0.0), at.orientation), STILL)) for at in wrists]
+    assert angles[0] < 80.0
+    assert angles[-1] == pytest.approx(179.0)
+    assert max(degrees(abs(b.gripper_rad - a.gripper_rad)) for a, b in pairwise(wrists)) <= 80.0
+    assert max(at.gripper_rad for at in wrists) == wrists[-1].gripper_rad == 0.02 * 179.0
+
+
+def test_samples_in_conflict_hold_the_arm() -> None:
+    seen = {k: _fresh(k, 0.001 * k)._replace(in_conflict=30 <= k < 45) for k in range(120)}
+    states = [*_run(_filter(), seen, 120)]
+    assert _modes(states)[1:3] == [(1.0, "hold", "conflict"), (1.5, "resuming", "sound")]
+    assert states[40][1].place == (0.029, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("rate_hz", [5, 30, 200, 1000])
+def test_a_search_for_the_worst_finds_nothing_beyond_the_bounds(rate_hz: int) -> None:
+    for part in range(3):
+        over = search(rate_hz, 6, partial(overshot, part=part))
+        assert overshot(over, part) <= 1e-6
+        stopped = search(rate_hz, 6, partial(run_on, part=part))
+        assert run_on(stopped, part) <= 1e-6
+    assert search(rate_hz, 6, lambda one: one.moved).moved <= 2.0 * max(0.033, 1 / rate_hz) + 1e-9
