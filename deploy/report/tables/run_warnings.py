@@ -5,6 +5,7 @@ from typing import Any
 
 from deploy.report.measures.devices import device_texts
 from deploy.report.measures.estimation.own_estimators import estimator_fault_texts
+from deploy.report.measures.evidence import evidence_texts
 from deploy.report.measures.network.refusals import refusal_texts
 from deploy.report.tables.numbers import number
 
@@ -15,6 +16,7 @@ def run_warnings(summary: Mapping[str, Any]) -> list[str]:
     return [
         *_absence_texts(summary),
         *_quarantine_text(summary),
+        *evidence_texts(summary),
         *_stop_texts(summary),
         *device_texts(summary),
         *refusal_texts(summary.get("refused", {})),

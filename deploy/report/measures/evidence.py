@@ -1,0 +1,66 @@
+"""The summary's ``evidence``: what only somebody who forges can have caused, since when, and what followed."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from common.peer_life import Alarm
+from common.records import COUNTERS
+from common.safety_records import QUARANTINE, QUARANTINED
+from common.scenario import Scenario
+from common.units import NS_PER_S
+from deploy.logs.read.load import RunLogs
+from patient_side.safety.evidence import Evidence
+
+_COUNTERS: Final[Mapping[Alarm, str]] = {
+    "conflict": f"{QUARANTINED}.conflicting",
+    "foreign_set_point": "foreign_set_points",
+}
+_KINDS: Final[Mapping[Alarm, str]] = {"conflict": "conflicting", "foreign_set_point": "foreign_set_point"}
+
+
+def evidence_summary(logs: RunLogs, scenario: Scenario) -> dict[str, Any]:
+    """Return the number of contradictions of each kind, and since when they were evidence; null: they never were."""
+    counters = {row["name"]: row["value"] for row in logs.of("patient", COUNTERS)} if "patient" in logs.sides else {}
+    found: dict[str, Any] = {"on_conflict": scenario.on_conflict}
+    for alarm, counter in _COUNTERS.items():
+        begun_ns = _begun_ns(logs, _KINDS[alarm])
+        found[alarm] = {
+            "n": counters.get(counter, 0),
+            "begun_s": None if begun_ns is None else begun_ns / NS_PER_S,
+        }
+    return found
+
+
+def _begun_ns(logs: RunLogs, kind: str) -> int | None:
+    """Return the first arrival at which records of a kind were evidence, on any hand's keys."""
+    by_key: dict[str, Evidence] = {}
+    for row in logs.of("patient", QUARANTINE) if "patient" in logs.sides else ():
+        if row["kind"] == kind:
+            by_key.setdefault(row["key"], Evidence()).note(row["recv_ns"])
+    return min((one.begun_ns for one in by_key.values() if one.begun_ns is not None), default=None)
+
+
+def evidence_texts(summary: Mapping[str, Any]) -> Sequence[str]:
+    """Return a sentence on each kind of evidence that a run holds; none without any."""
+    evidence, found = summary.get("evidence") or {}, []
+    conflict, foreign = evidence.get("conflict"), evidence.get("foreign_set_point")
+    if conflict and conflict["begun_s"] is not None:
+        acts = "the arm held while they came" if evidence["on_conflict"] == "hold" else "the arm went on"
+        found.append(
+            f"{conflict['n']} samples of the surgeon came in a second version, from {conflict['begun_s']:.1f} s on: "
+            f"somebody forges them; {acts} (patient.gate.on_conflict)"
+        )
+    if foreign and foreign["n"]:
+        since = "" if foreign["begun_s"] is None else f", from {foreign['begun_s']:.1f} s on"
+        found.append(
+            f"somebody else sent {foreign['n']} set points for the arms{since}: an arm may have followed them"
+        )
+    return found
+
+
+def evidence_problems(summary: Mapping[str, Any], scenario: Scenario) -> list[str]:
+    """Return a problem where an arm of another program heard set points that the patient did not send."""
+    n = (summary["evidence"]["foreign_set_point"]["n"]) or 0
+    if not n or scenario.patient.plant.kind != "external":
+        return []
+    return [f"evidence.foreign_set_point: the arm heard {n} set points that the patient did not send"]
