@@ -98,6 +98,7 @@ class PeerLife:
     _blind_until_ns: int = -(1 << 62)
     _beat: Beat | None = None
     _alarms: set[Alarm] = field(default_factory=set)
+    _raised: list[Change] = field(default_factory=list)
     _steps: list[Change] = field(default_factory=list)
 
     def hear(self, beat: Beat, now_ns: int) -> None:
@@ -109,7 +110,7 @@ class PeerLife:
         for alarm, begun_ns in beat.alarms.items():
             if alarm not in self._alarms:
                 self._alarms.add(alarm)
-                self._steps.append(Change(self.peer, alarm, begun_ns, 0))
+                self._raised.append(Change(self.peer, alarm, begun_ns, 0))
         self.heard_ns, self._beat = now_ns, beat
 
     def _judge_clock(self, offset_ns: int, now_ns: int) -> None:
@@ -146,7 +147,7 @@ class PeerLife:
         view
             What netem says of this side; None: it is well, or this side's own neighbour.
         """
-        found, self._steps = self._steps, []
+        found, self._steps, self._raised = self._steps + self._raised, [], []
         if self.heard_ns is None:  # its beats count from the first look
             self.heard_ns = now_ns
         if not is_present and not self.has_left:

@@ -122,12 +122,13 @@ class Page:
             self.pace.end_frame()
 
     def _refresh_text(self, attendance: Attendance) -> None:
-        now_s, figures, n_missed, safety = self._observer.read(
+        now_s, figures, n_missed, safety, alarms = self._observer.read(
             lambda book: (
-                book.now_ns / NS_PER_S, book.figures(), book.n_ticks_missed, book.safety.stretches(SHOWN_S)
+                book.now_ns / NS_PER_S, book.figures(), book.n_ticks_missed, book.safety.stretches(SHOWN_S),
+                book.alarms,
             )
         )  # fmt: skip
-        self._sides.text = run_html(attendance, now_s, self._context, self._output())
+        self._sides.text = run_html(attendance, now_s, self._context, self._output(), alarms)
         picture = network_html(attendance, now_s, self._context, figures, self._known)
         note = vantage_text(self._observer.vantage(), self._context)
         self._figures.text = figures_html(figures, n_missed, picture, note, safety)

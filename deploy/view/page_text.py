@@ -7,7 +7,9 @@ from typing import Final, NamedTuple, get_args
 
 from common.channels import Side
 from common.clocks.offset import UNKNOWN_DRIFT_PPM
+from common.peer_life import NO_ALARMS, TEXTS, Alarm
 from common.scenario.control import DirectionState, EmulatorState
+from common.units import NS_PER_S
 from deploy.watch.live_figures import LiveFigures
 from deploy.watch.observer import Attendance
 from deploy.watch.observer_path import Vantage
@@ -42,10 +44,20 @@ class PageContext(NamedTuple):
     """Whether a page can move the hand."""
 
 
-def run_html(attendance: Attendance, now_s: float, context: PageContext, output: RunOutput | None = None) -> str:
-    """Return the state of the run and, after its end, the place of its output."""
+def run_html(
+    attendance: Attendance,
+    now_s: float,
+    context: PageContext,
+    output: RunOutput | None = None,
+    alarms: Mapping[Alarm, int] = NO_ALARMS,
+) -> str:
+    """Return the state of the run, what the patient has evidence of and, after the end, the place of the output."""
     end = _end_html(context, output) if "netem" in attendance.left else ""
-    return f'<p class="run">{escape(run_text(attendance, now_s, context))}</p>{end}'
+    told = "".join(
+        f'<p class="alarm" role="alert">The patient {escape(TEXTS[alarm])}, since {begun_ns / NS_PER_S:.1f} s.</p>'
+        for alarm, begun_ns in sorted(alarms.items())
+    )
+    return f'<p class="run">{escape(run_text(attendance, now_s, context))}</p>{told}{end}'
 
 
 def run_text(attendance: Attendance, now_s: float, context: PageContext) -> str:

@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Final, NamedTuple, TypeVar
 
 from pydantic import ValidationError
@@ -9,6 +10,8 @@ from pydantic import ValidationError
 from common.channels import ORIGIN, Network, is_set_point, local_keys
 from common.header import Header
 from common.messages import FeedbackPose, Pose, position_m
+from common.peer_life import Alarm, Beat
+from common.runtime.control import ControlKeys
 from common.units import NS_PER_MS, NS_PER_S
 from deploy.watch.crossings import Crossing, Crossings
 from deploy.watch.displays import Displays
@@ -76,6 +79,9 @@ class LiveBook:
         self.displays = Displays(session)
         self.newest: defaultdict[str, dict[str, Place]] = defaultdict(dict)
         """By arm the newest place in m of the commanded pose (``hand``) and of the patient's ``estimate``."""
+        self.alarms: dict[Alarm, int] = {}
+        """What the patient has evidence of, and the run time at which it began, in ns."""
+        self._beat_key = ControlKeys(session).beat("patient")
         self._local = local_keys(session, "east")
         self._table = watched_streams(session)
         self._crossings: defaultdict[str, Crossings] = defaultdict(Crossings)
@@ -87,6 +93,9 @@ class LiveBook:
 
     def take(self, seen: Sighting) -> None:
         """Add a message; messages that are not of the session's streams are ignored."""
+        if seen.key == self._beat_key:
+            self._hear(seen.payload)
+            return
         if seen.key in self._local:
             if seen.network == "east" and is_set_point(seen.key):
                 self.safety.take(seen.key.split("/")[-2], seen.payload, self.now_ns)
@@ -107,6 +116,12 @@ class LiveBook:
             return
         if at_origin or stream.role == "arm":
             self._decode(stream, header, seen, at_origin)
+
+    def _hear(self, payload: bytes) -> None:
+        with suppress(ValidationError):
+            beat = Beat.model_validate_json(payload)
+            if beat.side == "patient":
+                self.alarms = {**beat.alarms, **self.alarms}
 
     def set_thinning(self, thinning: int) -> None:
         """Decode only every ``thinning``-th message from now on; a multiple of the value before."""

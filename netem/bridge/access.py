@@ -99,7 +99,7 @@ def _of_side(session: str, network: Network, devices: Sequence[str]) -> Rights:
 def _of_observers(session: str) -> Rights:
     keys, prefix = ControlKeys(session), control_prefix(session)
     return {
-        "declare_subscriber": (f"{session}/**", keys.end, stopped_key(session)),
+        "declare_subscriber": (f"{session}/**", keys.end, keys.beats, stopped_key(session)),
         "query": (keys.clock, f"{prefix}state", f"{prefix}schema", EVERY_STATE),
         "liveliness_query": (keys.tokens,),
         "declare_liveliness_subscriber": (keys.tokens,),

@@ -129,3 +129,16 @@ def test_a_side_that_never_beats_is_silent_from_the_first_look() -> None:
     assert _look(life, 0) == []
     assert _look(life, 900) == []
     assert _look(life, 1_100) == [("frozen", 1_100)]
+
+
+def test_an_alarm_of_a_beat_is_told_once_with_when_it_began() -> None:
+    life = PeerLife("patient")
+    _live(life, 0, 1_000)
+    for at_ms in (1_000, 1_200):
+        life.hear(_beat(at_ms).model_copy(update={"alarms": {"conflict": 700 * _MS}}), at_ms * _MS)
+    assert life.look(1_200 * _MS, True, False, None) == [Change("patient", "conflict", 700 * _MS, 0)]
+    life.hear(_beat(1_400).model_copy(update={"alarms": {"conflict": 900 * _MS}}), 1_400 * _MS)
+    assert life.look(1_400 * _MS, True, False, None) == []
+    text = described(Change("patient", "conflict", 700 * _MS, 0), "surgeon")
+    assert text.startswith("patient receives samples of the surgeon in two versions")
+    assert text.endswith("at 0.7 s")

@@ -1,8 +1,8 @@
 """The summary's ``safety``: what drove the arms, beside the estimates, and their safety states."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import ceil, sqrt
 from typing import Any, get_args
 
 import numpy as np
@@ -12,11 +12,12 @@ from common.channels import Hand, is_set_point
 from common.messages import SafetyMode
 from common.safety_records import SAFETY, STOPS
 from common.scenario import Scenario
-from common.units import MM_PER_M
+from common.units import MM_PER_M, NS_PER_MS
 from deploy.logs.read.load import RunLogs
 from deploy.logs.read.note_columns import place_in
 from deploy.logs.read.rows import Rows
 from deploy.report.measures.estimation.tracking import Array, HandTrack, at_ticks
+from patient_side.safety.safety_state import limits_of
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,25 @@ class SetPoints:
     position_m: Array
     mode: NDArray[np.str_]
     differs: NDArray[np.bool_]
+
+    def stops(self, stopped_ns: Sequence[int], t_ns: NDArray[np.int64]) -> list[tuple[float, int]]:
+        """Return the way in m and the time in ns of each emergency stop, from the request until the arm stands.
+
+        ``stopped_ns`` are the instants of the requests, ``t_ns`` (T,) those of the ticks. A stop before the first set
+        point, or one that a release ended before the arm stood, has neither.
+        """
+        found = []
+        for at_ns in stopped_ns:
+            first = int(np.searchsorted(t_ns, at_ns))  # the tick that stops
+            standing = np.flatnonzero(self.mode[first:] == "safe")
+            braking = self.mode[first : first + (standing[0] if standing.size else 0)]
+            if not first or not standing.size or not np.isin(braking, ("slow_stop",)).all():
+                continue
+            last = first + int(standing[0])
+            way_m = float(np.linalg.norm(self.position_m[last] - self.position_m[first - 1]))
+            if np.isfinite(way_m):
+                found.append((way_m, int(t_ns[last]) - at_ns))
+        return found
 
 
 def set_points(logs: RunLogs, scenario: Scenario, track: HandTrack, hand: Hand) -> SetPoints | None:
@@ -57,14 +77,14 @@ def safety_summary(logs: RunLogs, scenario: Scenario, tracks: Mapping[Hand, Hand
     ``rmse_3d_mm`` of set point and estimate are over the same scored ticks; a step is from tick to tick. An arm that
     was stopped before its first set point has none, but figures: they count the stop.
     """
-    stops = sum(row["stop"] for row in logs.of("patient", STOPS))
+    stopped_ns = [row["at_ns"] for row in logs.of("patient", STOPS) if row["stop"]]
     found: dict[str, Any] = {}
     for hand, track in tracks.items():
         driven = set_points(logs, scenario, track, hand)
-        if driven is None and stops:
+        if driven is None and stopped_ns:
             driven = _never_driven(track.tick.size)
         changes = [row for row in logs.of("patient", SAFETY) if row["hand"] == hand and row["cause"] != "first"]
-        found[hand] = None if driven is None else _figures(scenario, track, driven, len(changes), stops)
+        found[hand] = None if driven is None else _figures(scenario, track, driven, len(changes), stopped_ns)
     return found
 
 
@@ -72,7 +92,9 @@ def _never_driven(n_ticks: int) -> SetPoints:
     return SetPoints(np.full((n_ticks, 3), np.nan), np.full(n_ticks, ""), np.zeros(n_ticks, dtype=np.bool_))
 
 
-def _figures(scenario: Scenario, track: HandTrack, driven: SetPoints, n_changes: int, n_stops: int) -> dict[str, Any]:
+def _figures(
+    scenario: Scenario, track: HandTrack, driven: SetPoints, n_changes: int, stopped_ns: Sequence[int]
+) -> dict[str, Any]:
     estimate_m = track.estimates.get(scenario.active_estimator)
     both = track.scored & np.isfinite(driven.position_m).all(axis=1)
     if estimate_m is not None:
@@ -80,12 +102,26 @@ def _figures(scenario: Scenario, track: HandTrack, driven: SetPoints, n_changes:
     return {
         "time_s": {mode: int((driven.mode == mode).sum()) / scenario.rate_hz for mode in get_args(SafetyMode)},
         "changes": n_changes,
-        "emergency_stops": n_stops,
+        "emergency_stops": len(stopped_ns),
         "shaped_ticks": int(driven.differs.sum()),
         "rmse_3d_mm": _rmse_mm(driven.position_m - track.truth_m, both),
         "estimate_rmse_3d_mm": None if estimate_m is None else _rmse_mm(estimate_m - track.truth_m, both),
+        "stop": _stop_figures(scenario, driven.stops(stopped_ns, track.t_ns)),
         "largest_step_mm": _largest_step_mm(driven.position_m),
         "estimate_largest_step_mm": None if estimate_m is None else _largest_step_mm(estimate_m),
+    }
+
+
+def _stop_figures(scenario: Scenario, stops: Sequence[tuple[float, int]]) -> dict[str, Any]:
+    """Return the longest way and time of the emergency stops, null without any, beside what the limits allow."""
+    limits = limits_of(scenario.patient.safety, scenario.rate_hz)
+    # a request waits for the next tick, and the arm counts as standing a tick after its last movement
+    ticks = ceil(limits.usual.step / limits.usual.change) + 2
+    return {
+        "way_mm": max((MM_PER_M * way_m for way_m, _ in stops), default=None),
+        "time_ms": max((time_ns / NS_PER_MS for _, time_ns in stops), default=None),
+        "bound_mm": MM_PER_M * limits.run_out_m,
+        "bound_ms": 1000.0 * ticks / scenario.rate_hz,
     }
 
 

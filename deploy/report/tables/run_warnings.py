@@ -33,7 +33,15 @@ def _stop_texts(summary: Mapping[str, Any]) -> list[str]:
         return []
     n, safe_s = hands[0]["emergency_stops"], max(row["time_s"]["safe"] for row in hands)
     times = "an emergency stop" if n == 1 else f"{n} emergency stops"
-    return [f"{times} stopped the arms, which stood still for {safe_s:.1f} s: the errors count that time"]
+    stops = [row["stop"] for row in hands if row.get("stop") and row["stop"]["way_mm"] is not None]
+    within = ""
+    if stops:
+        longest = max(stops, key=lambda one: float(one["way_mm"]))
+        within = (
+            f" within {longest['way_mm']:.1f} mm and {max(one['time_ms'] for one in stops):.0f} ms "
+            f"(allowed: {longest['bound_mm']:.1f} mm, {longest['bound_ms']:.0f} ms)"
+        )
+    return [f"{times} stopped the arms{within}, which stood still for {safe_s:.1f} s: the errors count that time"]
 
 
 def _absence_texts(summary: Mapping[str, Any]) -> list[str]:

@@ -1,21 +1,19 @@
 """Attacks on a run: somebody on the patient's network sends what the surgeon did not."""
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from math import radians
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import pytest
 from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
-from common.channels import Network, Side
-from common.header import Header
-from common.messages import Quaternion, SetPoint, Vector3
-from common.node import Arrival, Emission, Node, Output, Record
+from common.channels import Side
+from common.messages import EmergencyStop, Quaternion, SetPoint, Vector3
+from common.node import Node
 from common.runtime.recordings import load_recording
 from common.safety_records import QUARANTINE
 from common.sources.trajectory import Recording
@@ -28,55 +26,12 @@ from deploy.run.resolve import resolve
 from deploy.run.twin import build_sides, run_twin
 from deploy.shell.run_dir import create
 from patient_side.identification.model_io import dump_models
+from tests.deploy.run.attacker import Attacker, Forged
 from tests.nodes import a_pose
 
 COMMAND, ARM = "tis/MTML/measured_cp", "tis/PSM2/setpoint_cp"
 RATE_HZ, ATTACK_NS = 30, 4 * NS_PER_S
 HOLD = "patient.orientation={methods: [hold], active: hold}"
-
-
-class Forged(NamedTuple):
-    """A message to inject at an instant."""
-
-    at_ns: int
-    key: str
-    seq: int
-    payload: bytes
-
-
-@dataclass
-class Attacker:
-    """Sends forged messages at their instants."""
-
-    messages: Sequence[Forged]
-    name: str = "attacker"
-    _due: list[Forged] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self._due = sorted(self.messages, key=lambda one: one.at_ns, reverse=True)
-
-    def listens(self) -> Sequence[tuple[Network, str]]:
-        return []
-
-    def publishes(self) -> Sequence[tuple[Network, str]]:
-        return []
-
-    def receive(self, arrival: Arrival) -> Sequence[Output]:
-        return []
-
-    def next_wake_ns(self) -> int | None:
-        return self._due[-1].at_ns if self._due else None
-
-    def wake(self, now_ns: int) -> Iterable[Output]:
-        while self._due and self._due[-1].at_ns <= now_ns:
-            one = self._due.pop()
-            yield Emission("east", one.key, one.payload, Header(one.seq), lambda _: ())
-
-    def finish(self, now_ns: int) -> Sequence[Record]:
-        return []
-
-    def counters(self) -> dict[str, int]:
-        return {}
 
 
 def _at(k: int, metres: float) -> bytes:
@@ -265,3 +220,17 @@ def test_true_places_with_another_wrist_end_nothing(tmp_path: Path, movement: Re
     turns = [Rotation.from_quat([row["orientation"][axis] for axis in "xyzw"]) for row in points]
     assert len(turns) > 200
     assert max((a.inv() * b).magnitude() for a, b in pairwise(turns)) <= radians(80.0) + 1e-6
+
+
+def test_an_emergency_stop_stops_within_its_bounds_and_the_summary_says_so(tmp_path: Path) -> None:
+    """At the largest movement of the two seconds, for three seconds."""
+    stop, release = (
+        EmergencyStop(stop=stop, reason="", number=1 + (not stop)).model_dump_json().encode()
+        for stop in (True, False)
+    )
+    messages = [Forged(at_s * NS_PER_S, "tis/@tis/stop", 0, one) for at_s, one in ((3, stop), (6, release))]
+    found = _run(tmp_path / "run", messages)["safety"]["left"]
+    assert found["emergency_stops"] == 1
+    assert found["stop"]["way_mm"] <= found["stop"]["bound_mm"] <= 10.0
+    assert 0.0 < found["stop"]["time_ms"] <= found["stop"]["bound_ms"]
+    assert found["time_s"]["safe"] == pytest.approx(3.0, abs=0.1)

@@ -32,6 +32,13 @@ def test_it_says_how_the_run_stands() -> None:
     assert run_text(over, 12.4, BESIDE) == "The run has ended after 12.4 s: patient left."
 
 
+def test_it_says_what_the_patient_has_evidence_of() -> None:
+    html = run_html(Attendance(True, ALL), 12.4, BESIDE, alarms={"conflict": 3_240_000_000})
+    assert 'role="alert"' in html
+    assert "The patient receives samples of the surgeon in two versions" in _plain(html)
+    assert "since 3.2 s" in _plain(html)
+
+
 def test_before_the_end_it_names_no_report_and_what_is_told_is_no_markup() -> None:
     there = Attendance(True, frozenset({"netem", "surgeon"}), frozenset({"patient"}))
     assert "report" not in _plain(run_html(there, 3, BESIDE))

@@ -2,6 +2,8 @@
 
 from common.header import Header
 from common.messages import Quaternion, SafetyMode, SetPoint, Vector3
+from common.peer_life import Beat
+from common.runtime.control import ControlKeys
 from common.units import NS_PER_S
 from deploy.watch.book import LiveBook, Sighting
 from deploy.watch.safety import SafetyStates, Stretch
@@ -60,3 +62,16 @@ def test_strangers_cannot_fill_the_memory_with_arms() -> None:
     for i in range(100):
         states.take(f"ARM{i}", _point(1.0, "hold"), 20 * NS_PER_S)
     assert len(states.stretches(10.0)) == 8
+
+
+def test_the_book_keeps_what_the_patient_has_evidence_of() -> None:
+    book = LiveBook("tis")
+    key = ControlKeys("tis").beat("patient")
+    alarm = Beat(side="patient", at_ns=5, loop_ns=5, alarms={"conflict": 3 * NS_PER_S})
+    for beat in (
+        b"{}",
+        alarm.model_dump_json().encode(),
+        Beat(side="patient", at_ns=6, loop_ns=6).model_dump_json().encode(),
+    ):
+        book.take(Sighting("east", key, 5, b"", beat))
+    assert book.alarms == {"conflict": 3 * NS_PER_S}

@@ -78,7 +78,7 @@ def test_an_arm_stopped_before_its_first_set_point_counts_the_stop(run_dir: Path
     logs, scenario = load_run(run_dir), folder.read_scenario(run_dir)
     rows = logs.sides["patient"].rows
     logs.sides["patient"].rows = {topic: found for topic, found in rows.items() if not topic.endswith("servo_cp")}
-    logs.sides["patient"].rows[STOPS] = [{"t_ns": 5, "stop": True}]
+    logs.sides["patient"].rows[STOPS] = [{"at_ns": 5, "stop": True}]
     found = safety_summary(logs, scenario, {"left": track_of_hand(logs, scenario, "left")})["left"]
     assert (found["emergency_stops"], set(found["time_s"].values()), found["rmse_3d_mm"]) == (1, {0.0}, None)
     assert (found["shaped_ticks"], found["largest_step_mm"]) == (0, None)
