@@ -79,7 +79,7 @@ def watched(
     duration_s: float | None,
     forged: Callable[[Recording], Sequence[Forged]] = lambda _: (),
 ) -> tuple[Watched, Any]:
-    """Return what a twin of the scenario's first hand did, and its recording, with ``forged`` messages among the true."""
+    """Return what a twin of the scenario's first hand did, and its recording, with ``forged`` messages among its."""
     scenario = resolve(name, settings, seed=seed, duration_s=duration_s)
     recording = load_recording(scenario)
     nodes, _, _ = build_sides(scenario, recording=recording)
