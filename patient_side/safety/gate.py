@@ -7,7 +7,7 @@ the whole pose.
 
 from bisect import bisect_left
 from dataclasses import dataclass, field
-from math import dist, inf, radians
+from math import dist, hypot, inf, pi, radians
 from typing import Final, Literal, NamedTuple
 
 from common.messages import Pose, position_m
@@ -30,6 +30,8 @@ _NOISE_RAD: Final = 0.02
 """Angle that is no movement."""
 _BASE_NS: Final = 33 * NS_PER_MS
 """Time over which a velocity is measured at least, so that noise does not pass for acceleration."""
+_UNIT: Final = 1e-6
+"""Difference from 1 of the length of an orientation that counts as 1."""
 _N_KEPT: Final = 512
 
 
@@ -113,42 +115,37 @@ class StreamGate:
 
     def _of_pose(self, pose: Pose) -> Kind | None:
         """Return the fault of a sample against the workspace and the admitted ones around it; keep it without one."""
-        at_ns, where, turn = pose.sample_ns, position_m(pose), components(pose.orientation)
-        new = _Known(where, turn if is_orientation(turn) else None, pose.gripper_rad)
-        if dist(where, self.centre_m) > self.limits.reach_m:
+        limits, known_ns, known = self.limits, self._at_ns, self._known
+        at_ns, where, turn = pose.sample_ns, position_m(pose), _unit(components(pose.orientation))
+        if dist(where, self.centre_m) > limits.reach_m:
             return "place"
-        if abs(new.gripper_rad) > self.limits.gripper_rad:
+        if abs(pose.gripper_rad) > limits.gripper_rad:
             return "gripper"
-        at, known_ns = self._place_of(at_ns), self._at_ns
-        if new.turn is None and at:  # a sample of no orientation continues the one before it
-            new = new._replace(turn=self._known[at - 1].turn)
-        if at < len(known_ns) and known_ns[at] == at_ns:
-            return None if self._known[at] == new else "conflicting"
-        kind = self._of_neighbours(at, at_ns, new)
-        if kind is None and at == len(known_ns) and at:
-            kind = self._of_acceleration(at_ns, new)
+        # nearly always a sample is the newest one
+        at = len(known_ns) if not known_ns or at_ns > known_ns[-1] else bisect_left(known_ns, at_ns)
+        if turn is None and at:  # a sample of no orientation continues the one before it
+            turn = known[at - 1].turn
+        new = _Known(where, turn, pose.gripper_rad)
+        if at < len(known_ns):
+            if known_ns[at] == at_ns:
+                return None if known[at] == new else "conflicting"
+            kind = self._of_neighbour(at, at_ns, new) or (self._of_neighbour(at - 1, at_ns, new) if at else None)
+        else:
+            kind = (self._of_neighbour(at - 1, at_ns, new) or self._of_acceleration(at_ns, new)) if at else None
         if kind is None:
             self._keep(at, at_ns, new)
         return kind
 
-    def _place_of(self, at_ns: int) -> int:
-        """Return the number of admitted samples before an instant; nearly always it is that of all."""
-        known_ns = self._at_ns
-        return len(known_ns) if not known_ns or at_ns > known_ns[-1] else bisect_left(known_ns, at_ns)
-
-    def _of_neighbours(self, at: int, at_ns: int, new: _Known) -> Kind | None:
-        """Return the fault of a sample that is farther from the one before it, or after it, than an arm can move."""
-        limits = self.limits
-        for i in (at - 1, at):
-            if not 0 <= i < len(self._at_ns):
-                continue
-            span_s, old = abs(at_ns - self._at_ns[i]) / NS_PER_S, self._known[i]
-            if dist(new.where, old.where) > _NOISE_M + limits.speed_m_s * span_s:
-                return "speed"
-            if _angle(old.turn, new.turn) > _NOISE_RAD + limits.turn_rad_s * span_s:
-                return "turn_speed"
-            if abs(new.gripper_rad - old.gripper_rad) > _NOISE_RAD + limits.gripper_rad_s * span_s:
-                return "gripper"
+    def _of_neighbour(self, i: int, at_ns: int, new: _Known) -> Kind | None:
+        """Return the fault of a sample that is farther from an admitted one than an arm can move."""
+        limits, old = self.limits, self._known[i]
+        span_s = abs(at_ns - self._at_ns[i]) / NS_PER_S
+        if dist(new.where, old.where) > _NOISE_M + limits.speed_m_s * span_s:
+            return "speed"
+        if _turns_more(old.turn, new.turn, _NOISE_RAD + limits.turn_rad_s * span_s):
+            return "turn_speed"
+        if abs(new.gripper_rad - old.gripper_rad) > _NOISE_RAD + limits.gripper_rad_s * span_s:
+            return "gripper"
         return None
 
     def _of_acceleration(self, at_ns: int, new: _Known) -> Kind | None:
@@ -166,7 +163,7 @@ class StreamGate:
             return "acceleration"
         most_rad_s = limits.turn_acceleration_rad_s2 * half_s + _NOISE_RAD / after_s
         # what the speed alone keeps within the limit needs no second turn, as nearly always
-        if _angle(last.turn, new.turn) / after_s + limits.turn_rad_s > most_rad_s:
+        if _turns_more(last.turn, new.turn, (most_rad_s - limits.turn_rad_s) * after_s):
             turned, before = _turn(last.turn, new.turn), _turn(base.turn, last.turn)
             if _change(turned, after_s, before, before_s) > most_rad_s:
                 return "turn_acceleration"
@@ -180,12 +177,23 @@ class StreamGate:
             del self._at_ns[: -_N_KEPT // 2], self._known[: -_N_KEPT // 2]
 
 
+def _unit(turn: Quaternion) -> Quaternion | None:
+    """Return an orientation of length 1; None where the numbers are none."""
+    norm = hypot(*turn)
+    if abs(norm - 1.0) < _UNIT:
+        return turn
+    return (turn[0] / norm, turn[1] / norm, turn[2] / norm, turn[3] / norm) if is_orientation(turn) else None
+
+
+def _turns_more(here: Quaternion | None, there: Quaternion | None, most_rad: float) -> bool:
+    """Tell whether two orientations of length 1 differ by more than an angle."""
+    if here is None or there is None or pi * dist(here, there) <= most_rad:  # a chord of 2 sin(angle / 4)
+        return False
+    return dist(turn_to(here, there), STILL) > most_rad
+
+
 def _turn(here: Quaternion | None, there: Quaternion | None) -> Vector:
     return STILL if here is None or there is None else turn_to(here, there)
-
-
-def _angle(here: Quaternion | None, there: Quaternion | None) -> float:
-    return dist(_turn(here, there), STILL)
 
 
 def _change(after: Vector, after_s: float, before: Vector, before_s: float) -> float:

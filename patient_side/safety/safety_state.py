@@ -205,27 +205,29 @@ class SafetyFilter:
             Newest sample and active estimate of the tick.
         """
         # The data: a fresher sample after a long wait ends a break.
-        broke = False
-        if seen.sample_ns is not None and seen.sample_ns > state.newest_ns:
-            broke = state.fresh_ns is not None and t_ns - state.fresh_ns > self.limits.break_ns
-            state = state._replace(newest_ns=seen.sample_ns, fresh_ns=t_ns)
+        broke, sample_ns = False, seen.sample_ns
+        newest_ns, fresh_ns = state.newest_ns, state.fresh_ns
+        if sample_ns is not None and sample_ns > newest_ns:
+            broke = fresh_ns is not None and t_ns - fresh_ns > self.limits.break_ns
+            newest_ns, fresh_ns = sample_ns, t_ns
         # The mode, then the set point in that mode.
-        cause = self._fault(state, t_ns, seen)
+        cause = self._fault(state, t_ns, seen, newest_ns, fresh_ns)
         if cause is not None:
-            return self._while_unsound(state, t_ns, cause)
-        assert seen.estimate_m is not None, "without an estimate there is a fault"
-        return self._while_sound(state, t_ns, seen.estimate_m, seen.wrist, broke)
+            return self._while_unsound(state._replace(newest_ns=newest_ns, fresh_ns=fresh_ns), t_ns, cause)
+        return self._while_sound(state, t_ns, seen, newest_ns, broke)
 
-    def _fault(self, state: SafetyState, t_ns: int, seen: Seen) -> SafetyCause | None:
+    def _fault(
+        self, state: SafetyState, t_ns: int, seen: Seen, newest_ns: int, fresh_ns: int | None
+    ) -> SafetyCause | None:
         """Return why the estimate must not drive the arm; None when it may."""
         limits = self.limits
         if state.is_stopped:
             return "emergency_stop"
-        if state.fresh_ns is None or seen.estimate_m is None:
+        if fresh_ns is None or seen.estimate_m is None:
             return "no_estimate"
         if seen.in_conflict:
             return "conflict"
-        if t_ns - state.newest_ns > limits.hold_age_ns:
+        if t_ns - newest_ns > limits.hold_age_ns:
             return "age"
         if seen.std_m is not None and seen.std_m > limits.std_m:
             return "uncertainty"
@@ -258,15 +260,16 @@ class SafetyFilter:
             is_latched=state.is_latched or (is_safe and limits.latch),
         )
 
-    def _while_sound(
-        self, state: SafetyState, t_ns: int, estimate_m: Place, wrist: Wrist | None, broke: bool
-    ) -> SafetyState:
-        limits = self.limits
-        target = within(estimate_m, self.centre_m, limits.workspace_m)
-        if state.place is None:
-            point = state.wrist if wrist is None else begin(wrist)
+    def _while_sound(self, state: SafetyState, t_ns: int, seen: Seen, newest_ns: int, broke: bool) -> SafetyState:
+        """Return the state after a tick whose estimate may drive the arm."""
+        limits, place, wrist = self.limits, state.place, seen.wrist
+        assert seen.estimate_m is not None, "without an estimate there is a fault"
+        target = within(seen.estimate_m, self.centre_m, limits.workspace_m)
+        fresh_ns = t_ns if newest_ns > state.newest_ns else state.fresh_ns
+        if place is None:
             return state._replace(
-                mode="tracking", cause="first", place=target, motion=Motion(has_met=True), target=target, wrist=point,
+                mode="tracking", cause="first", place=target, motion=Motion(has_met=True), target=target,
+                wrist=state.wrist if wrist is None else begin(wrist), newest_ns=newest_ns, fresh_ns=fresh_ns,
                 unsound_ns=None,
             )  # fmt: skip
         mode, cause, resumed_ns = state.mode, state.cause, state.resumed_ns
@@ -278,7 +281,7 @@ class SafetyFilter:
             mode == "resuming"
             and resumed_ns is not None
             and t_ns - resumed_ns >= limits.resume_ns
-            and dist(state.place, target) <= limits.near_m
+            and dist(place, target) <= limits.near_m
         ):
             mode, cause = "tracking", "met"
         # After a break an estimator's corrections are large for a while.
@@ -287,13 +290,11 @@ class SafetyFilter:
         if is_slow:
             is_fast_still = dist(state.motion.carried, STILL) > limits.slow.step
             pace, allowance = limits.held if is_fast_still else limits.slow, NO_CORRECTION
-        moved = follow(minus(target, state.place), state.motion, pace, allowance, t_ns)
-        return self._moved(state._replace(target=target), moved)._replace(
-            mode=mode,
-            cause=cause,
-            wrist=state.wrist if wrist is None else self._steered(state.wrist, wrist, is_slow, t_ns),
-            unsound_ns=None,
-            resumed_ns=resumed_ns,
+        moved = follow(minus(target, place), state.motion, pace, allowance, t_ns)
+        there, motion = (target, moved.motion) if moved.meets else self._inside(place, moved)
+        point = state.wrist if wrist is None else self._steered(state.wrist, wrist, is_slow, t_ns)
+        return SafetyState(
+            mode, cause, there, motion, target, point, newest_ns, fresh_ns, None, resumed_ns, False, state.is_latched
         )
 
     def _steered(self, point: WristPoint | None, target: Wrist, is_slow: bool, t_ns: int) -> WristPoint:
@@ -307,12 +308,13 @@ class SafetyFilter:
         return found._replace(is_slow=found.is_slow or is_slow)
 
     def _moved(self, state: SafetyState, moved: Moved) -> SafetyState:
-        """Return the state after a movement of the place; the border of the workspace ends it."""
+        """Return the state after a movement of the place."""
         assert state.place is not None, "only a set point moves"
-        if moved.meets:
-            return state._replace(place=state.target, motion=moved.motion)
-        wanted = plus(state.place, moved.by)
-        place = within(wanted, self.centre_m, self.limits.workspace_m)
-        if place is not wanted:
-            moved = moved._replace(motion=moved.motion._replace(carried=minus(place, state.place)))
-        return state._replace(place=place, motion=moved.motion)
+        place, motion = (state.target, moved.motion) if moved.meets else self._inside(state.place, moved)
+        return state._replace(place=place, motion=motion)
+
+    def _inside(self, place: Place, moved: Moved) -> tuple[Place, Motion]:
+        """Return the place after a movement, and the motion; the border of the workspace ends it."""
+        wanted = plus(place, moved.by)
+        there = within(wanted, self.centre_m, self.limits.workspace_m)
+        return there, moved.motion if there is wanted else moved.motion._replace(carried=minus(there, place))

@@ -77,15 +77,18 @@ def follow(way: Vector, motion: Motion, pace: Pace, allowance: Allowance, t_ns: 
     -----
     Oracles: test_set_point, by hypothesis, by a search for the worst target and against the time-optimal way.
     """
-    carried, length = motion.carried, dist(way, STILL)
-    spent = _recent(motion.spent, allowance, t_ns)
-    left = allowance.most - sum(amount for _, amount in spent)
+    (carried, has_met, spent), (most_carried, change, _), length = motion, pace, dist(way, STILL)
+    if spent:
+        spent = _recent(spent, allowance, t_ns)
     # The carried step that comes nearest to the target, and the correction that is missing then.
-    fits = length <= pace.step and dist(way, carried) <= pace.change
-    towards = way if fits else _shortened(_turned_towards(carried, way, pace.change), pace.step)
+    fits = length <= most_carried and dist(way, carried) <= change
+    if fits and has_met:  # as nearly always: nothing is to be corrected or kept back
+        return Moved(way, True, Motion(way, True, spent))
+    left = allowance.most - sum(amount for _, amount in spent)
+    towards = way if fits else _shortened(_turned_towards(carried, way, change), most_carried)
     correction = 0.0 if fits else dist(way, towards)
     # A set point that comes from afar keeps back what brings it to rest at the target.
-    kept_back = 0.0 if motion.has_met else run_out(dist(towards, STILL), pace.change)
+    kept_back = 0.0 if has_met else run_out(dist(towards, STILL), change)
     if correction + kept_back <= left or correction == kept_back == 0.0:
         return Moved(way, True, Motion(towards, True, spent if fits else (*spent, (t_ns, correction))))
     step = _carry(way, length, carried, pace)
