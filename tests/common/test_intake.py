@@ -1,3 +1,6 @@
+import json
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -37,6 +40,7 @@ def test_each_kind_of_foreign_message_is_counted_with_its_reason() -> None:
     cases = {
         "the attachment is not ours": an_arrival(KEY, 5, b"", a_pose()),
         "the sample instant lies outside the run": an_arrival(KEY, 5, Stamp(0, 2_000_000_000, 0), a_pose()),
+        "the send time lies outside the run": an_arrival(KEY, 5, Stamp(0, 0, 2**63 - 1), a_pose()),
         "the payload is no SampledPose: 1 faults": an_arrival(KEY, 5, Stamp(0, 0, 0), whole[:-20]),
         "no channel has this key": an_arrival("tis/MTMR/measured_cp", 5, Stamp(0, 0, 0), a_pose()),
     }
@@ -50,8 +54,33 @@ def test_each_kind_of_foreign_message_is_counted_with_its_reason() -> None:
     assert intake.n_rejected == len(cases)
 
 
-def test_a_pose_that_is_not_finite_is_rejected() -> None:
-    text = a_pose().model_dump_json().replace("0.5", "NaN").encode()
+def test_a_send_time_before_the_run_is_rejected() -> None:
+    """Clocks that were compared over a network may differ by some ms, and a foreign surgeon need not state any."""
+    for sent_ns, is_accepted in ((-(2**63), False), (-2_000_000_000, False), (-1_000_000, True), (0, True)):
+        accepted, _ = _intake().take(an_arrival(KEY, 5, Stamp(0, 0, sent_ns), a_pose()))
+        assert (accepted is not None) == is_accepted
+
+
+@pytest.mark.parametrize("field", ["tick", "command_sample_ns"])
+def test_an_answer_with_a_number_that_no_log_can_hold_is_rejected(field: str) -> None:
+    answer = {**json.loads(a_pose().model_dump_json()), "tick": 3, "command_sample_ns": 0}
+    for number, is_accepted in ((2**62, True), (2**62 + 1, False), (10**400, False), (5.0, False), ("5", False)):
+        payload = json.dumps({**answer, field: number}).encode()
+        key = LEFT.estimated.key("tis")
+        accepted, _ = Intake("tis", [LEFT.estimated]).take(an_arrival(key, 5, Stamp(0, 0, 0), payload))
+        assert (accepted is not None) == is_accepted
+
+
+@pytest.mark.parametrize("instant", ["5.0", "5e0", '"5"', "true"])
+def test_a_sample_instant_that_is_no_integer_is_rejected(instant: str) -> None:
+    text = a_pose(sample_ns=7).model_dump_json().replace(":7,", f":{instant},").encode()
+    accepted, _ = _intake().take(an_arrival(KEY, 5, Stamp(0, 0, 0), text))
+    assert accepted is None
+
+
+@pytest.mark.parametrize("number", ["NaN", "1e400", '"0.5"', "true"])
+def test_a_pose_with_what_is_no_finite_number_is_rejected(number: str) -> None:
+    text = a_pose().model_dump_json().replace("0.5", number).encode()
     accepted, _ = _intake().take(an_arrival(KEY, 5, Stamp(0, 0, 0), text))
     assert accepted is None
 
