@@ -6,13 +6,16 @@ Sequence number and send time travel in the attachment (`common.header`), outsid
 from itertools import pairwise
 from typing import Annotated, Final, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, FailFast, Field, model_validator
 
 MAX_SIZE: Final = 1e9
 """Size of the largest number in a message. In metres it lies beyond the Moon; sums of its squares do not overflow."""
 
 _MAX_STAMP: Final = 1 << 62
 """Size of the largest integer in a message, and of an instant in ns: 146 years. Differences of two fit 64 bits."""
+
+MAX_HISTORY: Final = 256
+"""Number of earlier poses in a message."""
 
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-MAX_SIZE, le=MAX_SIZE)]
 
@@ -60,7 +63,9 @@ class SampledPose(Pose):
     Without a history the payload holds the fields of `Pose` only.
     """
 
-    history: tuple[Pose, ...] = Field((), description="Poses sampled before this one, by ascending sample_ns.")
+    history: Annotated[tuple[Pose, ...], FailFast()] = Field(
+        (), max_length=MAX_HISTORY, description="Poses sampled before this one, by ascending sample_ns."
+    )
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from common.header import Header
 from common.intake import Intake, SeenNumbers
+from common.messages import MAX_HISTORY, SampledPose
 from common.node import Arrival
 from common.records import REJECTED, Rejected
 from tests.nodes import LEFT, Stamp, a_pose, an_arrival
@@ -124,3 +125,28 @@ def test_a_message_half_a_minute_later_is_known_no_more_and_takes_no_memory() ->
     for number in range(100_000):
         assert seen.note(number, -number) is None
     assert [seen.note(number, 0) for number in (99_999, 67_232, 67_231)] == [-99_999, -67_232, None]
+
+
+def _with_history(n: int, earlier: str) -> bytes:
+    whole = a_pose(sample_ns=1_000_000).model_dump_json()
+    return (whole[:-1] + ', "history": [' + ", ".join([earlier] * n) + "]}").encode()
+
+
+@pytest.mark.parametrize("earlier", ["{}", "0"])
+def test_a_long_message_of_faults_is_not_read_to_its_end(earlier: str) -> None:
+    """Each fault would take a kB: a message of 30 MB all memory of a host."""
+    reasons = []
+    for n in (50_000, 1_000_000):
+        _, (record,) = _intake().take(an_arrival(KEY, 5, Stamp(0, 0, 0), _with_history(n, earlier)))
+        assert isinstance(record.data, Rejected)
+        reasons.append(record.data.reason)
+    n_faults = {"{}": 4, "0": 1}[earlier]
+    assert reasons == [f"the payload is no SampledPose: {n_faults} faults", "the payload has more than 262144 bytes"]
+
+
+def test_the_longest_history_of_a_scenario_is_accepted_and_a_longer_one_is_not() -> None:
+    for n, is_accepted in ((MAX_HISTORY, True), (MAX_HISTORY + 1, False)):
+        earlier = tuple(a_pose(-1e9 / 3, -1e9 / 7, -1e9 / 9, sample_ns=k) for k in range(n))
+        pose = SampledPose(**dict(a_pose(sample_ns=10**6))).model_copy(update={"history": earlier})
+        accepted, _ = _intake().take(an_arrival(KEY, 5, Stamp(0, 0, 0), pose.payload()))
+        assert (accepted is not None) == is_accepted

@@ -9,7 +9,7 @@ from common.channels import Direction
 from common.opportunity_text import parse_opportunities
 from common.scenario.control import ACKNOWLEDGED, SCHEMA, STATE
 from common.trace_text import parse_trace
-from tests.fuzz.hostile import OTHERS, Raw, an_extreme, bytes_of, damaged, odd_fields, places, put
+from tests.fuzz.hostile import OTHERS, Raw, an_extreme, bytes_of, damaged, odd_fields, places, put, value_at
 
 WAYS: Final[tuple[Direction, ...]] = get_args(Direction)
 _BORDERS_TEXT: Final = (
@@ -89,11 +89,13 @@ _STAGES: Final[Mapping[str, Callable[[random.Random], Any]]] = {
 
 def a_request(rng: random.Random, now_s: float) -> tuple[str, bytes]:
     """Return an operation and its payload."""
-    operation = rng.choice(("set",) * 8 + ("outage", "profile", "reset", STATE, SCHEMA, ACKNOWLEDGED, "x" * 200, ""))
+    operation = rng.choice(
+        ("set",) * 20 + ("outage", "profile") * 2 + ("reset", STATE, SCHEMA, ACKNOWLEDGED, "x" * 200, "")
+    )
     value: Any
     match operation:
         case "set":
-            value = [_a_set(rng, now_s) for _ in range(rng.choice((1, 2, 3, 33)))]
+            value = [_a_set(rng, now_s) for _ in range(rng.choice((1,) * 6 + (2,) * 4 + (3, 3, 3, 33)))]
             value = value[0] if len(value) == 1 and rng.random() < 0.9 else value
         case "outage":
             value = {"direction": "both", "for_ms": 50, "effect": rng.choice(("loss", "stall"))}
@@ -117,6 +119,8 @@ def _a_set(rng: random.Random, now_s: float) -> dict[str, Any]:
         "direction": rng.choice((*WAYS, "both")),
         "change": {name: _STAGES[name](rng) for name in names},
     }
+    if "reorder" in names and rng.random() < 0.9:
+        found["change"]["ordering"] = "reorder"
     if rng.random() < 0.3:
         found["at_s"] = now_s + rng.choice((0.001, 0.5, 3))
     if rng.random() < 0.5:
@@ -133,7 +137,8 @@ def _with_borders(value: Any, rng: random.Random) -> Any:
     for _ in range(rng.choice((1, 1, 2, 3)) if paths else 0):
         chosen = rng.random()
         new = rng.choice(_BORDERS) if chosen < 0.8 else an_extreme(rng) if chosen < 0.95 else rng.choice(OTHERS)
-        put(found, rng.choice(paths), new)
+        numbers = [path for path in paths if isinstance(value_at(found, path), float | int)]
+        put(found, rng.choice(numbers if numbers and rng.random() < 0.85 else paths), new)
     return found
 
 

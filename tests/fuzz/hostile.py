@@ -69,6 +69,13 @@ def places(value: Any, above: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     return [above] if above else []
 
 
+def value_at(value: Any, path: tuple[Any, ...]) -> Any:
+    """Return the value at a path."""
+    for step in path:
+        value = value[step]
+    return value
+
+
 def put(value: Any, path: tuple[Any, ...], new: Any) -> None:
     """Replace the value at a path."""
     for step in path[:-1]:
