@@ -97,6 +97,10 @@ def with_extremes(value: Any, rng: random.Random, chosen: Callable[[random.Rando
     return found
 
 
+_MANY: Final = b'{"history":[' + b"{}," * 80_000 + b"0]}"
+"""More faults than anybody wants to know."""
+
+
 def damaged(payload: bytes, rng: random.Random) -> bytes:
     """Return a payload that is cut, doubled, of another encoding, or mutated."""
     way = rng.randrange(6)
@@ -107,7 +111,9 @@ def damaged(payload: bytes, rng: random.Random) -> bytes:
     if way == 2:
         return b"\xff\xfe" + payload.decode("utf-8", "replace").encode("utf-16-le")
     if way == 3:
-        return rng.choice((b"", b"null", b"[]", b"0", b'""', b"\x00" * 40, b"[" * 50_000, b'{"sample_ns":' * 20_000))
+        return rng.choice(
+            (b"", b"null", b"[]", b"0", b'""', b"\x00" * 40, b"[" * 50_000, b'{"sample_ns":' * 20_000, _MANY)
+        )
     return mutated(payload, rng)
 
 

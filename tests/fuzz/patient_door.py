@@ -100,21 +100,21 @@ def _patient(rng: random.Random, quick: bool) -> dict[str, Any]:
     methods = rng.sample(METHODS, rng.randint(1, 3))
     plants: list[dict[str, Any]] = [
         {"kind": "replay"},
-        {"kind": "servo", "damping": rng.choice((0.1, 1))},
+        {"kind": "servo", "damping": rng.choice((0.1, 1)), "sensor_noise_mm": rng.choice((0, 0, 1))},
         {"kind": "external"},
         *([] if quick else [{"kind": "mujoco"}]),
     ]
     gates: list[dict[str, Any]] = [
         {},
         {},
-        {"reach_m": 1e10, "speed_m_s": 1e10, "acceleration_m_s2": 1e12, "lead_ms": 1000},
+        {"reach_m": 1e13, "speed_m_s": 1e13, "acceleration_m_s2": 1e16, "lead_ms": 1000},
         {"reach_m": 1000, "speed_m_s": 1e5, "acceleration_m_s2": 1e9},
     ]
     safety: list[dict[str, Any]] = [
         {},
         {"enabled": False},
         {"latch": True, "hold_age_ms": 60, "slow_stop_age_ms": 120, "safe_age_ms": 200, "break_ms": 50},
-        {"workspace_m": 1e10, "speed_m_s": 1e10, "acceleration_m_s2": 1e12, "max_std_mm": 1e13},
+        {"workspace_m": 1e13, "speed_m_s": 1e13, "acceleration_m_s2": 1e16, "max_std_mm": 1e16},
     ]
     plant = rng.choice(plants)
     if plant["kind"] == "external":  # it follows set points, which need a safety state
