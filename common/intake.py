@@ -14,7 +14,9 @@ from common.node import Arrival, Record
 from common.records import REJECTED, Rejected
 from common.units import NS_PER_S
 
-_MAX_LEAD_NS: Final = NS_PER_S  # of a sample instant over its arrival, between clocks that are not synchronised
+_MAX_LEAD_NS: Final = NS_PER_S  # of sampling and sending over the arrival, between clocks that are not synchronised
+_MAX_BYTES: Final = 256 * 1024
+"""Size of a payload; the longest histories take 90 kB. Each fault of a longer one would take time and memory."""
 _N_REMEMBERED: Final = 32_768  # half a minute at 1 kHz; what comes later is too old to be used
 
 
@@ -96,6 +98,10 @@ class Intake:
         if header.run_id != self.run_id:
             self.n_foreign += 1
             return self._reject(arrival, "it belongs to another run")
+        if not -_MAX_LEAD_NS <= header.sent_ns <= arrival.recv_ns + _MAX_LEAD_NS:  # no log could hold it
+            return self._reject(arrival, "the send time lies outside the run")
+        if len(arrival.payload) > _MAX_BYTES:
+            return self._reject(arrival, f"the payload has more than {_MAX_BYTES} bytes")
         try:
             message = channel.payload.model_validate_json(arrival.payload)
         except ValidationError as error:

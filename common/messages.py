@@ -6,15 +6,18 @@ Sequence number and send time travel in the attachment (`common.header`), outsid
 from itertools import pairwise
 from typing import Annotated, Final, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, FailFast, Field, model_validator
 
 MAX_SIZE: Final = 1e9
 """Size of the largest number in a message. In metres it lies beyond the Moon; sums of its squares do not overflow."""
 
 _MAX_STAMP: Final = 1 << 62
-"""Size of the largest instant, in ns: 146 years, within 64 bits."""
+"""Size of the largest integer in a message, and of an instant in ns: 146 years. Differences of two fit 64 bits."""
 
-Finite = Annotated[float, Field(allow_inf_nan=False, ge=-MAX_SIZE, le=MAX_SIZE)]
+MAX_HISTORY: Final = 256
+"""Number of earlier poses in a message."""
+
+Finite = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-MAX_SIZE, le=MAX_SIZE)]
 
 
 class Message(BaseModel):
@@ -44,6 +47,7 @@ class Pose(Message):
     """A Cartesian pose of a tool tip, as in CRTK's ``measured_cp`` and ``setpoint_cp``."""
 
     sample_ns: int = Field(
+        strict=True,
         ge=-_MAX_STAMP,
         le=_MAX_STAMP,
         description="Run time at which the pose was sampled, or that it is estimated for, in ns.",
@@ -59,7 +63,9 @@ class SampledPose(Pose):
     Without a history the payload holds the fields of `Pose` only.
     """
 
-    history: tuple[Pose, ...] = Field((), description="Poses sampled before this one, by ascending sample_ns.")
+    history: Annotated[tuple[Pose, ...], FailFast()] = Field(
+        (), max_length=MAX_HISTORY, description="Poses sampled before this one, by ascending sample_ns."
+    )
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -77,9 +83,12 @@ class SampledPose(Pose):
 class FeedbackPose(Pose):
     """A pose from the patient's side, with the command that it answers, from which the round trip is measured."""
 
-    tick: int = Field(ge=0, description="Number of the patient's tick, from 0.")
+    tick: int = Field(strict=True, ge=0, le=_MAX_STAMP, description="Number of the patient's tick, from 0.")
     command_sample_ns: int | None = Field(
-        description="Sample instant of the newest command at that tick, in ns; null: none has arrived."
+        strict=True,
+        ge=-_MAX_STAMP,
+        le=_MAX_STAMP,
+        description="Sample instant of the newest command at that tick, in ns; null: none has arrived.",
     )
 
 

@@ -44,7 +44,8 @@ _N_LOW: Final = 5
 """Late beats in a row that are no longer late: the peer's clock stepped back."""
 _MAX_DRIFT_NS: Final = NS_PER_MS
 """By which a clock may fall behind from beat to beat, far more than any does."""
-_MAX_STAMP_NS: Final = 1 << 62
+_MAX_STAMP_NS: Final = 1 << 60
+"""Size of the largest instant: 36 years. Differences of differences still fit a log."""
 
 Stamp = Annotated[int, Field(ge=-_MAX_STAMP_NS, le=_MAX_STAMP_NS)]
 

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Final
 
-from pydantic import Field
+from pydantic import FailFast, Field
 
 from common.messages import Message, Quaternion, Vector3
 
@@ -35,6 +35,6 @@ class DevicePose(Message):
     clutch: bool = Field(
         False, strict=True, description="true: the operator moves the device to another place, the arm holds."
     )
-    buttons: tuple[bool, ...] = Field(
+    buttons: Annotated[tuple[bool, ...], FailFast()] = Field(
         (), max_length=MAX_BUTTONS, description="Further buttons of the device; the testbed uses none."
     )

@@ -23,7 +23,7 @@ MEMORY_FILE: Final = "arm.memory"
 RESUMED_FILE: Final = "resumed.json"
 """Attached to the log of a process that goes on after these records, for its replay."""
 _HEAD: Final = struct.Struct("<QII")  # number of the record, bytes of its payload, their CRC
-_SLOT_BYTES: Final = 1024
+_SLOT_BYTES: Final = 2048
 _N_SLOTS: Final = 2
 """Of each topic, written in turn: a process that is killed while it writes one leaves the other."""
 

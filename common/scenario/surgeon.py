@@ -4,6 +4,7 @@ from typing import Annotated, Final, Self
 
 from pydantic import Field, model_validator
 
+from common.messages import MAX_HISTORY
 from common.scenario.base import Part
 
 MAX_COPY_DELAY_MS: Final = 5000
@@ -19,7 +20,7 @@ _POSE_BYTES: Final = 250
 _ATTACHMENT_BYTES: Final = 20
 
 Copies = Annotated[int, Field(strict=True, ge=1, le=64)]
-History = Annotated[int, Field(strict=True, ge=0, le=256)]
+History = Annotated[int, Field(strict=True, ge=0, le=MAX_HISTORY)]
 SensorNoise = Annotated[float, Field(ge=0, le=100)]
 CopySpacing = Annotated[float, Field(ge=0, le=MAX_COPY_DELAY_MS)]
 

@@ -19,6 +19,9 @@ Vector = tuple[float, float, float]
 Turn = tuple[float, float, float, float]
 
 _UNTURNED: Final[Turn] = (0.0, 0.0, 0.0, 1.0)
+_ORIGIN: Final[Vector] = (0.0, 0.0, 0.0)
+_MAX_M: Final = 1e6
+"""Distance beyond which no hand moves: far beyond any room, and far below what a message can hold (`MAX_SIZE`)."""
 
 
 def quaternion_of(rotation_deg: Vector) -> Turn:
@@ -82,8 +85,8 @@ class Mapping:
     def move(self, samples: Sequence[DeviceSample], t_ns: int, period_ns: int) -> None:
         """Follow the poses that came up to the tick at ``t_ns``, in their order; there is at least one.
 
-        A movement faster than the limit, over the time since the last poses and one period, is a jump: master and arm
-        stay where they are, and go on from the device's new place.
+        A movement faster than the limit, over the time since the last poses and one period, is a jump, and one that
+        would lead beyond `_MAX_M` is, too: master and arm stay where they are, and go on from the device's new place.
         """
         scale = self.source.scale
         begun_at, master_anchor, arm_anchor = self._last, self._master_anchor, self._arm_anchor
@@ -98,22 +101,25 @@ class Mapping:
             self._wrist = (product(self._turn, sample.orientation), sample.gripper_rad)
             if not sample.clutch:
                 self._arm_wrist = self._wrist
-        if begun_at is not None and self._last is not None:
-            allowed_m = self.source.max_speed_mm_s / MM_PER_M * (t_ns - self._moved_ns + period_ns) / NS_PER_S
-            if dist(begun_at, self._last) > allowed_m:
-                self.n_jumps += 1
-                moved = _minus(self._last, begun_at)
-                self._master_anchor = _minus(master_anchor, moved)
-                self._arm_anchor = _minus(arm_anchor, _times(scale, moved))
+        allowed_m = self.source.max_speed_mm_s / MM_PER_M * (t_ns - self._moved_ns + period_ns) / NS_PER_S
+        here = self._last or _ORIGIN
+        if (begun_at is not None and dist(begun_at, here) > allowed_m) or self._is_too_far():
+            self.n_jumps += 1
+            moved = _minus(here, begun_at or _ORIGIN)
+            self._master_anchor = _minus(master_anchor, moved)
+            self._arm_anchor = _minus(arm_anchor, _times(scale, moved))
         self._moved_ns = t_ns
 
     def poses(self) -> HandPoses:
         """Return master and commanded arm; both rest in their places until the device's first pose."""
-        moved = self._last or (0.0, 0.0, 0.0)
+        moved = self._last or _ORIGIN
         return HandPoses(
             Placed(_plus(self._master_anchor, moved), *self._wrist),
             Placed(_plus(self._arm_anchor, _times(self.source.scale, moved)), *self._arm_wrist),
         )
+
+    def _is_too_far(self) -> bool:
+        return any(dist(placed.position_m, _ORIGIN) > _MAX_M for placed in self.poses())
 
 
 def _plus(one: Vector, other: Vector) -> Vector:

@@ -1,8 +1,12 @@
+import json
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from common.header import Header
 from common.intake import Intake, SeenNumbers
+from common.messages import MAX_HISTORY, SampledPose
 from common.node import Arrival
 from common.records import REJECTED, Rejected
 from tests.nodes import LEFT, Stamp, a_pose, an_arrival
@@ -37,6 +41,7 @@ def test_each_kind_of_foreign_message_is_counted_with_its_reason() -> None:
     cases = {
         "the attachment is not ours": an_arrival(KEY, 5, b"", a_pose()),
         "the sample instant lies outside the run": an_arrival(KEY, 5, Stamp(0, 2_000_000_000, 0), a_pose()),
+        "the send time lies outside the run": an_arrival(KEY, 5, Stamp(0, 0, 2**63 - 1), a_pose()),
         "the payload is no SampledPose: 1 faults": an_arrival(KEY, 5, Stamp(0, 0, 0), whole[:-20]),
         "no channel has this key": an_arrival("tis/MTMR/measured_cp", 5, Stamp(0, 0, 0), a_pose()),
     }
@@ -50,8 +55,33 @@ def test_each_kind_of_foreign_message_is_counted_with_its_reason() -> None:
     assert intake.n_rejected == len(cases)
 
 
-def test_a_pose_that_is_not_finite_is_rejected() -> None:
-    text = a_pose().model_dump_json().replace("0.5", "NaN").encode()
+def test_a_send_time_before_the_run_is_rejected() -> None:
+    """Clocks that were compared over a network may differ by some ms, and a foreign surgeon need not state any."""
+    for sent_ns, is_accepted in ((-(2**63), False), (-2_000_000_000, False), (-1_000_000, True), (0, True)):
+        accepted, _ = _intake().take(an_arrival(KEY, 5, Stamp(0, 0, sent_ns), a_pose()))
+        assert (accepted is not None) == is_accepted
+
+
+@pytest.mark.parametrize("field", ["tick", "command_sample_ns"])
+def test_an_answer_with_a_number_that_no_log_can_hold_is_rejected(field: str) -> None:
+    answer = {**json.loads(a_pose().model_dump_json()), "tick": 3, "command_sample_ns": 0}
+    for number, is_accepted in ((2**62, True), (2**62 + 1, False), (10**400, False), (5.0, False), ("5", False)):
+        payload = json.dumps({**answer, field: number}).encode()
+        key = LEFT.estimated.key("tis")
+        accepted, _ = Intake("tis", [LEFT.estimated]).take(an_arrival(key, 5, Stamp(0, 0, 0), payload))
+        assert (accepted is not None) == is_accepted
+
+
+@pytest.mark.parametrize("instant", ["5.0", "5e0", '"5"', "true"])
+def test_a_sample_instant_that_is_no_integer_is_rejected(instant: str) -> None:
+    text = a_pose(sample_ns=7).model_dump_json().replace(":7,", f":{instant},").encode()
+    accepted, _ = _intake().take(an_arrival(KEY, 5, Stamp(0, 0, 0), text))
+    assert accepted is None
+
+
+@pytest.mark.parametrize("number", ["NaN", "1e400", '"0.5"', "true"])
+def test_a_pose_with_what_is_no_finite_number_is_rejected(number: str) -> None:
+    text = a_pose().model_dump_json().replace("0.5", number).encode()
     accepted, _ = _intake().take(an_arrival(KEY, 5, Stamp(0, 0, 0), text))
     assert accepted is None
 
@@ -95,3 +125,28 @@ def test_a_message_half_a_minute_later_is_known_no_more_and_takes_no_memory() ->
     for number in range(100_000):
         assert seen.note(number, -number) is None
     assert [seen.note(number, 0) for number in (99_999, 67_232, 67_231)] == [-99_999, -67_232, None]
+
+
+def _with_history(n: int, earlier: str) -> bytes:
+    whole = a_pose(sample_ns=1_000_000).model_dump_json()
+    return (whole[:-1] + ', "history": [' + ", ".join([earlier] * n) + "]}").encode()
+
+
+@pytest.mark.parametrize("earlier", ["{}", "0"])
+def test_a_long_message_of_faults_is_not_read_to_its_end(earlier: str) -> None:
+    """Each fault would take a kB: a message of 30 MB all memory of a host."""
+    reasons = []
+    for n in (50_000, 1_000_000):
+        _, (record,) = _intake().take(an_arrival(KEY, 5, Stamp(0, 0, 0), _with_history(n, earlier)))
+        assert isinstance(record.data, Rejected)
+        reasons.append(record.data.reason)
+    n_faults = {"{}": 4, "0": 1}[earlier]
+    assert reasons == [f"the payload is no SampledPose: {n_faults} faults", "the payload has more than 262144 bytes"]
+
+
+def test_the_longest_history_of_a_scenario_is_accepted_and_a_longer_one_is_not() -> None:
+    for n, is_accepted in ((MAX_HISTORY, True), (MAX_HISTORY + 1, False)):
+        earlier = tuple(a_pose(-1e9 / 3, -1e9 / 7, -1e9 / 9, sample_ns=k) for k in range(n))
+        pose = SampledPose(**dict(a_pose(sample_ns=10**6))).model_copy(update={"history": earlier})
+        accepted, _ = _intake().take(an_arrival(KEY, 5, Stamp(0, 0, 0), pose.payload()))
+        assert (accepted is not None) == is_accepted

@@ -1,9 +1,14 @@
 """Lives of the other sides, by literal times."""
 
+import json
+from itertools import product
+
 import pytest
+from pydantic import ValidationError
 
 from common.peer_life import Beat, Change, PeerLife, described
 from common.units import NS_PER_MS
+from deploy.logs.limits import MAX_NUMBER
 
 _MS = NS_PER_MS
 
@@ -142,3 +147,19 @@ def test_an_alarm_of_a_beat_is_told_once_with_when_it_began() -> None:
     text = described(Change("patient", "conflict", 700 * _MS, 0), "surgeon")
     assert text.startswith("patient receives samples of the surgeon in two versions")
     assert text.endswith("at 0.7 s")
+
+
+def test_no_beat_makes_a_note_that_no_log_can_hold() -> None:
+    ends = (-(1 << 62), -(1 << 60), 0, 1 << 60, 1 << 62)
+    life, changes = PeerLife("patient"), list[Change]()
+    for k, (at_ns, loop_ns) in enumerate(product(ends, repeat=2)):
+        payload = json.dumps({"side": "patient", "at_ns": at_ns, "loop_ns": loop_ns})
+        for i in range(12):
+            now_ns = (12 * k + i) * 200 * _MS
+            try:
+                life.hear(Beat.model_validate_json(payload), now_ns)
+            except ValidationError:
+                continue
+            changes += life.look(now_ns, True, False, None)
+    assert {"stalled", "clock_step"} <= {change.event for change in changes}
+    assert max(abs(change.for_ns) for change in changes) <= MAX_NUMBER

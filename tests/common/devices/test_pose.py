@@ -27,3 +27,10 @@ def test_only_the_position_is_required() -> None:
 def test_anything_else_is_refused(text: str) -> None:
     with pytest.raises(ValidationError):
         DevicePose.model_validate_json(text)
+
+
+def test_a_message_of_faulty_buttons_is_not_read_to_its_end() -> None:
+    """128 of them between two samples would take longer than a period of 30 Hz."""
+    with pytest.raises(ValidationError) as caught:
+        DevicePose.model_validate_json(b'{"buttons": [' + b"{}," * 600 + b"{}]}")
+    assert caught.value.error_count() == 2  # and there is no position

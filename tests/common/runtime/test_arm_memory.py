@@ -48,7 +48,7 @@ def test_each_topic_has_its_own_last_record_and_others_are_passed_over(tmp_path:
     with ArmMemory(path, TOPICS) as memory:
         recorder = memory.around(Log())
         assert remembered(path, TOPICS) == {}
-        for topic, data in ((TOPICS[0], b"one"), (TOPICS[0], b"two"), ("other", b"x"), (TOPICS[0], b"y" * 2000)):
+        for topic, data in ((TOPICS[0], b"one"), (TOPICS[0], b"two"), ("other", b"x"), (TOPICS[0], b"y" * 3000)):
             recorder.record(Record(topic, 1, data))
         recorder.record(Record(STOPS, 1, StopNote(at_ns=1, stop=True, reason="smoke")))
         found = remembered(path, TOPICS)
@@ -65,7 +65,7 @@ def test_each_topic_has_its_own_last_record_and_others_are_passed_over(tmp_path:
     assert not (tmp_path / "none").exists()
 
 
-@given(st.integers(0, 2 * 1024 - 1), st.integers(0, 255))
+@given(st.integers(0, 2 * 2048 - 1), st.integers(0, 255))
 def test_a_byte_that_is_wrong_leaves_the_record_before_or_none(
     tmp_path_factory: pytest.TempPathFactory, at: int, value: int
 ) -> None:
@@ -92,3 +92,11 @@ def test_what_a_process_goes_on_after_is_read_back(last: dict[str, bytes]) -> No
 @pytest.mark.parametrize("data", [b"", b"[]", b'{"a": 1}', b"\xff", b"[" * 20_000])
 def test_what_cannot_be_read_is_nothing(data: bytes) -> None:
     assert parse_resumed(data) == {}
+
+
+def test_a_stop_is_remembered_whatever_its_reason(tmp_path: Path) -> None:
+    for k, letter in enumerate(("x", "\x01", "\U0001f600", '"', "\u2028")):
+        path = tmp_path / str(k)
+        with ArmMemory(path, [STOPS]) as memory:
+            memory.keep(Record(STOPS, 1, StopNote(at_ns=10**18, stop=True, reason=letter * 200)))
+            assert StopNote.model_validate_json(remembered(path, [STOPS])[STOPS]).stop

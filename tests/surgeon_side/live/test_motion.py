@@ -143,3 +143,20 @@ def test_answers_of_the_patient_are_no_device() -> None:
     (record,) = node.receive(Arrival("west", "tis/PSM2/estimated_cp", b"{}", b"", 5))
     assert isinstance(record, Record)
     assert node.counters()["rejected"] == 1
+
+
+@pytest.mark.parametrize("origin", ["first", "zero"])
+@pytest.mark.parametrize("path", [(9e8,), (0.0, 9e8), (-9e8, 9e8), (6e8, -6e8, 6e8)])
+@pytest.mark.parametrize("per_tick", [1, 3])
+def test_a_device_at_the_end_of_all_places_jumps_and_the_hand_stays(
+    origin: str, path: tuple[float, ...], per_tick: int
+) -> None:
+    node = a_node(origin=origin, scale=10, rotation_deg=(0, 0, 45))
+    for k in range(0, len(path), per_tick):
+        for place in path[k : k + per_tick]:
+            node.receive(pose(100 * k, place))
+        found = sent(node.wake(100 * k * MS))
+        assert found["tis/MTML/measured_cp"] == pytest.approx(0.1, abs=1e-5)
+        assert found["tis/PSM2/setpoint_cp"] == pytest.approx(0.05, abs=1e-5)
+    node.receive(pose(900, path[-1] + 0.1))
+    assert sent(node.wake(1000 * MS))["tis/MTML/measured_cp"] == pytest.approx(0.1 + 0.1 / 2**0.5, abs=1e-5)

@@ -1,6 +1,7 @@
 """Instants read from bytes, against the payloads parsed as JSON."""
 
 import json
+from typing import Any
 
 import numpy as np
 from hypothesis import given, settings
@@ -12,11 +13,14 @@ from deploy.logs.blocks import Block
 from deploy.logs.read.payload_instants import NO_INSTANT, payload_instants
 
 INSTANTS = st.integers(0, 9) | st.integers(0, 10**18 - 1) | st.integers(-(10**12), 2**62)
-POSE = {"position_m": Vector3(x=0.5, y=-1e-9, z=3.0), "orientation": Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)}
+POSE: dict[str, Any] = {
+    "position_m": Vector3(x=0.5, y=-1e-9, z=3.0),
+    "orientation": Quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
+}
 
 
 def _bytes(sample_ns: int, command_ns: int | None, kind: str) -> bytes:
-    pose = {"sample_ns": sample_ns, "gripper_rad": 0.0, **POSE}
+    pose: dict[str, Any] = {"sample_ns": sample_ns, "gripper_rad": 0.0, **POSE}
     if kind == "feedback":
         return FeedbackPose(**pose, tick=3, command_sample_ns=command_ns).model_dump_json().encode()
     if kind == "history":
