@@ -45,8 +45,8 @@ from patient_side.safety.evidence import Evidence
 from patient_side.safety.gate import StreamGate
 from patient_side.safety.gated_intake import GatedIntake
 
-_LEAST_BETWEEN_NS: Final = 10_000
-"""More time passes on average between two answers at arrivals."""
+_LEAST_BETWEEN_NS: Final = 25_000
+"""More time passes on average between two answers at arrivals; a day of them has numbers of 32 bits."""
 
 
 @dataclass

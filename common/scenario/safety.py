@@ -1,10 +1,13 @@
 """Limits of the patient's side: of the samples that it uses, and of the set point that drives the arm."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
 from common.scenario.base import Milliseconds, NonNegative, Part, Positive
+
+MAX_REACH_M: Final = 1e6
+"""Largest distance that a limit admits, in m: what moves within it can be stated in a message."""
 
 PositiveMs = Annotated[Milliseconds, Field(gt=0)]
 
@@ -16,7 +19,9 @@ class Gate(Part):
     """
 
     reach_m: Positive = Field(
-        2.0, description="Largest distance from the mean of the training rows, in m: the span of human arms."
+        2.0,
+        le=MAX_REACH_M,
+        description="Largest distance from the mean of the training rows, in m: the span of human arms.",
     )
     speed_m_s: Positive = Field(
         5.0, description="Largest speed between samples, in m/s; recorded trials reach 1.5, synthetic ones less."
@@ -79,7 +84,7 @@ class Safety(Part):
         200.0, description="Largest standard deviation of a followed estimate, per axis, in mm; usual ones reach 70."
     )
     workspace_m: Positive = Field(
-        1.0, description="Largest distance of the set point from the mean of the training rows, in m."
+        1.0, le=MAX_REACH_M, description="Largest distance of the set point from the mean of the training rows, in m."
     )
     speed_m_s: Positive = Field(
         2.0, description="Largest speed of the set point in tracking, over 33 ms at least, in m/s."

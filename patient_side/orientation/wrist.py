@@ -11,6 +11,8 @@ from patient_side.rotations import Quaternion as Components
 from patient_side.rotations import is_orientation
 from patient_side.statespace import Array
 
+_ROUNDED: Final = 1e-12
+"""Variance in rad^2 that rounding may take away."""
 LEVEL: Final = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
 
 
@@ -63,8 +65,8 @@ def stated(estimate: WristEstimate) -> tuple[Stated, bool]:
 
 
 def _deviation(variance: float) -> float | None:
-    """Return the deviation that a record can state; None where the variance is none."""
-    return sqrt(variance) if 0.0 <= variance <= MAX_SIZE**2 else None
+    """Return the deviation that a record can state; None where the variance is none. Rounding leaves some below 0."""
+    return sqrt(max(variance, 0.0)) if -_ROUNDED <= variance <= MAX_SIZE**2 else None
 
 
 def answered(estimate: Stated, newest: Pose | None) -> Wrist:

@@ -20,7 +20,6 @@ from typing import Any, Final, NamedTuple
 
 from tests.fuzz.control_door import control_episode
 from tests.fuzz.episode import Episode
-from tests.fuzz.known_issues import is_known
 from tests.fuzz.patient_door import patient_episode
 from tests.fuzz.surgeon_door import surgeon_episode
 
@@ -64,7 +63,6 @@ class Tally:
     n_steps: int = 0
     n_messages: int = 0
     n_used: int = 0
-    n_known: int = 0
     exits: dict[tuple[str, str], Exit] = field(default_factory=dict)
     n_exits: Counter[tuple[str, str]] = field(default_factory=Counter)
     longest: Longest = field(default_factory=Longest)
@@ -115,13 +113,10 @@ def _episode(tally: Tally, seed: int, door: Callable[[Episode], Iterator[None]],
         pass
     except Exception as error:
         place = _place(error)
-        if is_known(place, error):
-            tally.n_known += 1
-        else:
-            key = (place, type(error).__name__)
-            tally.n_exits[key] += 1
-            found = Exit(seed, step, place, repr(error)[:300], episode.last, traceback.format_exc())
-            tally.exits.setdefault(key, found)
+        key = (place, type(error).__name__)
+        tally.n_exits[key] += 1
+        found = Exit(seed, step, place, repr(error)[:300], episode.last, traceback.format_exc())
+        tally.exits.setdefault(key, found)
     finally:
         steps.close()  # type: ignore[attr-defined]
     tally.n_episodes += 1
@@ -142,10 +137,10 @@ def _place(error: BaseException) -> str:
 
 def table(tallies: list[Tally]) -> str:
     """Return a line per door, then the exits and the messages of the longest steps."""
-    names = "door episodes executions messages used known exits longest_ms of_it_processor_ms of_it_collector_ms"
+    names = "door episodes executions messages used exits longest_ms of_it_processor_ms of_it_collector_ms"
     rows = [names.split()]
     for one in tallies:
-        counts = (one.n_episodes, one.n_steps, one.n_messages, one.n_used, one.n_known, sum(one.n_exits.values()))
+        counts = (one.n_episodes, one.n_steps, one.n_messages, one.n_used, sum(one.n_exits.values()))
         times = (one.longest.wall_s, one.longest.processor_s, one.longest.collector_s)
         rows.append([one.door, *map(str, counts), *(f"{_MS_PER_S * each:.1f}" for each in times)])
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
