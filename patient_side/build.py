@@ -109,7 +109,8 @@ def build_patient(
     ticker = Ticker(scenario.rate_hz, scenario.n_samples, ms_to_ns(scenario.patient.tick_phase_ms))
     mode = scenario.patient.tick
     lock = PhaseLock(scenario.rate_hz) if mode == "phase_locked" else None
-    return PatientNode(scenario.session, hands, ticker, stopwatch_ns, lock, mode == "on_arrival", gates)
+    rule = scenario.patient.safety.release
+    return PatientNode(scenario.session, hands, ticker, stopwatch_ns, lock, mode == "on_arrival", gates, rule)
 
 
 def _plant(scenario: Scenario, recording: Recording, i: int) -> Plant:

@@ -178,6 +178,9 @@ class Scenario(Part):
             "hosts must be endpoints like tls/192.168.1.5:7447 with security mtls": (
                 self.security.kind != "mtls" or self.hosts == "auto" or all(map(is_tls, self.hosts.endpoints))
             ),
+            "patient.safety.release must not be named without security mtls or password, which prove names": (
+                self.patient.safety.release != "named" or self.security.kind != "none"
+            ),
             f"surgeon.copies must give at most {MAX_PACKETS_PER_S} packets a second at this rate_hz and number of "
             f"hands ({n_packets})": n_packets <= MAX_PACKETS_PER_S,
             f"surgeon.copies and surgeon.history must give at most {MAX_MB_PER_S} MB a second at this rate_hz and "
