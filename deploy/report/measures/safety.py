@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from common.channels import Hand, is_set_point
 from common.messages import SafetyMode
+from common.records import COUNTERS
 from common.safety_records import SAFETY, STOPS
 from common.scenario import Scenario
 from common.units import MM_PER_M
@@ -55,24 +56,43 @@ def safety_summary(logs: RunLogs, scenario: Scenario, tracks: Mapping[Hand, Hand
     """Return the figures of each hand's set points, null without any. Oracle: test_safety, by hand.
 
     ``rmse_3d_mm`` of set point and estimate are over the same scored ticks; a step is from tick to tick. An arm that
-    was stopped before its first set point has none, but figures: they count the stop.
+    was stopped before its first set point has none, but figures: they count the stop, as they do every request.
     """
-    stops = sum(row["stop"] for row in logs.of("patient", STOPS))
+    stops = stop_books(logs)
     found: dict[str, Any] = {}
     for hand, track in tracks.items():
         driven = set_points(logs, scenario, track, hand)
-        if driven is None and stops:
+        if driven is None and any(stops.values()):
             driven = _never_driven(track.tick.size)
         changes = [row for row in logs.of("patient", SAFETY) if row["hand"] == hand and row["cause"] != "first"]
         found[hand] = None if driven is None else _figures(scenario, track, driven, len(changes), stops)
     return found
 
 
+def stop_books(logs: RunLogs) -> dict[str, int]:
+    """Return the numbers of requests to stop or to release: carried out, refused, and only counted.
+
+    What is carried out is all in the log. Of the others the log holds some, and the patient's counters all.
+    """
+    rows, log = logs.of("patient", STOPS), logs.sides.get("patient")
+    done = [row for row in rows if not row.get("refused")]
+    counted = {row["name"]: row["value"] for row in (() if log is None else log.of(COUNTERS))}
+    return {
+        "emergency_stops": sum(row["stop"] for row in done),
+        "releases": sum(not row["stop"] for row in done),
+        "releases_by_others": sum(row.get("by_stopper") is False for row in done),
+        "stop_requests_refused": max(len(rows) - len(done), counted.get("stop_requests_refused", 0)),
+        "stop_requests_flooded": counted.get("stop_requests_flooded", 0),
+    }
+
+
 def _never_driven(n_ticks: int) -> SetPoints:
     return SetPoints(np.full((n_ticks, 3), np.nan), np.full(n_ticks, ""), np.zeros(n_ticks, dtype=np.bool_))
 
 
-def _figures(scenario: Scenario, track: HandTrack, driven: SetPoints, n_changes: int, n_stops: int) -> dict[str, Any]:
+def _figures(
+    scenario: Scenario, track: HandTrack, driven: SetPoints, n_changes: int, stops: Mapping[str, int]
+) -> dict[str, Any]:
     estimate_m = track.estimates.get(scenario.active_estimator)
     both = track.scored & np.isfinite(driven.position_m).all(axis=1)
     if estimate_m is not None:
@@ -80,7 +100,7 @@ def _figures(scenario: Scenario, track: HandTrack, driven: SetPoints, n_changes:
     return {
         "time_s": {mode: int((driven.mode == mode).sum()) / scenario.rate_hz for mode in get_args(SafetyMode)},
         "changes": n_changes,
-        "emergency_stops": n_stops,
+        **stops,
         "shaped_ticks": int(driven.differs.sum()),
         "rmse_3d_mm": _rmse_mm(driven.position_m - track.truth_m, both),
         "estimate_rmse_3d_mm": None if estimate_m is None else _rmse_mm(estimate_m - track.truth_m, both),

@@ -25,13 +25,39 @@ def run_warnings(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _stop_texts(summary: Mapping[str, Any]) -> list[str]:
-    """Return a sentence on emergency stops; none without any."""
-    hands = [row for row in summary.get("safety", {}).values() if row is not None and row["emergency_stops"]]
+    """Return a sentence on emergency stops, on whose releases were not the stoppers', and on what was refused.
+
+    None of them makes a run invalid: its figures are what happened, and the arms stood where they were to stand.
+    """
+    hands = [row for row in summary.get("safety", {}).values() if row is not None]
     if not hands:
         return []
-    n, safe_s = hands[0]["emergency_stops"], max(row["time_s"]["safe"] for row in hands)
-    times = "an emergency stop" if n == 1 else f"{n} emergency stops"
-    return [f"{times} stopped the arms, which stood still for {safe_s:.1f} s: the errors count that time"]
+    books, safe_s = hands[0], max(row["time_s"]["safe"] for row in hands)
+    n_stops, n_others = books["emergency_stops"], books.get("releases_by_others", 0)
+    n_refused, n_flooded = books.get("stop_requests_refused", 0), books.get("stop_requests_flooded", 0)
+    texts = []
+    if n_stops:
+        stopped = f"{_times('emergency stop', n_stops)} stopped the arms, which stood still for {safe_s:.1f} s"
+        texts.append(f"{stopped}: the errors count that time")
+    if n_others:
+        releases = _times("release", n_others)
+        texts.append(f"{releases} did not come from who had stopped (patient.safety.release decides who may)")
+    if n_refused:
+        texts.append(f"the patient refused {_times('request', n_refused)} to stop or to release (reasons in the log)")
+    if n_flooded:
+        n_releases = books.get("releases", 0)
+        n_all = n_stops + n_releases + n_refused + n_flooded
+        done = f"{_times('stop', n_stops)} and {_times('release', n_releases)}"
+        texts.append(
+            f"a flood of {number(n_all)} requests to stop or to release: the patient carried out {done}, the others "
+            "had no effect"
+        )
+    return texts
+
+
+def _times(what: str, n: int) -> str:
+    article = "an" if what[0] in "aeiou" else "a"
+    return f"{article} {what}" if n == 1 else f"{number(n)} {what}s"
 
 
 def _absence_texts(summary: Mapping[str, Any]) -> list[str]:
