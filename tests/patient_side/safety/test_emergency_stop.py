@@ -258,8 +258,8 @@ class _Twin:
 
 _steps = st.lists(
     st.tuples(
-        st.integers(0, 400), st.sampled_from([_STOP, _RELEASE]), st.booleans(), st.integers(0, 9), st.integers(0, 9),
-        st.sampled_from(["", _SECRET, "another"]),
+        st.integers(0, 400), st.sampled_from([_STOP, _RELEASE]), st.booleans(), st.integers(0, 60),
+        st.integers(-9, 9), st.sampled_from(["", _SECRET, "another"]),
     ),
     max_size=80,
 )  # fmt: skip
@@ -270,9 +270,23 @@ def test_over_any_requests_the_arms_are_stopped_while_a_stop_is_in_force(steps: 
     twin, at_ms = _Twin(EmergencyStops("tis", rule)), 0
     for wait_ms, key, stop, number, ends, secret in steps:
         at_ms += wait_ms
+        if ends < 0:  # one of the stops in force, or none
+            ends = ([*twin.in_force] * 9 or [0] * 9)[ends]
         lock = lock_of(secret) if stop and secret else ""
         fields = {"stop": stop, "number": number, "lock": lock, "ends": ends, "secret": secret}
         twin.take(_request(key, at_ms * NS_PER_MS, **fields))
+
+
+@given(st.lists(st.integers(0, 400), min_size=6, max_size=40))
+def test_a_release_is_carried_out_while_less_than_five_were_within_a_second(waits_ms: list[int]) -> None:
+    """Oracle: the instants of all carried-out releases, counted anew at each."""
+    stops, done_ms, at_ms = EmergencyStops("tis"), list[int](), 0
+    for k, wait_ms in enumerate(waits_ms, start=1):
+        at_ms += wait_ms
+        stops.take(_a_stop(k, at_ms * NS_PER_MS))
+        _, is_done = stops.take(_a_release(100 + k, ends=k, at_ns=at_ms * NS_PER_MS))
+        assert is_done == (sum(at_ms - one < 1000 for one in done_ms) < 5)
+        done_ms += [at_ms] * is_done
 
 
 def _moving(node: PatientNode, k: int) -> list[SetPoint | SafetyNote]:
