@@ -125,8 +125,13 @@ def stop_key(session: str) -> str:
     return f"{session}/{CONTROL}/stop"
 
 
+def release_key(session: str) -> str:
+    """Return the key of releases, which not everybody may end a stop with; netem passes them on as it does stops."""
+    return f"{session}/{CONTROL}/release"
+
+
 def stopped_key(session: str) -> str:
-    """Return the key on which the patient confirms an emergency stop, or its release."""
+    """Return the key on which the patient answers requests to stop or to release with the arms' state."""
     return f"{session}/{CONTROL}/stopped"
 
 

@@ -120,14 +120,6 @@ class PredictedPose(Pose):
     )
 
 
-class EmergencyStop(Message):
-    """A request to stop the arms now, or to release them again."""
-
-    stop: bool = Field(strict=True, description="true: stop; false: release.")
-    reason: str = Field("", max_length=200, description="Text for the log.")
-    number: int = Field(0, ge=0, lt=1 << 53, description="Number of the request, by which its confirmation is known.")
-
-
 def position_m(pose: Pose) -> tuple[float, float, float]:
     """Return the pose's position as a tuple (x, y, z) in metres."""
     p = pose.position_m

@@ -16,14 +16,14 @@ from common.channels import Side
 from common.messages import Message
 from common.units import NS_PER_MS, NS_PER_S
 
-Alarm = Literal["conflict", "foreign_set_point"]
+Alarm = Literal["conflict", "foreign_set_point", "foreign_release", "stop_flood"]
 """What a side has evidence of that somebody does on purpose."""
 
 NO_ALARMS: Final[Mapping[Alarm, int]] = MappingProxyType({})
 
 Event = Literal[
     "left", "frozen", "link_down", "silent", "back", "stalled", "resumed", "clock_step", "suspended", "conflict",
-    "foreign_set_point",
+    "foreign_set_point", "foreign_release", "stop_flood",
 ]  # fmt: skip
 
 View = Literal["left", "frozen", "link_down", "silent"]
@@ -64,7 +64,8 @@ class Beat(Message):
         default_factory=dict,
         max_length=8,
         description="What the side has evidence of, and the run time at which it began, in ns. conflict: samples of "
-        "the surgeon came in two versions; foreign_set_point: somebody else sends set points.",
+        "the surgeon came in two versions; foreign_set_point: somebody else sends set points; foreign_release: a "
+        "release came from another than the stopper; stop_flood: requests to stop or to release flood it.",
     )
 
 
@@ -212,6 +213,8 @@ TEXTS: Final[dict[Event, str]] = {
     "suspended": "was suspended with its host for {s} s",
     "conflict": "receives samples of the surgeon in two versions: somebody forges them (patient.gate.on_conflict)",
     "foreign_set_point": "hears set points for its arm that somebody else sends",
+    "foreign_release": "has ended a stop for somebody who had not stopped (patient.safety.release)",
+    "stop_flood": "is flooded with requests to stop or to release",
 }
 
 

@@ -62,7 +62,8 @@ class PeerNote(Message):
         description="left: its process ended; frozen: it stands still; link_down: nothing gets through to it; "
         "silent: one of these; back: it is heard again; stalled: its loop stays in one step; resumed: it goes on; "
         "clock_step: its clock stepped; suspended: its host was; conflict: it receives samples in two versions; "
-        "foreign_set_point: it hears set points for its arm that it did not send.",
+        "foreign_set_point: it hears set points for its arm that it did not send; foreign_release: a release came "
+        "from another than the stopper; stop_flood: requests to stop or to release flood it.",
     )
     for_ns: int = Field(description="How long it has been so, or how far the clock stepped, in ns.")
     doing: str = Field(description="Step in which a loop stays; empty: none, or not known.")

@@ -53,11 +53,40 @@ SAFETY = "/tis/safety"
 
 
 class StopNote(Message):
-    """An emergency stop, or its release, as it reached the patient."""
+    """A request to stop or to release, as the patient took it; fields with defaults are absent in older logs."""
 
     at_ns: int = Field(description="Run time of its arrival, in ns.")
     stop: bool = Field(description="true: stop; false: release.")
     reason: str = Field(max_length=200, description="Reason that was given.")
+    number: int = Field(0, description="Number of the request; of a stop that under which it is in force.")
+    ends: int = Field(0, description="Number of the stop that a release ends.")
+    by_stopper: bool | None = Field(
+        None,
+        description="Whether a release had the secret of the stop; null: that has none, or it is no release.",
+    )
+    stopped: bool | None = Field(None, description="Whether the arms are stopped after it; null: as in stop.")
+    changed: bool | None = Field(None, description="Whether they were not before; null: not known.")
+    refused: str = Field("", max_length=200, description="Why it was not carried out; empty: it was.")
+
+    @property
+    def leaves_stopped(self) -> bool:
+        """Whether the arms are stopped after it."""
+        return self.stop if self.stopped is None else self.stopped
 
 
 STOPS = "/tis/emergency_stops"
+
+
+class StopsInForceNote(Message):
+    """The stops in force after a change, as a patient that is started anew needs them."""
+
+    at_ns: int = Field(description="Run time of the change, in ns.")
+    stops: str = Field(
+        "",
+        pattern=r"^([0-9]{1,16}:([0-9a-f]{64})?( [0-9]{1,16}:([0-9a-f]{64})?)*)?$",
+        description="NUMBER:LOCK of each of the newest stops, the oldest first.",
+    )
+    others: int = Field(0, ge=0, description="Number of older stops in force.")
+
+
+STOPS_IN_FORCE = "/tis/stops_in_force"

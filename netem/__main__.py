@@ -137,7 +137,8 @@ def _open_routers(
     for network, endpoint in endpoints.items():
         config = configure("router", replace(options, listen=[endpoint]))
         devices = scenario.source.all_keys if scenario.source.kind == "live" and network == "west" else ()
-        rights = access_control(scenario.security, scenario.session, network, devices)
+        releasers = scenario.patient.safety.releasers
+        rights = access_control(scenario.security, scenario.session, network, devices, releasers)
         config.insert_json5("access_control", json.dumps(rights))
         sessions[network] = stack.enter_context(open_router(config, endpoint))
     return sessions

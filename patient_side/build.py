@@ -26,7 +26,8 @@ from patient_side.plant.protocol import Plant
 from patient_side.playout import Playout
 from patient_side.safety import gate
 from patient_side.safety.gate import StreamGate
-from patient_side.safety.safety_state import SafetyFilter, limits_of
+from patient_side.safety.limits import limits_of
+from patient_side.safety.safety_state import SafetyFilter
 from patient_side.safety.set_point import Place
 from patient_side.statespace import ArmModel, Array
 
@@ -112,7 +113,8 @@ def build_patient(
     ticker = Ticker(scenario.rate_hz, scenario.n_samples, ms_to_ns(scenario.patient.tick_phase_ms))
     mode = scenario.patient.tick
     lock = PhaseLock(scenario.rate_hz) if mode == "phase_locked" else None
-    return PatientNode(scenario.session, hands, ticker, stopwatch_ns, lock, mode == "on_arrival", gates)
+    rule = scenario.patient.safety.release
+    return PatientNode(scenario.session, hands, ticker, stopwatch_ns, lock, mode == "on_arrival", gates, rule)
 
 
 def _plant(scenario: Scenario, recording: Recording, i: int) -> Plant:

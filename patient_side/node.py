@@ -27,7 +27,8 @@ from common.records import (
     PromptNote,
     TickNote,
 )
-from common.safety_records import STOPS
+from common.safety_records import STOPS, STOPS_IN_FORCE
+from common.stop_messages import ReleaseRule
 from common.ticker import Ticker
 from patient_side.answers import answer, estimate_record
 from patient_side.arm_motion import move, moved_notes
@@ -64,6 +65,7 @@ class PatientNode:
     phase_lock: PhaseLock | None = None
     on_arrival: bool = False
     gates: Mapping[str, StreamGate] = field(default_factory=dict)
+    release: ReleaseRule = "anyone"
     name: str = "patient"
     doing: str = ""
     intake: Intake = field(init=False)
@@ -86,16 +88,17 @@ class PatientNode:
         self._driven = {h.channels.driven.key(self.session): h for h in self.hands if h.safety is not None}
         self._arms = external_arms(self.session, self.hands)
         self._own = OwnEstimators.among(self.hands)
-        self._stops = EmergencyStops(self.session)
+        self._stops = EmergencyStops(self.session, self.release)
 
     def remembers(self) -> Sequence[str]:
-        """Return the topics of the set points, and that of the emergency stops."""
+        """Return the topics of the set points, and that of the stops in force."""
         with_safety = [hand for hand in self.hands if hand.safety is not None]
-        return [*(hand.channels.driven.key(self.session) for hand in with_safety), *([STOPS] if with_safety else ())]
+        driven = [hand.channels.driven.key(self.session) for hand in with_safety]
+        return [*driven, *([STOPS_IN_FORCE] if with_safety else ())]
 
     def resume(self, last: Mapping[str, bytes]) -> None:
         """Begin where the arm was left, and stopped if it was; what cannot be read is not known."""
-        is_stopped = self._stops.resume(last.get(STOPS))
+        is_stopped = self._stops.resume(last.get(STOPS_IN_FORCE), last.get(STOPS))
         for hand in self.hands:
             left = left_place(last.get(hand.channels.driven.key(self.session)))
             if hand.safety is not None:
@@ -113,7 +116,7 @@ class PatientNode:
 
         On the keys of set points only strangers can be heard: a side does not hear itself.
         """
-        stops = [self._stops.key] if self._driven else []
+        stops = self._stops.keys if self._driven else ()
         return [("east", key) for key in (*self.intake.wanted(), *stops, *self._arms, *self._driven)]
 
     def foreign_keys(self) -> Collection[str]:
@@ -136,8 +139,8 @@ class PatientNode:
 
     def receive(self, arrival: Arrival) -> Sequence[Output]:
         """Insert a sample into the playout buffer of its hand, if it is new and the gate admits it."""
-        if arrival.key == self._stops.key:
-            return self._stop(arrival)
+        if arrival.key in self._stops.keys:
+            return self._take_stop(arrival)
         if arrival.key in self._arms:
             if self.ticker.next_due_ns() is not None:  # else no tick would take it
                 self._arms[arrival.key].take(arrival)
@@ -149,13 +152,18 @@ class PatientNode:
             self.insert(arrival.key, accepted, arrival.recv_ns)
         return records
 
-    def _stop(self, arrival: Arrival) -> Sequence[Output]:
-        """Stop or release all arms, from the next tick on."""
-        outputs, is_new = self._stops.take(arrival)
-        for hand in self.hands:
-            if hand.safety is not None and is_new:
-                hand.safety_state = hand.safety.stop(hand.safety_state, self._stops.is_stopped)
+    def _take_stop(self, arrival: Arrival) -> Sequence[Output]:
+        is_latched = any(hand.safety_state.is_latched for hand in self.hands)
+        outputs, is_done = self._stops.take(arrival, is_latched)
+        if is_done:
+            self.stop(self._stops.is_stopped)
         return outputs
+
+    def stop(self, is_stopped: bool) -> None:
+        """Stop all arms, or release them, from the next tick on."""
+        for hand in self.hands:
+            if hand.safety is not None:
+                hand.safety_state = hand.safety.stop(hand.safety_state, is_stopped)
 
     def insert(self, key: str, accepted: Accepted, recv_ns: int) -> None:
         """Insert the packet's sample, after the earlier ones in its history; known samples are skipped."""
@@ -296,7 +304,7 @@ class PatientNode:
             "foreign_set_point": [hand.foreign for hand in self.hands],
         }
         begun = {kind: [one.begun_ns for one in all_ if one.begun_ns is not None] for kind, all_ in kinds.items()}
-        return {kind: min(instants) for kind, instants in begun.items() if instants}
+        return {**self._stops.alarms, **{kind: min(instants) for kind, instants in begun.items() if instants}}
 
     def finish(self, now_ns: int) -> Sequence[Record]:
         """Return the counters."""
@@ -313,6 +321,7 @@ class PatientNode:
         received = self.gated.counters()
         return {
             **received,
+            **self._stops.counters(),
             "rejected": received["rejected"] + self._stops.n_rejected,
             "repeated": self.n_repeated,
             "recovered": self.n_recovered,

@@ -181,6 +181,9 @@ class Scenario(Part):
             "patient.gate.on_conflict must be warn where the network corrupts messages, whose copies then differ": (
                 self.patient.gate.on_conflict != "hold" or not self.network.corrupts("forward")
             ),
+            "patient.safety.release must not be named without security mtls or password, which prove names": (
+                self.patient.safety.release != "named" or self.security.kind != "none"
+            ),
             f"surgeon.copies must give at most {MAX_PACKETS_PER_S} packets a second at this rate_hz and number of "
             f"hands ({n_packets})": n_packets <= MAX_PACKETS_PER_S,
             f"surgeon.copies and surgeon.history must give at most {MAX_MB_PER_S} MB a second at this rate_hz and "

@@ -5,6 +5,8 @@ from typing import Annotated, Final, Literal, Self
 from pydantic import Field, model_validator
 
 from common.scenario.base import Milliseconds, NonNegative, Part, Positive
+from common.scenario.security import PersonName
+from common.stop_messages import ReleaseRule
 
 MAX_REACH_M: Final = 1e6
 """Largest distance that a limit admits, in m: what moves within it can be stated in a message."""
@@ -142,6 +144,14 @@ class Safety(Part):
         strict=True,
         description="true: a safe arm resumes only after a release (tis stop --release), not by itself.",
     )
+    release: ReleaseRule = Field(
+        "anyone",
+        description="Who may end an emergency stop. anyone: whoever may stop; stopper: who knows the stop's secret, "
+        "which tis stop prints; named: the clients in releasers.",
+    )
+    releasers: tuple[PersonName, ...] = Field(
+        (), description="Names of the clients that may end an emergency stop, by certificate or password, with named."
+    )
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -153,4 +163,8 @@ class Safety(Part):
             raise ValueError("resume_acceleration_m_s2 must not exceed acceleration_m_s2")
         if self.resume_turn_deg_s > self.turn_deg_s:
             raise ValueError("resume_turn_deg_s must not exceed turn_deg_s")
+        if self.release == "named" and not self.releasers:
+            raise ValueError("releasers must not be empty with release: named, or nobody could end a stop")
+        if self.release != "named" and self.releasers:
+            raise ValueError("releasers must be empty unless release is named, as others may release, too")
         return self

@@ -72,8 +72,9 @@ def issue(
 ) -> int:
     """Create or renew the certificate of one name.
 
-    A further client may observe a run, or change its network, if the scenario
-    lists its name: security.observers, security.control. It connects with
+    A further client may observe a run, change its network, or end emergency
+    stops, if the scenario lists its name: security.observers,
+    security.control, patient.safety.releasers. It connects with
     -c FOLDER/NAME/zenoh.json5.
     """
     _check_extra()

@@ -149,9 +149,12 @@ def summarize(run_dir: RunDirArg, verbose: VerboseOption = False, as_json: JsonO
 @app.command()
 @guarded
 def stop(
-    reason: Annotated[str, typer.Argument(help="Text for the log.")] = "",
+    reason: Annotated[
+        str, typer.Argument(metavar="REASON|TOKEN", help="Text for the log; with --release what ends one stop.")
+    ] = "",
     release: Annotated[
-        bool, typer.Option("--release", help="End the emergency stop: the arms may move again.")
+        bool,
+        typer.Option("--release", help="End the stop of TOKEN; without TOKEN every stop that this client may end."),
     ] = False,
     connect: EndpointOption = None,
     prefix: PrefixOption = "tis",
@@ -162,9 +165,19 @@ def stop(
 
     The patient confirms; without a confirmation within 3 s the exit code is 3.
     The arms brake within their acceleration and then stand; estimates go on.
+    They move again when every stop in force has been released. A stop prints
+    the TOKEN that ends it; a release tells whether the arms are still stopped.
     """
     from common.runtime.emulator_client import emulator_address
-    from deploy.net.control.emergency import emergency_stop
+    from deploy.net.control.emergency import Token, release_all, release_one, stop_arms
 
-    OUT.print(emergency_stop(emulator_address(connect, prefix, config, cfg), not release, reason))
+    address = emulator_address(connect, prefix, config, cfg)
+    if not release:
+        done = stop_arms(address, reason)
+        text = f"{done.text}; release it with: tis stop --release {done.token}"
+    elif reason:
+        text = release_one(address, Token.parse(reason))
+    else:
+        text = release_all(address, {})
+    OUT.print(text, soft_wrap=True, markup=False, highlight=False)
     return EXIT_OK

@@ -2,18 +2,18 @@
 
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import from_json
 
-from common.channels import direction_of, is_set_point, stop_key
+from common.channels import direction_of, is_set_point
 from common.errors import DataError, Fault
 from common.header import Header
-from common.messages import EmergencyStop, Pose, Quaternion, Vector3
+from common.messages import Pose, Quaternion, Vector3
 from common.node import Arrival, Emission, Record
 from common.records import COUNTERS, ESTIMATES, ORIENTATIONS, PROMPT, TICKS, UNRECORDED
 from common.runtime.arm_memory import RESUMED_FILE, parse_resumed
@@ -58,12 +58,24 @@ class RecordedClock:
         self.now = max(deadline_ns, begin_ns)
 
 
+class RecordedStop(NamedTuple):
+    """A recorded request that was carried out: whether the arms were stopped after it."""
+
+    recv_ns: int
+    is_stopped: bool
+
+
 @dataclass
 class RecordedBus:
-    """Bus that delivers the recorded arrivals by their effective stamps and drops sent messages."""
+    """Bus that delivers the recorded arrivals by their effective stamps and drops sent messages.
 
-    arrivals: deque[Arrival]
+    ``stop`` stops or releases the arms where a recorded request did: which requests the patient carried out is read
+    from the log, as it holds no secrets, by which a patient would decide again.
+    """
+
+    arrivals: deque[Arrival | RecordedStop]
     clock: RecordedClock
+    stop: Callable[[bool], None]
 
     def send(self, seat: int, emission: Emission) -> int:  # noqa: ARG002
         """Drop the message."""
@@ -71,8 +83,11 @@ class RecordedBus:
 
     def wait(self, deadline_ns: int) -> Delivery | None:
         """Return the next arrival stamped at or before the deadline."""
-        if self.arrivals and self.arrivals[0].recv_ns <= deadline_ns:
-            return Delivery(0, self.arrivals.popleft())
+        while self.arrivals and self.arrivals[0].recv_ns <= deadline_ns:
+            arrival = self.arrivals.popleft()
+            if isinstance(arrival, Arrival):
+                return Delivery(0, arrival)
+            self.stop(arrival.is_stopped)
         self.clock.pass_to(deadline_ns)
         return None
 
@@ -158,7 +173,8 @@ def _replay_part(path: Path, scenario: Scenario, node: PatientNode, replayed: Es
     prompt_ns = [row["t_ns"] for row in log.of(PROMPT)]
     # no tick of a run is later, whatever a log states
     until_ns = min(max([*prompt_ns, *(due for due, _ in begun)]), scenario.end_ns + NS_PER_S) + 1
-    run([Seat(node, replayed)], RecordedBus(_arrivals(path, scenario.session), clock), clock, until_ns)
+    bus = RecordedBus(_arrivals(path, scenario.session), clock, node.stop)
+    run([Seat(node, replayed)], bus, clock, until_ns)
 
 
 def _compare(log: SideLog, replayed: Estimates) -> Comparison:
@@ -225,9 +241,9 @@ def _contradiction(payload: bytes) -> Iterator[Arrival]:
     yield Arrival("east", note.key, pose.model_dump_json().encode(), Header(note.seq).pack(), note.recv_ns)
 
 
-def _arrivals(path: Path, session: str) -> deque[Arrival]:
+def _arrivals(path: Path, session: str) -> deque[Arrival | RecordedStop]:
     """Return the arrivals in the order in which they came from the bus."""
-    file, found = LogFile(path), deque[Arrival]()
+    file, found = LogFile(path), deque[Arrival | RecordedStop]()
     for block in file.blocks():
         columns = (block.channel, block.seq, block.publish_ns, block.log_ns)
         payloads = block.payloads(slice(None))
@@ -238,8 +254,8 @@ def _arrivals(path: Path, session: str) -> deque[Arrival]:
                     note = StopNote.model_validate_json(payload)
                 except ValidationError:
                     raise other_version(STOPS) from None
-                request = EmergencyStop(stop=note.stop, reason=note.reason)
-                found.append(Arrival("east", stop_key(session), request.model_dump_json().encode(), b"", log_ns))
+                if not note.refused:
+                    found.append(RecordedStop(log_ns, note.leaves_stopped))
             elif key == QUARANTINE:
                 found.extend(_contradiction(payload))
             elif direction_of(key, session) == "forward":

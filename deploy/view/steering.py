@@ -12,7 +12,7 @@ from common.errors import InputError, TisError
 from common.runtime.emulator_client import EmulatorAddress, Remote, connected
 from common.scenario.control import Acknowledgement, EmulatorState
 from deploy.net.control.control_commands import change_requests, profile_request
-from deploy.net.control.emergency import emergency_stop
+from deploy.net.control.emergency import release_all, stop_arms
 from deploy.net.library.profiles import shipped_names
 
 
@@ -47,6 +47,7 @@ class Steering:
         self._lock: Final = threading.Lock()
         self._state: EmulatorState | None = None
         self._refreshing = False
+        self._secrets: Final[dict[int, str]] = {}
 
     def close(self) -> None:
         """Cancel waiting requests and close the connection."""
@@ -80,19 +81,32 @@ class Steering:
         self._submit(lambda remote: remote.request("profile", profile_request(name)), on_answer)
 
     def stop(self, on_answer: Callable[[str], None]) -> None:
-        """Stop the arms now."""
-        self._emergency(True, on_answer)
+        """Stop the arms now, and keep what ends this stop."""
+
+        def stop() -> str:
+            done = stop_arms(self._address, "live page")
+            with self._lock:
+                self._secrets[done.token.number] = done.token.secret
+            return done.text
+
+        self._emergency(stop, on_answer)
 
     def release(self, on_answer: Callable[[str], None]) -> None:
-        """End an emergency stop."""
-        self._emergency(False, on_answer)
+        """End the emergency stops of the pages, and those of others that the scenario lets anyone end."""
 
-    def _emergency(self, stop: bool, on_answer: Callable[[str], None]) -> None:
-        """Request it in a thread of its own: no other request of a page holds it up."""
+        def release() -> str:
+            with self._lock:
+                known = dict(self._secrets)
+            return release_all(self._address, known)
+
+        self._emergency(release, on_answer)
+
+    def _emergency(self, act: Callable[[], str], on_answer: Callable[[str], None]) -> None:
+        """Do it in a thread of its own: no other request of a page holds it up."""
 
         def work() -> None:
             try:
-                on_answer(emergency_stop(self._address, stop, "live page"))
+                on_answer(act())
             except (TisError, zenoh.ZError) as error:
                 on_answer(f"not done: {error}")
 

@@ -27,7 +27,8 @@ _RECORD_OF = {
     "PLANT": "PlantNote", "FATES": "FateBatch", "RELEASES": "ReleaseBatch", "QUEUES": "QueueNote",
     "CONTROL": "ControlNote", "COUNTERS": "CounterNote", "ESTIMATOR_FAULTS": "EstimatorFault", "FRESH": "FreshNote",
     "PROMPT": "PromptNote", "PHASES": "PhaseNote", "CLOCK": "ClockNote", "EXCHANGES": "ExchangeNote",
-    "PEERS": "PeerNote", "SAFETY": "SafetyNote", "STOPS": "StopNote", "DEVICES": "DeviceNote",
+    "PEERS": "PeerNote", "SAFETY": "SafetyNote", "STOPS": "StopNote", "STOPS_IN_FORCE": "StopsInForceNote",
+    "DEVICES": "DeviceNote",
     "DISCIPLINE": "DisciplineNote", "PROCESSORS": "ProcessorNote",
 }  # fmt: skip
 """The model of each topic, by the names of the modules of records; `page` refuses to go on when one is missing."""

@@ -13,6 +13,7 @@ from common.channels import (
     Network,
     keys_of,
     local_keys,
+    release_key,
     stop_key,
     stopped_key,
 )
@@ -32,23 +33,29 @@ Rights = dict[str, Sequence[str]]
 
 
 def access_control(
-    security: NoSecurity | Mtls | Password, session: str, network: Network, devices: Sequence[str] = ()
+    security: NoSecurity | Mtls | Password,
+    session: str,
+    network: Network,
+    devices: Sequence[str] = (),
+    releasers: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Return Zenoh's ``access_control`` for netem's router on a network of the run.
 
     With certificates or passwords everything is denied but what the names below may say: the side of this network its
     own streams, its token and questions to netem; ``control`` the emulator's control keys and emergency stops;
-    ``observers`` nothing. ``devices`` are keys of operators' devices, which speak with the surgeon's name.
-    Both may listen. Without either, everything is allowed but what netem alone says: the run, its end, the clock and
-    mirrored tokens. Oracle: attacks on real routers, tests/system/test_security.
+    ``observers`` nothing. Both may listen. ``devices`` are keys of operators' devices, which speak with the surgeon's
+    name. ``releasers`` are the names that alone may release, and stop; without any, whoever may stop may release.
+    Without certificates and passwords everything is allowed but what netem alone says: the run, its end, the clock
+    and mirrored tokens. Oracle: attacks on real routers, tests/system/test_security.
     """
     if isinstance(security, NoSecurity):
         return _Rules().deny_all(_of_others(session, network)).as_config("allow")
-    rules = _Rules()
-    rules.allow("side", (SIDE_ON[network],), _of_side(session, network, devices), security)
+    rules, may_stop = _Rules(), _may_stop(session, anyone_releases=not releasers)
+    rules.allow("side", (SIDE_ON[network],), _of_side(session, network, devices, may_stop), security)
     rules.allow("observers", security.observers, _of_observers(session), security)
-    rules.allow("control", security.control, _of_control(session), security)
-    rules.allow("netem", ("netem",), _of_own_clients(session, devices), security)
+    rules.allow("control", security.control, _of_control(session, may_stop), security)
+    rules.allow("releasers", releasers, _of_releasers(session), security)
+    rules.allow("netem", ("netem",), _of_own_clients(session, devices, may_stop), security)
     return rules.as_config("deny")
 
 
@@ -71,11 +78,16 @@ def _of_others(session: str, network: Network) -> Rights:
     }
 
 
-def _of_side(session: str, network: Network, devices: Sequence[str]) -> Rights:
+def _may_stop(session: str, anyone_releases: bool) -> tuple[str, ...]:
+    """Return the keys of those who may stop the arms."""
+    return (stop_key(session), release_key(session)) if anyone_releases else (stop_key(session),)
+
+
+def _of_side(session: str, network: Network, devices: Sequence[str], may_stop: Sequence[str]) -> Rights:
     keys, says = ControlKeys(session), _SAYS[network]
     token = keys.token(SIDE_ON[network], "*", mirrored=False)
     east = (*local_keys(session, "east"), stopped_key(session))
-    own = east if network == "east" else (*local_keys(session, "west"), stop_key(session), *devices)
+    own = east if network == "east" else (*local_keys(session, "west"), *may_stop, *devices)
     # an arm or a device is a program of its own
     beside = local_keys(session, "east") if network == "east" else devices
     return {
@@ -85,7 +97,7 @@ def _of_side(session: str, network: Network, devices: Sequence[str]) -> Rights:
             keys.end,
             keys.beats,
             *beside,
-            stop_key(session) if network == "east" else stopped_key(session),
+            *((stop_key(session), release_key(session)) if network == "east" else (stopped_key(session),)),
         ),
         "query": (keys.clock, keys.scenario("netem")),
         "declare_queryable": (keys.scenario(SIDE_ON[network]),),
@@ -106,14 +118,19 @@ def _of_observers(session: str) -> Rights:
     }
 
 
-def _of_control(session: str) -> Rights:
+def _of_control(session: str, may_stop: Sequence[str]) -> Rights:
     rights, prefix = _of_observers(session), control_prefix(session)
-    return rights | {"query": (*rights["query"], f"{prefix}*"), "put": (f"{prefix}*", stop_key(session))}
+    return rights | {"query": (*rights["query"], f"{prefix}*"), "put": (f"{prefix}*", *may_stop)}
 
 
-def _of_own_clients(session: str, devices: Sequence[str]) -> Rights:
+def _of_releasers(session: str) -> Rights:
+    """Return the rights of those who alone may release: also to stop, which is the safe side, and to observe."""
+    return _of_observers(session) | {"put": (stop_key(session), release_key(session))}
+
+
+def _of_own_clients(session: str, devices: Sequence[str], may_stop: Sequence[str]) -> Rights:
     """Return the rights of netem's own clients: the live page, also as a device, and the overhead's probes."""
-    rights, own = _of_control(session), (f"{OVERHEAD}/**", *devices)
+    rights, own = _of_control(session, may_stop), (f"{OVERHEAD}/**", *devices)
     return {kind: (*keys, *own) if kind in ("put", "declare_subscriber") else keys for kind, keys in rights.items()}
 
 

@@ -6,22 +6,23 @@ from typing import Any, Final
 
 import zenoh
 
-from common.channels import Network, stop_key, stopped_key
+from common.channels import Network, release_key, stop_key, stopped_key
 from common.runtime.zenoh_session import urgent_publisher
 
-_MAX_BYTES: Final = 2048
+_MAX_BYTES: Final = 4096
 
 
 class EmergencyLine:
-    """Passes requests to the patient's network and their confirmations back, by Zenoh's highest priority.
+    """Passes requests to the patient's network and their answers back, by Zenoh's highest priority.
 
-    A request that a full queue drops is repeated by its sender until it is confirmed. Close it before the sessions.
+    A request that a full queue drops is repeated by its sender until it is answered. Close it before the sessions.
     """
 
     def __init__(self, sessions: Mapping[Network, zenoh.Session], session: str) -> None:
         self.n_passed = 0
         self._held: list[Any] = []
         self._open(sessions["west"], sessions["east"], stop_key(session))
+        self._open(sessions["west"], sessions["east"], release_key(session))
         self._open(sessions["east"], sessions["west"], stopped_key(session))
 
     def close(self) -> None:

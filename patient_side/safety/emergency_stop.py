@@ -1,66 +1,222 @@
-"""Emergency stops at the patient: requests on a key of their own, which no emulated queue delays."""
+"""Emergency stops at the patient: requests on keys of their own, which no emulated queue delays."""
 
 from collections import deque
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from pydantic import ValidationError
 
-from common.channels import stop_key, stopped_key
-from common.messages import EmergencyStop
+from common.channels import release_key, stop_key, stopped_key
+from common.messages import Message
 from common.node import Arrival, Emission, Output, Record
+from common.peer_life import NO_ALARMS, Alarm
 from common.records import REJECTED, Rejected
-from common.safety_records import STOPS, StopNote
+from common.safety_records import STOPS, STOPS_IN_FORCE, StopNote, StopsInForceNote
+from common.stop_messages import (
+    LATCH,
+    MAX_REASON_CHARS,
+    MAX_REASONS,
+    EmergencyStop,
+    ReleaseRule,
+    StopRefusal,
+    StopState,
+)
+from common.units import NS_PER_S
+from patient_side.safety.stops_in_force import BEFORE, Stop, StopsInForce
 
+_MAX_BYTES: Final = 2048
 _N_KNOWN: Final = 1000
+MAX_RELEASES_PER_S: Final = 5
+MAX_ANSWERS_PER_S: Final = 20
 
 
 class Taken(NamedTuple):
-    """What a request leads to; ``is_new``: it is carried out, and not only confirmed again."""
+    """What a request leads to; ``is_done``: it is carried out, and not only answered."""
 
     outputs: list[Output]
-    is_new: bool
+    is_done: bool
+
+
+class _Verdict(NamedTuple):
+    """Decision on a request; ``under``: number of the requested stop, ``by_stopper`` as in `StopNote`."""
+
+    is_done: bool
+    refused: StopRefusal = ""
+    under: int = 0
+    by_stopper: bool | None = None
+
+
+@dataclass
+class _PerSecond:
+    """Admits at most so many in any second of run time."""
+
+    n_most: int
+    _admitted_ns: deque[int] = field(default_factory=deque)
+
+    def admits(self, at_ns: int) -> bool:
+        """Admit one more, if the second before ``at_ns`` has room for it."""
+        while self._admitted_ns and at_ns - self._admitted_ns[0] >= NS_PER_S:
+            self._admitted_ns.popleft()
+        if len(self._admitted_ns) >= self.n_most:
+            return False
+        self._admitted_ns.append(at_ns)
+        return True
 
 
 @dataclass
 class EmergencyStops:
-    """Reads requests to stop or to release, and confirms each one.
+    """Reads requests to stop or to release, carries them out, and answers each with the arms' state.
 
-    A request is sent again until it is confirmed. A number that is known is confirmed, but not carried out again: a
-    late repeat of a release must not undo a stop. Number 0 stands for none.
+    A request is sent again until it is answered; a number that is known is not carried out again. A stop is always
+    carried out; at most `MAX_RELEASES_PER_S` releases are. What is carried out is always answered and recorded, so
+    that is bounded; of all else `MAX_ANSWERS_PER_S` are, and the rest is only counted. Oracle:
+    test_emergency_stop, properties over arbitrary requests.
     """
 
     session: str
-    is_stopped: bool = False
+    rule: ReleaseRule = "anyone"
+    in_force: StopsInForce = field(default_factory=StopsInForce)
     n_rejected: int = 0
-    _known: deque[int] = field(default_factory=lambda: deque(maxlen=_N_KNOWN))
+    n_stops: int = 0
+    n_releases: int = 0
+    n_by_others: int = 0
+    n_refused: int = 0
+    n_flooded: int = 0
+    alarms: Mapping[Alarm, int] = NO_ALARMS
+    """What somebody does on purpose, and the run time at which it began; replaced, never changed."""
+    _led_by: int = 0
+    _released: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_N_KNOWN))
+    _releases: _PerSecond = field(default_factory=lambda: _PerSecond(MAX_RELEASES_PER_S))
+    _answers: _PerSecond = field(default_factory=lambda: _PerSecond(MAX_ANSWERS_PER_S))
 
     def __post_init__(self) -> None:
-        self.key, self.answer_key = stop_key(self.session), stopped_key(self.session)
+        self.keys = (stop_key(self.session), release_key(self.session))
+        self.answer_key = stopped_key(self.session)
 
-    def take(self, arrival: Arrival) -> Taken:
-        """Return the confirmation and the record of a request; what is none is counted, and rejected."""
+    @property
+    def is_stopped(self) -> bool:
+        """Whether the arms are stopped: any stop is in force."""
+        return bool(self.in_force.by_number)
+
+    def take(self, arrival: Arrival, is_latched: bool = False) -> Taken:
+        """Return the answer to a request and its records; what is none is counted, and rejected.
+
+        ``is_latched``: an arm is safe until a release.
+        """
+        if len(arrival.payload) > _MAX_BYTES:
+            return Taken(self._reject(arrival, 1), is_done=False)
         try:
             request = EmergencyStop.model_validate_json(arrival.payload)
         except ValidationError as error:
-            self.n_rejected += 1
-            reason = f"the payload is no EmergencyStop: {error.error_count()} faults"
-            head = arrival.payload[:32].hex()
-            note = Rejected(key=arrival.key, recv_ns=arrival.recv_ns, reason=reason, head_hex=head)
-            return Taken([Record(REJECTED, arrival.recv_ns, note)], is_new=False)
-        answer = Emission("east", self.answer_key, request.model_dump_json().encode(), b"", lambda _: ())
-        if request.number in self._known:
-            return Taken([answer], is_new=False)
-        if request.number:
-            self._known.append(request.number)
-        self.is_stopped = request.stop
-        stop_note = StopNote(at_ns=arrival.recv_ns, stop=request.stop, reason=request.reason)
-        return Taken([answer, Record(STOPS, arrival.recv_ns, stop_note)], is_new=True)
+            return Taken(self._reject(arrival, error.error_count()), is_done=False)
+        at_ns, was_stopped = arrival.recv_ns, self.is_stopped
+        verdict = self._stop(request) if request.stop else self._release(request, arrival, is_latched)
+        if verdict.is_done:
+            if self.is_stopped != was_stopped:
+                self._led_by = verdict.under or request.number
+        elif not self._answers.admits(at_ns):
+            self.n_flooded += 1
+            self._raise("stop_flood", at_ns)
+            return Taken([], is_done=False)
+        self.n_refused += verdict.refused != ""
+        note = StopNote(
+            at_ns=at_ns,
+            stop=request.stop,
+            reason=request.reason,
+            number=verdict.under or request.number,
+            ends=0 if request.stop else request.ends,
+            by_stopper=verdict.by_stopper,
+            stopped=self.is_stopped,
+            changed=self.is_stopped != was_stopped,
+            refused=verdict.refused,
+        )
+        # First what a patient that is killed now must know when it is started anew.
+        kept = [self._record(STOPS_IN_FORCE, at_ns, self.in_force.note(at_ns))] if verdict.is_done else []
+        noted = [self._record(STOPS, at_ns, note)] if verdict.is_done or verdict.refused else []
+        still_latched = is_latched and not (verdict.is_done and not self.is_stopped)
+        return Taken([*kept, self._answer(request, verdict, still_latched), *noted], verdict.is_done)
 
-    def resume(self, payload: bytes | None) -> bool:
-        """Go on after the last stop or release that an earlier process carried out; return whether it was a stop."""
-        if payload is not None:
-            with suppress(ValidationError):
-                self.is_stopped = StopNote.model_validate_json(payload).stop
+    def resume(self, in_force: bytes | None, last: bytes | None) -> bool:
+        """Go on after the stops in force of an earlier process; return whether the arms are stopped.
+
+        ``last`` is the last stop or release: logs of before hold no stops in force.
+        """
+        with suppress(ValueError):
+            if in_force is not None:
+                self.in_force.resume(StopsInForceNote.model_validate_json(in_force))
+            elif last is not None and StopNote.model_validate_json(last).leaves_stopped:
+                self.in_force.add(Stop(0, "", BEFORE))
         return self.is_stopped
+
+    def counters(self) -> dict[str, int]:
+        """Return the numbers of requests carried out, by others than the stopper, refused, and only counted."""
+        return {
+            "stops": self.n_stops,
+            "releases": self.n_releases,
+            "releases_by_others": self.n_by_others,
+            "stop_requests_refused": self.n_refused,
+            "stop_requests_flooded": self.n_flooded,
+        }
+
+    def _stop(self, request: EmergencyStop) -> _Verdict:
+        """Put a stop in force, on either key and at any rate."""
+        under, is_new = self.in_force.add(Stop(request.number, request.lock, request.reason))
+        self.n_stops += is_new
+        return _Verdict(is_new, "" if under else "ended before", under)
+
+    def _release(self, request: EmergencyStop, arrival: Arrival, is_latched: bool) -> _Verdict:
+        """End the stop that a release names, or the latch, if its key, its secret and the rate allow it."""
+        number = request.ends
+        if not number or (request.number and (request.number, number) in self._released):
+            return _Verdict(is_done=False)
+        if arrival.key != self.keys[1]:
+            return _Verdict(is_done=False, refused="not on this key")
+        ends_latch = number == LATCH and is_latched and not self.is_stopped
+        refused = "" if ends_latch else self.in_force.refusal(number, request.secret, self.rule)
+        if refused:
+            return _Verdict(is_done=False, refused=refused)
+        if not self._releases.admits(arrival.recv_ns):
+            return _Verdict(is_done=False, refused="too many releases")
+        by_stopper = None if ends_latch else self.in_force.is_by_stopper(number, request.secret)
+        if not ends_latch:
+            self.in_force.end(number)
+        self._released.append((request.number, number))
+        self.n_releases += 1
+        if by_stopper is False:
+            self.n_by_others += 1
+            self._raise("foreign_release", arrival.recv_ns)
+        return _Verdict(is_done=True, by_stopper=by_stopper)
+
+    def _raise(self, alarm: Alarm, at_ns: int) -> None:
+        if alarm not in self.alarms:
+            self.alarms = {**self.alarms, alarm: at_ns}
+
+    def _answer(self, request: EmergencyStop, verdict: _Verdict, is_latched: bool) -> Emission:
+        stops = self.in_force.by_number
+        reasons = [stop.reason[:MAX_REASON_CHARS] for stop in stops.values()][:MAX_REASONS]
+        state = StopState(
+            number=request.number,
+            stop=self.is_stopped,
+            led_by=self._led_by,
+            under=verdict.under,
+            in_force=tuple(stops),
+            reasons=tuple(reasons),
+            latched=is_latched,
+            release=self.rule,
+            refused=verdict.refused,
+        )
+        return Emission("east", self.answer_key, state.model_dump_json().encode(), b"", lambda _: ())
+
+    def _reject(self, arrival: Arrival, n_faults: int) -> list[Output]:
+        self.n_rejected += 1
+        if not self._answers.admits(arrival.recv_ns):
+            return []
+        reason = f"the payload is no EmergencyStop: {n_faults} faults"
+        head = arrival.payload[:32].hex()
+        note = Rejected(key=arrival.key, recv_ns=arrival.recv_ns, reason=reason, head_hex=head)
+        return [self._record(REJECTED, arrival.recv_ns, note)]
+
+    def _record(self, topic: str, at_ns: int, note: Message) -> Record:
+        return Record(topic, at_ns, note)

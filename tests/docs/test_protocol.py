@@ -9,21 +9,33 @@ from typing import Any, get_args
 import pytest
 from pydantic import ValidationError
 
-from common.channels import Hand, arm_key, hand_channels, stop_key, stopped_key
+from common.channels import Hand, arm_key, hand_channels, release_key, stop_key, stopped_key
 from common.clocks.exchange import Exchanges
 from common.devices.gate import MAX_PER_TICK
 from common.devices.pose import MAX_BUTTONS, MAX_DEVICE_BYTES, DevicePose
 from common.devices.pose_stamped import decode_pose_stamped
 from common.devices.records import Refusal
 from common.header import Header
-from common.messages import MAX_SIZE, EmergencyStop, FeedbackPose, Message, SafetyMode, SampledPose, SetPoint
+from common.messages import MAX_SIZE, FeedbackPose, Message, SafetyMode, SampledPose, SetPoint
 from common.peer_life import BEAT_EVERY_NS, Beat
 from common.runtime.control import ControlKeys, Epoch
 from common.scenario import Scenario
 from common.scenario.agreement import agreed_fields
+from common.stop_messages import (
+    LATCH,
+    MAX_IN_FORCE,
+    MAX_REASON_CHARS,
+    MAX_REASONS,
+    EmergencyStop,
+    ReleaseRule,
+    StopRefusal,
+    StopState,
+    lock_of,
+)
 from common.units import sample_instant_ns
 from deploy.run.resolve import resolve
 from netem import __main__ as netem_main
+from patient_side.safety.emergency_stop import MAX_ANSWERS_PER_S, MAX_RELEASES_PER_S
 from patient_side.safety.gate import Kind
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "protocol.md").read_text(encoding="utf-8")
@@ -81,7 +93,9 @@ def test_sample_instants_clock_exchanges_and_runs() -> None:
         (SampledPose, ("sample_ns", "position_m", "orientation", "gripper_rad")),
         (FeedbackPose, ("sample_ns", "position_m", "orientation", "gripper_rad", "tick", "command_sample_ns")),
         (Beat, ("side", "at_ns", "loop_ns")),
-        (EmergencyStop, ("stop", "reason", "number")),
+        (EmergencyStop, ("stop", "reason", "number", "lock")),
+        (EmergencyStop, ("stop", "number", "ends", "secret")),
+        (StopState, tuple(StopState.model_fields)),
     ],
 )
 def test_messages(model: type[Message], fields: tuple[str, ...]) -> None:
@@ -109,7 +123,7 @@ def test_keys() -> None:
     on_page = {key.strip("`") for row in rows("key", "network", "who publishes", "payload", "header")
                for key in re.split(r", |`, `| \(", row[0]) if "/" in key}  # fmt: skip
     keys = ControlKeys("tis")
-    expected = {stop_key("tis"), stopped_key("tis"), keys.clock, keys.scenario("netem"), keys.end}
+    expected = {stop_key("tis"), release_key("tis"), stopped_key("tis"), keys.clock, keys.scenario("netem"), keys.end}
     expected |= {keys.token("SIDE", "DIGEST", mirrored) for mirrored in (False, True)}  # type: ignore[arg-type]
     expected |= {keys.run("SIDE", "RUN"), keys.beat("SIDE")}  # type: ignore[arg-type]
     pairs: tuple[tuple[Hand, Any], ...] = (("left", "PSM2"), ("right", "PSM1"))
@@ -120,6 +134,22 @@ def test_keys() -> None:
         channels = (row.command, row.arm, row.estimated, row.measured, row.driven)
         expected |= {channel.key("tis") for channel in channels} | {arm_key("tis", arm), source.keys.of(hand)}
     assert on_page == expected
+
+
+def test_the_answer_to_a_stop() -> None:
+    assert [row[0] for row in rows("answer", "meaning")] == list(StopState.model_fields)
+    assert [row[0] for row in rows("refused", "a request")] == [each for each in get_args(StopRefusal) if each]
+    for secret, lock in rows("secret", "lock"):
+        assert lock_of(secret) == lock
+    asked, ended = (next(one for one in OBJECTS if field in one) for field in ("lock", "secret"))
+    assert (lock_of(ended["secret"]), ended["ends"]) == (asked["lock"], asked["number"])
+    assert all(f"`{rule}`" in PAGE or f"release: {rule}" in PAGE for rule in get_args(ReleaseRule))
+    assert f"`ends` {LATCH}" in PAGE
+    assert f"at most {MAX_IN_FORCE + 1}" in PAGE
+    assert f"Beyond {MAX_IN_FORCE} stops" in PAGE
+    assert f"the first {MAX_REASON_CHARS} characters of the reasons of the first {MAX_REASONS}" in PAGE
+    assert f"after {MAX_RELEASES_PER_S} others" in PAGE
+    assert f"answered {MAX_ANSWERS_PER_S} times a second" in PAGE
 
 
 def test_the_fields_of_the_scenario_and_other_numbers() -> None:

@@ -44,6 +44,7 @@ from common.runtime.control import ControlKeys, Epoch, Roster
 from common.runtime.credentials import credentials
 from common.runtime.mcap_log import McapLog
 from common.runtime.recordings.table_recording import table_recording
+from common.safety_records import StopsInForceNote
 from common.scenario.live_source import LiveSource
 from common.scenario.reading import build_scenario, parse_yaml
 from common.scenario.security import Password
@@ -55,6 +56,7 @@ from common.sources.table.layout import layout_of
 from common.sources.table.poses import finite_faults, pose_track
 from common.sources.table.row_clock import played, row_clock
 from common.sources.table.text import read_columns, split_table
+from common.stop_messages import EmergencyStop, lock_of
 from common.trace_text import parse_trace
 from deploy.compare.grid import grid_faults
 from deploy.compare.study import Study
@@ -78,6 +80,7 @@ from deploy.tools.certificates import certificates, new_authority
 from deploy.tools.runs import Wanted, list_runs
 from netem.control.control import Control
 from patient_side.identification.model_io import dump_models, parse_models
+from patient_side.safety.emergency_stop import EmergencyStops
 from surgeon_side.live.mapping import Mapping
 from tests.common.devices.test_pose_stamped import BY_HAND as POSE_STAMPED
 from tests.common.runtime.recordings.tables import movement, write_csv, write_parquet
@@ -117,6 +120,13 @@ def _taken(payload: bytes) -> None:
     for one in (_ROW.command, _ROW.estimated):
         intake = Intake("tis", [one])
         intake.take(Arrival("east", one.key("tis"), payload, Header(1, 5).pack(), 10))
+
+
+def _stopped(payload: bytes) -> None:
+    stops = EmergencyStops("tis")
+    for at_ns, key in enumerate(stops.keys):
+        stops.take(Arrival("east", key, payload, b"", at_ns))
+    EmergencyStops("tis").resume(payload, None)
 
 
 def _attached(attachment: bytes) -> None:
@@ -296,6 +306,9 @@ _NOTES = (
     (5, ProcessorNote(from_ns=0, to_ns=9, processors="0-3,6", own_ns=4)),
     (6, EstimateNote(tick=1, t_ns=1, hand="left", estimator="hold", position_m=Vector3(x=0.0, y=0.0, z=0.0))),
 )
+_STOP = EmergencyStop(stop=True, reason="smoke", number=7, lock=lock_of("a")).model_dump_json().encode()
+_RELEASE = EmergencyStop(stop=False, number=8, ends=7, secret="a").model_dump_json().encode()
+_IN_FORCE = StopsInForceNote(at_ns=5, stops=f"7:{lock_of('a')} 8:", others=1).model_dump_json().encode()
 _REQUEST = b'{"direction":"both","change":{"loss_pct":3},"for_s":2}'
 _PLAYED = {"label": "a", "digest": "b", "first_row": 0, "n_rows": 3, "rate_hz": 30, "file": None, "warnings": ["x"]}
 _SCENARIO = (SHIPPED.parent / "scenarios" / "lossy.yaml").read_bytes()
@@ -370,6 +383,7 @@ DECODERS: dict[str, Decoder] = {
     "packet header": Decoder(_attached, [Header(7, 9).pack()]),
     "pose and feedback": Decoder(_taken, [_SAMPLED, _FEEDBACK]),
     "device, JSON and ROS 2": Decoder(_device, [_DEVICE, POSE_STAMPED]),
+    "emergency stop": Decoder(_stopped, [_STOP, _RELEASE, _IN_FORCE]),
     "control request": Decoder(_controlled, [_REQUEST, b"[" + _REQUEST + b"]", b'{"for_s":3}']),
     "clock reading": Decoder(_reading, [_READING]),
     "begin and end": Decoder(_begin_and_end, [b'{"epoch_ns":5,"run_id":7}', b'{"reason":"over"}']),

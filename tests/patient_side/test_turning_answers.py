@@ -17,7 +17,8 @@ from patient_side.hand import PatientHand
 from patient_side.node import PatientNode
 from patient_side.orientation.protocol import WristEstimate
 from patient_side.playout import Playout, SourceBuffer
-from patient_side.safety.safety_state import SafetyFilter, limits_of
+from patient_side.safety.limits import limits_of
+from patient_side.safety.safety_state import SafetyFilter
 from tests.nodes import LEFT, Stamp, an_arrival
 
 PHASE_NS = 2_000_000

@@ -1,28 +1,76 @@
-"""An emergency stop of a live run, through an outage of both directions."""
+"""Emergency stops of a live run, through an outage of both directions, by clients with different rights."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
 from common.runtime.free_endpoints import free_endpoints
-from tests.deploy.commands import call
-from tests.system.conftest import Start
+from tests.deploy.commands import call_in_one_line
+from tests.system.conftest import HOLD, Start
 
 pytestmark = pytest.mark.live
-_OUTAGE = "network.timeline=[{at_s: 0.5, for_s: 5, direction: both, set: {outage: true}}]"
+_OUTAGE = "network.timeline=[{at_s: 0.5, for_s: 8, direction: both, set: {outage: true}}]"
+_RULE = "patient.safety={release: named, releasers: [head, both]}"
+_Call = Callable[..., tuple[int, str, str]]
 
 
-def test_a_stop_reaches_the_patient_in_an_outage_from_either_network(start: Start) -> None:
+@pytest.fixture
+def passwords(tmp_path: Path) -> Path:
+    """Return a file of passwords for sides and clients."""
+    file = tmp_path / "passwords.txt"
+    names = ("surgeon", "netem", "patient", "operator", "head", "both")
+    file.write_text("".join(f"{name}:{name}-secret\n" for name in names))
+    file.chmod(0o600)
+    return file
+
+
+def _client(folder: Path, name: str) -> _Call:
+    """Return `tis stop` as the client of this name."""
+    file = folder / f"{name}.json5"
+    login = {"user": name, "password": f"{name}-secret"}
+    file.write_text(json.dumps({"transport": {"auth": {"usrpwd": login}}}))
+    file.chmod(0o600)
+    return lambda *words: call_in_one_line("stop", *words, "-c", str(file))
+
+
+def test_stops_reach_the_patient_in_an_outage_and_end_one_by_one_by_whom_may_end_them(
+    start: Start, tmp_path: Path, passwords: Path
+) -> None:
     west, east = free_endpoints()
-    words = ("--duration-s", "6", "--set", "estimators=[hold]", "--set", "active_estimator=hold", "--set", _OUTAGE)
-    tis = start("run", "default", *words, "--set", f"hosts={{west: {west}, east: {east}}}")
+    security = f"security={{kind: password, file: {passwords}, control: [operator, both]}}"
+    settings = (_OUTAGE, _RULE, security, f"hosts={{west: {west}, east: {east}}}")
+    words = [word for setting in settings for word in ("--set", setting)]
+    tis = start("run", "default", "--duration-s", "10", *HOLD, *words)
+    operator, head, both = (_client(tmp_path, name) for name in ("operator", "head", "both"))
     tis.await_log("patient", 30_000)
-    code, out, err = call("stop", "a hand in the way", "--connect", west)
+
+    code, out, err = operator("a hand in the way", "--connect", west)
     assert (code, out[:7]) == (0, "stopped"), err
-    code, out, err = call("stop", "--release", "--connect", east)
+    token = out.split("tis stop --release ")[1]
+    code, out, err = head("smoke", "--connect", east)
+    assert (code, "beside 1 other stop" in out) == (0, True), err
+
+    # who has stopped may not release here
+    code, _, err = operator("--release", token, "--connect", west)
+    assert (code, "only the clients in patient.safety.releasers" in err) == (3, True), err
+    code, out, err = head("--release", token, "--connect", east)
     assert (code, out[:8]) == (0, "released"), err
-    code, _, err = call("stop", "--connect", west, "--prefix", "another")
+    assert "the arms stay stopped by 1 other stop" in out
+    assert "smoke" in out
+    code, _, err = head("--release", token, "--connect", west)
+    assert (code, "is in force: the arms are stopped by 1 stop" in err) == (2, True), err
+    # another right beside takes none away
+    code, out, err = both("--release", "--connect", west)
+    assert (code, out[:8], "stay" in out) == (0, "released", False), err
+
+    code, _, err = operator("--connect", west, "--prefix", "another")
     assert code == 3
-    assert "no patient of session another confirmed" in " ".join(err.split())
+    assert "no patient of session another confirmed" in err
     code, _, err = tis.wait()
     assert code in (0, 5), err
-    assert tis.summary()["safety"]["left"]["emergency_stops"] == 1
+    left = tis.summary()["safety"]["left"]
+    assert (left["emergency_stops"], left["releases"], left["releases_by_others"]) == (2, 2, 1)
+    assert (left["stop_requests_refused"], left["stop_requests_flooded"]) == (1, 0)
     assert tis.summary()["links"]["forward"]["foreign"] == 0

@@ -25,7 +25,7 @@ from common.records import (
     TICKS,
     TRUTH,
 )
-from common.safety_records import QUARANTINE, SAFETY, STOPS
+from common.safety_records import QUARANTINE, SAFETY, STOPS, STOPS_IN_FORCE
 from common.units import NS_PER_MS, NS_PER_US
 from deploy.logs.json_rows import Row
 from deploy.logs.read.rows import Rows
@@ -51,6 +51,7 @@ _OWN: Final[Mapping[str, tuple[str, ...]]] = {
     DEVICES: ("at_ns",),
     SAFETY: ("t_ns",),
     STOPS: ("at_ns",),
+    STOPS_IN_FORCE: ("at_ns",),
     SERVO: ("sample_ns",),
     PREDICTED: ("sample_ns", "command_ns"),
 }

@@ -35,7 +35,16 @@ from common.records import (
     QueueNote,
     Rejected,
 )
-from common.safety_records import QUARANTINE, SAFETY, STOPS, QuarantineNote, SafetyNote, StopNote
+from common.safety_records import (
+    QUARANTINE,
+    SAFETY,
+    STOPS,
+    STOPS_IN_FORCE,
+    QuarantineNote,
+    SafetyNote,
+    StopNote,
+    StopsInForceNote,
+)
 from deploy.logs.json_rows import Row, checked_number
 
 _MODELS: Final[Mapping[str, type[Message]]] = {
@@ -54,6 +63,7 @@ _MODELS: Final[Mapping[str, type[Message]]] = {
     REJECTED: Rejected,
     SAFETY: SafetyNote,
     STOPS: StopNote,
+    STOPS_IN_FORCE: StopsInForceNote,
 }
 
 

@@ -1,64 +1,124 @@
-"""Emergency stops: the request to the patient of a running session, repeated until it is confirmed."""
+"""Emergency stops of a running session: to stop the arms, and to end stops by name, with what proves the stopper."""
 
+import re
 import secrets
-import threading
 import time
-from typing import Final
+from collections.abc import Mapping
+from typing import Final, NamedTuple
 
-import zenoh
-from pydantic import ValidationError
-
-from common.channels import stop_key, stopped_key
-from common.errors import Fault, PeerError
-from common.messages import EmergencyStop
+from common.errors import Fault, InputError, PeerError
 from common.runtime.emulator_client import EmulatorAddress, connected
-from common.runtime.zenoh_session import urgent_publisher
+from common.stop_messages import LATCH, EmergencyStop, StopState, lock_of
+from deploy.net.control.stop_line import WHERE, Answer, StopLine, fresh_number, listed, told
 
-_EVERY_S: Final = 0.1
-_TIME_OUT_S: Final = 3.0
-_NUMBERS: Final = 1 << 53
+_TOKEN: Final = re.compile(r"([0-9]{1,16})(?:-([0-9A-Za-z]{1,64}))?")
 _MAX_CHARS: Final = 200
+_AGAIN_S: Final = 0.25
+_PATIENCE_S: Final = 20.0
+_NAMED: Final = "patient.safety.release is named, so it hears only the clients in patient.safety.releasers"
 
 
-def send_stop(session: zenoh.Session, prefix: str, stop: bool, reason: str) -> float | None:
-    """Send a request until the patient confirms it; return after how many ms it did, None if it did not.
+class Token(NamedTuple):
+    """What ends a stop: its number, and the secret that only its stopper knows; "" for a stop without one."""
 
-    ``prefix`` is the scenario's session. A lost request or confirmation is sent again every 100 ms.
-    """
+    number: int
+    secret: str
+
+    def __str__(self) -> str:
+        """Return the token as one word (inverse: `parse`)."""
+        return f"{self.number}-{self.secret}" if self.secret else str(self.number)
+
+    @classmethod
+    def parse(cls, word: str) -> "Token":
+        """Return the token of a word; raises `InputError`."""
+        found = _TOKEN.fullmatch(word)
+        if found is None or not 0 < int(found[1]) < LATCH:
+            rule = "must be a token as tis stop prints it, NUMBER-SECRET, or the number of a stop without a secret"
+            raise InputError(Fault(WHERE, "--release", rule, word))
+        return cls(int(found[1]), found[2] or "")
+
+
+class Stopped(NamedTuple):
+    """What happened, in words, and what ends the stop."""
+
+    text: str
+    token: Token
+
+
+def stop_arms(address: EmulatorAddress, reason: str) -> Stopped:
+    """Stop the arms of a running session; raises `InputError`, `PeerError`."""
+    secret = secrets.token_hex(16)
     # a stop must not fail because of its text
-    request = EmergencyStop(stop=stop, reason=reason[:_MAX_CHARS], number=1 + secrets.randbelow(_NUMBERS - 1))
-    confirmed = threading.Event()
-
-    def on_answer(sample: zenoh.Sample) -> None:
-        try:
-            answer = EmergencyStop.model_validate_json(sample.payload.to_bytes())
-        except ValidationError:
-            return
-        if str(sample.key_expr) == stopped_key(prefix) and answer.number == request.number and answer.stop == stop:
-            confirmed.set()
-
-    answers = session.declare_subscriber(stopped_key(prefix), on_answer)
-    publisher = urgent_publisher(session, stop_key(prefix))
-    try:
-        begun_s = time.monotonic()
-        while time.monotonic() - begun_s < _TIME_OUT_S:
-            publisher.put(request.model_dump_json())
-            if confirmed.wait(_EVERY_S):
-                return 1e3 * (time.monotonic() - begun_s)
-        return None
-    finally:
-        publisher.undeclare()  # type: ignore[no-untyped-call]
-        answers.undeclare()  # type: ignore[no-untyped-call]
+    request = EmergencyStop(stop=True, reason=reason[:_MAX_CHARS], number=fresh_number(), lock=lock_of(secret))
+    with connected(address) as remote, StopLine(remote.session, address) as line:
+        state, after_ms = line.ask(request)
+    if not state.stop:
+        rule = "somebody has ended this stop already, and the arms are not stopped: stop them again"
+        raise PeerError(Fault(WHERE, address.endpoint, rule))
+    others = tuple(n for n in state.in_force if n != state.under)
+    beside = f", beside {listed(state, others, 'other ')}" if others else ""
+    return Stopped(f"stopped, confirmed by the patient after {after_ms:.0f} ms{beside}", Token(state.under, secret))
 
 
-def emergency_stop(address: EmulatorAddress, stop: bool, reason: str) -> str:
-    """Stop or release the arms of a running session; return what happened. Raises `InputError`, `PeerError`."""
-    with connected(address) as remote:
-        confirmed_ms = send_stop(remote.session, address.prefix, stop, reason)
-    if confirmed_ms is None:
-        rule = (
-            f"no patient of session {address.prefix} confirmed within {_TIME_OUT_S:g} s: none is running there, "
-            "its patient.safety is off, or this client may not ask that (control in the scenario's security)"
-        )
-        raise PeerError(Fault("tis stop", address.endpoint, rule))
-    return f"{'stopped' if stop else 'released'}, confirmed by the patient after {confirmed_ms:.0f} ms"
+def release_one(address: EmulatorAddress, token: Token) -> str:
+    """End one stop; return what happened, with the state of the arms. Raises `InputError`, `PeerError`."""
+    with connected(address) as remote, StopLine(remote.session, address) as line:
+        rule = line.ask(EmergencyStop(stop=False, number=fresh_number())).state.release
+        answer = _end(line, address, token, rule)
+    if answer.state.refused == "no such stop in force":
+        fault = f"no stop of number {token.number} is in force: the arms are {told(answer.state)}"
+        raise InputError(Fault(WHERE, "--release", fault))
+    if answer.state.refused:
+        fault = f"the secret is not that of stop {token.number}: the arms are {told(answer.state)}"
+        raise InputError(Fault(WHERE, "--release", fault))
+    return _released(answer)
+
+
+def release_all(address: EmulatorAddress, known: Mapping[int, str]) -> str:
+    """End every stop in force that the scenario lets this client end, and the latch of a safe arm.
+
+    ``known`` holds the secrets of own stops by their numbers. Returns what happened, with the state of the arms.
+    Raises `InputError` where there is something to end, but nothing that this client may; `PeerError`.
+    """
+    with connected(address) as remote, StopLine(remote.session, address) as line:
+        answer = line.ask(EmergencyStop(stop=False, number=fresh_number()))
+        state = answer.state
+        if not state.in_force and not state.latched:
+            return f"no stop is in force, as the patient told after {answer.after_ms:.0f} ms"
+        may = [n for n in state.in_force if state.release != "stopper" or n in known]
+        if state.in_force and not may:
+            raise InputError(Fault(WHERE, "--release", _need(state)))
+        ended = False
+        for number in may or [LATCH]:
+            answer = _end(line, address, Token(number, known.get(number, "")), state.release)
+            ended |= answer.state.refused == ""
+    # Where others ended them meanwhile there was nothing to do.
+    if not ended and answer.state.stop:
+        raise InputError(Fault(WHERE, "--release", _need(answer.state)))
+    return _released(answer)
+
+
+def _end(line: StopLine, address: EmulatorAddress, token: Token, rule: str) -> Answer:
+    """End a stop; where others end so many that the patient refuses more for now, again. Raises `PeerError`."""
+    begun_s = time.monotonic()
+    while time.monotonic() - begun_s < _PATIENCE_S:
+        request = EmergencyStop(stop=False, number=fresh_number(), ends=token.number, secret=token.secret)
+        answer = line.ask(request, _NAMED if rule == "named" else "")
+        if answer.state.refused != "too many releases":
+            return answer
+        time.sleep(_AGAIN_S)
+    raise PeerError(Fault(WHERE, address.endpoint, f"refused for {_PATIENCE_S:g} s: too many releases from others"))
+
+
+def _need(state: StopState) -> str:
+    return (
+        f"the arms stay stopped by {listed(state, state.in_force)}: patient.safety.release is {state.release}, so "
+        "each needs the token that its tis stop printed (tis stop --release TOKEN), or its number if it has no secret"
+    )
+
+
+def _released(answer: Answer) -> str:
+    state, text = answer.state, f"released, confirmed by the patient after {answer.after_ms:.0f} ms"
+    if not state.stop:
+        return text
+    return f"{text}; the arms stay stopped by {listed(state, state.in_force, 'other ')}"

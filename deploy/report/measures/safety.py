@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from common.channels import Hand, is_set_point
 from common.messages import SafetyMode
+from common.records import COUNTERS
 from common.safety_records import SAFETY, STOPS
 from common.scenario import Scenario
 from common.units import MM_PER_M, NS_PER_MS
@@ -17,7 +18,7 @@ from deploy.logs.read.load import RunLogs
 from deploy.logs.read.note_columns import place_in
 from deploy.logs.read.rows import Rows
 from deploy.report.measures.estimation.tracking import Array, HandTrack, at_ticks
-from patient_side.safety.safety_state import limits_of
+from patient_side.safety.limits import limits_of
 
 
 @dataclass(frozen=True)
@@ -75,17 +76,35 @@ def safety_summary(logs: RunLogs, scenario: Scenario, tracks: Mapping[Hand, Hand
     """Return the figures of each hand's set points, null without any. Oracle: test_safety, by hand.
 
     ``rmse_3d_mm`` of set point and estimate are over the same scored ticks; a step is from tick to tick. An arm that
-    was stopped before its first set point has none, but figures: they count the stop.
+    was stopped before its first set point has none, but figures: they count the stop, as they do every request.
     """
-    stopped_ns = [row["at_ns"] for row in logs.of("patient", STOPS) if row["stop"]]
+    stops = stop_books(logs)
+    stopped_ns = [row["at_ns"] for row in logs.of("patient", STOPS) if row["stop"] and not row.get("refused")]
     found: dict[str, Any] = {}
     for hand, track in tracks.items():
         driven = set_points(logs, scenario, track, hand)
-        if driven is None and stopped_ns:
+        if driven is None and any(stops.values()):
             driven = _never_driven(track.tick.size)
         changes = [row for row in logs.of("patient", SAFETY) if row["hand"] == hand and row["cause"] != "first"]
-        found[hand] = None if driven is None else _figures(scenario, track, driven, len(changes), stopped_ns)
+        found[hand] = None if driven is None else _figures(scenario, track, driven, len(changes), stops, stopped_ns)
     return found
+
+
+def stop_books(logs: RunLogs) -> dict[str, int]:
+    """Return the numbers of requests to stop or to release: carried out, refused, and only counted.
+
+    What is carried out is all in the log. Of the others the log holds some, and the patient's counters all.
+    """
+    rows, log = logs.of("patient", STOPS), logs.sides.get("patient")
+    done = [row for row in rows if not row.get("refused")]
+    counted = {row["name"]: row["value"] for row in (() if log is None else log.of(COUNTERS))}
+    return {
+        "emergency_stops": sum(row["stop"] for row in done),
+        "releases": sum(not row["stop"] for row in done),
+        "releases_by_others": sum(row.get("by_stopper") is False for row in done),
+        "stop_requests_refused": max(len(rows) - len(done), counted.get("stop_requests_refused", 0)),
+        "stop_requests_flooded": counted.get("stop_requests_flooded", 0),
+    }
 
 
 def _never_driven(n_ticks: int) -> SetPoints:
@@ -93,8 +112,9 @@ def _never_driven(n_ticks: int) -> SetPoints:
 
 
 def _figures(
-    scenario: Scenario, track: HandTrack, driven: SetPoints, n_changes: int, stopped_ns: Sequence[int]
-) -> dict[str, Any]:
+    scenario: Scenario, track: HandTrack, driven: SetPoints, n_changes: int, stops: Mapping[str, int],
+    stopped_ns: Sequence[int],
+) -> dict[str, Any]:  # fmt: skip
     estimate_m = track.estimates.get(scenario.active_estimator)
     both = track.scored & np.isfinite(driven.position_m).all(axis=1)
     if estimate_m is not None:
@@ -102,7 +122,7 @@ def _figures(
     return {
         "time_s": {mode: int((driven.mode == mode).sum()) / scenario.rate_hz for mode in get_args(SafetyMode)},
         "changes": n_changes,
-        "emergency_stops": len(stopped_ns),
+        **stops,
         "shaped_ticks": int(driven.differs.sum()),
         "rmse_3d_mm": _rmse_mm(driven.position_m - track.truth_m, both),
         "estimate_rmse_3d_mm": None if estimate_m is None else _rmse_mm(estimate_m - track.truth_m, both),

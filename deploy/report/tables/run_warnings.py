@@ -1,6 +1,6 @@
 """Warnings on a run's figures, in sentences, for terminal and report."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from deploy.report.measures.devices import device_texts
@@ -27,21 +27,50 @@ def run_warnings(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _stop_texts(summary: Mapping[str, Any]) -> list[str]:
-    """Return a sentence on emergency stops; none without any."""
-    hands = [row for row in summary.get("safety", {}).values() if row is not None and row["emergency_stops"]]
+    """Return a sentence on emergency stops, on whose releases were not the stoppers', and on what was refused.
+
+    None of them makes a run invalid: its figures are what happened, and the arms stood where they were to stand.
+    """
+    hands = [row for row in summary.get("safety", {}).values() if row is not None]
     if not hands:
         return []
-    n, safe_s = hands[0]["emergency_stops"], max(row["time_s"]["safe"] for row in hands)
-    times = "an emergency stop" if n == 1 else f"{n} emergency stops"
-    stops = [row["stop"] for row in hands if row.get("stop") and row["stop"]["way_mm"] is not None]
-    within = ""
-    if stops:
-        longest = max(stops, key=lambda one: float(one["way_mm"]))
-        within = (
-            f" within {longest['way_mm']:.1f} mm and {max(one['time_ms'] for one in stops):.0f} ms "
-            f"(allowed: {longest['bound_mm']:.1f} mm, {longest['bound_ms']:.0f} ms)"
+    books, safe_s = hands[0], max(row["time_s"]["safe"] for row in hands)
+    n_stops, n_others = books["emergency_stops"], books.get("releases_by_others", 0)
+    n_refused, n_flooded = books.get("stop_requests_refused", 0), books.get("stop_requests_flooded", 0)
+    texts = []
+    if n_stops:
+        stopped = f"{_times('emergency stop', n_stops)} stopped the arms{_within(hands)}, which stood still for "
+        stopped += f"{safe_s:.1f} s"
+        texts.append(f"{stopped}: the errors count that time")
+    if n_others:
+        releases = _times("release", n_others)
+        texts.append(f"{releases} did not come from who had stopped (patient.safety.release decides who may)")
+    if n_refused:
+        texts.append(f"the patient refused {_times('request', n_refused)} to stop or to release (reasons in the log)")
+    if n_flooded:
+        n_releases = books.get("releases", 0)
+        n_all = n_stops + n_releases + n_refused + n_flooded
+        done = f"{_times('stop', n_stops)} and {_times('release', n_releases)}"
+        texts.append(
+            f"a flood of {number(n_all)} requests to stop or to release: the patient carried out {done}, the others "
+            "had no effect"
         )
-    return [f"{times} stopped the arms{within}, which stood still for {safe_s:.1f} s: the errors count that time"]
+    return texts
+
+
+def _within(hands: Sequence[Mapping[str, Any]]) -> str:
+    """Return the longest way and time of the stops beside what is allowed; "" where none is known."""
+    stops = [row["stop"] for row in hands if row.get("stop") and row["stop"]["way_mm"] is not None]
+    if not stops:
+        return ""
+    way_mm, time_ms = (max(one[name] for one in stops) for name in ("way_mm", "time_ms"))
+    allowed = f"{stops[0]['bound_mm']:.1f} mm, {stops[0]['bound_ms']:.0f} ms"
+    return f" within {way_mm:.1f} mm and {time_ms:.0f} ms (allowed: {allowed})"
+
+
+def _times(what: str, n: int) -> str:
+    article = "an" if what[0] in "aeiou" else "a"
+    return f"{article} {what}" if n == 1 else f"{number(n)} {what}s"
 
 
 def _absence_texts(summary: Mapping[str, Any]) -> list[str]:

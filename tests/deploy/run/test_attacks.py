@@ -11,12 +11,13 @@ import pytest
 from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
-from common.channels import Side
-from common.messages import EmergencyStop, Quaternion, SetPoint, Vector3
+from common.channels import Side, release_key, stop_key
+from common.messages import Quaternion, SetPoint, Vector3
 from common.node import Node
 from common.runtime.recordings import load_recording
 from common.safety_records import QUARANTINE
 from common.sources.trajectory import Recording
+from common.stop_messages import EmergencyStop
 from common.units import NS_PER_MS, NS_PER_S, sample_instant_ns
 from deploy.logs.read.load import load_run
 from deploy.report.summary import build_summary
@@ -224,11 +225,12 @@ def test_true_places_with_another_wrist_end_nothing(tmp_path: Path, movement: Re
 
 def test_an_emergency_stop_stops_within_its_bounds_and_the_summary_says_so(tmp_path: Path) -> None:
     """At the largest movement of the two seconds, for three seconds."""
-    stop, release = (
-        EmergencyStop(stop=stop, reason="", number=1 + (not stop)).model_dump_json().encode()
-        for stop in (True, False)
-    )
-    messages = [Forged(at_s * NS_PER_S, "tis/@tis/stop", 0, one) for at_s, one in ((3, stop), (6, release))]
+    stop = EmergencyStop(stop=True, number=1).model_dump_json().encode()
+    release = EmergencyStop(stop=False, number=2, ends=1).model_dump_json().encode()
+    messages = [
+        Forged(3 * NS_PER_S, stop_key("tis"), 0, stop),
+        Forged(6 * NS_PER_S, release_key("tis"), 0, release),
+    ]
     found = _run(tmp_path / "run", messages)["safety"]["left"]
     assert found["emergency_stops"] == 1
     assert found["stop"]["way_mm"] <= found["stop"]["bound_mm"] <= 10.0

@@ -1,8 +1,13 @@
 """What a replay comes to, in words: a difference and a lack are not the same."""
 
+from collections import deque
+
 import pytest
 
-from deploy.run.replay import Comparison
+from common.node import Arrival
+from common.safety_records import STOPS, StopNote
+from deploy.logs.read.rare_records import check_rows
+from deploy.run.replay import Comparison, RecordedBus, RecordedClock, RecordedStop
 
 _PART = "the readable part is identical, bit for bit, but the log does not hold the whole run"
 
@@ -22,3 +27,26 @@ _PART = "the readable part is identical, bit for bit, but the log does not hold 
 def test_each_outcome_has_its_words(found: Comparison, words: str, identical: bool) -> None:
     assert str(found).endswith(f"are in one only: {words}")
     assert found.identical is identical
+
+
+def test_recorded_stops_act_in_the_order_of_the_arrivals() -> None:
+    """A stop at 10 ns acts before the tick at 20 ns, one at 30 ns after the arrival at 25 ns."""
+    told: list[bool] = []
+    arrivals: deque[Arrival | RecordedStop] = deque(
+        [RecordedStop(10, True), Arrival("east", "k", b"", b"", 25), RecordedStop(30, False)]
+    )
+    bus = RecordedBus(arrivals, RecordedClock([(20, 20), (40, 40)]), told.append)
+    assert bus.wait(20) is None
+    assert told == [True]
+    found = bus.wait(40)
+    assert found is not None
+    assert (found.arrival.recv_ns, told) == (25, [True])
+    assert bus.wait(40) is None
+    assert told == [True, False]
+
+
+@pytest.mark.parametrize("stop", [True, False])
+def test_a_stop_in_a_log_of_before_is_read(stop: bool) -> None:
+    row = {"at_ns": 5, "stop": stop, "reason": "smoke"}
+    check_rows(STOPS, [row])
+    assert StopNote.model_validate(row).leaves_stopped is stop

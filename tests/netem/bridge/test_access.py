@@ -63,6 +63,9 @@ def _may(config: dict[str, Any], subject: str, kind: str, key: str) -> bool:
         ("west", "side", "put", "tis/@tis/stop", True),
         ("west", "control", "put", "tis/@tis/stop", True),
         ("west", "observers", "put", "tis/@tis/stop", False),
+        ("west", "side", "put", "tis/@tis/release", True),
+        ("east", "control", "put", "tis/@tis/release", True),
+        ("west", "observers", "put", "tis/@tis/release", False),
         ("west", "side", "put", "tis/@tis/stopped", False),
         ("east", "side", "put", "tis/@tis/stopped", True),
         ("east", "side", "put", "tis/PSM2/servo_cp", True),
@@ -81,6 +84,7 @@ def _may(config: dict[str, Any], subject: str, kind: str, key: str) -> bool:
         ("east", "observers", "declare_subscriber", "tis/PSM2/servo_cp", True),
         ("west", "side", "declare_subscriber", "tis/@tis/stopped", True),
         ("east", "side", "declare_subscriber", "tis/@tis/stop", True),
+        ("east", "side", "declare_subscriber", "tis/@tis/release", True),
     ],
 )
 def test_each_name_says_what_is_its_own(network: Network, subject: str, kind: str, key: str, may: bool) -> None:
@@ -112,6 +116,21 @@ def test_without_security_what_the_patient_says_is_not_said_on_the_surgeons_netw
     assert not _may(config["west"], "anybody", "put", key)
     assert _may(config["east"], "anybody", "put", key)
     assert _may(config["west"], "anybody", "put", "tis/@tis/stop")
+    assert _may(config["west"], "anybody", "put", "tis/@tis/release")
+
+
+@pytest.mark.parametrize("network", ["west", "east"])
+def test_with_releasers_nobody_else_releases_and_who_could_stop_still_can(network: Network) -> None:
+    config = access_control(MTLS, "tis", network, releasers=["head_surgeon"])
+    others = ["control", "netem", *(["side"] if network == "west" else [])]
+    assert {each: _may(config, each, "put", "tis/@tis/release") for each in ["releasers", *others]} == {
+        "releasers": True, **dict.fromkeys(others, False),
+    }  # fmt: skip
+    assert all(_may(config, each, "put", "tis/@tis/stop") for each in ["releasers", *others])
+    assert not _may(config, "observers", "put", "tis/@tis/stop")
+    assert _may(config, "releasers", "declare_subscriber", "tis/@tis/stopped")
+    assert not _may(config, "releasers", "put", "tis/MTML/measured_cp")
+    assert not _may(config, "releasers", "query", "tis/netem/control/outage")
 
 
 def test_without_security_no_prediction_is_said_on_the_patients_network() -> None:

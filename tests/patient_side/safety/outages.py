@@ -15,14 +15,14 @@ from typing import Any, cast
 
 import numpy as np
 
-from common.channels import Side, stop_key
-from common.messages import EmergencyStop
+from common.channels import Side, release_key, stop_key
 from common.node import Node, Record
 from common.records import EstimateNote
 from common.runtime.loop import Recorder
 from common.runtime.recordings import load_recording
 from common.safety_records import SafetyNote
 from common.sources.trajectory import Recording
+from common.stop_messages import EmergencyStop
 from common.units import NS_PER_MS, NS_PER_S, sample_instant_ns
 from deploy.run.resolve import resolve
 from deploy.run.twin import build_sides, drive
@@ -140,8 +140,8 @@ def one(number: int, name: str = "default") -> Resumed:
 
 
 def _request(at_s: float, stop: bool) -> Forged:
-    payload = EmergencyStop(stop=stop, number=1 + (not stop)).model_dump_json().encode()
-    return Forged(int(at_s * NS_PER_S), stop_key("tis"), 0, payload)
+    payload = EmergencyStop(stop=stop, number=1 + (not stop), ends=0 if stop else 1).model_dump_json().encode()
+    return Forged(int(at_s * NS_PER_S), stop_key("tis") if stop else release_key("tis"), 0, payload)
 
 
 def _jumps(recording: Recording, at_s: float, draw: random.Random) -> list[Forged]:

@@ -1,146 +1,300 @@
 """Emergency stops at the patient, without a network."""
 
 import json
+from dataclasses import dataclass, field
+from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from common.messages import EmergencyStop, SetPoint, Vector3
-from common.node import Arrival, Emission, Record
+from common.node import Arrival, Emission, Output, Record
 from common.records import REJECTED
-from common.safety_records import STOPS, SafetyNote, StopNote
-from common.scenario.safety import Safety
-from common.ticker import Ticker
-from common.units import sample_instant_ns
-from patient_side.driven import drive
-from patient_side.estimators.hold import Hold
-from patient_side.hand import Fresh, PatientHand
-from patient_side.node import PatientNode
-from patient_side.orientation.wrist import LEVEL as LEVEL_TURN
-from patient_side.orientation.wrist import Wrist
-from patient_side.playout import Playout
+from common.safety_records import STOPS, STOPS_IN_FORCE, StopNote, StopsInForceNote
+from common.stop_messages import LATCH, MAX_IN_FORCE, EmergencyStop, ReleaseRule, StopState, lock_of
+from common.units import NS_PER_MS, NS_PER_S
 from patient_side.safety.emergency_stop import EmergencyStops
-from patient_side.safety.safety_state import SafetyFilter, limits_of
-from tests.nodes import LEFT, Stamp, a_pose, an_arrival
+from tests.patient_side.safety.stop_requests import (
+    ANSWER_KEY,
+    LOCK,
+    RELEASE_KEY,
+    SECRET,
+    STOP_KEY,
+    a_release,
+    a_stop,
+    request,
+)
 
-_KEY, _ANSWER = "tis/@tis/stop", "tis/@tis/stopped"
+
+def _state(outputs: list[Output]) -> StopState:
+    (answer,) = [one for one in outputs if isinstance(one, Emission)]
+    assert (answer.network, answer.key) == ("east", ANSWER_KEY)
+    return StopState.model_validate_json(answer.payload)
 
 
-def _request(stop: bool, at_ns: int = 5, reason: str = "", number: int = 3) -> Arrival:
-    payload = EmergencyStop(stop=stop, reason=reason, number=number).model_dump_json().encode()
-    return Arrival("east", _KEY, payload, b"", at_ns)
+def _notes(outputs: list[Output]) -> list[StopNote]:
+    return [one.data for one in outputs if isinstance(one, Record) and isinstance(one.data, StopNote)]
 
 
-def test_each_request_is_confirmed_and_logged_once() -> None:
+def test_a_stop_is_answered_with_the_arms_state_and_logged_once() -> None:
     stops = EmergencyStops("tis")
-    (answer, record), is_new = stops.take(_request(True, 5, "smoke"))
-    assert isinstance(answer, Emission)
-    assert (answer.network, answer.key) == ("east", _ANSWER)
-    assert EmergencyStop.model_validate_json(answer.payload).number == 3
-    assert isinstance(record, Record)
-    assert record.topic == STOPS
-    assert record.data == StopNote(at_ns=5, stop=True, reason="smoke")
-    assert is_new
-    (again,), is_new = stops.take(_request(True))
-    assert isinstance(again, Emission)
-    assert not is_new
+    outputs, is_done = stops.take(a_stop(3, 5, LOCK, "smoke"))
+    assert is_done
+    assert _state(outputs) == StopState(
+        number=3, stop=True, led_by=3, under=3, in_force=(3,), reasons=("smoke",), latched=False, release="anyone",
+        refused="",
+    )  # fmt: skip
+    kept, _, logged = outputs  # what a new process needs stands there before anybody believes the stop
+    assert kept == Record(STOPS_IN_FORCE, 5, StopsInForceNote(at_ns=5, stops=f"3:{LOCK}"))
+    note = StopNote(at_ns=5, stop=True, reason="smoke", number=3, stopped=True, changed=True)
+    assert logged == Record(STOPS, 5, note)
+    (again,), is_done = stops.take(a_stop(3, 6, LOCK, "smoke"))
+    assert _state([again]).in_force == (3,)
+    assert not is_done
     assert stops.is_stopped
 
 
-def test_a_late_repeat_of_a_release_does_not_undo_a_stop() -> None:
+def test_a_repeat_after_the_release_is_answered_with_the_state_not_with_an_echo() -> None:
+    """A stops, B releases, and A's request comes once more: the arm tracks, and A must not be told otherwise."""
     stops = EmergencyStops("tis")
-    for stop, number in ((False, 1), (True, 2), (False, 1), (False, 1)):
-        stops.take(_request(stop, number=number))
+    stops.take(a_stop(1, 0, LOCK))
+    assert not _state(stops.take(a_release(2, ends=1, at_ns=50)).outputs).stop
+    outputs, is_done = stops.take(a_stop(1, 100, LOCK))
+    state = _state(outputs)
+    assert (is_done, stops.is_stopped) == (False, False)
+    assert (state.number, state.stop, state.under, state.led_by, state.refused) == (1, False, 0, 2, "ended before")
+
+
+def test_each_stop_stays_in_force_until_a_release_that_names_it() -> None:
+    stops = EmergencyStops("tis")
+    stops.take(a_stop(1, reason="a hand"))
+    stops.take(a_stop(2, reason="smoke"))
+    outputs, is_done = stops.take(a_release(3, ends=1))
+    assert is_done
+    assert _notes(outputs)[0].changed is False
+    assert (_state(outputs).stop, _state(outputs).in_force, _state(outputs).reasons) == (True, (2,), ("smoke",))
+    # late repeats of both change nothing
+    for late in (a_stop(1), a_release(3, ends=1)):
+        assert not stops.take(late).is_done
+    assert _state(stops.take(a_release(4, ends=1)).outputs).refused == "no such stop in force"
+    assert not _state(stops.take(a_release(5, ends=2)).outputs).stop
+
+
+@pytest.mark.parametrize("key", [STOP_KEY, RELEASE_KEY])
+def test_a_release_that_names_no_stop_asks_for_the_state(key: str) -> None:
+    stops = EmergencyStops("tis")
+    stops.take(a_stop(1, reason="x" * 200))
+    outputs, is_done = stops.take(request(key, 5, stop=False, number=2))
+    state = _state(outputs)
+    assert (is_done, state.stop, state.in_force, state.reasons, state.refused) == (False, True, (1,), ("x" * 40,), "")
+    assert len(outputs) == 1
+
+
+def test_releases_travel_on_a_key_of_their_own_and_stops_on_either() -> None:
+    stops = EmergencyStops("tis")
+    assert stops.take(request(RELEASE_KEY, 5, stop=True, number=1)).is_done
+    outputs, is_done = stops.take(request(STOP_KEY, 5, stop=False, number=2, ends=1))
+    assert (is_done, _state(outputs).refused) == (False, "not on this key")
+    assert [note.refused for note in _notes(outputs)] == ["not on this key"]
     assert stops.is_stopped
-    stops.take(_request(False, number=4))
-    assert not stops.is_stopped
+
+
+def test_a_stop_without_a_number_is_told_the_one_that_it_is_given() -> None:
+    stops = EmergencyStops("tis")
+    state = _state(stops.take(a_stop(0)).outputs)
+    assert (state.number, state.stop, state.under, state.in_force) == (0, True, 1, (1,))
+    assert not _state(stops.take(a_release(9, ends=1)).outputs).stop
+    assert stops.take(a_stop(0)).is_done
 
 
 @pytest.mark.parametrize(
-    "payload", [b"", b"{}", b'{"stop": 1}', b"\xff", json.dumps({"stop": True, "reason": "x" * 201}).encode()]
+    ("rule", "secret", "released", "by_others"),
+    [
+        ("anyone", SECRET, True, 0),
+        ("anyone", "", True, 1),
+        ("stopper", SECRET, True, 0),
+        ("stopper", "", False, 0),
+        ("stopper", "another", False, 0),
+        ("named", "", True, 1),  # netem lets only the named ones use the key
+    ],
 )
+def test_who_may_release(rule: ReleaseRule, secret: str, released: bool, by_others: int) -> None:
+    stops = EmergencyStops("tis", rule)
+    stops.take(a_stop(1, lock=LOCK))
+    outputs, is_done = stops.take(a_release(2, ends=1, secret=secret))
+    (note,) = _notes(outputs)
+    assert is_done == released == (not _state(outputs).stop)
+    assert (note.refused, note.ends) == ("" if released else "wrong secret", 1)
+    counts = stops.counters()
+    assert (counts["releases"], counts["releases_by_others"], counts["stop_requests_refused"]) == (
+        int(released), by_others, int(not released),
+    )  # fmt: skip
+    assert note.by_stopper is (None if not released else secret == SECRET)
+    assert SECRET not in str(outputs[1:])  # a secret stands in no log
+
+
+def test_a_stop_without_a_lock_is_ended_by_whoever_names_it_and_tells_nothing_of_the_releaser() -> None:
+    stops = EmergencyStops("tis", "stopper")
+    stops.take(a_stop(1))
+    (note,) = _notes(stops.take(a_release(2, ends=1)).outputs)
+    assert (note.by_stopper, note.stopped, note.changed) == (None, False, True)
+    assert stops.counters()["releases_by_others"] == 0
+
+
+def test_a_latch_is_ended_by_a_release_that_names_it_while_no_stop_is_in_force() -> None:
+    stops = EmergencyStops("tis")
+    assert _state(stops.take(request(STOP_KEY, 5, stop=False, number=1), is_latched=True).outputs).latched
+    outputs, is_done = stops.take(a_release(2, ends=LATCH), is_latched=True)
+    assert (is_done, _state(outputs).latched) == (True, False)
+    assert _state(stops.take(a_release(3, ends=LATCH)).outputs).refused == "no such stop in force"
+    stops.take(a_stop(4))
+    assert _state(stops.take(a_release(5, ends=LATCH), is_latched=True).outputs).refused == "no such stop in force"
+    assert not _state(stops.take(a_release(6, ends=4), is_latched=True).outputs).latched
+
+
+def test_a_flood_of_stops_and_releases_is_bounded_and_counted() -> None:
+    """30 000 requests in 4 s, each release of a stop in force: five releases a second, and a few answers."""
+    stops, n_answers, n_notes = EmergencyStops("tis"), 0, 0
+    for k in range(15_000):
+        at_ns = k * 4 * NS_PER_S // 15_000
+        outputs = stops.take(a_stop(2 * k + 1, at_ns)).outputs
+        outputs += stops.take(a_release(2 * k + 2, next(iter(stops.in_force.by_number)), at_ns)).outputs
+        n_answers += sum(isinstance(one, Emission) for one in outputs)
+        n_notes += len(_notes(outputs))
+    counts = stops.counters()
+    assert len(stops.in_force.by_number) == MAX_IN_FORCE + 1
+    assert (counts["releases"], counts["stops"]) == (4 * 5, 4 * 5 + MAX_IN_FORCE + 1)
+    assert n_answers == counts["stops"] + counts["releases"] + 4 * 20
+    assert n_answers + counts["stop_requests_flooded"] == 30_000
+    assert 0 < counts["stop_requests_refused"] <= 4 * 20
+    assert n_notes == counts["stops"] + counts["releases"] + counts["stop_requests_refused"]
+
+
+def test_in_a_flood_a_stop_is_carried_out_and_confirmed() -> None:
+    stops = EmergencyStops("tis")
+    for k in range(3000):
+        stops.take(request(STOP_KEY, k, stop=False, number=k))
+    outputs, is_done = stops.take(a_stop(5000, 3000))
+    assert (is_done, _state(outputs).stop) == (True, True)
+    assert stops.take(request(STOP_KEY, 3001, stop=False, number=1)).outputs == []
+    # a second later others are answered again
+    assert _state(stops.take(request(STOP_KEY, NS_PER_S, stop=False, number=1)).outputs).stop
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"", b"{}", b'{"stop": 1}', b"\xff", json.dumps({"stop": True, "reason": "x" * 201}).encode(),
+        b'{"stop": true, "lock": "short"}', b'{"stop": false, "ends": -1}',
+        b'{"stop": false, "number": 9007199254740992}',
+    ],
+)  # fmt: skip
 def test_what_is_no_request_stops_nothing_and_is_rejected(payload: bytes) -> None:
     stops = EmergencyStops("tis")
-    (record,), is_new = stops.take(Arrival("east", _KEY, payload, b"", 5))
-    assert not is_new
+    (record,), is_done = stops.take(Arrival("east", STOP_KEY, payload, b"", 5))
+    assert not is_done
     assert isinstance(record, Record)
     assert record.topic == REJECTED
     assert not stops.is_stopped
-    assert stops.n_rejected == 1
+    records = [stops.take(Arrival("east", STOP_KEY, payload, b"", 6)).outputs for _ in range(1000)]
+    assert (stops.n_rejected, sum(map(len, records))) == (1001, 19)
 
 
-def _moving(node: PatientNode, k: int) -> list[SetPoint | SafetyNote]:
-    """Let sample ``k`` of a movement at 60 mm/s arrive and run tick ``k``; return set point and changes."""
-    sample_ns = sample_instant_ns(k, 30)
-    node.receive(an_arrival("tis/PSM2/setpoint_cp", sample_ns, Stamp(k, sample_ns, sample_ns), a_pose(0.002 * k)))
-    found: list[SetPoint | SafetyNote] = []
-    for output in node.wake(sample_ns + 2_000_000):
-        if isinstance(output, Emission) and output.key.endswith("servo_cp"):
-            found.append(SetPoint.model_validate_json(output.payload))
-        elif isinstance(output, Record) and isinstance(output.data, SafetyNote):
-            found.append(output.data)
-    return found
-
-
-def test_a_stop_holds_the_arm_while_estimates_go_on_until_the_release() -> None:
-    safety = SafetyFilter(limits_of(Safety(), 30), (0.0, 0.0, 0.0))
-    hand = PatientHand(LEFT, Playout(30), [Hold()], plant=None, safety=safety)
-    node = PatientNode("tis", [hand], Ticker(30, 100, 2_000_000), lambda: 0)
-    assert ("east", _KEY) in node.listens()
-    assert ("east", "tis/PSM2/servo_cp") in node.publishes()
-    places = {}
-    for k in range(60):
-        if k in (20, 40):
-            node.receive(_request(k == 20, sample_instant_ns(k, 30) - 1, number=k))
-        for one in _moving(node, k):
-            if isinstance(one, SetPoint):
-                places[k] = (round(one.position_m.x, 9), one.mode)
-    assert places[19] == (0.038, "tracking")
-    assert places[20] == places[39] == (0.038, "safe")  # 2 mm a tick are within the change allowed in one
-    assert places[40] == (0.046, "resuming")
-    assert places[59] == (0.118, "resuming")
-
-
-def test_while_stopped_orientation_and_gripper_stay_and_garbage_ends_nothing() -> None:
-    safety = SafetyFilter(limits_of(Safety(latch=True), 30), (0.0, 0.0, 0.0))
-    hand = PatientHand(LEFT, Playout(30), [Hold()], plant=None, safety=safety)
-    node = PatientNode("tis", [hand], Ticker(30, 100, 2_000_000), lambda: 0)
-    grippers, modes = {}, {}
-    for k in range(30):
-        if k == 10:
-            node.receive(_request(True, sample_instant_ns(k, 30) - 1, number=1))
-        if k in (12, 14):
-            node.receive(Arrival("east", _KEY, b"{}", b"", sample_instant_ns(k, 30) - 1))
-        sample_ns = sample_instant_ns(k, 30)
-        pose = a_pose(0.002 * k).model_copy(update={"gripper_rad": 0.01 * k})
-        node.receive(an_arrival("tis/PSM2/setpoint_cp", sample_ns, Stamp(k, sample_ns, sample_ns), pose))
-        for output in node.wake(sample_ns + 2_000_000):
-            if isinstance(output, Emission) and output.key.endswith("servo_cp"):
-                point = SetPoint.model_validate_json(output.payload)
-                grippers[k], modes[k] = point.gripper_rad, point.mode
-    assert grippers[9] == grippers[10] == grippers[29] == 0.09
-    assert modes[29] == "safe"
-    assert node.counters()["rejected"] == 2
-
-
-def test_an_estimate_with_an_invalid_covariance_is_not_followed() -> None:
-    safety = SafetyFilter(limits_of(Safety(), 30), (0.0, 0.0, 0.0))
-    hand = PatientHand(LEFT, Playout(30), [Hold()], plant=None, safety=safety)
-    hand.freshest = Fresh("k", 0, 0)
-    where = Vector3(x=0.1, y=0.0, z=0.0)
-    level = Wrist(LEVEL_TURN, 0.0)
-    assert drive(hand, where, None, is_certain=False, wrist=level, t_ns=1_000).place is None
-    assert drive(hand, where, None, is_certain=True, wrist=level, t_ns=33_000_000).place == (0.1, 0.0, 0.0)
-
-
-def test_a_new_process_goes_on_after_the_last_stop_or_release() -> None:
+def test_the_longest_answer_passes_netem() -> None:
     stops = EmergencyStops("tis")
-    _, (_, record), _ = None, *stops.take(_request(True, number=4))
-    assert isinstance(record, Record)
-    assert isinstance(record.data, StopNote)
-    assert EmergencyStops("tis").resume(record.data.model_dump_json().encode())
-    _, (_, record), _ = None, *stops.take(_request(False, number=5))
-    assert isinstance(record, Record)
-    assert isinstance(record.data, StopNote)
-    assert not EmergencyStops("tis").resume(record.data.model_dump_json().encode())
+    for number in range(MAX_IN_FORCE + 1):
+        outputs, _ = stops.take(a_stop(LATCH - 1 - number, reason="\0" * 200))
+    (answer,) = [one for one in outputs if isinstance(one, Emission)]
+    assert 2048 < len(answer.payload) < 4096
+    assert len(a_stop(LATCH - 1, lock=LOCK, reason="\0" * 200).payload) < 2048
+
+
+@dataclass
+class _Twin:
+    """Oracle of the properties: the stops in force as sets, from what the patient says that it carried out."""
+
+    stops: EmergencyStops
+    in_force: set[int] = field(default_factory=set)
+    released_ns: list[int] = field(default_factory=list)
+
+    def take(self, arrival: Arrival) -> None:
+        asked = EmergencyStop.model_validate_json(arrival.payload)
+        before = set(self.in_force)
+        outputs, is_done = self.stops.take(arrival)
+        if is_done and asked.stop:
+            self.in_force |= set(self.stops.in_force.by_number) - before
+        elif is_done:
+            self.in_force -= {asked.ends}
+            self.released_ns.append(arrival.recv_ns)
+        # a release ends only what it names, and a stop adds one at most
+        assert set(self.stops.in_force.by_number) == self.in_force
+        assert len(self.in_force ^ before) == int(is_done)
+        assert self.stops.is_stopped == bool(self.in_force)
+        # a stop is carried out at any rate, unless it ended before, of which few are answered
+        if asked.stop and not self.stops.is_stopped and outputs:
+            assert _state(outputs).refused == "ended before"
+        for one in outputs:
+            if isinstance(one, Emission):
+                state = StopState.model_validate_json(one.payload)
+                assert (state.number, state.stop) == (asked.number, bool(self.in_force))
+                assert set(state.in_force) == self.in_force
+        assert sum(arrival.recv_ns - t_ns < NS_PER_S for t_ns in self.released_ns) <= 5
+
+
+_steps = st.lists(
+    st.tuples(
+        st.integers(0, 400), st.sampled_from([STOP_KEY, RELEASE_KEY]), st.booleans(), st.integers(0, 60),
+        st.integers(-9, 9), st.sampled_from(["", SECRET, "another"]),
+    ),
+    max_size=80,
+)  # fmt: skip
+
+
+@given(_steps, st.sampled_from(["anyone", "stopper", "named"]))
+def test_over_any_requests_the_arms_are_stopped_while_a_stop_is_in_force(steps: Any, rule: ReleaseRule) -> None:
+    twin, at_ms = _Twin(EmergencyStops("tis", rule)), 0
+    for wait_ms, key, stop, number, ends, secret in steps:
+        at_ms += wait_ms
+        if ends < 0:  # one of the stops in force, or none
+            ends = ([*twin.in_force] * 9 or [0] * 9)[ends]
+        lock = lock_of(secret) if stop and secret else ""
+        fields = {"stop": stop, "number": number, "lock": lock, "ends": ends, "secret": secret}
+        twin.take(request(key, at_ms * NS_PER_MS, **fields))
+
+
+@given(st.lists(st.integers(0, 400), min_size=6, max_size=40))
+def test_a_release_is_carried_out_while_less_than_five_were_within_a_second(waits_ms: list[int]) -> None:
+    """Oracle: the instants of all carried-out releases, counted anew at each."""
+    stops, done_ms, at_ms = EmergencyStops("tis"), list[int](), 0
+    for k, wait_ms in enumerate(waits_ms, start=1):
+        at_ms += wait_ms
+        stops.take(a_stop(k, at_ms * NS_PER_MS))
+        _, is_done = stops.take(a_release(100 + k, ends=k, at_ns=at_ms * NS_PER_MS))
+        assert is_done == (sum(at_ms - one < 1000 for one in done_ms) < 5)
+        done_ms += [at_ms] * is_done
+
+
+def test_a_new_process_goes_on_with_the_stops_in_force() -> None:
+    stops = EmergencyStops("tis", "stopper")
+    stops.take(a_stop(4, lock=LOCK))
+    kept = stops.take(a_stop(5, lock=lock_of("another"))).outputs[0]
+    again = EmergencyStops("tis", "stopper")
+    assert isinstance(kept, Record)
+    assert isinstance(kept.data, StopsInForceNote)
+    assert again.resume(kept.data.model_dump_json().encode(), None)
+    assert _state(again.take(a_release(6, ends=5, secret=SECRET)).outputs).refused == "wrong secret"
+    assert _state(again.take(a_release(7, ends=4, secret=SECRET)).outputs).in_force == (5,)
+    outputs, _ = again.take(a_release(8, ends=5, secret="another"))
+    assert not _state(outputs).stop
+    kept = outputs[0]
+    assert isinstance(kept, Record)
+    assert isinstance(kept.data, StopsInForceNote)
+    assert not EmergencyStops("tis").resume(kept.data.model_dump_json().encode(), None)
     for nothing in (None, b"", b"{}"):
-        assert not EmergencyStops("tis").resume(nothing)
+        assert not EmergencyStops("tis").resume(nothing, nothing)
+
+
+@pytest.mark.parametrize(("stop", "is_stopped"), [("true", True), ("false", False)])
+def test_a_log_of_before_tells_by_its_last_request_whether_the_arm_was_stopped(stop: str, is_stopped: bool) -> None:
+    stops = EmergencyStops("tis")
+    assert stops.resume(None, f'{{"at_ns": 5, "stop": {stop}, "reason": ""}}'.encode()) == is_stopped

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from common.scenario.safety import Safety
 from common.units import sample_instant_ns
 from patient_side.rotations import Quaternion, turn_to
-from patient_side.safety.safety_state import Left, SafetyFilter, SafetyState, Seen, limits_of
+from patient_side.safety.limits import limits_of
+from patient_side.safety.safety_state import Left, SafetyFilter, SafetyState, Seen
 from patient_side.safety.set_point import STILL, Place, minus, within
 from patient_side.safety.wrist_point import Wrist
 from tests.patient_side.safety.worst_case import overshot, run_on, search

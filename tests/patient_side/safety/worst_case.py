@@ -16,7 +16,8 @@ from typing import NamedTuple
 from common.scenario.safety import Safety
 from common.units import NS_PER_S
 from patient_side.rotations import Quaternion, after_turn, turn_to
-from patient_side.safety.safety_state import SafetyFilter, SafetyState, Seen, limits_of
+from patient_side.safety.limits import limits_of
+from patient_side.safety.safety_state import SafetyFilter, SafetyState, Seen
 from patient_side.safety.set_point import STILL, Place, Vector, minus, plus
 from patient_side.safety.wrist_point import Wrist
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from common.safety_records import STOPS
+from common.records import COUNTERS
+from common.safety_records import STOPS, StopNote
 from common.scenario import reading
 from deploy.logs.read.load import load_run
 from deploy.report.measures.estimation.tracking import track_of_hand
@@ -16,6 +17,7 @@ from deploy.report.measures.safety import safety_summary, set_points
 from deploy.report.plots.hand_view import hand_view
 from deploy.report.plots.plot_style import time_range
 from deploy.report.plots.safety_plot import safety_figure
+from deploy.report.tables.run_warnings import run_warnings
 from deploy.run.resolve import resolve
 from deploy.run.twin import build_sides, run_twin
 from deploy.shell import run_dir as folder
@@ -78,7 +80,7 @@ def test_an_arm_stopped_before_its_first_set_point_counts_the_stop(run_dir: Path
     logs, scenario = load_run(run_dir), folder.read_scenario(run_dir)
     rows = logs.sides["patient"].rows
     logs.sides["patient"].rows = {topic: found for topic, found in rows.items() if not topic.endswith("servo_cp")}
-    logs.sides["patient"].rows[STOPS] = [{"at_ns": 5, "stop": True}]
+    logs.sides["patient"].rows[STOPS] = [{"at_ns": 5, "stop": True, "reason": ""}]  # as a log of before holds it
     found = safety_summary(logs, scenario, {"left": track_of_hand(logs, scenario, "left")})["left"]
     assert (found["emergency_stops"], set(found["time_s"].values()), found["rmse_3d_mm"]) == (1, {0.0}, None)
     assert (found["shaped_ticks"], found["largest_step_mm"]) == (0, None)
@@ -91,3 +93,28 @@ def test_a_log_without_set_points_has_no_figures(run_dir: Path) -> None:
     }
     track = track_of_hand(logs, scenario, "left")
     assert safety_summary(logs, scenario, {"left": track}) == {"left": None}
+
+
+def test_requests_are_counted_by_what_came_of_them(run_dir: Path) -> None:
+    logs, scenario = load_run(run_dir), folder.read_scenario(run_dir)
+    notes = [
+        StopNote(at_ns=5, stop=True, reason="", number=1, stopped=True, changed=True),
+        StopNote(at_ns=6, stop=False, reason="", ends=1, stopped=True, changed=False, refused="wrong secret"),
+        StopNote(at_ns=7, stop=False, reason="", ends=1, by_stopper=False, stopped=False, changed=True),
+        StopNote(at_ns=8, stop=False, reason="", ends=2, stopped=False, changed=False),
+    ]
+    logs.sides["patient"].rows[STOPS] = [note.model_dump() for note in notes]
+    logs.sides["patient"].rows[COUNTERS] = [
+        {"name": "stop_requests_refused", "value": 3}, {"name": "stop_requests_flooded", "value": 29_000},
+    ]  # fmt: skip
+    left = safety_summary(logs, scenario, {"left": track_of_hand(logs, scenario, "left")})["left"]
+    names = ("emergency_stops", "releases", "releases_by_others", "stop_requests_refused", "stop_requests_flooded")
+    assert [left[name] for name in names] == [1, 2, 1, 3, 29_000]
+    stood_s = left["time_s"]["safe"]
+    assert run_warnings({"safety": {"left": left, "right": None}}) == [
+        f"an emergency stop stopped the arms, which stood still for {stood_s:.1f} s: the errors count that time",
+        "a release did not come from who had stopped (patient.safety.release decides who may)",
+        "the patient refused 3 requests to stop or to release (reasons in the log)",
+        "a flood of 29006 requests to stop or to release: the patient carried out a stop and 2 releases, the others "
+        "had no effect",
+    ]

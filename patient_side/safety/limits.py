@@ -1,0 +1,94 @@
+"""Limits of a set point for a rate of ticks, in the units of the safety state."""
+
+from math import radians
+from typing import Final, NamedTuple
+
+from common.scenario.safety import Safety
+from common.units import MM_PER_M, NS_PER_S, ms_to_ns
+from patient_side.safety.set_point import Allowance, Pace
+from patient_side.safety.wrist_point import WristLimits
+
+_WINDOW_NS: Final = 33_000_000
+"""Time over which speed and corrections are limited in tracking: at 1 kHz a filter's correction on a late sample is a
+step of millimetres in one tick, and no movement at metres a second."""
+_MOST_CORRECTED: Final = 0.25
+"""Share of the movement that the speed allows in this time, which corrections take at most."""
+_MIN_BREAK_TICKS: Final = 3
+
+
+class Limits(NamedTuple):
+    """Limits in the units of the kernel; times count from the instant at which the data became unsound.
+
+    ``usual`` and ``allowance`` bound the place in tracking, ``slow`` while it resumes, ``held`` while it goes to the
+    last sound estimate.
+    """
+
+    hold_age_ns: int
+    stop_after_ns: int
+    safe_after_ns: int
+    std_m: float
+    workspace_m: float
+    usual: Pace
+    allowance: Allowance
+    slow: Pace
+    held: Pace
+    wrist: WristLimits
+    break_ns: int
+    resume_ns: int
+    cautious_ns: int
+    near_m: float
+    latch: bool
+
+    @property
+    def run_out_m(self) -> float:
+        """Longest way of a set point after an emergency stop, in m: v^2 / (2 a) of the carried step in tracking."""
+        return self.usual.step**2 / (2.0 * self.usual.change)
+
+
+def limits_of(part: Safety, rate_hz: int) -> Limits:
+    """Return the limits of a scenario for ticks at ``rate_hz``.
+
+    The bounds hold for a nominal tick: an arm whose ticks were missed moves no further in the next one. In any 33 ms
+    the carried steps and the corrections together move no further than the speed allows. A break lasts three ticks at
+    least.
+    """
+    tick_s = 1.0 / rate_hz
+    base_s, hold_ns = max(tick_s, _WINDOW_NS / NS_PER_S), ms_to_ns(part.hold_age_ms)
+    usual, allowance = _tracking(
+        part.speed_m_s, part.acceleration_m_s2, part.correction_mm / MM_PER_M, tick_s, base_s
+    )
+    slow_step, slow_change = part.resume_speed_m_s * tick_s, part.resume_acceleration_m_s2 * tick_s**2
+    turn, turn_allowance = _tracking(
+        radians(part.turn_deg_s),
+        radians(part.turn_acceleration_deg_s2),
+        radians(part.turn_correction_deg),
+        tick_s,
+        base_s,
+    )
+    slow_turn = Pace(radians(part.resume_turn_deg_s) * tick_s, turn.change, turn.brake)
+    return Limits(
+        hold_age_ns=hold_ns,
+        stop_after_ns=ms_to_ns(part.slow_stop_age_ms) - hold_ns,
+        safe_after_ns=ms_to_ns(part.safe_age_ms) - hold_ns,
+        std_m=part.max_std_mm / MM_PER_M,
+        workspace_m=part.workspace_m,
+        usual=usual,
+        allowance=allowance,
+        slow=Pace(slow_step, slow_change, slow_change),
+        held=Pace(slow_step, slow_change, usual.brake),
+        wrist=WristLimits(turn, slow_turn, turn_allowance),
+        break_ns=max(ms_to_ns(part.break_ms), _MIN_BREAK_TICKS * NS_PER_S // rate_hz),
+        resume_ns=ms_to_ns(part.resume_ms),
+        cautious_ns=ms_to_ns(part.cautious_ms),
+        near_m=part.resume_speed_m_s * base_s,
+        latch=part.latch,
+    )
+
+
+def _tracking(
+    speed: float, acceleration: float, correction: float, tick_s: float, base_s: float
+) -> tuple[Pace, Allowance]:
+    """Return the bounds of tracking: the speed, shared between what is carried on and corrections."""
+    most = min(correction, _MOST_CORRECTED * speed * base_s)
+    change = acceleration * tick_s**2
+    return Pace((speed - most / base_s) * tick_s, change, change), Allowance(most, _WINDOW_NS)

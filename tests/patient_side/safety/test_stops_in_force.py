@@ -1,0 +1,118 @@
+"""Stops in force, each until a release that names it."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.safety_records import StopsInForceNote
+from common.stop_messages import LATCH, MAX_IN_FORCE, lock_of
+from patient_side.safety.stops_in_force import NOBODYS, Stop, StopsInForce, Taken
+
+_LOCK = lock_of("secret")
+
+
+def test_two_stops_are_in_force_until_each_has_ended() -> None:
+    stops = StopsInForce()
+    assert stops.add(Stop(7, _LOCK, "smoke")) == Taken(7, is_new=True)
+    assert stops.add(Stop(9, "", "blood")) == Taken(9, is_new=True)
+    assert stops.add(Stop(7, _LOCK, "smoke")) == Taken(7, is_new=False)
+    stops.end(7)
+    assert list(stops.by_number) == [9]
+    assert stops.add(Stop(7, _LOCK, "smoke")) == Taken(0, is_new=False)
+    stops.end(9)
+    assert not stops.by_number
+
+
+def test_a_stop_without_a_number_of_its_own_is_given_one() -> None:
+    stops = StopsInForce()
+    assert stops.add(Stop(0, "", "an old program")) == Taken(1, is_new=True)
+    assert stops.add(Stop(0, "", "an old program")) == Taken(1, is_new=False)
+    assert stops.add(Stop(1, "", "a number that is taken")) == Taken(2, is_new=True)
+    assert stops.add(Stop(LATCH, "", "")) == Taken(3, is_new=True)
+    assert stops.add(Stop(1, _LOCK, "another lock: another stop")) == Taken(4, is_new=True)
+    stops.end(1)
+    # without a number a repeat cannot be told from a new stop, which must not be refused
+    assert stops.add(Stop(0, "", "an old program")) == Taken(5, is_new=True)
+
+
+@pytest.mark.parametrize(
+    ("lock", "secret", "anyone", "stopper"),
+    [
+        (_LOCK, "secret", "", ""),
+        (_LOCK, "secre", "", "wrong secret"),
+        (_LOCK, "", "", "wrong secret"),
+        (_LOCK, "gé\N{SNOWMAN}", "", "wrong secret"),
+        ("", "", "", ""),
+        ("", "any", "", ""),
+        (NOBODYS, "", "", "wrong secret"),
+    ],
+)
+def test_who_may_end_a_stop(lock: str, secret: str, anyone: str, stopper: str) -> None:
+    stops = StopsInForce()
+    stops.add(Stop(7, lock, ""))
+    assert stops.refusal(7, secret, "anyone") == stops.refusal(7, secret, "named") == anyone
+    assert stops.refusal(7, secret, "stopper") == stopper
+    assert stops.refusal(8, secret, "anyone") == "no such stop in force"
+
+
+def test_more_stops_than_fit_are_in_force_as_one_that_nobody_has_the_secret_of() -> None:
+    stops = StopsInForce()
+    for number in range(1, MAX_IN_FORCE + 1):
+        assert stops.add(Stop(number, _LOCK, "")).under == number
+    assert stops.add(Stop(100, _LOCK, "the 65th")) == Taken(65, is_new=True)
+    assert stops.add(Stop(101, _LOCK, "the 66th")) == Taken(65, is_new=False)
+    assert len(stops.by_number) == MAX_IN_FORCE + 1
+    for number in range(1, MAX_IN_FORCE + 1):
+        stops.end(number)
+    assert list(stops.by_number) == [65]
+    assert stops.refusal(65, "secret", "stopper") == "wrong secret"
+    assert stops.refusal(65, "", "anyone") == ""
+    assert stops.is_by_stopper(65, "secret") is None
+    stops.end(65)
+    assert not stops.by_number
+
+
+def test_what_a_new_process_needs_is_in_a_note_of_bounded_size() -> None:
+    stops = StopsInForce()
+    for number in range(1, 13):
+        stops.add(Stop(LATCH - number, _LOCK, "x" * 200))
+    note = stops.note(5)
+    assert note.others == 4
+    assert len(note.model_dump_json()) < 1000
+    again = StopsInForce()
+    again.resume(note)
+    assert list(again.by_number) == [LATCH - number for number in range(5, 13)] + [1]
+    assert again.refusal(LATCH - 12, "secret", "stopper") == ""
+    assert again.refusal(1, "secret", "stopper") == "wrong secret"
+    # the repeat of a stop of before is no further stop
+    assert again.add(Stop(LATCH - 12, _LOCK, "x" * 200)) == Taken(LATCH - 12, is_new=False)
+    assert again.note(9).others == 1
+
+
+def test_a_note_of_no_stops_stops_nothing() -> None:
+    stops = StopsInForce()
+    stops.resume(StopsInForceNote(at_ns=5))
+    assert not stops.by_number
+    for text in ("7", "7:zz", " ", "a:"):
+        with pytest.raises(ValueError, match="pattern"):
+            StopsInForceNote(at_ns=5, stops=text)
+    stops.resume(StopsInForceNote(at_ns=5, stops="7: 8:", others=0))
+    assert list(stops.by_number) == [7, 8]
+
+
+@given(st.lists(st.tuples(st.booleans(), st.integers(0, 5))))
+def test_in_force_is_what_was_added_and_not_ended(steps: list[tuple[bool, int]]) -> None:
+    """Oracle: sets of numbers, of stops that carry numbers of their own."""
+    stops, expected, ended = StopsInForce(), set[int](), set[int]()
+    for is_stop, number in steps:
+        if is_stop and number:
+            taken = stops.add(Stop(number, "", ""))
+            assert taken == Taken(0 if number in ended else number, number not in expected | ended)
+            expected |= {number} - ended
+        elif number in expected:
+            stops.end(number)
+            expected -= {number}
+            ended |= {number}
+        else:
+            assert stops.refusal(number, "", "anyone") == "no such stop in force"
+        assert set(stops.by_number) == expected
