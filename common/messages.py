@@ -124,3 +124,8 @@ def position_m(pose: Pose) -> tuple[float, float, float]:
     """Return the pose's position as a tuple (x, y, z) in metres."""
     p = pose.position_m
     return (p.x, p.y, p.z)
+
+
+def components(orientation: Quaternion) -> tuple[float, float, float, float]:
+    """Return a message's quaternion as x, y, z, w."""
+    return orientation.x, orientation.y, orientation.z, orientation.w

@@ -4,13 +4,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from common.messages import MAX_SIZE
+from common.messages import MAX_SIZE, components
 from common.node import Emission, Record
 from common.records import PLANT, PlantNote
 from patient_side.answers import answer
 from patient_side.external_arm import ExternalArm
 from patient_side.hand import Driven, PatientHand, finite, vector
-from patient_side.orientation.wrist import Wrist, components, quaternion
+from patient_side.orientation.wrist import Wrist, quaternion
 from patient_side.plant.protocol import PlantOutput, Reference
 from patient_side.rotations import is_orientation, unit
 

@@ -6,12 +6,12 @@ from math import inf
 from pydantic import ValidationError
 
 from common.header import Header
-from common.messages import SafetyMode, SetPoint, Vector3, position_m
+from common.messages import SafetyMode, SetPoint, Vector3, components, position_m
 from common.node import Arrival, Emission, Record
 from common.records import REJECTED, Rejected
 from common.safety_records import QUARANTINE, SAFETY, QuarantineNote, SafetyNote
 from patient_side.hand import Driven, PatientHand
-from patient_side.orientation.wrist import Wrist, components, quaternion
+from patient_side.orientation.wrist import Wrist, quaternion
 from patient_side.rotations import is_orientation
 from patient_side.safety import wrist_point as point
 from patient_side.safety.safety_state import Left, Seen

@@ -12,7 +12,7 @@ import numpy as np
 
 from common.channels import Network
 from common.intake import Accepted, Intake
-from common.messages import Pose, SampledPose, position_m
+from common.messages import Pose, SampledPose, components, position_m
 from common.node import Arrival, Output, Record
 from common.peer_life import Alarm
 from common.records import (
@@ -36,7 +36,7 @@ from patient_side.driven import drive, foreign_set_point, left_place, safety_cha
 from patient_side.estimators.protocol import Estimate
 from patient_side.external_arm import external_arms
 from patient_side.hand import Begun, Fresh, PatientHand, finite, std_m
-from patient_side.orientation.wrist import Stated, answered, components, orientation_note, stated
+from patient_side.orientation.wrist import Stated, answered, orientation_note, stated
 from patient_side.own_estimators import OwnEstimators
 from patient_side.phase_lock import PhaseLock
 from patient_side.playout import Playout, SourceBuffer

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from common.channels import ORIGIN, Network, is_set_point, local_keys
 from common.header import Header
-from common.messages import FeedbackPose, Pose, position_m
+from common.messages import FeedbackPose, Pose, components, position_m
 from common.peer_life import Alarm, Beat
 from common.runtime.control import ControlKeys
 from common.units import NS_PER_MS, NS_PER_S
@@ -20,7 +20,6 @@ from deploy.watch.motion import ArmMotion, Place, TrackRow
 from deploy.watch.safety import SafetyStates
 from deploy.watch.trail import Trail
 from deploy.watch.watched_streams import STREAM_OF, Stream, StreamName, watched_streams
-from patient_side.orientation.wrist import components
 from patient_side.rotations import unit
 
 WINDOW_S: Final = 5

@@ -38,11 +38,6 @@ def quaternion(orientation: Array | Components) -> Quaternion:
     return Quaternion(x=x, y=y, z=z, w=w)
 
 
-def components(orientation: Quaternion) -> Components:
-    """Return a message's quaternion as x, y, z, w."""
-    return orientation.x, orientation.y, orientation.z, orientation.w
-
-
 def stated(estimate: WristEstimate) -> tuple[Stated, bool]:
     """Return an estimate as records state it, and whether it is whole: what no message can state is left out."""
     orientation, covariance, gripper_rad, variance = estimate

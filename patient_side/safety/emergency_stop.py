@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from common.channels import release_key, stop_key, stopped_key
 from common.messages import Message
 from common.node import Arrival, Emission, Output, Record
-from common.peer_life import NO_ALARMS, Alarm
+from common.peer_life import Alarm
 from common.records import REJECTED, Rejected
 from common.safety_records import STOPS, STOPS_IN_FORCE, StopNote, StopsInForceNote
 from common.stop_messages import (
@@ -84,7 +84,7 @@ class EmergencyStops:
     n_by_others: int = 0
     n_refused: int = 0
     n_flooded: int = 0
-    alarms: Mapping[Alarm, int] = NO_ALARMS
+    alarms: Mapping[Alarm, int] = field(default_factory=dict)
     """What somebody does on purpose, and the run time at which it began; replaced, never changed."""
     _led_by: int = 0
     _released: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_N_KNOWN))

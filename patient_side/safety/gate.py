@@ -10,11 +10,10 @@ from dataclasses import dataclass, field
 from math import dist, hypot, inf, pi, radians
 from typing import Final, Literal, NamedTuple
 
-from common.messages import Pose, position_m
+from common.messages import Pose, components, position_m
 from common.scenario.safety import Gate
 from common.send_plan import SendPlan
 from common.units import NS_PER_MS, NS_PER_S, ms_to_ns, sample_index, sample_instant_ns
-from patient_side.orientation.wrist import components
 from patient_side.rotations import Quaternion, is_orientation, turn_to
 from patient_side.safety.set_point import STILL, Place, Vector, minus
 
