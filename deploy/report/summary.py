@@ -31,7 +31,7 @@ from deploy.report.measures.estimation.orientation_error import gripper_rad, ori
 from deploy.report.measures.estimation.own_estimators import mark_failed, own_estimators
 from deploy.report.measures.estimation.tracking import HandTrack, accuracy_of_track, pooled_accuracy, track_of_hand
 from deploy.report.measures.estimation.wrist_track import wrist_track
-from deploy.report.measures.evidence import evidence_problems, evidence_summary
+from deploy.report.measures.evidence import evidence_summary
 from deploy.report.measures.latency import (
     UsedSamples,
     ages_ns,
@@ -112,13 +112,11 @@ def build_summary(
     summary["processors"] = processors_summary(logs)
     summary["logs"] = _logs(logs)
     problems += invalidities(summary, scenario, logs)
-    problems += evidence_problems(summary, scenario)
     found = measured_values(
         logs, scenario, used, parts, durations_ns, list(tracks.values()), sample_loss_text(repeats)
     )
     summary["verdicts"] = verdicts(found, scenario.limits, _over_s(logs, scenario))
-    summary["problems"] = problems
-    summary["valid"] = not problems
+    summary |= {"problems": problems, "valid": not problems}
     return summary
 
 

@@ -35,7 +35,7 @@ def _client(folder: Path, name: str) -> _Call:
     return lambda *words: call_in_one_line("stop", *words, "-c", str(file))
 
 
-def test_stops_reach_the_patient_in_an_outage_and_end_one_by_one_by_whom_may_end_them(
+def test_stops_reach_the_patient_in_an_outage_and_end_one_by_one(
     start: Start, tmp_path: Path, passwords: Path
 ) -> None:
     west, east = free_endpoints()

@@ -60,7 +60,7 @@ def evidence_texts(summary: Mapping[str, Any]) -> Sequence[str]:
 
 def evidence_problems(summary: Mapping[str, Any], scenario: Scenario) -> list[str]:
     """Return a problem where an arm of another program heard set points that the patient did not send."""
-    n = (summary["evidence"]["foreign_set_point"]["n"]) or 0
+    n = summary.get("evidence", {}).get("foreign_set_point", {}).get("n", 0)
     if not n or scenario.patient.plant.kind != "external":
         return []
     return [f"evidence.foreign_set_point: the arm heard {n} set points that the patient did not send"]

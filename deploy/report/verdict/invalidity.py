@@ -13,6 +13,7 @@ from common.units import NS_PER_S
 from deploy.logs.json_rows import Row
 from deploy.logs.read.load import RunLogs
 from deploy.report.measures.devices import is_foreign
+from deploy.report.measures.evidence import evidence_problems
 from deploy.report.measures.processors import shares_of
 from deploy.report.verdict.contention import contention_clause
 
@@ -43,6 +44,7 @@ def invalidities(summary: Mapping[str, Any], scenario: Scenario, logs: RunLogs) 
         *_unrecorded(logs),
         *_starved(summary, scenario, logs),
         *_without_estimate(summary),
+        *evidence_problems(summary, scenario),
     ]
 
 

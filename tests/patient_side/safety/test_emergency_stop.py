@@ -133,7 +133,7 @@ def test_who_may_release(rule: ReleaseRule, secret: str, released: bool, by_othe
     assert SECRET not in str(outputs[1:])  # a secret stands in no log
 
 
-def test_a_stop_without_a_lock_is_ended_by_whoever_names_it_and_tells_nothing_of_the_releaser() -> None:
+def test_a_stop_without_a_lock_is_ended_by_whoever_names_it() -> None:
     stops = EmergencyStops("tis", "stopper")
     stops.take(a_stop(1))
     (note,) = _notes(stops.take(a_release(2, ends=1)).outputs)

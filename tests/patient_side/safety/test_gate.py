@@ -115,7 +115,7 @@ def _whole_gate() -> StreamGate:
         (0.0, -0.3, None),
     ],
 )
-def test_a_pose_that_turns_or_grips_as_no_arm_does_is_refused_and_the_true_one_passes(
+def test_a_pose_that_turns_or_grips_as_no_arm_does_is_refused(
     angle_deg: float, gripper_rad: float, expected: Kind | None
 ) -> None:
     gate = _whole_gate()
