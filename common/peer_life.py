@@ -213,7 +213,7 @@ TEXTS: Final[dict[Event, str]] = {
     "suspended": "was suspended with its host for {s} s",
     "conflict": "receives samples of the surgeon in two versions: somebody forges them (patient.gate.on_conflict)",
     "foreign_set_point": "hears set points for its arm that somebody else sends",
-    "foreign_release": "has ended a stop for somebody who had not stopped (patient.safety.release)",
+    "foreign_release": "has ended an emergency stop without its token (patient.safety.release)",
     "stop_flood": "is flooded with requests to stop or to release",
 }
 

@@ -20,12 +20,15 @@ class QuarantineNote(Message):
     z_m: float = Field(description="Position that it states, z, in m.")
     kind: str = Field(
         description="conflicting: another content came before under its number; ahead: sampled later than now; "
-        "number: its number is not that of its sample; place, speed, acceleration: beyond what an arm can do."
+        "number: its number is not that of its sample; place, speed, acceleration, turn_speed, turn_acceleration, "
+        "gripper: beyond what an arm can do; foreign_set_point: a set point that the patient did not send."
     )
 
 
 QUARANTINE = "/tis/quarantine"
 QUARANTINED = "quarantined"
+SINCE_MS = "since_ms"
+"""Counters ``since_ms.ALARM`` hold the run time at which an alarm began."""
 
 
 SafetyCause = Literal[
@@ -87,6 +90,7 @@ class StopsInForceNote(Message):
         description="NUMBER:LOCK of each of the newest stops, the oldest first.",
     )
     others: int = Field(0, ge=0, description="Number of older stops in force.")
+    given: int = Field(0, ge=0, lt=1 << 52, description="Numbers that the patient has given to stops.")
 
 
 STOPS_IN_FORCE = "/tis/stops_in_force"

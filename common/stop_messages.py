@@ -60,6 +60,9 @@ class StopState(Message):
         tuple[Annotated[str, Field(max_length=MAX_REASON_CHARS)], ...], Field(max_length=MAX_REASONS)
     ] = Field(description="Beginnings of the reasons of the first of them.")
     latched: bool = Field(strict=True, description="true: an arm stands until a release ends its latch.")
+    shared: bool = Field(
+        False, strict=True, description="true: ``under`` is in force for all stops beyond 64, and has no secret."
+    )
     release: ReleaseRule = Field(description="Who may release: anyone, stopper or named.")
     refused: StopRefusal = Field(description="Why the request was not carried out; empty: it was, or it asked only.")
 

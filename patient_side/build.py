@@ -114,7 +114,10 @@ def build_patient(
     mode = scenario.patient.tick
     lock = PhaseLock(scenario.rate_hz) if mode == "phase_locked" else None
     rule = scenario.patient.safety.release
-    return PatientNode(scenario.session, hands, ticker, stopwatch_ns, lock, mode == "on_arrival", gates, rule)
+    is_forged = not scenario.network.corrupts("forward")
+    return PatientNode(
+        scenario.session, hands, ticker, stopwatch_ns, lock, mode == "on_arrival", gates, rule, is_forged
+    )
 
 
 def _plant(scenario: Scenario, recording: Recording, i: int) -> Plant:

@@ -81,7 +81,8 @@ def left_place(payload: bytes | None) -> Left | None:
 
 def foreign_set_point(hand: PatientHand, arrival: Arrival) -> Sequence[Record]:
     """Count a set point that the patient did not send, which an arm on its network may follow; return its record."""
-    if not hand.foreign.note(arrival.recv_ns):
+    hand.foreign.note(arrival.recv_ns)
+    if not hand.foreign.is_to_be_logged(arrival.recv_ns):
         return ()
     header = Header.unpack(arrival.attachment)
     try:

@@ -27,9 +27,10 @@ from common.records import (
     PromptNote,
     TickNote,
 )
-from common.safety_records import STOPS, STOPS_IN_FORCE
+from common.safety_records import SINCE_MS, STOPS, STOPS_IN_FORCE
 from common.stop_messages import ReleaseRule
 from common.ticker import Ticker
+from common.units import NS_PER_MS
 from patient_side.answers import answer, estimate_record
 from patient_side.arm_motion import move, moved_notes
 from patient_side.driven import drive, foreign_set_point, left_place, safety_change, set_point
@@ -56,6 +57,7 @@ class PatientNode:
 
     ``phase_lock`` moves the ticks' phase; ``on_arrival``: a fresher sample is answered immediately, from exactly the
     arrivals stamped at or before its own, and answers are numbered in their order and not by the tick.
+    ``conflicts_are_forged``: the network changes no message, so contradictions between samples raise an alarm.
     """
 
     session: str
@@ -66,6 +68,7 @@ class PatientNode:
     on_arrival: bool = False
     gates: Mapping[str, StreamGate] = field(default_factory=dict)
     release: ReleaseRule = "anyone"
+    conflicts_are_forged: bool = True
     name: str = "patient"
     doing: str = ""
     intake: Intake = field(init=False)
@@ -299,10 +302,9 @@ class PatientNode:
 
     def alarms(self) -> Mapping[Alarm, int]:
         """Return what somebody must have done on purpose, and the run time at which it began."""
-        kinds: dict[Alarm, list[Evidence]] = {
-            "conflict": [hand.conflicts for hand in self.hands],
-            "foreign_set_point": [hand.foreign for hand in self.hands],
-        }
+        kinds: dict[Alarm, list[Evidence]] = {"foreign_set_point": [hand.foreign for hand in self.hands]}
+        if self.conflicts_are_forged:
+            kinds["conflict"] = [hand.conflicts for hand in self.hands]
         begun = {kind: [one.begun_ns for one in all_ if one.begun_ns is not None] for kind, all_ in kinds.items()}
         return {**self._stops.alarms, **{kind: min(instants) for kind, instants in begun.items() if instants}}
 
@@ -331,6 +333,7 @@ class PatientNode:
             "ticks_missed": self.ticker.n_missed,
             "foreign_set_points": sum(hand.foreign.n for hand in self.hands),
             "not_stated": sum(hand.n_not_stated for hand in self.hands),
+            **{f"{SINCE_MS}.{alarm}": at_ns // NS_PER_MS for alarm, at_ns in self.alarms().items()},
             **self._own.counters(),
             **{name: n for arm in self._arms.values() for name, n in arm.counters().items()},
         }

@@ -10,7 +10,7 @@ import struct
 import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Final, Self
 
 from pydantic import BaseModel
@@ -29,18 +29,26 @@ _N_SLOTS: Final = 2
 
 
 class ArmMemory:
-    """Keeps the last record of each topic; no topics, no file. Raises `DataError` when the file cannot be made."""
+    """Keeps the last record of each topic; no topics, no file. Raises `DataError` when the file cannot be made.
 
-    def __init__(self, path: Path, topics: Sequence[str]) -> None:
+    ``last`` is what an earlier process left, by topic: it stays known until a newer record of its topic comes,
+    however often processes are killed. So the new file takes the old one's place only when it holds all of it.
+    """
+
+    def __init__(self, path: Path, topics: Sequence[str], last: Mapping[str, bytes] = MappingProxyType({})) -> None:
         self._path, self._numbers = path, dict.fromkeys(topics, 0)
         self._page: mmap.mmap | None = None
         self._places = {topic: _N_SLOTS * _SLOT_BYTES * i for i, topic in enumerate(topics)}
         if not topics:
             return
+        made = path.with_name(f"{path.name}.new")
         try:
-            with path.open("w+b") as file:
+            with made.open("w+b") as file:
                 file.truncate(_N_SLOTS * _SLOT_BYTES * len(topics))
                 self._page = mmap.mmap(file.fileno(), 0)
+            for topic, data in last.items():
+                self.keep(Record(topic, 0, data))
+            made.replace(path)
         except OSError as error:
             raise DataError(Fault(str(path), "", f"cannot be written: {error.strerror}")) from None
 

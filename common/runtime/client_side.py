@@ -219,7 +219,7 @@ def _resume(prepared: Prepared, path: Path, membership: Membership) -> tuple[Arm
     if last:
         prepared.node.resume(last)
         attachments[RESUMED_FILE] = dump_resumed(last)
-    return ArmMemory(path, topics), attachments
+    return ArmMemory(path, topics, last), attachments
 
 
 class _Deadline:

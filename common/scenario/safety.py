@@ -11,6 +11,9 @@ from common.stop_messages import ReleaseRule
 MAX_REACH_M: Final = 1e6
 """Largest distance that a limit admits, in m: what moves within it can be stated in a message."""
 
+Rate = Annotated[float, Field(ge=1e-3, le=1e9)]
+"""A speed or an acceleration of a set point: none so small or large that its steps cannot be computed."""
+
 PositiveMs = Annotated[Milliseconds, Field(gt=0)]
 
 
@@ -88,10 +91,10 @@ class Safety(Part):
     workspace_m: Positive = Field(
         1.0, le=MAX_REACH_M, description="Largest distance of the set point from the mean of the training rows, in m."
     )
-    speed_m_s: Positive = Field(
+    speed_m_s: Rate = Field(
         2.0, description="Largest speed of the set point in tracking, over 33 ms at least, in m/s."
     )
-    acceleration_m_s2: Positive = Field(
+    acceleration_m_s2: Rate = Field(
         200.0,
         description="Largest change of its velocity in tracking, and with which it comes to a stop, in m/s^2: after "
         "10 mm at the largest speed.",
@@ -101,12 +104,12 @@ class Safety(Part):
         description="Corrections of an estimate that the set point in tracking makes at once, as no movement that "
         "goes on, in mm within 33 ms: a part of what the speed allows in that time, at most a quarter.",
     )
-    turn_deg_s: Positive = Field(
+    turn_deg_s: Rate = Field(
         2400.0,
         description="Largest speed at which the set point turns in tracking, and its gripper opens or closes, over "
         "33 ms at least, in degrees/s: 80 degrees a tick at 30 Hz.",
     )
-    turn_acceleration_deg_s2: Positive = Field(
+    turn_acceleration_deg_s2: Rate = Field(
         240_000.0, description="Largest change of these speeds in tracking and when it stops, in degrees/s^2."
     )
     turn_correction_deg: NonNegative = Field(
@@ -126,15 +129,15 @@ class Safety(Part):
         description="Time after a break for which the limits of resuming bound the set point in tracking, too, "
         "in ms.",
     )
-    resume_speed_m_s: Positive = Field(
+    resume_speed_m_s: Rate = Field(
         0.24, description="Largest speed of the set point while it resumes or holds, in m/s: 8 mm a tick at 30 Hz."
     )
-    resume_acceleration_m_s2: Positive = Field(
+    resume_acceleration_m_s2: Rate = Field(
         10.0,
         description="Largest change of its velocity while it resumes, and goes to the last estimate in hold, in "
         "m/s^2.",
     )
-    resume_turn_deg_s: Positive = Field(
+    resume_turn_deg_s: Rate = Field(
         240.0,
         description="Largest speed at which the set point turns, and its gripper opens or closes, while it resumes "
         "and for cautious_ms after, in degrees/s; recorded arms are slower in 99 % of the time.",

@@ -174,7 +174,8 @@ def stop(
     address = emulator_address(connect, prefix, config, cfg)
     if not release:
         done = stop_arms(address, reason)
-        text = f"{done.text}; release it with: tis stop --release {done.token}"
+        ending = "" if done.token is None else f"; release it with: tis stop --release {done.token}"
+        text = f"{done.text}{ending}"
     elif reason:
         text = release_one(address, Token.parse(reason))
     else:

@@ -85,8 +85,9 @@ class Steering:
 
         def stop() -> str:
             done = stop_arms(self._address, "live page")
-            with self._lock:
-                self._secrets[done.token.number] = done.token.secret
+            if done.token is not None:
+                with self._lock:
+                    self._secrets[done.token.number] = done.token.secret
             return done.text
 
         self._emergency(stop, on_answer)

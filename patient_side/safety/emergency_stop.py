@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
@@ -89,6 +88,7 @@ class EmergencyStops:
     _led_by: int = 0
     _released: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_N_KNOWN))
     _releases: _PerSecond = field(default_factory=lambda: _PerSecond(MAX_RELEASES_PER_S))
+    _rejects: _PerSecond = field(default_factory=lambda: _PerSecond(MAX_ANSWERS_PER_S))
     _answers: _PerSecond = field(default_factory=lambda: _PerSecond(MAX_ANSWERS_PER_S))
 
     def __post_init__(self) -> None:
@@ -141,13 +141,16 @@ class EmergencyStops:
     def resume(self, in_force: bytes | None, last: bytes | None) -> bool:
         """Go on after the stops in force of an earlier process; return whether the arms are stopped.
 
-        ``last`` is the last stop or release: logs of before hold no stops in force.
+        What cannot be read stops them. ``last`` is the last stop or release, for replays of logs of before, which
+        hold no stops in force.
         """
-        with suppress(ValueError):
+        try:
             if in_force is not None:
                 self.in_force.resume(StopsInForceNote.model_validate_json(in_force))
             elif last is not None and StopNote.model_validate_json(last).leaves_stopped:
                 self.in_force.add(Stop(0, "", BEFORE))
+        except ValueError:
+            self.in_force.add(Stop(0, "", BEFORE))
         return self.is_stopped
 
     def counters(self) -> dict[str, int]:
@@ -204,6 +207,7 @@ class EmergencyStops:
             in_force=tuple(stops),
             reasons=tuple(reasons),
             latched=is_latched,
+            shared=self.in_force.is_joint(verdict.under),
             release=self.rule,
             refused=verdict.refused,
         )
@@ -211,7 +215,8 @@ class EmergencyStops:
 
     def _reject(self, arrival: Arrival, n_faults: int) -> list[Output]:
         self.n_rejected += 1
-        if not self._answers.admits(arrival.recv_ns):
+        if not self._rejects.admits(arrival.recv_ns):  # of their own: garbage must not silence requests
+            self._raise("stop_flood", arrival.recv_ns)
             return []
         reason = f"the payload is no EmergencyStop: {n_faults} faults"
         head = arrival.payload[:32].hex()

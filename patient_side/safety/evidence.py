@@ -12,7 +12,7 @@ from common.units import NS_PER_S
 N_EVIDENCE: Final = 3
 """Contradictions within a second that are evidence."""
 _WITHIN_NS: Final = NS_PER_S
-_MAX_NOTED_PER_S: Final = 10
+_MAX_TOLD_PER_S: Final = 10
 
 
 @dataclass
@@ -24,20 +24,26 @@ class Evidence:
 
     n: int = 0
     begun_ns: int | None = None
+    _until_ns: int = 0
     _latest_ns: deque[int] = field(default_factory=lambda: deque(maxlen=N_EVIDENCE), repr=False)
-    _noted_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_MAX_NOTED_PER_S), repr=False)
+    _told_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_MAX_TOLD_PER_S), repr=False)
 
-    def note(self, recv_ns: int) -> bool:
-        """Count a contradiction; return whether it is to be logged: only ten a second are."""
+    def note(self, recv_ns: int) -> None:
+        """Count a contradiction: three within a second are evidence, and each further one prolongs it."""
         self.n += 1
         self._latest_ns.append(recv_ns)
-        if self.begun_ns is None and self.holds(recv_ns):
-            self.begun_ns = recv_ns
-        is_logged = len(self._noted_ns) < _MAX_NOTED_PER_S or recv_ns - self._noted_ns[0] >= NS_PER_S
-        if is_logged:
-            self._noted_ns.append(recv_ns)
-        return is_logged
+        is_new = len(self._latest_ns) == N_EVIDENCE and recv_ns - self._latest_ns[0] < _WITHIN_NS
+        if is_new or self.holds(recv_ns):
+            self._until_ns = recv_ns + _WITHIN_NS
+            self.begun_ns = recv_ns if self.begun_ns is None else self.begun_ns
 
     def holds(self, now_ns: int) -> bool:
-        """Tell whether there is evidence now: it ends a second after the contradictions have become few."""
-        return len(self._latest_ns) == N_EVIDENCE and now_ns - self._latest_ns[0] < _WITHIN_NS
+        """Tell whether there is evidence now, which there is until a second after the last contradiction."""
+        return now_ns < self._until_ns
+
+    def is_to_be_logged(self, recv_ns: int) -> bool:
+        """Tell whether one more is to be logged, where a flood must not fill the log: ten a second are."""
+        if len(self._told_ns) == _MAX_TOLD_PER_S and recv_ns - self._told_ns[0] < NS_PER_S:
+            return False
+        self._told_ns.append(recv_ns)
+        return True

@@ -62,11 +62,19 @@ def limits_of(part: Gate, is_arm: bool = True) -> GateLimits:
 
 
 class _Known(NamedTuple):
-    """An admitted sample, as others are measured against it; ``turn`` is None before the first orientation."""
+    """An admitted sample, as others are measured against it.
+
+    ``stated`` is its own orientation, None without one; ``turn`` then is that of the sample before it.
+    """
 
     where: Place
-    turn: Quaternion | None
+    stated: Quaternion | None
     gripper_rad: float
+    turn: Quaternion | None
+
+    def is_same(self, other: "_Known") -> bool:
+        """Tell whether both state one pose."""
+        return self[:3] == other[:3]
 
 
 @dataclass
@@ -122,12 +130,11 @@ class StreamGate:
             return "gripper"
         # nearly always a sample is the newest one
         at = len(known_ns) if not known_ns or at_ns > known_ns[-1] else bisect_left(known_ns, at_ns)
-        if turn is None and at:  # a sample of no orientation continues the one before it
-            turn = known[at - 1].turn
-        new = _Known(where, turn, pose.gripper_rad)
+        continued = known[at - 1].turn if turn is None and at else turn
+        new = _Known(where, turn, pose.gripper_rad, continued)
         if at < len(known_ns):
             if known_ns[at] == at_ns:
-                return None if known[at] == new else "conflicting"
+                return None if known[at].is_same(new) else "conflicting"
             kind = self._of_neighbour(at, at_ns, new) or (self._of_neighbour(at - 1, at_ns, new) if at else None)
         else:
             kind = (self._of_neighbour(at - 1, at_ns, new) or self._of_acceleration(at_ns, new)) if at else None

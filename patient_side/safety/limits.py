@@ -5,12 +5,9 @@ from typing import Final, NamedTuple
 
 from common.scenario.safety import Safety
 from common.units import MM_PER_M, NS_PER_S, ms_to_ns
-from patient_side.safety.set_point import Allowance, Pace
+from patient_side.safety.set_point import WINDOW_NS, Pace
 from patient_side.safety.wrist_point import WristLimits
 
-_WINDOW_NS: Final = 33_000_000
-"""Time over which speed and corrections are limited in tracking: at 1 kHz a filter's correction on a late sample is a
-step of millimetres in one tick, and no movement at metres a second."""
 _MOST_CORRECTED: Final = 0.25
 """Share of the movement that the speed allows in this time, which corrections take at most."""
 _MIN_BREAK_TICKS: Final = 3
@@ -19,8 +16,8 @@ _MIN_BREAK_TICKS: Final = 3
 class Limits(NamedTuple):
     """Limits in the units of the kernel; times count from the instant at which the data became unsound.
 
-    ``usual`` and ``allowance`` bound the place in tracking, ``slow`` while it resumes, ``held`` while it goes to the
-    last sound estimate.
+    ``usual`` and ``most_corrected_m`` bound the place in tracking, ``slow`` while it resumes, ``held`` while it goes
+    to the last sound estimate.
     """
 
     hold_age_ns: int
@@ -29,7 +26,7 @@ class Limits(NamedTuple):
     std_m: float
     workspace_m: float
     usual: Pace
-    allowance: Allowance
+    most_corrected_m: float
     slow: Pace
     held: Pace
     wrist: WristLimits
@@ -53,19 +50,21 @@ def limits_of(part: Safety, rate_hz: int) -> Limits:
     least.
     """
     tick_s = 1.0 / rate_hz
-    base_s, hold_ns = max(tick_s, _WINDOW_NS / NS_PER_S), ms_to_ns(part.hold_age_ms)
-    usual, allowance = _tracking(
+    base_s, hold_ns = max(tick_s, WINDOW_NS / NS_PER_S), ms_to_ns(part.hold_age_ms)
+    usual, most_corrected_m = _tracking(
         part.speed_m_s, part.acceleration_m_s2, part.correction_mm / MM_PER_M, tick_s, base_s
     )
-    slow_step, slow_change = part.resume_speed_m_s * tick_s, part.resume_acceleration_m_s2 * tick_s**2
-    turn, turn_allowance = _tracking(
+    # no faster than in tracking, where corrections take a share of the speed
+    slow_step = min(part.resume_speed_m_s * tick_s, usual.step)
+    slow_change = part.resume_acceleration_m_s2 * tick_s**2
+    turn, most_turned = _tracking(
         radians(part.turn_deg_s),
         radians(part.turn_acceleration_deg_s2),
         radians(part.turn_correction_deg),
         tick_s,
         base_s,
     )
-    slow_turn = Pace(radians(part.resume_turn_deg_s) * tick_s, turn.change, turn.brake)
+    slow_turn = Pace(min(radians(part.resume_turn_deg_s) * tick_s, turn.step), turn.change, turn.brake)
     return Limits(
         hold_age_ns=hold_ns,
         stop_after_ns=ms_to_ns(part.slow_stop_age_ms) - hold_ns,
@@ -73,10 +72,10 @@ def limits_of(part: Safety, rate_hz: int) -> Limits:
         std_m=part.max_std_mm / MM_PER_M,
         workspace_m=part.workspace_m,
         usual=usual,
-        allowance=allowance,
+        most_corrected_m=most_corrected_m,
         slow=Pace(slow_step, slow_change, slow_change),
         held=Pace(slow_step, slow_change, usual.brake),
-        wrist=WristLimits(turn, slow_turn, turn_allowance),
+        wrist=WristLimits(turn, slow_turn, most_turned),
         break_ns=max(ms_to_ns(part.break_ms), _MIN_BREAK_TICKS * NS_PER_S // rate_hz),
         resume_ns=ms_to_ns(part.resume_ms),
         cautious_ns=ms_to_ns(part.cautious_ms),
@@ -87,8 +86,8 @@ def limits_of(part: Safety, rate_hz: int) -> Limits:
 
 def _tracking(
     speed: float, acceleration: float, correction: float, tick_s: float, base_s: float
-) -> tuple[Pace, Allowance]:
+) -> tuple[Pace, float]:
     """Return the bounds of tracking: the speed, shared between what is carried on and corrections."""
     most = min(correction, _MOST_CORRECTED * speed * base_s)
     change = acceleration * tick_s**2
-    return Pace((speed - most / base_s) * tick_s, change, change), Allowance(most, _WINDOW_NS)
+    return Pace((speed - most / base_s) * tick_s, change, change), most

@@ -199,11 +199,11 @@ class SafetyFilter:
             mode, cause = "tracking", "met"
         # After a break an estimator's corrections are large for a while.
         is_slow = mode == "resuming" or self._is_cautious(resumed_ns, t_ns)
-        pace, allowance = limits.usual, limits.allowance
+        pace, most_corrected = limits.usual, limits.most_corrected_m
         if is_slow:
             is_fast_still = dist(state.motion.carried, STILL) > limits.slow.step
-            pace, allowance = limits.held if is_fast_still else limits.slow, NO_CORRECTION
-        moved = follow(minus(target, place), state.motion, pace, allowance, t_ns)
+            pace, most_corrected = limits.held if is_fast_still else limits.slow, NO_CORRECTION
+        moved = follow(minus(target, place), state.motion, pace, most_corrected, t_ns)
         there, motion = (target, moved.motion) if moved.meets else self._inside(place, moved)
         point = state.wrist if wrist is None else self._steered(state.wrist, wrist, is_slow, t_ns)
         return SafetyState(
@@ -216,7 +216,7 @@ class SafetyFilter:
             return begin(target)
         turns = self.limits.wrist
         if not (is_slow or point.is_slow):
-            return follow_wrist(point, target, turns.usual, turns.allowance, t_ns)
+            return follow_wrist(point, target, turns.usual, turns.most_corrected, t_ns)
         found = follow_wrist(point._replace(is_slow=True), target, turns.slow, NO_CORRECTION, t_ns)
         return found._replace(is_slow=found.is_slow or is_slow)
 

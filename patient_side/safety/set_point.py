@@ -27,14 +27,11 @@ class Pace(NamedTuple):
     brake: float
 
 
-class Allowance(NamedTuple):
-    """Corrections in any ``window_ns``: their lengths add up to ``most`` at most, in m or rad."""
+WINDOW_NS: Final = 33_000_000
+"""Time over which speed and corrections are limited in tracking: at 1 kHz a filter's correction on a late sample is a
+step of millimetres in one tick, and no movement at metres a second."""
 
-    most: float
-    window_ns: int
-
-
-NO_CORRECTION: Final = Allowance(0.0, 0)
+NO_CORRECTION: Final = 0.0
 
 
 class Motion(NamedTuple):
@@ -56,7 +53,7 @@ class Moved(NamedTuple):
     motion: Motion
 
 
-def follow(way: Vector, motion: Motion, pace: Pace, allowance: Allowance, t_ns: int) -> Moved:
+def follow(way: Vector, motion: Motion, pace: Pace, most_corrected: float, t_ns: int) -> Moved:
     """Return the movement towards a target, which it meets if the bounds allow it.
 
     With a target that stays, the set point never leaves the segment between place and target by more than
@@ -68,8 +65,10 @@ def follow(way: Vector, motion: Motion, pace: Pace, allowance: Allowance, t_ns: 
         From the place to the target, in m or rad.
     motion
         Motion of the set point after the last tick.
-    pace, allowance
+    pace
         Bounds of this tick.
+    most_corrected
+        Sum of the lengths of all corrections within `WINDOW_NS`, in m or rad.
     t_ns
         Instant of the tick in run time.
 
@@ -79,12 +78,12 @@ def follow(way: Vector, motion: Motion, pace: Pace, allowance: Allowance, t_ns: 
     """
     (carried, has_met, spent), (most_carried, change, _), length = motion, pace, dist(way, STILL)
     if spent:
-        spent = _recent(spent, allowance, t_ns)
+        spent = _recent(spent, t_ns)
     # The carried step that comes nearest to the target, and the correction that is missing then.
     fits = length <= most_carried and dist(way, carried) <= change
     if fits and has_met:  # as nearly always: nothing is to be corrected or kept back
         return Moved(way, True, Motion(way, True, spent))
-    left = allowance.most - sum(amount for _, amount in spent)
+    left = most_corrected - sum(amount for _, amount in spent)
     towards = way if fits else _shortened(_turned_towards(carried, way, change), most_carried)
     correction = 0.0 if fits else dist(way, towards)
     # A set point that comes from afar keeps back what brings it to rest at the target.
@@ -152,11 +151,11 @@ def _shortened(step: Vector, most: float) -> Vector:
     return step if length <= most else _scaled(step, most / length)
 
 
-def _recent(spent: tuple[tuple[int, float], ...], allowance: Allowance, t_ns: int) -> tuple[tuple[int, float], ...]:
+def _recent(spent: tuple[tuple[int, float], ...], t_ns: int) -> tuple[tuple[int, float], ...]:
     """Return the corrections of the last window, without this tick's."""
-    if not spent or spent[0][0] > t_ns - allowance.window_ns:
+    if spent[0][0] > t_ns - WINDOW_NS:
         return spent
-    return tuple(one for one in spent if one[0] > t_ns - allowance.window_ns)
+    return tuple(one for one in spent if one[0] > t_ns - WINDOW_NS)
 
 
 def plus(a: Vector, b: Vector) -> Vector:

@@ -2,13 +2,14 @@
 
 import hmac
 from dataclasses import dataclass, field
-from itertools import count
 from typing import Final, NamedTuple
 
 from common.safety_records import StopsInForceNote
 from common.stop_messages import LATCH, MAX_IN_FORCE, ReleaseRule, StopRefusal, lock_of
 
 _N_ENDED: Final = 1000
+_FIRST_GIVEN: Final = 1 << 52
+"""First number that the patient gives to a stop; each is given once, also after a new start."""
 _N_NOTED: Final = 8
 """Stops of which a note holds number and lock: with them it fits into a slot of the arm's memory."""
 NOBODYS: Final = "0" * 64
@@ -29,7 +30,7 @@ class Stop(NamedTuple):
         return other is not None and (self.asked, self.lock) == (other.asked, other.lock)
 
 
-class Taken(NamedTuple):
+class Added(NamedTuple):
     """The number under which a stop is in force; 0: it ended before. ``is_new``: it was not in force before."""
 
     under: int
@@ -46,32 +47,37 @@ class StopsInForce:
     by_number: dict[int, Stop] = field(default_factory=dict)
     _ended: dict[int, Stop] = field(default_factory=dict)
     _joint: int = 0
+    _n_given: int = 0
 
-    def add(self, stop: Stop) -> Taken:
+    def add(self, stop: Stop) -> Added:
         """Put a stop in force, if it is not yet; one that has ended stays ended, as its repeats come late.
 
-        It keeps its number where that is one and free, and is given the least free one otherwise.
+        It keeps its number where that is one and free, and is given one otherwise.
         """
         if stop.asked:
             if stop.is_same(self._ended.get(stop.asked)):
-                return Taken(0, is_new=False)
+                return Added(0, is_new=False)
             if stop.is_same(self.by_number.get(stop.asked)):
-                return Taken(stop.asked, is_new=False)
+                return Added(stop.asked, is_new=False)
         for number, one in self.by_number.items():
             if stop.is_same(one):
-                return Taken(number, is_new=False)
+                return Added(number, is_new=False)
         if len(self.by_number) - (self._joint > 0) < MAX_IN_FORCE:
             number = stop.asked if stop.asked != LATCH and self._is_free(stop.asked) else self._given()
             self.by_number[number] = stop
-            return Taken(number, is_new=True)
+            return Added(number, is_new=True)
         if self._joint:
-            return Taken(self._joint, is_new=False)
-        return Taken(self._join(TOO_MANY), is_new=True)
+            return Added(self._joint, is_new=False)
+        return Added(self._join(TOO_MANY), is_new=True)
 
     def is_by_stopper(self, number: int, secret: str) -> bool | None:
         """Tell whether a secret is that of a stop in force; None where the stop has none."""
         lock = self.by_number[number].lock
-        return None if lock in ("", NOBODYS) else hmac.compare_digest(lock_of(secret), lock)
+        return hmac.compare_digest(lock_of(secret), lock) if lock else None
+
+    def is_joint(self, number: int) -> bool:
+        """Tell whether a number is that of all stops beyond `MAX_IN_FORCE`."""
+        return number > 0 and number == self._joint
 
     def refusal(self, number: int, secret: str, rule: ReleaseRule) -> StopRefusal:
         """Return why a release does not end the stop that it names; "" where it does.
@@ -80,8 +86,7 @@ class StopsInForce:
         """
         if number not in self.by_number:
             return "no such stop in force"
-        is_locked = self.by_number[number].lock == NOBODYS or self.is_by_stopper(number, secret) is False
-        return "wrong secret" if rule == "stopper" and is_locked else ""
+        return "wrong secret" if rule == "stopper" and self.is_by_stopper(number, secret) is False else ""
 
     def end(self, number: int) -> None:
         """End the stop of this number; the last `_N_ENDED` are known as ended."""
@@ -96,10 +101,12 @@ class StopsInForce:
         own = [(number, stop.lock) for number, stop in self.by_number.items() if number != self._joint]
         newest = own[-_N_NOTED:]
         stops = " ".join(f"{number}:{lock}" for number, lock in newest)
-        return StopsInForceNote(at_ns=at_ns, stops=stops, others=len(self.by_number) - len(newest))
+        others = len(self.by_number) - len(newest)
+        return StopsInForceNote(at_ns=at_ns, stops=stops, others=others, given=self._n_given)
 
     def resume(self, note: StopsInForceNote) -> None:
         """Put the stops of a note in force, and those that it does not name as one. Raises `ValueError`."""
+        self._n_given = note.given
         for text in note.stops.split():
             number, lock = text.split(":")
             self.by_number[int(number)] = Stop(int(number), lock, BEFORE)
@@ -115,4 +122,5 @@ class StopsInForce:
         return number > 0 and number not in self.by_number and number not in self._ended
 
     def _given(self) -> int:
-        return next(number for number in count(1) if self._is_free(number))
+        self._n_given += 1
+        return _FIRST_GIVEN + self._n_given

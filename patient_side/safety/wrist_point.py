@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from patient_side.rotations import Quaternion, after_turn, is_orientation, turn_to
-from patient_side.safety.set_point import AT_REST, Allowance, Motion, Moved, Pace, brake, follow
+from patient_side.safety.set_point import AT_REST, Motion, Moved, Pace, brake, follow
 
 _LEVEL: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
@@ -33,7 +33,7 @@ class WristLimits(NamedTuple):
 
     usual: Pace
     slow: Pace
-    allowance: Allowance
+    most_corrected: float
 
 
 def begin(wrist: Wrist) -> WristPoint:
@@ -42,7 +42,7 @@ def begin(wrist: Wrist) -> WristPoint:
     return WristPoint(at, at, Motion(has_met=True), Motion(has_met=True))
 
 
-def follow_wrist(point: WristPoint, target: Wrist, pace: Pace, allowance: Allowance, t_ns: int) -> WristPoint:
+def follow_wrist(point: WristPoint, target: Wrist, pace: Pace, most_corrected: float, t_ns: int) -> WristPoint:
     """Return the wrist on its way to ``target``; where the bounds allow it is the target's, bit for bit.
 
     A target of no orientation leaves the orientation where it is. Oracle: test_wrist_point, with SciPy's rotations.
@@ -50,9 +50,9 @@ def follow_wrist(point: WristPoint, target: Wrist, pace: Pace, allowance: Allowa
     (here, gripper_rad), there = point.at, target.orientation
     if not is_orientation(there):
         there = here
-    turned = follow(turn_to(here, there), point.turning, pace, allowance, t_ns)
+    turned = follow(turn_to(here, there), point.turning, pace, most_corrected, t_ns)
     way = (target.gripper_rad - gripper_rad, 0.0, 0.0)
-    opened = follow(way, point.gripping, pace, allowance, t_ns)
+    opened = follow(way, point.gripping, pace, most_corrected, t_ns)
     at = Wrist(
         there if turned.meets else after_turn(here, turned.by),
         target.gripper_rad if opened.meets else gripper_rad + opened.by[0],

@@ -114,7 +114,7 @@ def _patient(rng: random.Random, quick: bool) -> dict[str, Any]:
         {},
         {"enabled": False},
         {"latch": True, "hold_age_ms": 60, "slow_stop_age_ms": 120, "safe_age_ms": 200, "break_ms": 50},
-        {"workspace_m": 1e6, "speed_m_s": 1e13, "acceleration_m_s2": 1e16, "max_std_mm": 1e16},
+        {"workspace_m": 1e6, "speed_m_s": 1e9, "acceleration_m_s2": 1e9, "max_std_mm": 1e16},
     ]
     plant = rng.choice(plants)
     if plant["kind"] == "external":  # it follows set points, which need a safety state

@@ -5,39 +5,29 @@ from typing import Any, Final
 
 from common.peer_life import Alarm
 from common.records import COUNTERS
-from common.safety_records import QUARANTINE, QUARANTINED
+from common.safety_records import QUARANTINED, SINCE_MS
 from common.scenario import Scenario
-from common.units import NS_PER_S
+from common.units import NS_PER_MS, NS_PER_S
 from deploy.logs.read.load import RunLogs
-from patient_side.safety.evidence import Evidence
 
 _COUNTERS: Final[Mapping[Alarm, str]] = {
     "conflict": f"{QUARANTINED}.conflicting",
     "foreign_set_point": "foreign_set_points",
 }
-_KINDS: Final[Mapping[Alarm, str]] = {"conflict": "conflicting", "foreign_set_point": "foreign_set_point"}
 
 
 def evidence_summary(logs: RunLogs, scenario: Scenario) -> dict[str, Any]:
-    """Return the number of contradictions of each kind, and since when they were evidence; null: they never were."""
-    counters = {row["name"]: row["value"] for row in logs.of("patient", COUNTERS)} if "patient" in logs.sides else {}
+    """Return the number of contradictions of each kind, null if unknown, and since when; null: never evidence."""
+    rows = logs.of("patient", COUNTERS) if "patient" in logs.sides else ()
+    counters = {row["name"]: row["value"] for row in rows}
     found: dict[str, Any] = {"on_conflict": scenario.on_conflict}
     for alarm, counter in _COUNTERS.items():
-        begun_ns = _begun_ns(logs, _KINDS[alarm])
+        since_ms = counters.get(f"{SINCE_MS}.{alarm}")
         found[alarm] = {
-            "n": counters.get(counter, 0),
-            "begun_s": None if begun_ns is None else begun_ns / NS_PER_S,
+            "n": counters.get(counter),
+            "begun_s": None if since_ms is None else since_ms * NS_PER_MS / NS_PER_S,
         }
     return found
-
-
-def _begun_ns(logs: RunLogs, kind: str) -> int | None:
-    """Return the first arrival at which records of a kind were evidence, on any hand's keys."""
-    by_key: dict[str, Evidence] = {}
-    for row in logs.of("patient", QUARANTINE) if "patient" in logs.sides else ():
-        if row["kind"] == kind:
-            by_key.setdefault(row["key"], Evidence()).note(row["recv_ns"])
-    return min((one.begun_ns for one in by_key.values() if one.begun_ns is not None), default=None)
 
 
 def evidence_texts(summary: Mapping[str, Any]) -> Sequence[str]:
@@ -60,7 +50,7 @@ def evidence_texts(summary: Mapping[str, Any]) -> Sequence[str]:
 
 def evidence_problems(summary: Mapping[str, Any], scenario: Scenario) -> list[str]:
     """Return a problem where an arm of another program heard set points that the patient did not send."""
-    n = summary.get("evidence", {}).get("foreign_set_point", {}).get("n", 0)
+    n = summary.get("evidence", {}).get("foreign_set_point", {}).get("n")
     if not n or scenario.patient.plant.kind != "external":
         return []
     return [f"evidence.foreign_set_point: the arm heard {n} set points that the patient did not send"]

@@ -14,9 +14,9 @@ def run_warnings(summary: Mapping[str, Any]) -> list[str]:
     """Return the warnings on a run's figures: sides, devices, estimators, models, the recording's."""
     recording = summary.get("recording") or {}
     return [
+        *evidence_texts(summary),
         *_absence_texts(summary),
         *_quarantine_text(summary),
-        *evidence_texts(summary),
         *_stop_texts(summary),
         *device_texts(summary),
         *refusal_texts(summary.get("refused", {})),
@@ -44,7 +44,7 @@ def _stop_texts(summary: Mapping[str, Any]) -> list[str]:
         texts.append(f"{stopped}: the errors count that time")
     if n_others:
         releases = _times("release", n_others)
-        texts.append(f"{releases} did not come from who had stopped (patient.safety.release decides who may)")
+        texts.append(f"{releases} came without the stop's token (patient.safety.release says who may)")
     if n_refused:
         texts.append(f"the patient refused {_times('request', n_refused)} to stop or to release (reasons in the log)")
     if n_flooded:

@@ -100,3 +100,18 @@ def test_a_stop_is_remembered_whatever_its_reason(tmp_path: Path) -> None:
         with ArmMemory(path, [STOPS]) as memory:
             memory.keep(Record(STOPS, 1, StopNote(at_ns=10**18, stop=True, reason=letter * 200)))
             assert StopNote.model_validate_json(remembered(path, [STOPS])[STOPS]).stop
+
+
+def test_what_was_left_stays_known_however_often_processes_are_killed(tmp_path: Path) -> None:
+    """Three lives: the second and the third are killed before they have anything of their own to keep."""
+    path = tmp_path / "arm.memory"
+    with ArmMemory(path, TOPICS) as memory:
+        memory.keep(Record(STOPS, 1, b"stopped"))
+    for _ in range(2):
+        last = remembered(path, TOPICS)
+        with ArmMemory(path, TOPICS, last) as memory:
+            memory.keep(Record(TOPICS[0], 2, b"place"))
+    assert remembered(path, TOPICS) == {STOPS: b"stopped", TOPICS[0]: b"place"}
+    with ArmMemory(path, TOPICS, remembered(path, TOPICS)) as memory:
+        memory.keep(Record(STOPS, 3, b"released"))
+    assert remembered(path, TOPICS)[STOPS] == b"released"

@@ -64,7 +64,7 @@ def test_a_strangers_release_of_an_operators_stop_is_told(tmp_path: Path) -> Non
     left = found["safety"]["left"]
     assert (left["emergency_stops"], left["releases"], left["releases_by_others"]) == (1, 1, 1)
     assert _safe_s(found) < 2
-    assert any("a release did not come from who had stopped" in text for text in run_warnings(found))
+    assert any("a release came without the stop's token" in text for text in run_warnings(found))
     assert found["valid"], found["problems"]
 
 

@@ -102,8 +102,9 @@ def test_releases_travel_on_a_key_of_their_own_and_stops_on_either() -> None:
 def test_a_stop_without_a_number_is_told_the_one_that_it_is_given() -> None:
     stops = EmergencyStops("tis")
     state = _state(stops.take(a_stop(0)).outputs)
-    assert (state.number, state.stop, state.under, state.in_force) == (0, True, 1, (1,))
-    assert not _state(stops.take(a_release(9, ends=1)).outputs).stop
+    assert (state.number, state.stop, state.in_force) == (0, True, (state.under,))
+    assert state.under >= 1 << 52
+    assert not _state(stops.take(a_release(9, ends=state.under)).outputs).stop
     assert stops.take(a_stop(0)).is_done
 
 
@@ -290,8 +291,23 @@ def test_a_new_process_goes_on_with_the_stops_in_force() -> None:
     assert isinstance(kept, Record)
     assert isinstance(kept.data, StopsInForceNote)
     assert not EmergencyStops("tis").resume(kept.data.model_dump_json().encode(), None)
-    for nothing in (None, b"", b"{}"):
-        assert not EmergencyStops("tis").resume(nothing, nothing)
+    assert not EmergencyStops("tis").resume(None, None)
+
+
+@pytest.mark.parametrize("kept", [b"", b"{}", b'{"at_ns": 5, "stops": "1:2"}'])
+def test_what_a_new_process_cannot_read_stops_the_arms(kept: bytes) -> None:
+    assert EmergencyStops("tis").resume(kept, None)
+    assert EmergencyStops("tis").resume(None, kept)
+
+
+def test_garbage_does_not_silence_a_question() -> None:
+    stops = EmergencyStops("tis")
+    for at_ns in range(500):
+        stops.take(Arrival("east", STOP_KEY, b"{", b"", at_ns))
+    assert _state(stops.take(a_release(9, ends=0, at_ns=501)).outputs).number == 9
+    assert stops.alarms == {"stop_flood": 20}
+    assert not stops.take(Arrival("east", STOP_KEY, b"{" * 3000, b"", 2 * NS_PER_S)).is_done
+    assert stops.n_rejected == 501
 
 
 @pytest.mark.parametrize(("stop", "is_stopped"), [("true", True), ("false", False)])

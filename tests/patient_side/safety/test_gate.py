@@ -144,6 +144,16 @@ def test_a_sample_of_no_orientation_hides_no_turn() -> None:
     assert gate.refusal(turned, 2, turned.sample_ns + DELAY_NS) == "turn_speed"
 
 
+def test_a_sample_of_no_orientation_contradicts_no_copy_of_itself() -> None:
+    """It came before the sample between it and the one before, whose orientation is another."""
+    gate = _whole_gate()
+    none = _turned(2, 0.0).model_copy(update={"orientation": Quaternion(x=0.0, y=0.0, z=0.0, w=0.0)})
+    assert gate.refusal(_turned(0, 0.0), 0, DELAY_NS) is None
+    assert gate.refusal(none, 2, none.sample_ns + DELAY_NS) is None
+    assert gate.refusal_of_earlier(_turned(1, 20.0)) is None
+    assert gate.refusal_of_earlier(none) is None
+
+
 def test_another_orientation_or_gripper_at_a_known_instant_is_conflicting() -> None:
     gate = _whole_gate()
     assert gate.refusal(_turned(0, 0.0), 0, DELAY_NS) is None

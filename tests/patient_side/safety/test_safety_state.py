@@ -221,7 +221,7 @@ def test_whatever_arrives_the_set_point_stays_within_its_limits(
         assert carried_m <= max(limits.usual.step, limits.slow.step) + 1e-9
         assert dist(state.motion.carried, before.motion.carried) <= limits.usual.change + 1e-9 or is_at_border(state)
         corrected_m = dist(minus(state.place, before.place), state.motion.carried)
-        assert corrected_m <= (1e-9 if is_slow else limits.allowance.most + 1e-9)
+        assert corrected_m <= (1e-9 if is_slow else limits.most_corrected_m + 1e-9)
         if state.mode != "tracking" and last_m <= limits.slow.step:
             assert step_m <= limits.slow.step + 1e-9
         if is_stopped:
@@ -352,3 +352,22 @@ def test_a_search_for_the_worst_finds_nothing_beyond_the_bounds(rate_hz: int) ->
         stopped = search(rate_hz, 6, partial(run_on, part=part))
         assert run_on(stopped, part) <= 1e-6
     assert search(rate_hz, 6, lambda one: one.moved).moved <= 2.0 * max(0.033, 1 / rate_hz) + 1e-9
+
+
+def test_modes_that_change_all_the_time_free_no_corrections() -> None:
+    """Where resuming and caution last no time, an adversary toggles the deviation: 66 mm in 33 ms stay the bound."""
+    safety = _filter(1000, resume_ms=0, cautious_ms=0, correction_mm=100, resume_speed_m_s=2, workspace_m=100)
+    state, places = SafetyState(), []
+    for k, t_ns in enumerate(_instants(500, 1000)):
+        target = 0.03 * (k // 3)
+        state = safety.step(state, t_ns, Seen(t_ns, (target, 0.0, 0.0), 1.0 if k % 3 == 1 else 0.001))
+        if state.place is not None:
+            places.append(state.place[0])
+    assert max(b - a for a, b in zip(places, places[33:], strict=False)) <= 0.066 + 1e-9
+
+
+@pytest.mark.parametrize("field", ["speed_m_s", "acceleration_m_s2", "turn_acceleration_deg_s2", "resume_speed_m_s"])
+@pytest.mark.parametrize("value", [0.0, 1e-300, 5e-324, 1e300])
+def test_limits_whose_steps_cannot_be_computed_are_refused(field: str, value: float) -> None:
+    with pytest.raises(ValueError, match="than or equal to"):
+        Safety.model_validate({field: value})

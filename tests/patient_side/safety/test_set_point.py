@@ -12,7 +12,6 @@ from patient_side.safety.set_point import (
     AT_REST,
     NO_CORRECTION,
     STILL,
-    Allowance,
     Motion,
     Pace,
     Place,
@@ -28,7 +27,7 @@ _COORDINATE = st.floats(-1.0, 1.0)
 _PLACE = st.tuples(_COORDINATE, _COORDINATE, _COORDINATE)
 _CHANGE = st.floats(1e-7, 0.1)
 _STEP = st.floats(1e-6, 0.1)
-_FEW_MM = Allowance(0.005, 33_000_000)
+_FEW_MM = 0.005
 
 
 def _pace(step: float, change: float) -> Pace:
@@ -36,12 +35,12 @@ def _pace(step: float, change: float) -> Pace:
 
 
 def _way_to(
-    target: Place, pace: Pace, allowance: Allowance = NO_CORRECTION, motion: Motion = AT_REST, n: int = 100_000
+    target: Place, pace: Pace, most_corrected: float = NO_CORRECTION, motion: Motion = AT_REST, n: int = 100_000
 ) -> Iterator[tuple[Place, Motion]]:
     """Yield places and motions on the way from the origin to a target that stays, a tick each ms, until it rests."""
     place = STILL
     for k in range(n):
-        moved = follow(minus(target, place), motion, pace, allowance, k * 1_000_000)
+        moved = follow(minus(target, place), motion, pace, most_corrected, k * 1_000_000)
         place, motion = target if moved.meets else plus(place, moved.by), moved.motion
         yield place, motion
         if place == target and motion.carried == STILL:
@@ -108,7 +107,7 @@ def test_a_target_that_stays_is_overshot_by_no_more_than_the_carried_step_needs(
     motion = Motion(carried, has_met)  # type: ignore[arg-type]
     length = dist(motion.carried, STILL)
     bound = length * length / (2 * change) + length + 1e-9
-    for place, _ in _way_to(target, _pace(step, change), Allowance(most, 33_000_000), motion, 300):
+    for place, _ in _way_to(target, _pace(step, change), most, motion, 300):
         assert _from_segment(place, target) <= bound
 
 
@@ -128,9 +127,9 @@ def test_a_carried_step_is_no_longer_and_changes_no_more_than_allowed(
 ) -> None:
     length = dist(last, STILL)
     carried = last if length <= step else tuple(step * part / length for part in last)
-    for allowance in (NO_CORRECTION, Allowance(10.0, 33_000_000)):
+    for most in (NO_CORRECTION, 10.0):
         for has_met in (True, False):
-            moved = follow(place, Motion(carried, has_met), _pace(step, change), allowance, 0)  # type: ignore[arg-type]
+            moved = follow(place, Motion(carried, has_met), _pace(step, change), most, 0)  # type: ignore[arg-type]
             assert dist(moved.motion.carried, STILL) <= step + 1e-9
             assert dist(moved.motion.carried, carried) <= change + 1e-9
 

@@ -6,33 +6,35 @@ from hypothesis import strategies as st
 
 from common.safety_records import StopsInForceNote
 from common.stop_messages import LATCH, MAX_IN_FORCE, lock_of
-from patient_side.safety.stops_in_force import NOBODYS, Stop, StopsInForce, Taken
+from patient_side.safety.stops_in_force import NOBODYS, Added, Stop, StopsInForce
 
 _LOCK = lock_of("secret")
+FIRST = (1 << 52) + 1
+"""The first number that a patient gives."""
 
 
 def test_two_stops_are_in_force_until_each_has_ended() -> None:
     stops = StopsInForce()
-    assert stops.add(Stop(7, _LOCK, "smoke")) == Taken(7, is_new=True)
-    assert stops.add(Stop(9, "", "blood")) == Taken(9, is_new=True)
-    assert stops.add(Stop(7, _LOCK, "smoke")) == Taken(7, is_new=False)
+    assert stops.add(Stop(7, _LOCK, "smoke")) == Added(7, is_new=True)
+    assert stops.add(Stop(9, "", "blood")) == Added(9, is_new=True)
+    assert stops.add(Stop(7, _LOCK, "smoke")) == Added(7, is_new=False)
     stops.end(7)
     assert list(stops.by_number) == [9]
-    assert stops.add(Stop(7, _LOCK, "smoke")) == Taken(0, is_new=False)
+    assert stops.add(Stop(7, _LOCK, "smoke")) == Added(0, is_new=False)
     stops.end(9)
     assert not stops.by_number
 
 
 def test_a_stop_without_a_number_of_its_own_is_given_one() -> None:
     stops = StopsInForce()
-    assert stops.add(Stop(0, "", "an old program")) == Taken(1, is_new=True)
-    assert stops.add(Stop(0, "", "an old program")) == Taken(1, is_new=False)
-    assert stops.add(Stop(1, "", "a number that is taken")) == Taken(2, is_new=True)
-    assert stops.add(Stop(LATCH, "", "")) == Taken(3, is_new=True)
-    assert stops.add(Stop(1, _LOCK, "another lock: another stop")) == Taken(4, is_new=True)
-    stops.end(1)
+    assert stops.add(Stop(0, "", "an old program")) == Added(FIRST, is_new=True)
+    assert stops.add(Stop(0, "", "an old program")) == Added(FIRST, is_new=False)
+    assert stops.add(Stop(FIRST, "", "a number that is taken")) == Added(FIRST + 1, is_new=True)
+    assert stops.add(Stop(LATCH, "", "")) == Added(FIRST + 2, is_new=True)
+    assert stops.add(Stop(FIRST, _LOCK, "another lock: another stop")) == Added(FIRST + 3, is_new=True)
+    stops.end(FIRST)
     # without a number a repeat cannot be told from a new stop, which must not be refused
-    assert stops.add(Stop(0, "", "an old program")) == Taken(5, is_new=True)
+    assert stops.add(Stop(0, "", "an old program")) == Added(FIRST + 4, is_new=True)
 
 
 @pytest.mark.parametrize(
@@ -59,16 +61,16 @@ def test_more_stops_than_fit_are_in_force_as_one_that_nobody_has_the_secret_of()
     stops = StopsInForce()
     for number in range(1, MAX_IN_FORCE + 1):
         assert stops.add(Stop(number, _LOCK, "")).under == number
-    assert stops.add(Stop(100, _LOCK, "the 65th")) == Taken(65, is_new=True)
-    assert stops.add(Stop(101, _LOCK, "the 66th")) == Taken(65, is_new=False)
+    assert stops.add(Stop(100, _LOCK, "the 65th")) == Added(FIRST, is_new=True)
+    assert stops.add(Stop(101, _LOCK, "the 66th")) == Added(FIRST, is_new=False)
     assert len(stops.by_number) == MAX_IN_FORCE + 1
     for number in range(1, MAX_IN_FORCE + 1):
         stops.end(number)
-    assert list(stops.by_number) == [65]
-    assert stops.refusal(65, "secret", "stopper") == "wrong secret"
-    assert stops.refusal(65, "", "anyone") == ""
-    assert stops.is_by_stopper(65, "secret") is None
-    stops.end(65)
+    assert list(stops.by_number) == [FIRST]
+    assert stops.refusal(FIRST, "secret", "stopper") == "wrong secret"
+    assert stops.refusal(FIRST, "", "anyone") == ""
+    assert stops.is_by_stopper(FIRST, "secret") is False
+    stops.end(FIRST)
     assert not stops.by_number
 
 
@@ -81,12 +83,14 @@ def test_what_a_new_process_needs_is_in_a_note_of_bounded_size() -> None:
     assert len(note.model_dump_json()) < 1000
     again = StopsInForce()
     again.resume(note)
-    assert list(again.by_number) == [LATCH - number for number in range(5, 13)] + [1]
+    assert list(again.by_number) == [LATCH - number for number in range(5, 13)] + [FIRST]
     assert again.refusal(LATCH - 12, "secret", "stopper") == ""
-    assert again.refusal(1, "secret", "stopper") == "wrong secret"
+    assert again.refusal(FIRST, "secret", "stopper") == "wrong secret"
     # the repeat of a stop of before is no further stop
-    assert again.add(Stop(LATCH - 12, _LOCK, "x" * 200)) == Taken(LATCH - 12, is_new=False)
+    assert again.add(Stop(LATCH - 12, _LOCK, "x" * 200)) == Added(LATCH - 12, is_new=False)
     assert again.note(9).others == 1
+    # what was given before is given to nobody else
+    assert again.add(Stop(0, "", "")).under == FIRST + 1
 
 
 def test_a_note_of_no_stops_stops_nothing() -> None:
@@ -107,7 +111,7 @@ def test_in_force_is_what_was_added_and_not_ended(steps: list[tuple[bool, int]])
     for is_stop, number in steps:
         if is_stop and number:
             taken = stops.add(Stop(number, "", ""))
-            assert taken == Taken(0 if number in ended else number, number not in expected | ended)
+            assert taken == Added(0 if number in ended else number, number not in expected | ended)
             expected |= {number} - ended
         elif number in expected:
             stops.end(number)

@@ -113,7 +113,7 @@ def test_requests_are_counted_by_what_came_of_them(run_dir: Path) -> None:
     stood_s = left["time_s"]["safe"]
     assert run_warnings({"safety": {"left": left, "right": None}}) == [
         f"an emergency stop stopped the arms, which stood still for {stood_s:.1f} s: the errors count that time",
-        "a release did not come from who had stopped (patient.safety.release decides who may)",
+        "a release came without the stop's token (patient.safety.release says who may)",
         "the patient refused 3 requests to stop or to release (reasons in the log)",
         "a flood of 29006 requests to stop or to release: the patient carried out a stop and 2 releases, the others "
         "had no effect",
