@@ -31,7 +31,7 @@ def drive(
         return Driven(estimate_m, wrist)
     newest = hand.freshest
     largest_m = (None if is_certain else inf) if std_m is None else max(std_m.x, std_m.y, std_m.z)
-    target = point.Wrist(components(wrist.orientation), wrist.gripper_rad)
+    target = point.WristPose(components(wrist.orientation), wrist.gripper_rad)
     sample_ns = None if newest is None else newest.sample_ns
     seen = Seen(sample_ns, estimate_m, largest_m, target, hand.is_in_conflict(t_ns))
     hand.safety_state = state = hand.safety.step(hand.safety_state, t_ns, seen)
@@ -75,7 +75,7 @@ def left_place(payload: bytes | None) -> Left | None:
     except ValidationError:
         return None
     turn = components(last.orientation)
-    wrist = point.Wrist(turn, last.gripper_rad) if is_orientation(turn) else None
+    wrist = point.WristPose(turn, last.gripper_rad) if is_orientation(turn) else None
     return Left(position_m(last), last.mode, wrist)
 
 

@@ -25,7 +25,7 @@ from patient_side.safety.set_point import (
     plus,
     within,
 )
-from patient_side.safety.wrist_point import Wrist, WristPoint, begin, brake_wrist, follow_wrist
+from patient_side.safety.wrist_point import WristPoint, WristPose, begin, brake_wrist, follow_wrist
 
 _AT_REST_M: Final = 1e-9
 
@@ -39,7 +39,7 @@ class Seen(NamedTuple):
     sample_ns: int | None
     estimate_m: Place | None
     std_m: float | None
-    wrist: Wrist | None = None
+    wrist: WristPose | None = None
     in_conflict: bool = False
 
 
@@ -71,7 +71,7 @@ class Left(NamedTuple):
 
     place: Place
     mode: SafetyMode
-    wrist: Wrist | None = None
+    wrist: WristPose | None = None
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ class SafetyFilter:
             mode, cause, there, motion, target, point, newest_ns, fresh_ns, None, resumed_ns, False, state.is_latched
         )
 
-    def _steered(self, point: WristPoint | None, target: Wrist, is_slow: bool, t_ns: int) -> WristPoint:
+    def _steered(self, point: WristPoint | None, target: WristPose, is_slow: bool, t_ns: int) -> WristPoint:
         """Return the wrist on its way to the estimate's: slowly after a break, until it has met it."""
         if point is None:
             return begin(target)

@@ -8,7 +8,7 @@ from patient_side.safety.set_point import AT_REST, Motion, Moved, Pace, brake, f
 _LEVEL: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
-class Wrist(NamedTuple):
+class WristPose(NamedTuple):
     """Orientation x, y, z, w of any length but 0, and the gripper's angle in rad."""
 
     orientation: Quaternion
@@ -16,13 +16,13 @@ class Wrist(NamedTuple):
 
 
 class WristPoint(NamedTuple):
-    """Wrist of the set point after a tick, what it follows, and the motions of both parts.
+    """WristPose of the set point after a tick, what it follows, and the motions of both parts.
 
     ``is_slow``: it follows at the pace of resuming until it has met its target.
     """
 
-    at: Wrist
-    target: Wrist
+    at: WristPose
+    target: WristPose
     turning: Motion = AT_REST
     gripping: Motion = AT_REST
     is_slow: bool = False
@@ -36,13 +36,13 @@ class WristLimits(NamedTuple):
     most_corrected: float
 
 
-def begin(wrist: Wrist) -> WristPoint:
+def begin(wrist: WristPose) -> WristPoint:
     """Return the first set point: the target itself, at rest."""
-    at = Wrist(wrist.orientation if is_orientation(wrist.orientation) else _LEVEL, wrist.gripper_rad)
+    at = WristPose(wrist.orientation if is_orientation(wrist.orientation) else _LEVEL, wrist.gripper_rad)
     return WristPoint(at, at, Motion(has_met=True), Motion(has_met=True))
 
 
-def follow_wrist(point: WristPoint, target: Wrist, pace: Pace, most_corrected: float, t_ns: int) -> WristPoint:
+def follow_wrist(point: WristPoint, target: WristPose, pace: Pace, most_corrected: float, t_ns: int) -> WristPoint:
     """Return the wrist on its way to ``target``; where the bounds allow it is the target's, bit for bit.
 
     A target of no orientation leaves the orientation where it is. Oracle: test_wrist_point, with SciPy's rotations.
@@ -53,18 +53,18 @@ def follow_wrist(point: WristPoint, target: Wrist, pace: Pace, most_corrected: f
     turned = follow(turn_to(here, there), point.turning, pace, most_corrected, t_ns)
     way = (target.gripper_rad - gripper_rad, 0.0, 0.0)
     opened = follow(way, point.gripping, pace, most_corrected, t_ns)
-    at = Wrist(
+    at = WristPose(
         there if turned.meets else after_turn(here, turned.by),
         target.gripper_rad if opened.meets else gripper_rad + opened.by[0],
     )
     is_slow = point.is_slow and not (turned.meets and opened.meets)
-    return WristPoint(at, Wrist(there, target.gripper_rad), turned.motion, opened.motion, is_slow)
+    return WristPoint(at, WristPose(there, target.gripper_rad), turned.motion, opened.motion, is_slow)
 
 
 def brake_wrist(point: WristPoint, change: float) -> WristPoint:
     """Return the wrist that gives up its target and comes to rest."""
     turned, opened = brake(point.turning, change), brake(point.gripping, change)
-    at = Wrist(_moved(point.at.orientation, turned), point.at.gripper_rad + opened.by[0])
+    at = WristPose(_moved(point.at.orientation, turned), point.at.gripper_rad + opened.by[0])
     return WristPoint(at, at, turned.motion, opened.motion, point.is_slow)
 
 

@@ -16,7 +16,7 @@ from patient_side.rotations import Quaternion, turn_to
 from patient_side.safety.limits import limits_of
 from patient_side.safety.safety_state import Left, SafetyFilter, SafetyState, Seen
 from patient_side.safety.set_point import STILL, Place, minus, within
-from patient_side.safety.wrist_point import Wrist
+from patient_side.safety.wrist_point import WristPose
 from tests.patient_side.safety.worst_case import overshot, run_on, search
 
 _RATE_HZ = 30
@@ -273,7 +273,7 @@ def _tracking(
         if after == "stop" and k == 11:
             state = safety.stop(state, True)
         std_m = 1.0 if after == "uncertain" and failed else 0.001
-        wrist = Wrist(_about_z(jump_deg if jumped else 0.0), 0.02 * jump_deg if jumped else 0.0)
+        wrist = WristPose(_about_z(jump_deg if jumped else 0.0), 0.02 * jump_deg if jumped else 0.0)
         state = safety.step(state, t_ns, Seen(t_ns, (jump_m if jumped else 0.0, 0.0, 0.0), std_m, wrist))
         if jumped:
             found.append(state)

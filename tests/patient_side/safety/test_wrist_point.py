@@ -8,16 +8,16 @@ from scipy.spatial.transform import Rotation
 
 from patient_side.rotations import after_turn, turn_to
 from patient_side.safety.set_point import NO_CORRECTION, Motion, Pace
-from patient_side.safety.wrist_point import Wrist, WristPoint, begin, brake_wrist, follow_wrist
+from patient_side.safety.wrist_point import WristPoint, WristPose, begin, brake_wrist, follow_wrist
 
 ANGLE = st.floats(-3.1, 3.1)
 VECTOR = st.tuples(ANGLE, ANGLE, ANGLE)
 LEVEL = (0.0, 0.0, 0.0, 1.0)
 
 
-def wrist(rotation: Rotation, gripper_rad: float) -> Wrist:
+def wrist(rotation: Rotation, gripper_rad: float) -> WristPose:
     x, y, z, w = rotation.as_quat().tolist()
-    return Wrist((x, y, z, w), gripper_rad)
+    return WristPose((x, y, z, w), gripper_rad)
 
 
 @given(VECTOR, VECTOR, st.floats(0.1, 10.0))
@@ -53,23 +53,23 @@ def test_each_step_is_bounded_and_the_target_is_met_in_the_fewest_steps(
 
 
 def test_what_is_near_enough_is_the_target_itself() -> None:
-    target = Wrist((0.0, 0.0, -0.01, -0.99995), 0.2)
-    point = follow_wrist(begin(Wrist(LEVEL, 0.1)), target, Pace(0.2, 0.2, 0.2), NO_CORRECTION, 0)
+    target = WristPose((0.0, 0.0, -0.01, -0.99995), 0.2)
+    point = follow_wrist(begin(WristPose(LEVEL, 0.1)), target, Pace(0.2, 0.2, 0.2), NO_CORRECTION, 0)
     assert point.at == target
 
 
 def test_a_target_of_no_orientation_leaves_it_where_it_is() -> None:
-    nothing = Wrist((0.0, 0.0, 0.0, 0.0), 0.3)
-    assert begin(nothing).at == Wrist(LEVEL, 0.3)
-    here = begin(Wrist((0.0, 0.0, 0.6, 0.8), 0.1))
+    nothing = WristPose((0.0, 0.0, 0.0, 0.0), 0.3)
+    assert begin(nothing).at == WristPose(LEVEL, 0.3)
+    here = begin(WristPose((0.0, 0.0, 0.6, 0.8), 0.1))
     point = follow_wrist(here, nothing, Pace(1.0, 1.0, 1.0), NO_CORRECTION, 0)
-    assert point.at == Wrist((0.0, 0.0, 0.6, 0.8), 0.3)
+    assert point.at == WristPose((0.0, 0.0, 0.6, 0.8), 0.3)
 
 
 def test_a_wrist_that_is_stopped_turns_on_by_the_way_of_its_speed_only() -> None:
     """It turns by 0.03 rad a tick about z, and brakes by 0.01: by 0.02 and 0.01 rad more."""
     turning = Motion((0.0, 0.0, 0.03), has_met=True)
-    point = WristPoint(Wrist(LEVEL, 0.5), Wrist(LEVEL, 0.5), turning, Motion((-0.025, 0.0, 0.0)))
+    point = WristPoint(WristPose(LEVEL, 0.5), WristPose(LEVEL, 0.5), turning, Motion((-0.025, 0.0, 0.0)))
     angles, grippers = [], []
     for _ in range(5):
         point = brake_wrist(point, 0.01)

@@ -19,7 +19,7 @@ from patient_side.rotations import Quaternion, after_turn, turn_to
 from patient_side.safety.limits import limits_of
 from patient_side.safety.safety_state import SafetyFilter, SafetyState, Seen
 from patient_side.safety.set_point import STILL, Place, Vector, minus, plus
-from patient_side.safety.wrist_point import Wrist
+from patient_side.safety.wrist_point import WristPose
 
 _WINDOW_S = 0.033
 _SETTLE_S = 0.25
@@ -69,7 +69,7 @@ class _Arm:
         self.turn, self.gripper_rad = after_turn(self.turn, act.turn_rad), self.gripper_rad + act.gripper_rad
         if act.stop is not None:
             self.state = self.safety.stop(self.state, act.stop)
-        wrist = Wrist(self.turn, self.gripper_rad)
+        wrist = WristPose(self.turn, self.gripper_rad)
         self.state = self.safety.step(
             self.state, t_ns, Seen(t_ns, self.estimate_m, 1.0 if act.is_uncertain else 0.001, wrist)
         )
@@ -123,7 +123,7 @@ def _beyond(begun: SafetyState, arm: _Arm) -> tuple[float, float, float]:
     assert begun.wrist is not None
     assert arm.state.place is not None
     assert arm.state.wrist is not None
-    here, there = begun.wrist.at, Wrist(arm.turn, arm.gripper_rad)
+    here, there = begun.wrist.at, WristPose(arm.turn, arm.gripper_rad)
     place_m = _from_segment(minus(arm.state.place, begun.place), minus(arm.estimate_m, begun.place))
     turn_rad = _from_segment(
         turn_to(here.orientation, arm.state.wrist.at.orientation), turn_to(here.orientation, there.orientation)
