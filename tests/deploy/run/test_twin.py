@@ -1,5 +1,6 @@
 """The twin as a whole: bit-equal, consistent with the models it runs, and as good as it should be."""
 
+import json
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -23,6 +24,7 @@ from deploy.shell.shipped_scenarios import shipped_names
 from patient_side.identification.model_io import dump_models
 from patient_side.statespace import ArmModel
 from tests.deploy.hold_only import HOLD
+from tests.deploy.run import golden_figures
 
 LOGS = ("surgeon.mcap", "netem.mcap", "patient.mcap")
 
@@ -73,8 +75,7 @@ def shipped(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], dict[st
 
     @cache
     def summary_of(name: str) -> dict[str, Any]:
-        scenario = resolve(name, (), None, 2.4 if name == "kilohertz" else 5.0)
-        return _summary(scenario, tmp_path_factory.mktemp(name) / name)
+        return _summary(golden_figures.short(name), tmp_path_factory.mktemp(name) / name)
 
     return summary_of
 
@@ -176,13 +177,9 @@ def test_a_servo_executes_the_active_estimate_and_is_scored(shipped: Callable[[s
 
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=[pytest.mark.slow] if name == "kilohertz" else [])
-        for name in shipped_names()
-        if not name.startswith(("paper", "live", "drive"))
-    ],
+    [pytest.param(name, marks=[pytest.mark.slow] if name == "kilohertz" else []) for name in golden_figures.names()],
 )
-def test_every_shipped_scenario_that_needs_no_data_runs_valid(
+def test_shipped_scenarios_without_data_are_valid_with_their_figures(
     name: str, shipped: Callable[[str], dict[str, Any]]
 ) -> None:
     if name == "simulated_arm":
@@ -191,6 +188,16 @@ def test_every_shipped_scenario_that_needs_no_data_runs_valid(
     assert summary["valid"], summary["problems"]
     assert set(summary["quarantined"].values()) == {0}
     assert summary["accuracy"]["innovations_kf"]["ratio_to_hold"] < 1
+    found = json.loads(json.dumps(golden_figures.figures(summary)))
+    assert [*golden_figures.differences(golden_figures.kept(name), found)] == []
+
+
+def test_a_figure_that_changes_is_named() -> None:
+    kept = {"a": [1.0, {"b": True}], "c": None}
+    assert [*golden_figures.differences(kept, {"a": [1.0 + 1e-12, {"b": True}], "c": None})] == []
+    found = {"a": [1.0 + 1e-8, {"b": False}], "d": 0}
+    told = ["a[0]: 1.0 -> 1.00000001", "a[1].b: True -> False", "c: None -> absent", "d: absent -> 0"]
+    assert [*golden_figures.differences(kept, found)] == told
 
 
 def test_what_happens_elsewhere_in_real_time_has_no_twin() -> None:
