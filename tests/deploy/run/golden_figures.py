@@ -24,7 +24,7 @@ TOLERANCE: Final = 1e-9
 _LEFT_OUT: Final = frozenset(
     {"verdicts", "logs", "processors", "clocks", "recording", "command", "run_id", "surgeon_traffic", "redundancy"}
 )
-"""Prose, what tells of the machine or the version, and bytes of payloads, which hang on the last digit of a number."""
+"""Prose, what tells of the machine or the version, and bytes of payloads, which hang on last digits."""
 
 
 def names() -> list[str]:
