@@ -9,6 +9,9 @@ at 51.33 Hz, so neighbouring rows are one or two of its samples apart, in both a
 this; without it the next position would be much easier to predict than in recordings.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import ceil, pi
 from typing import Final
 
 import numpy as np
@@ -16,16 +19,141 @@ import scipy
 
 from common.channels import FOLLOWER, MASTER, Hand
 from common.scenario.source import SyntheticSource
-from common.sources.clutch import Clutch
 from common.sources.minimum_jerk import Movements
-from common.sources.reaching import reaching, timing_of
-from common.sources.recorder import latest_sample_s
-from common.sources.servo import GRID_HZ, servo
+from common.sources.reaching import Timing, about_the_centre, directions, reaching, timing_of
 from common.sources.trajectory import Array, HandRecording, PoseTrack, Recording
-from common.sources.turning import turning, turning_tremor
 from common.sources.wander import Band, wander
 from common.streams import Stream
 from common.units import MM_PER_M
+
+# The clutch of the master console: a pedal that uncouples both arms while the masters are moved back.
+#
+# The hands come to rest, the pedal is pressed, the masters move, the pedal is released, the work continues. Working
+# time stands still meanwhile. The arm is half the master's movement plus a constant, which each clutch action
+# changes.
+
+EASE_S: Final = 0.3
+"""Time in which the hands come to rest before the pedal is pressed, and resume speed afterwards."""
+PRESSED_S: Final = 1.0
+"""Time during which the pedal is pressed."""
+
+_STRETCH_S: Final = 2.0 * EASE_S + PRESSED_S
+_LOST_S: Final = EASE_S + PRESSED_S  # each of the two easings costs half of its duration
+_AWAY_MM: Final = 40.0
+_FIRST_BATCH_clutch: Final = 16
+
+
+@dataclass(frozen=True)
+class Clutch:
+    """Instants (K >= 1,) in s at which the hands begin to come to rest, at least one clutch action apart."""
+
+    onset_s: Array
+
+    @classmethod
+    def pressed(cls, per_min: float, stream: Stream, until_s: float) -> "Clutch":
+        """Return clutch actions until after ``until_s``, ``per_min`` (0 to 37, exclusive), with exponential gaps."""
+        n_stretches = _FIRST_BATCH_clutch
+        while True:
+            gap_s = -(60.0 / per_min - _STRETCH_S) * np.log(stream.uniforms(0, n_stretches))
+            onset_s = np.cumsum(gap_s + _STRETCH_S) - _STRETCH_S
+            if onset_s[-1] > until_s:
+                return cls(onset_s)
+            n_stretches *= 2
+
+    def working_s(self, t_s: Array) -> Array:
+        """Return the working time (N,) in s at times (N,). Oracle: its rate, integrated."""
+        begun = np.searchsorted(self.onset_s, t_s, side="right")
+        into_s = t_s - self.onset_s[np.maximum(begun - 1, 0)]
+        off = np.clip(into_s / EASE_S, 0.0, 1.0)
+        on = np.clip((into_s - EASE_S - PRESSED_S) / EASE_S, 0.0, 1.0)
+        lost_s = EASE_S * (_eased(off) + on - _eased(on)) + np.clip(into_s - EASE_S, 0.0, PRESSED_S)
+        return np.asarray(np.where(begun > 0, t_s - _LOST_S * (begun - 1) - lost_s, t_s))
+
+    def moved_mm(self, stream: Stream, t_s: Array) -> Array:
+        """Return the displacement (N, 3) of a master by its clutch actions, in mm."""
+        places = np.zeros((len(self.onset_s) + 1, 3))
+        places[1:] = _AWAY_MM * (2.0 * stream.uniforms(0, 3 * len(self.onset_s)).reshape(-1, 3) - 1.0)
+        lasting_s = np.full(len(self.onset_s), PRESSED_S)
+        return Movements(self.onset_s + EASE_S, lasting_s, places).at(t_s)
+
+
+def _eased(phase: Array) -> Array:
+    """Return the integral of `minimum_jerk` from 0 to ``phase``."""
+    return np.asarray(phase**4 * (2.5 + phase * (-3.0 + phase)))
+
+
+# Turning of a hand: each reach also turns it, about a random axis, by an angle that grows with the reach's length.
+#
+# The constants were fitted to the aggregate statistics of recorded suturing that `common.sources.calibration` holds.
+
+USUAL_TURN_DEG: Final = 19.0
+_ANGLE_SPREAD: Final = 1.1  # standard deviation of the logarithm
+_WITH_LENGTH: Final = 0.9  # correlation of the logarithms of angle and length
+_DURATION_SHARE: Final = 0.9  # of the reach's; the turn is in its middle
+_HALF_SPACE_RAD: Final = 0.7
+_TREMOR_RAD: Final = 0.0011  # per axis, where movements turn by the usual angle
+_TREMOR_HZ: Final[Band] = (3.5, 12.0)
+
+
+def turning(source: SyntheticSource, timing: Timing, draws: Stream) -> Movements:
+    """Return rotation vectors in rad: a turn for each reach of ``timing``, of median angle ``turn_deg``.
+
+    Angles are lognormal, axes isotropic. The hand stays near its middle orientation, as it stays near the centre of
+    its place. Oracle: the statistics of recorded suturing.
+    """
+    n_movements = len(timing.onset_s)
+    drawn = draws.uniforms(0, 4 * n_movements).reshape(n_movements, 4)
+    own = np.sqrt(1.0 - _WITH_LENGTH**2) * scipy.special.ndtri(drawn[:, 3])
+    median_rad = np.radians(source.turn_deg)
+    angle_rad = median_rad * np.exp(_ANGLE_SPREAD * (_WITH_LENGTH * timing.length_score + own))
+    half_space_rad = max(_HALF_SPACE_RAD, 1.5 * median_rad)
+    steps_rad = angle_rad[:, np.newaxis] * directions(drawn)
+    targets_rad = about_the_centre(steps_rad, half_space_rad * drawn[:, 2], half_space_rad)
+    onset_s = timing.onset_s + 0.5 * (1.0 - _DURATION_SHARE) * timing.duration_s
+    return Movements(onset_s, _DURATION_SHARE * timing.duration_s, targets_rad)
+
+
+def turning_tremor(source: SyntheticSource, stream: Stream, t_s: Array) -> Array:
+    """Return the trembling of the orientation at times (N,) as rotation vectors (N, 3) in rad."""
+    return wander(stream, t_s, _TREMOR_HZ, _TREMOR_RAD * source.turn_deg / USUAL_TURN_DEG)
+
+
+# An arm that follows its command as a second-order servo: ``x'' = w^2 (u - x) - 2 zeta w x'``.
+
+GRID_HZ: Final = 1000
+"""Rate at which the command is evaluated; in between it is taken as linear."""
+
+
+def servo(path: Callable[[Array], Array], t_s: Array, bandwidth_hz: float, damping: float) -> Array:
+    """Return the servo's positions (N, d) at ascending times ``t_s`` (N,) for the command ``path(t)``.
+
+    ``path`` gives positions (M, d) at times (M,). The servo rests at ``path(0)`` until t = 0, so its movement is a
+    function of continuous time and does not depend on ``t_s``. Exact for a command that is linear between the grid's
+    instants. Oracle: the differential equation solved numerically, test_servo.
+    """
+    w = 2.0 * pi * bandwidth_hz
+    grid_s = np.arange(ceil(max(float(t_s[-1]), 0.0) * GRID_HZ) + 2) / GRID_HZ
+    command = path(grid_s)
+    # First-order hold is exact for a command that is linear between the grid's instants.
+    system = np.array([w * w]), np.array([1.0, 2.0 * damping * w, w * w])
+    (numerator,), denominator, _ = scipy.signal.cont2discrete(system, 1.0 / GRID_HZ, "foh")
+    at_rest = scipy.signal.lfilter_zi(numerator, denominator)[:, None] * command[0]
+    followed, _ = scipy.signal.lfilter(numerator, denominator, command, axis=0, zi=at_rest)
+    return np.stack([np.interp(t_s, grid_s, axis) for axis in followed.T], axis=1)
+
+
+# The recorder of JIGSAWS: rows that show its latest sample, one or two samples apart.
+
+
+def latest_sample_s(t_s: Array, recorder_hz: float, phase: float) -> Array:
+    """Return the instants (N,) in s of a recorder's latest samples at or before the instants ``t_s`` (N,), in s.
+
+    The recorder samples at ``(j - phase) / recorder_hz`` for all integers j; ``phase`` is in [0, 1). Where
+    ``recorder_hz`` is a multiple of the rows' rate, all rows are late by the same ``phase / recorder_hz``. Oracle:
+    literal sample numbers; a search among the recorder's instants.
+    """
+    return np.asarray((np.floor(t_s * recorder_hz + phase) - phase) / recorder_hz)
+
 
 Point = tuple[float, float, float]
 

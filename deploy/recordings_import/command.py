@@ -1,23 +1,109 @@
 """Command `tis import`: a foreign recording as a table that `source: {kind: table}` plays."""
 
+import csv
 import hashlib
-from collections.abc import Sequence
+import io
+import json
+import re
+from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
 from common.errors import EXIT_OK, DataError, Fault, InputError
+from common.extras import GET_PARQUET
+from common.runtime.limited_file import read_limited
+from common.runtime.recordings.table_file import METADATA
+from common.scenario.source import is_synthetic
+from common.sources.jigsaws import MAX_TRIAL_BYTES, RATE_HZ, parse_trial, pose_track
 from common.sources.plausibility import anomalies
-from deploy.recordings_import.found import MASTERS, Found, Wanted
-from deploy.recordings_import.jigsaws_trial import read_jigsaws
+from common.sources.table.layout import TIME, canonical_names
+from common.units import NS_PER_S
+from deploy.recordings_import.found import DEVICES, MASTERS, Array, Found, Stream, Wanted
 from deploy.recordings_import.lerobot import INFO, read_lerobot
 from deploy.recordings_import.mcap_file import read_mcap
 from deploy.recordings_import.one_clock import Rows, on_one_clock
 from deploy.recordings_import.ros import read_bag
-from deploy.recordings_import.table import check_table, columns_of, write_table
+from deploy.shell import run_dir as folder
 from deploy.shell.messages import print_warnings
+
+# Tables of imported recordings: canonical columns, as CSV or Parquet, and their metadata.
+
+
+def columns_of(rows: Rows) -> dict[str, Array]:
+    """Return the canonical columns; a device without orientation or gripper lacks those. Oracle: round trips."""
+    columns: dict[str, Array] = {TIME: rows.t_s}
+    for device in rows.devices:
+        names, track = canonical_names(device.name), device.track
+        columns |= {name: track.position_m[:, k] for k, name in enumerate(names[:3])}
+        if device.turns:
+            columns |= {name: track.orientation[:, k] for k, name in enumerate(names[3:7])}
+        if device.grips:
+            columns[names[7]] = track.gripper_rad
+    return columns
+
+
+def check_table(path: Path) -> None:
+    """Raise `InputError` where a table of this name cannot be written."""
+    suffix = path.suffix.lower()
+    if suffix not in (".csv", ".parquet"):
+        raise InputError(Fault("tis import", "--out", "must end in .csv or .parquet", str(path)))
+    if suffix == ".parquet" and find_spec("pyarrow") is None:
+        raise InputError(Fault("tis import", "--out", f"a .parquet file needs pyarrow: {GET_PARQUET}"))
+
+
+def write_table(path: Path, columns: Mapping[str, Array], metadata: Mapping[str, Any]) -> None:
+    """Write a table completely or not at all; raises `DataError`. A CSV file holds every digit, but no metadata."""
+    if path.suffix.lower() == ".csv":
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+        folder.write(path, text.getvalue())
+        return
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    table = pa.table(dict(columns)).replace_schema_metadata({METADATA: json.dumps(metadata, allow_nan=False)})
+    content = io.BytesIO()
+    pq.write_table(table, content, compression="zstd")
+    folder.write(path, content.getvalue())
+
+
+# Poses from a trial of JIGSAWS: all four devices, at the 30 rows a second of the data set.
+
+
+def read_jigsaws(file: Path) -> Found:
+    """Return the poses of a trial's file, like Suturing_D002.txt; raises `DataError`.
+
+    Task and person are read off its name. Oracle: trials of `tis synth`, played from either file.
+    """
+    where = str(file)
+    try:
+        text = read_limited(file, MAX_TRIAL_BYTES).decode("utf-8-sig")
+    except OSError as error:
+        raise DataError(Fault(where, "", f"cannot be read: {error.strerror}")) from None
+    except UnicodeDecodeError as error:
+        raise DataError(Fault(where, "", f"is not UTF-8 text (at byte {error.start})")) from None
+    rows = parse_trial(text, where)
+    t_ns = np.arange(len(rows), dtype=np.int64) * NS_PER_S // RATE_HZ
+    streams = []
+    for device in DEVICES:
+        track = pose_track(rows, device, where)
+        streams.append(
+            Stream(device, f"columns of {device}", t_ns, track.position_m, track.orientation, track.gripper_rad)
+        )
+    about: dict[str, Any] = {"kind": "jigsaws"}
+    named = re.fullmatch(r"([A-Za-z_]+)_([A-Z]\d{3})\.txt", file.name)
+    if named:
+        about |= {"task": named[1], "person": named[2][0]}
+        about |= {"synthetic": True} if is_synthetic(named[2]) else {}
+    return Found(tuple(streams), (), (f"{len(rows)} rows of four devices, {RATE_HZ} a second",), about)
+
 
 _KINDS: Final = (
     "an .mcap file, a rosbag2 folder (with metadata.yaml), a .bag, a LeRobot data set or a JIGSAWS trial (.txt)"

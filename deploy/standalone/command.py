@@ -1,24 +1,134 @@
 """Commands on the folder of a standalone netem: completion, ``tis summarize``, ``tis report``, ``tis info``."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, get_args
 
-from rich.console import Console
+from rich import box
+from rich.console import Console, Group, RenderableType
 from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
 
-from common.channels import Side
+from common.channels import Direction, Side
 from common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, Fault, InputError
 from common.extras import GET_REPORT
+from common.records import COUNTERS
 from common.runtime.command_line import command_line
 from common.scenario.network import NetworkPart
+from common.units import NS_PER_S
+from deploy.logs.read.batches import link_fates, link_releases
+from deploy.report.link_summary import link_summary
+from deploy.report.measures.network.link_books import against_counters, counted, counter
+from deploy.report.measures.processors import processors_summary
+from deploy.report.tables.hanging_indent import HangingIndent
+from deploy.report.tables.numbers import number
+from deploy.report.tables.terminal import delays_view, drop_reasons
+from deploy.report.verdict.verdict_text import FIDELITY_STYLES, fidelity_text
 from deploy.shell import run_dir as folder
 from deploy.shell.extras import can_report
 from deploy.shell.messages import print_json
 from deploy.standalone.standalone_run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
-from deploy.standalone.summary import build_summary
-from deploy.standalone.terminal import summary_view
 from deploy.tools.info import log_states, print_damage, print_files, states_as_data
 from netem.bridge.standalone import network_yaml
+from netem.expected.synopsis import direction_label
+
+# Terminal view of a standalone netem's summary.
+
+_MAX_SENTENCES: Final = 6
+_COUNTS: Final = ("offered", "copied", "released", "dropped", "held_at_end")
+
+
+def summary_view(summary: dict[str, Any]) -> RenderableType:
+    """Return the verdicts, then the packets and the delays of both directions."""
+    links = summary["links"]
+    parts: list[RenderableType] = [Text(_headline(summary), style="bold")]
+    parts += [HangingIndent(f"not valid: {text}", "red") for text in summary["problems"]]
+    parts += [_verdict(direction, link["verdict"]) for direction, link in links.items()]
+    return Group(*parts, _packets(links), delays_view(links, "by the options"))
+
+
+def _headline(summary: dict[str, Any]) -> str:
+    profile = "" if summary["profile"] is None else f", profile {summary['profile']}"
+    begun = "" if summary["begun"] is None else f", begun {summary['begun']}"
+    keys = ", ".join(summary["keys"])
+    return f"netem between two networks for {summary['duration_s']:.1f} s: {keys}{profile}{begun}"
+
+
+def _verdict(direction: Any, verdict: dict[str, Any]) -> Group:
+    words, style = fidelity_text(verdict, "the request"), FIDELITY_STYLES[verdict["faithful"]]
+    shown = [*verdict["violations"], *(f"warning: {warning}" for warning in verdict["warnings"])]
+    shown = shown or verdict["not_decidable"]
+    lines = shown[:_MAX_SENTENCES]
+    if len(shown) > _MAX_SENTENCES:
+        lines.append(f"and {len(shown) - _MAX_SENTENCES} more, see summary.json")
+    return Group(
+        HangingIndent(f"{direction_label(direction)}: {words}", style),
+        *(HangingIndent(sentence, style, indent=4) for sentence in lines),
+    )
+
+
+def _table(title: str, columns: tuple[str, ...]) -> Table:
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("", no_wrap=True)
+    for name in columns:
+        table.add_column(name, justify="right", no_wrap=True)
+    return table
+
+
+def _with_note(table: Table, note: str) -> RenderableType:
+    """Return a table with a note below it, as wide as the console."""
+    return Group(table, Text(note, style="table.caption"))
+
+
+def _packets(links: dict[str, Any]) -> RenderableType:
+    names = ("offered", "copied", "released", "dropped", "held", "lost %", "mean run")
+    table = _table("Messages", names)
+    for direction, link in links.items():
+        shares = (link["loss_pct"], link["loss_runs"]["mean"])
+        table.add_row(direction, *(number(link[name]) for name in _COUNTS), *(number(share) for share in shares))
+    note = f"dropped: by netem{drop_reasons(links)}; held: still under way at the end; mean run: of losses in a row. "
+    return _with_note(table, f"{note}netem's log does not cover what happened before and behind it")
+
+
+# Summary of a standalone netem: the links' part of a run's ``summary.json``, under the same names.
+
+KIND = "standalone netem"
+
+
+def build_summary(run: StandaloneRun, exit_code: int | None) -> dict[str, Any]:
+    """Return the requested, decided and realised figures of each link with the verdict; unknown values are null.
+
+    Unknown are only values from senders' and receivers' logs: ``sent``, ``received``, losses outside netem.
+    Oracle: a real bridge between two clients, tests/deploy/standalone.
+    """
+    logs, log = run.logs, run.log
+    problems = [f"netem: {text}"] if (text := log.coverage.problem) else []
+    links: dict[str, Any] = {}
+    for direction in get_args(Direction):
+        links[direction], faults = link_summary(logs, direction, run.request)
+        problems += faults
+        counts = counted((link_fates(logs, direction),), (link_releases(logs, direction),))
+        problems += [f"links.{direction}: {text}" for text in against_counters(logs, direction, counts)]
+    if leaks := counter(logs, "leaks"):
+        ways = "1 way past netem was" if leaks == 1 else f"{leaks} ways past netem were"
+        problems.append(f"{ways} found: messages crossed without it")
+    return {
+        "kind": KIND,
+        "seed": run.request.seed,
+        "keys": list(run.request.keys),
+        "profile": run.request.network.from_profile,
+        "mode": "live",
+        "exit": exit_code,
+        "command": run.about.get("command", ""),
+        "begun": run.about.get("begun"),
+        "versions": run.versions,
+        "duration_s": log.last_ns / NS_PER_S,
+        "complete": bool(log.of(COUNTERS)),
+        "links": links,
+        "processors": processors_summary(logs, ("netem",)),
+        "problems": problems,
+        "valid": not problems,
+    }
 
 
 def close_folder(run_dir: Path, network: NetworkPart, exit_code: int) -> None:

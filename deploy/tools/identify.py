@@ -8,27 +8,108 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from common.errors import EXIT_OK, Fault, InputError
+from common.channels import Hand
+from common.errors import EXIT_OK, DataError, Fault, InputError
 from common.extras import GET_REPORT
 from common.runtime.recordings import load_recording, load_training
 from common.scenario import Scenario
+from common.scenario.estimator_names import LearnedName, is_learned
 from common.scenario.patient import Identification, is_model_file
 from common.sources.provenance import in_words
 from common.sources.trajectory import Recording
 from deploy.shell import run_dir as folder
 from deploy.shell.messages import print_warnings
 from deploy.shell.outputs import check_outputs, unwritable
-from deploy.tools.identify_learned import learned_names, learned_text, print_epoch
-from deploy.tools.identify_narx import compare_with_linear
 from patient_side.estimators.static_gain import dc_gain
-from patient_side.identification.identify import Identified, identify_hands
+from patient_side.identification.fit_narx import NarxStudy, fit_narx, n_terms
+from patient_side.identification.identify import LOOKS_AHEAD, Identified, identify_hands, identify_with_orders
+from patient_side.identification.methods import METHODS
 from patient_side.identification.model_io import dump_models
 from patient_side.identification.order import OrderChoice
 from patient_side.identification.validation import fit_text
+from patient_side.learned_model import LearnedModel
+from patient_side.learning.fit_network import Epoch
 from patient_side.learning.train import check_extra, with_learned
 from patient_side.models import models_for
-from patient_side.provenance import warnings_at_start
+from patient_side.provenance import warnings_at_start, without_effect
 from patient_side.statespace import ArmModel, order_text
+
+# NARX study of `tis identify`: a polynomial model beside the linear ones, simulated on the held-back rows.
+
+
+def compare_with_linear(
+    recording: Recording, trainings: Sequence[Recording], identification: Identification, out: Console, err: Console
+) -> None:
+    """Print one table per hand, with all models trained and scored on the same rows; raises `DataError`."""
+    studies = [(part.hand, part.arm, fit_narx(trainings, part.hand, identification)) for part in recording.hands]
+    print_warnings(err, *recording.warnings, *recording.anomalies, *without_effect(identification, ()))
+    if identification.looks_ahead:
+        print_warnings(err, LOOKS_AHEAD)
+    for hand, arm, study in studies:
+        title = f"{hand} hand, {arm}: held-back rows, simulated; error: rms over the movement's deviation"
+        table = Table(title=title, title_justify="left")
+        for header in ("model", "order", "fit, % x y z", "error"):
+            table.add_column(header)
+        table.add_row(*_narx_row(study))
+        for method in METHODS:
+            table.add_row(*_linear_row(trainings, hand, identification, method, recording.pairing))
+        out.print(table)
+    out.print("narx serves this comparison only: the filters of a run need a linear model", soft_wrap=True)
+
+
+def _narx_row(study: NarxStudy) -> list[str]:
+    lags = study.model.lags
+    terms = "/".join(str(n) for n in n_terms(study.model))
+    fits = " ".join(fit_text(share, 3) for share in study.fit.fit_pct)
+    return ["narx", f"{lags} lag{'s' if lags > 1 else ''}, {terms} terms", fits, f"{study.fit.error:.4g}"]
+
+
+def _linear_row(
+    trainings: Sequence[Recording], hand: Hand, identification: Identification, method: str, pairing: str
+) -> list[str]:
+    linear = identification.model_copy(update={"method": method, "order": "auto"})
+    try:
+        found = identify_with_orders(trainings, hand, linear, pairing)
+    except DataError as error:
+        return [method, "-", escape("; ".join(fault.rule for fault in error.faults)), "-"]
+    fits = " ".join(fit_text(share, 3) for share in found.model.fit_pct)
+    order = "static" if found.model.static else str(found.model.order)
+    residual = (sum(1 - share / 100 for share in found.model.fit_pct) / len(found.model.fit_pct)) ** 0.5
+    return [method, order, fits, f"{residual:.4g}"]
+
+
+# Learned models in `tis identify`: which are trained, the progress of training, and what is said of the result.
+
+
+def learned_names(scenario: Scenario) -> list[LearnedName]:
+    """Return the methods to train: the scenario's method, and its estimators, as far as they are learned."""
+    names = (scenario.identification.method, *scenario.estimators)
+    return list(dict.fromkeys(name for name in names if is_learned(name)))
+
+
+def print_epoch(epoch: Epoch, err: Console) -> None:
+    """Print the state of training after an epoch."""
+    stage = "all examples" if epoch.error is None else "without those held out"
+    judged = "" if epoch.error is None else f", on those held out {epoch.error:.3f}"
+    text = (
+        f"{epoch.method}, {stage}: epoch {epoch.number} of {epoch.n_epochs}, {epoch.learned:.3f} of the linear "
+        f"forecast's error on those learned{judged}"
+    )
+    err.print(escape(text), style="dim", soft_wrap=True)
+
+
+def learned_text(model: LearnedModel) -> str:
+    """Return size, training and held-out error of a model, in words."""
+    about = model.training
+    n_weights = sum(weight.size for weight in model.weights.values())
+    on = ", ".join(about.held_out) if about.held_out else "its own training rows"
+    epochs = "1 epoch" if about.n_epochs == 1 else f"{about.n_epochs} epochs"
+    best = f"{about.errors.min():.3f}" if len(about.errors) else "unknown"
+    return (
+        f"{n_weights:,} weights, {epochs} of {about.n_rows:,} examples, seed {about.seed}; error {best} of the "
+        f"linear forecast's on {on}"
+    )
+
 
 _FIGURE_SUFFIXES: Final = (".svg", ".pdf", ".png")
 

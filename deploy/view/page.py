@@ -3,29 +3,103 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final
+from typing import Final, get_args
 
+from bokeh.core.properties import Int
 from bokeh.document import Document
-from bokeh.events import ConnectionLost
+from bokeh.events import ConnectionLost, DocumentReady
+from bokeh.model import DataModel
 from bokeh.models import CustomJS, InlineStyleSheet, Model
 from bokeh.models.widgets.inputs import Select
 from bokeh.models.widgets.markups import Div
 
+from common.channels import Direction, Side
 from common.scenario.control import EmulatorState
 from common.units import NS_PER_S
 from deploy.report.page import html_page
-from deploy.report.palette import AMBER, GREEN, TONES, Tone
+from deploy.report.page.network_picture import DirectionFigures, network_picture
+from deploy.report.palette import AMBER, GREEN, RED, SLATE, TONES, Tone
 from deploy.report.plots.plot_style import THEME
 from deploy.report.plots.scene_3d import live_camera_controls
 from deploy.view.controls import Controls
 from deploy.view.feed import SHOWN_S, Feed
-from deploy.view.live_network import network_html
-from deploy.view.pace import Pace
 from deploy.view.page_text import PageContext, RunOutput, figures_html, run_html, run_text, state_html, vantage_text
 from deploy.view.plots import ESTIMATE, HOLD, LOST, SCENE, STREAM_TONES, TRUTH, Plots
 from deploy.view.steering import Steering
 from deploy.watch.book import WINDOW_S
+from deploy.watch.live_figures import LiveFigures
 from deploy.watch.observer import Attendance, Observer
+from deploy.watch.watched_streams import StreamName
+
+# Pace of a page: the browser says which frame it has drawn, and gets no other before.
+
+# The answer leaves after the frame's painting; a hidden page paints nothing, and answers all the same.
+_ANSWER: Final = """
+const answer = () => { pace.drawn = pace.sent }
+if (document.hidden) setTimeout(answer)
+else requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(answer)))
+"""
+
+
+class Pace(DataModel):
+    """Number of the last frame sent, and of the last one drawn; a root without a view.
+
+    Bokeh itself knows when a frame is written to the socket. A browser that draws slower than that queues what it
+    reads, and falls ever further behind.
+    """
+
+    sent: int = Int(default=0)  # type: ignore[assignment]  # Bokeh's descriptor of an int
+    drawn: int = Int(default=0)  # type: ignore[assignment]  # Bokeh's descriptor of an int
+
+    def attach(self, doc: Document) -> None:
+        """Let the browser answer once it has drawn the document, and after each frame."""
+        answer = CustomJS(args={"pace": self}, code=_ANSWER)
+        doc.js_on_event(DocumentReady, answer)
+        self.js_on_change("sent", answer)
+
+    @property
+    def is_drawing(self) -> bool:
+        """Tell whether the last frame is not drawn yet."""
+        return self.drawn != self.sent
+
+    def end_frame(self) -> None:
+        """Ask for an answer; call it after the last change of a frame."""
+        self.sent += 1
+
+
+# The network on the live page: state of the three sides and of both directions, as a picture.
+
+_STREAMS: Final[dict[Direction, StreamName]] = {"forward": "arm", "feedback": "answers"}
+
+
+def network_html(
+    attendance: Attendance, now_s: float, context: PageContext, found: LiveFigures, state: EmulatorState | None
+) -> str:
+    """Return the picture of the sides and of both directions, with the figures of the last seconds."""
+    links = {direction: _direction(direction, found, state) for direction in get_args(Direction)}
+    return network_picture(links, {side: _side(side, attendance, now_s, context) for side in get_args(Side)})
+
+
+def _direction(direction: Direction, found: LiveFigures, state: EmulatorState | None) -> DirectionFigures:
+    """Return the figures of the arm's samples or of the estimates on their way back, and netem's outage."""
+    seen = found.streams.get(_STREAMS[direction])
+    now = None if state is None else getattr(state, direction)
+    outage_s = 0.0 if now is not None and now.outage else None
+    if seen is None:
+        return DirectionFigures(None, None, outage_s)
+    return DirectionFigures(seen.delay_p50_ms, seen.loss_pct, outage_s)
+
+
+def _side(side: Side, attendance: Attendance, now_s: float, context: PageContext) -> tuple[str, Tone]:
+    """Return the state of a side in words, and its colour."""
+    if "netem" in attendance.left:
+        return "has ended", SLATE
+    if side in attendance.left:
+        return "has left", RED
+    if side in attendance.present:
+        return "running" if now_s > 0 else "ready", GREEN
+    return "starting" if context.beside else "not there yet", AMBER
+
 
 FRAME_MS: Final = 200
 _TEXT_EVERY: Final = 2

@@ -13,10 +13,12 @@ from bokeh.application import Application
 from bokeh.application.handlers import FunctionHandler
 from bokeh.server.server import BaseServer
 from bokeh.server.tornado import BokehTornado
+from bokeh.server.views.auth_request_handler import AuthRequestHandler
 from bokeh.util.token import generate_secret_key
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
 from tornado.netutil import bind_sockets
+from tornado.web import HTTPError
 
 from common.channels import Network
 from common.errors import Fault, InputError, PeerError
@@ -28,9 +30,50 @@ from deploy.view.drive.drive_socket import FRAME_MS, DriveSockets
 from deploy.view.drive.hub import DriveHub
 from deploy.view.page import pages
 from deploy.view.page_text import PageContext, RunOutput
-from deploy.view.report_handover import ReportHandover
 from deploy.view.steering import Steering, live_profiles
 from deploy.watch.observer import Observer
+
+# Handover of the run's report to the pages that are open at its end: their link works when the server is gone.
+
+PATH: Final = "/report"
+_NOT_FOUND: Final = 404
+
+
+class ReportHandover:
+    """Report of the run, once it exists, and the number of pages that have it."""
+
+    def __init__(self, output: Callable[[], RunOutput | None]) -> None:
+        self.n_sent = 0
+        self._output = output
+
+    @property
+    def report(self) -> Path | None:
+        """Return the file of the report; None before the end and for a run without a report."""
+        output = self._output()
+        return Path(output.path) if output is not None and output.what == "report" else None
+
+    @property
+    def route(self) -> tuple[str, type[AuthRequestHandler], dict[str, Any]]:
+        """Return the route of the report, for those who may open the page."""
+        return PATH, _ReportHandler, {"handover": self}
+
+
+class _ReportHandler(AuthRequestHandler):
+    """Sends the report, and counts it when it is sent."""
+
+    def initialize(self, handover: ReportHandover) -> None:
+        self._handover = handover
+
+    async def get(self) -> None:
+        report = self._handover.report
+        if report is None:
+            raise HTTPError(_NOT_FOUND)
+        self.set_header("Content-Type", "text/html; charset=utf-8")
+        self.set_header("X-Content-Type-Options", "nosniff")
+        self.set_header("Cache-Control", "no-store")
+        await self.finish(report.read_bytes())
+        self._handover.n_sent += 1
+
 
 _POLL_S: Final = 0.2
 _FINAL_UPDATE_S: Final = 0.6

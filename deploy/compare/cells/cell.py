@@ -6,7 +6,9 @@ Both are plain values that can be passed to another process; their results are p
 import contextlib
 import gc
 import time
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -18,7 +20,6 @@ from common.scenario import Scenario
 from common.scenario.reading import build_scenario
 from common.sources.trajectory import Recording
 from common.units import NS_PER_S
-from deploy.compare.cells.fit_times import FitTimes
 from deploy.compare.cells.forecasts import forecast_sums, record_forecasts
 from deploy.compare.cells.kept_log import KeptLog, NoLog
 from deploy.compare.cells.measured_estimator import MeasuredEstimator, measure_estimators
@@ -38,6 +39,35 @@ from patient_side.identification.model_io import dump_models
 from patient_side.models import factories, own_estimators, read_models
 from patient_side.node import PatientNode
 from patient_side.provenance import warnings_at_start
+
+# CPU time of identification by estimator, measured while the models of all estimators are identified once.
+#
+# An estimator alone needs the chosen model and the model beside it that is its own; the parts are measured and added,
+# so that no model is identified a second time for its time.
+
+_MODEL_OF: Final = {"paper_as_printed": "paper", "adaptive_kf": "innovations_kf"}
+"""Estimators that may share the model fitted for another one."""
+
+
+class FitTimes:
+    """CPU time of the process in the fits for single estimators: networks are trained by several threads."""
+
+    def __init__(self) -> None:
+        self.fits_s: defaultdict[str, float] = defaultdict(float)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Add the time of the context to the estimator's, also where the fit fails."""
+        begun_s = time.process_time()
+        try:
+            yield
+        finally:
+            self.fits_s[name] += time.process_time() - begun_s
+
+    def alone_s(self, name: str, all_s: float) -> float:
+        """Return the time for one estimator alone, of ``all_s`` that the identification took for all of them."""
+        own = name if name in self.fits_s else _MODEL_OF.get(name, name)
+        return all_s - sum(self.fits_s.values()) + self.fits_s.get(own, 0.0)
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,11 @@ needs it once, and again where a worker was lost. Units and files are named by t
 """
 
 import contextlib
+import importlib.metadata
 import pickle
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from pathlib import Path
 from types import TracebackType
@@ -16,11 +17,78 @@ from typing import Any, Final, NamedTuple, Self
 
 from common.errors import DataError, Fault, PeerError
 from deploy.compare.cells.cell import Cell
-from deploy.compare.cells.digests import file_digest
+from deploy.compare.cells.digests import file_digest, software_digest
 from deploy.compare.engine.connection import CONNECT_S, LOST, OPTION, connect
 from deploy.compare.engine.shipment import own_code, perform_away, shipment_of, shipped_files
-from deploy.compare.engine.software import fault_of_scheduler, here, software_of
 from deploy.compare.engine.workers import AHEAD, Failure, Result, Unit, first_done
+
+# Software of a cluster's hosts, compared with the client's: only equal software gives equal results.
+
+_PACKAGE: Final = "tis-testbed"
+
+
+class Software(NamedTuple):
+    """Version of tis, and the digest of all code and libraries behind a result."""
+
+    version: str
+    digest: str
+
+    def __str__(self) -> str:
+        return f"tis {self.version} ({self.digest})"
+
+
+def here() -> Software:
+    """Return the client's software."""
+    return Software(importlib.metadata.version(_PACKAGE), software_digest())
+
+
+def fault_of_scheduler(client: Any) -> str | None:
+    """Return the difference between the scheduler's version of tis and the client's; None if there is none."""
+    found = client.get_versions(packages=[_PACKAGE])["scheduler"]["packages"].get(_PACKAGE)
+    return None if found == here().version else f"the scheduler has {_named(found)}, this is {here()}"
+
+
+def software_of(client: Any, addresses: Sequence[str]) -> dict[str, str]:
+    """Return the software of workers in words, by address; one that gives no answer is left out.
+
+    It equals ``str(here())`` where version, code and libraries are the client's.
+    """
+    versions = client.get_versions(packages=[_PACKAGE])
+    own, of_workers = versions["client"]["packages"], versions["workers"]
+    found = {}
+    for address in addresses:
+        packages = (of_workers.get(address) or {}).get("packages")
+        if packages is None:
+            continue
+        # First what decides whether the worker can run the question for its code.
+        if packages["python"].split(".")[:2] != own["python"].split(".")[:2]:
+            found[address] = f"Python {packages['python']} instead of {own['python']}"
+        elif packages.get(_PACKAGE) != own[_PACKAGE]:
+            found[address] = _named(packages.get(_PACKAGE))
+        else:
+            answers = client.run(_question(), workers=[address], on_error="ignore")
+            if address in answers:
+                found[address] = str(Software(packages[_PACKAGE], answers[address]))
+    return found
+
+
+def _named(version: str | None) -> str:
+    return "no tis" if version is None else f"tis {version}"
+
+
+def _question() -> Callable[[], str]:
+    """Return a question for the digest of a worker's software; its code travels with it, as it is not a module's."""
+
+    def ask() -> str:
+        try:
+            from deploy.compare.cells.digests import software_digest
+
+            return software_digest()
+        except Exception as error:
+            return f"{type(error).__name__}: {error}"
+
+    return ask
+
 
 _FIRST_WORKER_S: Final = 30.0
 _LOOK_EVERY_S: Final = 1.0

@@ -26,7 +26,7 @@ from deploy.report.tables.numbers import (
     rounded_up,
     unresolved_latency,
 )
-from deploy.report.tables.orientation_terminal import orientation_views
+from deploy.report.tables.orientation_table import orientation_rows
 from deploy.report.tables.redundancy_rows import (
     COLUMNS,
     NOTE,
@@ -44,6 +44,30 @@ from deploy.report.verdict.verdict_text import (
     validity_text,
 )
 from patient_side.identification.validation import fit_text
+
+# The orientation methods' errors in a terminal.
+
+_HEAD: Final = ("method", "RMS \u00b0", "% hold", "p95", "max", "in 95 %", "grip rad", "% hold")
+_NOTE: Final = "\u00b0: angle to the true orientation; in 95 %: share within 1.96 stated deviations"
+
+
+def orientation_views(summary: Mapping[str, Any]) -> list[RenderableType]:
+    """Return a table that fits 80 columns for each hand with scored methods."""
+    found = ((hand, list(orientation_rows(each, summary["gripper_rad"][hand]))) for hand, each in
+             summary["orientation_deg"].items())  # fmt: skip
+    return [_view(hand, rows) for hand, rows in found if rows]
+
+
+def _view(hand: str, rows: Sequence[Sequence[str]]) -> RenderableType:
+    title = f"\nOrientation and gripper at the tick ({hand} hand)"
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column(_HEAD[0], no_wrap=True)
+    for name in _HEAD[1:]:
+        table.add_column(name, justify="right", no_wrap=True)
+    for row in rows:
+        table.add_row(*row[:-1])
+    return Group(table, Text(_NOTE, style="table.caption"))
+
 
 _MAX_SENTENCES: Final = 6
 _NAME_WIDTH: Final = 17

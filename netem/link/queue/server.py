@@ -2,8 +2,9 @@
 
 from collections import deque
 from collections.abc import Mapping
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Self
 
+from common.scenario.network import capacity
 from common.scenario.network.capacity import Capacity
 from common.scenario.network.capacity import CoDel as CoDelPart
 from common.streams import Address
@@ -11,8 +12,28 @@ from common.trace import Trace
 from common.units import NS_PER_S
 from netem.link.queue.codel import CoDel
 from netem.link.queue.cross_traffic import CrossTraffic
-from netem.link.queue.tail_drop import TailDrop
 from netem.link.queue.transmission import Service, transmission_of
+
+# Tail drop: a message that finds the queue full is dropped on arrival.
+
+
+class TailDrop(NamedTuple):
+    """The bounds of a queue, also of one that CoDel manages."""
+
+    max_packets: int
+    max_bytes: int | None = None
+
+    @classmethod
+    def of(cls, part: capacity.TailDrop | capacity.CoDel) -> Self:
+        """Return the bounds of a scenario's queue."""
+        return cls(part.max_packets, part.max_bytes)
+
+    def admits(self, n_packets: int, n_bytes: int, arriving_bytes: int) -> bool:
+        """Tell whether a message of ``arriving_bytes`` fits beside ``n_packets`` with ``n_bytes`` in total."""
+        if n_packets >= self.max_packets:
+            return False
+        return self.max_bytes is None or n_bytes + arriving_bytes <= self.max_bytes
+
 
 _UNBOUNDED: Final = TailDrop(1 << 62)
 MEMORY_NS: Final = 10 * NS_PER_S

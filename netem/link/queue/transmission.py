@@ -1,13 +1,121 @@
 """Transmission of the messages at the head of a queue: at a bit rate, at recorded opportunities, or not at all."""
 
+from bisect import bisect_right
 from collections.abc import Mapping
 from fractions import Fraction
 from typing import Final, NamedTuple, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from common.scenario.network.capacity import Capacity, RecordedRate
 from common.trace import Trace
-from netem.link.queue.line import Line
-from netem.link.queue.opportunities import Opportunities
+
+# Transmission at recorded opportunities, as mahimahi's link has them.
+
+
+class Opportunities:
+    """A transmission that sends some bytes at each instant of a recording, and nothing between them.
+
+    The rest of an opportunity goes to the next messages that waited for it; what nobody waited for is lost. A message
+    that becomes ready at an opportunity waits for the next one. The recording repeats from its last instant on, as in
+    mahimahi. Oracle: a loop over single opportunities, tests/netem/link/queue/test_opportunities.
+
+    ``at_ns`` (N,) does not descend, its last element is positive; ``n_bytes`` is what each opportunity sends.
+    """
+
+    def __init__(self, at_ns: NDArray[np.int64], n_bytes: int) -> None:
+        self.free_ns = 0
+        self._at_ns: list[int] = at_ns.tolist()
+        self._n_bytes = n_bytes
+        self._next = 0  # number of the first opportunity that is not used, over all repetitions
+        self._rest = 0  # bytes left of the opportunity at ``free_ns``
+
+    def send(self, n_bytes: int, ready_ns: int) -> int:
+        """Send a message that is ready at ``ready_ns``, after the earlier ones; return the new ``free_ns``."""
+        if ready_ns >= self.free_ns:
+            self._rest = 0
+            self._next = max(self._next, self._first_after(ready_ns))
+        self._take(n_bytes)
+        return self.free_ns
+
+    def left(self, now_ns: int) -> Fraction:
+        """Return the bytes that are left at ``now_ns``."""
+        if self.free_ns <= now_ns:
+            return Fraction(0)
+        return Fraction((self._next - self._first_after(now_ns)) * self._n_bytes - self._rest)
+
+    def resume(self, left: Fraction, now_ns: int) -> None:
+        """Send the bytes that another transmission left at ``now_ns``; a begun byte is sent again."""
+        self._rest, self._next, self.free_ns = 0, self._first_after(now_ns), now_ns
+        self._take(-int(-left // 1))
+
+    def _take(self, n_bytes: int) -> None:
+        if n_bytes > self._rest:
+            n_needed = -(-(n_bytes - self._rest) // self._n_bytes)
+            self._next += n_needed
+            self._rest += n_needed * self._n_bytes
+            self.free_ns = self._instant_ns(self._next - 1)
+        self._rest -= n_bytes
+
+    def _first_after(self, now_ns: int) -> int:
+        round_number, into_ns = divmod(now_ns, self._at_ns[-1])
+        return round_number * len(self._at_ns) + bisect_right(self._at_ns, into_ns)
+
+    def _instant_ns(self, number: int) -> int:
+        round_number, index = divmod(number, len(self._at_ns))
+        return round_number * self._at_ns[-1] + self._at_ns[index]
+
+
+# Serialisation at a bit rate, in whole nanoseconds without drift.
+
+_NS_PER_BYTE_AT_1_KBIT_S: Final = 8_000_000
+
+
+class Line:
+    """A line in exact arithmetic: the fraction of a nanosecond lost by rounding an end up is carried over.
+
+    So n successive bytes take ``n * 8e6 / kbit_s`` ns, rounded up once, for any division into messages and for any
+    number of changes of the bit rate (oracle: fractions, tests/netem/link/queue/test_line and
+    tests/netem/link/test_changing_rate). The bit rate is the exact value of its decimal notation; None: no time.
+    """
+
+    __slots__ = ("_numerator", "_spare", "_unit", "free_ns")
+
+    def __init__(self, kbit_s: float | None) -> None:
+        self._numerator, self._unit = _per_byte(kbit_s)
+        self.free_ns = 0
+        """The first whole nanosecond at which everything has been sent."""
+        self._spare = 0  # in 1/unit ns, 0 to unit - 1: how much earlier than ``free_ns`` the line is free
+
+    def send(self, n_bytes: int, ready_ns: int) -> int:
+        """Send a message that is ready at ``ready_ns``, after the earlier ones; return the new ``free_ns``."""
+        begin_ns, spare = (self.free_ns, self._spare) if ready_ns < self.free_ns else (ready_ns, 0)
+        whole, self._spare = divmod(spare - n_bytes * self._numerator, self._unit)
+        self.free_ns = begin_ns - whole
+        return self.free_ns
+
+    def left(self, now_ns: int) -> Fraction:
+        """Return the bytes that are left at ``now_ns``, exactly."""
+        if self.free_ns <= now_ns:
+            return Fraction(0)
+        return Fraction((self.free_ns - now_ns) * self._unit - self._spare, self._numerator)
+
+    def resume(self, left: Fraction, now_ns: int) -> None:
+        """Send the bytes that another transmission left at ``now_ns``."""
+        # The bytes left are a fraction with the old numerator as denominator, so the unit becomes finer. Instants of
+        # changes are whole ns, so it does not become finer than all numerators of a busy period together require.
+        self._numerator, self._unit = self._numerator * left.denominator, self._unit * left.denominator
+        whole, self._spare = divmod(int(-left * self._numerator), self._unit)
+        self.free_ns = now_ns - whole
+
+
+def _per_byte(kbit_s: float | None) -> tuple[int, int]:
+    """Return the ns per byte as numerator and denominator."""
+    if kbit_s is None:
+        return 0, 1
+    return (_NS_PER_BYTE_AT_1_KBIT_S / Fraction(str(kbit_s))).as_integer_ratio()
+
 
 NEVER_NS: Final = 1 << 62
 _LEAST_KBIT_S: Final = 0.001

@@ -3,10 +3,8 @@
 import os
 
 from common.host_records import PROCESSORS, ProcessorNote
-from common.runtime.cgroup_quota import Quota
 from common.runtime.clock import WallClock
-from common.runtime.proc_stat import ProcessorTimes
-from common.runtime.processor_watch import ProcessorWatch, Reading, processor_note
+from common.runtime.processor_watch import ProcessorTimes, ProcessorWatch, Quota, Reading, processor_note
 
 MS = 1_000_000
 VIRTUAL = "flags : fpu hypervisor"

@@ -4,7 +4,7 @@ import pytest
 
 from common.errors import InputError
 from common.scenario import Scenario
-from common.scenario.misplaced_keys import misplaced_key_hint
+from common.scenario.faults import misplaced_key_hint
 from common.scenario.reading import build_scenario
 
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from common.sources.clutch import EASE_S, PRESSED_S, Clutch
 from common.sources.minimum_jerk import minimum_jerk
+from common.sources.synthetic import EASE_S, PRESSED_S, Clutch
 from common.sources.trajectory import Array
 from common.streams import Stream
 

@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.scenario.source import SyntheticSource
-from common.sources.recorder import latest_sample_s
-from common.sources.synthetic import synthesise
+from common.sources.synthetic import latest_sample_s, synthesise
 
 ROWS_S = np.arange(3000) / 30
 

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from common.sources.servo import servo
+from common.sources.synthetic import servo
 from common.sources.trajectory import Array
 
 

@@ -3,8 +3,7 @@ import pytest
 
 from common.scenario.source import SyntheticSource
 from common.sources.reaching import timing_of
-from common.sources.synthetic import synthesise
-from common.sources.turning import turning
+from common.sources.synthetic import synthesise, turning
 from common.streams import Stream
 
 PLAIN = SyntheticSource(kind="synthetic", turn_deg=10.0)

@@ -7,7 +7,7 @@ import pytest
 
 from common.scenario.network.loss import BurstLoss
 from common.streams import Address, Stream
-from deploy.bench.tc_netem import correlated_uniforms, jitter, loss_with_correlation
+from deploy.bench.models import correlated_uniforms, jitter, loss_with_correlation
 from netem.stages.loss import loss_blocks
 
 N = 400_000

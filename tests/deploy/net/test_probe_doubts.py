@@ -15,7 +15,7 @@ from deploy.net.probing.delay_figures import path_figures
 from deploy.net.probing.ends import Ends
 from deploy.net.probing.message_pairing import Paired
 from deploy.net.probing.probe import Plan, Probed
-from deploy.net.probing.probe_trace import comparison, trace_of
+from deploy.net.probing.probe_command import comparison, trace_of
 from deploy.net.terminal import delay_uncertainties, print_path
 from netem.fit.measuring import Spread
 

@@ -74,7 +74,7 @@ def test_a_missing_extra_is_named_with_its_command(tmp_path: Path, monkeypatch: 
     for module in (
         "deploy.recordings_import.ros",
         "deploy.recordings_import.lerobot",
-        "deploy.recordings_import.table",
+        "deploy.recordings_import.command",
     ):
         monkeypatch.setattr(f"{module}.find_spec", lambda _: None)
     out = str(tmp_path / "t.csv")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from deploy.run.resolve import resolve
-from deploy.tools.identify_learned import learned_names, learned_text
+from deploy.tools.identify import learned_names, learned_text
 from patient_side.identification.model_io import dump_models
 from patient_side.models import read_models
 from tests.deploy.commands import call

@@ -4,7 +4,7 @@ import re
 
 from common.scenario.control import DirectionState, EmulatorState
 from common.scenario.network.pipeline import Pipeline
-from deploy.view.live_network import network_html
+from deploy.view.page import network_html
 from deploy.view.page_text import PageContext
 from deploy.watch.live_figures import CrossingFigures, LiveFigures
 from deploy.watch.observer import Attendance

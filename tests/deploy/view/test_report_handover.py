@@ -9,8 +9,7 @@ from tornado.ioloop import IOLoop
 
 from deploy.view.access import Access
 from deploy.view.page_text import RunOutput
-from deploy.view.report_handover import ReportHandover
-from deploy.view.server import listen, n_open
+from deploy.view.server import ReportHandover, listen, n_open
 
 _TOKEN = "secret"
 

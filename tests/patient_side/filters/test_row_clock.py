@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from patient_side.filters.row_clock import NO_PHASE, Phasor, RowClock, evidence_of, terms_of
-from patient_side.identification.find_row_clock import find_row_clock
+from patient_side.identification.correction_rows import find_row_clock
 from patient_side.statespace import Array
 
 RATIO = 51.326 / 30

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from patient_side.identification.cautious_choice import Candidate, most_cautious
+from patient_side.identification.direct_ls import Candidate, most_cautious
 from patient_side.identification.second_moments import moments, random_walk, windows
 from patient_side.statespace import Array
 from tests.patient_side.arm_models import random_command

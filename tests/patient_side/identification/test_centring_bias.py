@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from patient_side.identification.centring_bias import corrected, without_centring_bias
 from patient_side.identification.innovations_form import InnovationsForm
+from patient_side.identification.structure import corrected, without_centring_bias
 from tests.patient_side.identification.known_systems import sorted_eigenvalues
 
 

@@ -14,11 +14,10 @@ from patient_side.filters.innovations_filter import InnovationsFilter, build_inn
 from patient_side.filters.recent_past import RecentPast
 from patient_side.filters.unbroken import Unbroken
 from patient_side.identification.correction_rows import CorrectionRows
-from patient_side.identification.fit_correction import fit_correction
+from patient_side.identification.fit_correction import Moments, fit_correction, solutions
 from patient_side.identification.fit_innovations import fit_innovations
 from patient_side.identification.forecast_error import HeldBack
 from patient_side.identification.held_out import held_out_groups
-from patient_side.identification.ridge_moments import Moments, solutions
 from patient_side.statespace import Array, InnovationsModel
 from tests.patient_side.arm_models import (
     LOST,

@@ -3,10 +3,10 @@ import pytest
 
 from common.errors import DataError
 from common.scenario.patient import Identification
+from patient_side.identification.fit_moesp_paper import empirical_noise
 from patient_side.identification.identify import identify_arm, identify_with_orders
 from patient_side.identification.model_io import dump_models, parse_models
 from patient_side.identification.moesp_paper import paper_model, paper_subspace
-from patient_side.identification.paper_noise import empirical_noise
 from patient_side.statespace import StateSpace
 from tests.patient_side.identification.known_systems import Array, hand_like, markov, recording
 

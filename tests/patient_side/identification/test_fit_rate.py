@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from common.sources.trajectory import Array
-from patient_side.identification.fit_rate import fit_rate
+from patient_side.identification.fit_wrist import fit_rate
 from patient_side.identification.second_moments import differences
 from patient_side.rotations import turned
 from tests.patient_side.orientation.turning import constant_turn, random_angles, random_turns

@@ -3,7 +3,7 @@ import pytest
 from filterpy.kalman import KalmanFilter
 
 from common.errors import DataError
-from patient_side.identification.paper_noise import empirical_noise, first_run
+from patient_side.identification.fit_moesp_paper import empirical_noise, first_run
 from patient_side.statespace import StateSpace
 from tests.patient_side.identification.known_systems import Noisy, four_states
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from common.streams import Stream
 from patient_side.learned_model import Floats
-from patient_side.learning.arrivals import N_KINDS, TICK_PHASE, draw_arrivals
+from patient_side.learning.examples import N_KINDS, TICK_PHASE, draw_arrivals
 
 N = 4000
 

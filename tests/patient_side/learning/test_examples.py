@@ -6,8 +6,7 @@ from common.streams import Stream
 from patient_side.learned.gaussian_process import AGES
 from patient_side.learned.inputs import activity_of
 from patient_side.learned.window import N_LAGS, window_before
-from patient_side.learning.arrivals import TICK_PHASE, draw_arrivals
-from patient_side.learning.examples import EVERY, FIRST_ROW, N_AGES, Examples, examples_of
+from patient_side.learning.examples import EVERY, FIRST_ROW, N_AGES, TICK_PHASE, Examples, draw_arrivals, examples_of
 from patient_side.playout import Playout
 from tests.patient_side.learning.tracks import SPREAD_RAD, USUAL_M, linear, some_examples, turning
 

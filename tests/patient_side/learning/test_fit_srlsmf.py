@@ -5,8 +5,7 @@ from common.streams import Stream
 from patient_side.learned.gaussian_process import AGES, N_FEATURES, features_of, kernel, outputs
 from patient_side.learning import fit_srlsmf as module
 from patient_side.learning.examples import examples_of
-from patient_side.learning.fit_srlsmf import coefficients, fit_srlsmf
-from patient_side.learning.low_rank_plus_sparse import Kind, decompose
+from patient_side.learning.fit_srlsmf import Kind, coefficients, decompose, fit_srlsmf
 from tests.patient_side.learning.tracks import SPREAD_RAD, USUAL_M, linear, turning
 
 SCALE = np.full(N_FEATURES, 0.2)

@@ -2,7 +2,7 @@ import numpy as np
 
 from common.streams import Stream
 from patient_side.learned_model import Floats
-from patient_side.learning.low_rank_plus_sparse import decompose
+from patient_side.learning.fit_srlsmf import decompose
 
 N, RANK = 60, 4
 STREAM = Stream.named(1, "test")

@@ -5,7 +5,7 @@ import pytest
 
 from common.scenario.orientation import OrientationMethod
 from common.sources.trajectory import Array
-from patient_side.identification.fit_rate import fit_rate
+from patient_side.identification.fit_wrist import fit_rate
 from patient_side.identification.second_moments import differences
 from patient_side.orientation.protocol import WristEstimate, WristMethod
 from patient_side.orientation.registry import METHODS

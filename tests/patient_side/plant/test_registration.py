@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from patient_side.plant.arm_geometry import tip_frame
 from patient_side.plant.protocol import Reference
-from patient_side.plant.registration import Registration, inverse, orientation_of, pose
+from patient_side.plant.simulated_arm import Registration, inverse, orientation_of, pose
 from patient_side.statespace import Array
 
 HOME = tip_frame(np.array([0.0, 0.0, 0.12, 0.0, 0.0, 0.0, 0.0]))

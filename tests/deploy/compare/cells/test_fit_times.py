@@ -2,7 +2,7 @@ import time
 
 import pytest
 
-from deploy.compare.cells.fit_times import FitTimes
+from deploy.compare.cells.cell import FitTimes
 
 
 @pytest.fixture

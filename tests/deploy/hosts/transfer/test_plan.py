@@ -5,8 +5,8 @@ import hashlib
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deploy.hosts.transfer.fetch import Fetch, Held, plan_fetch
 from deploy.hosts.transfer.offered_logs import OfferedLog
-from deploy.hosts.transfer.plan import Fetch, Held, plan_fetch
 
 
 def _sha(data: bytes) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from deploy.compare.results.pooled import resampled
-from deploy.methods.measures.error_growth import error_growth
+from deploy.methods.measures.figures import error_growth
 
 
 def hand(sse_mm2: float, n: int) -> dict[str, Any]:

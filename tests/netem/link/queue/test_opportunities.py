@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from common.scenario.network.capacity import RecordedRate
 from common.streams import Address
 from common.trace import OpportunityTrace
-from netem.link.queue.opportunities import Opportunities
 from netem.link.queue.server import Departed, Server
-from netem.link.queue.transmission import Service
+from netem.link.queue.transmission import Opportunities, Service
 from tests.netem.link.queue.making import Offered, rate
 from tests.netem.making import KEY, link
 
