@@ -46,20 +46,7 @@ def turned(now: Array, other: Array) -> Array:
 
 def turned_by(quaternion: Array, vector: Array) -> Array:
     """Return the orientation (4,) after the rotation ``vector`` (3,), in rad, in the body frame: ``R exp(v)``."""
-    x, y, z, w = quaternion.tolist()
-    a, b, c = vector.tolist()
-    half = 0.5 * sqrt(a * a + b * b + c * c)
-    share = 0.5 if half < _SMALL else 0.5 * sin(half) / half
-    a, b, c, d = share * a, share * b, share * c, cos(half)
-    turned_to = (
-        w * a + x * d + y * c - z * b,
-        w * b + y * d + z * a - x * c,
-        w * c + z * d + x * b - y * a,
-        w * d - x * a - y * b - z * c,
-    )
-    # one rounding per product: the length stays 1 over any number of turns
-    norm = sqrt(sum(part * part for part in turned_to))
-    return np.array([part / norm for part in turned_to])
+    return np.array(_product(tuple(quaternion.tolist()), _of_turn(tuple(vector.tolist()))))
 
 
 def at_end(vector: Array, covariance: Array) -> Array:
@@ -105,16 +92,25 @@ def turn_to(here: Quaternion, there: Quaternion) -> Turn:
 
 def after_turn(here: Quaternion, turn: Turn) -> Quaternion:
     """Return the unit quaternion after a rotation vector in the frame of the base: ``exp(turn) R_here``."""
+    return _product(_of_turn(turn), here)
+
+
+def _of_turn(turn: Turn) -> Quaternion:
+    """Return a rotation vector in rad as a quaternion."""
     a, b, c = turn
     half = 0.5 * sqrt(a * a + b * b + c * c)
     share = 0.5 if half < _SMALL else 0.5 * sin(half) / half
-    a, b, c, d = share * a, share * b, share * c, cos(half)
-    x, y, z, w = here
-    found = (
-        d * x + a * w + b * z - c * y,
-        d * y + b * w + c * x - a * z,
-        d * z + c * w + a * y - b * x,
-        d * w - a * x - b * y - c * z,
+    return share * a, share * b, share * c, cos(half)
+
+
+def _product(one: Quaternion, other: Quaternion) -> Quaternion:
+    """Return the rotation ``other`` followed by ``one``, scaled to length 1 over any number of turns."""
+    (x, y, z, w), (a, b, c, d) = one, other
+    e, f, g, h = (
+        w * a + x * d + y * c - z * b,
+        w * b + y * d + z * a - x * c,
+        w * c + z * d + x * b - y * a,
+        w * d - x * a - y * b - z * c,
     )
-    norm = sqrt(sum(part * part for part in found))
-    return found[0] / norm, found[1] / norm, found[2] / norm, found[3] / norm
+    norm = sqrt(e * e + f * f + g * g + h * h)
+    return e / norm, f / norm, g / norm, h / norm
