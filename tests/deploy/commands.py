@@ -12,7 +12,7 @@ Call = Callable[..., tuple[int, str, str]]
 def call(*words: str) -> tuple[int, str, str]:
     """Return exit code, output and diagnostics of ``tis`` with these words."""
     result = CliRunner().invoke(app, words)
-    assert "Traceback" not in result.output
+    assert "Traceback" not in result.output, result.output
     return result.exit_code, result.stdout, result.stderr
 
 
