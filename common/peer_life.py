@@ -17,7 +17,7 @@ from common.messages import Message
 from common.units import NS_PER_MS, NS_PER_S
 
 Alarm = Literal["conflict", "foreign_set_point", "foreign_release", "stop_flood"]
-"""What a side has evidence of that somebody does on purpose."""
+"""Evidence that somebody attacks: of forged samples, of set points, releases and floods that are not ours."""
 
 NO_ALARMS: Final[Mapping[Alarm, int]] = MappingProxyType({})
 

@@ -21,12 +21,12 @@ MAX_REASON_CHARS: Final = 40
 """Reasons of stops in an answer, and characters of each: a flood of stops must not make long answers."""
 
 ReleaseRule = Literal["anyone", "stopper", "named"]
-"""Who may end a stop: whoever names it, whoever knows its secret, or whom the scenario names."""
+"""Right to end a stop: of everybody who names it, of the owner of its secret, or of those whom the scenario names."""
 
 StopRefusal = Literal[
     "", "wrong secret", "no such stop in force", "too many releases", "ended before", "not on this key"
 ]
-"""Why a request is not carried out; "": it is, or it asks for nothing."""
+"""Reason for which a request is not carried out; "": it is, or it asks for nothing."""
 
 _Number = Annotated[int, Field(ge=0, lt=N_NUMBERS)]
 

@@ -10,9 +10,9 @@ from common.records import PLANT, PlantNote
 from patient_side.answers import answer
 from patient_side.external_arm import ExternalArm
 from patient_side.hand import Driven, PatientHand, finite, vector
-from patient_side.orientation.wrist import Wrist, quaternion
+from patient_side.orientation.wrist import Wrist, stated_turn
 from patient_side.plant.protocol import PlantOutput, Reference
-from patient_side.rotations import is_orientation, unit
+from patient_side.rotations import unit
 
 
 def move(session: str, hand: PatientHand, driven: Driven, tick: int, t_ns: int) -> Iterator[Emission]:
@@ -58,9 +58,8 @@ def _reference(hand: PatientHand, driven: Driven) -> Reference | None:
 
 def _moved_wrist(moved: PlantOutput, driven: Wrist) -> Wrist:
     """Return orientation and gripper of the plant's arm: its own, or those that drive it."""
-    turn, gripper_rad = moved.orientation, moved.gripper_rad
-    is_turned = turn is not None and is_orientation(tuple(turn.tolist()))
+    gripper_rad = moved.gripper_rad
     return Wrist(
-        quaternion(turn) if turn is not None and is_turned else driven.orientation,
+        stated_turn(moved.orientation) or driven.orientation,
         driven.gripper_rad if gripper_rad is None or not abs(gripper_rad) <= MAX_SIZE else gripper_rad,
     )

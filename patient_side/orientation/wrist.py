@@ -32,21 +32,26 @@ class Stated(NamedTuple):
     gripper_std_rad: float | None
 
 
-def quaternion(orientation: Array | Components) -> Quaternion:
-    """Return an orientation (4,) as a message's quaternion."""
-    x, y, z, w = orientation if isinstance(orientation, tuple) else orientation.tolist()
+def quaternion(orientation: Components) -> Quaternion:
+    """Return an orientation as a message's quaternion."""
+    x, y, z, w = orientation
     return Quaternion(x=x, y=y, z=z, w=w)
+
+
+def stated_turn(orientation: Array | None) -> Quaternion | None:
+    """Return an orientation (4,) as a message's quaternion; None where it is none, or no message can state it."""
+    if orientation is None:
+        return None
+    parts: Components = tuple(orientation.tolist())
+    return quaternion(parts) if is_orientation(parts) and max(map(abs, parts)) <= MAX_SIZE else None
 
 
 def stated(estimate: WristEstimate) -> tuple[Stated, bool]:
     """Return an estimate as records state it, and whether it is whole: what no message can state is left out."""
     orientation, covariance, gripper_rad, variance = estimate
-    is_whole = True
-    turn = std_rad = gripper_std_rad = None
-    if orientation is not None:
-        parts = tuple(orientation.tolist())
-        is_whole = is_orientation(parts)
-        turn = quaternion(parts) if is_whole else None
+    turn = stated_turn(orientation)
+    is_whole = (turn is None) == (orientation is None)
+    std_rad = gripper_std_rad = None
     if covariance is not None and turn is not None:
         x, y, z = (_deviation(part) for part in covariance.diagonal().tolist())
         std_rad = None if x is None or y is None or z is None else Vector3(x=x, y=y, z=z)

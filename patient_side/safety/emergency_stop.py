@@ -32,7 +32,7 @@ MAX_ANSWERS_PER_S: Final = 20
 
 
 class Taken(NamedTuple):
-    """What a request leads to; ``is_done``: it is carried out, and not only answered."""
+    """Outcome of a request; ``is_done``: it is carried out, and not only answered."""
 
     outputs: list[Output]
     is_done: bool
@@ -84,7 +84,7 @@ class EmergencyStops:
     n_refused: int = 0
     n_flooded: int = 0
     alarms: Mapping[Alarm, int] = field(default_factory=dict)
-    """What somebody does on purpose, and the run time at which it began; replaced, never changed."""
+    """Alarms, by the run time at which they began; replaced, never changed, as another thread reads them."""
     _led_by: int = 0
     _released: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_N_KNOWN))
     _releases: _PerSecond = field(default_factory=lambda: _PerSecond(MAX_RELEASES_PER_S))

@@ -127,7 +127,7 @@ class SafetyFilter:
         cause = self._fault(state, t_ns, seen, newest_ns, fresh_ns)
         if cause is not None:
             return self._while_unsound(state._replace(newest_ns=newest_ns, fresh_ns=fresh_ns), t_ns, cause)
-        return self._while_sound(state, t_ns, seen, newest_ns, broke)
+        return self._while_sound(state, t_ns, seen, newest_ns, fresh_ns, broke)
 
     def _fault(
         self, state: SafetyState, t_ns: int, seen: Seen, newest_ns: int, fresh_ns: int | None
@@ -173,12 +173,13 @@ class SafetyFilter:
             is_latched=state.is_latched or (is_safe and limits.latch),
         )
 
-    def _while_sound(self, state: SafetyState, t_ns: int, seen: Seen, newest_ns: int, broke: bool) -> SafetyState:
+    def _while_sound(
+        self, state: SafetyState, t_ns: int, seen: Seen, newest_ns: int, fresh_ns: int | None, broke: bool
+    ) -> SafetyState:
         """Return the state after a tick whose estimate may drive the arm."""
         limits, place, wrist = self.limits, state.place, seen.wrist
         assert seen.estimate_m is not None, "without an estimate there is a fault"
         target = within(seen.estimate_m, self.centre_m, limits.workspace_m)
-        fresh_ns = t_ns if newest_ns > state.newest_ns else state.fresh_ns
         if place is None:
             return state._replace(
                 mode="tracking", cause="first", place=target, motion=Motion(has_met=True), target=target,

@@ -16,7 +16,7 @@ class WristPose(NamedTuple):
 
 
 class WristPoint(NamedTuple):
-    """WristPose of the set point after a tick, what it follows, and the motions of both parts.
+    """Wrist of the set point after a tick, what it follows, and the motions of both parts.
 
     ``is_slow``: it follows at the pace of resuming until it has met its target.
     """

@@ -16,7 +16,6 @@ _MAX_CHARS: Final = 200
 _N_TRIES: Final = 3
 _AGAIN_S: Final = 0.25
 _PATIENCE_S: Final = 20.0
-_NAMED: Final = "patient.safety.release is named, so it hears only the clients in patient.safety.releasers"
 
 
 class Token(NamedTuple):
@@ -69,7 +68,7 @@ def stop_arms(address: EmulatorAddress, reason: str) -> Stopped:
 def release_one(address: EmulatorAddress, token: Token) -> str:
     """End one stop; return what happened, with the state of the arms. Raises `InputError`, `PeerError`."""
     with connected(address) as remote, StopLine(remote.session, address) as line:
-        answer = _end(line, address, token, "named")  # what is carried out is answered, in a flood, too
+        answer = _end(line, address, token)  # without a question: in a flood only what is carried out is answered
     if answer.state.refused == "no such stop in force":
         fault = f"no stop of number {token.number} is in force: the arms are {told(answer.state)}"
         raise InputError(Fault(WHERE, "--release", fault))
@@ -95,7 +94,7 @@ def release_all(address: EmulatorAddress, known: Mapping[int, str]) -> str:
             raise InputError(Fault(WHERE, "--release", _need(state)))
         ended = False
         for number in may or [LATCH]:
-            answer = _end(line, address, Token(number, known.get(number, "")), state.release)
+            answer = _end(line, address, Token(number, known.get(number, "")))
             ended |= answer.state.refused == ""
     # Where others ended them meanwhile there was nothing to do.
     if not ended and answer.state.stop:
@@ -103,12 +102,12 @@ def release_all(address: EmulatorAddress, known: Mapping[int, str]) -> str:
     return _released(answer)
 
 
-def _end(line: StopLine, address: EmulatorAddress, token: Token, rule: str) -> Answer:
+def _end(line: StopLine, address: EmulatorAddress, token: Token) -> Answer:
     """End a stop; where others end so many that the patient refuses more for now, again. Raises `PeerError`."""
     begun_s = time.monotonic()
     while time.monotonic() - begun_s < _PATIENCE_S:
         request = EmergencyStop(stop=False, number=fresh_number(), ends=token.number, secret=token.secret)
-        answer = line.ask(request, _NAMED if rule == "named" else "")
+        answer = line.ask(request)
         if answer.state.refused != "too many releases":
             return answer
         time.sleep(_AGAIN_S)

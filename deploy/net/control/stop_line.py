@@ -41,8 +41,8 @@ class StopLine:
         self._stops = urgent_publisher(session, stop_key(address.prefix))
         self._releases = urgent_publisher(session, release_key(address.prefix))
 
-    def ask(self, request: EmergencyStop, instead: str = "") -> Answer:
-        """Send a request until the patient answers it; raises `PeerError` when it does not, for reasons ``instead``.
+    def ask(self, request: EmergencyStop) -> Answer:
+        """Send a request until the patient answers it; raises `PeerError` when it does not.
 
         A release travels on a key of its own, as not everybody may use it; a question travels with the stops.
         """
@@ -54,7 +54,10 @@ class StopLine:
                 while (state := self._heard.get(timeout=_EVERY_S)).number != request.number:
                     pass  # of the request before, which was answered more than once
                 return Answer(state, 1e3 * (time.monotonic() - begun_s))
-        raise PeerError(Fault(WHERE, self._address.endpoint, self._silence(instead)))
+        if request.ends and self._newest is None:  # is it the patient that is silent, or netem that refuses releases?
+            with suppress(PeerError):
+                self.ask(EmergencyStop(stop=False, number=fresh_number()))
+        raise PeerError(Fault(WHERE, self._address.endpoint, self._silence(request)))
 
     def _hear(self, sample: zenoh.Sample) -> None:
         try:
@@ -67,15 +70,14 @@ class StopLine:
         if state.number == self._awaited:
             self._heard.put(state)
 
-    def _silence(self, instead: str) -> str:
-        """Return why no answer may have come; ``instead`` is what else is known."""
-        if instead:
-            return f"the patient did not answer within {TIME_OUT_S:g} s: {instead}"
+    def _silence(self, request: EmergencyStop) -> str:
+        """Return why no answer may have come, by what the patient answered before, to whomever."""
+        silent = f"the patient did not answer within {TIME_OUT_S:g} s"
+        if self._newest is not None and request.ends and self._newest.release == "named":
+            named = "so it hears only the clients in patient.safety.releasers"
+            return f"{silent}: patient.safety.release is named, {named}"
         if self._newest is not None:
-            return (
-                f"the patient did not answer within {TIME_OUT_S:g} s, but others: there are too many requests. "
-                f"It told last: {told(self._newest)}"
-            )
+            return f"{silent}, but others: there are too many requests. It told last: {told(self._newest)}"
         return (
             f"no patient of session {self._address.prefix} confirmed within {TIME_OUT_S:g} s: none is running there, "
             "its patient.safety is off, or this client may not ask that (control in the scenario's security)"

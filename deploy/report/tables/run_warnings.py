@@ -27,7 +27,7 @@ def run_warnings(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _stop_texts(summary: Mapping[str, Any]) -> list[str]:
-    """Return a sentence on emergency stops, on whose releases were not the stoppers', and on what was refused.
+    """Return sentences on emergency stops, on releases without the stop's token, and on what was refused.
 
     None of them makes a run invalid: its figures are what happened, and the arms stood where they were to stand.
     """
