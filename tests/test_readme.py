@@ -10,8 +10,8 @@ from tests.deploy.commands import call
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 
 
-def test_it_has_at_most_900_words() -> None:
-    assert len(README.split()) <= 900
+def test_it_has_at_most_700_words() -> None:
+    assert len(README.split()) <= 700
 
 
 def test_its_sample_is_what_the_twin_prints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
