@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Final, Literal, get_args
 
-from common.messages import FeedbackPose, Pose, PredictedPose, SampledPose, SetPoint
+from tis.common.messages import FeedbackPose, Pose, PredictedPose, SampledPose, SetPoint
 
 Hand = Literal["left", "right"]
 Arm = Literal["PSM1", "PSM2"]
@@ -106,7 +106,7 @@ def local_keys(session: str, network: Network) -> frozenset[str]:
 
 
 def arm_key(session: str, arm: Arm) -> str:
-    """Return the key on which a program that moves an arm tells where it is, by `common.devices.pose.DevicePose`."""
+    """Return the key on which a program that moves an arm tells where it is: `tis.common.devices.pose.DevicePose`."""
     return f"{session}/{arm}/{EXTERNAL}"
 
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from ipaddress import ip_address
 from typing import Final
 
-from common.errors import Fault
+from tis.common.errors import Fault
 
 ENDPOINT_RULE: Final = "must be PROTOCOL/ADDRESS, like tcp/127.0.0.1:7447"
 PORT_RULE: Final = "must end with a port, 0 to 65535, like tcp/127.0.0.1:7447"

@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from common.messages import Message
+from tis.common.messages import Message
 
 CLOCK = "/tis/clock"
 

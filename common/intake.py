@@ -7,12 +7,12 @@ from typing import Final, NamedTuple
 
 from pydantic import ValidationError
 
-from common.channels import Channel
-from common.header import Header
-from common.messages import Pose
-from common.node import Arrival, Record
-from common.records import REJECTED, Rejected
-from common.units import NS_PER_S
+from tis.common.channels import Channel
+from tis.common.header import Header
+from tis.common.messages import Pose
+from tis.common.node import Arrival, Record
+from tis.common.records import REJECTED, Rejected
+from tis.common.units import NS_PER_S
 
 _MAX_LEAD_NS: Final = NS_PER_S  # of sampling and sending over the arrival, between clocks that are not synchronised
 _MAX_BYTES: Final = 256 * 1024

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from typing import Final
 
-from common.key_expression import key_matches
+from tis.common.key_expression import key_matches
 
 
 class KeySet:

@@ -1,6 +1,6 @@
 """Payloads on the wire: JSON of these models, in SI units. Their JSON Schemas are part of the logs.
 
-Sequence number and send time travel in the attachment (`common.header`), outside the payload.
+Sequence number and send time travel in the attachment (`tis.common.header`), outside the payload.
 """
 
 from itertools import pairwise

@@ -6,9 +6,9 @@ from typing import NamedTuple, Protocol
 
 from pydantic import BaseModel
 
-from common.channels import Network
-from common.header import Header
-from common.peer_life import Alarm
+from tis.common.channels import Network
+from tis.common.header import Header
+from tis.common.peer_life import Alarm
 
 
 class Arrival(NamedTuple):

@@ -5,9 +5,9 @@ from typing import Final
 
 import numpy as np
 
-from common.errors import DataError, Fault
-from common.trace import MAX_FAULTS, MAX_SENT_NS, OpportunityTrace, truncated
-from common.units import NS_PER_MS
+from tis.common.errors import DataError, Fault
+from tis.common.trace import MAX_FAULTS, MAX_SENT_NS, OpportunityTrace, truncated
+from tis.common.units import NS_PER_MS
 
 _MAX_ROWS: Final = 20_000_000
 _LINE: Final = re.compile(r"[ \t]*(\d{1,15})[ \t]*", re.ASCII)

@@ -12,9 +12,9 @@ from typing import Annotated, Final, Literal, NamedTuple
 
 from pydantic import Field
 
-from common.channels import Side
-from common.messages import Message
-from common.units import NS_PER_MS, NS_PER_S
+from tis.common.channels import Side
+from tis.common.messages import Message
+from tis.common.units import NS_PER_MS, NS_PER_S
 
 Alarm = Literal["conflict", "foreign_set_point", "foreign_release", "stop_flood"]
 """Evidence that somebody attacks: of forged samples, of set points, releases and floods that are not ours."""

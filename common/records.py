@@ -4,9 +4,9 @@ from typing import Final, Literal
 
 from pydantic import Field
 
-from common.channels import Direction, Hand, Side
-from common.messages import Message, Quaternion, Vector3
-from common.peer_life import Event
+from tis.common.channels import Direction, Hand, Side
+from tis.common.messages import Message, Quaternion, Vector3
+from tis.common.peer_life import Event
 
 REJECTED = "/tis/rejected"
 TRUTH = "/tis/truth"

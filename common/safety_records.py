@@ -4,8 +4,8 @@ from typing import Literal
 
 from pydantic import Field
 
-from common.channels import Hand
-from common.messages import Message, SafetyMode
+from tis.common.channels import Hand
+from tis.common.messages import Message, SafetyMode
 
 
 class QuarantineNote(Message):

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from heapq import heappop, heapreplace
 from typing import NamedTuple
 
-from common.units import NS_PER_S, sample_instant_ns
+from tis.common.units import NS_PER_S, sample_instant_ns
 
 
 class PlannedPacket(NamedTuple):

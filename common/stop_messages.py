@@ -5,7 +5,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
-from common.messages import Message
+from tis.common.messages import Message
 
 N_NUMBERS: Final = 1 << 53
 """Numbers of requests are below this: a float of 64 bits, as JSON's readers use it, holds them exactly."""

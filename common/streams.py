@@ -12,7 +12,7 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Direction
+from tis.common.channels import Direction
 
 _BLOCK: Final = 4096
 

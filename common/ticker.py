@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from common.units import NS_PER_S, sample_instant_ns
+from tis.common.units import NS_PER_S, sample_instant_ns
 
 
 @dataclass

@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import DataError, Fault
-from common.units import NS_PER_S
+from tis.common.errors import DataError, Fault
+from tis.common.units import NS_PER_S
 
 LOST: Final = -1
 MAX_DELAY_NS: Final = 3600 * NS_PER_S

@@ -21,9 +21,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import DataError, Fault
-from common.trace import LOST, MAX_DELAY_NS, MAX_FAULTS, MAX_SENT_NS, Trace, truncated
-from common.units import NS_PER_MS, NS_PER_S, ms_to_ns, s_to_ns
+from tis.common.errors import DataError, Fault
+from tis.common.trace import LOST, MAX_DELAY_NS, MAX_FAULTS, MAX_SENT_NS, Trace, truncated
+from tis.common.units import NS_PER_MS, NS_PER_S, ms_to_ns, s_to_ns
 
 _COLUMNS: Final = ("sent_s", "delay_ms")
 _HEAD: Final = ",".join(_COLUMNS)

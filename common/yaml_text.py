@@ -18,7 +18,7 @@ from yaml.events import (
     ScalarEvent,
 )
 
-from common.errors import Fault, InputError
+from tis.common.errors import Fault, InputError
 
 MAX_YAML_BYTES: Final = 4_000_000
 """Size of a text; the largest profiles of samples take some 10 kB."""

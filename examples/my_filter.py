@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from patient_side.estimators.protocol import Estimate
+from tis.patient_side.estimators.protocol import Estimate
 
 ALPHA, BETA, KEPT = 0.8, 0.5, 0.95
 

@@ -12,7 +12,7 @@ import numpy as np
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 
-from deploy.report import load
+from tis.deploy.report import load
 
 COLUMN_WIDTH_IN = 3.5  # a column of a two-column IEEE page
 

@@ -12,3 +12,7 @@ Folders, from the top layer down:
 - `fit`: models fitted to a record;
 - `draws`: random numbers in blocks.
 """
+
+from tis import refuse_old_name
+
+refuse_old_name(__name__)

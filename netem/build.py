@@ -2,15 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 
-from common.channels import Direction, keys_of, local_keys
-from common.key_set import KeySet
-from common.scenario import Scenario
-from common.scenario.network import NetworkPart
-from common.trace import Trace
-from netem.conditions.conditions import Conditions
-from netem.link.link import Link
-from netem.link.rules import RuleTable, compile_rules
-from netem.node import NetemNode
+from tis.common.channels import Direction, keys_of, local_keys
+from tis.common.key_set import KeySet
+from tis.common.scenario import Scenario
+from tis.common.scenario.network import NetworkPart
+from tis.common.trace import Trace
+from tis.netem.conditions.conditions import Conditions
+from tis.netem.link.link import Link
+from tis.netem.link.rules import RuleTable, compile_rules
+from tis.netem.node import NetemNode
 
 Links = dict[Direction, Link]
 

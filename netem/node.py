@@ -2,18 +2,18 @@
 
 from collections.abc import Callable, Sequence
 
-from common.channels import DESTINATION, ORIGIN, Network
-from common.key_set import NO_KEYS, KeySet
-from common.node import Arrival, Emission, Output, Record
-from netem.link.ledger import last_records
-from netem.link.link import Link
-from netem.link.packet import Due
+from tis.common.channels import DESTINATION, ORIGIN, Network
+from tis.common.key_set import NO_KEYS, KeySet
+from tis.common.node import Arrival, Emission, Output, Record
+from tis.netem.link.ledger import last_records
+from tis.netem.link.link import Link
+from tis.netem.link.packet import Due
 
 
 class NetemNode:
     """Two links between two networks; payload and attachment pass unchanged, except for flipped bits.
 
-    ``local`` are keys that stay on their network. The live driver of the same links is `netem.bridge.bridge`.
+    ``local`` are keys that stay on their network. The live driver of the same links is `tis.netem.bridge.bridge`.
     """
 
     name = "netem"

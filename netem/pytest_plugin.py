@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import pytest
 
 if TYPE_CHECKING:
-    from netem.bridge.between import Between
+    from tis.netem.bridge.between import Between
 
     Start = Callable[..., Between]
 
@@ -33,10 +33,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def tis_netem(request: pytest.FixtureRequest, tmp_path: Path) -> "Iterator[Start]":
     """Return a function that starts a network: ``west, east = tis_netem("wifi_bad", seed=3)``.
 
-    It takes the arguments of `netem.bridge.between.between` but ``run_dir``, and may be called several times. The
+    It takes the arguments of `tis.netem.bridge.between.between` but ``run_dir``, and may be called several times. The
     networks end with the test; the test's report then has a section on what each one did.
     """
-    from netem.bridge.between import between
+    from tis.netem.bridge.between import between
 
     parent: Path | None = request.config.getoption("--tis-netem-dir")
     base = tmp_path if parent is None else parent / _folder_name(request.node.nodeid)

@@ -5,20 +5,20 @@ from dataclasses import replace
 
 import typer
 
-from common.runtime.client_side import run_client_side
-from common.runtime.code_origin import USER_CODE_FILE, dump_origins
-from common.runtime.movements import load_movement
-from common.runtime.process_end import run_to_end
-from common.runtime.side import Prepared
-from common.runtime.side_cli import endpoints_for, side_command
-from common.runtime.side_log import SideOptions
-from common.runtime.status import Status
-from common.scenario import Scenario
-from common.sources.provenance import RECORDING_FILE, dump_played
-from patient_side.build import build_patient
-from patient_side.models import factories, model_attachment, models_for, origins, own_estimators
-from patient_side.plant.extra import check_plant
-from patient_side.provenance import warnings_at_start
+from tis.common.runtime.client_side import run_client_side
+from tis.common.runtime.code_origin import USER_CODE_FILE, dump_origins
+from tis.common.runtime.movements import load_movement
+from tis.common.runtime.process_end import run_to_end
+from tis.common.runtime.side import Prepared
+from tis.common.runtime.side_cli import endpoints_for, side_command
+from tis.common.runtime.side_log import SideOptions
+from tis.common.runtime.status import Status
+from tis.common.scenario import Scenario
+from tis.common.sources.provenance import RECORDING_FILE, dump_played
+from tis.patient_side.build import build_patient
+from tis.patient_side.models import factories, model_attachment, models_for, origins, own_estimators
+from tis.patient_side.plant.extra import check_plant
+from tis.patient_side.provenance import warnings_at_start
 
 
 def run_patient(scenario: Scenario, options: SideOptions, status: Status) -> int:

@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 
-from common.channels import Channel
-from common.header import Header
-from common.messages import FeedbackPose, Vector3
-from common.node import Emission, Record
-from common.records import EstimateNote
-from patient_side.hand import PatientHand
-from patient_side.orientation.wrist import Wrist
+from tis.common.channels import Channel
+from tis.common.header import Header
+from tis.common.messages import FeedbackPose, Vector3
+from tis.common.node import Emission, Record
+from tis.common.records import EstimateNote
+from tis.patient_side.hand import PatientHand
+from tis.patient_side.orientation.wrist import Wrist
 
 
 def answer(

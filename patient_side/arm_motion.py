@@ -4,15 +4,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from common.messages import MAX_SIZE, components
-from common.node import Emission, Record
-from common.records import PLANT, PlantNote
-from patient_side.answers import answer
-from patient_side.external_arm import ExternalArm
-from patient_side.hand import Driven, PatientHand, finite, vector
-from patient_side.orientation.wrist import Wrist, stated_turn
-from patient_side.plant.protocol import PlantOutput, Reference
-from patient_side.rotations import unit
+from tis.common.messages import MAX_SIZE, components
+from tis.common.node import Emission, Record
+from tis.common.records import PLANT, PlantNote
+from tis.patient_side.answers import answer
+from tis.patient_side.external_arm import ExternalArm
+from tis.patient_side.hand import Driven, PatientHand, finite, vector
+from tis.patient_side.orientation.wrist import Wrist, stated_turn
+from tis.patient_side.plant.protocol import PlantOutput, Reference
+from tis.patient_side.rotations import unit
 
 
 def move(session: str, hand: PatientHand, driven: Driven, tick: int, t_ns: int) -> Iterator[Emission]:

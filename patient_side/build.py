@@ -2,34 +2,34 @@
 
 from collections.abc import Callable, Sequence
 
-from common.channels import HandChannels, hand_channels
-from common.errors import DataError, Fault
-from common.scenario import Scenario
-from common.scenario.estimator_names import is_learned
-from common.send_plan import SendPlan
-from common.sources.trajectory import Recording
-from common.ticker import Ticker
-from common.units import ms_to_ns
-from patient_side.estimators.guarded import NO_FACTORIES, Factories
-from patient_side.estimators.protocol import Estimator
-from patient_side.estimators.registry import build_any
-from patient_side.external_arm import ExternalArm
-from patient_side.hand import PatientHand
-from patient_side.identification.companions import Stage, untimed
-from patient_side.identification.identify import identify_hands
-from patient_side.learning.train import with_learned
-from patient_side.node import PatientNode
-from patient_side.orientation.registry import build_methods
-from patient_side.phase_lock import PhaseLock
-from patient_side.plant.build import build_plant
-from patient_side.plant.protocol import Plant
-from patient_side.playout import Playout
-from patient_side.safety import gate
-from patient_side.safety.gate import StreamGate
-from patient_side.safety.limits import limits_of
-from patient_side.safety.safety_state import SafetyFilter
-from patient_side.safety.set_point import Place
-from patient_side.statespace import ArmModel, Array
+from tis.common.channels import HandChannels, hand_channels
+from tis.common.errors import DataError, Fault
+from tis.common.scenario import Scenario
+from tis.common.scenario.estimator_names import is_learned
+from tis.common.send_plan import SendPlan
+from tis.common.sources.trajectory import Recording
+from tis.common.ticker import Ticker
+from tis.common.units import ms_to_ns
+from tis.patient_side.estimators.guarded import NO_FACTORIES, Factories
+from tis.patient_side.estimators.protocol import Estimator
+from tis.patient_side.estimators.registry import build_any
+from tis.patient_side.external_arm import ExternalArm
+from tis.patient_side.hand import PatientHand
+from tis.patient_side.identification.companions import Stage, untimed
+from tis.patient_side.identification.identify import identify_hands
+from tis.patient_side.learning.train import with_learned
+from tis.patient_side.node import PatientNode
+from tis.patient_side.orientation.registry import build_methods
+from tis.patient_side.phase_lock import PhaseLock
+from tis.patient_side.plant.build import build_plant
+from tis.patient_side.plant.protocol import Plant
+from tis.patient_side.playout import Playout
+from tis.patient_side.safety import gate
+from tis.patient_side.safety.gate import StreamGate
+from tis.patient_side.safety.limits import limits_of
+from tis.patient_side.safety.safety_state import SafetyFilter
+from tis.patient_side.safety.set_point import Place
+from tis.patient_side.statespace import ArmModel, Array
 
 
 def identify_models(

@@ -5,17 +5,17 @@ from math import inf
 
 from pydantic import ValidationError
 
-from common.header import Header
-from common.messages import SafetyMode, SetPoint, Vector3, components, position_m
-from common.node import Arrival, Emission, Record
-from common.records import REJECTED, Rejected
-from common.safety_records import QUARANTINE, SAFETY, QuarantineNote, SafetyNote
-from patient_side.hand import Driven, PatientHand
-from patient_side.orientation.wrist import Wrist, quaternion
-from patient_side.rotations import is_orientation
-from patient_side.safety import wrist_point as point
-from patient_side.safety.safety_state import Left, Seen
-from patient_side.safety.set_point import Place
+from tis.common.header import Header
+from tis.common.messages import SafetyMode, SetPoint, Vector3, components, position_m
+from tis.common.node import Arrival, Emission, Record
+from tis.common.records import REJECTED, Rejected
+from tis.common.safety_records import QUARANTINE, SAFETY, QuarantineNote, SafetyNote
+from tis.patient_side.hand import Driven, PatientHand
+from tis.patient_side.orientation.wrist import Wrist, quaternion
+from tis.patient_side.rotations import is_orientation
+from tis.patient_side.safety import wrist_point as point
+from tis.patient_side.safety.safety_state import Left, Seen
+from tis.patient_side.safety.set_point import Place
 
 
 def drive(

@@ -6,12 +6,12 @@ from typing import Any, Final, get_args
 
 import numpy as np
 
-from common.channels import Arm, Hand, arm_key
-from common.devices.gate import DeviceGate, DeviceSample, from_json
-from common.devices.records import DEVICES, DeviceEvent, DeviceNote, Refusal
-from common.node import Arrival, Record
-from patient_side.hand import PatientHand
-from patient_side.plant.protocol import PlantOutput, Reference
+from tis.common.channels import Arm, Hand, arm_key
+from tis.common.devices.gate import DeviceGate, DeviceSample, from_json
+from tis.common.devices.records import DEVICES, DeviceEvent, DeviceNote, Refusal
+from tis.common.node import Arrival, Record
+from tis.patient_side.hand import PatientHand
+from tis.patient_side.plant.protocol import PlantOutput, Reference
 
 _ARM: Final = "arm"
 

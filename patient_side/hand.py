@@ -5,19 +5,19 @@ from dataclasses import dataclass, field
 from math import sqrt
 from typing import Any, NamedTuple
 
-from common.channels import HandChannels
-from common.messages import MAX_SIZE, Pose, SafetyMode, Vector3
-from common.records import ESTIMATES, ORIENTATIONS
-from common.scenario.estimator_names import plain_name
-from patient_side.estimators.protocol import Estimator
-from patient_side.orientation.protocol import NOTHING, WristEstimate, WristMethod
-from patient_side.orientation.wrist import Stated, Wrist
-from patient_side.plant.protocol import Plant, PlantOutput
-from patient_side.playout import Playout
-from patient_side.safety.evidence import Evidence
-from patient_side.safety.safety_state import SafetyFilter, SafetyState
-from patient_side.safety.set_point import Place
-from patient_side.statespace import Array
+from tis.common.channels import HandChannels
+from tis.common.messages import MAX_SIZE, Pose, SafetyMode, Vector3
+from tis.common.records import ESTIMATES, ORIENTATIONS
+from tis.common.scenario.estimator_names import plain_name
+from tis.patient_side.estimators.protocol import Estimator
+from tis.patient_side.orientation.protocol import NOTHING, WristEstimate, WristMethod
+from tis.patient_side.orientation.wrist import Stated, Wrist
+from tis.patient_side.plant.protocol import Plant, PlantOutput
+from tis.patient_side.playout import Playout
+from tis.patient_side.safety.evidence import Evidence
+from tis.patient_side.safety.safety_state import SafetyFilter, SafetyState
+from tis.patient_side.safety.set_point import Place
+from tis.patient_side.statespace import Array
 
 
 class Fresh(NamedTuple):

@@ -3,24 +3,24 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from common.errors import DataError, Fault
-from common.runtime.code_origin import Origin
-from common.runtime.limited_file import read_limited
-from common.runtime.movements import training_rows_for
-from common.runtime.user_code import UserCode, load_user_code
-from common.scenario import Scenario
-from common.scenario.estimator_names import is_user_defined
-from common.scenario.patient import is_model_file
-from common.sources.provenance import MODEL_FILES
-from common.sources.trajectory import Recording
-from patient_side.estimators.guarded import Factories
-from patient_side.statespace import ArmModel
+from tis.common.errors import DataError, Fault
+from tis.common.runtime.code_origin import Origin
+from tis.common.runtime.limited_file import read_limited
+from tis.common.runtime.movements import training_rows_for
+from tis.common.runtime.user_code import UserCode, load_user_code
+from tis.common.scenario import Scenario
+from tis.common.scenario.estimator_names import is_user_defined
+from tis.common.scenario.patient import is_model_file
+from tis.common.sources.provenance import MODEL_FILES
+from tis.common.sources.trajectory import Recording
+from tis.patient_side.estimators.guarded import Factories
+from tis.patient_side.statespace import ArmModel
 
 
 def model_attachment(models: Sequence[ArmModel]) -> dict[str, bytes]:
     """Return the content of a run's model file by its name."""
-    from patient_side.identification.model_io import dump_models  # late: it loads the filters
-    from patient_side.identification.model_tensors import is_tensor_file
+    from tis.patient_side.identification.model_io import dump_models  # late: it loads the filters
+    from tis.patient_side.identification.model_tensors import is_tensor_file
 
     data = dump_models(models)
     return {MODEL_FILES[is_tensor_file(data)]: data}
@@ -28,7 +28,7 @@ def model_attachment(models: Sequence[ArmModel]) -> dict[str, bytes]:
 
 def read_models(path: Path) -> tuple[ArmModel, ...]:
     """Read a model file; raises `DataError`."""
-    from patient_side.identification.model_io import MAX_MODEL_BYTES, parse_models  # late: it loads the filters
+    from tis.patient_side.identification.model_io import MAX_MODEL_BYTES, parse_models  # late: it loads the filters
 
     try:
         data = read_limited(path, MAX_MODEL_BYTES)
@@ -40,7 +40,7 @@ def read_models(path: Path) -> tuple[ArmModel, ...]:
 def models_for(scenario: Scenario, recording: Recording) -> tuple[ArmModel, ...]:
     """Read or identify the scenario's models; raises `DataError`."""
     # imported late: `tis run` needs own estimators only, the patient's process loads filterpy
-    from patient_side.build import choose_models, identify_models
+    from tis.patient_side.build import choose_models, identify_models
 
     train = scenario.identification.train
     if is_model_file(train):

@@ -1,6 +1,6 @@
 """The patient as a state machine: at each tick the estimators use the arrived samples, and the arm moves.
 
-The ticks' phase may follow the arrivals (`patient_side.phase_lock`), and the active estimator may also answer at
+The ticks' phase may follow the arrivals (`tis.patient_side.phase_lock`), and the active estimator may also answer at
 arrivals. Such a prompt answer discards the estimator's new state, so the ticks do not depend on it.
 """
 
@@ -10,12 +10,12 @@ from typing import Final
 
 import numpy as np
 
-from common.channels import Network
-from common.intake import Accepted, Intake
-from common.messages import Pose, SampledPose, components, position_m
-from common.node import Arrival, Output, Record
-from common.peer_life import Alarm
-from common.records import (
+from tis.common.channels import Network
+from tis.common.intake import Accepted, Intake
+from tis.common.messages import Pose, SampledPose, components, position_m
+from tis.common.node import Arrival, Output, Record
+from tis.common.peer_life import Alarm
+from tis.common.records import (
     COUNTERS,
     FRESH,
     PHASES,
@@ -27,25 +27,25 @@ from common.records import (
     PromptNote,
     TickNote,
 )
-from common.safety_records import SINCE_MS, STOPS, STOPS_IN_FORCE
-from common.stop_messages import ReleaseRule
-from common.ticker import Ticker
-from common.units import NS_PER_MS
-from patient_side.answers import answer, estimate_record
-from patient_side.arm_motion import move, moved_notes
-from patient_side.driven import drive, foreign_set_point, left_place, safety_change, set_point
-from patient_side.estimators.protocol import Estimate
-from patient_side.external_arm import external_arms
-from patient_side.hand import Begun, Fresh, PatientHand, finite, std_m
-from patient_side.orientation.wrist import Stated, answered, orientation_note, stated
-from patient_side.own_estimators import OwnEstimators
-from patient_side.phase_lock import PhaseLock
-from patient_side.playout import Playout, SourceBuffer
-from patient_side.rotations import unit
-from patient_side.safety.emergency_stop import EmergencyStops
-from patient_side.safety.evidence import Evidence
-from patient_side.safety.gate import StreamGate
-from patient_side.safety.gated_intake import GatedIntake
+from tis.common.safety_records import SINCE_MS, STOPS, STOPS_IN_FORCE
+from tis.common.stop_messages import ReleaseRule
+from tis.common.ticker import Ticker
+from tis.common.units import NS_PER_MS
+from tis.patient_side.answers import answer, estimate_record
+from tis.patient_side.arm_motion import move, moved_notes
+from tis.patient_side.driven import drive, foreign_set_point, left_place, safety_change, set_point
+from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.external_arm import external_arms
+from tis.patient_side.hand import Begun, Fresh, PatientHand, finite, std_m
+from tis.patient_side.orientation.wrist import Stated, answered, orientation_note, stated
+from tis.patient_side.own_estimators import OwnEstimators
+from tis.patient_side.phase_lock import PhaseLock
+from tis.patient_side.playout import Playout, SourceBuffer
+from tis.patient_side.rotations import unit
+from tis.patient_side.safety.emergency_stop import EmergencyStops
+from tis.patient_side.safety.evidence import Evidence
+from tis.patient_side.safety.gate import StreamGate
+from tis.patient_side.safety.gated_intake import GatedIntake
 
 _LEAST_BETWEEN_NS: Final = 25_000
 """More time passes on average between two answers at arrivals; a day of them has numbers of 32 bits."""

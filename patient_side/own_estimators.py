@@ -4,11 +4,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Self
 
-from common.channels import Hand
-from common.node import Record
-from common.records import ESTIMATOR_FAULTS, FAULTY_STEPS, EstimatorFault
-from patient_side.estimators.guarded import Guarded
-from patient_side.hand import PatientHand
+from tis.common.channels import Hand
+from tis.common.node import Record
+from tis.common.records import ESTIMATOR_FAULTS, FAULTY_STEPS, EstimatorFault
+from tis.patient_side.estimators.guarded import Guarded
+from tis.patient_side.hand import PatientHand
 
 
 @dataclass(frozen=True)

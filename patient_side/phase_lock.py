@@ -9,9 +9,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from common.channels import Hand
-from common.metrics.tick_phase import Arrivals, best_phase
-from common.units import NS_PER_S
+from tis.common.channels import Hand
+from tis.common.metrics.tick_phase import Arrivals, best_phase
+from tis.common.units import NS_PER_S
 
 WINDOW: Final = 128
 """Number of arrivals of each hand that a decision is based on."""

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from common.units import sample_index, sample_instant_ns
-from patient_side.statespace import Array
+from tis.common.units import sample_index, sample_instant_ns
+from tis.patient_side.statespace import Array
 
 
 @dataclass

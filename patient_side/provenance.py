@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from typing import Final
 
-from common.scenario import Scenario
-from common.scenario.patient import Identification, is_model_file
-from common.sources.provenance import RecordedRows, played_rows
-from common.sources.trajectory import Recording
-from patient_side.statespace import ArmModel
+from tis.common.scenario import Scenario
+from tis.common.scenario.patient import Identification, is_model_file
+from tis.common.sources.provenance import RecordedRows, played_rows
+from tis.common.sources.trajectory import Recording
+from tis.patient_side.statespace import ArmModel
 
 IN_SAMPLE: Final = "in sample"
 """Beginning of a warning that a model is scored on its own training rows."""

@@ -5,12 +5,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Arm, Hand
-from common.sources.provenance import RecordedRows
-from patient_side.completion_model import CompletionModel
-from patient_side.direct_model import DirectModel
-from patient_side.learned_model import LearnedModel
-from patient_side.wrist_model import WristModel
+from tis.common.channels import Arm, Hand
+from tis.common.sources.provenance import RecordedRows
+from tis.patient_side.completion_model import CompletionModel
+from tis.patient_side.direct_model import DirectModel
+from tis.patient_side.learned_model import LearnedModel
+from tis.patient_side.wrist_model import WristModel
 
 Array = NDArray[np.float64]
 
@@ -93,7 +93,7 @@ class NoiseModel:
 
 @dataclass(frozen=True)
 class Correction:
-    """What a linear forecast leaves to the hand's state of movement: see `patient_side.filters.correction`.
+    """What a linear forecast leaves to the hand's state of movement: see `tis.patient_side.filters.correction`.
 
     The velocity is the forecast move over ``span`` samples, its usual size ``usual_m`` (rms over the training rows);
     ``lowest`` and ``highest`` bound the logarithm of speed, ``largest`` is the increment, in usual moves, beyond

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from common.scenario.orientation import OrientationMethod
-from patient_side.direct_model import Array, DirectModel
+from tis.common.scenario.orientation import OrientationMethod
+from tis.patient_side.direct_model import Array, DirectModel
 
 
 @dataclass(frozen=True)

@@ -4,17 +4,17 @@ from dataclasses import replace
 
 import typer
 
-from common.runtime.client_side import run_client_side
-from common.runtime.movements import load_movement
-from common.runtime.process_end import run_to_end
-from common.runtime.side import Prepared
-from common.runtime.side_cli import endpoints_for, side_command
-from common.runtime.side_log import SideOptions
-from common.runtime.status import Status
-from common.scenario import Scenario
-from common.scenario.live_rules import check_foreign_surgeon
-from common.sources.provenance import RECORDING_FILE, dump_played
-from surgeon_side.build import build_surgeon, build_witness
+from tis.common.runtime.client_side import run_client_side
+from tis.common.runtime.movements import load_movement
+from tis.common.runtime.process_end import run_to_end
+from tis.common.runtime.side import Prepared
+from tis.common.runtime.side_cli import endpoints_for, side_command
+from tis.common.runtime.side_log import SideOptions
+from tis.common.runtime.status import Status
+from tis.common.scenario import Scenario
+from tis.common.scenario.live_rules import check_foreign_surgeon
+from tis.common.sources.provenance import RECORDING_FILE, dump_played
+from tis.surgeon_side.build import build_surgeon, build_witness
 
 
 def run_surgeon(scenario: Scenario, options: SideOptions, status: Status) -> int:

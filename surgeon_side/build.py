@@ -1,15 +1,15 @@
 """The surgeon's node from a scenario and a recording."""
 
-from common.scenario import Scenario
-from common.sources.sensor_noise import SensorNoise
-from common.sources.trajectory import Recording
-from common.ticker import Ticker
-from common.units import MM_PER_M, ms_to_ns
-from surgeon_side.commanded_arm import Servo
-from surgeon_side.live.motion import LiveMotion
-from surgeon_side.motion import Motion, RecordedMotion
-from surgeon_side.node import Redundancy, SurgeonNode
-from surgeon_side.witness import WitnessNode
+from tis.common.scenario import Scenario
+from tis.common.sources.sensor_noise import SensorNoise
+from tis.common.sources.trajectory import Recording
+from tis.common.ticker import Ticker
+from tis.common.units import MM_PER_M, ms_to_ns
+from tis.surgeon_side.commanded_arm import Servo
+from tis.surgeon_side.live.motion import LiveMotion
+from tis.surgeon_side.motion import Motion, RecordedMotion
+from tis.surgeon_side.node import Redundancy, SurgeonNode
+from tis.surgeon_side.witness import WitnessNode
 
 
 def build_surgeon(scenario: Scenario, recording: Recording) -> SurgeonNode:

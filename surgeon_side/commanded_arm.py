@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from common.servo import servo_transition
-from common.units import NS_PER_S, sample_instant_ns
+from tis.common.servo import servo_transition
+from tis.common.units import NS_PER_S, sample_instant_ns
 
 Place = tuple[float, float, float]
 

@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple, Protocol
 
-from common.channels import HandChannels
-from common.node import Arrival, Record
-from common.sources.trajectory import PoseTrack, Recording
+from tis.common.channels import HandChannels
+from tis.common.node import Arrival, Record
+from tis.common.sources.trajectory import PoseTrack, Recording
 
 
 class Placed(NamedTuple):

@@ -5,21 +5,21 @@ from dataclasses import dataclass, field
 from math import atan2, sqrt
 from typing import Final, NamedTuple
 
-from common.channels import Channel, HandChannels, Network
-from common.header import HEADER_BYTES, Header
-from common.intake import Intake
-from common.messages import FeedbackPose, Pose, Vector3
-from common.node import Arrival, Emission, Output, Record
-from common.peer_life import NO_ALARMS, Alarm
-from common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
-from common.send_plan import SendPlan
-from common.sources.sensor_noise import SensorNoise
-from common.ticker import Ticker
-from common.units import sample_instant_ns
-from surgeon_side.commanded_arm import CommandedArm, Servo
-from surgeon_side.motion import Motion
-from surgeon_side.predictive_display import PredictiveDisplay
-from surgeon_side.samples import SampleMessage, Samples
+from tis.common.channels import Channel, HandChannels, Network
+from tis.common.header import HEADER_BYTES, Header
+from tis.common.intake import Intake
+from tis.common.messages import FeedbackPose, Pose, Vector3
+from tis.common.node import Arrival, Emission, Output, Record
+from tis.common.peer_life import NO_ALARMS, Alarm
+from tis.common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
+from tis.common.send_plan import SendPlan
+from tis.common.sources.sensor_noise import SensorNoise
+from tis.common.ticker import Ticker
+from tis.common.units import sample_instant_ns
+from tis.surgeon_side.commanded_arm import CommandedArm, Servo
+from tis.surgeon_side.motion import Motion
+from tis.surgeon_side.predictive_display import PredictiveDisplay
+from tis.surgeon_side.samples import SampleMessage, Samples
 
 # The surgeon's displays, one for each arm: from poses sent and received to messages with the predicted pose.
 

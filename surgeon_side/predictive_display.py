@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 from math import exp, inf
 from typing import Final, NamedTuple
 
-from common.channels import Hand
-from common.messages import MAX_SIZE, FeedbackPose, Pose, PredictedPose, Vector3, position_m
-from common.units import NS_PER_MS, NS_PER_S
-from surgeon_side.commanded_arm import CommandedArm, Place
+from tis.common.channels import Hand
+from tis.common.messages import MAX_SIZE, FeedbackPose, Pose, PredictedPose, Vector3, position_m
+from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.surgeon_side.commanded_arm import CommandedArm, Place
 
 _SHARES: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
 """An estimator at the patient makes up for a part of the delay: shares of a sample's age at the tick."""

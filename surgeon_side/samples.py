@@ -4,11 +4,11 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from common.channels import Channel, HandChannels
-from common.messages import Pose, Quaternion, SampledPose, Vector3
-from common.sources.sensor_noise import Error, SensorNoise
-from common.units import sample_instant_ns
-from surgeon_side.motion import HandPoses, Placed
+from tis.common.channels import Channel, HandChannels
+from tis.common.messages import Pose, Quaternion, SampledPose, Vector3
+from tis.common.sources.sensor_noise import Error, SensorNoise
+from tis.common.units import sample_instant_ns
+from tis.surgeon_side.motion import HandPoses, Placed
 
 NO_ERROR: Final = Error(0.0, 0.0, 0.0)
 

@@ -9,16 +9,16 @@ from dataclasses import dataclass, field
 from math import sqrt
 from typing import Final
 
-from common.channels import HandChannels, Network
-from common.devices.records import FOREIGN_SURGEON
-from common.header import HEADER_BYTES
-from common.intake import Accepted, Intake
-from common.messages import Pose, Vector3
-from common.node import Arrival, Record
-from common.peer_life import NO_ALARMS, Alarm
-from common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
-from common.units import sample_index, sample_instant_ns
-from surgeon_side.node import Traffic, rotation_vector
+from tis.common.channels import HandChannels, Network
+from tis.common.devices.records import FOREIGN_SURGEON
+from tis.common.header import HEADER_BYTES
+from tis.common.intake import Accepted, Intake
+from tis.common.messages import Pose, Vector3
+from tis.common.node import Arrival, Record
+from tis.common.peer_life import NO_ALARMS, Alarm
+from tis.common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
+from tis.common.units import sample_index, sample_instant_ns
+from tis.surgeon_side.node import Traffic, rotation_vector
 
 _MAX_GAP: Final = 10_000
 """Missed ticks that one message can reveal: five minutes at 30 Hz. Beyond, a sample number is no evidence."""

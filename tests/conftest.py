@@ -11,7 +11,6 @@ import pytest
 from hypothesis import settings
 from typer.main import get_command
 
-import common as common  # before numpy: it keeps linear algebra to one thread, as in the processes of a run
 from tests.deploy.compare.in_this_process import InThisProcess
 from tests.models_once import models_identified
 
@@ -86,13 +85,13 @@ def models_anew(models_once: None) -> Iterator[None]:
 @pytest.fixture
 def without_report(monkeypatch: pytest.MonkeyPatch) -> None:
     """Sum up without a report: for tests that do not look at it, of folders whose report another test makes."""
-    monkeypatch.setattr("deploy.report.command.can_report", lambda: False)
+    monkeypatch.setattr("tis.deploy.report.command.can_report", lambda: False)
 
 
 @pytest.fixture
 def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let `tis compare` compute in this process: for tests that do not look at its processes."""
-    monkeypatch.setattr("deploy.compare.engine.processes.ProcessPoolExecutor", InThisProcess)
+    monkeypatch.setattr("tis.deploy.compare.engine.processes.ProcessPoolExecutor", InThisProcess)
 
 
 @pytest.fixture(scope="session")

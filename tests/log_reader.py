@@ -12,7 +12,7 @@ from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Sch
 from mcap.stream_reader import CRCValidationError, StreamReader
 from mcap.writer import MCAP0_MAGIC
 
-from common.errors import DataError, Fault
+from tis.common.errors import DataError, Fault
 
 _MAX_RECORD_BYTES = 1 << 30
 _DAMAGE = (

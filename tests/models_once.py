@@ -12,14 +12,14 @@ from pathlib import Path
 
 import pytest
 
-from common.channels import Hand
-from common.scenario.estimator_names import is_user_defined
-from common.scenario.patient import Identification
-from common.sources.trajectory import Recording
-from deploy.tools import identify
-from patient_side import build
-from patient_side.identification.companions import Stage, untimed
-from patient_side.identification.identify import Identified, identify_hands
+from tis.common.channels import Hand
+from tis.common.scenario.estimator_names import is_user_defined
+from tis.common.scenario.patient import Identification
+from tis.common.sources.trajectory import Recording
+from tis.deploy.tools import identify
+from tis.patient_side import build
+from tis.patient_side.identification.companions import Stage, untimed
+from tis.patient_side.identification.identify import Identified, identify_hands
 
 _FOUND: dict[str, tuple[Identified, ...]] = {}
 _NEED_NONE = {"hold", "damped_velocity", "moesp_kf"}  # estimators without a model beside the chosen one

@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from common.channels import Network, hand_channels
-from common.header import Header
-from common.messages import Pose, Quaternion, Vector3
-from common.node import Arrival, Emission, Output, Record
-from common.sources.trajectory import HandRecording, PoseTrack, Recording
+from tis.common.channels import Network, hand_channels
+from tis.common.header import Header
+from tis.common.messages import Pose, Quaternion, Vector3
+from tis.common.node import Arrival, Emission, Output, Record
+from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 
 LEFT = hand_channels("left", "PSM2")
 

@@ -48,6 +48,19 @@ def test_modules_open_with_a_noun_phrase(package: str) -> None:
     assert asked == []
 
 
+def test_nothing_imports_a_folder_by_its_name_at_the_top_level() -> None:
+    """Each class would exist twice."""
+    names = "|".join(PACKAGES)
+    old = re.compile(rf"^\W*(from ({names})[.\w]* import\b|import ({names})\b)")
+    found = []
+    for folder in (*PACKAGES, "tis", "tests", "docs", "examples"):
+        for file in sorted((ROOT / folder).rglob("*")):
+            if file.suffix in (".py", ".md", ".ipynb", ".sh") and "_build" not in file.parts:
+                lines = file.read_text(encoding="utf-8").splitlines()
+                found += [f"{file.relative_to(ROOT)}: {line}" for line in lines if old.search(line)]
+    assert found == []
+
+
 def test_names_of_tests_fit_on_a_line() -> None:
     names = {
         f.name for file in (ROOT / "tests").rglob("test_*.py") for f in functions(file) if f.name.startswith("test_")

@@ -12,10 +12,10 @@ from typing import Final
 
 import numpy as np
 
-from common.clocks.exchange import Exchanges, Ints, shortest
-from common.clocks.model import PPM, ClockModel, Envelope, Floats
-from common.clocks.offset import UNKNOWN_DRIFT_PPM
-from common.units import NS_PER_S
+from tis.common.clocks.exchange import Exchanges, Ints, shortest
+from tis.common.clocks.model import PPM, ClockModel, Envelope, Floats
+from tis.common.clocks.offset import UNKNOWN_DRIFT_PPM
+from tis.common.units import NS_PER_S
 
 WANDER_PPM: Final = 15.0
 """Maximum change of a clock's rate: PHI, the frequency tolerance of RFC 5905, section 4."""

@@ -6,7 +6,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from common.clocks.exchange import Ints
+from tis.common.clocks.exchange import Ints
 
 Floats = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ class ClockModel:
     def uncertainty_ns(self, own_ns: Ints) -> Ints:
         """Return the bound on the error of `to_reference_ns` at instants (N,), in ns; 0 for a shared clock.
 
-        A strict bound, not a standard deviation: see `common.clocks.fit`.
+        A strict bound, not a standard deviation: see `tis.common.clocks.fit`.
         """
         own_ns = np.asarray(own_ns, dtype=np.int64)
         if self.above is None or self.below is None:

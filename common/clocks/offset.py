@@ -2,7 +2,7 @@
 
 from typing import Final, NamedTuple
 
-from common.clocks.exchange import Exchanges
+from tis.common.clocks.exchange import Exchanges
 
 UNKNOWN_DRIFT_PPM: Final = 100.0
 """Assumed bound on the drift between two hosts: crystals are within some 50 ppm, one fast and one slow."""

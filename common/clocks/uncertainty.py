@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from common.metrics.percentiles import Summary, summarise
+from tis.common.metrics.percentiles import Summary, summarise
 
 
 def uncertainties(

@@ -11,10 +11,10 @@ from typing import Final, NamedTuple
 
 from pydantic import ValidationError
 
-from common.devices.pose import MAX_DEVICE_BYTES, DevicePose
-from common.devices.pose_stamped import decode_pose_stamped
-from common.devices.records import Refusal
-from common.messages import MAX_SIZE
+from tis.common.devices.pose import MAX_DEVICE_BYTES, DevicePose
+from tis.common.devices.pose_stamped import decode_pose_stamped
+from tis.common.devices.records import Refusal
+from tis.common.messages import MAX_SIZE
 
 MAX_PER_TICK: Final = 128
 """Messages of one device that a tick decodes: the newest. A device at 1 kHz sends 34 between ticks of 30 Hz."""

@@ -4,7 +4,7 @@ from typing import Annotated, Final
 
 from pydantic import FailFast, Field
 
-from common.messages import Message, Quaternion, Vector3
+from tis.common.messages import Message, Quaternion, Vector3
 
 MAX_DEVICE_BYTES: Final = 2048
 """Largest payload of a device; a pose has some 300 bytes."""

@@ -4,8 +4,8 @@ from typing import Final, Literal
 
 from pydantic import Field
 
-from common.channels import Hand
-from common.messages import Message
+from tis.common.channels import Hand
+from tis.common.messages import Message
 
 DEVICES: Final = "/tis/devices"
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from common.metrics.tick_phase import Arrivals, Ints
+from tis.common.metrics.tick_phase import Arrivals, Ints
 
 
 class AgeOfInformation(NamedTuple):

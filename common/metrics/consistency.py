@@ -13,8 +13,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from common.metrics.fidelity import batch_inflation
-from common.metrics.gilbert_fit import loss_interval
+from tis.common.metrics.fidelity import batch_inflation
+from tis.common.metrics.gilbert_fit import loss_interval
 
 Array = NDArray[np.float64]
 

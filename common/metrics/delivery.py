@@ -49,7 +49,7 @@ class PlannedSamples(NamedTuple):
 def ages_at_ns(recv_ns: Ints, sample_ns: Ints, at_ns: Ints) -> Ints:
     """Return the age of the freshest sample at each instant ``at_ns`` (T,), -1 where none has arrived.
 
-    Arrivals (N,) as in `common.metrics.tick_phase.Arrivals`, both ascending; one at the same instant counts.
+    Arrivals (N,) as in `tis.common.metrics.tick_phase.Arrivals`, both ascending; one at the same instant counts.
     """
     newest = np.searchsorted(recv_ns, at_ns, side="right") - 1  # -1: before the first arrival
     if not len(recv_ns):

@@ -9,8 +9,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.metrics.loss import wilson_interval
-from common.metrics.loss_runs import loss_runs
+from tis.common.metrics.loss import wilson_interval
+from tis.common.metrics.loss_runs import loss_runs
 
 Interval = tuple[float, float]
 

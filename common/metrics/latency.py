@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.metrics.percentiles import Summary, summarise
-from common.units import NS_PER_MS
+from tis.common.metrics.percentiles import Summary, summarise
+from tis.common.units import NS_PER_MS
 
 Instants = NDArray[np.int64]
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final
 
-from common.units import NS_PER_MS, NS_PER_S
+from tis.common.units import NS_PER_MS, NS_PER_S
 
 _MAX_PROCESSORS: Final = 8192  # of a Linux kernel
 _MAX_RANGES_CHARS: Final = 1000  # of their list

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from common.metrics.percentiles import Summary
+from tis.common.metrics.percentiles import Summary
 
 Instants = NDArray[np.int64]
 

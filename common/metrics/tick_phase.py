@@ -8,7 +8,7 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from common.units import NS_PER_S
+from tis.common.units import NS_PER_S
 
 Ints = NDArray[np.int64]
 
@@ -34,7 +34,7 @@ class Arrivals(NamedTuple):
 
 
 def instant_ns(k: Ints, rate_hz: int) -> Ints:
-    """Return the nominal instants of samples ``k`` (N,), as `common.units.sample_instant_ns`."""
+    """Return the nominal instants of samples ``k`` (N,), as `tis.common.units.sample_instant_ns`."""
     return k * NS_PER_S // rate_hz
 
 

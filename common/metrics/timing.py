@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from common.metrics.percentiles import Summary, summarise
-from common.units import NS_PER_US
+from tis.common.metrics.percentiles import Summary, summarise
+from tis.common.units import NS_PER_US
 
 Instants = NDArray[np.int64]
 

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.units import MM_PER_M, NS_PER_S
+from tis.common.units import MM_PER_M, NS_PER_S
 
 Array = NDArray[np.float64]
 Axes = list[float | None]

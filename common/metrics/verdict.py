@@ -14,9 +14,9 @@ from typing import Final, Literal, NamedTuple, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from common.metrics.fidelity import batch_inflation, gilbert_inflation, share_bounds
-from common.metrics.loss_runs import loss_runs
-from common.metrics.percentiles import summarise
+from tis.common.metrics.fidelity import batch_inflation, gilbert_inflation, share_bounds
+from tis.common.metrics.loss_runs import loss_runs
+from tis.common.metrics.percentiles import summarise
 
 Outcome = Literal["met", "missed", "not_decidable"]
 Obstacle = Literal["unknown", "too_few", "clock"]

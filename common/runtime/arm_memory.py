@@ -15,9 +15,9 @@ from typing import Final, Self
 
 from pydantic import BaseModel
 
-from common.errors import DataError, Fault
-from common.node import Record
-from common.runtime.loop import Recorder
+from tis.common.errors import DataError, Fault
+from tis.common.node import Record
+from tis.common.runtime.loop import Recorder
 
 MEMORY_FILE: Final = "arm.memory"
 RESUMED_FILE: Final = "resumed.json"

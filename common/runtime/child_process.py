@@ -4,16 +4,17 @@ import os
 from pathlib import Path
 from typing import Final
 
-PACKAGES: Final = str(Path(__file__).resolve().parents[2])
-"""The folder that holds the testbed's packages."""
+import tis
+
+PACKAGES: Final = str(Path(tis.__file__).parents[1])
+"""The folder that holds the package ``tis``."""
 
 
 def child_environment() -> dict[str, str]:
-    """Return this process's environment, with the folder of the testbed's packages first on PYTHONPATH.
+    """Return this process's environment, in which ``python -m`` does not put the current folder on the path.
 
-    PYTHONSAFEPATH keeps ``python -m`` from putting the current folder before it: a package there that is called
-    ``common`` or ``deploy`` would replace the testbed's. Oracle: `tests/common/runtime/test_child_process`, children
-    in folders without the packages and with others of their names.
+    A module there that has the name of one of ours or of a library would replace it. The testbed's own folder is not
+    put on the path either: in a checkout it holds packages of common names. Oracle:
+    `tests/common/runtime/test_child_process`, children in folders with packages of those names.
     """
-    paths = [PACKAGES, os.environ.get("PYTHONPATH", "")]
-    return {**os.environ, "PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(path for path in paths if path)}
+    return {**os.environ, "PYTHONSAFEPATH": "1"}

@@ -32,7 +32,7 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
-from common.runtime.mcap_chunks import QUICK, RECORD_HEAD, Ints, by_channel, compress
+from tis.common.runtime.mcap_chunks import QUICK, RECORD_HEAD, Ints, by_channel, compress
 
 _INDEX_ENTRY: Final = np.dtype([("log", "<u8"), ("offset", "<u8")])
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Protocol
 
-from common.runtime.clock_skew import SKEW_VARIABLE, skewed
+from tis.common.runtime.clock_skew import SKEW_VARIABLE, skewed
 
 _SKEW: Final = os.environ.get(SKEW_VARIABLE, "")
 

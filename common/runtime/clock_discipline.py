@@ -4,7 +4,7 @@ import ctypes
 import sys
 from typing import Final
 
-from common.host_records import DisciplineNote
+from tis.common.host_records import DisciplineNote
 
 _STA_UNSYNC: Final = 0x0040
 _TIME_ERROR: Final = 5

@@ -13,7 +13,7 @@ from typing import Any, Final, Self
 
 import zenoh
 
-from common.runtime.clock import boot_id, monotonic_ns
+from tis.common.runtime.clock import boot_id, monotonic_ns
 
 _MAX_PENDING: Final = 256
 

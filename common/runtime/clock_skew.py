@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable
 from typing import Final
 
-from common.errors import Fault, InputError
+from tis.common.errors import Fault, InputError
 
 SKEW_VARIABLE: Final = "TIS_CLOCK_SKEW"
 

@@ -8,13 +8,13 @@ from typing import Any, Final, NamedTuple
 
 import zenoh
 
-from common.clocks.exchange import Exchanges, Stamps
-from common.clocks.offset import ClockReading, read_clock
-from common.errors import Fault, PeerError
-from common.host_records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
-from common.node import Record
-from common.runtime.clock import WallClock, boot_id, monotonic_ns
-from common.runtime.loop import Recorder
+from tis.common.clocks.exchange import Exchanges, Stamps
+from tis.common.clocks.offset import ClockReading, read_clock
+from tis.common.errors import Fault, PeerError
+from tis.common.host_records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
+from tis.common.node import Record
+from tis.common.runtime.clock import WallClock, boot_id, monotonic_ns
+from tis.common.runtime.loop import Recorder
 
 _N_FIRST: Final = 20  # exchanges when the clocks first meet
 _N_BURST: Final = 4  # exchanges per round after that: the shortest round trip counts

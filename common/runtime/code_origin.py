@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from pydantic import TypeAdapter
 
-from common.errors import DataError, Fault
+from tis.common.errors import DataError, Fault
 
 USER_CODE_FILE: Final = "estimators.json"
 """Attachment of the patient's log with the origin of user-defined estimators."""

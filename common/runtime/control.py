@@ -17,8 +17,8 @@ from typing import Any, Final, NamedTuple, get_args
 
 import zenoh
 
-from common.channels import CONTROL, Side
-from common.runtime.clock import boot_id
+from tis.common.channels import CONTROL, Side
+from tis.common.runtime.clock import boot_id
 
 _MAX_REASON_CHARS: Final = 500
 _RUN: Final = "run"

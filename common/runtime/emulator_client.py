@@ -9,9 +9,9 @@ from typing import Any, Final, NamedTuple, TypeVar
 import zenoh
 from pydantic import BaseModel, ValidationError
 
-from common.errors import Fault, InputError, PeerError
-from common.runtime.zenoh_session import ZenohOptions, configure, visitor
-from common.scenario.control import EVERY_STATE, STATE, Acknowledgement, EmulatorState, control_prefix
+from tis.common.errors import Fault, InputError, PeerError
+from tis.common.runtime.zenoh_session import ZenohOptions, configure, visitor
+from tis.common.scenario.control import EVERY_STATE, STATE, Acknowledgement, EmulatorState, control_prefix
 
 DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
 _TIME_OUT_S: Final = 3.0

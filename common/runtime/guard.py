@@ -6,7 +6,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
-from common.errors import EXIT_BUG, EXIT_INTERRUPTED, DataError, Fault, TisError
+from tis.common.errors import EXIT_BUG, EXIT_INTERRUPTED, DataError, Fault, TisError
 
 
 def guarded_exit_code(name: str, run: Callable[[], int], failed: Callable[[int, Sequence[Fault]], None]) -> int:

@@ -13,8 +13,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from common.channels import Network
-from common.runtime.clock import Clock
+from tis.common.channels import Network
+from tis.common.runtime.clock import Clock
 
 T = TypeVar("T")
 

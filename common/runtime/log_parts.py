@@ -11,8 +11,8 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from common.channels import Side
-from common.units import NS_PER_S
+from tis.common.channels import Side
+from tis.common.units import NS_PER_S
 
 CLOCK_FILE: Final = "clock.json"
 _MAX_PARTS: Final = 100

@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from common.node import Arrival, Emission, Node, Output, Record
-from common.runtime.clock import Clock
+from tis.common.node import Arrival, Emission, Node, Output, Record
+from tis.common.runtime.clock import Clock
 
 
 class Delivery(NamedTuple):

@@ -15,12 +15,12 @@ from typing import Final, Self
 import numpy as np
 from pydantic import BaseModel
 
-from common.errors import DataError, Fault
-from common.node import Record
-from common.runtime.chunk_writer import ChunkWriter
-from common.runtime.json_schema import flat_schema
-from common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES, QUICK, THOROUGH, encode_message
-from common.units import NS_PER_S
+from tis.common.errors import DataError, Fault
+from tis.common.node import Record
+from tis.common.runtime.chunk_writer import ChunkWriter
+from tis.common.runtime.json_schema import flat_schema
+from tis.common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES, QUICK, THOROUGH, encode_message
+from tis.common.units import NS_PER_S
 
 _CHUNK_BYTES: Final = 128 * 1024
 _UNLIMITED_BYTES: Final = 1 << 40  # chunks are closed here, not by the writer

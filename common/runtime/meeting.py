@@ -3,13 +3,13 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from common.channels import Network, Side
-from common.errors import Fault, PeerError
-from common.runtime.control import Bell, ControlKeys, Presence, Roster
-from common.runtime.interrupt import Interrupt
-from common.runtime.scenario_exchange import ScenarioExchange
-from common.scenario import Scenario
-from common.scenario import reading as scenario_io
+from tis.common.channels import Network, Side
+from tis.common.errors import Fault, PeerError
+from tis.common.runtime.control import Bell, ControlKeys, Presence, Roster
+from tis.common.runtime.interrupt import Interrupt
+from tis.common.runtime.scenario_exchange import ScenarioExchange
+from tis.common.scenario import Scenario
+from tis.common.scenario import reading as scenario_io
 
 
 @dataclass

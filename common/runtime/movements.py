@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
-from common.runtime.recordings import load_recording, load_training
-from common.scenario import Scenario
-from common.sources.live import synthetic_training, unmade_movement
-from common.sources.sensor_noise import with_noise
-from common.sources.trajectory import Recording
+from tis.common.runtime.recordings import load_recording, load_training
+from tis.common.scenario import Scenario
+from tis.common.sources.live import synthetic_training, unmade_movement
+from tis.common.sources.sensor_noise import with_noise
+from tis.common.sources.trajectory import Recording
 
 
 def load_movement(scenario: Scenario) -> Recording:

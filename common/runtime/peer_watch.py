@@ -9,17 +9,17 @@ from typing import Any, Final, get_args
 import zenoh
 from pydantic import ValidationError
 
-from common.channels import SIDE_ON, Network, Side
-from common.node import Record
-from common.peer_life import BEAT_EVERY_NS, NO_ALARMS, Alarm, Beat, Change, PeerLife, View, described
-from common.records import PEERS, PeerNote
-from common.runtime.clock import WallClock, monotonic_ns
-from common.runtime.control import ControlKeys
-from common.runtime.loop import LateRecorder
-from common.runtime.status import Status
-from common.runtime.tcp_health import is_retransmitting
-from common.runtime.zenoh_session import urgent_publisher
-from common.units import NS_PER_S
+from tis.common.channels import SIDE_ON, Network, Side
+from tis.common.node import Record
+from tis.common.peer_life import BEAT_EVERY_NS, NO_ALARMS, Alarm, Beat, Change, PeerLife, View, described
+from tis.common.records import PEERS, PeerNote
+from tis.common.runtime.clock import WallClock, monotonic_ns
+from tis.common.runtime.control import ControlKeys
+from tis.common.runtime.loop import LateRecorder
+from tis.common.runtime.status import Status
+from tis.common.runtime.tcp_health import is_retransmitting
+from tis.common.runtime.zenoh_session import urgent_publisher
+from tis.common.units import NS_PER_S
 
 BEAT_EVERY_S: Final = BEAT_EVERY_NS / NS_PER_S
 _MAX_BYTES: Final = 2048

@@ -10,10 +10,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from common.host_records import PROCESSORS, ProcessorNote
-from common.node import Record
-from common.runtime.clock import Clock
-from common.units import NS_PER_S, NS_PER_US
+from tis.common.host_records import PROCESSORS, ProcessorNote
+from tis.common.node import Record
+from tis.common.runtime.clock import Clock
+from tis.common.units import NS_PER_S, NS_PER_US
 
 # CPU quota of this process's control group: cgroup v2's cpu.max, and how often the group was throttled.
 #

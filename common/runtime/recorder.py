@@ -10,13 +10,13 @@ from typing import Final, Protocol
 
 from pydantic import BaseModel
 
-from common.channels import is_set_point
-from common.node import Record
-from common.records import COUNTERS, ESTIMATES, FRESH, ORIENTATIONS, PLANT, UNRECORDED, CounterNote
-from common.runtime.loop import Recorder
-from common.runtime.memory import LevelHeap
-from common.runtime.scheduling import stand_behind
-from common.units import NS_PER_S
+from tis.common.channels import is_set_point
+from tis.common.node import Record
+from tis.common.records import COUNTERS, ESTIMATES, FRESH, ORIENTATIONS, PLANT, UNRECORDED, CounterNote
+from tis.common.runtime.loop import Recorder
+from tis.common.runtime.memory import LevelHeap
+from tis.common.runtime.scheduling import stand_behind
+from tis.common.units import NS_PER_S
 
 FLUSH_EVERY_NS: Final = NS_PER_S // 2
 _FLUSH_EVERY_S: Final = FLUSH_EVERY_NS / NS_PER_S

@@ -9,10 +9,10 @@ from typing import Any, Final, Self
 
 import zenoh
 
-from common.channels import Network, Side
-from common.runtime.control import ControlKeys
-from common.scenario import Scenario
-from common.scenario.agreement import agreed_fields, checked_fields, differences, in_words
+from tis.common.channels import Network, Side
+from tis.common.runtime.control import ControlKeys
+from tis.common.scenario import Scenario
+from tis.common.scenario.agreement import agreed_fields, checked_fields, differences, in_words
 
 MAX_BYTES: Final = 500_000
 _ANSWER_S: Final = 3.0

@@ -5,10 +5,10 @@ import time
 from pathlib import Path
 from typing import Any, Final
 
-from common.errors import Fault, InputError
-from common.runtime.limited_file import read_limited
-from common.scenario import reading
-from common.yaml_text import MAX_YAML_BYTES
+from tis.common.errors import Fault, InputError
+from tis.common.runtime.limited_file import read_limited
+from tis.common.scenario import reading
+from tis.common.yaml_text import MAX_YAML_BYTES
 
 RUNS: Final = Path("runs")
 """Folder of the runs whose folder the user does not name."""

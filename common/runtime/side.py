@@ -11,29 +11,29 @@ from typing import Final, Protocol
 
 import zenoh
 
-from common.errors import EXIT_INTERRUPTED, EXIT_OK, DataError, Fault, PeerError
-from common.host_records import DISCIPLINE
-from common.node import Record, SideNode
-from common.peer_life import Alarm
-from common.records import COUNTERS, CounterNote
-from common.runtime.arm_memory import ArmMemory
-from common.runtime.clock import Clock, WallClock
-from common.runtime.clock_discipline import read_discipline
-from common.runtime.clock_watch import ClockWatch
-from common.runtime.control import Epoch, boot_digest
-from common.runtime.inbox import Inbox
-from common.runtime.log_parts import CLOCK_FILE, PartClock
-from common.runtime.loop import LateRecorder, Recorder, Seat, run
-from common.runtime.meeting import Meeting
-from common.runtime.memory import keep_heap_level
-from common.runtime.peer_watch import BEAT_EVERY_S, PeerWatch, tell
-from common.runtime.processor_watch import ProcessorWatch
-from common.runtime.recorder import MAX_WAITING_BYTES, FileLog, ThreadedRecorder
-from common.runtime.scheduling import request_real_time, sharpen_timers
-from common.runtime.status import Status
-from common.runtime.ticks_only import TicksOnly, recorder_for
-from common.runtime.zenoh_bus import ZenohBus
-from common.scenario import Scenario
+from tis.common.errors import EXIT_INTERRUPTED, EXIT_OK, DataError, Fault, PeerError
+from tis.common.host_records import DISCIPLINE
+from tis.common.node import Record, SideNode
+from tis.common.peer_life import Alarm
+from tis.common.records import COUNTERS, CounterNote
+from tis.common.runtime.arm_memory import ArmMemory
+from tis.common.runtime.clock import Clock, WallClock
+from tis.common.runtime.clock_discipline import read_discipline
+from tis.common.runtime.clock_watch import ClockWatch
+from tis.common.runtime.control import Epoch, boot_digest
+from tis.common.runtime.inbox import Inbox
+from tis.common.runtime.log_parts import CLOCK_FILE, PartClock
+from tis.common.runtime.loop import LateRecorder, Recorder, Seat, run
+from tis.common.runtime.meeting import Meeting
+from tis.common.runtime.memory import keep_heap_level
+from tis.common.runtime.peer_watch import BEAT_EVERY_S, PeerWatch, tell
+from tis.common.runtime.processor_watch import ProcessorWatch
+from tis.common.runtime.recorder import MAX_WAITING_BYTES, FileLog, ThreadedRecorder
+from tis.common.runtime.scheduling import request_real_time, sharpen_timers
+from tis.common.runtime.status import Status
+from tis.common.runtime.ticks_only import TicksOnly, recorder_for
+from tis.common.runtime.zenoh_bus import ZenohBus
+from tis.common.scenario import Scenario
 
 _SWITCH_S: Final = 0.0001
 _LOOKS_PER_PROGRESS: Final = 3

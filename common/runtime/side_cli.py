@@ -1,4 +1,4 @@
-"""The command line of one side, the same for `python -m surgeon_side` and `tis surgeon`."""
+"""The command line of one side, the same for `python -m tis.surgeon_side` and `tis surgeon`."""
 
 import ctypes
 import os
@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from common.errors import Fault, InputError
-from common.runtime.guard import guarded_exit_code
-from common.runtime.zenoh_cli import CfgOption, ConfigOption, insecure_option
+from tis.common.errors import Fault, InputError
+from tis.common.runtime.guard import guarded_exit_code
+from tis.common.runtime.zenoh_cli import CfgOption, ConfigOption, insecure_option
 
 if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, not for the help
-    from common.channels import Side
-    from common.runtime.side_log import SideOptions
-    from common.runtime.status import Status
-    from common.scenario import Scenario, reading
+    from tis.common.channels import Side
+    from tis.common.runtime.side_log import SideOptions
+    from tis.common.runtime.status import Status
+    from tis.common.scenario import Scenario, reading
 
     RunSide = Callable[[Scenario, SideOptions, Status], int]
 
@@ -70,19 +70,19 @@ def side_command(
         witness: Annotated[bool, _witness_option(side)] = False,
         device: Annotated[str | None, _device_option(devices)] = None,
     ) -> None:
-        from common.runtime.status import Status
+        from tis.common.runtime.status import Status
 
         status = Status(side, as_events=child)
         if child:
             _die_with_parent()
 
         def run() -> int:
-            from common.runtime.clock import monotonic_ns
-            from common.runtime.recordings import located
-            from common.runtime.recordings.whole_run import build_whole
-            from common.runtime.scenario_file import read_scenario
-            from common.runtime.side_log import SideOptions
-            from common.runtime.zenoh_session import ZenohOptions
+            from tis.common.runtime.clock import monotonic_ns
+            from tis.common.runtime.recordings import located
+            from tis.common.runtime.recordings.whole_run import build_whole
+            from tis.common.runtime.scenario_file import read_scenario
+            from tis.common.runtime.side_log import SideOptions
+            from tis.common.runtime.zenoh_session import ZenohOptions
 
             monotonic_ns()  # a skew that cannot be read is refused here
             file = locate(scenario)

@@ -1,22 +1,22 @@
-"""The log that a side's process writes: a new one, or the next part of its own (`common.runtime.log_parts`)."""
+"""The log that a side's process writes: a new one, or the next part of its own (`tis.common.runtime.log_parts`)."""
 
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from common import host_records, messages, records, safety_records
-from common.channels import Side
-from common.devices import records as device_records
-from common.errors import DataError, Fault, PeerError
-from common.runtime.control import boot_digest
-from common.runtime.json_schema import prepare_schemas
-from common.runtime.log_parts import EarlierPart, last_part, n_parts, part_name
-from common.runtime.mcap_log import McapLog
-from common.runtime.scenario_file import RUNS, latest_folders, run_folder
-from common.runtime.zenoh_session import ZenohOptions
-from common.scenario import Scenario
-from common.scenario import reading as scenario_io
+from tis.common import host_records, messages, records, safety_records
+from tis.common.channels import Side
+from tis.common.devices import records as device_records
+from tis.common.errors import DataError, Fault, PeerError
+from tis.common.runtime.control import boot_digest
+from tis.common.runtime.json_schema import prepare_schemas
+from tis.common.runtime.log_parts import EarlierPart, last_part, n_parts, part_name
+from tis.common.runtime.mcap_log import McapLog
+from tis.common.runtime.scenario_file import RUNS, latest_folders, run_folder
+from tis.common.runtime.zenoh_session import ZenohOptions
+from tis.common.scenario import Scenario
+from tis.common.scenario import reading as scenario_io
 
 LOG_VERSION: Final = "1"
 

@@ -7,8 +7,8 @@ import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from common.channels import Side
-from common.units import NS_PER_S
+from tis.common.channels import Side
+from tis.common.units import NS_PER_S
 
 
 class Status:

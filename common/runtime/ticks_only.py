@@ -9,9 +9,9 @@ import os
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from common.node import Record
-from common.records import TICKS
-from common.runtime.recorder import Log, ThreadedRecorder
+from tis.common.node import Record
+from tis.common.records import TICKS
+from tis.common.runtime.recorder import Log, ThreadedRecorder
 
 RECORD_VARIABLE: Final = "TIS_RECORD"
 TICKS_ONLY: Final = "ticks"

@@ -6,15 +6,15 @@ from typing import Final
 
 from pydantic import BaseModel
 
-from common.errors import DataError, Fault
-from common.opportunity_text import parse_opportunities
-from common.runtime.limited_file import read_limited
-from common.scenario.base import Part
-from common.scenario.network.capacity import RecordedRate
-from common.scenario.network.delay import TraceDelay
-from common.scenario.network.loss import TraceLoss
-from common.trace import Trace
-from common.trace_text import parse_trace
+from tis.common.errors import DataError, Fault
+from tis.common.opportunity_text import parse_opportunities
+from tis.common.runtime.limited_file import read_limited
+from tis.common.scenario.base import Part
+from tis.common.scenario.network.capacity import RecordedRate
+from tis.common.scenario.network.delay import TraceDelay
+from tis.common.scenario.network.loss import TraceLoss
+from tis.common.trace import Trace
+from tis.common.trace_text import parse_trace
 
 _FOLDER: Final = "traces"
 _MAX_BYTES: Final = 256_000_000

@@ -9,13 +9,14 @@ import sys
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from common.errors import Fault, InputError, one_line
-from common.runtime.child_process import PACKAGES
-from common.runtime.code_origin import Origin, origin_of
+from tis.common.errors import Fault, InputError, one_line
+from tis.common.runtime.child_process import PACKAGES
+from tis.common.runtime.code_origin import Origin, origin_of
 
 
 @dataclass(frozen=True)
@@ -36,8 +37,9 @@ def load_user_code(names: Sequence[str], where: str) -> dict[str, UserCode]:
         return {}
     here = str(Path.cwd())
     if here not in sys.path and "" not in sys.path:
-        # behind the testbed's packages: the folder may hold others of their names
-        sys.path.insert(sys.path.index(PACKAGES) + 1 if PACKAGES in sys.path else len(sys.path), here)
+        # behind Python's own modules, before the folder of the testbed: in a checkout that holds packages of common
+        # names
+        sys.path.insert(sys.path.index(PACKAGES) if PACKAGES in sys.path else len(sys.path), here)
     importlib.invalidate_caches()  # a file may be newer than the cached listing of its folder
     found: dict[str, Callable[..., Any]] = {}
     faults = []
@@ -89,11 +91,13 @@ def _module(name: str) -> ModuleType:
 
 def _import_failed(name: str, error: BaseException) -> str:
     """Return the error of an import, with the last line of user code in its traceback."""
-    place = ""
+    place, now = "", ""
+    if isinstance(error, ModuleNotFoundError) and find_spec(f"tis.{(error.name or '').partition('.')[0]}"):
+        now = f", it has become 'tis.{error.name}'"
     if not isinstance(error, SyntaxError):  # its message contains the line
         frames = [one for one in traceback.extract_tb(error.__traceback__) if not _is_importing(one.filename)]
         place = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
-    return f"{name} cannot be imported: {one_line(error)}{place}"
+    return f"{name} cannot be imported: {one_line(error)}{now}{place}"
 
 
 def _is_importing(filename: str) -> bool:

@@ -4,11 +4,11 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from common.channels import Network
-from common.header import Header
-from common.node import Arrival, Emission, Node
-from common.runtime.clock import VirtualClock
-from common.runtime.loop import Delivery
+from tis.common.channels import Network
+from tis.common.header import Header
+from tis.common.node import Arrival, Emission, Node
+from tis.common.runtime.clock import VirtualClock
+from tis.common.runtime.loop import Delivery
 
 
 def key_matches(expression: str, key: str) -> bool:

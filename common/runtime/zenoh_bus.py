@@ -1,4 +1,4 @@
-"""Bus over Zenoh for surgeon and patient; netem forwards by `netem.bridge.bridge`."""
+"""Bus over Zenoh for surgeon and patient; netem forwards by `tis.netem.bridge.bridge`."""
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
@@ -6,12 +6,12 @@ from typing import Final
 
 import zenoh
 
-from common.channels import Network
-from common.header import Header
-from common.node import Arrival, Emission, Node
-from common.runtime.clock import Clock
-from common.runtime.inbox import Inbox
-from common.runtime.loop import Delivery
+from tis.common.channels import Network
+from tis.common.header import Header
+from tis.common.node import Arrival, Emission, Node
+from tis.common.runtime.clock import Clock
+from tis.common.runtime.inbox import Inbox
+from tis.common.runtime.loop import Delivery
 
 MAX_FOREIGN_WAITING: Final = 1000
 """Messages of one device or arm of others that may wait for the loop: a second at 1 kHz."""

@@ -16,7 +16,7 @@ from typing import Final, Self, get_args
 
 import zenoh
 
-from common.refusal import REFUSED, Refusal, refusal_in, trouble_in, zenoh_line
+from tis.common.refusal import REFUSED, Refusal, refusal_in, trouble_in, zenoh_line
 
 # One line for each denied message, and none for a permitted one.
 ROUTER_LEVELS: Final = (

@@ -12,8 +12,8 @@ from typing import Any, Final, Literal
 
 import zenoh
 
-from common.endpoint import endpoint_faults, is_local, is_tls
-from common.errors import Fault, InputError, PeerError
+from tis.common.endpoint import endpoint_faults, is_local, is_tls
+from tis.common.errors import Fault, InputError, PeerError
 
 _LEASE: Final = "transport/link/tx/lease"
 _LEASE_MS: Final = 2000
@@ -56,7 +56,7 @@ class ZenohOptions:
     lease_ms: int = _LEASE_MS
     """How long a silent connection counts as alive, unless the user's settings say otherwise."""
     credentials: Mapping[str, Any] = field(default_factory=dict, repr=False)
-    """Settings by which this program proves its name and its routers ask for proof: `common.runtime.credentials`."""
+    """Proof of this program's name, and what its routers ask of others (`tis.common.runtime.credentials`)."""
 
 
 def configure(mode: Literal["client", "peer", "router"], options: ZenohOptions) -> zenoh.Config:

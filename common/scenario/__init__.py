@@ -5,24 +5,24 @@ from typing import Annotated, Final, Literal, Self
 
 from pydantic import AfterValidator, Discriminator, Field, StringConstraints, Tag, WithJsonSchema, model_validator
 
-from common.channels import Side
-from common.endpoint import endpoint_fault, is_local, is_tls
-from common.scenario.base import NonNegative, Part, Positive, RuleText
-from common.scenario.estimator_names import AnyEstimatorName
-from common.scenario.limits import Limits
-from common.scenario.live_rules import live_rules
-from common.scenario.network import NetworkPart, Rule
-from common.scenario.network.pipeline import Pipeline
-from common.scenario.patient import Estimators, Identification, PatientPart
-from common.scenario.security import NoSecurity, Security
-from common.scenario.source import Source
-from common.scenario.surgeon import MAX_MB_PER_S, MAX_PACKETS_PER_S, SurgeonPart
-from common.units import s_to_ns
+from tis.common.channels import Side
+from tis.common.endpoint import endpoint_fault, is_local, is_tls
+from tis.common.scenario.base import NonNegative, Part, Positive, RuleText
+from tis.common.scenario.estimator_names import AnyEstimatorName
+from tis.common.scenario.limits import Limits
+from tis.common.scenario.live_rules import live_rules
+from tis.common.scenario.network import NetworkPart, Rule
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.scenario.patient import Estimators, Identification, PatientPart
+from tis.common.scenario.security import NoSecurity, Security
+from tis.common.scenario.source import Source
+from tis.common.scenario.surgeon import MAX_MB_PER_S, MAX_PACKETS_PER_S, SurgeonPart
+from tis.common.units import s_to_ns
 
 _MAX_SAMPLES = 5_000_000  # a synthetic movement is held in memory
 
 AUTO: Final = "auto"
-"""Duration of a run that plays all of its recording: `common.runtime.recordings.whole_run` resolves it."""
+"""Duration of a run that plays all of its recording: `tis.common.runtime.recordings.whole_run` resolves it."""
 
 _LONGEST_S: Final = 86_400
 Duration = Annotated[

@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any, Final, NamedTuple
 
-from common.scenario import Scenario
-from common.scenario.reading import MAY_DIFFER
+from tis.common.scenario import Scenario
+from tis.common.scenario.reading import MAY_DIFFER
 
 MAX_FIELDS: Final = 4000
 _MAX_VALUE_CHARS: Final = 60

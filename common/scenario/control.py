@@ -10,14 +10,14 @@ from typing import Annotated, Any, Final, Literal, Self
 from pydantic import BaseModel, Field, ValidationError, field_serializer, model_validator
 from pydantic.json_schema import models_json_schema
 
-from common.channels import Direction
-from common.errors import Fault, InputError
-from common.scenario.base import Part
-from common.scenario.faults import faults
-from common.scenario.network import NetworkPart
-from common.scenario.network.conditions import EFFECT_TEXT, BothOr, Change, Effect, Moment, TimelineEntry
-from common.scenario.network.pipeline import Pipeline, Stages
-from common.scenario.profile import ProfileName
+from tis.common.channels import Direction
+from tis.common.errors import Fault, InputError
+from tis.common.scenario.base import Part
+from tis.common.scenario.faults import faults
+from tis.common.scenario.network import NetworkPart
+from tis.common.scenario.network.conditions import EFFECT_TEXT, BothOr, Change, Effect, Moment, TimelineEntry
+from tis.common.scenario.network.pipeline import Pipeline, Stages
+from tis.common.scenario.profile import ProfileName
 
 STATE: Final = "state"
 SCHEMA: Final = "schema"

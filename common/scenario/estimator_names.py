@@ -1,6 +1,6 @@
 """Names of estimators: the built-in ones, and ``module:factory`` for user-defined ones.
 
-Only the text is checked here; `common.runtime.user_code` imports the factory in the processes that estimate.
+Only the text is checked here; `tis.common.runtime.user_code` imports the factory in the processes that estimate.
 """
 
 import difflib

@@ -9,8 +9,8 @@ from typing import Any, Final, NamedTuple, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from common.errors import Fault
-from common.scenario.annotations import bare, is_model, variants
+from tis.common.errors import Fault
+from tis.common.scenario.annotations import bare, is_model, variants
 
 # Hints for a key that was written in the wrong place: the places where the format has it.
 

@@ -4,8 +4,8 @@ from typing import Annotated, Final, Literal
 
 from pydantic import AfterValidator, Field
 
-from common.channels import Hand
-from common.scenario.base import RuleText
+from tis.common.channels import Hand
+from tis.common.scenario.base import RuleText
 
 Start = Annotated[
     Annotated[int, Field(ge=0, strict=True)] | Literal["auto"],

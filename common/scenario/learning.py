@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from common.scenario.base import Part
+from tis.common.scenario.base import Part
 
 
 class Learning(Part):

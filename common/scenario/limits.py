@@ -4,9 +4,9 @@ from typing import Final, Self
 
 from pydantic import Field
 
-from common.channels import Direction
-from common.scenario.base import NonNegative, Part, Positive
-from common.scenario.requirements import P99, REQUIREMENTS, Application, Metric, Requirement
+from tis.common.channels import Direction
+from tis.common.scenario.base import NonNegative, Part, Positive
+from tis.common.scenario.requirements import P99, REQUIREMENTS, Application, Metric, Requirement
 
 _METRIC_OF: Final[dict[str, Metric]] = {
     "end_to_end_p99_ms": "end_to_end",

@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping
 
-from common.errors import Fault, InputError
-from common.scenario.live_source import LiveSource
-from common.scenario.patient import PatientPart, is_model_file
-from common.scenario.source import Source
+from tis.common.errors import Fault, InputError
+from tis.common.scenario.live_source import LiveSource
+from tis.common.scenario.patient import PatientPart, is_model_file
+from tis.common.scenario.source import Source
 
 
 def live_rules(session: str, source: Source, patient: PatientPart, train: str) -> Mapping[str, bool]:

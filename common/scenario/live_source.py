@@ -4,10 +4,10 @@ from typing import Annotated, Final, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from common.channels import CONTROL, Hand
-from common.key_expression import key_expression_fault
-from common.scenario.base import Milliseconds, Part, Positive
-from common.units import MM_PER_M
+from tis.common.channels import CONTROL, Hand
+from tis.common.key_expression import key_expression_fault
+from tis.common.scenario.base import Milliseconds, Part, Positive
+from tis.common.units import MM_PER_M
 
 Millimetres = Annotated[float, Field(ge=-100_000, le=100_000)]
 PlaceMm = tuple[Millimetres, Millimetres, Millimetres]

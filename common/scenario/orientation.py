@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from common.scenario.base import Part
+from tis.common.scenario.base import Part
 
 OrientationMethod = Literal["hold", "constant_rate", "tangent_ls"]
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 from itertools import takewhile
 from typing import Any, Final, NamedTuple
 
-from common.errors import Fault, InputError
-from common.scenario.network.settings import apply_network_settings
+from tis.common.errors import Fault, InputError
+from tis.common.scenario.network.settings import apply_network_settings
 
 _OF_ONE_FIELD: Final = ("--seed", "--duration-s", "--unmatched")
 
@@ -29,7 +29,7 @@ def apply_overrides(
 ) -> tuple[dict[str, Any], list[Fault]]:
     """Return ``raw`` with all applicable overrides applied, and the faults of the others.
 
-    ``below`` is the path of the network in ``raw``, as in `common.scenario.network.settings`.
+    ``below`` is the path of the network in ``raw``, as in `tis.common.scenario.network.settings`.
     """
     faults: list[Fault] = []
     good: list[str] = []

@@ -5,14 +5,14 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from common.errors import Fault, InputError
-from common.scenario.base import Milliseconds, NonNegative, Part, Positive, RuleText
-from common.scenario.estimator_names import AnyEstimatorName, LearnedName, each_once, is_learned
-from common.scenario.learning import Learning
-from common.scenario.orientation import Orientation
-from common.scenario.safety import Gate, Safety
-from common.scenario.simulated_arm import MujocoPlant
-from common.units import MM_PER_M
+from tis.common.errors import Fault, InputError
+from tis.common.scenario.base import Milliseconds, NonNegative, Part, Positive, RuleText
+from tis.common.scenario.estimator_names import AnyEstimatorName, LearnedName, each_once, is_learned
+from tis.common.scenario.learning import Learning
+from tis.common.scenario.orientation import Orientation
+from tis.common.scenario.safety import Gate, Safety
+from tis.common.scenario.simulated_arm import MujocoPlant
+from tis.common.units import MM_PER_M
 
 OrderRule = Literal["auto", "energy", "gap", "criterion", "validation"]
 Order = Annotated[

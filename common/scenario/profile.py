@@ -5,8 +5,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, StringConstraints, model_validator
 
-from common.scenario.base import Part, RuleText
-from common.scenario.network import NetworkPart
+from tis.common.scenario.base import Part, RuleText
+from tis.common.scenario.network import NetworkPart
 
 Basis = Literal["measured", "fitted", "judgement"]
 

@@ -8,11 +8,11 @@ from typing import Any, Final
 import yaml
 from pydantic import ValidationError
 
-from common.errors import Fault, InputError
-from common.scenario import Scenario
-from common.scenario.faults import faults
-from common.scenario.source import NULL_IS_A_VALUE
-from common.yaml_text import load_yaml
+from tis.common.errors import Fault, InputError
+from tis.common.scenario import Scenario
+from tis.common.scenario.faults import faults
+from tis.common.scenario.source import NULL_IS_A_VALUE
+from tis.common.yaml_text import load_yaml
 
 Profiles = Callable[[str], Mapping[str, Any]]
 """The profile library: returns the network of a name as its file gives it, without defaults.

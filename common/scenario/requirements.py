@@ -2,7 +2,7 @@
 
 from typing import Final, Literal, NamedTuple
 
-from common.channels import Direction
+from tis.common.channels import Direction
 
 Metric = Literal["one_way", "end_to_end", "round_trip", "network_round_trip", "pdv", "age", "loss", "rmse_3d"]
 Application = Literal[

@@ -4,9 +4,9 @@ from typing import Annotated, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
-from common.scenario.base import Milliseconds, NonNegative, Part, Positive
-from common.scenario.security import PersonName
-from common.stop_messages import ReleaseRule
+from tis.common.scenario.base import Milliseconds, NonNegative, Part, Positive
+from tis.common.scenario.security import PersonName
+from tis.common.stop_messages import ReleaseRule
 
 MAX_REACH_M: Final = 1e6
 """Largest distance that a limit admits, in m: what moves within it can be stated in a message."""

@@ -4,8 +4,8 @@ from typing import Annotated, Literal, get_args
 
 from pydantic import AfterValidator, Field, StringConstraints
 
-from common.channels import Side
-from common.scenario.base import Part, RuleText
+from tis.common.channels import Side
+from tis.common.scenario.base import Part, RuleText
 
 PersonName = Annotated[
     str,

@@ -5,8 +5,8 @@ from typing import Final, Literal, Self
 
 from pydantic import Field, model_validator
 
-from common.scenario.base import NonNegative, Part, Positive
-from common.units import MM_PER_M
+from tis.common.scenario.base import NonNegative, Part, Positive
+from tis.common.units import MM_PER_M
 
 STEPS_A_RADIAN: Final = 3
 """Least number of physics steps in 1 / (2 pi) of the position loop's period, so that the loop stays stable."""

@@ -4,10 +4,10 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, StringConstraints, model_serializer
 
-from common.scenario.base import NonNegative, Part, Positive, Probability, RuleText
-from common.scenario.hands import HANDS_MEANING, START_MEANING, Hands, Start
-from common.scenario.live_source import LiveSource
-from common.scenario.table_source import TableSource
+from tis.common.scenario.base import NonNegative, Part, Positive, Probability, RuleText
+from tis.common.scenario.hands import HANDS_MEANING, START_MEANING, Hands, Start
+from tis.common.scenario.live_source import LiveSource
+from tis.common.scenario.table_source import TableSource
 
 Trial = Annotated[
     str, StringConstraints(pattern=r"^[A-Z]\d{3}$"), RuleText("must be a letter and three digits, like D002")

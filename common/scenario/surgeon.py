@@ -4,11 +4,11 @@ from typing import Annotated, Final, Self
 
 from pydantic import Field, model_validator
 
-from common.messages import MAX_HISTORY
-from common.scenario.base import Part
+from tis.common.messages import MAX_HISTORY
+from tis.common.scenario.base import Part
 
 MAX_COPY_DELAY_MS: Final = 5000
-"""Age up to which the patient forecasts from a sample (`patient_side.horizon`); later copies are useless."""
+"""Age up to which the patient forecasts from a sample (`tis.patient_side.horizon`); later copies are useless."""
 
 MAX_PACKETS_PER_S: Final = 50_000
 """Two thirds of the emulator's measured throughput."""

@@ -6,9 +6,9 @@ from typing import Annotated, Final, Literal, Self
 
 from pydantic import Discriminator, Field, StringConstraints, Tag, model_validator
 
-from common.channels import FOLLOWER, Arm, Hand
-from common.scenario.base import Part, Positive, RuleText
-from common.scenario.hands import HANDS_MEANING, START_MEANING, Hands, Start
+from tis.common.channels import FOLLOWER, Arm, Hand
+from tis.common.scenario.base import Part, Positive, RuleText
+from tis.common.scenario.hands import HANDS_MEANING, START_MEANING, Hands, Start
 
 TABLE_SUFFIXES: Final = (".csv", ".parquet")
 

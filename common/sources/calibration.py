@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 import scipy
 
-from common.sources.trajectory import Array
-from common.units import MM_PER_M
+from tis.common.sources.trajectory import Array
+from tis.common.units import MM_PER_M
 
 RECORDED_SUTURING: Final[dict[str, float]] = {
     "hold-last error at 33 ms, mm": 0.673,

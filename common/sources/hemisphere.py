@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from common.sources.trajectory import Array
+from tis.common.sources.trajectory import Array
 
 
 def one_hemisphere(quaternions: Array) -> Array:

@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 import scipy
 
-from common.errors import DataError, Fault
-from common.sources.hemisphere import one_hemisphere
-from common.sources.trajectory import Array, PoseTrack
+from tis.common.errors import DataError, Fault
+from tis.common.sources.hemisphere import one_hemisphere
+from tis.common.sources.trajectory import Array, PoseTrack
 
 RATE_HZ: Final = 30
 N_COLUMNS: Final = 76

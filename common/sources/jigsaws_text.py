@@ -5,9 +5,9 @@ from typing import Final
 import numpy as np
 import scipy
 
-from common.channels import MASTER
-from common.sources.jigsaws import COLUMNS, N_COLUMNS, RATE_HZ
-from common.sources.trajectory import Array, PoseTrack, Recording
+from tis.common.channels import MASTER
+from tis.common.sources.jigsaws import COLUMNS, N_COLUMNS, RATE_HZ
+from tis.common.sources.trajectory import Array, PoseTrack, Recording
 
 _LINE: Final = " ".join(["%15.8f"] * N_COLUMNS) + "\n"
 

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from common.sources.trajectory import Array, PoseTrack, Recording
+from tis.common.sources.trajectory import Array, PoseTrack, Recording
 
 MAX_REACH_M: Final = 2.0
 """The span of human arms; a da Vinci arm reaches less than half of it. Larger ranges are in wrong units."""

@@ -4,12 +4,12 @@ from typing import Final
 
 import numpy as np
 
-from common.channels import FOLLOWER, MASTER, Hand
-from common.scenario.live_source import LiveSource
-from common.scenario.source import SyntheticSource
-from common.sources.provenance import digest_of_synthetic
-from common.sources.synthetic import synthesise
-from common.sources.trajectory import HandRecording, PoseTrack, Recording
+from tis.common.channels import FOLLOWER, MASTER, Hand
+from tis.common.scenario.live_source import LiveSource
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.provenance import digest_of_synthetic
+from tis.common.sources.synthetic import synthesise
+from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 
 _USUAL: Final = LiveSource(kind="live")
 """Places and scale of the synthetic hand, from which those of a source are counted."""

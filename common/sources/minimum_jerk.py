@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.sources.trajectory import Array
+from tis.common.sources.trajectory import Array
 
 
 def minimum_jerk(phase: Array) -> Array:

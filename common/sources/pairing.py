@@ -10,9 +10,9 @@ from typing import Final, Literal
 
 import numpy as np
 
-from common.channels import FOLLOWER, MASTER, SAME_NAME, Arm, Hand
-from common.sources.trajectory import Array
-from common.units import MM_PER_M
+from tis.common.channels import FOLLOWER, MASTER, SAME_NAME, Arm, Hand
+from tis.common.sources.trajectory import Array
+from tis.common.units import MM_PER_M
 
 Requested = Literal["auto", "cross", "same_name"]
 

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from common.sources.jumps import MAX_REACH_M, jumps, runs_of
-from common.sources.trajectory import Array
+from tis.common.sources.jumps import MAX_REACH_M, jumps, runs_of
+from tis.common.sources.trajectory import Array
 
 # A minimum-jerk reach of 0.2 m in 0.2 s peaks at 5.77 * 0.2 / 0.2^2 = 29 m/s^2 (Flash & Hogan 1985), three times
 # gravity; work with instruments stays far below. At 30 Hz a jump of 33 mm between two rows has this acceleration.

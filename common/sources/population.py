@@ -11,11 +11,11 @@ from typing import Final
 import numpy as np
 import scipy
 
-from common.scenario.source import SyntheticSource
-from common.sources.provenance import digest_of_synthetic
-from common.sources.synthetic import synthesise
-from common.sources.trajectory import Recording
-from common.streams import Stream
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.provenance import digest_of_synthetic
+from tis.common.sources.synthetic import synthesise
+from tis.common.sources.trajectory import Recording
+from tis.common.streams import Stream
 
 MAX_TRIALS: Final = 999
 """Trials of a person, and people of a population, so that no two movements of a population share a seed."""

@@ -9,9 +9,9 @@ from typing import Any, Final
 
 from pydantic import TypeAdapter
 
-from common.errors import DataError, Fault
-from common.scenario.source import SyntheticSource
-from common.sources.trajectory import Array, Recording
+from tis.common.errors import DataError, Fault
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.trajectory import Array, Recording
 
 RECORDING_FILE: Final = "recording.json"
 MODEL_FILES: Final = ("model.json", "model.safetensors")

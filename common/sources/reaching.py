@@ -1,7 +1,7 @@
 """Reaching movements of a hand: a random sequence of minimum-jerk movements with pauses and overlaps.
 
 The constants and the defaults of `SyntheticSource` were fitted together, to the aggregate statistics of recorded
-suturing that `common.sources.calibration` holds.
+suturing that `tis.common.sources.calibration` holds.
 """
 
 from typing import Final, NamedTuple
@@ -9,10 +9,10 @@ from typing import Final, NamedTuple
 import numpy as np
 import scipy
 
-from common.scenario.source import SyntheticSource
-from common.sources.minimum_jerk import Movements
-from common.sources.trajectory import Array
-from common.streams import Stream
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.minimum_jerk import Movements
+from tis.common.sources.trajectory import Array
+from tis.common.streams import Stream
 
 _LENGTH_SPREAD: Final = 1.35  # standard deviation of the logarithm
 _DURATION_SPREAD: Final = 0.45

@@ -4,8 +4,8 @@ from dataclasses import dataclass, field, replace
 from statistics import NormalDist
 from typing import Final, NamedTuple
 
-from common.sources.trajectory import Array, PoseTrack, Recording
-from common.streams import Stream
+from tis.common.sources.trajectory import Array, PoseTrack, Recording
+from tis.common.streams import Stream
 
 _STANDARD: Final = NormalDist()
 

@@ -2,7 +2,7 @@
 
 Every quantity is a function of continuous time, determined by the seed and sampled at the rows' instants: more rows
 extend the same path, another rate samples it more finely or coarsely. It is no recording of a person; its constants
-were fitted to the aggregate statistics of recorded suturing (`common.sources.calibration`).
+were fitted to the aggregate statistics of recorded suturing (`tis.common.sources.calibration`).
 
 The rows of JIGSAWS are not evenly spaced in time: in all examined trials each shows the latest sample of a recorder
 at 51.33 Hz, so neighbouring rows are one or two of its samples apart, in both arms alike. `recorder_hz` reproduces
@@ -17,14 +17,14 @@ from typing import Final
 import numpy as np
 import scipy
 
-from common.channels import FOLLOWER, MASTER, Hand
-from common.scenario.source import SyntheticSource
-from common.sources.minimum_jerk import Movements
-from common.sources.reaching import Timing, about_the_centre, directions, reaching, timing_of
-from common.sources.trajectory import Array, HandRecording, PoseTrack, Recording
-from common.sources.wander import Band, wander
-from common.streams import Stream
-from common.units import MM_PER_M
+from tis.common.channels import FOLLOWER, MASTER, Hand
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.minimum_jerk import Movements
+from tis.common.sources.reaching import Timing, about_the_centre, directions, reaching, timing_of
+from tis.common.sources.trajectory import Array, HandRecording, PoseTrack, Recording
+from tis.common.sources.wander import Band, wander
+from tis.common.streams import Stream
+from tis.common.units import MM_PER_M
 
 # The clutch of the master console: a pedal that uncouples both arms while the masters are moved back.
 #
@@ -84,7 +84,8 @@ def _eased(phase: Array) -> Array:
 
 # Turning of a hand: each reach also turns it, about a random axis, by an angle that grows with the reach's length.
 #
-# The constants were fitted to the aggregate statistics of recorded suturing that `common.sources.calibration` holds.
+# The constants were fitted to the aggregate statistics of recorded suturing that `tis.common.sources.calibration`
+# holds.
 
 USUAL_TURN_DEG: Final = 19.0
 _ANGLE_SPREAD: Final = 1.1  # standard deviation of the logarithm
@@ -177,8 +178,8 @@ def synthesise(source: SyntheticSource, seed: int, rate_hz: int, n_rows: int, st
     Row i shows the path at ``i / rate_hz`` s, or with ``recorder_hz`` at the recorder's latest sample by then; it
     does not depend on ``n_rows``, nor a hand on the other one. The arm is half the master's movement, through a servo
     where the source has a bandwidth, plus an offset and a residual of 15 um rms; the offset changes only while the
-    clutch is pressed. Oracles: the path at another rate and length, `common.sources.pairing`, and the statistics of
-    recorded suturing.
+    clutch is pressed. Oracles: the path at another rate and length, `tis.common.sources.pairing`, and the statistics
+    of recorded suturing.
     """
     t_s = np.arange(n_rows) / rate_hz
     warnings: tuple[str, ...] = ()

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Arm, Hand, HandChannels, hand_channels
+from tis.common.channels import Arm, Hand, HandChannels, hand_channels
 
 Array = NDArray[np.float64]
 

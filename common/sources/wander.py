@@ -4,8 +4,8 @@ from typing import Final
 
 import numpy as np
 
-from common.sources.trajectory import Array
-from common.streams import Stream
+from tis.common.sources.trajectory import Array
+from tis.common.streams import Stream
 
 Band = tuple[float, float]
 """Lowest and highest frequency, in Hz."""

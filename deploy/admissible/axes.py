@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from common.errors import Fault, InputError
-from deploy.admissible.limits import COMMAND
-from deploy.compare.grid import Sweep, grid_faults
+from tis.common.errors import Fault, InputError
+from tis.deploy.admissible.limits import COMMAND
+from tis.deploy.compare.grid import Sweep, grid_faults
 
 MAX_AXES: Final = 4
 _RANGE: Final = re.compile(r"(?P<first>[^:]+?)\.\.(?P<last>[^:]+?)(?P<log>:log)?")

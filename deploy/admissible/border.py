@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from itertools import combinations, product
 from typing import Final, NamedTuple
 
-from deploy.admissible.rays import Margins, Place, Ray
-from deploy.admissible.region import Region, Simplex, Vertex, along, whole_box
+from tis.deploy.admissible.rays import Margins, Place, Ray
+from tis.deploy.admissible.region import Region, Simplex, Vertex, along, whole_box
 
 Evaluate = Callable[[Sequence[Place]], Sequence[Margins]]
 """Returns the margins at places of the unit box, in their order."""

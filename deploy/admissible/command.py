@@ -9,18 +9,18 @@ from typing import Any, Final
 from rich.console import Console
 from rich.markup import escape
 
-from common.errors import EXIT_OK
-from common.extras import GET_REPORT
-from common.runtime.command_line import command_line
-from deploy.admissible import tables
-from deploy.admissible.evaluation import Evaluation
-from deploy.admissible.options import order_of
-from deploy.admissible.study import Study
-from deploy.compare.cells.store import Store
-from deploy.compare.engine.choice import workers_of
-from deploy.shell import run_dir as folder
-from deploy.shell.messages import print_json, print_warnings
-from deploy.shell.outputs import check_outputs
+from tis.common.errors import EXIT_OK
+from tis.common.extras import GET_REPORT
+from tis.common.runtime.command_line import command_line
+from tis.deploy.admissible import tables
+from tis.deploy.admissible.evaluation import Evaluation
+from tis.deploy.admissible.options import order_of
+from tis.deploy.admissible.study import Study
+from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.engine.choice import workers_of
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.messages import print_json, print_warnings
+from tis.deploy.shell.outputs import check_outputs
 
 _SHOWN_WARNINGS: Final = 6
 _FORMATS: Final = ("svg", "pdf")
@@ -85,8 +85,8 @@ def _write(report: dict[str, Any], path: Path, err: Console) -> list[str]:
 
 
 def _figures(report: dict[str, Any]) -> dict[str, bytes]:
-    from deploy.admissible.plots import region_figure  # loads matplotlib
-    from deploy.report.publication.matplotlib_figures import rendered
+    from tis.deploy.admissible.plots import region_figure  # loads matplotlib
+    from tis.deploy.report.publication.matplotlib_figures import rendered
 
     figure = region_figure(report)
     return {} if figure is None else {f"admissible.{form}": rendered(figure, form) for form in _FORMATS}

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from deploy.admissible.limits import Limit
+from tis.deploy.admissible.limits import Limit
 
 LEVEL = 0.95
 MIN_PERSONS = 2

@@ -8,20 +8,20 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.markup import escape
 
-from common.errors import DataError, Fault, InputError
-from deploy.admissible.criterion import MIN_PERSONS, bound_of
-from deploy.admissible.figures import OF_CELLS, name_faults, of_cells, of_summaries
-from deploy.admissible.limits import COMMAND, Limit
-from deploy.compare.cells.cell import Cell
-from deploy.compare.cells.identity import summarised
-from deploy.compare.cells.store import Store
-from deploy.compare.engine.compute import Outcome, compute
-from deploy.compare.engine.workers import Workers
-from deploy.compare.grid import Sweep
-from deploy.compare.plan import Plan, Request, make_plan
-from deploy.compare.results.people import person
-from deploy.run.resolve import resolve
-from deploy.shell.progress import PhaseProgress
+from tis.common.errors import DataError, Fault, InputError
+from tis.deploy.admissible.criterion import MIN_PERSONS, bound_of
+from tis.deploy.admissible.figures import OF_CELLS, name_faults, of_cells, of_summaries
+from tis.deploy.admissible.limits import COMMAND, Limit
+from tis.deploy.compare.cells.cell import Cell
+from tis.deploy.compare.cells.identity import summarised
+from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.engine.compute import Outcome, compute
+from tis.deploy.compare.engine.workers import Workers
+from tis.deploy.compare.grid import Sweep
+from tis.deploy.compare.plan import Plan, Request, make_plan
+from tis.deploy.compare.results.people import person
+from tis.deploy.run.resolve import resolve
+from tis.deploy.shell.progress import PhaseProgress
 
 Flat = Mapping[str, float | None]
 """Numbers of a summary by their paths."""

@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import nan, sqrt
 from typing import Any, Final
 
-from common.errors import Fault
-from common.units import NS_PER_MS
-from deploy.admissible.limits import COMMAND, Limit
-from deploy.compare.cells.histogram import merged, percentile
-from deploy.compare.results.pooled import Scores, Sums, scores_of, sums_of
+from tis.common.errors import Fault
+from tis.common.units import NS_PER_MS
+from tis.deploy.admissible.limits import COMMAND, Limit
+from tis.deploy.compare.cells.histogram import merged, percentile
+from tis.deploy.compare.results.pooled import Scores, Sums, scores_of, sums_of
 
 Hands = Sequence[Mapping[str, Any]]
 ESTIMATOR: Final = "ESTIMATOR"

@@ -4,7 +4,7 @@ import re
 from math import isfinite, log
 from typing import Final, NamedTuple
 
-from common.errors import Fault, InputError
+from tis.common.errors import Fault, InputError
 
 COMMAND: Final = "tis admissible"
 _LIMIT: Final = re.compile(r"(?P<name>[A-Za-z][^<>=\s]*)\s*(?P<relation><=|>=|=)\s*(?P<value>\S+)")

@@ -6,21 +6,21 @@ from functools import partial
 from itertools import product
 from typing import Any, NamedTuple, TypeVar
 
-from common.errors import DataError, Fault, InputError
-from common.scenario import Scenario
-from common.scenario.source import RecordedSource
-from deploy.admissible.axes import Axis, axis_faults, parse_axis, whole_fault
-from deploy.admissible.evaluation import check_persons
-from deploy.admissible.limits import COMMAND, Limit, parse_limit
-from deploy.admissible.placed_profiles import profile_names
-from deploy.admissible.redundancy import Redundancy, redundancies
-from deploy.admissible.study import Effort
-from deploy.compare.cells.identity import dump
-from deploy.compare.choices import COMMAND as COMPARE
-from deploy.compare.choices import names_of, people_of
-from deploy.compare.grid import Sweep
-from deploy.compare.plan import Request, make_plan
-from deploy.run.resolve import resolve
+from tis.common.errors import DataError, Fault, InputError
+from tis.common.scenario import Scenario
+from tis.common.scenario.source import RecordedSource
+from tis.deploy.admissible.axes import Axis, axis_faults, parse_axis, whole_fault
+from tis.deploy.admissible.evaluation import check_persons
+from tis.deploy.admissible.limits import COMMAND, Limit, parse_limit
+from tis.deploy.admissible.placed_profiles import profile_names
+from tis.deploy.admissible.redundancy import Redundancy, redundancies
+from tis.deploy.admissible.study import Effort
+from tis.deploy.compare.cells.identity import dump
+from tis.deploy.compare.choices import COMMAND as COMPARE
+from tis.deploy.compare.choices import names_of, people_of
+from tis.deploy.compare.grid import Sweep
+from tis.deploy.compare.plan import Request, make_plan
+from tis.deploy.run.resolve import resolve
 
 Value = TypeVar("Value")
 DEFAULT_SYNTHETIC_SEEDS = 8

@@ -5,14 +5,14 @@ from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import Final
 
-from common.errors import InputError
-from common.runtime.trace_files import load_traces
-from deploy.admissible.axes import Axis
-from deploy.admissible.evaluation import Evaluation, Judged
-from deploy.admissible.redundancy import Redundancy
-from deploy.compare.plan import Request
-from deploy.net.library.profiles import find_profile, shipped_names
-from netem.expected.figures import DirectionFigures, direction_figures
+from tis.common.errors import InputError
+from tis.common.runtime.trace_files import load_traces
+from tis.deploy.admissible.axes import Axis
+from tis.deploy.admissible.evaluation import Evaluation, Judged
+from tis.deploy.admissible.redundancy import Redundancy
+from tis.deploy.compare.plan import Request
+from tis.deploy.net.library.profiles import find_profile, shipped_names
+from tis.netem.expected.figures import DirectionFigures, direction_figures
 
 _PROFILE: Final = "network.profile"
 _OF_A_LINK: Final = ("network.forward.delay.", "network.forward.loss.")

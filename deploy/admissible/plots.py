@@ -6,8 +6,8 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from deploy.admissible.limits import Limit
-from deploy.report.publication.matplotlib_figures import STYLE
+from tis.deploy.admissible.limits import Limit
+from tis.deploy.report.publication.matplotlib_figures import STYLE
 
 _COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c6d31", "#7a5195", "#56b4e9", "#e69f00")
 _INK: Final = "#222222"

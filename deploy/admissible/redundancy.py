@@ -2,7 +2,7 @@
 
 from typing import Final, Literal, NamedTuple
 
-from common.scenario.surgeon import SurgeonPart
+from tis.common.scenario.surgeon import SurgeonPart
 
 Price = Literal["bytes", "packets"]
 _HISTORIES: Final = (1, 4)
@@ -35,7 +35,7 @@ class Redundancy(NamedTuple):
 def redundancies(rate_hz: int, n_hands: int, max_copies: int, price: Price) -> list[Redundancy]:
     """Return 2 to ``max_copies`` copies, at once and spread over the sample period, and history; cheapest first.
 
-    The price is that of `common.scenario.surgeon`, bytes or packets a second first and the other one second. Of
+    The price is that of `tis.common.scenario.surgeon`, bytes or packets a second first and the other one second. Of
     copies at one price those at once come first.
     """
     period_ms = 1000 / rate_hz

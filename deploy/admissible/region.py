@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from deploy.admissible.rays import Place
+from tis.deploy.admissible.rays import Place
 
 Array = NDArray[np.float64]
 Simplex = tuple[Place, ...]

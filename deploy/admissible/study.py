@@ -5,15 +5,15 @@ from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any, Final, NamedTuple
 
-from common.streams import Stream
-from deploy.admissible.axes import Axis
-from deploy.admissible.border import Border, find_border
-from deploy.admissible.evaluation import Evaluation, Judged, Network
-from deploy.admissible.placed_profiles import PlacedProfile, place_of, place_profiles
-from deploy.admissible.rays import Margins, Place
-from deploy.admissible.redundancy import Redundancy
-from deploy.admissible.region import Region
-from deploy.compare.plan import Request
+from tis.common.streams import Stream
+from tis.deploy.admissible.axes import Axis
+from tis.deploy.admissible.border import Border, find_border
+from tis.deploy.admissible.evaluation import Evaluation, Judged, Network
+from tis.deploy.admissible.placed_profiles import PlacedProfile, place_of, place_profiles
+from tis.deploy.admissible.rays import Margins, Place
+from tis.deploy.admissible.redundancy import Redundancy
+from tis.deploy.admissible.region import Region
+from tis.deploy.compare.plan import Request
 
 # Independent check of a region: places drawn inside and outside of it, judged on fresh seeds.
 

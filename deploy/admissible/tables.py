@@ -8,9 +8,9 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from deploy.admissible.limits import Limit
-from deploy.compare.results.tables import csv_text
-from deploy.report.tables.numbers import number
+from tis.deploy.admissible.limits import Limit
+from tis.deploy.compare.results.tables import csv_text
+from tis.deploy.report.tables.numbers import number
 
 Rows = Iterable[Sequence[str]]
 _CAPTION: Final = (

@@ -16,19 +16,19 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from common.errors import EXIT_OK
-from common.scenario.estimator_names import EstimatorName
-from common.scenario.patient import Identification
-from common.scenario.source import SyntheticSource
-from common.sources.synthetic import synthesise
-from common.streams import Stream
-from common.units import NS_PER_S, NS_PER_US, ms_to_ns, sample_instant_ns
-from patient_side.estimators.protocol import Estimator
-from patient_side.estimators.registry import build_estimator
-from patient_side.identification.fit_innovations import fit_innovations
-from patient_side.identification.identify import identify_arm
-from patient_side.playout import Playout
-from patient_side.statespace import ArmModel, Array
+from tis.common.errors import EXIT_OK
+from tis.common.scenario.estimator_names import EstimatorName
+from tis.common.scenario.patient import Identification
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.synthetic import synthesise
+from tis.common.streams import Stream
+from tis.common.units import NS_PER_S, NS_PER_US, ms_to_ns, sample_instant_ns
+from tis.patient_side.estimators.protocol import Estimator
+from tis.patient_side.estimators.registry import build_estimator
+from tis.patient_side.identification.fit_innovations import fit_innovations
+from tis.patient_side.identification.identify import identify_arm
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import ArmModel, Array
 
 ESTIMATORS: Final[tuple[EstimatorName, ...]] = (
     "hold",

@@ -16,10 +16,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from common.errors import EXIT_OK
-from patient_side.identification.methods import METHODS
-from patient_side.identification.triangular import triangular_factor
-from patient_side.statespace import Array, StateSpace
+from tis.common.errors import EXIT_OK
+from tis.patient_side.identification.methods import METHODS
+from tis.patient_side.identification.triangular import triangular_factor
+from tis.patient_side.statespace import Array, StateSpace
 
 BLOCK_ROWS: Final = 10
 ORDER: Final = 4

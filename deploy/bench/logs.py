@@ -20,26 +20,26 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from common.channels import Side
-from common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
-from deploy.bench.measured_command import measure
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, run_twin
-from deploy.shell import run_dir as folder
+from tis.common.channels import Side
+from tis.common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
+from tis.deploy.bench.measured_command import measure
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, run_twin
+from tis.deploy.shell import run_dir as folder
 
 _MB: Final = 1e-6
 _HOUR_S: Final = 3600.0
 _SHORTER_BY: Final = 3
 _LOGS: Final[tuple[Side, ...]] = ("surgeon", "netem", "patient")
-_TIS: Final = ("-m", "deploy.cli.main")
+_TIS: Final = ("-m", "tis.deploy.cli.main")
 _STEPS: Final[Mapping[str, tuple[str, ...]]] = {
     "tis merge": (*_TIS, "merge"),
     "tis report": (*_TIS, "report"),
     "tis summarize (all)": (*_TIS, "summarize"),
     "tis export --csv": (*_TIS, "export", "--csv"),
-    "deploy.logs.read.load": ("-c", "import sys; from deploy.report import load; load(sys.argv[1])"),
+    "tis.deploy.logs.read.load": ("-c", "import sys; from tis.deploy.report import load; load(sys.argv[1])"),
 }
-_BOUNDED: Final = ("tis summarize (all)", "tis export --csv", "deploy.logs.read.load")
+_BOUNDED: Final = ("tis summarize (all)", "tis export --csv", "tis.deploy.logs.read.load")
 """Steps with bounds of time and memory."""
 
 

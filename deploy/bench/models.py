@@ -9,14 +9,14 @@ import scipy
 from numpy.typing import NDArray
 from rich.console import Console
 
-from common.metrics.gilbert_fit import fit_gilbert
-from common.scenario.network import NetworkPart
-from common.scenario.network.pipeline import Pipeline
-from common.streams import Stream
-from common.units import NS_PER_MS
-from netem.expected.simulate import Simulated, simulate
-from netem.stages.delay import latency_of
-from netem.stages.loss import expected_loss
+from tis.common.metrics.gilbert_fit import fit_gilbert
+from tis.common.scenario.network import NetworkPart
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.streams import Stream
+from tis.common.units import NS_PER_MS
+from tis.netem.expected.simulate import Simulated, simulate
+from tis.netem.stages.delay import latency_of
+from tis.netem.stages.loss import expected_loss
 
 # Correlated jitter and loss of Linux tc-netem, for comparison: written from its published description.
 #
@@ -125,7 +125,7 @@ def write_models_page(file: Path, out: Console) -> None:
 _HEAD: Final = f"""# What the emulator's models draw
 
 Made by `tis bench models`; no figure here is typed by hand. Each row is {_N:,} packets of the very draws that the
-live emulator makes (`netem.expected.simulate`), one a millisecond, seed {_SEED}. *Asked* is computed from the
+live emulator makes (`tis.netem.expected.simulate`), one a millisecond, seed {_SEED}. *Asked* is computed from the
 model, in closed
 form or by quadrature. The tests (`tests/netem/stages/delay`, `tests/netem/stages/loss`) hold every model to its
 distribution by Kolmogorov-Smirnov or chi-square tests; this page is for people.

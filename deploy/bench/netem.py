@@ -16,12 +16,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from common.runtime.free_endpoints import free_endpoints
-from common.scenario.network import NetworkPart
-from common.units import NS_PER_S
-from deploy.bench.relays import Relay, bare_loop, least_relay, native_router, netem
-from deploy.bench.traffic import flood, paced
-from netem.expected.simulate import simulate
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.scenario.network import NetworkPart
+from tis.common.units import NS_PER_S
+from tis.deploy.bench.relays import Relay, bare_loop, least_relay, native_router, netem
+from tis.deploy.bench.traffic import flood, paced
+from tis.netem.expected.simulate import simulate
 
 _BYTES: Final = 256
 _CLEAN: Final = NetworkPart()

@@ -1,7 +1,7 @@
 """Benchmark of recording (`tis bench recording`): its effect on the punctuality of a live run at 1 kHz.
 
-The scenario ``kilohertz`` runs live, alternately with and without recording (`common.runtime.ticks_only`), so that
-other load of the machine affects both equally. The loops of the sides make the same records in both cases.
+The scenario ``kilohertz`` runs live, alternately with and without recording (`tis.common.runtime.ticks_only`), so
+that other load of the machine affects both equally. The loops of the sides make the same records in both cases.
 """
 
 import os
@@ -17,16 +17,16 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
-from common.channels import Side
-from common.errors import EXIT_OK, DataError, Fault
-from common.metrics.timing import tick_summary
-from common.records import TICKS
-from common.runtime.ticks_only import RECORD_VARIABLE, TICKS_ONLY
-from common.scenario import Scenario
-from deploy.logs.read.load import load_run
-from deploy.run.resolve import resolve
-from deploy.shell import run_dir as folder
-from deploy.shell.launch import launch
+from tis.common.channels import Side
+from tis.common.errors import EXIT_OK, DataError, Fault
+from tis.common.metrics.timing import tick_summary
+from tis.common.records import TICKS
+from tis.common.runtime.ticks_only import RECORD_VARIABLE, TICKS_ONLY
+from tis.common.scenario import Scenario
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.run.resolve import resolve
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.launch import launch
 
 _SCENARIO: Final = "kilohertz"
 _SIDES: Final[tuple[Side, ...]] = ("surgeon", "patient")

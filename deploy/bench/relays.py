@@ -18,19 +18,19 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
-from common.runtime.clock import WallClock
-from common.runtime.mcap_log import McapLog
-from common.runtime.recorder import ThreadedRecorder
-from common.runtime.scheduling import let_zenoh_wait
-from common.runtime.side import settle
-from common.runtime.zenoh_session import ZenohOptions, configure, merge_acceptor
-from common.scenario.network import NetworkPart
-from common.units import NS_PER_S
-from deploy.bench.measured_command import resident_bytes
-from netem.bridge.alarm import Alarm, measure_lead_ns
-from netem.bridge.bridge import Bridge
-from netem.bridge.tally import Tally
-from netem.build import build_links
+from tis.common.runtime.clock import WallClock
+from tis.common.runtime.mcap_log import McapLog
+from tis.common.runtime.recorder import ThreadedRecorder
+from tis.common.runtime.scheduling import let_zenoh_wait
+from tis.common.runtime.side import settle
+from tis.common.runtime.zenoh_session import ZenohOptions, configure, merge_acceptor
+from tis.common.scenario.network import NetworkPart
+from tis.common.units import NS_PER_S
+from tis.deploy.bench.measured_command import resident_bytes
+from tis.netem.bridge.alarm import Alarm, measure_lead_ns
+from tis.netem.bridge.bridge import Bridge
+from tis.netem.bridge.tally import Tally
+from tis.netem.build import build_links
 
 _READY_S: Final = 20.0
 _SPAWN: Final = multiprocessing.get_context("spawn")

@@ -16,17 +16,17 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
-from common.channels import FOLLOWER, Side
-from common.errors import EXIT_OK, DataError, Fault
-from common.host_records import PROCESSORS
-from common.scenario import Scenario
-from common.units import NS_PER_MS
-from deploy.logs.read.load import load_run
-from deploy.report.measures.latency import sample_latency, used_samples
-from deploy.run.resolve import resolve
-from deploy.shell import run_dir as folder
-from deploy.shell.launch import launch
-from deploy.tools.certificates import issue, new_authority
+from tis.common.channels import FOLLOWER, Side
+from tis.common.errors import EXIT_OK, DataError, Fault
+from tis.common.host_records import PROCESSORS
+from tis.common.scenario import Scenario
+from tis.common.units import NS_PER_MS
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.report.measures.latency import sample_latency, used_samples
+from tis.deploy.run.resolve import resolve
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.launch import launch
+from tis.deploy.tools.certificates import issue, new_authority
 
 _KINDS: Final = ("none", "password", "mtls")
 _SETTINGS: Final = (

@@ -12,9 +12,9 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
-from common.header import Header
-from common.runtime.scheduling import sharpen_timers
-from common.runtime.zenoh_session import ZenohOptions, configure
+from tis.common.header import Header
+from tis.common.runtime.scheduling import sharpen_timers
+from tis.common.runtime.zenoh_session import ZenohOptions, configure
 
 _SETTLE_S: Final = 0.4
 _QUIET_S: Final = 0.5

@@ -7,12 +7,12 @@ from typing import Annotated, Any
 
 import typer
 
-from common.errors import EXIT_OK, Fault, InputError
-from common.extras import GET_HOSTS
-from deploy.cli.group import Commands
-from deploy.shell.extras import can_certify
-from deploy.shell.guard import OUT, guarded
-from deploy.shell.outputs import check_outputs
+from tis.common.errors import EXIT_OK, Fault, InputError
+from tis.common.extras import GET_HOSTS
+from tis.deploy.cli.group import Commands
+from tis.deploy.shell.extras import can_certify
+from tis.deploy.shell.guard import OUT, guarded
+from tis.deploy.shell.outputs import check_outputs
 
 app = Commands(no_args_is_help=True, help="Measure speed and punctuality on this machine.")
 
@@ -29,7 +29,7 @@ def netem(
     out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
 ) -> int:
     """Measure the emulator's release error and throughput, beside a native Zenoh router."""
-    from deploy.bench.netem import bench_netem
+    from tis.deploy.bench.netem import bench_netem
 
     check_outputs(out)
     figures = bench_netem(seconds, OUT)
@@ -44,8 +44,8 @@ def models(
     ] = None,
 ) -> int:
     """Write a page with the statistics of the emulator's models, a million packets each, beside tc-netem's."""
-    from deploy.bench.models import write_models_page
-    from deploy.shell.run_dir import page_file
+    from tis.deploy.bench.models import write_models_page
+    from tis.deploy.shell.run_dir import page_file
 
     page = out or page_file("emulator.md")
     check_outputs(page)
@@ -57,7 +57,7 @@ def models(
 @guarded
 def identification() -> int:
     """Time the identification methods at three sizes, beside other packages if they are installed."""
-    from deploy.bench.identification import bench_identification
+    from tis.deploy.bench.identification import bench_identification
 
     return bench_identification(OUT)
 
@@ -66,7 +66,7 @@ def identification() -> int:
 @guarded
 def estimators() -> int:
     """Time a step of each estimator on precomputed arrivals."""
-    from deploy.bench.estimators import bench_estimators
+    from tis.deploy.bench.estimators import bench_estimators
 
     return bench_estimators(OUT)
 
@@ -79,7 +79,7 @@ def cells(
     out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
 ) -> int:
     """Time a cell of `tis compare`, which keeps no logs, beside a twin with logs."""
-    from deploy.bench.cells import bench_cells
+    from tis.deploy.bench.cells import bench_cells
 
     check_outputs(out)
     return _write_figures(bench_cells(seconds, rounds, OUT), out)
@@ -95,7 +95,7 @@ def logs(
     out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
 ) -> int:
     """Measure the size of recordings on disk, and the time and memory to merge and report them."""
-    from deploy.bench.logs import bench_logs
+    from tis.deploy.bench.logs import bench_logs
 
     check_outputs(out)
     figures = bench_logs(seconds, whole, OUT)
@@ -112,7 +112,7 @@ def recording(
     out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
 ) -> int:
     """Measure the effect of recording on a live run at 1 kHz: missed ticks and lateness, with and without it."""
-    from deploy.bench.recording import bench_recording
+    from tis.deploy.bench.recording import bench_recording
 
     check_outputs(out)
     figures = bench_recording(seconds, rounds, OUT)
@@ -129,7 +129,7 @@ def security(
     """Measure the price of passwords and TLS: latency end to end, and netem's processor time."""
     if not can_certify():
         raise InputError(Fault("tis bench security", "", f"needs the package cryptography: {GET_HOSTS}"))
-    from deploy.bench.security import bench_security
+    from tis.deploy.bench.security import bench_security
 
     check_outputs(out)
     figures = bench_security(seconds, rounds, OUT)
@@ -138,7 +138,7 @@ def security(
 
 def _write_figures(figures: Mapping[str, Any], out: Path | None) -> int:
     if out is not None:
-        from deploy.shell.run_dir import write
+        from tis.deploy.shell.run_dir import write
 
         write(out, json.dumps(figures, indent=2) + "\n")
     return EXIT_OK

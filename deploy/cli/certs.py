@@ -8,16 +8,16 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from common.errors import EXIT_OK, DataError, Fault, InputError
-from common.extras import GET_HOSTS
-from deploy.cli.group import Commands
-from deploy.cli.options import JsonOption
-from deploy.shell.extras import can_certify
-from deploy.shell.guard import ERR, OUT, guarded, words_to
-from deploy.shell.messages import print_json
+from tis.common.errors import EXIT_OK, DataError, Fault, InputError
+from tis.common.extras import GET_HOSTS
+from tis.deploy.cli.group import Commands
+from tis.deploy.cli.options import JsonOption
+from tis.deploy.shell.extras import can_certify
+from tis.deploy.shell.guard import ERR, OUT, guarded, words_to
+from tis.deploy.shell.messages import print_json
 
 if TYPE_CHECKING:
-    from deploy.tools.certificates import Certificate
+    from tis.deploy.tools.certificates import Certificate
 
 app = Commands(no_args_is_help=True, help="Certificates for hosts that must not trust their network.")
 
@@ -43,8 +43,8 @@ def init(
     here: who has its key can act as anybody.
     """
     _check_extra()
-    from common.channels import Side
-    from deploy.tools.certificates import check_hosts, issue, new_authority
+    from tis.common.channels import Side
+    from tis.deploy.tools.certificates import check_hosts, issue, new_authority
 
     check_hosts(hosts or ())
     new_authority(folder)
@@ -78,7 +78,7 @@ def issue(
     -c FOLDER/NAME/zenoh.json5.
     """
     _check_extra()
-    from deploy.tools.certificates import issue as issue_certificate
+    from tis.deploy.tools.certificates import issue as issue_certificate
 
     _print([issue_certificate(folder, name, hosts or (), days)], as_json)
     return EXIT_OK
@@ -89,7 +89,7 @@ def issue(
 def show(folder: FolderOption = _FOLDER, as_json: JsonOption = False) -> int:
     """List the certificates, for whom they are and how long they are valid; exit code 4 if one cannot be used."""
     _check_extra()
-    from deploy.tools.certificates import certificates
+    from tis.deploy.tools.certificates import certificates
 
     found = certificates(folder)
     _print(found, as_json)

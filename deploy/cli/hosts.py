@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
-from deploy.cli.group import Commands
-from deploy.cli.options import JsonOption, MergeOption, ReportOption, RunDirOption, VerboseOption
-from deploy.shell.guard import ERR, guarded, words_to
+from tis.common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
+from tis.deploy.cli.group import Commands
+from tis.deploy.cli.options import JsonOption, MergeOption, ReportOption, RunDirOption, VerboseOption
+from tis.deploy.shell.guard import ERR, guarded, words_to
 
 app = Commands("Run on several hosts")
 
@@ -38,9 +38,9 @@ def up(
     All hosts are checked first; nothing starts if one has a fault. Ctrl-C ends
     all sides, and their logs are collected.
     """
-    from deploy.hosts.up import UpOptions
-    from deploy.hosts.up import up as run_up
-    from deploy.run.conclude import Outputs
+    from tis.deploy.hosts.up import UpOptions
+    from tis.deploy.hosts.up import up as run_up
+    from tis.deploy.run.conclude import Outputs
 
     outputs = Outputs(report, merge, verbose, as_json)
     return run_up(hosts, UpOptions(run_dir, wait_s, insecure), outputs, words_to(as_json), ERR)
@@ -85,9 +85,9 @@ def collect(
     host offers its folder: tis collect --offer RUN_DIR --connect ENDPOINT, and
     one of them collects: tis collect --listen ENDPOINT --run-dir RUN_DIR.
     """
-    from common.runtime.zenoh_session import ZenohOptions
-    from deploy.hosts.collect_options import Asked, check_options
-    from deploy.run.conclude import Outputs
+    from tis.common.runtime.zenoh_session import ZenohOptions
+    from tis.deploy.hosts.collect_options import Asked, check_options
+    from tis.deploy.run.conclude import Outputs
 
     asked = Asked(tuple(sources or ()), offer, tuple(connect or ()), tuple(listen or ()), run)
     kind = check_options(asked)
@@ -95,10 +95,10 @@ def collect(
     options = ZenohOptions(places, asked.listen, config, tuple(cfg or ()), insecure)
     outputs, words = Outputs(report, merge, verbose, as_json), words_to(as_json)
     if kind == "hosts":
-        from deploy.hosts.collect import collect_from_hosts
+        from tis.deploy.hosts.collect import collect_from_hosts
 
         return collect_from_hosts(Path(asked.sources[0]), run, run_dir, outputs, words, ERR)
-    from deploy.hosts.collect_zenoh import collect_over_zenoh, offer_logs
+    from tis.deploy.hosts.collect_zenoh import collect_over_zenoh, offer_logs
 
     if offer is not None:
         return offer_logs(offer, options, ERR)
@@ -109,6 +109,6 @@ def collect(
 @guarded
 def host() -> int:
     """Obey one request of `tis up` or `tis collect`, on a host."""
-    from deploy.hosts.agent.requests import obey, standard_streams
+    from tis.deploy.hosts.agent.requests import obey, standard_streams
 
     return obey(*standard_streams())

@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from common.errors import Fault, InputError
-from deploy.cli.group import Commands
-from deploy.shell.guard import ERR, OUT, guarded
+from tis.common.errors import Fault, InputError
+from tis.deploy.cli.group import Commands
+from tis.deploy.shell.guard import ERR, OUT, guarded
 
 app = Commands("Scenarios and data")
 
@@ -76,8 +76,8 @@ def import_(
     It lists what it found. Streams of different instants are put on one
     clock; rows within gaps are left out. MCAP logs of tis need no options.
     """
-    from deploy.recordings_import.command import import_recording
-    from deploy.recordings_import.found import Wanted
+    from tis.deploy.recordings_import.command import import_recording
+    from tis.deploy.recordings_import.found import Wanted
 
     wanted = Wanted(
         topics=_pairs("--topic", topic),

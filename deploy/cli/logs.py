@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from common.errors import Fault, InputError
-from deploy.cli.group import Commands
-from deploy.cli.options import JsonOption, RunDirArg, VerboseOption
-from deploy.shell.guard import ERR, OUT, guarded, words_to
+from tis.common.errors import Fault, InputError
+from tis.deploy.cli.group import Commands
+from tis.deploy.cli.options import JsonOption, RunDirArg, VerboseOption
+from tis.deploy.shell.guard import ERR, OUT, guarded, words_to
 
 app = Commands("Look at runs")
 
@@ -32,7 +32,7 @@ def runs(
     as_json: JsonOption = False,
 ) -> int:
     """List the runs below a folder with their key figures: latency, loss and error."""
-    from deploy.tools.runs import Wanted, list_runs
+    from tis.deploy.tools.runs import Wanted, list_runs
 
     return list_runs(Wanted(base, sort, reverse, scenario, mode, valid), OUT, ERR, as_json)
 
@@ -46,14 +46,14 @@ def info(
 ) -> int:
     """Show the content of a run folder or an MCAP file and the state of each log; exit code 4: damaged or missing."""
     if path.is_dir():
-        from deploy.standalone.command import info as info_of_netem
-        from deploy.standalone.standalone_run import is_standalone
-        from deploy.tools.info import print_info
+        from tis.deploy.standalone.command import info as info_of_netem
+        from tis.deploy.standalone.standalone_run import is_standalone
+        from tis.deploy.tools.info import print_info
 
         if is_standalone(path):
             return info_of_netem(path, words_to(as_json), ERR, as_json)
         return print_info(path, words_to(as_json), ERR, verbose, as_json)
-    from deploy.logs.describe import print_file
+    from tis.deploy.logs.describe import print_file
 
     return print_file(path, words_to(as_json), ERR, as_json)
 
@@ -62,7 +62,7 @@ def info(
 @guarded
 def merge(run_dir: RunDirArg) -> int:
     """Merge the three logs into RUN_DIR/run.mcap, which Foxglove, PlotJuggler and Rerun open."""
-    from deploy.logs.merge_run import merge_again
+    from tis.deploy.logs.merge_run import merge_again
 
     return merge_again(run_dir, OUT, ERR)
 
@@ -80,8 +80,8 @@ def recover(
     In a run folder, the file with the default name replaces the damaged one for
     all commands. It lists its gaps, and figures exclude them.
     """
-    from deploy.logs.log_paths import recovered_name
-    from deploy.logs.recover import recover_and_print
+    from tis.deploy.logs.log_paths import recovered_name
+    from tis.deploy.logs.recover import recover_and_print
 
     return recover_and_print(file, out or recovered_name(file), OUT, ERR)
 
@@ -110,7 +110,7 @@ def export(
     ] = None,
 ) -> int:
     """Export a run's records as tables for other tools, with a README.md that explains every column."""
-    from deploy.export.export import export_run
+    from tis.deploy.export.export import export_run
 
     if not (csv or parquet or jigsaws):
         raise InputError(Fault("tis export", "--csv, --parquet or --jigsaws", "at least one is required"))

@@ -1,18 +1,27 @@
-"""Entry point of the command line ``tis``: groups of commands, and the check for a foreign package ``common``."""
+"""Entry point of the command line ``tis``: groups of commands."""
 
-import sys
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-import common
-from common.errors import Fault, InputError
-from common.runtime.process_end import run_to_end
-from deploy.cli import admissible, bench, certs, hosts, imports, logs, net, report, runs, scenarios, sides, studies
-from deploy.cli.group import Commands
-from deploy.shell.guard import ERR, OUT
-from deploy.shell.version import version_text
+from tis.common.runtime.process_end import run_to_end
+from tis.deploy.cli import (
+    admissible,
+    bench,
+    certs,
+    hosts,
+    imports,
+    logs,
+    net,
+    report,
+    runs,
+    scenarios,
+    sides,
+    studies,
+)
+from tis.deploy.cli.group import Commands
+from tis.deploy.shell.guard import OUT
+from tis.deploy.shell.version import version_text
 
 app = Commands(no_args_is_help=True)
 
@@ -39,21 +48,8 @@ app.add_typer(net.app, name="net", rich_help_panel="Networks")
 app.add_typer(certs.app, name="certs", rich_help_panel="One side, on a host of its own")
 
 
-def _check_own_packages() -> None:
-    """Raise `InputError` if another installed package shadows ``common``."""
-    expected = Path(__file__).resolve().parents[2] / "common"
-    found = Path(common.__file__).resolve().parent
-    if found != expected:
-        raise InputError(Fault("tis", "common", f"must be the testbed's own package in {expected}", str(found)))
-
-
 def main() -> Any:
     """Run the command line."""
-    try:
-        _check_own_packages()
-    except InputError as error:
-        ERR.print(f"tis: {error}", style="red")
-        sys.exit(error.exit_code)
     run_to_end(app)
 
 

@@ -5,12 +5,12 @@ from typing import Annotated, Any, get_args
 
 import typer
 
-from common.errors import DataError, Fault, InputError
-from common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
-from deploy.cli.group import Commands
-from deploy.cli.net_control import app as control_app
-from deploy.cli.options import JsonOption
-from deploy.shell.guard import ERR, OUT, guarded
+from tis.common.errors import DataError, Fault, InputError
+from tis.common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
+from tis.deploy.cli.group import Commands
+from tis.deploy.cli.net_control import app as control_app
+from tis.deploy.cli.options import JsonOption
+from tis.deploy.shell.guard import ERR, OUT, guarded
 
 app = Commands(
     no_args_is_help=True, help="Inspect, measure and fit networks; change a running one (show, set, outage, reset)."
@@ -33,7 +33,7 @@ def profiles(
     as_json: JsonOption = False,
 ) -> int:
     """List the profile library with the figures of its models, or show one profile with its sources."""
-    from deploy.net.library.library_command import list_profiles, show_profile
+    from tis.deploy.net.library.library_command import list_profiles, show_profile
 
     return list_profiles(OUT, as_json) if name is None else show_profile(name, OUT, as_json)
 
@@ -49,7 +49,7 @@ def stages(
     ] = None,
 ) -> int:
     """List the stages of a network with their kinds and parameters, and the sections that change them over time."""
-    from deploy.net.library.stages_command import print_stages, write_page
+    from tis.deploy.net.library.stages_command import print_stages, write_page
 
     return print_stages(name, OUT) if out is None else write_page(out, OUT)
 
@@ -114,10 +114,10 @@ def probe(
     one way only if --to is reached without crossing the path again. Otherwise
     the delay includes the way back.
     """
-    from common.runtime.zenoh_session import ZenohOptions
-    from deploy.net.probing.ends import Ends
-    from deploy.net.probing.probe import Plan
-    from deploy.net.probing.probe_command import probe_and_print
+    from tis.common.runtime.zenoh_session import ZenohOptions
+    from tis.deploy.net.probing.ends import Ends
+    from tis.deploy.net.probing.probe import Plan
+    from tis.deploy.net.probing.probe_command import probe_and_print
 
     if count is not None and seconds is not None:
         raise InputError(Fault("tis net probe", "--seconds", "must not be given together with --count"))
@@ -148,8 +148,8 @@ def reflect(
 
     Each arrival is stamped by this host's own clock, which needs no synchronisation.
     """
-    from common.runtime.zenoh_session import ZenohOptions
-    from deploy.net.probing.reflect_command import run_reflector
+    from tis.common.runtime.zenoh_session import ZenohOptions
+    from tis.deploy.net.probing.reflect_command import run_reflector
 
     return run_reflector(connect, listen, ZenohOptions((), (), config, cfg or (), insecure), key, wait_s, ERR)
 
@@ -192,9 +192,9 @@ def fit(
     The fit replays itself: printed are mean, quantiles, autocorrelation, the longest run of losses and the seconds
     above 20 % loss of the record, beside those of the replays. What does not close is warned of by name.
     """
-    from deploy.net.fitting.fit import Ways
-    from deploy.net.fitting.fit_command import fit_and_print
-    from netem.fit.marginal import MarginalName
+    from tis.deploy.net.fitting.fit import Ways
+    from tis.deploy.net.fitting.fit_command import fit_and_print
+    from tis.netem.fit.marginal import MarginalName
 
     for option, value, allowed in (
         ("--way", way, get_args(Ways)),

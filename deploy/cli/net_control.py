@@ -4,11 +4,11 @@ from typing import Annotated
 
 import typer
 
-from common.errors import Fault, InputError
-from common.runtime.zenoh_cli import CfgOption, ConfigOption
-from deploy.cli.group import Commands
-from deploy.cli.options import JsonOption
-from deploy.shell.guard import OUT, guarded
+from tis.common.errors import Fault, InputError
+from tis.common.runtime.zenoh_cli import CfgOption, ConfigOption
+from tis.deploy.cli.group import Commands
+from tis.deploy.cli.options import JsonOption
+from tis.deploy.shell.guard import OUT, guarded
 
 app = Commands()
 
@@ -35,8 +35,8 @@ def show(
     as_json: JsonOption = False,
 ) -> int:
     """Show the current state of a running emulator in both directions."""
-    from common.runtime.emulator_client import emulator_address
-    from deploy.net.control.control_commands import show as show_state
+    from tis.common.runtime.emulator_client import emulator_address
+    from tis.deploy.net.control.control_commands import show as show_state
 
     return show_state(emulator_address(connect, prefix, config, cfg), OUT, as_json)
 
@@ -88,9 +88,9 @@ def set_(
     up: the later stage wins, factors (scale_...) multiply, additions sum. A
     profile must be without outages, states, timeline and rules.
     """
-    from common.runtime.emulator_client import emulator_address
-    from deploy.net.control.change import seconds
-    from deploy.net.control.control_commands import set_change, set_profile
+    from tis.common.runtime.emulator_client import emulator_address
+    from tis.deploy.net.control.change import seconds
+    from tis.deploy.net.control.control_commands import set_change, set_profile
 
     address = emulator_address(connect, prefix, config, cfg)
     given = bool(settings or yaml_text)
@@ -131,9 +131,9 @@ def outage(
 
     With --stall they wait, and leave together at the end.
     """
-    from common.runtime.emulator_client import emulator_address
-    from deploy.net.control.change import seconds
-    from deploy.net.control.control_commands import check_direction, request
+    from tis.common.runtime.emulator_client import emulator_address
+    from tis.deploy.net.control.change import seconds
+    from tis.deploy.net.control.control_commands import check_direction, request
 
     check_direction(direction)
     content = {"direction": direction, "for_ms": seconds(length, "LENGTH") * 1000}
@@ -151,7 +151,7 @@ def reset(
     as_json: JsonOption = False,
 ) -> int:
     """End all changes of a running emulator: the scenario's own network applies again."""
-    from common.runtime.emulator_client import emulator_address
-    from deploy.net.control.control_commands import request
+    from tis.common.runtime.emulator_client import emulator_address
+    from tis.deploy.net.control.control_commands import request
 
     return request(emulator_address(connect, prefix, config, cfg), "reset", {}, OUT, as_json)

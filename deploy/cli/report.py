@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
-from common.errors import Fault, InputError
-from deploy.cli.group import Commands
-from deploy.shell.guard import OUT, guarded
+from tis.common.errors import Fault, InputError
+from tis.deploy.cli.group import Commands
+from tis.deploy.shell.guard import OUT, guarded
 
 app = Commands("Look at runs")
 
@@ -41,9 +41,9 @@ def report(
 
     To compare estimators on equal terms, see tis compare.
     """
-    from deploy.report.command import compare_runs, draw_figures, report_again
-    from deploy.standalone.command import report as report_of_netem
-    from deploy.standalone.standalone_run import is_standalone
+    from tis.deploy.report.command import compare_runs, draw_figures, report_again
+    from tis.deploy.standalone.command import report as report_of_netem
+    from tis.deploy.standalone.standalone_run import is_standalone
 
     _check(run_dirs, compare, out, figures, file_format)
     if compare:

@@ -5,11 +5,11 @@ from typing import Annotated
 
 import typer
 
-from common.errors import EXIT_INVALID_RUN, EXIT_OK
-from common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
-from deploy.cli.group import Commands
-from deploy.cli.net_control import EndpointOption, PrefixOption
-from deploy.cli.options import (
+from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK
+from tis.common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
+from tis.deploy.cli.group import Commands
+from tis.deploy.cli.net_control import EndpointOption, PrefixOption
+from tis.deploy.cli.options import (
     AddressOption,
     DurationOption,
     HostOption,
@@ -24,8 +24,8 @@ from deploy.cli.options import (
     SetOption,
     VerboseOption,
 )
-from deploy.shell.guard import ERR, OUT, guarded, words_to
-from deploy.shell.messages import print_faults, print_warnings
+from tis.deploy.shell.guard import ERR, OUT, guarded, words_to
+from tis.deploy.shell.messages import print_faults, print_warnings
 
 app = Commands("Run")
 
@@ -52,10 +52,10 @@ def run(
     ] = False,
 ) -> int:
     """Run a scenario live, as three processes on this machine in real time."""
-    from deploy.run.conclude import Outputs
-    from deploy.run.live import run_live
-    from deploy.run.resolve import resolve
-    from deploy.view.page_process import PageAddress
+    from tis.deploy.run.conclude import Outputs
+    from tis.deploy.run.live import run_live
+    from tis.deploy.run.resolve import resolve
+    from tis.deploy.view.page_process import PageAddress
 
     page = PageAddress(address, port, tuple(hosts or ())) if view else None
     outputs = Outputs(report, merge, verbose, as_json)
@@ -85,9 +85,9 @@ def view(
     cfg: CfgOption = None,
 ) -> int:
     """Open a live page on a present or future run: movement, delays, losses and the network's controls."""
-    from common.runtime.zenoh_session import ZenohOptions
-    from deploy.view.attach import attach_page
-    from deploy.view.page_process import PageAddress
+    from tis.common.runtime.zenoh_session import ZenohOptions
+    from tis.deploy.view.attach import attach_page
+    from tis.deploy.view.page_process import PageAddress
 
     page, zenoh = PageAddress(address, port, tuple(hosts or ())), ZenohOptions(config=config, cfg=tuple(cfg or ()))
     return attach_page((west, east), prefix, zenoh, page, wait_s, ERR)
@@ -110,9 +110,9 @@ def twin(
     as_json: JsonOption = False,
 ) -> int:
     """Run the same three sides in virtual time, faster than real time and bit-equal from run to run."""
-    from deploy.run.conclude import Outputs
-    from deploy.run.resolve import resolve
-    from deploy.run.virtual import run_virtual
+    from tis.deploy.run.conclude import Outputs
+    from tis.deploy.run.resolve import resolve
+    from tis.deploy.run.virtual import run_virtual
 
     chosen = resolve(scenario, settings or (), seed, duration_s)
     outputs = Outputs(report, merge, verbose, as_json)
@@ -123,7 +123,7 @@ def twin(
 @guarded
 def replay(run_dir: RunDirArg) -> int:
     """Replay a run's recorded arrivals through its patient and compare the estimates bit for bit."""
-    from deploy.run.replay import replay as replay_run
+    from tis.deploy.run.replay import replay as replay_run
 
     found = replay_run(run_dir)
     OUT.print(str(found), soft_wrap=True)
@@ -137,9 +137,9 @@ def replay(run_dir: RunDirArg) -> int:
 @guarded
 def summarize(run_dir: RunDirArg, verbose: VerboseOption = False, as_json: JsonOption = False) -> int:
     """Compute a run's summary from its logs: after gathering them from several hosts, or after an aborted run."""
-    from deploy.run.conclude import Outputs, conclude_again
-    from deploy.standalone.command import summarize as summarize_netem
-    from deploy.standalone.standalone_run import is_standalone
+    from tis.deploy.run.conclude import Outputs, conclude_again
+    from tis.deploy.standalone.command import summarize as summarize_netem
+    from tis.deploy.standalone.standalone_run import is_standalone
 
     if is_standalone(run_dir):
         return summarize_netem(run_dir, words_to(as_json), as_json)
@@ -168,8 +168,8 @@ def stop(
     They move again when every stop in force has been released. A stop prints
     the TOKEN that ends it; a release tells whether the arms are still stopped.
     """
-    from common.runtime.emulator_client import emulator_address
-    from deploy.net.control.emergency import Token, release_all, release_one, stop_arms
+    from tis.common.runtime.emulator_client import emulator_address
+    from tis.deploy.net.control.emergency import Token, release_all, release_one, stop_arms
 
     address = emulator_address(connect, prefix, config, cfg)
     if not release:

@@ -6,11 +6,11 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from common.errors import EXIT_OK, Fault, InputError
-from deploy.cli.group import Commands
-from deploy.cli.options import DurationOption, OptionalScenarioArg, ScenarioArg, SeedOption, SetOption
-from deploy.shell.guard import ERR, OUT, guarded
-from deploy.shell.messages import print_warnings
+from tis.common.errors import EXIT_OK, Fault, InputError
+from tis.deploy.cli.group import Commands
+from tis.deploy.cli.options import DurationOption, OptionalScenarioArg, ScenarioArg, SeedOption, SetOption
+from tis.deploy.shell.guard import ERR, OUT, guarded
+from tis.deploy.shell.messages import print_warnings
 
 app = Commands("Scenarios and data")
 
@@ -21,7 +21,7 @@ def new(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the scenario, and of its file without .yaml.")],
 ) -> int:
     """Write a commented scenario to start from, NAME.yaml, with the schema by which editors check it."""
-    from deploy.tools.new import write_new
+    from tis.deploy.tools.new import write_new
 
     return write_new(name, OUT)
 
@@ -37,15 +37,15 @@ def validate(
 ) -> int:
     """Check a scenario and the traces it names, and print it with all defaults."""
     # imported late, here and below: a command that fails or helps need not wait for numpy
-    from common.scenario import reading
-    from deploy.run.resolve import resolve
-    from deploy.shell.shipped_scenarios import shipped_names
+    from tis.common.scenario import reading
+    from tis.deploy.run.resolve import resolve
+    from tis.deploy.shell.shipped_scenarios import shipped_names
 
     if schema:
         print(reading.schema_json())  # noqa: T201
         return EXIT_OK
-    from common.runtime.trace_files import load_traces
-    from netem.build import build_netem
+    from tis.common.runtime.trace_files import load_traces
+    from tis.netem.build import build_netem
 
     if scenario is None:
         names = ", ".join(shipped_names())
@@ -78,14 +78,14 @@ def identify(
     seed: SeedOption = None,
 ) -> int:
     """Identify the arm's model from a scenario's training data; use the file as identification.train."""
-    from deploy.run.resolve import resolve
+    from tis.deploy.run.resolve import resolve
 
     resolved = resolve(scenario, settings or (), seed)
     if dynamics:
-        from deploy.tools.identify_dynamics import identify_dynamics_and_print
+        from tis.deploy.tools.identify_dynamics import identify_dynamics_and_print
 
         return identify_dynamics_and_print(resolved, out, figure, OUT)
-    from deploy.tools.identify import identify_and_print
+    from tis.deploy.tools.identify import identify_and_print
 
     return identify_and_print(resolved, out, figure, OUT, ERR)
 
@@ -127,9 +127,9 @@ def synth(
     On trials of several people, tis compare trains the models of each person
     on the others.
     """
-    from common.runtime.command_line import command_line
-    from deploy.run.resolve import resolve
-    from deploy.tools.synth import print_calibration, write_trials
+    from tis.common.runtime.command_line import command_line
+    from tis.deploy.run.resolve import resolve
+    from tis.deploy.tools.synth import print_calibration, write_trials
 
     if out_dir is None and not check:
         raise InputError(Fault("tis synth", "OUT_FOLDER", "is required, or --check"))

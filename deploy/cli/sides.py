@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import typer
 
-from common.runtime.side_cli import side_command
-from deploy.cli.group import Commands
-from deploy.shell.guard import ERR, guarded
-from netem.bridge.command import netem_command
+from tis.common.runtime.side_cli import side_command
+from tis.deploy.cli.group import Commands
+from tis.deploy.shell.guard import ERR, guarded
+from tis.netem.bridge.command import netem_command
 
 if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, not for the help
-    from common.channels import Side
-    from common.runtime.side_cli import RunSide
-    from common.runtime.side_log import SideOptions
-    from common.runtime.status import Status
-    from common.scenario import Scenario
-    from common.scenario.network import NetworkPart
+    from tis.common.channels import Side
+    from tis.common.runtime.side_cli import RunSide
+    from tis.common.runtime.side_log import SideOptions
+    from tis.common.runtime.status import Status
+    from tis.common.scenario import Scenario
+    from tis.common.scenario.network import NetworkPart
 
 app = Commands("One side, on a host of its own")
 
@@ -26,20 +26,20 @@ DeviceKind = Literal["mouse", "gamepad"]
 
 
 def _scenario_path(name: str) -> Path:
-    from deploy.run.resolve import scenario_path
+    from tis.deploy.run.resolve import scenario_path
 
     return scenario_path(name)
 
 
 def _library(name: str) -> Mapping[str, Any]:
-    from deploy.net.library.profiles import library
+    from tis.deploy.net.library.profiles import library
 
     return library(name)
 
 
 def _close_folder(run_dir: Path, network: "NetworkPart", exit_code: int) -> None:
     """Complete the folder of a standalone netem."""
-    from deploy.standalone.command import close_folder
+    from tis.deploy.standalone.command import close_folder
 
     close_folder(run_dir, network, exit_code)
 
@@ -56,16 +56,16 @@ def _side_of(side: "Side", module: str) -> "RunSide":
 
 def _surgeon(scenario: "Scenario", options: "SideOptions", status: "Status") -> int:
     """Run the surgeon's side, with its device beside it."""
-    from deploy.device.beside import device_beside
+    from tis.deploy.device.beside import device_beside
 
     with device_beside(scenario, options):
-        return _side_of("surgeon", "surgeon_side.__main__")(scenario, options, status)
+        return _side_of("surgeon", "tis.surgeon_side.__main__")(scenario, options, status)
 
 
 app.command("surgeon")(side_command("surgeon", _surgeon, _scenario_path, _library, get_args(DeviceKind)))
-app.command("netem")(netem_command(_side_of("netem", "netem.__main__"), _scenario_path, _library, _close_folder))
+app.command("netem")(netem_command(_side_of("netem", "tis.netem.__main__"), _scenario_path, _library, _close_folder))
 app.command("patient")(
-    side_command("patient", _side_of("patient", "patient_side.__main__"), _scenario_path, _library)
+    side_command("patient", _side_of("patient", "tis.patient_side.__main__"), _scenario_path, _library)
 )
 
 
@@ -87,7 +87,7 @@ def device(
     wait_s: Annotated[float | None, typer.Option(min=0, help="Give up without netem after so many s.")] = None,
 ) -> int:
     """Be the device of a live source, with the mouse or a gamepad of this host."""
-    from deploy.device.command import run_device
+    from tis.deploy.device.command import run_device
 
     where = connect or ["tcp/127.0.0.1:7447"]
     return run_device(kind, where, key, rate_hz, session, lambda text: ERR.print(text, soft_wrap=True), wait_s)

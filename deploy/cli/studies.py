@@ -5,10 +5,10 @@ from typing import Annotated, Any
 
 import typer
 
-from common.errors import Fault, InputError
-from deploy.cli.group import Commands
-from deploy.cli.options import JobsOption, JsonOption, OptionalScenarioArg, SchedulerOption, SeedOption, SetOption
-from deploy.shell.guard import ERR, OUT, guarded, words_to
+from tis.common.errors import Fault, InputError
+from tis.deploy.cli.group import Commands
+from tis.deploy.cli.options import JobsOption, JsonOption, OptionalScenarioArg, SchedulerOption, SeedOption, SetOption
+from tis.deploy.shell.guard import ERR, OUT, guarded, words_to
 
 app = Commands("Studies")
 
@@ -78,7 +78,7 @@ def compare(
     file. To train on the first rows of each trial instead:
     --set identification.train=own_head.
     """
-    from deploy.compare.options import compare_or_page
+    from tis.deploy.compare.options import compare_or_page
 
     given: dict[str, Any] = {"scenario": scenario, "estimators": estimators, "trials": trials, "n_seeds": seeds}
     given |= {"study": study, "people": people, "sweeps": sweeps, "zipped": zipped or None, "settings": settings}
@@ -126,12 +126,12 @@ def paper(
     Methods" becomes a measured figure: on JIGSAWS, or without recordings on a
     synthetic population.
     """
-    from deploy.paper.cells import Trial
-    from deploy.paper.command import write_paper
-    from deploy.shell.run_dir import page_file
+    from tis.deploy.paper.cells import Trial
+    from tis.deploy.paper.command import write_paper
+    from tis.deploy.shell.run_dir import page_file
 
     if methods:
-        from deploy.methods.command import Options, write_methods
+        from tis.deploy.methods.command import Options, write_methods
 
         page, place = out or page_file("methods.md"), folder or Path("runs") / "methods"
         return write_methods(Options(path, task, seed, estimators, page, place, quick, jobs), OUT, ERR)

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from typing import Final
 
-from common.errors import Fault, InputError
-from common.runtime.recordings import list_trials, no_trials, own_trial, person_of
-from common.scenario.estimator_names import fault_of
-from common.scenario.source import RecordedSource, Source
+from tis.common.errors import Fault, InputError
+from tis.common.runtime.recordings import list_trials, no_trials, own_trial, person_of
+from tis.common.scenario.estimator_names import fault_of
+from tis.common.scenario.source import RecordedSource, Source
 
 COMMAND: Final = "tis compare"
 

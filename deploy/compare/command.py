@@ -6,16 +6,16 @@ from typing import Any, Final
 from rich.console import Console
 from rich.markup import escape
 
-from common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError
-from common.runtime.command_line import command_line
-from deploy.compare.cells.store import Store
-from deploy.compare.engine.compute import Outcome, compute
-from deploy.compare.engine.workers import Workers
-from deploy.compare.plan import Plan
-from deploy.compare.results import tables
-from deploy.compare.results.files import check_files, files_of, results_of, write_files
-from deploy.shell.messages import print_faults, print_json, print_warnings
-from deploy.shell.progress import PhaseProgress
+from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError
+from tis.common.runtime.command_line import command_line
+from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.engine.compute import Outcome, compute
+from tis.deploy.compare.engine.workers import Workers
+from tis.deploy.compare.plan import Plan
+from tis.deploy.compare.results import tables
+from tis.deploy.compare.results.files import check_files, files_of, results_of, write_files
+from tis.deploy.shell.messages import print_faults, print_json, print_warnings
+from tis.deploy.shell.progress import PhaseProgress
 
 _SHOWN_WARNINGS: Final = 5
 _SHOWN_UNSCORED: Final = 5

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import Console
 
-from common.errors import DataError, Fault, InputError
-from common.extras import GET_PARQUET, GET_REPORT
-from deploy.compare.cells.store import Store
-from deploy.compare.engine.choice import workers_of
-from deploy.compare.engine.compute import compute
-from deploy.compare.results.files import Results, figures_of, files_of, results_of, write_files
-from deploy.compare.results.tidy import arrow
-from deploy.compare.study import Study
-from deploy.compare.study_plan import plan_study
-from deploy.shell.guard import ERR
-from deploy.shell.progress import PhaseProgress
+from tis.common.errors import DataError, Fault, InputError
+from tis.common.extras import GET_PARQUET, GET_REPORT
+from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.engine.choice import workers_of
+from tis.deploy.compare.engine.compute import compute
+from tis.deploy.compare.results.files import Results, figures_of, files_of, results_of, write_files
+from tis.deploy.compare.results.tidy import arrow
+from tis.deploy.compare.study import Study
+from tis.deploy.compare.study_plan import plan_study
+from tis.deploy.shell.guard import ERR
+from tis.deploy.shell.progress import PhaseProgress
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

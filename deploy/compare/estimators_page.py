@@ -10,23 +10,23 @@ from typing import Any, Final
 
 from rich.console import Console
 
-from common.errors import EXIT_INVALID_RUN, EXIT_OK
-from deploy.compare.cells.store import Store
-from deploy.compare.command import run
-from deploy.compare.engine.workers import Workers
-from deploy.compare.estimator_descriptions import DESCRIPTIONS
-from deploy.compare.estimators_sections import NAMES, Section, command_of, sections
-from deploy.compare.plan import make_plan
-from deploy.compare.results import tables
-from deploy.compare.results.orientation_tables import CAPTION, HEAD, orientation_cells, orientation_ratios
-from deploy.compare.results.people import interval_note
-from deploy.compare.results.pooled import ENOUGH_PEOPLE
-from deploy.compare.results.rows import report as build_report
-from deploy.paper.printed import ROWS
-from deploy.report.tables.numbers import number
-from deploy.shell import run_dir as folder
-from deploy.shell.messages import print_faults
-from deploy.shell.outputs import check_outputs
+from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK
+from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.command import run
+from tis.deploy.compare.engine.workers import Workers
+from tis.deploy.compare.estimator_descriptions import DESCRIPTIONS
+from tis.deploy.compare.estimators_sections import NAMES, Section, command_of, sections
+from tis.deploy.compare.plan import make_plan
+from tis.deploy.compare.results import tables
+from tis.deploy.compare.results.orientation_tables import CAPTION, HEAD, orientation_cells, orientation_ratios
+from tis.deploy.compare.results.people import interval_note
+from tis.deploy.compare.results.pooled import ENOUGH_PEOPLE
+from tis.deploy.compare.results.rows import report as build_report
+from tis.deploy.paper.printed import ROWS
+from tis.deploy.report.tables.numbers import number
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.messages import print_faults
+from tis.deploy.shell.outputs import check_outputs
 
 _FEW_TICKS: Final = 30
 _OURS: Final = "innovations_kf"

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, get_args
 
-from common.runtime.recordings import JIGSAWS_VARIABLE, list_trials
-from common.scenario.estimator_names import EstimatorName, is_learned
-from common.scenario.source import JigsawsSource
-from deploy.compare.grid import Sweep
-from deploy.compare.plan import Request
+from tis.common.runtime.recordings import JIGSAWS_VARIABLE, list_trials
+from tis.common.scenario.estimator_names import EstimatorName, is_learned
+from tis.common.scenario.source import JigsawsSource
+from tis.deploy.compare.grid import Sweep
+from tis.deploy.compare.plan import Request
 
 NAMES: Final = get_args(EstimatorName)
 _ADAPTIVE: Final = "adaptive_kf"

@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from common.errors import Fault, InputError
-from deploy.compare.choices import COMMAND
+from tis.common.errors import Fault, InputError
+from tis.deploy.compare.choices import COMMAND
 
 _RANGE: Final = re.compile(r"(?P<first>[^:]+?)\.\.(?P<last>[^:]+):(?P<count>\d+)(?P<log>:log)?")
 MAX_VALUES: Final = 10_000

@@ -8,16 +8,16 @@ from typing import Any, Final, TypeVar
 from rich.console import Console
 from rich.markup import escape
 
-from common.errors import DataError, Fault, InputError
-from deploy.compare.choices import COMMAND, names_of
-from deploy.compare.command import compare
-from deploy.compare.definitions.command import compare_definitions
-from deploy.compare.engine.choice import workers_of
-from deploy.compare.estimators_page import write_page
-from deploy.compare.grid import parse_sweep
-from deploy.compare.plan import Plan, Request, make_plan
-from deploy.compare.study_plan import plan_study, read_study
-from deploy.shell.shipped_scenarios import shipped_names
+from tis.common.errors import DataError, Fault, InputError
+from tis.deploy.compare.choices import COMMAND, names_of
+from tis.deploy.compare.command import compare
+from tis.deploy.compare.definitions.command import compare_definitions
+from tis.deploy.compare.engine.choice import workers_of
+from tis.deploy.compare.estimators_page import write_page
+from tis.deploy.compare.grid import parse_sweep
+from tis.deploy.compare.plan import Plan, Request, make_plan
+from tis.deploy.compare.study_plan import plan_study, read_study
+from tis.deploy.shell.shipped_scenarios import shipped_names
 
 Value = TypeVar("Value")
 

@@ -7,21 +7,21 @@ from itertools import product
 from pathlib import Path
 from typing import Final
 
-from common.errors import DataError, Fault, InputError
-from common.runtime.recordings import list_trials, trial_file, whole_recording
-from common.runtime.user_code import load_user_code
-from common.scenario import Scenario
-from common.scenario.estimator_names import is_user_defined
-from common.scenario.live_rules import virtual_time_faults
-from common.scenario.patient import is_model_file
-from common.scenario.reading import apply_settings, build_scenario
-from common.scenario.source import RecordedSource, Source
-from common.scenario.table_source import TableSource
-from deploy.compare.cells.cell import Cell, Training, first_row
-from deploy.compare.cells.identity import cell_of, dump, training_of, trial_facts
-from deploy.compare.choices import COMMAND, estimator_faults, folder_faults, people_of, trial_faults, trials_of
-from deploy.compare.grid import Point, Sweep, grid_faults, points_of
-from deploy.run.resolve import resolve
+from tis.common.errors import DataError, Fault, InputError
+from tis.common.runtime.recordings import list_trials, trial_file, whole_recording
+from tis.common.runtime.user_code import load_user_code
+from tis.common.scenario import Scenario
+from tis.common.scenario.estimator_names import is_user_defined
+from tis.common.scenario.live_rules import virtual_time_faults
+from tis.common.scenario.patient import is_model_file
+from tis.common.scenario.reading import apply_settings, build_scenario
+from tis.common.scenario.source import RecordedSource, Source
+from tis.common.scenario.table_source import TableSource
+from tis.deploy.compare.cells.cell import Cell, Training, first_row
+from tis.deploy.compare.cells.identity import cell_of, dump, training_of, trial_facts
+from tis.deploy.compare.choices import COMMAND, estimator_faults, folder_faults, people_of, trial_faults, trials_of
+from tis.deploy.compare.grid import Point, Sweep, grid_faults, points_of
+from tis.deploy.run.resolve import resolve
 
 DEFAULT_SYNTHETIC_SEEDS: Final = 5
 MAX_SEEDS: Final = 1_000_000

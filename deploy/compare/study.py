@@ -19,11 +19,11 @@ from pydantic import (
     model_validator,
 )
 
-from common.errors import Fault, InputError
-from common.scenario.base import Part, Positive, RuleText
-from common.scenario.faults import faults
-from deploy.compare.grid import MAX_VALUES, Sweep, number_text, spanned
-from deploy.compare.plan import MAX_SEEDS, Request
+from tis.common.errors import Fault, InputError
+from tis.common.scenario.base import Part, Positive, RuleText
+from tis.common.scenario.faults import faults
+from tis.deploy.compare.grid import MAX_VALUES, Sweep, number_text, spanned
+from tis.deploy.compare.plan import MAX_SEEDS, Request
 
 IN_PYTHON: Final = "Study"
 """Place of the faults of a study that no file holds."""

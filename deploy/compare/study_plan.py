@@ -6,12 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from common.errors import DataError, Fault, InputError
-from common.runtime.scenario_file import read_scenario
-from deploy.compare.choices import COMMAND
-from deploy.compare.plan import Plan, make_plan
-from deploy.compare.study import IN_PYTHON, Study
-from deploy.run.resolve import is_file, scenario_path
+from tis.common.errors import DataError, Fault, InputError
+from tis.common.runtime.scenario_file import read_scenario
+from tis.deploy.compare.choices import COMMAND
+from tis.deploy.compare.plan import Plan, make_plan
+from tis.deploy.compare.study import IN_PYTHON, Study
+from tis.deploy.run.resolve import is_file, scenario_path
 
 _FIELDS: Final = {
     "--set": "settings",

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final, get_args
 
-from common.errors import Fault, InputError
-from common.runtime.child_process import child_environment
-from common.runtime.side_cli import endpoints_for
-from common.runtime.side_log import SideOptions
-from common.scenario import Scenario
-from deploy.device.inputs import Kind, close_inputs, open_inputs
+from tis.common.errors import Fault, InputError
+from tis.common.runtime.child_process import child_environment
+from tis.common.runtime.side_cli import endpoints_for
+from tis.common.runtime.side_log import SideOptions
+from tis.common.scenario import Scenario
+from tis.deploy.device.inputs import Kind, close_inputs, open_inputs
 
 _END_S: Final = 5.0
 
@@ -32,7 +32,7 @@ def device_beside(scenario: Scenario, options: SideOptions) -> Iterator[None]:
     assert kind in get_args(Kind)
     close_inputs(open_inputs(kind))  # type: ignore[arg-type]
     connect = options.zenoh.connect or endpoints_for(scenario, "surgeon", "west")
-    command = [sys.executable, "-m", "deploy.cli.main", "device", kind, "--key", source.keys.of(source.hands[0])]
+    command = [sys.executable, "-m", "tis.deploy.cli.main", "device", kind, "--key", source.keys.of(source.hands[0])]
     command += ["--session", scenario.session, *(word for one in connect for word in ("--connect", one))]
     process = subprocess.Popen(command, stdin=subprocess.DEVNULL, env=child_environment())
     try:

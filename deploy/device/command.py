@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 
 import zenoh
 
-from common.errors import EXIT_OK, Fault, PeerError
-from common.runtime.control import ControlKeys
-from common.runtime.interrupt import Interrupt
-from common.runtime.zenoh_session import ZenohOptions, configure, open_client
-from common.units import NS_PER_S
-from deploy.device.inputs import COMMAND, Inputs, Kind, close_inputs, open_inputs
+from tis.common.errors import EXIT_OK, Fault, PeerError
+from tis.common.runtime.control import ControlKeys
+from tis.common.runtime.interrupt import Interrupt
+from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client
+from tis.common.units import NS_PER_S
+from tis.deploy.device.inputs import COMMAND, Inputs, Kind, close_inputs, open_inputs
 
 
 def run_device(

@@ -4,10 +4,10 @@ import os
 from collections.abc import Callable
 from typing import Any, Final, Literal
 
-from common.errors import Fault, InputError
-from common.extras import GET_DEVICE
-from surgeon_side.devices import gamepad, mouse
-from surgeon_side.devices.handle import Handle
+from tis.common.errors import Fault, InputError
+from tis.common.extras import GET_DEVICE
+from tis.surgeon_side.devices import gamepad, mouse
+from tis.surgeon_side.devices.handle import Handle
 
 Kind = Literal["mouse", "gamepad"]
 COMMAND: Final = "tis device"

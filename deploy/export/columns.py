@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
-from deploy.logs.read.batches import DEPARTURES, OUTCOMES
+from tis.deploy.logs.read.batches import DEPARTURES, OUTCOMES
 
 _TABLES: Final[Mapping[str, str]] = {
     "tracks": "A row for each tick of the patient: the true position of the arm, and every estimate.",

@@ -13,14 +13,14 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault, InputError
-from common.extras import GET_PARQUET
-from deploy.export.columns import readme
-from deploy.export.jigsaws import jigsaws_files
-from deploy.export.tables import Table, tables
-from deploy.logs.read.recorded import models_in
-from deploy.logs.topics import RunTopics
-from deploy.report.run_data import Run, load
+from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault, InputError
+from tis.common.extras import GET_PARQUET
+from tis.deploy.export.columns import readme
+from tis.deploy.export.jigsaws import jigsaws_files
+from tis.deploy.export.tables import Table, tables
+from tis.deploy.logs.read.recorded import models_in
+from tis.deploy.logs.topics import RunTopics
+from tis.deploy.report.run_data import Run, load
 
 _CSV_ROWS: Final = 65_536
 _README: Final = "README.md"

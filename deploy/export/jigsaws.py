@@ -15,21 +15,21 @@ from typing import Final
 import numpy as np
 from pydantic import ValidationError
 
-from common.channels import FOLLOWER, Channel, Hand, Side
-from common.errors import DataError, Fault, InputError
-from common.messages import Pose, position_m
-from common.runtime.mcap_chunks import by_channel
-from common.scenario import Scenario
-from common.sources.jigsaws import MIN_ROWS, RATE_HZ
-from common.sources.jigsaws_text import trial_text
-from common.sources.trajectory import HandRecording, PoseTrack, Recording
-from common.units import NS_PER_S
-from deploy.logs.blocks import Block
-from deploy.logs.json_rows import other_version
-from deploy.logs.limits import MAX_NUMBER
-from deploy.logs.log_file import LogFile, truncated_start
-from deploy.logs.log_paths import log_files
-from deploy.logs.topics import RunTopics
+from tis.common.channels import FOLLOWER, Channel, Hand, Side
+from tis.common.errors import DataError, Fault, InputError
+from tis.common.messages import Pose, position_m
+from tis.common.runtime.mcap_chunks import by_channel
+from tis.common.scenario import Scenario
+from tis.common.sources.jigsaws import MIN_ROWS, RATE_HZ
+from tis.common.sources.jigsaws_text import trial_text
+from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
+from tis.common.units import NS_PER_S
+from tis.deploy.logs.blocks import Block
+from tis.deploy.logs.json_rows import other_version
+from tis.deploy.logs.limits import MAX_NUMBER
+from tis.deploy.logs.log_file import LogFile, truncated_start
+from tis.deploy.logs.log_paths import log_files
+from tis.deploy.logs.topics import RunTopics
 
 SENT: Final = "R001"
 ESTIMATED: Final = "R002"

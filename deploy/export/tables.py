@@ -7,15 +7,15 @@ from typing import Any, Final, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Direction, Hand, Side, is_predicted, is_set_point
-from common.records import ESTIMATES, FRESH, ORIENTATIONS, PLANT, PROMPT
-from common.scenario.estimator_names import plain_name
-from common.units import MM_PER_M
-from deploy.logs.json_rows import Row
-from deploy.logs.read.batches import DEPARTURES, OUTCOMES, Fates, Releases, fates_by_key, releases_by_key
-from deploy.logs.read.load import RunLogs
-from deploy.logs.read.rows import Rows
-from deploy.report.run_data import Run
+from tis.common.channels import Direction, Hand, Side, is_predicted, is_set_point
+from tis.common.records import ESTIMATES, FRESH, ORIENTATIONS, PLANT, PROMPT
+from tis.common.scenario.estimator_names import plain_name
+from tis.common.units import MM_PER_M
+from tis.deploy.logs.json_rows import Row
+from tis.deploy.logs.read.batches import DEPARTURES, OUTCOMES, Fates, Releases, fates_by_key, releases_by_key
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.rows import Rows
+from tis.deploy.report.run_data import Run
 
 Columns = dict[str, NDArray[Any]]
 

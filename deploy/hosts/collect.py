@@ -7,12 +7,12 @@ from pathlib import Path
 
 from rich.console import Console
 
-from common.errors import DataError, Fault
-from common.runtime.scenario_file import RUNS
-from deploy.hosts.connections import hosts_of
-from deploy.hosts.gather import gather_logs, newest_run
-from deploy.hosts.hosts_file import read_plan
-from deploy.run.conclude import Outputs, conclude_again
+from tis.common.errors import DataError, Fault
+from tis.common.runtime.scenario_file import RUNS
+from tis.deploy.hosts.connections import hosts_of
+from tis.deploy.hosts.gather import gather_logs, newest_run
+from tis.deploy.hosts.hosts_file import read_plan
+from tis.deploy.run.conclude import Outputs, conclude_again
 
 
 def collect_from_hosts(

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
-from common.endpoint import endpoint_faults
-from common.errors import Fault, InputError
-from deploy.hosts.protocol import RUN_NAME
+from tis.common.endpoint import endpoint_faults
+from tis.common.errors import Fault, InputError
+from tis.deploy.hosts.protocol import RUN_NAME
 
 _WHERE: Final = "tis collect"
 _PROTOCOLS: Final = ("tcp", "tls", "quic", "ws", "udp", "unixsock-stream", "vsock", "serial")

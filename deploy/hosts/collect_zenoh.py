@@ -15,17 +15,17 @@ from typing import Final, get_args
 import zenoh
 from rich.console import Console
 
-from common.channels import Side
-from common.errors import EXIT_OK, DataError, Fault, PeerError
-from common.runtime.interrupt import Interrupt
-from common.runtime.scenario_file import run_folder
-from common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router, visitor
-from deploy.hosts.collect import collection_folder, told_on
-from deploy.hosts.transfer.fetch import Collection
-from deploy.hosts.transfer.offered_logs import log_names
-from deploy.hosts.transfer.zenoh_offer import ZenohOffer
-from deploy.hosts.transfer.zenoh_source import offers
-from deploy.run.conclude import Outputs, conclude_again
+from tis.common.channels import Side
+from tis.common.errors import EXIT_OK, DataError, Fault, PeerError
+from tis.common.runtime.interrupt import Interrupt
+from tis.common.runtime.scenario_file import run_folder
+from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router, visitor
+from tis.deploy.hosts.collect import collection_folder, told_on
+from tis.deploy.hosts.transfer.fetch import Collection
+from tis.deploy.hosts.transfer.offered_logs import log_names
+from tis.deploy.hosts.transfer.zenoh_offer import ZenohOffer
+from tis.deploy.hosts.transfer.zenoh_source import offers
+from tis.deploy.run.conclude import Outputs, conclude_again
 
 _WHO: Final = "tis collect"
 _LOOK_EVERY_S: Final = 0.5

@@ -11,16 +11,16 @@ from contextlib import AsyncExitStack
 from dataclasses import replace
 from typing import Final, get_args
 
-from common.channels import Side
-from common.errors import Fault, InputError, PeerError, TisError
-from common.extras import GET_HOSTS
-from common.runtime.clock_skew import SKEW_VARIABLE
-from common.scenario import reading
-from deploy.hosts.host import Host, RemoteProcess, SideHost
-from deploy.hosts.hosts_file import LocalHost, NamespaceHost, Plan
-from deploy.hosts.protocol import CheckAnswer, CheckRequest, printable
-from deploy.shell.extras import can_ssh
-from deploy.shell.version import version_text
+from tis.common.channels import Side
+from tis.common.errors import Fault, InputError, PeerError, TisError
+from tis.common.extras import GET_HOSTS
+from tis.common.runtime.clock_skew import SKEW_VARIABLE
+from tis.common.scenario import reading
+from tis.deploy.hosts.host import Host, RemoteProcess, SideHost
+from tis.deploy.hosts.hosts_file import LocalHost, NamespaceHost, Plan
+from tis.deploy.hosts.protocol import CheckAnswer, CheckRequest, printable
+from tis.deploy.shell.extras import can_ssh
+from tis.deploy.shell.version import version_text
 
 # Hosts on this machine: a network namespace, or the machine itself.
 
@@ -144,7 +144,7 @@ def _host(plan: Plan, side: Side) -> Host:
     settings = plan.hosts.of(side)
     if settings.kind != "ssh":
         return ProcessHost(settings)
-    from deploy.hosts.ssh_host import Ssh  # an extra
+    from tis.deploy.hosts.ssh_host import Ssh  # an extra
 
     key = None if settings.key is None else plan.local_file(settings.key)
     return Ssh(settings, key, plan.local_file(settings.known_hosts))

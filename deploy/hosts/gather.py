@@ -3,11 +3,11 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from common.errors import DataError, Fault
-from deploy.hosts.connections import at_all
-from deploy.hosts.host import HostLogs, SideHost
-from deploy.hosts.protocol import RunsAnswer, RunsRequest
-from deploy.hosts.transfer.fetch import Collection
+from tis.common.errors import DataError, Fault
+from tis.deploy.hosts.connections import at_all
+from tis.deploy.hosts.host import HostLogs, SideHost
+from tis.deploy.hosts.protocol import RunsAnswer, RunsRequest
+from tis.deploy.hosts.transfer.fetch import Collection
 
 
 async def gather_logs(hosts: Sequence[SideHost], run: str, folder: Path, told: Callable[[str], None]) -> None:

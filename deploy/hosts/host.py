@@ -9,11 +9,19 @@ from typing import Any, Final, Protocol, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from common.channels import Side
-from common.errors import Fault, PeerError
-from deploy.hosts.hosts_file import AnyHost
-from deploy.hosts.protocol import MAX_LINE_BYTES, AnyRequest, ListAnswer, ListRequest, ReadRequest, line_of, printable
-from deploy.hosts.transfer.offered_logs import OfferedLog
+from tis.common.channels import Side
+from tis.common.errors import Fault, PeerError
+from tis.deploy.hosts.hosts_file import AnyHost
+from tis.deploy.hosts.protocol import (
+    MAX_LINE_BYTES,
+    AnyRequest,
+    ListAnswer,
+    ListRequest,
+    ReadRequest,
+    line_of,
+    printable,
+)
+from tis.deploy.hosts.transfer.offered_logs import OfferedLog
 
 Answer = TypeVar("Answer", bound=BaseModel)
 

@@ -9,16 +9,16 @@ from typing import Annotated, Any, Final, Literal, get_args
 
 from pydantic import AfterValidator, Field, StringConstraints, ValidationError
 
-from common.channels import Side
-from common.errors import Fault, InputError
-from common.runtime.clock_skew import skewed
-from common.runtime.recordings.whole_run import build_whole
-from common.runtime.scenario_file import read_scenario
-from common.scenario import Scenario
-from common.scenario.base import Part, RuleText
-from common.scenario.faults import faults
-from deploy.net.library.profiles import library
-from deploy.run.resolve import is_file, scenario_path
+from tis.common.channels import Side
+from tis.common.errors import Fault, InputError
+from tis.common.runtime.clock_skew import skewed
+from tis.common.runtime.recordings.whole_run import build_whole
+from tis.common.runtime.scenario_file import read_scenario
+from tis.common.scenario import Scenario
+from tis.common.scenario.base import Part, RuleText
+from tis.common.scenario.faults import faults
+from tis.deploy.net.library.profiles import library
+from tis.deploy.run.resolve import is_file, scenario_path
 
 _MAX_SCENARIO_CHARS: Final = 150
 _NAME: Final = r"^[A-Za-z0-9_][A-Za-z0-9_.:%-]{0,252}$"

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, get_args
 
-from common.channels import Side
-from deploy.shell.outcome import Event
+from tis.common.channels import Side
+from tis.deploy.shell.outcome import Event
 
 _MAX_WARNINGS: Final = 5
 _LINE_EVERY_S: Final = 5.0

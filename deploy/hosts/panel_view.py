@@ -9,8 +9,8 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from deploy.hosts.panel import PanelState
-from deploy.shell.outcome import Event
+from tis.deploy.hosts.panel import PanelState
+from tis.deploy.shell.outcome import Event
 
 _REFRESH_HZ: Final = 4
 _MAX_WIDTH: Final = 100

@@ -10,11 +10,11 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
 
-from common.channels import Side
-from common.errors import Fault, InputError
-from common.yaml_text import MAX_YAML_BYTES
-from deploy.hosts.transfer.offered_logs import LogName, OfferedLog
-from deploy.shell.outcome import Event
+from tis.common.channels import Side
+from tis.common.errors import Fault, InputError
+from tis.common.yaml_text import MAX_YAML_BYTES
+from tis.deploy.hosts.transfer.offered_logs import LogName, OfferedLog
+from tis.deploy.shell.outcome import Event
 
 MAX_REQUEST_BYTES: Final = 2 * MAX_YAML_BYTES
 MAX_LINE_BYTES: Final = 1 << 16

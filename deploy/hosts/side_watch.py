@@ -7,11 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
-from common.channels import Side
-from common.errors import EXIT_OK, PeerError
-from deploy.hosts.host import RemoteProcess, SideHost, cancelled
-from deploy.hosts.protocol import ALIVE, ALIVE_EVERY_S, INTERRUPT, RunRequest, event_in
-from deploy.shell.outcome import Event, SideEnd, reasons_of
+from tis.common.channels import Side
+from tis.common.errors import EXIT_OK, PeerError
+from tis.deploy.hosts.host import RemoteProcess, SideHost, cancelled
+from tis.deploy.hosts.protocol import ALIVE, ALIVE_EVERY_S, INTERRUPT, RunRequest, event_in
+from tis.deploy.shell.outcome import Event, SideEnd, reasons_of
 
 MAX_RESTARTS: Final = 5
 _AFTER_INTERRUPT_S: Final = 10.0

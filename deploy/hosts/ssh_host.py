@@ -6,10 +6,10 @@ from typing import Any, Final
 
 import asyncssh
 
-from common.errors import DataError, Fault, InputError, PeerError
-from deploy.hosts.host import RemoteProcess
-from deploy.hosts.hosts_file import SshHost
-from deploy.hosts.protocol import printable
+from tis.common.errors import DataError, Fault, InputError, PeerError
+from tis.deploy.hosts.host import RemoteProcess
+from tis.deploy.hosts.hosts_file import SshHost
+from tis.deploy.hosts.protocol import printable
 
 _CONNECT_S: Final = 15.0
 _KEEPALIVE_S: Final = 5

@@ -9,25 +9,25 @@ from typing import Any, Final
 
 from rich.console import Console
 
-from common.channels import Side
-from common.errors import EXIT_INTERRUPTED, EXIT_OK, TisError
-from common.runtime.command_line import command_line
-from common.runtime.interrupt import Interrupt
-from common.runtime.scenario_file import RUNS, run_folder
-from common.scenario import reading
-from deploy.hosts.collect import told_on
-from deploy.hosts.connections import connect_and_check, hosts_of
-from deploy.hosts.gather import gather_logs
-from deploy.hosts.host import SideHost
-from deploy.hosts.hosts_file import Plan, read_plan
-from deploy.hosts.panel import PanelState
-from deploy.hosts.panel_view import PanelView
-from deploy.hosts.protocol import RunRequest
-from deploy.hosts.side_watch import SideWatch
-from deploy.run.conclude import Ending, Outputs, conclude
-from deploy.shell import run_dir as folder
-from deploy.shell.messages import print_faults
-from deploy.shell.outcome import Outcome, SideEnd, outcome_of
+from tis.common.channels import Side
+from tis.common.errors import EXIT_INTERRUPTED, EXIT_OK, TisError
+from tis.common.runtime.command_line import command_line
+from tis.common.runtime.interrupt import Interrupt
+from tis.common.runtime.scenario_file import RUNS, run_folder
+from tis.common.scenario import reading
+from tis.deploy.hosts.collect import told_on
+from tis.deploy.hosts.connections import connect_and_check, hosts_of
+from tis.deploy.hosts.gather import gather_logs
+from tis.deploy.hosts.host import SideHost
+from tis.deploy.hosts.hosts_file import Plan, read_plan
+from tis.deploy.hosts.panel import PanelState
+from tis.deploy.hosts.panel_view import PanelView
+from tis.deploy.hosts.protocol import RunRequest
+from tis.deploy.hosts.side_watch import SideWatch
+from tis.deploy.run.conclude import Ending, Outputs, conclude
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.messages import print_faults
+from tis.deploy.shell.outcome import Outcome, SideEnd, outcome_of
 
 # The three sides together: all run until all have ended, and an end that ends the others.
 

@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
-from common.channels import Side
-from common.clocks.model import SHARED, ClockModel
+from tis.common.channels import Side
+from tis.common.clocks.model import SHARED, ClockModel
 
 Clocks = Mapping[Side, ClockModel]
 

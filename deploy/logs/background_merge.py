@@ -7,12 +7,12 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Final, Protocol
 
-from common.errors import DataError, Fault
-from common.scenario import Scenario
-from deploy.logs.alignment import Clocks
-from deploy.logs.merge import Merged, partial_of
-from deploy.logs.merge_run import Opening, logs_in, merge_run
-from deploy.shell import run_dir as folder
+from tis.common.errors import DataError, Fault
+from tis.common.scenario import Scenario
+from tis.deploy.logs.alignment import Clocks
+from tis.deploy.logs.merge import Merged, partial_of
+from tis.deploy.logs.merge_run import Opening, logs_in, merge_run
+from tis.deploy.shell import run_dir as folder
 
 _MIN_PROCESS_BYTES: Final = 8_000_000
 

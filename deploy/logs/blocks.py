@@ -16,9 +16,9 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Schema
 
-from common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES, RECORD_HEAD, Ints
-from deploy.logs.limits import MAX_CHUNK_BYTES, MAX_CHUNK_RECORDS
-from deploy.logs.record_content import RecordContent, SpentError
+from tis.common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES, RECORD_HEAD, Ints
+from tis.deploy.logs.limits import MAX_CHUNK_BYTES, MAX_CHUNK_RECORDS
+from tis.deploy.logs.record_content import RecordContent, SpentError
 
 FIELDS: Final = np.dtype([("channel", "<u2"), ("seq", "<u4"), ("log", "<u8"), ("publish", "<u8")])
 OF_FIELDS: Final = np.arange(RECORD_HEAD.size, MESSAGE_HEAD_BYTES)

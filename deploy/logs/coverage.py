@@ -7,10 +7,10 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from common.clocks.model import ClockModel
-from common.runtime.mcap_chunks import Ints
-from common.units import NS_PER_MS, NS_PER_S
-from deploy.logs.log_file import LogFile
+from tis.common.clocks.model import ClockModel
+from tis.common.runtime.mcap_chunks import Ints
+from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.deploy.logs.log_file import LogFile
 
 RECOVERED: Final = "recovered"
 """Name of the metadata record in which a recovered log states its gaps."""

@@ -6,8 +6,8 @@ from typing import Any, Final
 
 from pydantic_core import from_json
 
-from common.errors import DataError, Fault
-from deploy.logs.limits import MAX_JSON_BYTES, MAX_NUMBER
+from tis.common.errors import DataError, Fault
+from tis.deploy.logs.limits import MAX_JSON_BYTES, MAX_NUMBER
 
 Row = dict[str, Any]
 

@@ -13,10 +13,10 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Footer, Header, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
 
-from common.errors import DataError, Fault
-from common.runtime.mcap_chunks import RECORD_HEAD
-from deploy.logs.blocks import Block, Parsed, parse_records, unpack_chunk
-from deploy.logs.limits import (
+from tis.common.errors import DataError, Fault
+from tis.common.runtime.mcap_chunks import RECORD_HEAD
+from tis.deploy.logs.blocks import Block, Parsed, parse_records, unpack_chunk
+from tis.deploy.logs.limits import (
     MAX_ATTACHMENTS,
     MAX_CHANNELS,
     MAX_METADATA,
@@ -24,8 +24,8 @@ from deploy.logs.limits import (
     MAX_RECORD_BYTES,
     MAX_SCHEMAS,
 )
-from deploy.logs.record_content import ReadingBudget, RecordContent, SpentError
-from deploy.logs.record_heads import read_head
+from tis.deploy.logs.record_content import ReadingBudget, RecordContent, SpentError
+from tis.deploy.logs.record_heads import read_head
 
 # Search for the next chunk behind damage.
 
@@ -80,7 +80,7 @@ _FOOTER_BYTES: Final = RECORD_HEAD.size + 20 + len(MCAP0_MAGIC)
 class LogFile:
     """Reads the MCAP file of any program once, chunk by chunk; it stops at damage without an error.
 
-    Damage includes whatever exceeds `deploy.logs.limits`, so that reading takes bounded memory.
+    Damage includes whatever exceeds `tis.deploy.logs.limits`, so that reading takes bounded memory.
 
     With ``search`` it continues at the next intact chunk instead. Afterwards ``damage`` describes the first damage,
     or is None; ``n_gaps`` and ``gap_bytes`` count what was skipped, the other fields hold what was found. Messages

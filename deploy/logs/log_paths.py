@@ -10,12 +10,12 @@ from mcap.opcode import Opcode
 from mcap.records import Metadata
 from mcap.writer import MCAP0_MAGIC
 
-from common.channels import Side
-from common.runtime.log_parts import part_name
-from deploy.logs.coverage import RECOVERED
-from deploy.logs.limits import MAX_METADATA_BYTES
-from deploy.logs.record_content import RecordContent
-from deploy.logs.record_heads import record_heads
+from tis.common.channels import Side
+from tis.common.runtime.log_parts import part_name
+from tis.deploy.logs.coverage import RECOVERED
+from tis.deploy.logs.limits import MAX_METADATA_BYTES
+from tis.deploy.logs.record_content import RecordContent
+from tis.deploy.logs.record_heads import record_heads
 
 
 def log_file(run_dir: Path, side: Side, part: int = 1) -> Path:
@@ -34,7 +34,7 @@ def log_file(run_dir: Path, side: Side, part: int = 1) -> Path:
 
 
 def log_files(run_dir: Path) -> dict[Side, tuple[Path, ...]]:
-    """Return the files of each side that has a log, in any state: its parts in order (`common.runtime.log_parts`)."""
+    """Return the files of each side that has a log in any state, parts in order (`tis.common.runtime.log_parts`)."""
     found: dict[Side, tuple[Path, ...]] = {side: _parts(run_dir, side) for side in get_args(Side)}
     return {side: paths for side, paths in found.items() if paths}
 

@@ -14,20 +14,20 @@ from typing import BinaryIO, Final, NamedTuple, get_args
 import numpy as np
 from mcap.records import Channel, Schema
 
-from common.channels import Side
-from common.errors import DataError, Fault
-from common.runtime.chunk_writer import ChunkWriter
-from common.runtime.json_schema import flat_schema
-from common.runtime.mcap_chunks import QUICK, THOROUGH, by_channel, encode_message
-from common.sources.provenance import MODEL_FILES
-from common.units import NS_PER_S
-from deploy.logs.alignment import Clocks
-from deploy.logs.coverage import damage_text
-from deploy.logs.merge_source import FOREVER, MergeSource, Piece
-from deploy.logs.topics import RunTopics, merged_topic
-from deploy.logs.viewer import foxglove
-from deploy.logs.viewer.drawn import DRAWN_HZ, Drawn, Payloads, Records
-from deploy.logs.viewer.scene import Scene
+from tis.common.channels import Side
+from tis.common.errors import DataError, Fault
+from tis.common.runtime.chunk_writer import ChunkWriter
+from tis.common.runtime.json_schema import flat_schema
+from tis.common.runtime.mcap_chunks import QUICK, THOROUGH, by_channel, encode_message
+from tis.common.sources.provenance import MODEL_FILES
+from tis.common.units import NS_PER_S
+from tis.deploy.logs.alignment import Clocks
+from tis.deploy.logs.coverage import damage_text
+from tis.deploy.logs.merge_source import FOREVER, MergeSource, Piece
+from tis.deploy.logs.topics import RunTopics, merged_topic
+from tis.deploy.logs.viewer import foxglove
+from tis.deploy.logs.viewer.drawn import DRAWN_HZ, Drawn, Payloads, Records
+from tis.deploy.logs.viewer.scene import Scene
 
 MERGED_VERSION: Final = "1"
 _MIN_SORTED: Final = 60_000

@@ -7,23 +7,23 @@ from typing import Any, Final, NamedTuple, get_args
 from rich.console import Console
 from rich.markup import escape
 
-from common.channels import Arm, Hand, Side
-from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
-from common.scenario import Scenario
-from common.sources.provenance import MODEL_FILES
-from common.units import s_to_ns
-from deploy.logs.alignment import Clocks
-from deploy.logs.log_file import truncated_start
-from deploy.logs.log_paths import log_files
-from deploy.logs.merge import Conclusion, Merged, merge_logs
-from deploy.logs.read.clocks import CLOCK_TOPICS
-from deploy.logs.read.load import RunLogs, load_run
-from deploy.logs.read.recorded import scenario_in
-from deploy.logs.topics import RunTopics
-from deploy.logs.viewer.draw_log import line
-from deploy.logs.viewer.drawn import Drawn
-from deploy.shell import run_dir as folder
-from patient_side.models import read_models
+from tis.common.channels import Arm, Hand, Side
+from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
+from tis.common.scenario import Scenario
+from tis.common.sources.provenance import MODEL_FILES
+from tis.common.units import s_to_ns
+from tis.deploy.logs.alignment import Clocks
+from tis.deploy.logs.log_file import truncated_start
+from tis.deploy.logs.log_paths import log_files
+from tis.deploy.logs.merge import Conclusion, Merged, merge_logs
+from tis.deploy.logs.read.clocks import CLOCK_TOPICS
+from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.deploy.logs.read.recorded import scenario_in
+from tis.deploy.logs.topics import RunTopics
+from tis.deploy.logs.viewer.draw_log import line
+from tis.deploy.logs.viewer.drawn import Drawn
+from tis.deploy.shell import run_dir as folder
+from tis.patient_side.models import read_models
 
 _ATTACHED: Final = (folder.SCENARIO_FILE, *MODEL_FILES, folder.MANIFEST_FILE, folder.SUMMARY_FILE)
 

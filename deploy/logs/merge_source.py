@@ -10,14 +10,14 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
-from common.channels import Direction, Side, direction_of
-from common.clocks.model import ClockModel
-from common.errors import DataError, Fault
-from common.runtime.mcap_chunks import Ints
-from deploy.logs.alignment import Clocks, clock_of
-from deploy.logs.blocks import FIELDS, OF_FIELDS, Block
-from deploy.logs.log_file import LogFile
-from deploy.logs.record_heads import record_heads
+from tis.common.channels import Direction, Side, direction_of
+from tis.common.clocks.model import ClockModel
+from tis.common.errors import DataError, Fault
+from tis.common.runtime.mcap_chunks import Ints
+from tis.deploy.logs.alignment import Clocks, clock_of
+from tis.deploy.logs.blocks import FIELDS, OF_FIELDS, Block
+from tis.deploy.logs.log_file import LogFile
+from tis.deploy.logs.record_heads import record_heads
 
 Register = Callable[[Side, Channel, Schema | None], int]
 

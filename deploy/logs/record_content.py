@@ -5,7 +5,7 @@ from typing import Final
 
 from mcap.data_stream import ReadDataStream
 
-from deploy.logs.limits import (
+from tis.deploy.logs.limits import (
     FREE_BYTES,
     FREE_READ_BYTES,
     FREE_RECORDS,

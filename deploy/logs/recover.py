@@ -8,15 +8,15 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
-from common.runtime.chunk_writer import ChunkWriter
-from common.runtime.mcap_chunks import encode_message
-from common.units import NS_PER_S
-from deploy.logs.blocks import Block
-from deploy.logs.coverage import FOREVER, RECOVERED, Span, lost_bytes_of, recovery_metadata, spans
-from deploy.logs.log_file import LogFile
-from deploy.logs.log_paths import recovered_name
-from deploy.shell import run_dir as folder
+from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
+from tis.common.runtime.chunk_writer import ChunkWriter
+from tis.common.runtime.mcap_chunks import encode_message
+from tis.common.units import NS_PER_S
+from tis.deploy.logs.blocks import Block
+from tis.deploy.logs.coverage import FOREVER, RECOVERED, Span, lost_bytes_of, recovery_metadata, spans
+from tis.deploy.logs.log_file import LogFile
+from tis.deploy.logs.log_paths import recovered_name
+from tis.deploy.shell import run_dir as folder
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from common.channels import FOLLOWER, Arm, Hand, HandChannels, Side, hand_channels
-from common.scenario import Scenario
+from tis.common.channels import FOLLOWER, Arm, Hand, HandChannels, Side, hand_channels
+from tis.common.scenario import Scenario
 
 MTM: Final = "/mtm"
 PSM: Final = "/psm"

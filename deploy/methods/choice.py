@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from common.errors import Fault, InputError
-from common.scenario.estimator_names import fault_of, is_built_in
+from tis.common.errors import Fault, InputError
+from tis.common.scenario.estimator_names import fault_of, is_built_in
 
 COMMAND: Final = "tis paper --methods"
 

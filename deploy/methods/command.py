@@ -9,23 +9,23 @@ from typing import Any, Final
 from rich.console import Console
 from rich.markup import escape
 
-from common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, TisError
-from deploy.compare.cells.store import Store
-from deploy.compare.engine.choice import workers_of
-from deploy.methods.choice import COMMAND, DEFAULT_METHODS, DELAY_MS, MEAN_BURST, QUICK, WHOLE, Extent, methods_of
-from deploy.methods.claims import MEMBERS
-from deploy.methods.files import NAMES, Files, files_of
-from deploy.methods.measures.computing import Computed, compute_methods
-from deploy.methods.measures.figures import figures_of
-from deploy.methods.measures.plans import ALL, HOLD, Measure, Subject
-from deploy.methods.measures.steps import Stepped, play_rounds, stepped
-from deploy.methods.measures.trials import Trials, find_trials
-from deploy.methods.page import page_text
-from deploy.methods.verdicts import verdicts
-from deploy.shell import run_dir as folder
-from deploy.shell.messages import print_faults
-from deploy.shell.outputs import check_outputs
-from deploy.shell.progress import PhaseProgress
+from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, TisError
+from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.engine.choice import workers_of
+from tis.deploy.methods.choice import COMMAND, DEFAULT_METHODS, DELAY_MS, MEAN_BURST, QUICK, WHOLE, Extent, methods_of
+from tis.deploy.methods.claims import MEMBERS
+from tis.deploy.methods.files import NAMES, Files, files_of
+from tis.deploy.methods.measures.computing import Computed, compute_methods
+from tis.deploy.methods.measures.figures import figures_of
+from tis.deploy.methods.measures.plans import ALL, HOLD, Measure, Subject
+from tis.deploy.methods.measures.steps import Stepped, play_rounds, stepped
+from tis.deploy.methods.measures.trials import Trials, find_trials
+from tis.deploy.methods.page import page_text
+from tis.deploy.methods.verdicts import verdicts
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.messages import print_faults
+from tis.deploy.shell.outputs import check_outputs
+from tis.deploy.shell.progress import PhaseProgress
 
 _SYNTHETIC_S: Final = 60.0
 _QUICK_SYNTHETIC_S: Final = 12.0

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 from importlib.util import find_spec
 from typing import Any, Final, NamedTuple
 
-from common.extras import GET_REPORT
-from deploy.compare.results.latex import tabular
-from deploy.methods.main_table import main_table
+from tis.common.extras import GET_REPORT
+from tis.deploy.compare.results.latex import tabular
+from tis.deploy.methods.main_table import main_table
 
 _FORMATS: Final = ("svg", "pdf")
 PLOTS: Final = ("accuracy", "disturbances", "training", "steps")
@@ -27,7 +27,7 @@ class Files(NamedTuple):
 
 
 def files_of(report: Mapping[str, Any]) -> Files:
-    """Return all forms of a report (see `deploy.methods.command.report_of`)."""
+    """Return all forms of a report (see `tis.deploy.methods.command.report_of`)."""
     files: dict[str, str | bytes] = {
         "methods.json": json.dumps(report, indent=1, allow_nan=False) + "\n",
         "methods.csv": csv_of(report),
@@ -35,8 +35,8 @@ def files_of(report: Mapping[str, Any]) -> Files:
     }
     if find_spec("matplotlib") is None:
         return Files(files, (f"no figures without matplotlib: {GET_REPORT}",))
-    from deploy.methods.plots import FIGURES  # loads matplotlib
-    from deploy.report.publication.matplotlib_figures import rendered
+    from tis.deploy.methods.plots import FIGURES  # loads matplotlib
+    from tis.deploy.report.publication.matplotlib_figures import rendered
 
     for name, draw in FIGURES.items():
         figure = draw(report["methods"])

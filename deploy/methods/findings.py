@@ -3,10 +3,10 @@
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final
 
-from deploy.methods.claims import OURS, Feature
-from deploy.methods.merits import largest_growth, worst_loss, worst_noise
-from deploy.methods.tables import exponent_text, rate_text
-from deploy.report.tables.numbers import number
+from tis.deploy.methods.claims import OURS, Feature
+from tis.deploy.methods.merits import largest_growth, worst_loss, worst_noise
+from tis.deploy.methods.tables import exponent_text, rate_text
+from tis.deploy.report.tables.numbers import number
 
 Figures = Mapping[str, Any]
 

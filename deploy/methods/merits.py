@@ -3,8 +3,8 @@
 from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple
 
-from deploy.methods.claims import Feature
-from deploy.methods.measures.plans import ALL
+from tis.deploy.methods.claims import Feature
+from tis.deploy.methods.measures.plans import ALL
 
 Figures = Mapping[str, Any]
 

@@ -3,18 +3,18 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
-from deploy.compare.results.tables import markdown_table
-from deploy.methods.claims import FAMILY_TITLES, MEMBERS
-from deploy.methods.main_table import main_table
-from deploy.methods.tables import detail_tables
-from deploy.methods.verdicts import verdicts
-from deploy.paper.markdown import table as left_table
+from tis.deploy.compare.results.tables import markdown_table
+from tis.deploy.methods.claims import FAMILY_TITLES, MEMBERS
+from tis.deploy.methods.main_table import main_table
+from tis.deploy.methods.tables import detail_tables
+from tis.deploy.methods.verdicts import verdicts
+from tis.deploy.paper.markdown import table as left_table
 
 Report = Mapping[str, Any]
 
 
 def page_text(report: Report, pictures: str | None = None) -> str:
-    """Return the page of a report (see `deploy.methods.command.report_of`).
+    """Return the page of a report (see `tis.deploy.methods.command.report_of`).
 
     ``pictures`` is the folder of the figures beside the page, None where they could not be drawn.
     """

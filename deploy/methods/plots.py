@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from deploy.compare.results.plot_style import draw_line, tone
-from deploy.methods.measures.plans import ALL
-from deploy.report.publication.matplotlib_figures import STYLE
+from tis.deploy.compare.results.plot_style import draw_line, tone
+from tis.deploy.methods.measures.plans import ALL
+from tis.deploy.report.publication.matplotlib_figures import STYLE
 
 Figures = Mapping[str, Any]
 Points = Sequence[tuple[float, Mapping[str, Any]]]

@@ -8,11 +8,11 @@ Everything else cannot be told apart. The best of all is sought among the method
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, Literal
 
-from deploy.methods.claims import CLAIMS, FAMILY_TITLES, MEMBERS, OURS, Family, Feature
-from deploy.methods.findings import FINDINGS
-from deploy.methods.measures.plans import HOLD
-from deploy.methods.merits import Merit, is_useful, merit_of, merit_words
-from deploy.report.tables.numbers import number
+from tis.deploy.methods.claims import CLAIMS, FAMILY_TITLES, MEMBERS, OURS, Family, Feature
+from tis.deploy.methods.findings import FINDINGS
+from tis.deploy.methods.measures.plans import HOLD
+from tis.deploy.methods.merits import Merit, is_useful, merit_of, merit_words
+from tis.deploy.report.tables.numbers import number
 
 Figures = Mapping[str, Any]
 Order = Literal["better", "worse", "not told apart"]

@@ -7,16 +7,16 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from common.channels import Direction
-from common.clocks.uncertainty import is_resolvable, uncertainties
-from common.metrics.percentiles import TAIL, Summary
-from common.scenario.profile import Profile
-from common.units import NS_PER_MS
-from deploy.net.library.number_rows import number_rows
-from deploy.net.probing.delay_figures import PathFigures
-from deploy.net.probing.probe import Probed
-from netem.expected.figures import DirectionFigures
-from netem.fit.direction import DirectionFit
+from tis.common.channels import Direction
+from tis.common.clocks.uncertainty import is_resolvable, uncertainties
+from tis.common.metrics.percentiles import TAIL, Summary
+from tis.common.scenario.profile import Profile
+from tis.common.units import NS_PER_MS
+from tis.deploy.net.library.number_rows import number_rows
+from tis.deploy.net.probing.delay_figures import PathFigures
+from tis.deploy.net.probing.probe import Probed
+from tis.netem.expected.figures import DirectionFigures
+from tis.netem.fit.direction import DirectionFit
 
 Figures = dict[Direction, DirectionFigures]
 

@@ -9,23 +9,23 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from common.channels import Side
-from common.node import Node
-from common.runtime.recordings import load_recording
-from common.scenario import Scenario
-from common.scenario.reading import build_scenario
-from common.sources.trajectory import Recording
-from deploy.logs.read.load import RunLogs
-from deploy.logs.read.memory import MemoryLog
-from deploy.paper.printed import BLOCK_ROWS, ORDER, TRAIN_SAMPLES, PaperRow
-from deploy.paper.simulation import Reading
-from deploy.report.measures.estimation.tracking import accuracy_of_hand
-from deploy.run.twin import drive
-from deploy.shell.progress import PhaseProgress
-from netem.build import build_netem
-from patient_side.build import build_patient
-from patient_side.identification.model_io import parse_models
-from surgeon_side.build import build_surgeon
+from tis.common.channels import Side
+from tis.common.node import Node
+from tis.common.runtime.recordings import load_recording
+from tis.common.scenario import Scenario
+from tis.common.scenario.reading import build_scenario
+from tis.common.sources.trajectory import Recording
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.memory import MemoryLog
+from tis.deploy.paper.printed import BLOCK_ROWS, ORDER, TRAIN_SAMPLES, PaperRow
+from tis.deploy.paper.simulation import Reading
+from tis.deploy.report.measures.estimation.tracking import accuracy_of_hand
+from tis.deploy.run.twin import drive
+from tis.deploy.shell.progress import PhaseProgress
+from tis.netem.build import build_netem
+from tis.patient_side.build import build_patient
+from tis.patient_side.identification.model_io import parse_models
+from tis.surgeon_side.build import build_surgeon
 
 Pairing = Literal["same_name", "cross"]
 Topology = Literal["observer", "teleoperation"]

@@ -8,21 +8,30 @@ from typing import Any, Final
 from rich.console import Console
 from rich.markup import escape
 
-from common.errors import EXIT_OK
-from common.extras import GET_REPORT
-from common.runtime.recordings import load_recording, load_training
-from common.scenario import Scenario
-from deploy.paper.cells import Cell, Method, Pairing, Trial, run_cells, scenario_of
-from deploy.paper.paper_page import page
-from deploy.paper.printed import ROWS
-from deploy.paper.results import METHODS, PAIRINGS, READINGS, Results, SimulationKey, all_cells, few_cells, meaningful
-from deploy.paper.simulation import Simulated, simulate
-from deploy.shell import run_dir as folder
-from deploy.shell.outputs import check_outputs
-from deploy.shell.progress import PhaseProgress
-from patient_side.build import identify_models
-from patient_side.identification.model_io import dump_models
-from patient_side.statespace import ArmModel
+from tis.common.errors import EXIT_OK
+from tis.common.extras import GET_REPORT
+from tis.common.runtime.recordings import load_recording, load_training
+from tis.common.scenario import Scenario
+from tis.deploy.paper.cells import Cell, Method, Pairing, Trial, run_cells, scenario_of
+from tis.deploy.paper.paper_page import page
+from tis.deploy.paper.printed import ROWS
+from tis.deploy.paper.results import (
+    METHODS,
+    PAIRINGS,
+    READINGS,
+    Results,
+    SimulationKey,
+    all_cells,
+    few_cells,
+    meaningful,
+)
+from tis.deploy.paper.simulation import Simulated, simulate
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.outputs import check_outputs
+from tis.deploy.shell.progress import PhaseProgress
+from tis.patient_side.build import identify_models
+from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.statespace import ArmModel
 
 FIGURES: Final = ("positions_same_name", "positions_true_pair", "singular_values")
 FORMATS: Final = ("svg", "pdf")
@@ -105,8 +114,8 @@ def write_paper(
     if find_spec("matplotlib") is None:
         err.print(escape(f"no figures without matplotlib: {GET_REPORT}"), style="dim")
         return EXIT_OK
-    from deploy.paper.plots import drawn  # loads matplotlib
-    from deploy.report.publication.matplotlib_figures import rendered
+    from tis.deploy.paper.plots import drawn  # loads matplotlib
+    from tis.deploy.report.publication.matplotlib_figures import rendered
 
     for name, figure in zip(FIGURES, drawn(results), strict=True):
         for form in FORMATS:

@@ -3,15 +3,15 @@
 from collections.abc import Sequence
 from typing import Any, Final
 
-from common.scenario.network.pipeline import Pipeline
-from common.units import NS_PER_MS
-from deploy.paper.cells import Cell, Method, Pairing
-from deploy.paper.markdown import axes_text, table
-from deploy.paper.printed import BLOCK_ROWS, ORDER, ROWS, TRAIN_SAMPLES, PaperRow
-from deploy.paper.results import PAIRINGS, READINGS, SAMPLES, TOPOLOGIES, Results, meaningful
-from deploy.paper.simulation import Reading
-from deploy.paper.text_section import text_section
-from netem.stages.delay import latency_of
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.units import NS_PER_MS
+from tis.deploy.paper.cells import Cell, Method, Pairing
+from tis.deploy.paper.markdown import axes_text, table
+from tis.deploy.paper.printed import BLOCK_ROWS, ORDER, ROWS, TRAIN_SAMPLES, PaperRow
+from tis.deploy.paper.results import PAIRINGS, READINGS, SAMPLES, TOPOLOGIES, Results, meaningful
+from tis.deploy.paper.simulation import Reading
+from tis.deploy.paper.text_section import text_section
+from tis.netem.stages.delay import latency_of
 
 WITHIN_POINTS: Final = 8.0
 _PAIR: Final[dict[Pairing, str]] = {"same_name": "same-name pair (columns 1-3 to 39-41)", "cross": "true pair"}

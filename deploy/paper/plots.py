@@ -10,15 +10,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from common.runtime.recordings import load_recording
-from deploy.paper.cells import Pairing, scenario_of
-from deploy.paper.printed import ORDER, ROWS, TRAIN_SAMPLES
-from deploy.paper.results import PAIRINGS, Results
-from deploy.paper.simulation import run_algorithm
-from deploy.paper.text_section import nearest_simulation
-from deploy.report.palette import TRUTH, look_of
-from deploy.report.publication.matplotlib_figures import STYLE
-from patient_side.statespace import Array
+from tis.common.runtime.recordings import load_recording
+from tis.deploy.paper.cells import Pairing, scenario_of
+from tis.deploy.paper.printed import ORDER, ROWS, TRAIN_SAMPLES
+from tis.deploy.paper.results import PAIRINGS, Results
+from tis.deploy.paper.simulation import run_algorithm
+from tis.deploy.paper.text_section import nearest_simulation
+from tis.deploy.report.palette import TRUTH, look_of
+from tis.deploy.report.publication.matplotlib_figures import STYLE
+from tis.patient_side.statespace import Array
 
 _TITLES: Final[dict[Pairing, str]] = {"same_name": "same-name pair", "cross": "true pair"}
 _ENERGY: Final = 0.85

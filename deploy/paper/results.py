@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from typing import Any, Final
 
-from deploy.paper.cells import Cell, Method, Pairing, Sample, Topology, Trial
-from deploy.paper.printed import ROWS, PaperRow
-from deploy.paper.simulation import Reading, Simulated
-from patient_side.statespace import ArmModel
+from tis.deploy.paper.cells import Cell, Method, Pairing, Sample, Topology, Trial
+from tis.deploy.paper.printed import ROWS, PaperRow
+from tis.deploy.paper.simulation import Reading, Simulated
+from tis.patient_side.statespace import ArmModel
 
 PAIRINGS: Final[tuple[Pairing, ...]] = ("same_name", "cross")
 TOPOLOGIES: Final[tuple[Topology, ...]] = ("observer", "teleoperation")

@@ -7,12 +7,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from common.metrics.tracking import Scorable, score
-from common.sources.trajectory import HandRecording
-from common.streams import Stream
-from deploy.paper.printed import PaperRow
-from patient_side.filters.paper_kalman import paper_filter
-from patient_side.statespace import ArmModel, Array
+from tis.common.metrics.tracking import Scorable, score
+from tis.common.sources.trajectory import HandRecording
+from tis.common.streams import Stream
+from tis.deploy.paper.printed import PaperRow
+from tis.patient_side.filters.paper_kalman import paper_filter
+from tis.patient_side.statespace import ArmModel, Array
 
 Reading = Literal["ms", "samples"]
 

@@ -3,9 +3,9 @@
 from collections.abc import Iterable, Sequence
 from math import sqrt
 
-from deploy.paper.markdown import axes_text, table
-from deploy.paper.printed import ROWS, TEXT, PaperRow, PaperText
-from deploy.paper.results import Results, SimulationKey
+from tis.deploy.paper.markdown import axes_text, table
+from tis.deploy.paper.printed import ROWS, TEXT, PaperRow, PaperText
+from tis.deploy.paper.results import Results, SimulationKey
 
 Axis = float | None
 

@@ -4,8 +4,8 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from common.errors import DataError, Fault, InputError
-from deploy.recordings_import.found import DEVICES, MASTERS, Kind, Topic, Wanted
+from tis.common.errors import DataError, Fault, InputError
+from tis.deploy.recordings_import.found import DEVICES, MASTERS, Kind, Topic, Wanted
 
 _POSES: Final = ("measured_cp", "setpoint_cp", "servo_cp", "local/measured_cp")
 _ARM_POSES: Final = ("setpoint_cp", "servo_cp", "measured_cp", "local/measured_cp")

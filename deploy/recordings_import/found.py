@@ -8,9 +8,9 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import MASTER
-from common.errors import DataError, Fault
-from common.sources.table.limits import MAX_ROWS
+from tis.common.channels import MASTER
+from tis.common.errors import DataError, Fault
+from tis.common.sources.table.limits import MAX_ROWS
 
 Ints = NDArray[np.int64]
 Array = NDArray[np.float64]

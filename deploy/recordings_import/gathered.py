@@ -5,11 +5,11 @@ from typing import Final
 
 import numpy as np
 
-from common.errors import DataError, Fault
-from common.scenario.table_source import PoseColumns, PoseUnits
-from common.sources.table.layout import DeviceLayout
-from common.sources.table.poses import finite_faults, pose_track
-from deploy.recordings_import.found import Array, Ints, Jaw, Rows, Stream
+from tis.common.errors import DataError, Fault
+from tis.common.scenario.table_source import PoseColumns, PoseUnits
+from tis.common.sources.table.layout import DeviceLayout
+from tis.common.sources.table.poses import finite_faults, pose_track
+from tis.deploy.recordings_import.found import Array, Ints, Jaw, Rows, Stream
 
 _NAMES: Final = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _PLACE: Final = DeviceLayout("", PoseColumns(position=("x", "y", "z")), PoseUnits())

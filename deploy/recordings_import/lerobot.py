@@ -8,16 +8,16 @@ from typing import Any, Final
 
 import numpy as np
 
-from common.errors import DataError, Fault, InputError
-from common.extras import GET_PARQUET
-from common.runtime.limited_file import read_limited
-from common.scenario.table_source import PoseColumns, PoseUnits
-from common.sources.table.layout import DeviceLayout
-from common.sources.table.limits import MAX_ROWS, MAX_VALUES
-from common.sources.table.poses import finite_faults, pose_track
-from common.units import NS_PER_S
-from deploy.recordings_import.found import Array, Found, Ints, Stream, Wanted
-from deploy.recordings_import.lerobot_names import Elements, elements_of, names_in
+from tis.common.errors import DataError, Fault, InputError
+from tis.common.extras import GET_PARQUET
+from tis.common.runtime.limited_file import read_limited
+from tis.common.scenario.table_source import PoseColumns, PoseUnits
+from tis.common.sources.table.layout import DeviceLayout
+from tis.common.sources.table.limits import MAX_ROWS, MAX_VALUES
+from tis.common.sources.table.poses import finite_faults, pose_track
+from tis.common.units import NS_PER_S
+from tis.deploy.recordings_import.found import Array, Found, Ints, Stream, Wanted
+from tis.deploy.recordings_import.lerobot_names import Elements, elements_of, names_in
 
 INFO: Final = Path("meta") / "info.json"
 VECTORS: Final = ("observation.state", "action")

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from common.channels import FOLLOWER, MASTER, Hand
+from tis.common.channels import FOLLOWER, MASTER, Hand
 
 _SIDES: Final[Mapping[str, Hand]] = {
     "left": "left", "l": "left", "mtml": "left", "psm2": "left",

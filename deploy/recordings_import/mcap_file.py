@@ -6,15 +6,15 @@ from typing import Any, Final
 
 from mcap.records import Channel
 
-from common.errors import DataError, Fault
-from common.runtime.mcap_chunks import by_channel
-from deploy.logs.describe import Described, describe
-from deploy.logs.json_rows import UNREADABLE, json_value
-from deploy.logs.log_file import LogFile
-from deploy.recordings_import.choice import chosen, listing
-from deploy.recordings_import.found import Found, Rows, Topic, Wanted
-from deploy.recordings_import.gathered import streams_of
-from deploy.recordings_import.pose_messages import (
+from tis.common.errors import DataError, Fault
+from tis.common.runtime.mcap_chunks import by_channel
+from tis.deploy.logs.describe import Described, describe
+from tis.deploy.logs.json_rows import UNREADABLE, json_value
+from tis.deploy.logs.log_file import LogFile
+from tis.deploy.recordings_import.choice import chosen, listing
+from tis.deploy.recordings_import.found import Found, Rows, Topic, Wanted
+from tis.deploy.recordings_import.gathered import streams_of
+from tis.deploy.recordings_import.pose_messages import (
     jaw_in_json,
     jaw_in_ros,
     kind_of_json,
@@ -22,7 +22,7 @@ from deploy.recordings_import.pose_messages import (
     pose_in_json,
     pose_in_ros,
 )
-from deploy.recordings_import.ros import decoder
+from tis.deploy.recordings_import.ros import decoder
 
 Read = Callable[[bytes, int], tuple[int, tuple[float, ...], bool]]
 _POSE_WIDTH: Final = 8

@@ -6,12 +6,12 @@ from typing import Final
 
 import numpy as np
 
-from common.errors import DataError, Fault
-from common.sources.table.limits import MAX_ROWS, MIN_ROWS
-from common.sources.table.row_clock import resampled
-from common.sources.trajectory import PoseTrack
-from common.units import NS_PER_S
-from deploy.recordings_import.found import MASTERS, Array, Found, Ints, Jaw, Stream
+from tis.common.errors import DataError, Fault
+from tis.common.sources.table.limits import MAX_ROWS, MIN_ROWS
+from tis.common.sources.table.row_clock import resampled
+from tis.common.sources.trajectory import PoseTrack
+from tis.common.units import NS_PER_S
+from tis.deploy.recordings_import.found import MASTERS, Array, Found, Ints, Jaw, Stream
 
 _GAP_PERIODS: Final = 1.8  # as of tables: one message that is missing leaves 2 periods
 _SHOWN: Final = 3

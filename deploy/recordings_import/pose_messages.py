@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
-from common.units import NS_PER_S
-from deploy.recordings_import.found import Kind
+from tis.common.units import NS_PER_S
+from tis.deploy.recordings_import.found import Kind
 
 Pose = tuple[float, float, float, float, float, float, float, float]
 """x y z in m, quaternion x y z w, gripper in rad; NaN for an orientation or a gripper that the message lacks."""

@@ -5,13 +5,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
-from common.errors import DataError, Fault, InputError
-from common.extras import GET_ROSBAG
-from deploy.logs.json_rows import UNREADABLE
-from deploy.recordings_import.choice import chosen, listing
-from deploy.recordings_import.found import Found, Rows, Topic, Wanted
-from deploy.recordings_import.gathered import streams_of
-from deploy.recordings_import.pose_messages import jaw_in_ros, kind_of_type, pose_in_ros
+from tis.common.errors import DataError, Fault, InputError
+from tis.common.extras import GET_ROSBAG
+from tis.deploy.logs.json_rows import UNREADABLE
+from tis.deploy.recordings_import.choice import chosen, listing
+from tis.deploy.recordings_import.found import Found, Rows, Topic, Wanted
+from tis.deploy.recordings_import.gathered import streams_of
+from tis.deploy.recordings_import.pose_messages import jaw_in_ros, kind_of_type, pose_in_ros
 
 _POSE_WIDTH: Final = 8
 

@@ -2,11 +2,11 @@
 
 `load` is the entry point for notebooks and scripts:
 
->>> from deploy.report import load
+>>> from tis.deploy.report import load
 >>> run = load("runs/default_20260101_120000")  # doctest: +SKIP
 >>> run.error_mm("moesp_kf").mean()  # doctest: +SKIP
 """
 
-from deploy.report.run_data import OUTCOMES, Ages, Messages, Run, Samples, Ticks, load
+from tis.deploy.report.run_data import OUTCOMES, Ages, Messages, Run, Samples, Ticks, load
 
 __all__ = ["OUTCOMES", "Ages", "Messages", "Run", "Samples", "Ticks", "load"]

@@ -9,18 +9,18 @@ from typing import Any, Final
 from rich.console import Console
 from rich.markup import escape
 
-from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault, InputError, TisError
-from common.extras import GET_REPORT
-from common.scenario import Scenario
-from deploy.logs.read.load import RunLogs, load_run
-from deploy.logs.read.recorded import mode_of, models_in, scenario_in
-from deploy.report.palette import SERIES
-from deploy.report.run_view import RunView, run_view
-from deploy.report.summary import build_summary
-from deploy.report.summary_version import check_version, readable
-from deploy.shell import run_dir as folder
-from deploy.shell.extras import can_report
-from patient_side.statespace import ArmModel
+from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault, InputError, TisError
+from tis.common.extras import GET_REPORT
+from tis.common.scenario import Scenario
+from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.deploy.logs.read.recorded import mode_of, models_in, scenario_in
+from tis.deploy.report.palette import SERIES
+from tis.deploy.report.run_view import RunView, run_view
+from tis.deploy.report.summary import build_summary
+from tis.deploy.report.summary_version import check_version, readable
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.extras import can_report
+from tis.patient_side.statespace import ArmModel
 
 COMPARED_FILE: Final = Path("compare.html")
 _PAGES: Final = (".html", ".htm")
@@ -54,7 +54,7 @@ def write_report(
     if not can_report():
         return f"No report was written, since Bokeh is not installed: {GET_REPORT}"
     # imported late, as Bokeh loads slowly
-    from deploy.report.page.html import report_html
+    from tis.deploy.report.page.html import report_html
 
     path = logs.run_dir / folder.REPORT_FILE
     folder.write(path, report_html(run_view(logs, scenario, models, summary, manifest)))
@@ -86,7 +86,7 @@ def compare_runs(run_dirs: Sequence[Path], page: Path | None, out: Console) -> i
     if faults:
         raise DataError(faults)
     # imported late, as Bokeh loads slowly
-    from deploy.report.compared.compared_html import compared_html
+    from tis.deploy.report.compared.compared_html import compared_html
 
     replaced = " (replaced)" if path.exists() else ""
     with readable(path):
@@ -109,8 +109,8 @@ def draw_figures(run_dir: Path, into: Path, file_format: str, out: Console) -> i
     """
     if find_spec("matplotlib") is None:
         raise InputError(Fault("tis report", "--figures", f"needs matplotlib: {GET_REPORT}"))
-    from deploy.report.publication.matplotlib_figures import FORMATS, rendered
-    from deploy.report.publication.run_figures import paper_figures
+    from tis.deploy.report.publication.matplotlib_figures import FORMATS, rendered
+    from tis.deploy.report.publication.run_figures import paper_figures
 
     if file_format not in FORMATS:
         raise InputError(Fault("tis report", "--format", f"must be one of {', '.join(FORMATS)}", file_format))

@@ -5,19 +5,19 @@ from typing import Any, Final
 
 import numpy as np
 
-from common.channels import Direction
-from common.metrics.percentiles import TAIL
-from deploy.logs.read.load import RunLogs
-from deploy.report.measures.key_figures import KeyBooks, KeyFigures, statistics
-from deploy.report.measures.network.link_books import ENDS, LinkBooks, against_counters, counter, link_books
-from deploy.report.measures.network.link_conditions import condition_summary, queue_summary
-from deploy.report.measures.network.requested import NetworkRequest, Requested
-from deploy.report.measures.network.requested_pipeline import RequestedPipeline
-from deploy.report.measures.network.trace_playback import with_played_rows
-from deploy.report.measures.network.unsent import unsent, unsent_problem
-from deploy.report.measures.processors import shares_of
-from deploy.report.verdict.fidelity import Verdict, key_verdict
-from deploy.report.verdict.starvation import starvation
+from tis.common.channels import Direction
+from tis.common.metrics.percentiles import TAIL
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.report.measures.key_figures import KeyBooks, KeyFigures, statistics
+from tis.deploy.report.measures.network.link_books import ENDS, LinkBooks, against_counters, counter, link_books
+from tis.deploy.report.measures.network.link_conditions import condition_summary, queue_summary
+from tis.deploy.report.measures.network.requested import NetworkRequest, Requested
+from tis.deploy.report.measures.network.requested_pipeline import RequestedPipeline
+from tis.deploy.report.measures.network.trace_playback import with_played_rows
+from tis.deploy.report.measures.network.unsent import unsent, unsent_problem
+from tis.deploy.report.measures.processors import shares_of
+from tis.deploy.report.verdict.fidelity import Verdict, key_verdict
+from tis.deploy.report.verdict.starvation import starvation
 
 MAX_KEYS: Final = 64
 """Keys that are listed, the busiest ones; the link's figures cover all."""

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from common.channels import Direction
+from tis.common.channels import Direction
 
 
 @dataclass(frozen=True)

@@ -10,22 +10,22 @@ from typing import Any, Final, NamedTuple, TypeVar, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Direction, Hand, Side
-from common.errors import DataError, Fault, InputError
-from common.metrics.orientation import angles_deg
-from common.records import TICKS, TRUTH
-from common.scenario import Scenario
-from common.units import MM_PER_M
-from deploy.logs.read.batches import OUTCOMES, Fates, Releases, link_fates, link_releases
-from deploy.logs.read.load import Ints, RunLogs, load_run
-from deploy.logs.read.message_columns import MessageColumns
-from deploy.logs.read.recorded import scenario_in
-from deploy.report.measures.estimation.tracking import HandTrack, track_of_hand
-from deploy.report.measures.estimation.wrist_track import WristTrack, wrist_track
-from deploy.report.measures.key_figures import KeyFigures
-from deploy.report.measures.latency import ages_of_hand
-from deploy.report.measures.network.link_books import link_books
-from deploy.shell import run_dir as folder
+from tis.common.channels import Direction, Hand, Side
+from tis.common.errors import DataError, Fault, InputError
+from tis.common.metrics.orientation import angles_deg
+from tis.common.records import TICKS, TRUTH
+from tis.common.scenario import Scenario
+from tis.common.units import MM_PER_M
+from tis.deploy.logs.read.batches import OUTCOMES, Fates, Releases, link_fates, link_releases
+from tis.deploy.logs.read.load import Ints, RunLogs, load_run
+from tis.deploy.logs.read.message_columns import MessageColumns
+from tis.deploy.logs.read.recorded import scenario_in
+from tis.deploy.report.measures.estimation.tracking import HandTrack, track_of_hand
+from tis.deploy.report.measures.estimation.wrist_track import WristTrack, wrist_track
+from tis.deploy.report.measures.key_figures import KeyFigures
+from tis.deploy.report.measures.latency import ages_of_hand
+from tis.deploy.report.measures.network.link_books import link_books
+from tis.deploy.shell import run_dir as folder
 
 Floats = NDArray[np.float64]
 K = TypeVar("K")
@@ -119,7 +119,7 @@ class Run:
     messages
         By side and key: messages sent and received.
     fates
-        By direction: netem's decision on each packet; ``outcome`` is an index into `deploy.report.OUTCOMES`.
+        By direction: netem's decision on each packet; ``outcome`` is an index into `tis.deploy.report.OUTCOMES`.
     releases
         By direction: when each packet and copy left netem.
     logs
@@ -205,9 +205,9 @@ def load(run_dir: str | PathLike[str]) -> Run:
 
     Raises
     ------
-    common.errors.DataError
+    tis.common.errors.DataError
         When the folder is no run, has no log, has logs of different scenarios, or a file that is no log of tis.
-    common.errors.InputError
+    tis.common.errors.InputError
         When its scenario is not valid.
 
     Examples

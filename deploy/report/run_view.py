@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from common.channels import FOLLOWER, Arm, Hand
-from common.scenario import Scenario
-from deploy.logs.read.load import RunLogs
-from deploy.report.plots.hand_view import HandView, hand_view
-from patient_side.statespace import ArmModel
+from tis.common.channels import FOLLOWER, Arm, Hand
+from tis.common.scenario import Scenario
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.report.plots.hand_view import HandView, hand_view
+from tis.patient_side.statespace import ArmModel
 
 
 @dataclass(frozen=True)

@@ -7,32 +7,37 @@ from typing import Any, Final, get_args
 
 import numpy as np
 
-from common.channels import Arm, Direction, Hand, Side
-from common.metrics.latency import Instants, LatencyParts, latency_ms
-from common.metrics.percentiles import summarise
-from common.metrics.timing import tick_summary
-from common.records import COUNTERS, TICKS
-from common.safety_records import QUARANTINED
-from common.scenario import Scenario
-from common.scenario.requirements import Metric
-from common.sources.provenance import RECORDING_FILE, parse_played
-from common.units import NS_PER_MS
-from deploy.logs.read.load import RunLogs
-from deploy.logs.read.recorded import run_id_in
-from deploy.logs.read.side_columns import SideLog
-from deploy.report.link_summary import link_summary
-from deploy.report.measures.devices import devices_summary, is_foreign
-from deploy.report.measures.display import display_summary
-from deploy.report.measures.duration import active_duration_s
-from deploy.report.measures.estimation.error_by_age import errors_by_age
-from deploy.report.measures.estimation.freshness import age_of_information_ms, freshest_arrivals, tick_modes
-from deploy.report.measures.estimation.offsets import actuation_ms
-from deploy.report.measures.estimation.orientation_error import gripper_rad, orientation_by_age, orientation_deg
-from deploy.report.measures.estimation.own_estimators import mark_failed, own_estimators
-from deploy.report.measures.estimation.tracking import HandTrack, accuracy_of_track, pooled_accuracy, track_of_hand
-from deploy.report.measures.estimation.wrist_track import wrist_track
-from deploy.report.measures.evidence import evidence_summary
-from deploy.report.measures.latency import (
+from tis.common.channels import Arm, Direction, Hand, Side
+from tis.common.metrics.latency import Instants, LatencyParts, latency_ms
+from tis.common.metrics.percentiles import summarise
+from tis.common.metrics.timing import tick_summary
+from tis.common.records import COUNTERS, TICKS
+from tis.common.safety_records import QUARANTINED
+from tis.common.scenario import Scenario
+from tis.common.scenario.requirements import Metric
+from tis.common.sources.provenance import RECORDING_FILE, parse_played
+from tis.common.units import NS_PER_MS
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.recorded import run_id_in
+from tis.deploy.logs.read.side_columns import SideLog
+from tis.deploy.report.link_summary import link_summary
+from tis.deploy.report.measures.devices import devices_summary, is_foreign
+from tis.deploy.report.measures.display import display_summary
+from tis.deploy.report.measures.duration import active_duration_s
+from tis.deploy.report.measures.estimation.error_by_age import errors_by_age
+from tis.deploy.report.measures.estimation.freshness import age_of_information_ms, freshest_arrivals, tick_modes
+from tis.deploy.report.measures.estimation.offsets import actuation_ms
+from tis.deploy.report.measures.estimation.orientation_error import gripper_rad, orientation_by_age, orientation_deg
+from tis.deploy.report.measures.estimation.own_estimators import mark_failed, own_estimators
+from tis.deploy.report.measures.estimation.tracking import (
+    HandTrack,
+    accuracy_of_track,
+    pooled_accuracy,
+    track_of_hand,
+)
+from tis.deploy.report.measures.estimation.wrist_track import wrist_track
+from tis.deploy.report.measures.evidence import evidence_summary
+from tis.deploy.report.measures.latency import (
     UsedSamples,
     ages_ns,
     network_round_trips,
@@ -40,20 +45,20 @@ from deploy.report.measures.latency import (
     sample_latency,
     used_samples,
 )
-from deploy.report.measures.network.refusals import refused
-from deploy.report.measures.network.traffic import surgeon_traffic
-from deploy.report.measures.processors import processors_summary
-from deploy.report.measures.redundancy import redundancy
-from deploy.report.measures.safety import safety_summary
-from deploy.report.measures.ticks_away import ticks_away
-from deploy.report.measures.uncertainty import clock_figures
-from deploy.report.tables.redundancy_rows import sample_loss_text
-from deploy.report.verdict.invalidity import invalidities, two_recordings
-from deploy.report.verdict.measured_values import measured_values
-from deploy.report.verdict.requirements import verdicts
-from patient_side.provenance import in_sample, model_file
-from patient_side.safety.gate import Kind
-from patient_side.statespace import ArmModel
+from tis.deploy.report.measures.network.refusals import refused
+from tis.deploy.report.measures.network.traffic import surgeon_traffic
+from tis.deploy.report.measures.processors import processors_summary
+from tis.deploy.report.measures.redundancy import redundancy
+from tis.deploy.report.measures.safety import safety_summary
+from tis.deploy.report.measures.ticks_away import ticks_away
+from tis.deploy.report.measures.uncertainty import clock_figures
+from tis.deploy.report.tables.redundancy_rows import sample_loss_text
+from tis.deploy.report.verdict.invalidity import invalidities, two_recordings
+from tis.deploy.report.verdict.measured_values import measured_values
+from tis.deploy.report.verdict.requirements import verdicts
+from tis.patient_side.provenance import in_sample, model_file
+from tis.patient_side.safety.gate import Kind
+from tis.patient_side.statespace import ArmModel
 
 _LINKS: Final[tuple[Direction, ...]] = ("forward", "feedback")
 

@@ -5,10 +5,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-from common.errors import DataError, Fault, one_line
-from common.scenario import Scenario
-from deploy.logs.read.load import RunLogs
-from deploy.report.summary import build_summary
+from tis.common.errors import DataError, Fault, one_line
+from tis.common.scenario import Scenario
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.report.summary import build_summary
 
 _NO_SUCH_VALUE: Final = (LookupError, TypeError, ValueError, AttributeError, OverflowError)
 """Exceptions of a table or page that a value of another kind than expected can cause."""

@@ -8,21 +8,21 @@ from typing import Final, NamedTuple
 from rich.console import Console
 from rich.markup import escape
 
-from common.channels import Side
-from common.errors import EXIT_INVALID_RUN, EXIT_OK
-from common.runtime.command_line import command_line
-from common.scenario import Scenario
-from common.sources.provenance import MODEL_FILES
-from deploy.logs.background_merge import Merging, merging
-from deploy.logs.merge_run import Opening, can_merge, clocks_of, print_merged
-from deploy.logs.read.load import RunLogs, load_run
-from deploy.logs.read.recorded import mode_of, models_in, origins_in, scenario_in
-from deploy.report.command import write_report
-from deploy.report.summary import build_summary
-from deploy.report.tables.terminal import print_summary
-from deploy.shell import run_dir as folder
-from deploy.shell.messages import print_json
-from patient_side.statespace import ArmModel
+from tis.common.channels import Side
+from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK
+from tis.common.runtime.command_line import command_line
+from tis.common.scenario import Scenario
+from tis.common.sources.provenance import MODEL_FILES
+from tis.deploy.logs.background_merge import Merging, merging
+from tis.deploy.logs.merge_run import Opening, can_merge, clocks_of, print_merged
+from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.deploy.logs.read.recorded import mode_of, models_in, origins_in, scenario_in
+from tis.deploy.report.command import write_report
+from tis.deploy.report.summary import build_summary
+from tis.deploy.report.tables.terminal import print_summary
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.messages import print_json
+from tis.patient_side.statespace import ArmModel
 
 
 @dataclass(frozen=True)

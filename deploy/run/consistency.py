@@ -7,18 +7,18 @@ from typing import Final, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Direction
-from common.records import CONTROL, Outcome
-from common.scenario import Scenario
-from common.scenario.network.pipeline import Pipeline
-from common.streams import Address
-from common.units import NS_PER_MS
-from deploy.logs.read.batches import DELIVER, OUTCOMES, Fates, by_key, link_fates
-from deploy.logs.read.load import RunLogs
-from deploy.report.measures.network.requested import Requested
-from netem.conditions.conditions import merged
-from netem.stages.impairment import Impairment
-from netem.stages.pipeline_draws import Draw
+from tis.common.channels import Direction
+from tis.common.records import CONTROL, Outcome
+from tis.common.scenario import Scenario
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.streams import Address
+from tis.common.units import NS_PER_MS
+from tis.deploy.logs.read.batches import DELIVER, OUTCOMES, Fates, by_key, link_fates
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.report.measures.network.requested import Requested
+from tis.netem.conditions.conditions import merged
+from tis.netem.stages.impairment import Impairment
+from tis.netem.stages.pipeline_draws import Draw
 
 # Expected fates: the decisions of a scenario's models at the instants at which a run offered its packets.
 
@@ -30,7 +30,7 @@ def expected_fates(request: Requested, seed: int, direction: Direction, key: str
 
     Outcome, delay, copies and flipped bits follow from the sequence number and from the ms of run time at which each
     packet was offered, under the conditions of that ms: the decisions of a twin offered the packets at the same
-    instants. A refused key has no pipeline. Oracle: `netem.expected.simulate`, test_consistency.
+    instants. A refused key has no pipeline. Oracle: `tis.netem.expected.simulate`, test_consistency.
     """
     pipeline = request.pipeline(key)
     held = request.in_force(fates.offered_ns)

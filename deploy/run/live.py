@@ -6,29 +6,29 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from common.errors import EXIT_OK
-from common.runtime.command_line import command_line
-from common.runtime.credentials import credentials, own_client
-from common.runtime.recordings import check_recording
-from common.runtime.scenario_file import RUNS, run_folder
-from common.runtime.trace_files import load_traces
-from common.runtime.zenoh_session import ZenohOptions
-from common.scenario import Scenario
-from common.scenario.live_rules import check_foreign_surgeon
-from common.scenario.patient import is_model_file
-from deploy.run.progress import RunProgress
-from deploy.shell import run_dir as folder
-from deploy.shell.launch import endpoints_of, launch
-from deploy.shell.messages import print_faults
-from deploy.shell.outcome import Event
-from deploy.view.page_process import PageAddress, PageProcess, page_beside
-from deploy.view.page_text import RunOutput
-from deploy.watch.observer import Observer
-from patient_side.models import own_estimators, read_models
-from patient_side.plant.extra import check_plant
+from tis.common.errors import EXIT_OK
+from tis.common.runtime.command_line import command_line
+from tis.common.runtime.credentials import credentials, own_client
+from tis.common.runtime.recordings import check_recording
+from tis.common.runtime.scenario_file import RUNS, run_folder
+from tis.common.runtime.trace_files import load_traces
+from tis.common.runtime.zenoh_session import ZenohOptions
+from tis.common.scenario import Scenario
+from tis.common.scenario.live_rules import check_foreign_surgeon
+from tis.common.scenario.patient import is_model_file
+from tis.deploy.run.progress import RunProgress
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.launch import endpoints_of, launch
+from tis.deploy.shell.messages import print_faults
+from tis.deploy.shell.outcome import Event
+from tis.deploy.view.page_process import PageAddress, PageProcess, page_beside
+from tis.deploy.view.page_text import RunOutput
+from tis.deploy.watch.observer import Observer
+from tis.patient_side.models import own_estimators, read_models
+from tis.patient_side.plant.extra import check_plant
 
 if TYPE_CHECKING:
-    from deploy.run.conclude import Outputs
+    from tis.deploy.run.conclude import Outputs
 
 
 def run_live(
@@ -78,7 +78,7 @@ def run_live(
             folder.remove_unused(path)
             return outcome.exit_code
         # Imported late: loading the log reader would delay the first movement.
-        from deploy.run.conclude import Ending, conclude
+        from tis.deploy.run.conclude import Ending, conclude
 
         ending = Ending("live", command_line(), outcome.exit_code, outcome.exit_codes)
         code = conclude(path, scenario, ending, out, outputs)

@@ -12,9 +12,9 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from common.channels import Side
-from deploy.watch.book import WINDOW_S
-from deploy.watch.live_figures import CrossingFigures, LiveFigures
+from tis.common.channels import Side
+from tis.deploy.watch.book import WINDOW_S
+from tis.deploy.watch.live_figures import CrossingFigures, LiveFigures
 
 _LINE_EVERY_S: Final = 5.0
 _REFRESH_HZ: Final = 4

@@ -10,28 +10,28 @@ from typing import Any, Final, NamedTuple
 from pydantic import BaseModel, ValidationError
 from pydantic_core import from_json
 
-from common.channels import direction_of, is_set_point
-from common.errors import DataError, Fault
-from common.header import Header
-from common.messages import Pose, Quaternion, Vector3
-from common.node import Arrival, Emission, Record
-from common.records import COUNTERS, ESTIMATES, ORIENTATIONS, PROMPT, TICKS, UNRECORDED
-from common.runtime.arm_memory import RESUMED_FILE, parse_resumed
-from common.runtime.code_origin import USER_CODE_FILE, Origin, parse_origins
-from common.runtime.log_parts import part_clock
-from common.runtime.loop import Delivery, Seat, run
-from common.safety_records import QUARANTINE, STOPS, QuarantineNote, StopNote
-from common.scenario import Scenario
-from common.units import NS_PER_S
-from deploy.logs.json_rows import other_version
-from deploy.logs.log_file import LogFile
-from deploy.logs.log_paths import log_file, log_files
-from deploy.logs.read.load import load_parts, load_side
-from deploy.logs.read.side_columns import SideLog
-from deploy.shell import run_dir as folder
-from patient_side.build import build_patient, choose_models
-from patient_side.models import factories, origins, own_estimators, read_models
-from patient_side.node import PatientNode
+from tis.common.channels import direction_of, is_set_point
+from tis.common.errors import DataError, Fault
+from tis.common.header import Header
+from tis.common.messages import Pose, Quaternion, Vector3
+from tis.common.node import Arrival, Emission, Record
+from tis.common.records import COUNTERS, ESTIMATES, ORIENTATIONS, PROMPT, TICKS, UNRECORDED
+from tis.common.runtime.arm_memory import RESUMED_FILE, parse_resumed
+from tis.common.runtime.code_origin import USER_CODE_FILE, Origin, parse_origins
+from tis.common.runtime.log_parts import part_clock
+from tis.common.runtime.loop import Delivery, Seat, run
+from tis.common.safety_records import QUARANTINE, STOPS, QuarantineNote, StopNote
+from tis.common.scenario import Scenario
+from tis.common.units import NS_PER_S
+from tis.deploy.logs.json_rows import other_version
+from tis.deploy.logs.log_file import LogFile
+from tis.deploy.logs.log_paths import log_file, log_files
+from tis.deploy.logs.read.load import load_parts, load_side
+from tis.deploy.logs.read.side_columns import SideLog
+from tis.deploy.shell import run_dir as folder
+from tis.patient_side.build import build_patient, choose_models
+from tis.patient_side.models import factories, origins, own_estimators, read_models
+from tis.patient_side.node import PatientNode
 
 _Address = tuple[str, str, bool, int]
 _NOBODYS_RAD: Final = 1.234567890123e-9

@@ -6,15 +6,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from common.errors import Fault, InputError
-from common.runtime.recordings import located
-from common.runtime.recordings.whole_run import plays_all, whole_run, without_auto
-from common.runtime.scenario_file import read_scenario
-from common.scenario import Scenario
-from common.scenario import reading as scenario_io
-from common.scenario.overrides import Override, apply_overrides, blamed
-from deploy.net.library.profiles import library
-from deploy.shell.shipped_scenarios import SHIPPED, shipped_names
+from tis.common.errors import Fault, InputError
+from tis.common.runtime.recordings import located
+from tis.common.runtime.recordings.whole_run import plays_all, whole_run, without_auto
+from tis.common.runtime.scenario_file import read_scenario
+from tis.common.scenario import Scenario
+from tis.common.scenario import reading as scenario_io
+from tis.common.scenario.overrides import Override, apply_overrides, blamed
+from tis.deploy.net.library.profiles import library
+from tis.deploy.shell.shipped_scenarios import SHIPPED, shipped_names
 
 
 def is_file(path: Path) -> bool:

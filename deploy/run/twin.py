@@ -4,34 +4,34 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from common.channels import Side
-from common.errors import InputError
-from common.node import Node
-from common.records import ControlNote
-from common.runtime.clock import VirtualClock
-from common.runtime.code_origin import USER_CODE_FILE, dump_origins
-from common.runtime.loop import Recorder, Seat, run
-from common.runtime.mcap_log import McapLog
-from common.runtime.memory import without_collector
-from common.runtime.recorder import FLUSH_EVERY_NS
-from common.runtime.recordings import load_recording
-from common.runtime.side_log import LOG_VERSION
-from common.runtime.trace_files import load_traces, trace_attachments
-from common.runtime.virtual_bus import VirtualBus
-from common.scenario import Scenario
-from common.scenario import reading as scenario_io
-from common.scenario.live_rules import virtual_time_faults
-from common.sources.provenance import RECORDING_FILE, dump_played
-from common.sources.trajectory import Recording
-from deploy.shell import run_dir as folder
-from netem.build import build_netem
-from netem.control.notes import with_live_changes
-from patient_side.build import build_patient
-from patient_side.models import factories, model_attachment, models_for, origins, own_estimators
-from patient_side.plant.extra import check_plant
-from patient_side.provenance import warnings_at_start
-from patient_side.statespace import ArmModel
-from surgeon_side.build import build_surgeon
+from tis.common.channels import Side
+from tis.common.errors import InputError
+from tis.common.node import Node
+from tis.common.records import ControlNote
+from tis.common.runtime.clock import VirtualClock
+from tis.common.runtime.code_origin import USER_CODE_FILE, dump_origins
+from tis.common.runtime.loop import Recorder, Seat, run
+from tis.common.runtime.mcap_log import McapLog
+from tis.common.runtime.memory import without_collector
+from tis.common.runtime.recorder import FLUSH_EVERY_NS
+from tis.common.runtime.recordings import load_recording
+from tis.common.runtime.side_log import LOG_VERSION
+from tis.common.runtime.trace_files import load_traces, trace_attachments
+from tis.common.runtime.virtual_bus import VirtualBus
+from tis.common.scenario import Scenario
+from tis.common.scenario import reading as scenario_io
+from tis.common.scenario.live_rules import virtual_time_faults
+from tis.common.sources.provenance import RECORDING_FILE, dump_played
+from tis.common.sources.trajectory import Recording
+from tis.deploy.shell import run_dir as folder
+from tis.netem.build import build_netem
+from tis.netem.control.notes import with_live_changes
+from tis.patient_side.build import build_patient
+from tis.patient_side.models import factories, model_attachment, models_for, origins, own_estimators
+from tis.patient_side.plant.extra import check_plant
+from tis.patient_side.provenance import warnings_at_start
+from tis.patient_side.statespace import ArmModel
+from tis.surgeon_side.build import build_surgeon
 
 
 def refuse_in_virtual_time(scenario: Scenario) -> None:

@@ -13,16 +13,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from common.channels import Side
-from common.errors import EXIT_OK
-from common.runtime.child_process import child_environment
-from common.runtime.free_endpoints import free_endpoints
-from common.runtime.interrupt import Interrupt
-from common.scenario import Scenario
-from deploy.shell import run_dir as folder
-from deploy.shell.outcome import Event, Outcome, SideEnd, outcome_of, reasons_of
+from tis.common.channels import Side
+from tis.common.errors import EXIT_OK
+from tis.common.runtime.child_process import child_environment
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.interrupt import Interrupt
+from tis.common.scenario import Scenario
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.outcome import Event, Outcome, SideEnd, outcome_of, reasons_of
 
-MODULES: Final[dict[Side, str]] = {"surgeon": "surgeon_side", "netem": "netem", "patient": "patient_side"}
+MODULES: Final[dict[Side, str]] = {
+    "surgeon": "tis.surgeon_side",
+    "netem": "tis.netem",
+    "patient": "tis.patient_side",
+}
 _POLL_S: Final = 0.2
 _GRACE_S: Final = 2.5
 _BARRIER_S: Final = 120

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, get_args
 
-from common.channels import Side
-from common.errors import EXIT_INTERRUPTED, EXIT_OK, PeerError
+from tis.common.channels import Side
+from tis.common.errors import EXIT_INTERRUPTED, EXIT_OK, PeerError
 
 Event = dict[str, Any]
 

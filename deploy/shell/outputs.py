@@ -5,11 +5,11 @@ import os
 import tempfile
 from pathlib import Path
 
-from common.errors import DataError, Fault
+from tis.common.errors import DataError, Fault
 
 
 def unwritable(*files: Path | None) -> list[Fault]:
-    """Return a fault for each file that `deploy.shell.run_dir.write` could not write; leaves no file behind.
+    """Return a fault for each file that `tis.deploy.shell.run_dir.write` could not write; leaves no file behind.
 
     None stands for an option without a value. Oracle: `write` itself, tests/deploy/shell/test_outputs.
     """

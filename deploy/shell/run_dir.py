@@ -15,13 +15,13 @@ from typing import Any, Final
 
 from pydantic_core import from_json
 
-from common.channels import Side
-from common.errors import DataError, Fault
-from common.runtime.limited_file import read_limited
-from common.scenario import Scenario
-from common.scenario import reading as scenario_io
-from common.sources.provenance import MODEL_FILES
-from common.yaml_text import MAX_YAML_BYTES
+from tis.common.channels import Side
+from tis.common.errors import DataError, Fault
+from tis.common.runtime.limited_file import read_limited
+from tis.common.scenario import Scenario
+from tis.common.scenario import reading as scenario_io
+from tis.common.sources.provenance import MODEL_FILES
+from tis.common.yaml_text import MAX_YAML_BYTES
 
 SCENARIO_FILE: Final = "scenario.yaml"
 NETWORK_FILE: Final = "network.yaml"

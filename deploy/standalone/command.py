@@ -9,28 +9,28 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from common.channels import Direction, Side
-from common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, Fault, InputError
-from common.extras import GET_REPORT
-from common.records import COUNTERS
-from common.runtime.command_line import command_line
-from common.scenario.network import NetworkPart
-from common.units import NS_PER_S
-from deploy.logs.read.batches import link_fates, link_releases
-from deploy.report.link_summary import link_summary
-from deploy.report.measures.network.link_books import against_counters, counted, counter
-from deploy.report.measures.processors import processors_summary
-from deploy.report.tables.hanging_indent import HangingIndent
-from deploy.report.tables.numbers import number
-from deploy.report.tables.terminal import delays_view, drop_reasons
-from deploy.report.verdict.verdict_text import FIDELITY_STYLES, fidelity_text
-from deploy.shell import run_dir as folder
-from deploy.shell.extras import can_report
-from deploy.shell.messages import print_json
-from deploy.standalone.standalone_run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
-from deploy.tools.info import log_states, print_damage, print_files, states_as_data
-from netem.bridge.standalone import network_yaml
-from netem.expected.synopsis import direction_label
+from tis.common.channels import Direction, Side
+from tis.common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, Fault, InputError
+from tis.common.extras import GET_REPORT
+from tis.common.records import COUNTERS
+from tis.common.runtime.command_line import command_line
+from tis.common.scenario.network import NetworkPart
+from tis.common.units import NS_PER_S
+from tis.deploy.logs.read.batches import link_fates, link_releases
+from tis.deploy.report.link_summary import link_summary
+from tis.deploy.report.measures.network.link_books import against_counters, counted, counter
+from tis.deploy.report.measures.processors import processors_summary
+from tis.deploy.report.tables.hanging_indent import HangingIndent
+from tis.deploy.report.tables.numbers import number
+from tis.deploy.report.tables.terminal import delays_view, drop_reasons
+from tis.deploy.report.verdict.verdict_text import FIDELITY_STYLES, fidelity_text
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.extras import can_report
+from tis.deploy.shell.messages import print_json
+from tis.deploy.standalone.standalone_run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
+from tis.deploy.tools.info import log_states, print_damage, print_files, states_as_data
+from tis.netem.bridge.standalone import network_yaml
+from tis.netem.expected.synopsis import direction_label
 
 # Terminal view of a standalone netem's summary.
 
@@ -158,7 +158,7 @@ def report(run_dir: Path, out: Console) -> int:
     """
     if not can_report():
         raise InputError(Fault("tis report", "", f"needs Bokeh: {GET_REPORT}"))
-    from deploy.standalone.report_page import report_html  # loading Bokeh is slow
+    from tis.deploy.standalone.report_page import report_html  # loading Bokeh is slow
 
     run = load_standalone(run_dir)
     manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}

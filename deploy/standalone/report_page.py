@@ -4,20 +4,20 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any, get_args
 
-from common.channels import Direction
-from deploy.logs.read.batches import link_fates
-from deploy.report.measures.network.requested import Requested
-from deploy.report.page.html_page import Page, Section, page_html
-from deploy.report.plots.cdf_plot import delay_cdf, delay_curves
-from deploy.report.plots.delay_plot import delay_figure
-from deploy.report.plots.loss_plot import loss_figure
-from deploy.report.plots.packets import link_columns
-from deploy.report.plots.plot_style import time_range
-from deploy.report.plots.release_plot import release_figure
-from deploy.report.tables import html_tables as tables
-from deploy.report.tables import network_tables as network
-from deploy.report.tables.processor_table import processor_table
-from deploy.standalone.standalone_run import StandaloneRun, network_lines
+from tis.common.channels import Direction
+from tis.deploy.logs.read.batches import link_fates
+from tis.deploy.report.measures.network.requested import Requested
+from tis.deploy.report.page.html_page import Page, Section, page_html
+from tis.deploy.report.plots.cdf_plot import delay_cdf, delay_curves
+from tis.deploy.report.plots.delay_plot import delay_figure
+from tis.deploy.report.plots.loss_plot import loss_figure
+from tis.deploy.report.plots.packets import link_columns
+from tis.deploy.report.plots.plot_style import time_range
+from tis.deploy.report.plots.release_plot import release_figure
+from tis.deploy.report.tables import html_tables as tables
+from tis.deploy.report.tables import network_tables as network
+from tis.deploy.report.tables.processor_table import processor_table
+from tis.deploy.standalone.standalone_run import StandaloneRun, network_lines
 
 _TITLE = "netem between two networks"
 

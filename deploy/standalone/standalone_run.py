@@ -8,19 +8,19 @@ from typing import Any, Final
 import numpy as np
 from pydantic import ValidationError
 
-from common.errors import DataError, Fault
-from common.records import FATES
-from common.runtime.trace_files import load_traces
-from common.scenario.faults import faults
-from common.scenario.network import NetworkPart, Rule
-from common.yaml_text import load_yaml
-from deploy.logs.log_paths import log_file
-from deploy.logs.read.compact_ints import CompactInts
-from deploy.logs.read.load import RunLogs, load_side
-from deploy.logs.read.side_columns import SideLog
-from deploy.shell import run_dir as folder
-from netem.bridge.keys import crossing_keys
-from netem.expected.synopsis import synopsis
+from tis.common.errors import DataError, Fault
+from tis.common.records import FATES
+from tis.common.runtime.trace_files import load_traces
+from tis.common.scenario.faults import faults
+from tis.common.scenario.network import NetworkPart, Rule
+from tis.common.yaml_text import load_yaml
+from tis.deploy.logs.log_paths import log_file
+from tis.deploy.logs.read.compact_ints import CompactInts
+from tis.deploy.logs.read.load import RunLogs, load_side
+from tis.deploy.logs.read.side_columns import SideLog
+from tis.deploy.shell import run_dir as folder
+from tis.netem.bridge.keys import crossing_keys
+from tis.netem.expected.synopsis import synopsis
 
 NETWORK_FILE: Final = folder.NETWORK_FILE
 LOG: Final = "netem.mcap"

@@ -22,9 +22,9 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from pydantic import TypeAdapter, ValidationError
 
-from common.errors import DataError, Fault, InputError
-from common.runtime.credentials import CA_FILE, CERTIFICATE_FILE, KEY_FILE, config_text, tls_settings
-from common.scenario.security import PersonName
+from tis.common.errors import DataError, Fault, InputError
+from tis.common.runtime.credentials import CA_FILE, CERTIFICATE_FILE, KEY_FILE, config_text, tls_settings
+from tis.common.scenario.security import PersonName
 
 AUTHORITY: Final = "ca"
 """Folder of the authority, beside those of the names."""

@@ -8,31 +8,31 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from common.channels import Hand
-from common.errors import EXIT_OK, DataError, Fault, InputError
-from common.extras import GET_REPORT
-from common.runtime.recordings import load_recording, load_training
-from common.scenario import Scenario
-from common.scenario.estimator_names import LearnedName, is_learned
-from common.scenario.patient import Identification, is_model_file
-from common.sources.provenance import in_words
-from common.sources.trajectory import Recording
-from deploy.shell import run_dir as folder
-from deploy.shell.messages import print_warnings
-from deploy.shell.outputs import check_outputs, unwritable
-from patient_side.estimators.static_gain import dc_gain
-from patient_side.identification.fit_narx import NarxStudy, fit_narx, n_terms
-from patient_side.identification.identify import LOOKS_AHEAD, Identified, identify_hands, identify_with_orders
-from patient_side.identification.methods import METHODS
-from patient_side.identification.model_io import dump_models
-from patient_side.identification.order import OrderChoice
-from patient_side.identification.validation import fit_text
-from patient_side.learned_model import LearnedModel
-from patient_side.learning.fit_network import Epoch
-from patient_side.learning.train import check_extra, with_learned
-from patient_side.models import models_for
-from patient_side.provenance import warnings_at_start, without_effect
-from patient_side.statespace import ArmModel, order_text
+from tis.common.channels import Hand
+from tis.common.errors import EXIT_OK, DataError, Fault, InputError
+from tis.common.extras import GET_REPORT
+from tis.common.runtime.recordings import load_recording, load_training
+from tis.common.scenario import Scenario
+from tis.common.scenario.estimator_names import LearnedName, is_learned
+from tis.common.scenario.patient import Identification, is_model_file
+from tis.common.sources.provenance import in_words
+from tis.common.sources.trajectory import Recording
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.messages import print_warnings
+from tis.deploy.shell.outputs import check_outputs, unwritable
+from tis.patient_side.estimators.static_gain import dc_gain
+from tis.patient_side.identification.fit_narx import NarxStudy, fit_narx, n_terms
+from tis.patient_side.identification.identify import LOOKS_AHEAD, Identified, identify_hands, identify_with_orders
+from tis.patient_side.identification.methods import METHODS
+from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.identification.order import OrderChoice
+from tis.patient_side.identification.validation import fit_text
+from tis.patient_side.learned_model import LearnedModel
+from tis.patient_side.learning.fit_network import Epoch
+from tis.patient_side.learning.train import check_extra, with_learned
+from tis.patient_side.models import models_for
+from tis.patient_side.provenance import warnings_at_start, without_effect
+from tis.patient_side.statespace import ArmModel, order_text
 
 # NARX study of `tis identify`: a polynomial model beside the linear ones, simulated on the held-back rows.
 
@@ -237,7 +237,7 @@ def _figure_faults(figure_file: Path, model_file: str | None) -> list[Fault]:
 
 
 def _figure(found: Sequence[Identified], file_format: str) -> bytes:
-    from deploy.report.publication.matplotlib_figures import identification_figure, rendered  # loads matplotlib
+    from tis.deploy.report.publication.matplotlib_figures import identification_figure, rendered  # loads matplotlib
 
     return rendered(identification_figure(found), file_format)
 

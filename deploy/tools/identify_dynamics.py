@@ -8,12 +8,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from common.errors import EXIT_OK, Fault, InputError
-from common.scenario import Scenario
-from deploy.shell import run_dir as folder
-from deploy.shell.outputs import check_outputs
-from patient_side.dynamics.consistent_fit import check_solver
-from patient_side.dynamics.identify import (
+from tis.common.errors import EXIT_OK, Fault, InputError
+from tis.common.scenario import Scenario
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.outputs import check_outputs
+from tis.patient_side.dynamics.consistent_fit import check_solver
+from tis.patient_side.dynamics.identify import (
     DETERMINED,
     DURATION_S,
     N_TRAINING,
@@ -21,10 +21,10 @@ from patient_side.dynamics.identify import (
     Dynamics,
     identify_dynamics,
 )
-from patient_side.dynamics.parameters import NAMES, OF_JOINT, PER_LINK, joints, links, pseudo_inertia
-from patient_side.plant.arm_geometry import JOINTS
-from patient_side.plant.extra import check_simulator
-from patient_side.statespace import Array
+from tis.patient_side.dynamics.parameters import NAMES, OF_JOINT, PER_LINK, joints, links, pseudo_inertia
+from tis.patient_side.plant.arm_geometry import JOINTS
+from tis.patient_side.plant.extra import check_simulator
+from tis.patient_side.statespace import Array
 
 
 def identify_dynamics_and_print(

@@ -9,20 +9,20 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from common.channels import Side
-from common.errors import EXIT_OK, DataError
-from common.runtime.log_parts import n_parts, part_name
-from common.units import NS_PER_S
-from deploy.logs.coverage import Coverage, spans_text
-from deploy.logs.describe import Described, describe
-from deploy.logs.log_file import truncated_start
-from deploy.logs.log_paths import log_file, recovered_name, recovery_of
-from deploy.logs.read.load import RunLogs, check_written_by_tis, load_run
-from deploy.logs.read.recorded import scenario_in
-from deploy.report.summary_version import check_version, readable
-from deploy.report.tables.terminal import print_summary
-from deploy.shell import run_dir as folder
-from deploy.shell.messages import print_faults, print_json
+from tis.common.channels import Side
+from tis.common.errors import EXIT_OK, DataError
+from tis.common.runtime.log_parts import n_parts, part_name
+from tis.common.units import NS_PER_S
+from tis.deploy.logs.coverage import Coverage, spans_text
+from tis.deploy.logs.describe import Described, describe
+from tis.deploy.logs.log_file import truncated_start
+from tis.deploy.logs.log_paths import log_file, recovered_name, recovery_of
+from tis.deploy.logs.read.load import RunLogs, check_written_by_tis, load_run
+from tis.deploy.logs.read.recorded import scenario_in
+from tis.deploy.report.summary_version import check_version, readable
+from tis.deploy.report.tables.terminal import print_summary
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.messages import print_faults, print_json
 
 _PART: Final = re.compile(rf"({'|'.join(get_args(Side))})(?:_([0-9]+))?\.mcap")
 

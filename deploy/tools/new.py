@@ -7,10 +7,10 @@ from typing import Final
 from rich.console import Console
 from rich.markup import escape
 
-from common.errors import EXIT_OK, Fault, InputError
-from common.scenario import reading
-from deploy.shell.run_dir import write
-from deploy.shell.shipped_scenarios import shipped_names
+from tis.common.errors import EXIT_OK, Fault, InputError
+from tis.common.scenario import reading
+from tis.deploy.shell.run_dir import write
+from tis.deploy.shell.shipped_scenarios import shipped_names
 
 SCHEMA_FILE: Final = "scenario.schema.json"
 _TEMPLATE: Final = Path(__file__).with_name("new_scenario.yaml")

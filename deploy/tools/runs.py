@@ -10,10 +10,10 @@ from rich.markup import escape
 from rich.measure import Measurement
 from rich.table import Table
 
-from common.errors import EXIT_OK, DataError, Fault, InputError
-from deploy.report.tables.numbers import number
-from deploy.shell import run_dir as folder
-from deploy.shell.messages import print_json
+from tis.common.errors import EXIT_OK, DataError, Fault, InputError
+from tis.deploy.report.tables.numbers import number
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.messages import print_json
 
 Listed = dict[str, Any]
 

@@ -10,24 +10,24 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError
-from common.scenario import Scenario
-from common.scenario.source import SYNTHETIC_SUBJECTS, JigsawsSource, SyntheticSource
-from common.sources.calibration import (
+from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError
+from tis.common.scenario import Scenario
+from tis.common.scenario.source import SYNTHETIC_SUBJECTS, JigsawsSource, SyntheticSource
+from tis.common.sources.calibration import (
     RECORDED_SUTURING,
     RECORDED_TURNING,
     TOLERANCE,
     median_statistics,
     turning_statistics,
 )
-from common.sources.jigsaws import MIN_ROWS, RATE_HZ
-from common.sources.jigsaws_text import trial_text
-from common.sources.population import MAX_TRIALS, population
-from common.sources.synthetic import synthesise
-from common.sources.trajectory import Recording
-from deploy.tools.synth_readme import readme
-from patient_side.plant.build import executing_plant
-from patient_side.plant.execution import executed
+from tis.common.sources.jigsaws import MIN_ROWS, RATE_HZ
+from tis.common.sources.jigsaws_text import trial_text
+from tis.common.sources.population import MAX_TRIALS, population
+from tis.common.sources.synthetic import synthesise
+from tis.common.sources.trajectory import Recording
+from tis.deploy.tools.synth_readme import readme
+from tis.patient_side.plant.build import executing_plant
+from tis.patient_side.plant.execution import executed
 
 _MAX_DURATION_S: Final = 3600.0
 

@@ -6,10 +6,10 @@ from typing import Final
 
 import yaml
 
-from common.scenario import Scenario
-from common.scenario.source import SYNTHETIC_SUBJECTS, SyntheticSource
-from common.sources.jigsaws import RATE_HZ
-from common.sources.population import SPREAD, person
+from tis.common.scenario import Scenario
+from tis.common.scenario.source import SYNTHETIC_SUBJECTS, SyntheticSource
+from tis.common.sources.jigsaws import RATE_HZ
+from tis.common.sources.population import SPREAD, person
 
 _TEXT: Final = """\
 SYNTHETIC DATA: these movements were computed, not recorded.

@@ -1,4 +1,4 @@
-"""Process of the live page: ``python -m deploy.view``, child of ``tis run --view`` or ``tis view``.
+"""Process of the live page: ``python -m tis.deploy.view``, child of ``tis run --view`` or ``tis view``.
 
 The first line of its standard input is its options as JSON, a later one may name the run's output. It prints one line
 of JSON with the page's address or with faults. The process ends when that input is closed, which happens however its
@@ -12,10 +12,10 @@ import threading
 from collections.abc import Iterator
 from typing import Final
 
-from common.errors import EXIT_BUG, EXIT_OK, TisError
-from common.runtime.interrupt import Interrupt
-from deploy.view.page_text import RunOutput
-from deploy.view.server import ViewOptions, serve
+from tis.common.errors import EXIT_BUG, EXIT_OK, TisError
+from tis.common.runtime.interrupt import Interrupt
+from tis.deploy.view.page_text import RunOutput
+from tis.deploy.view.server import ViewOptions, serve
 
 _NICENESS: Final = 10
 _READ_BYTES: Final = 1 << 16

@@ -4,10 +4,10 @@ import subprocess
 
 from rich.console import Console
 
-from common.errors import EXIT_INTERRUPTED, EXIT_OK, Fault, PeerError
-from common.runtime.interrupt import Interrupt
-from common.runtime.zenoh_session import ZenohOptions, configure
-from deploy.view.page_process import PageAddress, announce, page_process
+from tis.common.errors import EXIT_INTERRUPTED, EXIT_OK, Fault, PeerError
+from tis.common.runtime.interrupt import Interrupt
+from tis.common.runtime.zenoh_session import ZenohOptions, configure
+from tis.deploy.view.page_process import PageAddress, announce, page_process
 
 _POLL_S = 0.2
 

@@ -13,7 +13,7 @@ from bokeh.models.widgets.buttons import Button
 from bokeh.models.widgets.inputs import NumericInput, Select
 from bokeh.models.widgets.markups import Div
 
-from deploy.view.steering import Steering
+from tis.deploy.view.steering import Steering
 
 _DIRECTIONS: Final[list[str | tuple[Any, str]]] = [
     ("both", "both ways"),

@@ -10,12 +10,12 @@ from dataclasses import dataclass, field
 from math import nan
 from typing import Final, TypeVar, get_args
 
-from common.channels import FOLLOWER, MASTER, Hand
-from common.units import MM_PER_M, NS_PER_MS, NS_PER_S
-from deploy.watch.book import LiveBook
-from deploy.watch.crossings import Crossing
-from deploy.watch.trail import Trail
-from deploy.watch.watched_streams import StreamName
+from tis.common.channels import FOLLOWER, MASTER, Hand
+from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S
+from tis.deploy.watch.book import LiveBook
+from tis.deploy.watch.crossings import Crossing
+from tis.deploy.watch.trail import Trail
+from tis.deploy.watch.watched_streams import StreamName
 
 Columns = dict[str, list[float]]
 Row = TypeVar("Row")

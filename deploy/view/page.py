@@ -13,23 +13,31 @@ from bokeh.models import CustomJS, InlineStyleSheet, Model
 from bokeh.models.widgets.inputs import Select
 from bokeh.models.widgets.markups import Div
 
-from common.channels import Direction, Side
-from common.scenario.control import EmulatorState
-from common.units import NS_PER_S
-from deploy.report.page import html_page
-from deploy.report.page.network_picture import DirectionFigures, network_picture
-from deploy.report.palette import AMBER, GREEN, RED, SLATE, TONES, Tone
-from deploy.report.plots.plot_style import THEME
-from deploy.report.plots.scene_3d import live_camera_controls
-from deploy.view.controls import Controls
-from deploy.view.feed import SHOWN_S, Feed
-from deploy.view.page_text import PageContext, RunOutput, figures_html, run_html, run_text, state_html, vantage_text
-from deploy.view.plots import ESTIMATE, HOLD, LOST, SCENE, STREAM_TONES, TRUTH, Plots
-from deploy.view.steering import Steering
-from deploy.watch.book import WINDOW_S
-from deploy.watch.live_figures import LiveFigures
-from deploy.watch.observer import Attendance, Observer
-from deploy.watch.watched_streams import StreamName
+from tis.common.channels import Direction, Side
+from tis.common.scenario.control import EmulatorState
+from tis.common.units import NS_PER_S
+from tis.deploy.report.page import html_page
+from tis.deploy.report.page.network_picture import DirectionFigures, network_picture
+from tis.deploy.report.palette import AMBER, GREEN, RED, SLATE, TONES, Tone
+from tis.deploy.report.plots.plot_style import THEME
+from tis.deploy.report.plots.scene_3d import live_camera_controls
+from tis.deploy.view.controls import Controls
+from tis.deploy.view.feed import SHOWN_S, Feed
+from tis.deploy.view.page_text import (
+    PageContext,
+    RunOutput,
+    figures_html,
+    run_html,
+    run_text,
+    state_html,
+    vantage_text,
+)
+from tis.deploy.view.plots import ESTIMATE, HOLD, LOST, SCENE, STREAM_TONES, TRUTH, Plots
+from tis.deploy.view.steering import Steering
+from tis.deploy.watch.book import WINDOW_S
+from tis.deploy.watch.live_figures import LiveFigures
+from tis.deploy.watch.observer import Attendance, Observer
+from tis.deploy.watch.watched_streams import StreamName
 
 # Pace of a page: the browser says which frame it has drawn, and gets no other before.
 

@@ -12,14 +12,14 @@ from typing import Any, Final
 
 from rich.console import Console
 
-from common.errors import Fault, InputError, PeerError
-from common.extras import GET_REPORT
-from common.runtime.child_process import child_environment
-from common.runtime.zenoh_session import ZenohOptions
-from common.scenario import Scenario
-from deploy.shell.extras import can_report
-from deploy.view.drive.device import Device, device_of
-from deploy.view.page_text import RunOutput
+from tis.common.errors import Fault, InputError, PeerError
+from tis.common.extras import GET_REPORT
+from tis.common.runtime.child_process import child_environment
+from tis.common.runtime.zenoh_session import ZenohOptions
+from tis.common.scenario import Scenario
+from tis.deploy.shell.extras import can_report
+from tis.deploy.view.drive.device import Device, device_of
+from tis.deploy.view.page_text import RunOutput
 
 _GRACE_S: Final = 6.0
 
@@ -75,7 +75,7 @@ def page_process(
         file = None if zenoh.config is None else str(zenoh.config)
         options |= {"config": file, "cfg": list(zenoh.cfg), "credentials": dict(zenoh.credentials)}
     with subprocess.Popen(
-        [sys.executable, "-m", "deploy.view"],
+        [sys.executable, "-m", "tis.deploy.view"],
         stdin=subprocess.PIPE,  # closed by the kernel when this process ends, which ends the page
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,

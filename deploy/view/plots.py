@@ -6,10 +6,10 @@ from typing import Any, Final
 from bokeh.models import BasicTicker, ColumnDataSource, Range1d
 from bokeh.plotting import figure
 
-from deploy.report.palette import BLUE, DIRECTIONS, INK, PAPER, RED, VIOLET, Tone, look_of
-from deploy.report.plots.scene_3d import ScenePath, scene
-from deploy.view.feed import MASTER_COLUMNS, SHOWN_S, TRACK_COLUMNS, Columns, Frame
-from deploy.watch.watched_streams import StreamName
+from tis.deploy.report.palette import BLUE, DIRECTIONS, INK, PAPER, RED, VIOLET, Tone, look_of
+from tis.deploy.report.plots.scene_3d import ScenePath, scene
+from tis.deploy.view.feed import MASTER_COLUMNS, SHOWN_S, TRACK_COLUMNS, Columns, Frame
+from tis.deploy.watch.watched_streams import StreamName
 
 TRUTH: Final = INK
 ESTIMATE: Final = BLUE

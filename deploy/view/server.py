@@ -20,18 +20,18 @@ from tornado.ioloop import IOLoop, PeriodicCallback
 from tornado.netutil import bind_sockets
 from tornado.web import HTTPError
 
-from common.channels import Network
-from common.errors import Fault, InputError, PeerError
-from common.runtime.emulator_client import EmulatorAddress
-from common.runtime.zenoh_session import ZenohOptions
-from deploy.view.access import Access, TokenAuth, access_to
-from deploy.view.drive.device import Device, DeviceDoor
-from deploy.view.drive.drive_socket import FRAME_MS, DriveSockets
-from deploy.view.drive.hub import DriveHub
-from deploy.view.page import pages
-from deploy.view.page_text import PageContext, RunOutput
-from deploy.view.steering import Steering, live_profiles
-from deploy.watch.observer import Observer
+from tis.common.channels import Network
+from tis.common.errors import Fault, InputError, PeerError
+from tis.common.runtime.emulator_client import EmulatorAddress
+from tis.common.runtime.zenoh_session import ZenohOptions
+from tis.deploy.view.access import Access, TokenAuth, access_to
+from tis.deploy.view.drive.device import Device, DeviceDoor
+from tis.deploy.view.drive.drive_socket import FRAME_MS, DriveSockets
+from tis.deploy.view.drive.hub import DriveHub
+from tis.deploy.view.page import pages
+from tis.deploy.view.page_text import PageContext, RunOutput
+from tis.deploy.view.steering import Steering, live_profiles
+from tis.deploy.watch.observer import Observer
 
 # Handover of the run's report to the pages that are open at its end: their link works when the server is gone.
 

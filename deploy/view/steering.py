@@ -8,12 +8,12 @@ from typing import Final
 
 import zenoh
 
-from common.errors import InputError, TisError
-from common.runtime.emulator_client import EmulatorAddress, Remote, connected
-from common.scenario.control import Acknowledgement, EmulatorState
-from deploy.net.control.control_commands import change_requests, profile_request
-from deploy.net.control.emergency import release_all, stop_arms
-from deploy.net.library.profiles import shipped_names
+from tis.common.errors import InputError, TisError
+from tis.common.runtime.emulator_client import EmulatorAddress, Remote, connected
+from tis.common.scenario.control import Acknowledgement, EmulatorState
+from tis.deploy.net.control.control_commands import change_requests, profile_request
+from tis.deploy.net.control.emergency import release_all, stop_arms
+from tis.deploy.net.library.profiles import shipped_names
 
 
 def live_profiles() -> list[str]:

@@ -7,20 +7,20 @@ from typing import Final, NamedTuple, TypeVar
 
 from pydantic import ValidationError
 
-from common.channels import ORIGIN, Network, is_set_point, local_keys
-from common.header import Header
-from common.messages import FeedbackPose, Pose, components, position_m
-from common.peer_life import Alarm, Beat
-from common.runtime.control import ControlKeys
-from common.units import NS_PER_MS, NS_PER_S
-from deploy.watch.crossings import Crossing, Crossings
-from deploy.watch.displays import Displays
-from deploy.watch.live_figures import LiveFigures, live_figures
-from deploy.watch.motion import ArmMotion, Place, TrackRow
-from deploy.watch.safety import SafetyStates
-from deploy.watch.trail import Trail
-from deploy.watch.watched_streams import STREAM_OF, Stream, StreamName, watched_streams
-from patient_side.rotations import unit
+from tis.common.channels import ORIGIN, Network, is_set_point, local_keys
+from tis.common.header import Header
+from tis.common.messages import FeedbackPose, Pose, components, position_m
+from tis.common.peer_life import Alarm, Beat
+from tis.common.runtime.control import ControlKeys
+from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.deploy.watch.crossings import Crossing, Crossings
+from tis.deploy.watch.displays import Displays
+from tis.deploy.watch.live_figures import LiveFigures, live_figures
+from tis.deploy.watch.motion import ArmMotion, Place, TrackRow
+from tis.deploy.watch.safety import SafetyStates
+from tis.deploy.watch.trail import Trail
+from tis.deploy.watch.watched_streams import STREAM_OF, Stream, StreamName, watched_streams
+from tis.patient_side.rotations import unit
 
 WINDOW_S: Final = 5
 _MAX_ROWS: Final = 4000

@@ -6,7 +6,7 @@ The observer stamps both instants, so no clocks need to be synchronised.
 from collections import OrderedDict
 from typing import Final, NamedTuple, TypeVar
 
-from common.units import NS_PER_S
+from tis.common.units import NS_PER_S
 
 T = TypeVar("T")
 

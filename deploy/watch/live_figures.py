@@ -7,11 +7,11 @@ from typing import Final
 
 import numpy as np
 
-from common.units import NS_PER_MS
-from deploy.watch.crossings import Crossing
-from deploy.watch.displays import DisplayErrors
-from deploy.watch.motion import TrackRow
-from deploy.watch.watched_streams import StreamName
+from tis.common.units import NS_PER_MS
+from tis.deploy.watch.crossings import Crossing
+from tis.deploy.watch.displays import DisplayErrors
+from tis.deploy.watch.motion import TrackRow
+from tis.deploy.watch.watched_streams import StreamName
 
 MAX_UNSEEN_PCT: Final = 2.0
 """Share of unseen packets above which the observer cannot tell loss."""

@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.units import MM_PER_M
-from patient_side.rotations import turned, turned_by
+from tis.common.units import MM_PER_M
+from tis.patient_side.rotations import turned, turned_by
 
 Place = tuple[float, float, float]
 Turn = NDArray[np.float64]

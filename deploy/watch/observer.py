@@ -15,15 +15,15 @@ from typing import Any, Final, TypeVar
 
 import zenoh
 
-from common.channels import Network, Side, local_keys
-from common.errors import PeerError
-from common.runtime.clock_watch import ClockWatch
-from common.runtime.control import ControlKeys, Roster
-from common.runtime.zenoh_session import ZenohOptions, open_client, visitor
-from common.units import NS_PER_S
-from deploy.watch.book import LiveBook, Sighting
-from deploy.watch.observer_path import ObserverPath, Vantage, observer_path, vantage
-from deploy.watch.watched_streams import watched_streams
+from tis.common.channels import Network, Side, local_keys
+from tis.common.errors import PeerError
+from tis.common.runtime.clock_watch import ClockWatch
+from tis.common.runtime.control import ControlKeys, Roster
+from tis.common.runtime.zenoh_session import ZenohOptions, open_client, visitor
+from tis.common.units import NS_PER_S
+from tis.deploy.watch.book import LiveBook, Sighting
+from tis.deploy.watch.observer_path import ObserverPath, Vantage, observer_path, vantage
+from tis.deploy.watch.watched_streams import watched_streams
 
 T = TypeVar("T")
 

@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from common.clocks.exchange import Exchanges
-from common.units import NS_PER_MS
+from tis.common.clocks.exchange import Exchanges
+from tis.common.units import NS_PER_MS
 
 
 class ObserverPath(NamedTuple):

@@ -6,8 +6,8 @@ from typing import Final, NamedTuple
 
 from pydantic import ValidationError
 
-from common.messages import SetPoint
-from common.units import NS_PER_S
+from tis.common.messages import SetPoint
+from tis.common.units import NS_PER_S
 
 _MAX_CHANGES: Final = 100
 _MAX_ARMS: Final = 8

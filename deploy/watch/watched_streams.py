@@ -2,7 +2,7 @@
 
 from typing import Literal, NamedTuple, get_args
 
-from common.channels import Arm, Channel, Direction, Hand, hand_channels
+from tis.common.channels import Arm, Channel, Direction, Hand, hand_channels
 
 Role = Literal["command", "arm", "estimated"]
 StreamName = Literal["master", "arm", "answers"]

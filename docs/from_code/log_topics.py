@@ -39,7 +39,7 @@ _HEAD = """# Logs
 
 Each side writes one MCAP file, `surgeon.mcap`, `netem.mcap` and `patient.mcap`; every record is JSON, and its schema
 is in the file. Times are run time in ns. `run.mcap` holds the records of all three: there the topic `T` of a side is
-`/SIDE/T`. `tis export` writes the same records as tables, `deploy.report.load` returns them as [arrays](api.md).
+`/SIDE/T`. `tis export` writes the same records as tables, `tis.deploy.report.load` returns them as [arrays](api.md).
 
 ## Messages
 

@@ -3,35 +3,35 @@
 from pathlib import Path
 from typing import Final
 
-from common import channels, errors, host_records, records, safety_records
-from common.devices import records as device_records
-from common.scenario import Scenario
-from common.scenario.base import Part
-from common.sources.jigsaws import MAX_TRIAL_BYTES
-from common.yaml_text import MAX_YAML_BYTES
-from deploy.cli.main import app
-from deploy.compare.study import Study
-from deploy.export.columns import columns_of, table_meaning
-from deploy.hosts.hosts_file import HostsFile, LocalHost, NamespaceHost, SshHost
-from deploy.logs import limits
-from deploy.run.conclude import Outputs
-from deploy.run.resolve import resolve
-from deploy.run.virtual import run_virtual
-from deploy.shell.run_dir import MAX_JSON_BYTES
-from deploy.shell.shipped_scenarios import shipped_names
-from patient_side.identification.model_io import MAX_MODEL_BYTES
+from tis.common import channels, errors, host_records, records, safety_records
+from tis.common.devices import records as device_records
+from tis.common.scenario import Scenario
+from tis.common.scenario.base import Part
+from tis.common.sources.jigsaws import MAX_TRIAL_BYTES
+from tis.common.yaml_text import MAX_YAML_BYTES
+from tis.deploy.cli.main import app
+from tis.deploy.compare.study import Study
+from tis.deploy.export.columns import columns_of, table_meaning
+from tis.deploy.hosts.hosts_file import HostsFile, LocalHost, NamespaceHost, SshHost
+from tis.deploy.logs import limits
+from tis.deploy.run.conclude import Outputs
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.virtual import run_virtual
+from tis.deploy.shell.run_dir import MAX_JSON_BYTES
+from tis.deploy.shell.shipped_scenarios import shipped_names
+from tis.patient_side.identification.model_io import MAX_MODEL_BYTES
 
 API: Final = {
     "Identification": (
-        "patient_side.identification.identify",
+        "tis.patient_side.identification.identify",
         ("identify_arm", "identify_hands", "identify_with_orders", "Identified"),
     ),
-    "Estimators": ("patient_side.estimators.protocol", ("Estimator", "Estimate")),
-    "What an estimator reads": ("patient_side.playout", ("Playout", "SourceBuffer")),
-    "Runs": ("deploy.report", ("load", "Run")),
-    "Comparisons": ("deploy.compare", ("compare", "Study", "Comparison")),
-    "The network's models, on arrays": ("netem.expected.simulate", ("simulate", "Simulated")),
-    "A link": ("netem.link.link", ("Link",)),
+    "Estimators": ("tis.patient_side.estimators.protocol", ("Estimator", "Estimate")),
+    "What an estimator reads": ("tis.patient_side.playout", ("Playout", "SourceBuffer")),
+    "Runs": ("tis.deploy.report", ("load", "Run")),
+    "Comparisons": ("tis.deploy.compare", ("compare", "Study", "Comparison")),
+    "The network's models, on arrays": ("tis.netem.expected.simulate", ("simulate", "Simulated")),
+    "A link": ("tis.netem.link.link", ("Link",)),
 }
 """The public API by the title of its section: the module and its members."""
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any, Final
 
-from common.channels import (
+from tis.common.channels import (
     CONTROL,
     DESTINATION,
     OPPOSITE,
@@ -17,10 +17,10 @@ from common.channels import (
     stop_key,
     stopped_key,
 )
-from common.runtime.control import ControlKeys
-from common.scenario.control import EVERY_STATE, control_prefix
-from common.scenario.security import Mtls, NoSecurity, Password
-from netem.bridge.overhead import OVERHEAD
+from tis.common.runtime.control import ControlKeys
+from tis.common.scenario.control import EVERY_STATE, control_prefix
+from tis.common.scenario.security import Mtls, NoSecurity, Password
+from tis.netem.bridge.overhead import OVERHEAD
 
 _MESSAGES: Final = (
     "put", "delete", "declare_subscriber", "query", "declare_queryable", "reply", "liveliness_token",

@@ -5,8 +5,8 @@ import select
 import time
 from typing import Final
 
-from common.runtime.clock import Clock
-from common.runtime.scheduling import sharpen_timers
+from tis.common.runtime.clock import Clock
+from tis.common.runtime.scheduling import sharpen_timers
 
 _MAX_SLEEP_S: Final = 0.5
 _N_SLEEPS: Final = 100

@@ -2,7 +2,7 @@
 
 Examples
 --------
->>> from netem.bridge.between import between
+>>> from tis.netem.bridge.between import between
 >>> with between("wifi_bad", seed=3) as net:  # doctest: +SKIP
 ...     west = open_session(connect=net.west)
 ...     east = open_session(connect=net.east)
@@ -23,15 +23,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, Final, Literal
 
-from common.errors import Fault, InputError, PeerError
-from common.runtime.child_process import child_environment
-from common.runtime.emulator_client import EmulatorAddress, connected
-from common.runtime.free_endpoints import free_endpoints
-from common.units import NS_PER_S
+from tis.common.errors import Fault, InputError, PeerError
+from tis.common.runtime.child_process import child_environment
+from tis.common.runtime.emulator_client import EmulatorAddress, connected
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.units import NS_PER_S
 
 Ways = Literal["forward", "feedback", "both"]
 
-_TIS: Final = (sys.executable, "-m", "deploy.cli.main")
+_TIS: Final = (sys.executable, "-m", "tis.deploy.cli.main")
 _RUNNING: Final = "netem: running"
 _START_S: Final = 60.0
 _END_S: Final = 30.0

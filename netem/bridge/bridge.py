@@ -1,6 +1,6 @@
 """The live emulator between two Zenoh networks.
 
-Packets are offered in the Zenoh callback that delivers them; `netem.bridge.driver` releases them.
+Packets are offered in the Zenoh callback that delivers them; `tis.netem.bridge.driver` releases them.
 """
 
 from collections.abc import Callable, Mapping
@@ -8,15 +8,15 @@ from typing import Any, Final
 
 import zenoh
 
-from common.channels import DESTINATION, ORIGIN, Direction, Network
-from common.key_set import KeySet
-from common.peer_life import NO_ALARMS, Alarm
-from netem.bridge.driver import Driver
-from netem.bridge.egress import Egress
-from netem.bridge.keys import is_private
-from netem.bridge.parcel import Parcel
-from netem.link.link import Link
-from netem.link.packet import Due
+from tis.common.channels import DESTINATION, ORIGIN, Direction, Network
+from tis.common.key_set import KeySet
+from tis.common.peer_life import NO_ALARMS, Alarm
+from tis.netem.bridge.driver import Driver
+from tis.netem.bridge.egress import Egress
+from tis.netem.bridge.keys import is_private
+from tis.netem.bridge.parcel import Parcel
+from tis.netem.link.link import Link
+from tis.netem.link.packet import Due
 
 
 class Bridge(Driver):

@@ -12,9 +12,9 @@ from typing import Any, Final, Literal
 
 import zenoh
 
-from common.channels import Network
-from common.errors import Fault, PeerError
-from netem.bridge.keys import PROBES
+from tis.common.channels import Network
+from tis.common.errors import Fault, PeerError
+from tis.netem.bridge.keys import PROBES
 
 Leak = Literal["past", "round"]
 

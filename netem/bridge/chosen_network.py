@@ -7,12 +7,12 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from common.errors import Fault, InputError
-from common.runtime.scenario_file import read_scenario
-from common.scenario import reading
-from common.scenario.faults import faults
-from common.scenario.network import NetworkPart
-from common.scenario.overrides import Override, apply_overrides, blamed
+from tis.common.errors import Fault, InputError
+from tis.common.runtime.scenario_file import read_scenario
+from tis.common.scenario import reading
+from tis.common.scenario.faults import faults
+from tis.common.scenario.network import NetworkPart
+from tis.common.scenario.overrides import Override, apply_overrides, blamed
 
 
 def read_network(

@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from common.endpoint import endpoint_faults
-from common.errors import EXIT_INTERRUPTED, Fault, InputError
-from common.runtime.guard import guarded_exit_code, line_of
-from common.runtime.side_cli import AloneOption, ChildOption, ConnectOption, WaitOption, side_command
-from common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
+from tis.common.endpoint import endpoint_faults
+from tis.common.errors import EXIT_INTERRUPTED, Fault, InputError
+from tis.common.runtime.guard import guarded_exit_code, line_of
+from tis.common.runtime.side_cli import AloneOption, ChildOption, ConnectOption, WaitOption, side_command
+from tis.common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
 
 if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, not for the help
-    from common.runtime.side_cli import RunSide
-    from common.runtime.zenoh_session import ZenohOptions
-    from common.scenario import reading
-    from common.scenario.network import NetworkPart
-    from netem.bridge.mirrors.queries import QueryTargetName
-    from netem.bridge.standalone import Carriage, Standalone
+    from tis.common.runtime.side_cli import RunSide
+    from tis.common.runtime.zenoh_session import ZenohOptions
+    from tis.common.scenario import reading
+    from tis.common.scenario.network import NetworkPart
+    from tis.netem.bridge.mirrors.queries import QueryTargetName
+    from tis.netem.bridge.standalone import Carriage, Standalone
 
 Many = list[str] | None
 
@@ -158,7 +158,7 @@ def netem_command(
         typed = CommandLine(keys, places, network, profile, settings or [], unmatched, run_dir, log)
 
         def run() -> int:
-            from common.runtime.zenoh_session import ZenohOptions
+            from tis.common.runtime.zenoh_session import ZenohOptions
 
             options = ZenohOptions(connect or (), listen or (), config, cfg or (), insecure)
             where, part = _network_of(typed, options, mode, locate, profiles)
@@ -193,7 +193,7 @@ def _network_of(
     if options.connect or options.listen:
         flags = "--west, --east, --connect-west and --connect-east"
         raise InputError(Fault("netem", "--connect, --listen", f"must not stand beside {flags}"))
-    from netem.bridge.chosen_network import read_network
+    from tis.netem.bridge.chosen_network import read_network
 
     found = endpoint_faults("netem", {option: given or () for option, given in typed.places.items()})
     if found:
@@ -216,7 +216,7 @@ def _carriage(name: str, control: str | None) -> "Carriage":
 
 
 def _query_target(name: str) -> "QueryTargetName":
-    from netem.bridge.mirrors.queries import TARGETS
+    from tis.netem.bridge.mirrors.queries import TARGETS
 
     for target in TARGETS:
         if target == name:
@@ -226,9 +226,9 @@ def _query_target(name: str) -> "QueryTargetName":
 
 def _standalone(typed: CommandLine, options: "ZenohOptions", where: str, network: "NetworkPart") -> "Standalone":
     """Return the emulator between the two networks that was typed."""
-    from common.runtime.scenario_file import RUNS, run_folder
-    from netem.bridge.sides import Place
-    from netem.bridge.standalone import Standalone
+    from tis.common.runtime.scenario_file import RUNS, run_folder
+    from tis.netem.bridge.sides import Place
+    from tis.netem.bridge.standalone import Standalone
 
     given = {option: tuple(endpoints or ()) for option, endpoints in typed.places.items()}
     folder = run_folder(RUNS, "netem") if typed.run_dir is None else typed.run_dir
@@ -254,11 +254,11 @@ def _run(
     close_folder: "Callable[[Path, NetworkPart, int], None] | None",
 ) -> int:
     """Run the emulator between two networks to its end and complete its folder; return the exit code."""
-    from common.runtime.status import Status
-    from netem.bridge.standalone import run_standalone
+    from tis.common.runtime.status import Status
+    from tis.netem.bridge.standalone import run_standalone
 
     if asked.carry == "tcp":
-        from netem.bridge.carry.carrying import run_carrying as run_standalone
+        from tis.netem.bridge.carry.carrying import run_carrying as run_standalone
 
     status = Status("netem", as_events=False)
     for word in words:

@@ -15,9 +15,9 @@ from typing import Any, Final, NamedTuple
 import zenoh
 from pydantic import BaseModel
 
-from common.channels import Network
-from common.node import Record
-from common.scenario.control import (
+from tis.common.channels import Network
+from tis.common.node import Record
+from tis.common.scenario.control import (
     ACKNOWLEDGED,
     EVERY_STATE,
     SCHEMA,
@@ -26,12 +26,12 @@ from common.scenario.control import (
     control_prefix,
     request_schema,
 )
-from common.scenario.reading import Profiles
-from netem.bridge.driver import Driver
-from netem.control.bounded_json import MAX_BYTES
-from netem.control.control import Control
-from netem.control.request import Adapt
-from netem.control.state import Snapshot, describe, snapshot
+from tis.common.scenario.reading import Profiles
+from tis.netem.bridge.driver import Driver
+from tis.netem.control.bounded_json import MAX_BYTES
+from tis.netem.control.control import Control
+from tis.netem.control.request import Adapt
+from tis.netem.control.state import Snapshot, describe, snapshot
 
 _MAX_WAITING: Final = 64
 _PAUSE_S: Final = 0.001

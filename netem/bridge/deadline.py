@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from common.errors import PeerError
+from tis.common.errors import PeerError
 
 _PATIENCE_S: Final = 6.0
 _TURN_S: Final = 0.1

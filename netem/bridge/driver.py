@@ -1,8 +1,8 @@
 """The driver of two links in real time: packets are offered by callbacks and leave at their release instants.
 
 Packets that are not delayed leave from the callback that offers them, which saves a change of threads. One thread
-sends the others at their release instants (`netem.bridge.alarm`). The driver of the same links in virtual time is
-`netem.node`.
+sends the others at their release instants (`tis.netem.bridge.alarm`). The driver of the same links in virtual time is
+`tis.netem.node`.
 """
 
 import threading
@@ -10,17 +10,17 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, TypeVar
 
-from common.channels import Direction
-from common.node import Record
-from common.runtime.clock import Clock
-from common.runtime.loop import LateRecorder
-from common.runtime.scheduling import let_zenoh_wait, sharpen_timers
-from common.runtime.side import settle
-from netem.bridge.alarm import Alarm, measure_lead_ns
-from netem.bridge.standstill import Pulse
-from netem.link.ledger import last_records
-from netem.link.link import Link
-from netem.link.packet import Due, Fate
+from tis.common.channels import Direction
+from tis.common.node import Record
+from tis.common.runtime.clock import Clock
+from tis.common.runtime.loop import LateRecorder
+from tis.common.runtime.scheduling import let_zenoh_wait, sharpen_timers
+from tis.common.runtime.side import settle
+from tis.netem.bridge.alarm import Alarm, measure_lead_ns
+from tis.netem.bridge.standstill import Pulse
+from tis.netem.link.ledger import last_records
+from tis.netem.link.link import Link
+from tis.netem.link.packet import Due, Fate
 
 T = TypeVar("T")
 
@@ -52,7 +52,7 @@ class Driver:
         self._records: list[Record] = []
 
     def settle(self, privileged: bool = True) -> None:
-        """Tune this process for punctual releases, as `common.runtime.side.settle`; it comes before `start`."""
+        """Tune this process for punctual releases, as `tis.common.runtime.side.settle`; it comes before `start`."""
         settle(privileged)
         let_zenoh_wait()
         self.alarm.lead_ns = measure_lead_ns()

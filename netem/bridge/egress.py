@@ -4,7 +4,7 @@ from typing import Final
 
 import zenoh
 
-from netem.bridge.parcel import Kept
+from tis.netem.bridge.parcel import Kept
 
 _MAX_PUBLISHERS: Final = 4096
 _REMOTE: Final = zenoh.Locality.REMOTE

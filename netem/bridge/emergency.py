@@ -6,8 +6,8 @@ from typing import Any, Final
 
 import zenoh
 
-from common.channels import Network, release_key, stop_key, stopped_key
-from common.runtime.zenoh_session import urgent_publisher
+from tis.common.channels import Network, release_key, stop_key, stopped_key
+from tis.common.runtime.zenoh_session import urgent_publisher
 
 _MAX_BYTES: Final = 4096
 

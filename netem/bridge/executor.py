@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from netem.bridge.standstill import Pulse
+from tis.netem.bridge.standstill import Pulse
 
 Act = Callable[[], object]
 

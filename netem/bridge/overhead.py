@@ -15,18 +15,18 @@ from typing import Any, Final
 
 import zenoh
 
-from common.channels import CONTROL, Network
-from common.node import Record
-from common.runtime.clock import WallClock
-from common.runtime.credentials import own_client
-from common.runtime.status import Status
-from common.runtime.zenoh_session import ZenohOptions, configure
-from common.scenario.network import NetworkPart
-from common.trace import Trace
-from common.units import NS_PER_US
-from netem.bridge.bridge import Bridge
-from netem.build import build_links
-from netem.stages.delay import latency_of
+from tis.common.channels import CONTROL, Network
+from tis.common.node import Record
+from tis.common.runtime.clock import WallClock
+from tis.common.runtime.credentials import own_client
+from tis.common.runtime.status import Status
+from tis.common.runtime.zenoh_session import ZenohOptions, configure
+from tis.common.scenario.network import NetworkPart
+from tis.common.trace import Trace
+from tis.common.units import NS_PER_US
+from tis.netem.bridge.bridge import Bridge
+from tis.netem.build import build_links
+from tis.netem.stages.delay import latency_of
 
 OVERHEAD: Final = f"{CONTROL}/overhead"
 """First chunks of the keys of the measurement."""

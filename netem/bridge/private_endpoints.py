@@ -12,9 +12,9 @@ from typing import Final
 
 import zenoh
 
-from common.channels import Network
-from common.runtime.zenoh_session import ZenohOptions, configure
-from netem.bridge.sides import Place
+from tis.common.channels import Network
+from tis.common.runtime.zenoh_session import ZenohOptions, configure
+from tis.netem.bridge.sides import Place
 
 _MAX_PATH_BYTES: Final = 100  # of a Unix socket and the lock file beside it; Linux accepts 107
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import zenoh
 
-from common.channels import Network
+from tis.common.channels import Network
 
 _PERIOD_S: Final = 5.0
 _LISTEN_S: Final = 1.0

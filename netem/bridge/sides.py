@@ -8,9 +8,9 @@ from typing import Final, Literal, get_args
 
 import zenoh
 
-from common.channels import Network
-from common.errors import Fault, InputError, PeerError
-from common.runtime.zenoh_session import ZenohOptions, configure, open_client
+from tis.common.channels import Network
+from tis.common.errors import Fault, InputError, PeerError
+from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client
 
 ClientMode = Literal["client", "peer"]
 

@@ -14,38 +14,38 @@ from typing import Final, Literal
 import yaml
 import zenoh
 
-from common.channels import Network
-from common.errors import EXIT_INTERRUPTED, EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError, PeerError
-from common.runtime.clock import WallClock
-from common.runtime.command_line import command_line
-from common.runtime.interrupt import Interrupt
-from common.runtime.mcap_log import McapLog
-from common.runtime.memory import share_arenas
-from common.runtime.processor_watch import ProcessorWatch
-from common.runtime.recorder import ThreadedRecorder
-from common.runtime.side_log import LOG_VERSION
-from common.runtime.status import Status
-from common.runtime.trace_files import load_traces, trace_attachments
-from common.runtime.zenoh_session import ZenohOptions, merge_acceptor
-from common.scenario.network import NetworkPart
-from common.scenario.reading import Profiles
-from common.trace import Trace
-from common.units import s_to_ns
-from netem.bridge.applications import Applications
-from netem.bridge.bridge import Bridge
-from netem.bridge.bypass import refuse_one_router
-from netem.bridge.control import attach
-from netem.bridge.deadline import Deadline
-from netem.bridge.driver import Driver
-from netem.bridge.keys import CrossingKeys, crossing_keys
-from netem.bridge.mirrors.queries import TIME_OUT_S, QueryTargetName
-from netem.bridge.overhead import warn_of_overhead
-from netem.bridge.private_endpoints import lister_configs, open_private_endpoints
-from netem.bridge.sides import ClientMode, Place, check_options, check_places, lease_s, open_sides, scout_config
-from netem.bridge.tally import Tally, table
-from netem.build import build_links
-from netem.expected.synopsis import synopsis
-from netem.link.full_buffer import BufferWatch
+from tis.common.channels import Network
+from tis.common.errors import EXIT_INTERRUPTED, EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError, PeerError
+from tis.common.runtime.clock import WallClock
+from tis.common.runtime.command_line import command_line
+from tis.common.runtime.interrupt import Interrupt
+from tis.common.runtime.mcap_log import McapLog
+from tis.common.runtime.memory import share_arenas
+from tis.common.runtime.processor_watch import ProcessorWatch
+from tis.common.runtime.recorder import ThreadedRecorder
+from tis.common.runtime.side_log import LOG_VERSION
+from tis.common.runtime.status import Status
+from tis.common.runtime.trace_files import load_traces, trace_attachments
+from tis.common.runtime.zenoh_session import ZenohOptions, merge_acceptor
+from tis.common.scenario.network import NetworkPart
+from tis.common.scenario.reading import Profiles
+from tis.common.trace import Trace
+from tis.common.units import s_to_ns
+from tis.netem.bridge.applications import Applications
+from tis.netem.bridge.bridge import Bridge
+from tis.netem.bridge.bypass import refuse_one_router
+from tis.netem.bridge.control import attach
+from tis.netem.bridge.deadline import Deadline
+from tis.netem.bridge.driver import Driver
+from tis.netem.bridge.keys import CrossingKeys, crossing_keys
+from tis.netem.bridge.mirrors.queries import TIME_OUT_S, QueryTargetName
+from tis.netem.bridge.overhead import warn_of_overhead
+from tis.netem.bridge.private_endpoints import lister_configs, open_private_endpoints
+from tis.netem.bridge.sides import ClientMode, Place, check_options, check_places, lease_s, open_sides, scout_config
+from tis.netem.bridge.tally import Tally, table
+from tis.netem.build import build_links
+from tis.netem.expected.synopsis import synopsis
+from tis.netem.link.full_buffer import BufferWatch
 
 _ENDLESS_NS: Final = 1 << 62
 _EVERYTHING: Final = ("**",)

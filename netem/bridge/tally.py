@@ -6,13 +6,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import DESTINATION, Direction
-from common.node import Record
-from common.records import RELEASES, ReleaseBatch
-from common.runtime.recorder import FileLog
-from netem.expected.synopsis import direction_label
-from netem.link.full_buffer import DROPPED_NEW, DROPPED_OLDEST
-from netem.link.link import DROPS
+from tis.common.channels import DESTINATION, Direction
+from tis.common.node import Record
+from tis.common.records import RELEASES, ReleaseBatch
+from tis.common.runtime.recorder import FileLog
+from tis.netem.expected.synopsis import direction_label
+from tis.netem.link.full_buffer import DROPPED_NEW, DROPPED_OLDEST
+from tis.netem.link.link import DROPS
 
 _PER_OCTAVE: Final = 32
 _BINS: Final = 48 * _PER_OCTAVE

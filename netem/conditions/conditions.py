@@ -3,22 +3,22 @@
 The state's change comes first, then the timeline's entries in order, then the added ones. Stage by stage the last one
 wins; factors multiply, additions add, additional losses are independent. Conditions apply to packets when they are
 offered; packets in flight are not affected, except that a rate and a stall hold for all that waits
-(`netem.link.queue.queues`).
+(`tis.netem.link.queue.queues`).
 """
 
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple, Self
 
-from common.channels import Direction
-from common.scenario.network import NetworkPart
-from common.scenario.network.conditions import Change, TimelineEntry
-from common.scenario.network.pipeline import Pipeline
-from common.units import ms_to_ns
-from netem.conditions.outage import Outage, outages_of
-from netem.conditions.states import NO_STATE, StatePath
-from netem.conditions.timeline import Segment, Timeline
-from netem.conditions.window import STAGES
-from netem.draws.grid import CELL_NS, LAST_CELL, cell_of
+from tis.common.channels import Direction
+from tis.common.scenario.network import NetworkPart
+from tis.common.scenario.network.conditions import Change, TimelineEntry
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.units import ms_to_ns
+from tis.netem.conditions.outage import Outage, outages_of
+from tis.netem.conditions.states import NO_STATE, StatePath
+from tis.netem.conditions.timeline import Segment, Timeline
+from tis.netem.conditions.window import STAGES
+from tis.netem.draws.grid import CELL_NS, LAST_CELL, cell_of
 
 FOREVER_NS: Final = LAST_CELL * CELL_NS
 _MAX_KEPT: Final = 256

@@ -10,19 +10,19 @@ from typing import Final, Self
 
 import numpy as np
 
-from common.channels import Direction
-from common.scenario.network.conditions import (
+from tis.common.channels import Direction
+from tis.common.scenario.network.conditions import (
     AlternatingOutages,
     Outages,
     PeriodicOutages,
     PoissonOutages,
     Span,
 )
-from common.streams import Stream
-from common.units import s_to_ns
-from netem.draws.blocks import BLOCK, Floats
-from netem.draws.grid import CELL_NS, Path, Stretch, deciding_ns, mean_cells, nearest_cell
-from netem.draws.renewal import PER_CHUNK, Cells, RenewalPath, geometric_cells
+from tis.common.streams import Stream
+from tis.common.units import s_to_ns
+from tis.netem.draws.blocks import BLOCK, Floats
+from tis.netem.draws.grid import CELL_NS, Path, Stretch, deciding_ns, mean_cells, nearest_cell
+from tis.netem.draws.renewal import PER_CHUNK, Cells, RenewalPath, geometric_cells
 
 _CELLS_PER_S: Final = 1000.0
 

@@ -8,19 +8,19 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from common.scenario.network.conditions import (
+from tis.common.scenario.network.conditions import (
     CycleStates,
     MarkovState,
     MarkovStates,
     ScriptedStates,
     States,
 )
-from common.streams import Stream
-from common.units import s_to_ns
-from netem.draws.blocks import BLOCK, Floats
-from netem.draws.grid import CELL_NS, LAST_CELL, Path, Stretch, deciding_ns, mean_cells, nearest_cell
-from netem.draws.markov import MarkovChain
-from netem.draws.renewal import Cells, RenewalPath, geometric_cells
+from tis.common.streams import Stream
+from tis.common.units import s_to_ns
+from tis.netem.draws.blocks import BLOCK, Floats
+from tis.netem.draws.grid import CELL_NS, LAST_CELL, Path, Stretch, deciding_ns, mean_cells, nearest_cell
+from tis.netem.draws.markov import MarkovChain
+from tis.netem.draws.renewal import Cells, RenewalPath, geometric_cells
 
 NO_STATE: Final = -1
 _LABEL: Final = "both/*/states"

@@ -8,12 +8,12 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from common.channels import Direction
-from common.errors import Fault, InputError
-from common.scenario.network.conditions import Change, TimelineEntry
-from common.units import NS_PER_S
-from netem.conditions.window import Window
-from netem.draws.grid import CELL_NS, LAST_CELL
+from tis.common.channels import Direction
+from tis.common.errors import Fault, InputError
+from tis.common.scenario.network.conditions import Change, TimelineEntry
+from tis.common.units import NS_PER_S
+from tis.netem.conditions.window import Window
+from tis.netem.draws.grid import CELL_NS, LAST_CELL
 
 MAX_ADDED: Final = 1000
 _MODULATIONS: Final = frozenset({"outage", "stall", "scale_rate", "scale_delay", "add_delay_ms", "add_p_loss"})

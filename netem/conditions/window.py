@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Final, Self
 
-from common.scenario.network.conditions import Change, TimelineEntry
-from common.scenario.network.pipeline import Stages
-from common.units import ms_to_ns, s_to_ns
-from netem.draws.grid import LAST_CELL, nearest_cell
+from tis.common.scenario.network.conditions import Change, TimelineEntry
+from tis.common.scenario.network.pipeline import Stages
+from tis.common.units import ms_to_ns, s_to_ns
+from tis.netem.draws.grid import LAST_CELL, nearest_cell
 
 STAGES: Final = (*Stages.model_fields, "ordering")
 """The fields of a pipeline that a change may replace."""

@@ -3,7 +3,7 @@
 import json
 from typing import Any, Final, NoReturn
 
-from common.errors import Fault, InputError
+from tis.common.errors import Fault, InputError
 
 MAX_BYTES: Final = 64 * 1024
 _MAX_DEPTH: Final = 20

@@ -2,11 +2,11 @@
 
 from collections.abc import Iterable
 
-from common.channels import Direction
-from common.records import ControlNote
-from common.scenario.network import NetworkPart
-from netem.conditions.conditions import Condition, Conditions, Span
-from netem.control.notes import LiveChange, change_conditions, changes_from_notes
+from tis.common.channels import Direction
+from tis.common.records import ControlNote
+from tis.common.scenario.network import NetworkPart
+from tis.netem.conditions.conditions import Condition, Conditions, Span
+from tis.netem.control.notes import LiveChange, change_conditions, changes_from_notes
 
 
 def changed_conditions(

@@ -7,19 +7,19 @@
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from common.channels import Direction
-from common.errors import Fault
-from common.node import Record
-from common.records import CONTROL, ControlNote
-from common.scenario.control import CLEARING, Acknowledgement, Held
-from common.scenario.network.conditions import TimelineEntry
-from common.scenario.reading import Profiles
-from common.units import NS_PER_S, s_to_ns
-from netem.conditions.timeline import MAX_ADDED
-from netem.control.notes import apply_entries, entries_json
-from netem.control.request import Adapt, Reader, Request, directions_of
-from netem.draws.grid import CELL_NS, cell_of, nearest_cell
-from netem.link.link import Link
+from tis.common.channels import Direction
+from tis.common.errors import Fault
+from tis.common.node import Record
+from tis.common.records import CONTROL, ControlNote
+from tis.common.scenario.control import CLEARING, Acknowledgement, Held
+from tis.common.scenario.network.conditions import TimelineEntry
+from tis.common.scenario.reading import Profiles
+from tis.common.units import NS_PER_S, s_to_ns
+from tis.netem.conditions.timeline import MAX_ADDED
+from tis.netem.control.notes import apply_entries, entries_json
+from tis.netem.control.request import Adapt, Reader, Request, directions_of
+from tis.netem.draws.grid import CELL_NS, cell_of, nearest_cell
+from tis.netem.link.link import Link
 
 _MAX_OPERATION: Final = 40
 _MAX_REASON: Final = 1000

@@ -7,15 +7,15 @@ from typing import NamedTuple
 
 from pydantic_core import from_json
 
-from common.channels import Direction
-from common.errors import DataError, Fault
-from common.node import Arrival, Output, Record
-from common.records import CONTROL, ControlNote
-from common.scenario.control import CLEARING
-from common.scenario.network.conditions import TimelineEntry
-from netem.conditions.conditions import Conditions
-from netem.link.link import Link
-from netem.node import NetemNode
+from tis.common.channels import Direction
+from tis.common.errors import DataError, Fault
+from tis.common.node import Arrival, Output, Record
+from tis.common.records import CONTROL, ControlNote
+from tis.common.scenario.control import CLEARING
+from tis.common.scenario.network.conditions import TimelineEntry
+from tis.netem.conditions.conditions import Conditions
+from tis.netem.link.link import Link
+from tis.netem.node import NetemNode
 
 
 class LiveChange(NamedTuple):

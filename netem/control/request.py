@@ -6,9 +6,9 @@ from typing import Any, Final, NamedTuple, get_args
 
 from pydantic import ValidationError
 
-from common.channels import Direction
-from common.errors import Fault, InputError, TisError
-from common.scenario.control import (
+from tis.common.channels import Direction
+from tis.common.errors import Fault, InputError, TisError
+from tis.common.scenario.control import (
     SCHEMA,
     STATE,
     Operation,
@@ -18,19 +18,19 @@ from common.scenario.control import (
     SetRequest,
     profile_requests,
 )
-from common.scenario.faults import faults
-from common.scenario.network.capacity import RecordedRate
-from common.scenario.network.conditions import Change
-from common.scenario.network.delay import TraceDelay
-from common.scenario.network.loss import TraceLoss
-from common.scenario.network.pipeline import Pipeline
-from common.scenario.reading import Profiles
-from common.streams import Address
-from common.trace import OpportunityTrace, Trace
-from netem.conditions.conditions import merged
-from netem.control.bounded_json import parse_request, too_large
-from netem.link.link import Link
-from netem.stages.pipeline_draws import Draws
+from tis.common.scenario.faults import faults
+from tis.common.scenario.network.capacity import RecordedRate
+from tis.common.scenario.network.conditions import Change
+from tis.common.scenario.network.delay import TraceDelay
+from tis.common.scenario.network.loss import TraceLoss
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.scenario.reading import Profiles
+from tis.common.streams import Address
+from tis.common.trace import OpportunityTrace, Trace
+from tis.netem.conditions.conditions import merged
+from tis.netem.control.bounded_json import parse_request, too_large
+from tis.netem.link.link import Link
+from tis.netem.stages.pipeline_draws import Draws
 
 MAX_CHANGES: Final = 32
 _MAX_REASONS: Final = 20

@@ -3,13 +3,13 @@
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
-from common.channels import Direction
-from common.scenario.control import DirectionState, EmulatorState, RuleState
-from common.scenario.network.conditions import TimelineEntry
-from common.units import NS_PER_MS, NS_PER_S
-from netem.conditions.conditions import FOREVER_NS, Condition, merged
-from netem.link.link import Link
-from netem.link.rules import RuleTable
+from tis.common.channels import Direction
+from tis.common.scenario.control import DirectionState, EmulatorState, RuleState
+from tis.common.scenario.network.conditions import TimelineEntry
+from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.netem.conditions.conditions import FOREVER_NS, Condition, merged
+from tis.netem.link.link import Link
+from tis.netem.link.rules import RuleTable
 
 _NOTHING: Final = EmulatorState(running=False)
 

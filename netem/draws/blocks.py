@@ -5,7 +5,7 @@ from typing import Final, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from common.streams import Address
+from tis.common.streams import Address
 
 BLOCK: Final = 4096
 

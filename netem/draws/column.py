@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from netem.draws.blocks import BLOCK
+from tis.netem.draws.blocks import BLOCK
 
 _MAX_KEPT: Final = 4  # so that packets about the edge of two blocks, and duplicates, do not redraw
 _SHIFT: Final = BLOCK.bit_length() - 1

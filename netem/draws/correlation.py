@@ -18,9 +18,9 @@ from typing import Final
 import numpy as np
 import scipy
 
-from common.scenario.network.delay import Correlation
-from common.streams import Address, Stream
-from netem.draws.blocks import BLOCK, Floats
+from tis.common.scenario.network.delay import Correlation
+from tis.common.streams import Address, Stream
+from tis.netem.draws.blocks import BLOCK, Floats
 
 _CELL_S: Final = 0.001
 # a step on the grid of level 3 is 795 days, beyond any half-life, so its points are independent

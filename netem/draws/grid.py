@@ -3,7 +3,7 @@
 from math import gcd
 from typing import Final, NamedTuple, Protocol
 
-from common.units import NS_PER_MS
+from tis.common.units import NS_PER_MS
 
 CELL_NS: Final = NS_PER_MS
 LAST_CELL: Final = (2**63 - 1) // CELL_NS

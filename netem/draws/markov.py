@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from netem.draws.blocks import BLOCK, Floats
+from tis.netem.draws.blocks import BLOCK, Floats
 
 States = NDArray[np.uint8]
 

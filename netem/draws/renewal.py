@@ -12,8 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from netem.draws.blocks import BLOCK, Floats
-from netem.draws.grid import Stretch
+from tis.netem.draws.blocks import BLOCK, Floats
+from tis.netem.draws.grid import Stretch
 
 PER_CHUNK: Final = BLOCK // 2
 """Pairs of uniforms in a chunk."""

@@ -10,7 +10,7 @@ joins the one of the previous segment, which has the same uniforms: the cut leav
 from collections.abc import Callable
 from typing import Final, Generic, TypeVar
 
-from netem.draws.blocks import Floats
+from tis.netem.draws.blocks import Floats
 
 BLOCKS_PER_SEGMENT: Final = 16
 _MAX_KEPT_STATES: Final = 64

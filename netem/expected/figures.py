@@ -6,16 +6,16 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from common.channels import Direction
-from common.scenario.network import NetworkPart
-from common.scenario.network.conditions import Change, CycleStates, Effect
-from common.trace import Trace
-from common.units import NS_PER_MS
-from netem.conditions.conditions import merged
-from netem.conditions.outage import outage_share
-from netem.conditions.states import state_shares
-from netem.stages.delay import LatencyModel, latency_of
-from netem.stages.loss import expected_loss
+from tis.common.channels import Direction
+from tis.common.scenario.network import NetworkPart
+from tis.common.scenario.network.conditions import Change, CycleStates, Effect
+from tis.common.trace import Trace
+from tis.common.units import NS_PER_MS
+from tis.netem.conditions.conditions import merged
+from tis.netem.conditions.outage import outage_share
+from tis.netem.conditions.states import state_shares
+from tis.netem.stages.delay import LatencyModel, latency_of
+from tis.netem.stages.loss import expected_loss
 
 _GRID: Final = 4000
 _COARSE_GRID: Final = 200

@@ -1,7 +1,7 @@
 """Vectorised simulation of a link's models, for statistics: loss, delay, copies and flips, without queues.
 
-It has the draws of the live path (`netem.stages.pipeline_draws`) under the same conditions
-(`netem.conditions.conditions`). Ordering and queueing depend on arrival times and are left out.
+It has the draws of the live path (`tis.netem.stages.pipeline_draws`) under the same conditions
+(`tis.netem.conditions.conditions`). Ordering and queueing depend on arrival times and are left out.
 """
 
 from collections.abc import Mapping
@@ -10,14 +10,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Direction
-from common.scenario.network import NetworkPart
-from common.scenario.network.conditions import Change
-from common.streams import Address
-from common.trace import Trace
-from common.units import NS_PER_MS
-from netem.conditions.conditions import Condition, Conditions
-from netem.stages.impairment import Impairment, Modulations
+from tis.common.channels import Direction
+from tis.common.scenario.network import NetworkPart
+from tis.common.scenario.network.conditions import Change
+from tis.common.streams import Address
+from tis.common.trace import Trace
+from tis.common.units import NS_PER_MS
+from tis.netem.conditions.conditions import Condition, Conditions
+from tis.netem.stages.impairment import Impairment, Modulations
 
 
 class Simulated(NamedTuple):
@@ -62,7 +62,7 @@ def simulate(
 
     Notes
     -----
-    Oracle: `netem.link.link.Link`, packet by packet, tests/netem/expected/test_simulate.
+    Oracle: `tis.netem.link.link.Link`, packet by packet, tests/netem/expected/test_simulate.
 
     Examples
     --------

@@ -4,14 +4,14 @@ from collections.abc import Mapping, Sequence
 from math import isnan
 from typing import Final, get_args
 
-from common.channels import DESTINATION, ORIGIN, Direction
-from common.scenario.network import NetworkPart
-from common.scenario.network.capacity import Capacity, CoDel, Cross, RecordedRate
-from common.scenario.network.conditions import Change, CycleStates
-from common.scenario.network.loss import TraceLoss
-from common.scenario.network.pipeline import Pipeline
-from common.trace import Trace
-from netem.expected.figures import direction_figures
+from tis.common.channels import DESTINATION, ORIGIN, Direction
+from tis.common.scenario.network import NetworkPart
+from tis.common.scenario.network.capacity import Capacity, CoDel, Cross, RecordedRate
+from tis.common.scenario.network.conditions import Change, CycleStates
+from tis.common.scenario.network.loss import TraceLoss
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.trace import Trace
+from tis.netem.expected.figures import direction_figures
 
 _BY_NAME: Final = ("duplicate", "corrupt", "reorder")
 _BIT_RATES: Final = ((1e6, "Gbit/s"), (1e3, "Mbit/s"))

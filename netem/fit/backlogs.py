@@ -11,9 +11,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from common.trace import LOST, Trace
-from common.units import NS_PER_MS, NS_PER_S
-from netem.draws.blocks import Floats
+from tis.common.trace import LOST, Trace
+from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.netem.draws.blocks import Floats
 
 MESSAGE_BYTES: Final = 256
 """Length that a record's messages are assumed to have, as simulations of a network have it."""

@@ -8,19 +8,19 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.scenario.network import NetworkPart
-from common.units import NS_PER_MS, NS_PER_S
-from netem.fit.backlogs import find_backlogs
-from netem.fit.closure import Closure, closures, replay, replays
-from netem.fit.cycle import Cycle, fit_cycle
-from netem.fit.direction import DirectionFit, fit_direction
-from netem.fit.half_life import fit_half_life
-from netem.fit.joint_states import FittedState, JointStates, change_of, earlier
-from netem.fit.loss_chain import Bools
-from netem.fit.marginal import MarginalName
-from netem.fit.record import DirectionRecord
-from netem.fit.stalls import find_stalls
-from netem.fit.switching import fit_switching, successors
+from tis.common.scenario.network import NetworkPart
+from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.netem.fit.backlogs import find_backlogs
+from tis.netem.fit.closure import Closure, closures, replay, replays
+from tis.netem.fit.cycle import Cycle, fit_cycle
+from tis.netem.fit.direction import DirectionFit, fit_direction
+from tis.netem.fit.half_life import fit_half_life
+from tis.netem.fit.joint_states import FittedState, JointStates, change_of, earlier
+from tis.netem.fit.loss_chain import Bools
+from tis.netem.fit.marginal import MarginalName
+from tis.netem.fit.record import DirectionRecord
+from tis.netem.fit.stalls import find_stalls
+from tis.netem.fit.switching import fit_switching, successors
 
 REPLAYS: Final = 100
 _CORRECTIONS: Final = 2

@@ -7,14 +7,14 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.scenario.network import NetworkPart
-from common.trace import LOST, Trace
-from netem.build import build_links
-from netem.conditions.conditions import Conditions
-from netem.draws.blocks import Floats
-from netem.expected.simulate import simulate
-from netem.fit.backlogs import MESSAGE_BYTES
-from netem.fit.statistics import CENTRES, NAMES, statistics_of
+from tis.common.scenario.network import NetworkPart
+from tis.common.trace import LOST, Trace
+from tis.netem.build import build_links
+from tis.netem.conditions.conditions import Conditions
+from tis.netem.draws.blocks import Floats
+from tis.netem.expected.simulate import simulate
+from tis.netem.fit.backlogs import MESSAGE_BYTES
+from tis.netem.fit.statistics import CENTRES, NAMES, statistics_of
 
 TOLERANCE: Final = 0.1
 MIDDLE: Final = (2.5, 97.5)

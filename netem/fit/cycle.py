@@ -6,11 +6,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from common.trace import Trace
-from common.units import NS_PER_MS, NS_PER_S
-from netem.draws.blocks import Floats
-from netem.fit.half_life import gaussian_scores
-from netem.fit.phases import split_phases
+from tis.common.trace import Trace
+from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.netem.draws.blocks import Floats
+from tis.netem.fit.half_life import gaussian_scores
+from tis.netem.fit.phases import split_phases
 
 _MIN_CYCLES: Final = 8
 _MIN_PERIOD_S: Final = 1.0

@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import scipy
 
-from netem.draws.blocks import Floats
+from tis.netem.draws.blocks import Floats
 
 _MIN_SHIFT_GAP: Final = 1e-3  # of the distance from minimum to median
 _MAX_SHAPE: Final = 50

@@ -8,8 +8,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from common.units import NS_PER_S
-from netem.draws.blocks import Floats
+from tis.common.units import NS_PER_S
+from tis.netem.draws.blocks import Floats
 
 _MIN_PACKETS: Final = 200
 _MIN_HALF_LIFE_S: Final = 0.001  # the grid of the model

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netem.draws.blocks import Floats
+from tis.netem.draws.blocks import Floats
 
 
 class Smoothed(NamedTuple):

@@ -6,10 +6,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Direction
-from common.units import NS_PER_MS
-from netem.fit.loss_chain import loss_stage
-from netem.fit.quantile_table import quantile_table
+from tis.common.channels import Direction
+from tis.common.units import NS_PER_MS
+from tis.netem.fit.loss_chain import loss_stage
+from tis.netem.fit.quantile_table import quantile_table
 
 _ALWAYS: Final = 0.98
 _CERTAIN: Final = 3.0

@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from netem.draws.blocks import Floats
+from tis.netem.draws.blocks import Floats
 
 _MIN_LOST: Final = 20
 _BEGINNINGS: Final = ((0.3, 3), (0.5, 20), (0.5, 150), (0.9, 20))

@@ -6,10 +6,10 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.units import NS_PER_MS
-from netem.draws.blocks import Floats
-from netem.fit.families import FAMILIES, Fitted
-from netem.fit.quantile_table import quantile_table
+from tis.common.units import NS_PER_MS
+from tis.netem.draws.blocks import Floats
+from tis.netem.fit.families import FAMILIES, Fitted
+from tis.netem.fit.quantile_table import quantile_table
 
 MarginalName = Literal[
     "constant", "uniform", "normal", "lognormal", "exponential", "gamma", "pareto", "hyperexponential", "quantiles"

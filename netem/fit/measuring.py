@@ -7,9 +7,9 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import DataError, Fault
-from common.trace import Trace
-from common.units import NS_PER_MS, NS_PER_US
+from tis.common.errors import DataError, Fault
+from tis.common.trace import Trace
+from tis.common.units import NS_PER_MS, NS_PER_US
 
 MEASURING_ADDS: Final = "measuring_adds_ms"
 """The header line of a trace with the spread of delays on the measuring machine without a network."""

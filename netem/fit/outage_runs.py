@@ -6,9 +6,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.trace import Trace
-from common.units import NS_PER_S
-from netem.draws.blocks import Floats
+from tis.common.trace import Trace
+from tis.common.units import NS_PER_S
+from tis.netem.draws.blocks import Floats
 
 _MIN_OUTAGE_S: Final = 0.05
 _MIN_RATIO: Final = 5.0

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from netem.draws.blocks import Floats
+from tis.netem.draws.blocks import Floats
 
 _MAX_PARTS: Final = 30
 _MIN_GAIN: Final = 20.0

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from netem.draws.blocks import Floats
+from tis.netem.draws.blocks import Floats
 
 _ALWAYS: Final = (0.5, 0.9, 0.99, 0.999)
 

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from common.trace import Trace
-from netem.fit.measuring import Spread, measuring_adds
+from tis.common.trace import Trace
+from tis.netem.fit.measuring import Spread, measuring_adds
 
 
 class Flips(NamedTuple):

@@ -5,10 +5,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.trace import LOST, Trace
-from common.units import NS_PER_S
-from netem.draws.blocks import Floats
-from netem.fit.outage_runs import process_of
+from tis.common.trace import LOST, Trace
+from tis.common.units import NS_PER_S
+from tis.netem.draws.blocks import Floats
+from tis.netem.fit.outage_runs import process_of
 
 _MIN_STALLS: Final = 4
 _MIN_STALL_S: Final = 0.04

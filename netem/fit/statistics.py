@@ -5,9 +5,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.metrics.loss_runs import loss_runs
-from common.units import NS_PER_MS, NS_PER_S
-from netem.draws.blocks import Floats
+from tis.common.metrics.loss_runs import loss_runs
+from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.netem.draws.blocks import Floats
 
 LAGS_S: Final = (0.1, 1.0, 10.0)
 _QUANTILES: Final = (5, 50, 95, 99)

@@ -12,11 +12,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from common.units import NS_PER_S
-from netem.draws.blocks import Floats
-from netem.fit.half_life import gaussian_scores
-from netem.fit.hidden_markov import smooth
-from netem.fit.loss_chain import Bools
+from tis.common.units import NS_PER_S
+from tis.netem.draws.blocks import Floats
+from tis.netem.fit.half_life import gaussian_scores
+from tis.netem.fit.hidden_markov import smooth
+from tis.netem.fit.loss_chain import Bools
 
 _MAX_STEPS: Final = 40
 _LEAST_STEPS: Final = 2

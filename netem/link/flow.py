@@ -2,11 +2,11 @@
 
 from typing import Final
 
-from common.header import header_numbers
-from common.scenario.network.conditions import Change
-from common.scenario.network.pipeline import Ordering as OrderingName
-from netem.stages.impairment import Impairment
-from netem.stages.ordering import Ordering, build_ordering
+from tis.common.header import header_numbers
+from tis.common.scenario.network.conditions import Change
+from tis.common.scenario.network.pipeline import Ordering as OrderingName
+from tis.netem.stages.impairment import Impairment
+from tis.netem.stages.ordering import Ordering, build_ordering
 
 MARKS: Final = frozenset(("query", "reply", "end", "token"))
 

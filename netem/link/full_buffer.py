@@ -3,11 +3,11 @@
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from common.channels import Direction
-from common.records import Departure, Outcome
-from common.scenario.network import Buffer
-from netem.expected.synopsis import direction_label
-from netem.link.link import Link
+from tis.common.channels import Direction
+from tis.common.records import Departure, Outcome
+from tis.common.scenario.network import Buffer
+from tis.netem.expected.synopsis import direction_label
+from tis.netem.link.link import Link
 
 DROPPED_NEW: Final[Outcome] = "overflow"
 """The outcome of a message that finds no room."""

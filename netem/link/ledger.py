@@ -3,11 +3,11 @@
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
-from common.channels import Direction
-from common.node import Record
-from common.records import COUNTERS, FATES, QUEUES, RELEASES, CounterNote, FateBatch, QueueNote, ReleaseBatch
-from common.units import NS_PER_MS
-from netem.link.packet import Due, Fate
+from tis.common.channels import Direction
+from tis.common.node import Record
+from tis.common.records import COUNTERS, FATES, QUEUES, RELEASES, CounterNote, FateBatch, QueueNote, ReleaseBatch
+from tis.common.units import NS_PER_MS
+from tis.netem.link.packet import Due, Fate
 
 _CLOSE_EVERY_NS: Final = 200 * NS_PER_MS
 _QUEUE_EVERY_NS: Final = 10 * NS_PER_MS

@@ -5,22 +5,22 @@ from collections.abc import Iterable, Mapping
 from heapq import heappop, heappush
 from typing import Any, Final
 
-from common.channels import Direction
-from common.records import Departure, Outcome
-from common.scenario.network import Buffer
-from common.streams import Address
-from common.trace import Trace
-from netem.conditions.conditions import Condition, Conditions
-from netem.draws.column import DeferredDraw
-from netem.link.flow import Flow, flow_key
-from netem.link.ledger import Ledger
-from netem.link.memory import held_bytes
-from netem.link.packet import Due, Fate, Held
-from netem.link.queue.queues import Queues
-from netem.link.queue.transmission import Service
-from netem.link.rules import LINK, RuleTable
-from netem.stages.corruption import flip_bits
-from netem.stages.impairment import Impairment
+from tis.common.channels import Direction
+from tis.common.records import Departure, Outcome
+from tis.common.scenario.network import Buffer
+from tis.common.streams import Address
+from tis.common.trace import Trace
+from tis.netem.conditions.conditions import Condition, Conditions
+from tis.netem.draws.column import DeferredDraw
+from tis.netem.link.flow import Flow, flow_key
+from tis.netem.link.ledger import Ledger
+from tis.netem.link.memory import held_bytes
+from tis.netem.link.packet import Due, Fate, Held
+from tis.netem.link.queue.queues import Queues
+from tis.netem.link.queue.transmission import Service
+from tis.netem.link.rules import LINK, RuleTable
+from tis.netem.stages.corruption import flip_bits
+from tis.netem.stages.impairment import Impairment
 
 DROPS: Final = (
     "loss", "outage", "refused", "overflow", "queue_full", "late", "codel", "evicted",
@@ -34,8 +34,8 @@ class Link:
 
     A driver calls `offer` for each packet, `release` at `next_release_ns`, and `left` once a packet that `release`
     returned has been sent. `lets_through` and `crossed` are the short cut for a packet that nothing holds back: it is
-    sent first and recorded afterwards. Drivers are `netem.node` (virtual time) and `netem.bridge.bridge` (live). The
-    link has no clock and no lock: instants are arguments, in ns of run time, and must not decrease.
+    sent first and recorded afterwards. Drivers are `tis.netem.node` (virtual time) and `tis.netem.bridge.bridge`
+    (live). The link has no clock and no lock: instants are arguments, in ns of run time, and must not decrease.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Link:
     traces
         Recorded networks, by the path that a pipeline names.
     buffer
-        Bound on the packets held and on their memory (`netem.link.memory`); beyond it packets are dropped.
+        Bound on the packets held and on their memory (`tis.netem.link.memory`); beyond it packets are dropped.
 
     Attributes
     ----------
@@ -60,8 +60,8 @@ class Link:
 
     Examples
     --------
-    >>> from common.scenario.network import NetworkPart
-    >>> from netem.build import build_links
+    >>> from tis.common.scenario.network import NetworkPart
+    >>> from tis.netem.build import build_links
     >>> network = NetworkPart.model_validate({"forward": {"delay": {"kind": "constant", "delay_ms": 40}}})
     >>> link = build_links(network, ["**"], seed=1, traces=None, where="example")["forward"]
     >>> link.offer("arm/pose", attachment=b"", n_bytes=8, now_ns=0, item="pose").release_ns

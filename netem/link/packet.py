@@ -2,9 +2,9 @@
 
 from typing import Any, NamedTuple
 
-from common.records import Departure, Outcome
-from netem.link.flow import Flow
-from netem.link.memory import held_bytes
+from tis.common.records import Departure, Outcome
+from tis.netem.link.flow import Flow
+from tis.netem.link.memory import held_bytes
 
 
 class Fate(NamedTuple):

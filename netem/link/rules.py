@@ -7,10 +7,10 @@ from typing import Final, Literal, NamedTuple
 
 import zenoh
 
-from common.channels import Direction
-from common.errors import Fault, InputError
-from common.scenario.network import NetworkPart, Rule
-from common.scenario.network.pipeline import Pipeline
+from tis.common.channels import Direction
+from tis.common.errors import Fault, InputError
+from tis.common.scenario.network import NetworkPart, Rule
+from tis.common.scenario.network.pipeline import Pipeline
 
 LINK: Final = "link"
 _PASSED: Final = ""

@@ -5,9 +5,9 @@ from typing import Final
 
 import numpy as np
 
-from common.scenario.network.pipeline import Corrupt
-from common.streams import Address
-from netem.draws.blocks import BLOCK, Floats, SelectionBlocks
+from tis.common.scenario.network.pipeline import Corrupt
+from tis.common.streams import Address
+from tis.netem.draws.blocks import BLOCK, Floats, SelectionBlocks
 
 _BITS_PER_BYTE: Final = 8
 

@@ -1,8 +1,8 @@
 """Duplication: some packets arrive twice. The delay of a copy is another draw from the same delay model."""
 
-from common.scenario.network.pipeline import Duplicate
-from common.streams import Address
-from netem.draws.blocks import SelectionBlocks
+from tis.common.scenario.network.pipeline import Duplicate
+from tis.common.streams import Address
+from tis.netem.draws.blocks import SelectionBlocks
 
 
 def duplicated(part: Duplicate | None, address: Address) -> SelectionBlocks:

@@ -6,16 +6,16 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.scenario.network.capacity import Capacity
-from common.scenario.network.conditions import Change
-from common.scenario.network.pipeline import Ordering, Pipeline
-from common.streams import Address
-from common.trace import Trace
-from common.units import NS_PER_MS
-from netem.conditions.conditions import Condition, merged
-from netem.draws.blocks import BLOCK
-from netem.draws.column import Column, DeferredDraw
-from netem.stages.pipeline_draws import Draw, Draws, ManyDraws
+from tis.common.scenario.network.capacity import Capacity
+from tis.common.scenario.network.conditions import Change
+from tis.common.scenario.network.pipeline import Ordering, Pipeline
+from tis.common.streams import Address
+from tis.common.trace import Trace
+from tis.common.units import NS_PER_MS
+from tis.netem.conditions.conditions import Condition, merged
+from tis.netem.draws.blocks import BLOCK
+from tis.netem.draws.column import Column, DeferredDraw
+from tis.netem.stages.pipeline_draws import Draw, Draws, ManyDraws
 
 _NEUTRAL: Final = 1.0
 _MAX_VARIANTS: Final = 64

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-from common.scenario.network.pipeline import Ordering as OrderingName
+from tis.common.scenario.network.pipeline import Ordering as OrderingName
 
 
 class Ordering(Protocol):

@@ -11,16 +11,16 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.scenario.network.pipeline import Pipeline
-from common.streams import Address, Stream
-from common.trace import Trace
-from netem.draws.blocks import BLOCK, LossBlocks
-from netem.draws.column import Column, DeferredDraw
-from netem.stages.corruption import corrupted, n_flipped
-from netem.stages.delay import delay_blocks
-from netem.stages.duplication import duplicated
-from netem.stages.loss import loss_blocks
-from netem.stages.reordering import reordered, skipped_ns
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.streams import Address, Stream
+from tis.common.trace import Trace
+from tis.netem.draws.blocks import BLOCK, LossBlocks
+from tis.netem.draws.column import Column, DeferredDraw
+from tis.netem.stages.corruption import corrupted, n_flipped
+from tis.netem.stages.delay import delay_blocks
+from tis.netem.stages.duplication import duplicated
+from tis.netem.stages.loss import loss_blocks
+from tis.netem.stages.reordering import reordered, skipped_ns
 
 _MAX_AT_ONCE: Final = 1 << 22  # parts of messages whose probabilities are in memory together
 

@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from common.scenario.network.pipeline import Reorder
-from common.streams import Address
-from common.units import ms_to_ns
-from netem.draws.blocks import SelectionBlocks
+from tis.common.scenario.network.pipeline import Reorder
+from tis.common.streams import Address
+from tis.common.units import ms_to_ns
+from tis.netem.draws.blocks import SelectionBlocks
 
 
 def reordered(part: Reorder | None, address: Address) -> SelectionBlocks:

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from common.trace import Trace
-from common.units import NS_PER_MS
+from tis.common.trace import Trace
+from tis.common.units import NS_PER_MS
 
 
 def row_of_packet(n_rows: int, seqs: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -6,11 +6,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.streams import Stream
-from patient_side.dynamics.parameters import N_PARAMETERS, NAMES
-from patient_side.dynamics.regressor import regressor
-from patient_side.plant.arm_geometry import HIGH, LOW, N_JOINTS
-from patient_side.statespace import Array
+from tis.common.streams import Stream
+from tis.patient_side.dynamics.parameters import N_PARAMETERS, NAMES
+from tis.patient_side.dynamics.regressor import regressor
+from tis.patient_side.plant.arm_geometry import HIGH, LOW, N_JOINTS
+from tis.patient_side.statespace import Array
 
 _N_POINTS: Final = 300
 _DEPENDENT: Final = 1e-9

@@ -6,12 +6,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from common.errors import DataError, Fault, InputError
-from common.extras import GET_DYNAMICS
-from patient_side.dynamics.base_parameters import BaseParameters
-from patient_side.dynamics.parameters import N_OF_LINK, PER_LINK, pseudo_inertia
-from patient_side.plant.arm_geometry import N_JOINTS
-from patient_side.statespace import Array
+from tis.common.errors import DataError, Fault, InputError
+from tis.common.extras import GET_DYNAMICS
+from tis.patient_side.dynamics.base_parameters import BaseParameters
+from tis.patient_side.dynamics.parameters import N_OF_LINK, PER_LINK, pseudo_inertia
+from tis.patient_side.plant.arm_geometry import N_JOINTS
+from tis.patient_side.statespace import Array
 
 MASS_KG: Final = np.array([1.0, 1.0, 1.0, 0.1, 0.01, 0.01, 0.01])
 LENGTH_M: Final = np.array([0.1, 0.1, 0.1, 0.1, 0.01, 0.01, 0.01])

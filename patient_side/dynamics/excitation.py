@@ -5,11 +5,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.streams import Stream
-from patient_side.dynamics.parameters import N_PARAMETERS
-from patient_side.dynamics.regressor import regressor
-from patient_side.plant.arm_geometry import HIGH, LOW, N_JOINTS
-from patient_side.statespace import Array
+from tis.common.streams import Stream
+from tis.patient_side.dynamics.parameters import N_PARAMETERS
+from tis.patient_side.dynamics.regressor import regressor
+from tis.patient_side.plant.arm_geometry import HIGH, LOW, N_JOINTS
+from tis.patient_side.statespace import Array
 
 PERIOD_S: Final = 10.0
 HARMONICS: Final = 15

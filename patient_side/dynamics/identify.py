@@ -6,16 +6,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.scenario.simulated_arm import MujocoPlant
-from common.streams import Stream
-from patient_side.dynamics.base_parameters import BaseParameters, base_parameters
-from patient_side.dynamics.consistent_fit import consistent_fit
-from patient_side.dynamics.excitation import excitation
-from patient_side.dynamics.parameters import true_parameters
-from patient_side.dynamics.readings import Equations, clean_equations, equations, read
-from patient_side.plant.arm_geometry import INSERTION, N_JOINTS
-from patient_side.plant.physics import ArmPhysics
-from patient_side.statespace import Array
+from tis.common.scenario.simulated_arm import MujocoPlant
+from tis.common.streams import Stream
+from tis.patient_side.dynamics.base_parameters import BaseParameters, base_parameters
+from tis.patient_side.dynamics.consistent_fit import consistent_fit
+from tis.patient_side.dynamics.excitation import excitation
+from tis.patient_side.dynamics.parameters import true_parameters
+from tis.patient_side.dynamics.readings import Equations, clean_equations, equations, read
+from tis.patient_side.plant.arm_geometry import INSERTION, N_JOINTS
+from tis.patient_side.plant.physics import ArmPhysics
+from tis.patient_side.statespace import Array
 
 N_TRAINING: Final = 3
 N_VALIDATION: Final = 2

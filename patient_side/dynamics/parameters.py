@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from patient_side.plant.arm_geometry import N_JOINTS
-from patient_side.plant.arm_links import COM_M, COULOMB, INERTIA_KG_M2, MASS_KG, MOTOR_INERTIA, VISCOUS
-from patient_side.statespace import Array
+from tis.patient_side.plant.arm_geometry import N_JOINTS
+from tis.patient_side.plant.arm_links import COM_M, COULOMB, INERTIA_KG_M2, MASS_KG, MOTOR_INERTIA, VISCOUS
+from tis.patient_side.statespace import Array
 
 OF_LINK: Final = ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 OF_JOINT: Final = ("motor", "viscous", "coulomb")

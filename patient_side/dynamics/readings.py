@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 from scipy.special import ndtri
 
-from common.streams import Stream
-from patient_side.dynamics.excitation import MAX_SPEED
-from patient_side.dynamics.parameters import NAMES
-from patient_side.dynamics.regressor import regressor
-from patient_side.plant.physics import Motion
-from patient_side.statespace import Array
+from tis.common.streams import Stream
+from tis.patient_side.dynamics.excitation import MAX_SPEED
+from tis.patient_side.dynamics.parameters import NAMES
+from tis.patient_side.dynamics.regressor import regressor
+from tis.patient_side.plant.physics import Motion
+from tis.patient_side.statespace import Array
 
 CUTOFF_HZ: Final = 45.0
 """Of the readings: thirty times the highest frequency of the movements."""

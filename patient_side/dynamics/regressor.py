@@ -4,9 +4,9 @@ from typing import Final
 
 import numpy as np
 
-from patient_side.dynamics.parameters import N_OF_LINK, N_PARAMETERS, PER_LINK
-from patient_side.plant.arm_geometry import GRAVITY_M_S2, INSERTION, N_JOINTS, link_transforms
-from patient_side.statespace import Array
+from tis.patient_side.dynamics.parameters import N_OF_LINK, N_PARAMETERS, PER_LINK
+from tis.patient_side.plant.arm_geometry import GRAVITY_M_S2, INSERTION, N_JOINTS, link_transforms
+from tis.patient_side.statespace import Array
 
 _AXIS: Final = np.array([0.0, 0.0, 1.0])
 _CROSS: Final = np.zeros((3, 3, 3))
@@ -27,7 +27,7 @@ def regressor(joints: Array, velocity: Array, acceleration: Array, direction: Ar
     Returns
     -------
     Array
-        Matrices (N, 7, 91) Y with ``torque = Y p`` for the parameters p of `patient_side.dynamics.parameters`.
+        Matrices (N, 7, 91) Y with ``torque = Y p`` for the parameters p of `tis.patient_side.dynamics.parameters`.
 
     Notes
     -----

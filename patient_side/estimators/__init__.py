@@ -6,7 +6,7 @@ Where to look:
 - simple: `hold` (the reference of all scores), `hold_last_arrived`, `velocity`, `damped_velocity`, `static_gain`;
 - Kalman filters: `moesp_kf`, the same filter on other models in `n4sid_kf` and `arx_kf`, `innovations_kf` on the
   arm's own movement, and `adaptive_kf`, which tracks that one's scales; their updates live in
-  `patient_side.filters`, see `filters.kalman_update`;
+  `tis.patient_side.filters`, see `filters.kalman_update`;
 - a regression for each horizon: `direct_ls`;
 - a completed Hankel matrix: `drmf`, on `filters.hankel_completion`;
 - the paper's Algorithm 1: `paper_as_printed`, `paper` (its update repaired), both on `algorithm_1`.

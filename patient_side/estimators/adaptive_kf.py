@@ -1,20 +1,20 @@
 """`innovations_kf` that adapts while it runs: scales of velocity and noise, tracked on its own errors.
 
-What the hand's model leaves to the hand is in `patient_side.filters.adaptation`. The estimator is off unless a
+What the hand's model leaves to the hand is in `tis.patient_side.filters.adaptation`. The estimator is off unless a
 scenario names it.
 """
 
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from common.units import NS_PER_S
-from patient_side.estimators.innovations_kf import InnovationsKf, InnovationsState
-from patient_side.estimators.protocol import Estimate
-from patient_side.filters.adaptation import Adaptation, Adapter, Forecast, octave_of
-from patient_side.filters.innovations_filter import AXES
-from patient_side.horizon import horizon_samples
-from patient_side.playout import Playout
-from patient_side.statespace import ArmModel
+from tis.common.units import NS_PER_S
+from tis.patient_side.estimators.innovations_kf import InnovationsKf, InnovationsState
+from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.filters.adaptation import Adaptation, Adapter, Forecast, octave_of
+from tis.patient_side.filters.innovations_filter import AXES
+from tis.patient_side.horizon import horizon_samples
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import ArmModel
 
 
 class AdaptiveState(NamedTuple):

@@ -15,10 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from common.messages import MAX_SIZE
-from common.units import NS_PER_S
-from patient_side.playout import Playout, SourceBuffer
-from patient_side.statespace import ArmModel, Array
+from tis.common.messages import MAX_SIZE
+from tis.common.units import NS_PER_S
+from tis.patient_side.playout import Playout, SourceBuffer
+from tis.patient_side.statespace import ArmModel, Array
 
 
 class PaperState(NamedTuple):

@@ -7,10 +7,10 @@ chooses none, the command determines the arm's present position but not its futu
 
 from dataclasses import replace
 
-from common.errors import DataError, Fault
-from patient_side.estimators.innovations_kf import InnovationsKf
-from patient_side.estimators.moesp_kf import MoespKf
-from patient_side.statespace import ArmModel, with_model
+from tis.common.errors import DataError, Fault
+from tis.patient_side.estimators.innovations_kf import InnovationsKf
+from tis.patient_side.estimators.moesp_kf import MoespKf
+from tis.patient_side.statespace import ArmModel, with_model
 
 
 def arx_kf(model: ArmModel) -> MoespKf | InnovationsKf:

@@ -4,11 +4,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from patient_side.estimators.protocol import Estimate
-from patient_side.filters.input_path import continued
-from patient_side.horizon import horizon_samples
-from patient_side.playout import Playout
-from patient_side.statespace import ArmModel, Array
+from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.filters.input_path import continued
+from tis.patient_side.horizon import horizon_samples
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import ArmModel, Array
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass, field
 
-from common.errors import DataError, Fault
-from patient_side.direct_model import DirectModel
-from patient_side.estimators.direct_forecast import DirectForecast, arrived_past
-from patient_side.estimators.protocol import Estimate
-from patient_side.identification.second_moments import differences
-from patient_side.playout import Playout
-from patient_side.statespace import ArmModel
+from tis.common.errors import DataError, Fault
+from tis.patient_side.direct_model import DirectModel
+from tis.patient_side.estimators.direct_forecast import DirectForecast, arrived_past
+from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.identification.second_moments import differences
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import ArmModel
 
 
 def direct_ls(model: ArmModel) -> "DirectLs":

@@ -7,13 +7,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import DataError, Fault
-from patient_side.completion_model import CompletionModel
-from patient_side.estimators.protocol import Estimate
-from patient_side.filters.hankel_completion import column_moments, complete
-from patient_side.filters.input_path import known_point
-from patient_side.playout import Playout, SourceBuffer
-from patient_side.statespace import ArmModel, Array
+from tis.common.errors import DataError, Fault
+from tis.patient_side.completion_model import CompletionModel
+from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.filters.hankel_completion import column_moments, complete
+from tis.patient_side.filters.input_path import known_point
+from tis.patient_side.playout import Playout, SourceBuffer
+from tis.patient_side.statespace import ArmModel, Array
 
 _INTERPOLATION_RATIO: Final = 4
 """Minimum length of a step in which a sample is interpolated, in distances to its nearest arrived neighbour."""

@@ -13,11 +13,11 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from common.errors import Fault, InputError, one_line
-from common.messages import MAX_SIZE
-from patient_side.estimators.protocol import Estimate
-from patient_side.playout import Playout
-from patient_side.statespace import ArmModel, Array
+from tis.common.errors import Fault, InputError, one_line
+from tis.common.messages import MAX_SIZE
+from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import ArmModel, Array
 
 Factory = Callable[[ArmModel], Any]
 Factories = Mapping[str, Factory]

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from patient_side.estimators.protocol import Estimate
-from patient_side.playout import Playout
+from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.playout import Playout
 
 
 @dataclass(frozen=True)

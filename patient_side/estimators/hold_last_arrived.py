@@ -5,8 +5,8 @@ The behaviour of a receiver that ignores source stamps: an overtaken packet move
 
 from dataclasses import dataclass
 
-from patient_side.estimators.protocol import Estimate
-from patient_side.playout import Playout
+from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.playout import Playout
 
 
 @dataclass(frozen=True)

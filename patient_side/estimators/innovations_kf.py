@@ -19,13 +19,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from common.errors import DataError, Fault
-from common.units import sample_instant_ns
-from patient_side.estimators.protocol import Estimate
-from patient_side.filters.activity import Activity, ActivityMean
-from patient_side.filters.checkpoint_ring import Checkpoint, Ring, rewound, trimmed
-from patient_side.filters.correction import clock_of
-from patient_side.filters.innovations_filter import (
+from tis.common.errors import DataError, Fault
+from tis.common.units import sample_instant_ns
+from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.filters.activity import Activity, ActivityMean
+from tis.patient_side.filters.checkpoint_ring import Checkpoint, Ring, rewound, trimmed
+from tis.patient_side.filters.correction import clock_of
+from tis.patient_side.filters.innovations_filter import (
     AXES,
     InnovationsFilter,
     build_innovations_filter,
@@ -33,16 +33,16 @@ from patient_side.filters.innovations_filter import (
     follow_jump,
     square_of,
 )
-from patient_side.filters.lag_forecast import LagForecasts
-from patient_side.filters.recent_past import N_INCREMENTS, RecentPast
-from patient_side.filters.replay_window import replay_window
-from patient_side.filters.row_clock import NO_PHASE, Phasor, RowClock
-from patient_side.filters.stand_in import PAIRS, Offset, StandIn
-from patient_side.filters.unbroken import Unbroken
-from patient_side.filters.uncertainty import Uncertainty, UncertaintyTree
-from patient_side.horizon import horizon_samples
-from patient_side.playout import Playout
-from patient_side.statespace import ArmModel, Array
+from tis.patient_side.filters.lag_forecast import LagForecasts
+from tis.patient_side.filters.recent_past import N_INCREMENTS, RecentPast
+from tis.patient_side.filters.replay_window import replay_window
+from tis.patient_side.filters.row_clock import NO_PHASE, Phasor, RowClock
+from tis.patient_side.filters.stand_in import PAIRS, Offset, StandIn
+from tis.patient_side.filters.unbroken import Unbroken
+from tis.patient_side.filters.uncertainty import Uncertainty, UncertaintyTree
+from tis.patient_side.horizon import horizon_samples
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import ArmModel, Array
 
 _CHECK_EVERY = 4
 """Samples between two checks whether a broken row counts as unbroken again."""

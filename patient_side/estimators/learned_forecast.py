@@ -12,17 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from common.errors import DataError, Fault
-from patient_side.estimators.innovations_kf import InnovationsKf, InnovationsState
-from patient_side.estimators.protocol import Estimate
-from patient_side.filters.innovations_filter import AXES
-from patient_side.filters.stand_in import StandIn
-from patient_side.learned.inputs import activity_of
-from patient_side.learned.predictor import MAX_AGE, Predictor, predictor_of
-from patient_side.learned.window import stride_of, window_before
-from patient_side.learned_model import LearnedModel
-from patient_side.playout import Playout
-from patient_side.statespace import ArmModel, Array
+from tis.common.errors import DataError, Fault
+from tis.patient_side.estimators.innovations_kf import InnovationsKf, InnovationsState
+from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.filters.innovations_filter import AXES
+from tis.patient_side.filters.stand_in import StandIn
+from tis.patient_side.learned.inputs import activity_of
+from tis.patient_side.learned.predictor import MAX_AGE, Predictor, predictor_of
+from tis.patient_side.learned.window import stride_of, window_before
+from tis.patient_side.learned_model import LearnedModel
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import ArmModel, Array
 
 
 def linear_forecast(model: ArmModel) -> InnovationsKf:

@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from common.units import NS_PER_S, sample_instant_ns
-from patient_side.estimators.protocol import Estimate
-from patient_side.filters import kalman
-from patient_side.filters.input_path import known_point, newest_velocity
-from patient_side.horizon import PATIENCE_SAMPLES, horizon_samples
-from patient_side.playout import Playout
-from patient_side.statespace import ArmModel, Array
+from tis.common.units import NS_PER_S, sample_instant_ns
+from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.filters import kalman
+from tis.patient_side.filters.input_path import known_point, newest_velocity
+from tis.patient_side.horizon import PATIENCE_SAMPLES, horizon_samples
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import ArmModel, Array
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """The Kalman filter of `moesp_kf` on the model that N4SID finds."""
 
-from common.errors import DataError, Fault
-from patient_side.estimators.moesp_kf import MoespKf
-from patient_side.statespace import ArmModel, with_model
+from tis.common.errors import DataError, Fault
+from tis.patient_side.estimators.moesp_kf import MoespKf
+from tis.patient_side.statespace import ArmModel, with_model
 
 
 def n4sid_kf(model: ArmModel) -> MoespKf:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from patient_side.estimators.algorithm_1 import PaperState, Reading, position_m, read, start
-from patient_side.estimators.protocol import Estimate
-from patient_side.filters.kalman_update import kalman_predict, kalman_update
-from patient_side.playout import Playout
-from patient_side.statespace import ArmModel, Array
+from tis.patient_side.estimators.algorithm_1 import PaperState, Reading, position_m, read, start
+from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.filters.kalman_update import kalman_predict, kalman_update
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import ArmModel, Array
 
 
 @dataclass(frozen=True)

@@ -5,45 +5,45 @@ from functools import partial
 from types import MappingProxyType
 from typing import Final, get_args
 
-from common.scenario.estimator_names import EstimatorName, LearnedName, is_built_in
-from patient_side.estimators.adaptive_kf import AdaptiveKf
-from patient_side.estimators.damped_velocity import DampedVelocity
-from patient_side.estimators.direct_ls import direct_ls
-from patient_side.estimators.drmf import drmf
-from patient_side.estimators.guarded import Factories, build_own
-from patient_side.estimators.hold import Hold
-from patient_side.estimators.hold_last_arrived import HoldLastArrived
-from patient_side.estimators.innovations_kf import InnovationsKf
-from patient_side.estimators.learned_forecast import learned_forecast
-from patient_side.estimators.paper_as_printed import PaperAsPrinted
-from patient_side.estimators.protocol import Estimator
-from patient_side.estimators.static_gain import StaticGain
-from patient_side.estimators.velocity import Velocity
-from patient_side.statespace import ArmModel, with_model
+from tis.common.scenario.estimator_names import EstimatorName, LearnedName, is_built_in
+from tis.patient_side.estimators.adaptive_kf import AdaptiveKf
+from tis.patient_side.estimators.damped_velocity import DampedVelocity
+from tis.patient_side.estimators.direct_ls import direct_ls
+from tis.patient_side.estimators.drmf import drmf
+from tis.patient_side.estimators.guarded import Factories, build_own
+from tis.patient_side.estimators.hold import Hold
+from tis.patient_side.estimators.hold_last_arrived import HoldLastArrived
+from tis.patient_side.estimators.innovations_kf import InnovationsKf
+from tis.patient_side.estimators.learned_forecast import learned_forecast
+from tis.patient_side.estimators.paper_as_printed import PaperAsPrinted
+from tis.patient_side.estimators.protocol import Estimator
+from tis.patient_side.estimators.static_gain import StaticGain
+from tis.patient_side.estimators.velocity import Velocity
+from tis.patient_side.statespace import ArmModel, with_model
 
 # Filters that compute with filterpy are imported when one is built: it takes longer to load than all else.
 
 
 def _moesp_kf(model: ArmModel) -> Estimator:
-    from patient_side.estimators.moesp_kf import MoespKf
+    from tis.patient_side.estimators.moesp_kf import MoespKf
 
     return MoespKf(model)
 
 
 def _n4sid_kf(model: ArmModel) -> Estimator:
-    from patient_side.estimators.n4sid_kf import n4sid_kf
+    from tis.patient_side.estimators.n4sid_kf import n4sid_kf
 
     return n4sid_kf(model)
 
 
 def _arx_kf(model: ArmModel) -> Estimator:
-    from patient_side.estimators.arx_kf import arx_kf
+    from tis.patient_side.estimators.arx_kf import arx_kf
 
     return arx_kf(model)
 
 
 def _paper(model: ArmModel) -> Estimator:
-    from patient_side.estimators.paper import Paper
+    from tis.patient_side.estimators.paper import Paper
 
     return Paper(_paper_model(model))
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from patient_side.estimators.protocol import Estimate
-from patient_side.playout import Playout
-from patient_side.statespace import ArmModel, Array, StateSpace
+from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import ArmModel, Array, StateSpace
 
 _MAX_PAIRS_TRIED = 100
 

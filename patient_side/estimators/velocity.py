@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
-from patient_side.estimators.protocol import Estimate
-from patient_side.filters.input_path import newest_velocity
-from patient_side.horizon import horizon_samples
-from patient_side.playout import Playout
+from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.filters.input_path import newest_velocity
+from tis.patient_side.horizon import horizon_samples
+from tis.patient_side.playout import Playout
 
 
 @dataclass(frozen=True)

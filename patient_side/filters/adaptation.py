@@ -21,11 +21,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from common.metrics.consistency import CHI2_3_95
-from common.units import NS_PER_S
-from patient_side.horizon import HORIZON_S
-from patient_side.playout import Playout
-from patient_side.statespace import Array
+from tis.common.metrics.consistency import CHI2_3_95
+from tis.common.units import NS_PER_S
+from tis.patient_side.horizon import HORIZON_S
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import Array
 
 _REMEMBERED_S = 60.0
 _PRIOR_TICKS = 300.0

@@ -6,10 +6,10 @@ to the last checkpoint before the window in which late samples are replayed.
 
 from typing import NamedTuple
 
-from patient_side.filters.activity import Activity
-from patient_side.filters.row_clock import NO_PHASE, Phasor
-from patient_side.filters.uncertainty import Uncertainty
-from patient_side.statespace import Array
+from tis.patient_side.filters.activity import Activity
+from tis.patient_side.filters.row_clock import NO_PHASE, Phasor
+from tis.patient_side.filters.uncertainty import Uncertainty
+from tis.patient_side.statespace import Array
 
 
 class Checkpoint(NamedTuple):

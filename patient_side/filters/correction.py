@@ -30,11 +30,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from patient_side.filters.fourier_features import projections
-from patient_side.filters.innovations_filter import AXES, InnovationsFilter
-from patient_side.filters.recent_past import MEANS_S, N_INCREMENTS, SLOW_MEANS
-from patient_side.filters.row_clock import N_CLOCK_TERMS, Phasor, RowClock
-from patient_side.statespace import Array, Correction
+from tis.patient_side.filters.fourier_features import projections
+from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter
+from tis.patient_side.filters.recent_past import MEANS_S, N_INCREMENTS, SLOW_MEANS
+from tis.patient_side.filters.row_clock import N_CLOCK_TERMS, Phasor, RowClock
+from tis.patient_side.statespace import Array, Correction
 
 N_USED_INCREMENTS = 3
 N_PARTS = 2 + N_USED_INCREMENTS + SLOW_MEANS

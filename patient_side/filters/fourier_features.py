@@ -9,8 +9,8 @@ length (Rahimi and Recht 2007, "Random features for large-scale kernel machines"
 import numpy as np
 from scipy.special import ndtri
 
-from common.streams import Stream
-from patient_side.statespace import Array
+from tis.common.streams import Stream
+from tis.patient_side.statespace import Array
 
 LENGTH = 3.5
 """Length of the kernel, in deviations of the inputs."""

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from patient_side.completion_model import Factorisation
-from patient_side.filters.robust_factorisation import largest, left_factor, low_rank_part
-from patient_side.statespace import Array
+from tis.patient_side.completion_model import Factorisation
+from tis.patient_side.filters.robust_factorisation import largest, left_factor, low_rank_part
+from tis.patient_side.statespace import Array
 
 
 class Completion(NamedTuple):

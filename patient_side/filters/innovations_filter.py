@@ -15,9 +15,9 @@ import numpy as np
 from scipy.linalg.blas import dgemm, dsymm
 from scipy.linalg.lapack import dposv
 
-from patient_side.filters.innovations_states import level, noise, start_covariance, transition
-from patient_side.filters.recent_past import RecentPast
-from patient_side.statespace import Array, InnovationsModel
+from tis.patient_side.filters.innovations_states import level, noise, start_covariance, transition
+from tis.patient_side.filters.recent_past import RecentPast
+from tis.patient_side.statespace import Array, InnovationsModel
 
 AXES = 3
 

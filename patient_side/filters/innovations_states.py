@@ -21,7 +21,7 @@ Oracle: the textbook filter with the cross term, test_innovations_filter.
 
 import numpy as np
 
-from patient_side.statespace import Array, InnovationsModel
+from tis.patient_side.statespace import Array, InnovationsModel
 
 _MAX_DOUBLINGS = 40
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from patient_side.playout import SourceBuffer
-from patient_side.statespace import Array, InputForecast
+from tis.patient_side.playout import SourceBuffer
+from tis.patient_side.statespace import Array, InputForecast
 
 
 class PathPoint(NamedTuple):

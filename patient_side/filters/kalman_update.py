@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
-from patient_side.statespace import Array
+from tis.patient_side.statespace import Array
 
 # Every Kalman filter of the patient's side computes this update:
 # - here, by filterpy, for `moesp_kf`, `n4sid_kf`, `arx_kf` (through `filters.kalman`) and `paper`;

@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from common.units import NS_PER_S
-from patient_side.filters.correction import CorrectionForecasts, LagCorrection
-from patient_side.filters.innovations_filter import AXES, InnovationsFilter
-from patient_side.filters.unbroken import Unbroken
-from patient_side.statespace import Array, InnovationsModel
+from tis.common.units import NS_PER_S
+from tis.patient_side.filters.correction import CorrectionForecasts, LagCorrection
+from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter
+from tis.patient_side.filters.unbroken import Unbroken
+from tis.patient_side.statespace import Array, InnovationsModel
 
 _MAX_KEPT = 500
 _LAG_MASK_NS = ~63

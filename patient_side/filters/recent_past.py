@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from patient_side.statespace import Array
+from tis.patient_side.statespace import Array
 
 N_INCREMENTS = 4
 MEANS_S = (0.07, 0.15, 0.35, 1.0, 3.0, 10.0)

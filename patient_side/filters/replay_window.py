@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from patient_side.filters.innovations_filter import InnovationsFilter
-from patient_side.filters.unbroken import Unbroken
-from patient_side.statespace import Array
+from tis.patient_side.filters.innovations_filter import InnovationsFilter
+from tis.patient_side.filters.unbroken import Unbroken
+from tis.patient_side.statespace import Array
 
 MAX_WINDOW = 32
 _TOLERANCE = 0.01

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from patient_side.statespace import Array
+from tis.patient_side.statespace import Array
 
 _MIN_SHRINKAGE = 1e-12
 """Ridge in any case, as columns may have fewer known entries than factors."""

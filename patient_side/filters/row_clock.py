@@ -17,9 +17,9 @@ from math import pi
 
 import numpy as np
 
-from patient_side.filters.recent_past import N_INCREMENTS
-from patient_side.filters.recursion import filtered
-from patient_side.statespace import Array
+from tis.patient_side.filters.recent_past import N_INCREMENTS
+from tis.patient_side.filters.recursion import filtered
+from tis.patient_side.statespace import Array
 
 N_HARMONICS = 4
 N_CLOCK_TERMS = 2 * N_HARMONICS

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from patient_side.filters.innovations_filter import InnovationsFilter
-from patient_side.statespace import Array
+from tis.patient_side.filters.innovations_filter import InnovationsFilter
+from tis.patient_side.statespace import Array
 
 _EVERY_LENGTH_UP_TO = 50
 _RATIO = 1.02

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from patient_side.filters.innovations_filter import InnovationsFilter
-from patient_side.statespace import Array
+from tis.patient_side.filters.innovations_filter import InnovationsFilter
+from tis.patient_side.statespace import Array
 
 _MAX_DEPTH = 12
 """Samples after an unbroken row up to which covariances are stored: later ones hardly recur."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from common.streams import Stream
-from patient_side.statespace import Array
+from tis.common.streams import Stream
+from tis.patient_side.statespace import Array
 
 MAX_P_LOSS = 0.3
 MAX_JITTER_STEPS = 15.0

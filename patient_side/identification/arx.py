@@ -10,17 +10,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.errors import DataError, Fault
-from patient_side.identification.breakdown import breakdown_as_fault
-from patient_side.identification.linear_model import LinearModel, Provenance
-from patient_side.identification.noise import estimate_noise, innovations_noise
-from patient_side.identification.output_error import fit_inputs
-from patient_side.identification.signals import Signals, as_trials, check_numbers
-from patient_side.identification.stability import STABLE_BELOW, stabilised
-from patient_side.identification.trials import Scaling, Trial, check_trials
-from patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
-from patient_side.identification.validation import initial_state
-from patient_side.statespace import Array, StateSpace
+from tis.common.errors import DataError, Fault
+from tis.patient_side.identification.breakdown import breakdown_as_fault
+from tis.patient_side.identification.linear_model import LinearModel, Provenance
+from tis.patient_side.identification.noise import estimate_noise, innovations_noise
+from tis.patient_side.identification.output_error import fit_inputs
+from tis.patient_side.identification.signals import Signals, as_trials, check_numbers
+from tis.patient_side.identification.stability import STABLE_BELOW, stabilised
+from tis.patient_side.identification.trials import Scaling, Trial, check_trials
+from tis.patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
+from tis.patient_side.identification.validation import initial_state
+from tis.patient_side.statespace import Array, StateSpace
 
 _NEGLIGIBLE = 1e-10
 """Singular value of the regressors, relative to the largest, below which a direction is rounding."""

@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from common.errors import DataError, Fault
-from patient_side.statespace import Array
+from tis.common.errors import DataError, Fault
+from tis.patient_side.statespace import Array
 
 _MIN_REPEATED_SHARE: Final = 0.5
 

@@ -5,24 +5,24 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from typing import Final, TypeVar, get_args
 
-from common.errors import DataError
-from common.scenario.estimator_names import EstimatorName, LearnedName, is_user_defined
-from common.scenario.patient import Identification
-from patient_side.completion_model import CompletionModel
-from patient_side.direct_model import DirectModel
-from patient_side.identification.dataset import TrainingSet
-from patient_side.identification.direct_ls import fit_direct
-from patient_side.identification.fit_arx import fit_arx
-from patient_side.identification.fit_autoregression import fit_autoregression
-from patient_side.identification.fit_drmf import fit_drmf
-from patient_side.identification.fit_innovations import fit_innovations
-from patient_side.identification.fit_moesp_paper import fit_moesp_paper
-from patient_side.identification.fit_subspace import fit_subspace
-from patient_side.identification.fit_wrist import fit_wrist
-from patient_side.identification.fitted import Fitted
-from patient_side.identification.methods import SUBSPACE_METHODS
-from patient_side.statespace import FilterModel, InnovationsModel
-from patient_side.wrist_model import WristModel
+from tis.common.errors import DataError
+from tis.common.scenario.estimator_names import EstimatorName, LearnedName, is_user_defined
+from tis.common.scenario.patient import Identification
+from tis.patient_side.completion_model import CompletionModel
+from tis.patient_side.direct_model import DirectModel
+from tis.patient_side.identification.dataset import TrainingSet
+from tis.patient_side.identification.direct_ls import fit_direct
+from tis.patient_side.identification.fit_arx import fit_arx
+from tis.patient_side.identification.fit_autoregression import fit_autoregression
+from tis.patient_side.identification.fit_drmf import fit_drmf
+from tis.patient_side.identification.fit_innovations import fit_innovations
+from tis.patient_side.identification.fit_moesp_paper import fit_moesp_paper
+from tis.patient_side.identification.fit_subspace import fit_subspace
+from tis.patient_side.identification.fit_wrist import fit_wrist
+from tis.patient_side.identification.fitted import Fitted
+from tis.patient_side.identification.methods import SUBSPACE_METHODS
+from tis.patient_side.statespace import FilterModel, InnovationsModel
+from tis.patient_side.wrist_model import WristModel
 
 Model = TypeVar("Model")
 

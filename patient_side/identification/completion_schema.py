@@ -5,8 +5,8 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from patient_side.completion_model import CompletionModel, Factorisation
-from patient_side.identification.model_part import Matrix, Number, Part, check_covariance
+from tis.patient_side.completion_model import CompletionModel, Factorisation
+from tis.patient_side.identification.model_part import Matrix, Number, Part, check_covariance
 
 NotNegative = Annotated[Number, Field(ge=0)]
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from patient_side.filters.correction import (
+from tis.patient_side.filters.correction import (
     N_PARTS,
     N_TERMS,
     clock_of,
@@ -21,11 +21,11 @@ from patient_side.filters.correction import (
     movements,
     openness,
 )
-from patient_side.filters.fourier_features import projections
-from patient_side.filters.innovations_filter import AXES, InnovationsFilter
-from patient_side.filters.recent_past import N_INCREMENTS
-from patient_side.filters.row_clock import N_CLOCK_TERMS, evidence_of, terms_of
-from patient_side.statespace import Array, Correction
+from tis.patient_side.filters.fourier_features import projections
+from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter
+from tis.patient_side.filters.recent_past import N_INCREMENTS
+from tis.patient_side.filters.row_clock import N_CLOCK_TERMS, evidence_of, terms_of
+from tis.patient_side.statespace import Array, Correction
 
 # The frequency of the clock behind the rows, from the evidence of training rows.
 

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from patient_side.identification.subspace import FutureBlocks, Subspace, column_space, identify_subspace
+from tis.patient_side.identification.subspace import FutureBlocks, Subspace, column_space, identify_subspace
 
 _RELATIVE_FLOOR = 1e-8
 

@@ -10,12 +10,12 @@ from typing import Literal
 
 import numpy as np
 
-from common.channels import Arm, Hand
-from common.errors import DataError, Fault
-from common.sources.jumps import stretches
-from common.sources.trajectory import HandRecording, Recording
-from patient_side.identification.trials import Trial, finite_faults
-from patient_side.statespace import Array
+from tis.common.channels import Arm, Hand
+from tis.common.errors import DataError, Fault
+from tis.common.sources.jumps import stretches
+from tis.common.sources.trajectory import HandRecording, Recording
+from tis.patient_side.identification.trials import Trial, finite_faults
+from tis.patient_side.statespace import Array
 
 
 @dataclass(frozen=True)

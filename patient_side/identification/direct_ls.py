@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import DataError, Fault
-from patient_side.direct_model import Array, DirectModel
-from patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
-from patient_side.identification.second_moments import (
+from tis.common.errors import DataError, Fault
+from tis.patient_side.direct_model import Array, DirectModel
+from tis.patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
+from tis.patient_side.identification.second_moments import (
     RESOLUTION,
     Moments,
     Moved,

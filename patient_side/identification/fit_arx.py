@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from common.scenario.patient import Order
-from patient_side.identification.arx import ArxFactor, check_lags, fit_lags
-from patient_side.identification.dataset import TrainingSet
-from patient_side.identification.fitted import Fitted
-from patient_side.identification.noise import estimate_noise, floored, innovations_noise
-from patient_side.identification.order import Candidate, choose_order, is_static
-from patient_side.identification.trials import Scaling, check_trials
-from patient_side.identification.validation import HELD_BACK, simulation_fit, split_trials
+from tis.common.scenario.patient import Order
+from tis.patient_side.identification.arx import ArxFactor, check_lags, fit_lags
+from tis.patient_side.identification.dataset import TrainingSet
+from tis.patient_side.identification.fitted import Fitted
+from tis.patient_side.identification.noise import estimate_noise, floored, innovations_noise
+from tis.patient_side.identification.order import Candidate, choose_order, is_static
+from tis.patient_side.identification.trials import Scaling, check_trials
+from tis.patient_side.identification.validation import HELD_BACK, simulation_fit, split_trials
 
 
 def fit_arx(training: TrainingSet, largest: int, order: Order) -> Fitted:

@@ -5,14 +5,14 @@ from math import log
 
 import numpy as np
 
-from patient_side.identification.arx import ArxFactor
-from patient_side.identification.forecast_error import HeldBack
-from patient_side.identification.innovations_form import InnovationsForm
-from patient_side.identification.level_and_scale import LEVEL_STEPS, with_level, with_scale
-from patient_side.identification.noise import floored
-from patient_side.identification.trials import Scaling, Trial, n_first
-from patient_side.identification.validation import HELD_BACK
-from patient_side.statespace import Array, InnovationsModel
+from tis.patient_side.identification.arx import ArxFactor
+from tis.patient_side.identification.forecast_error import HeldBack
+from tis.patient_side.identification.innovations_form import InnovationsForm
+from tis.patient_side.identification.level_and_scale import LEVEL_STEPS, with_level, with_scale
+from tis.patient_side.identification.noise import floored
+from tis.patient_side.identification.trials import Scaling, Trial, n_first
+from tis.patient_side.identification.validation import HELD_BACK
+from tis.patient_side.statespace import Array, InnovationsModel
 
 _MAX_MODULUS = 0.999
 

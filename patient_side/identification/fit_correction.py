@@ -21,16 +21,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from patient_side.filters.correction import N_MOVEMENT_TERMS, N_PARTS, N_TERMS
-from patient_side.filters.innovations_filter import AXES, InnovationsFilter
-from patient_side.identification.correction_rows import (
+from tis.patient_side.filters.correction import N_MOVEMENT_TERMS, N_PARTS, N_TERMS
+from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter
+from tis.patient_side.identification.correction_rows import (
     N_FEATURES,
     CorrectionRows,
     PreparedRows,
     short,
     without_weights,
 )
-from patient_side.statespace import Array, Correction
+from tis.patient_side.statespace import Array, Correction
 
 # Ridge regressions from second moments: sums over rows, by groups that are held out together.
 

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from patient_side.filters.innovations_filter import AXES
-from patient_side.identification.forecast_error import HeldBack
-from patient_side.identification.held_out import held_out_groups
-from patient_side.identification.level_and_scale import (
+from tis.patient_side.filters.innovations_filter import AXES
+from tis.patient_side.identification.forecast_error import HeldBack
+from tis.patient_side.identification.held_out import held_out_groups
+from tis.patient_side.identification.level_and_scale import (
     Tried,
     clearly_better,
     errors_on,
@@ -21,11 +21,11 @@ from patient_side.identification.level_and_scale import (
     with_level,
     with_scale,
 )
-from patient_side.identification.stochastic_moesp import check_order, check_outputs
-from patient_side.identification.structure import PREFERRED, Structure, StructuredSubspace
-from patient_side.identification.trials import Trial, n_first
-from patient_side.identification.validation import HELD_BACK
-from patient_side.statespace import Array, InnovationsModel
+from tis.patient_side.identification.stochastic_moesp import check_order, check_outputs
+from tis.patient_side.identification.structure import PREFERRED, Structure, StructuredSubspace
+from tis.patient_side.identification.trials import Trial, n_first
+from tis.patient_side.identification.validation import HELD_BACK
+from tis.patient_side.statespace import Array, InnovationsModel
 
 ORDERS = (4, 6, 8, 10, 12, 14, 16, 20, 24, 30)
 AXIS_ORDERS = (2, 3, 4, 5, 6, 7, 8, 10)

@@ -4,17 +4,23 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from common.errors import DataError, Fault
-from common.scenario.patient import Identification
-from patient_side.identification.dataset import TrainingSet
-from patient_side.identification.fitted import Fitted
-from patient_side.identification.moesp_paper import PaperSubspace, paper_model, paper_subspace
-from patient_side.identification.noise import floored
-from patient_side.identification.order import Candidate, OrderChoice, choose_order, energy_order, largest_candidate
-from patient_side.identification.subspace import check_order
-from patient_side.identification.trials import Scaling, Trial, check_trials
-from patient_side.identification.validation import HELD_BACK, simulation_fit, split_trials
-from patient_side.statespace import Array, NoiseModel, StateSpace
+from tis.common.errors import DataError, Fault
+from tis.common.scenario.patient import Identification
+from tis.patient_side.identification.dataset import TrainingSet
+from tis.patient_side.identification.fitted import Fitted
+from tis.patient_side.identification.moesp_paper import PaperSubspace, paper_model, paper_subspace
+from tis.patient_side.identification.noise import floored
+from tis.patient_side.identification.order import (
+    Candidate,
+    OrderChoice,
+    choose_order,
+    energy_order,
+    largest_candidate,
+)
+from tis.patient_side.identification.subspace import check_order
+from tis.patient_side.identification.trials import Scaling, Trial, check_trials
+from tis.patient_side.identification.validation import HELD_BACK, simulation_fit, split_trials
+from tis.patient_side.statespace import Array, NoiseModel, StateSpace
 
 # The paper's empirical Q and R: covariances of the residuals of a first run of its filter.
 #
@@ -37,7 +43,10 @@ def first_run(space: StateSpace, u: Array, y: Array, epsilon_q: float, epsilon_r
     Raises `DataError` where it diverges, as it can with a model of many states that is far from stable. Oracles in
     test_paper_noise: filterpy's filter, and three samples worked by hand.
     """
-    from patient_side.filters.kalman_update import joseph_update, kalman_predict  # loads filterpy, as in the registry
+    from tis.patient_side.filters.kalman_update import (  # loads filterpy, as in the registry
+        joseph_update,
+        kalman_predict,
+    )
 
     C, n = space.C, space.order
     Q, R = epsilon_q * np.eye(n), epsilon_r * np.eye(space.n_outputs)

@@ -7,17 +7,17 @@ from math import comb
 
 import numpy as np
 
-from common.channels import Hand
-from common.errors import DataError, Fault
-from common.scenario.patient import Identification
-from common.sources.trajectory import Recording
-from patient_side.identification.arx import check_lags
-from patient_side.identification.breakdown import breakdown_as_fault
-from patient_side.identification.dataset import training_set
-from patient_side.identification.narx import NarxModel, identify
-from patient_side.identification.trials import check_trials
-from patient_side.identification.validation import HELD_BACK, SimulationFit, fewest_rows, scored, split_trials
-from patient_side.statespace import Array
+from tis.common.channels import Hand
+from tis.common.errors import DataError, Fault
+from tis.common.scenario.patient import Identification
+from tis.common.sources.trajectory import Recording
+from tis.patient_side.identification.arx import check_lags
+from tis.patient_side.identification.breakdown import breakdown_as_fault
+from tis.patient_side.identification.dataset import training_set
+from tis.patient_side.identification.narx import NarxModel, identify
+from tis.patient_side.identification.trials import check_trials
+from tis.patient_side.identification.validation import HELD_BACK, SimulationFit, fewest_rows, scored, split_trials
+from tis.patient_side.statespace import Array
 
 MAX_LAGS_TRIED = 3
 _MAX_VALUES = 5e7

@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from functools import partial
 
-from common.scenario.patient import Order
-from patient_side.identification.dataset import TrainingSet
-from patient_side.identification.fitted import Fitted
-from patient_side.identification.noise import arx_residuals, estimate_noise
-from patient_side.identification.order import Candidate, choose_order, is_static, largest_candidate
-from patient_side.identification.past_states import PastStates
-from patient_side.identification.subspace import (
+from tis.common.scenario.patient import Order
+from tis.patient_side.identification.dataset import TrainingSet
+from tis.patient_side.identification.fitted import Fitted
+from tis.patient_side.identification.noise import arx_residuals, estimate_noise
+from tis.patient_side.identification.order import Candidate, choose_order, is_static, largest_candidate
+from tis.patient_side.identification.past_states import PastStates
+from tis.patient_side.identification.subspace import (
     FutureBlocks,
     Method,
     Subspace,
@@ -17,9 +17,9 @@ from patient_side.identification.subspace import (
     check_order,
     realise,
 )
-from patient_side.identification.trials import Scaling, Trial, check_trials
-from patient_side.identification.triangular import triangular_factor
-from patient_side.identification.validation import HELD_BACK, simulation_fit, split_trials
+from tis.patient_side.identification.trials import Scaling, Trial, check_trials
+from tis.patient_side.identification.triangular import triangular_factor
+from tis.patient_side.identification.validation import HELD_BACK, simulation_fit, split_trials
 
 
 def fit_subspace(training: TrainingSet, method: Method, block_rows: int, order: Order) -> Fitted:

@@ -6,16 +6,16 @@ from typing import Final
 
 import numpy as np
 
-from common.errors import DataError
-from patient_side.filters.input_path import damped_steps
-from patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
-from patient_side.identification.dataset import TrainingSet
-from patient_side.identification.direct_ls import STEP_HZ, fit_direct, steps_of
-from patient_side.identification.forecast import DAMPINGS, HORIZONS_S, SPANS, relative_error
-from patient_side.identification.second_moments import RESOLUTION, Moved, differences
-from patient_side.rotations import turned
-from patient_side.statespace import Array
-from patient_side.wrist_model import RateModel, WristModel
+from tis.common.errors import DataError
+from tis.patient_side.filters.input_path import damped_steps
+from tis.patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
+from tis.patient_side.identification.dataset import TrainingSet
+from tis.patient_side.identification.direct_ls import STEP_HZ, fit_direct, steps_of
+from tis.patient_side.identification.forecast import DAMPINGS, HORIZONS_S, SPANS, relative_error
+from tis.patient_side.identification.second_moments import RESOLUTION, Moved, differences
+from tis.patient_side.rotations import turned
+from tis.patient_side.statespace import Array
+from tis.patient_side.wrist_model import RateModel, WristModel
 
 # Identification of damped rates, for orientations and grippers.
 #

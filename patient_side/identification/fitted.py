@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from patient_side.identification.order import OrderChoice
-from patient_side.identification.validation import SimulationFit
-from patient_side.statespace import Array, NoiseModel, StateSpace
+from tis.patient_side.identification.order import OrderChoice
+from tis.patient_side.identification.validation import SimulationFit
+from tis.patient_side.statespace import Array, NoiseModel, StateSpace
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from patient_side.filters.activity import ActivityMean
-from patient_side.filters.innovations_filter import AXES, InnovationsFilter, correct
-from patient_side.filters.unbroken import Unbroken
-from patient_side.statespace import Array
+from tis.patient_side.filters.activity import ActivityMean
+from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter, correct
+from tis.patient_side.filters.unbroken import Unbroken
+from tis.patient_side.statespace import Array
 
 T = TypeVar("T")
 

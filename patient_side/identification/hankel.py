@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from patient_side.statespace import Array
+from tis.patient_side.statespace import Array
 
 
 def block_hankel(signal: Array, block_rows: int) -> Array:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from patient_side.statespace import Array
+from tis.patient_side.statespace import Array
 
 _MAX_DOUBLINGS = 60
 _CONVERGED = 1e-15

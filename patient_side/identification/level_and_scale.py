@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from patient_side.filters.activity import ActivityMean
-from patient_side.filters.innovations_filter import AXES, InnovationsFilter, build_innovations_filter
-from patient_side.filters.recent_past import RecentPast
-from patient_side.filters.unbroken import Unbroken
-from patient_side.horizon import horizon_samples
-from patient_side.identification.correction_rows import CorrectionRows, correction_span
-from patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
-from patient_side.identification.fit_correction import FittedCorrection, fit_correction
-from patient_side.identification.forecast_error import HeldBack, error_over_hold
-from patient_side.identification.held_out import held_out_groups
-from patient_side.statespace import Array, InnovationsModel
+from tis.patient_side.filters.activity import ActivityMean
+from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter, build_innovations_filter
+from tis.patient_side.filters.recent_past import RecentPast
+from tis.patient_side.filters.unbroken import Unbroken
+from tis.patient_side.horizon import horizon_samples
+from tis.patient_side.identification.correction_rows import CorrectionRows, correction_span
+from tis.patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
+from tis.patient_side.identification.fit_correction import FittedCorrection, fit_correction
+from tis.patient_side.identification.forecast_error import HeldBack, error_over_hold
+from tis.patient_side.identification.held_out import held_out_groups
+from tis.patient_side.statespace import Array, InnovationsModel
 
 LEVEL_STEPS = (0.05, 0.1, 0.2, 0.4)
 """Standard deviations of the level's step, in units of the innovations'."""

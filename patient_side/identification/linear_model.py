@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from patient_side.identification.trials import Scaling
-from patient_side.statespace import Array, NoiseModel, StateSpace
+from tis.patient_side.identification.trials import Scaling
+from tis.patient_side.statespace import Array, NoiseModel, StateSpace
 
 
 @dataclass(frozen=True)

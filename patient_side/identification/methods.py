@@ -3,10 +3,10 @@
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from patient_side.identification import arx, cva, moesp, n4sid, pi_moesp
-from patient_side.identification.linear_model import LinearModel
-from patient_side.identification.signals import Signals
-from patient_side.identification.subspace import Method
+from tis.patient_side.identification import arx, cva, moesp, n4sid, pi_moesp
+from tis.patient_side.identification.linear_model import LinearModel
+from tis.patient_side.identification.signals import Signals
+from tis.patient_side.identification.subspace import Method
 
 SUBSPACE_METHODS: Mapping[str, Method] = MappingProxyType(
     {

@@ -10,11 +10,11 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from common.errors import DataError, Fault
-from common.sources.provenance import RecordedRows
-from patient_side.direct_model import DirectModel
-from patient_side.identification.model_part import AXES, Matrix
-from patient_side.identification.model_schema import (
+from tis.common.errors import DataError, Fault
+from tis.common.sources.provenance import RecordedRows
+from tis.patient_side.direct_model import DirectModel
+from tis.patient_side.identification.model_part import AXES, Matrix
+from tis.patient_side.identification.model_schema import (
     CorrectionPart,
     FilterPart,
     InnovationsPart,
@@ -24,10 +24,10 @@ from patient_side.identification.model_schema import (
     NoisePart,
     SpacePart,
 )
-from patient_side.identification.model_tensors import Tensors, dump_tensors, is_tensor_file, parse_tensors
-from patient_side.identification.wrist_schema import DirectPart, RatePart, WristPart
-from patient_side.learned_model import LearnedModel, Singles, Training
-from patient_side.statespace import (
+from tis.patient_side.identification.model_tensors import Tensors, dump_tensors, is_tensor_file, parse_tensors
+from tis.patient_side.identification.wrist_schema import DirectPart, RatePart, WristPart
+from tis.patient_side.learned_model import LearnedModel, Singles, Training
+from tis.patient_side.statespace import (
     ArmModel,
     Array,
     Correction,
@@ -37,7 +37,7 @@ from patient_side.statespace import (
     NoiseModel,
     StateSpace,
 )
-from patient_side.wrist_model import RateModel, WristModel
+from tis.patient_side.wrist_model import RateModel, WristModel
 
 MAX_MODEL_BYTES: Final = 32_000_000
 """Size of a model file, several times that of one with every learned method."""

@@ -5,12 +5,12 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from common.channels import Arm, Hand
-from common.scenario.estimator_names import LearnedName
-from patient_side.filters.correction import N_PARTS, N_TERMS
-from patient_side.filters.recent_past import MEANS_S
-from patient_side.identification.completion_schema import CompletionPart
-from patient_side.identification.model_part import (
+from tis.common.channels import Arm, Hand
+from tis.common.scenario.estimator_names import LearnedName
+from tis.patient_side.filters.correction import N_PARTS, N_TERMS
+from tis.patient_side.filters.recent_past import MEANS_S
+from tis.patient_side.identification.completion_schema import CompletionPart
+from tis.patient_side.identification.model_part import (
     AXES,
     Axes,
     Matrix,
@@ -20,8 +20,8 @@ from patient_side.identification.model_part import (
     check_covariance,
     has_shape,
 )
-from patient_side.identification.wrist_schema import DirectPart, WristPart
-from patient_side.statespace import max_damping
+from tis.patient_side.identification.wrist_schema import DirectPart, WristPart
+from tis.patient_side.statespace import max_damping
 
 
 class SpacePart(Part):

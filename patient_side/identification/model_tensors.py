@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from safetensors import SafetensorError, numpy
 
-from common.errors import DataError, Fault
+from tis.common.errors import DataError, Fault
 
 Tensors = Mapping[str, NDArray[np.float32]]
 

@@ -6,7 +6,7 @@ the column space of the extended observability matrix; it is consistent under wh
 
 from functools import partial
 
-from patient_side.identification.subspace import FutureBlocks, Subspace, column_space, identify_subspace
+from tis.patient_side.identification.subspace import FutureBlocks, Subspace, column_space, identify_subspace
 
 
 def moesp_subspace(blocks: FutureBlocks) -> Subspace:

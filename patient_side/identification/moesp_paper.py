@@ -24,10 +24,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from patient_side.identification.hankel import block_hankel
-from patient_side.identification.subspace import check_excitation
-from patient_side.identification.trials import Trial
-from patient_side.statespace import Array, StateSpace
+from tis.patient_side.identification.hankel import block_hankel
+from tis.patient_side.identification.subspace import check_excitation
+from tis.patient_side.identification.trials import Trial
+from tis.patient_side.statespace import Array, StateSpace
 
 _NEGLIGIBLE = 1e-10
 

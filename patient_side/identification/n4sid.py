@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from patient_side.identification.subspace import FutureBlocks, Subspace, column_space, identify_subspace
+from tis.patient_side.identification.subspace import FutureBlocks, Subspace, column_space, identify_subspace
 
 
 def n4sid_subspace(blocks: FutureBlocks) -> Subspace:

@@ -13,11 +13,11 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
-from patient_side.identification.arx import check_lags
-from patient_side.identification.signals import Signals, as_trials, check_numbers
-from patient_side.identification.trials import Scaling, Trial, check_trials
-from patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
-from patient_side.statespace import Array
+from tis.patient_side.identification.arx import check_lags
+from tis.patient_side.identification.signals import Signals, as_trials, check_numbers
+from tis.patient_side.identification.trials import Scaling, Trial, check_trials
+from tis.patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
+from tis.patient_side.statespace import Array
 
 MAX_TERMS = 12
 _RIDGE = 1e-6

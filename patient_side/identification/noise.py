@@ -10,12 +10,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from patient_side.identification.hankel import fill_hankel
-from patient_side.identification.output_error import fit_response
-from patient_side.identification.stability import STABLE_BELOW
-from patient_side.identification.trials import Trial
-from patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
-from patient_side.statespace import Array, NoiseModel, StateSpace
+from tis.patient_side.identification.hankel import fill_hankel
+from tis.patient_side.identification.output_error import fit_response
+from tis.patient_side.identification.stability import STABLE_BELOW
+from tis.patient_side.identification.trials import Trial
+from tis.patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
+from tis.patient_side.statespace import Array, NoiseModel, StateSpace
 
 SENSOR_RESOLUTION_M = 1e-6
 """Resolution of the recordings, six decimals of a metre: a lower bound on the deviation of innovations."""

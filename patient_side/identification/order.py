@@ -6,13 +6,13 @@ from math import log
 
 import numpy as np
 
-from common.errors import DataError, Fault
-from common.scenario.patient import Order
-from patient_side.identification.noise import estimate_noise, innovations
-from patient_side.identification.stability import STABLE_BELOW
-from patient_side.identification.trials import Trial
-from patient_side.identification.validation import SimulationFit, prediction_error, simulation_fit
-from patient_side.statespace import Array, StateSpace
+from tis.common.errors import DataError, Fault
+from tis.common.scenario.patient import Order
+from tis.patient_side.identification.noise import estimate_noise, innovations
+from tis.patient_side.identification.stability import STABLE_BELOW
+from tis.patient_side.identification.trials import Trial
+from tis.patient_side.identification.validation import SimulationFit, prediction_error, simulation_fit
+from tis.patient_side.statespace import Array, StateSpace
 
 MAX_ORDER = 12
 _ENERGY_SHARE = 0.85

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from patient_side.filters.recursion import filtered
-from patient_side.statespace import Array
+from tis.patient_side.filters.recursion import filtered
+from tis.patient_side.statespace import Array
 
 
 @dataclass(frozen=True)

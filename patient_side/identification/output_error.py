@@ -10,10 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from patient_side.identification.orthonormal_basis import OrthonormalBasis
-from patient_side.identification.trials import Trial
-from patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
-from patient_side.statespace import Array, StateSpace
+from tis.patient_side.identification.orthonormal_basis import OrthonormalBasis
+from tis.patient_side.identification.trials import Trial
+from tis.patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
+from tis.patient_side.statespace import Array, StateSpace
 
 
 def fit_inputs(A: Array, C: Array, trials: Sequence[Trial]) -> tuple[Array, Array, tuple[Array, ...]]:

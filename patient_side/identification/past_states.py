@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from patient_side.statespace import Array
+from tis.patient_side.statespace import Array
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ no feedback from outputs to inputs. The price is variance: modes that only noise
 from dataclasses import replace
 from functools import partial
 
-from patient_side.identification.subspace import FutureBlocks, Subspace, column_space, identify_subspace
+from tis.patient_side.identification.subspace import FutureBlocks, Subspace, column_space, identify_subspace
 
 
 def pi_moesp_subspace(blocks: FutureBlocks) -> Subspace:

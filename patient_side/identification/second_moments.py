@@ -17,8 +17,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from patient_side.direct_model import Array, DirectModel
-from patient_side.identification.noise import SENSOR_RESOLUTION_M
+from tis.patient_side.direct_model import Array, DirectModel
+from tis.patient_side.identification.noise import SENSOR_RESOLUTION_M
 
 RESOLUTION: Final = SENSOR_RESOLUTION_M
 """Resolution of all signals in their SI unit: recordings have six decimals of metres, radians and of rotations."""

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from common.errors import DataError, Fault
-from patient_side.identification.trials import Trial
-from patient_side.statespace import Array
+from tis.common.errors import DataError, Fault
+from tis.patient_side.identification.trials import Trial
+from tis.patient_side.statespace import Array
 
 Signals = Array | Sequence[Array]
 """One trial (N, d), or several: a sequence of arrays (N_i, d). Nested lists of numbers are accepted as arrays."""

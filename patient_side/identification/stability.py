@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.linalg import schur
 
-from patient_side.statespace import Array
+from tis.patient_side.statespace import Array
 
 MAX_MODULUS = 0.999
 

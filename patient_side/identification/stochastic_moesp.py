@@ -18,17 +18,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.errors import DataError, Fault
-from patient_side.identification.breakdown import breakdown_as_fault
-from patient_side.identification.hankel import fill_hankel
-from patient_side.identification.innovations_form import InnovationsForm, innovations_form
-from patient_side.identification.linear_model import LinearModel, Provenance
-from patient_side.identification.signals import Signals, as_arrays, check_numbers
-from patient_side.identification.stability import STABLE_BELOW, stabilised
-from patient_side.identification.trials import Scaling, check_trials, n_first
-from patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
-from patient_side.identification.validation import initial_state
-from patient_side.statespace import Array, NoiseModel, StateSpace
+from tis.common.errors import DataError, Fault
+from tis.patient_side.identification.breakdown import breakdown_as_fault
+from tis.patient_side.identification.hankel import fill_hankel
+from tis.patient_side.identification.innovations_form import InnovationsForm, innovations_form
+from tis.patient_side.identification.linear_model import LinearModel, Provenance
+from tis.patient_side.identification.signals import Signals, as_arrays, check_numbers
+from tis.patient_side.identification.stability import STABLE_BELOW, stabilised
+from tis.patient_side.identification.trials import Scaling, check_trials, n_first
+from tis.patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
+from tis.patient_side.identification.validation import initial_state
+from tis.patient_side.statespace import Array, NoiseModel, StateSpace
 
 _NEGLIGIBLE = 1e-10
 _RESOLVED = 1e-18

@@ -15,18 +15,18 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.linalg import eig
 
-from patient_side.filters.innovations_filter import AXES
-from patient_side.identification.innovations_form import InnovationsForm
-from patient_side.identification.noise import floored
-from patient_side.identification.stochastic_moesp import (
+from tis.patient_side.filters.innovations_filter import AXES
+from tis.patient_side.identification.innovations_form import InnovationsForm
+from tis.patient_side.identification.noise import floored
+from tis.patient_side.identification.stochastic_moesp import (
     StochasticSubspace,
     n_hankel_columns,
     output_factor,
     realise,
     stochastic_subspace,
 )
-from patient_side.identification.trials import Scaling
-from patient_side.statespace import Array, InnovationsModel
+from tis.patient_side.identification.trials import Scaling
+from tis.patient_side.statespace import Array, InnovationsModel
 
 # Correction of the bias from centring: a movement about its own mean seems to return to it too fast.
 #

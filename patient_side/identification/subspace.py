@@ -13,19 +13,19 @@ from functools import partial
 
 import numpy as np
 
-from common.errors import DataError, Fault
-from patient_side.identification.breakdown import breakdown_as_fault
-from patient_side.identification.linear_model import LinearModel, Provenance
-from patient_side.identification.noise import estimate_noise
-from patient_side.identification.order import NEGLIGIBLE_ERROR, Candidate
-from patient_side.identification.output_error import fit_inputs, fit_inputs_by_innovations
-from patient_side.identification.past_states import PastStates
-from patient_side.identification.signals import Signals, as_trials, check_numbers
-from patient_side.identification.stability import STABLE_BELOW, stabilised
-from patient_side.identification.trials import Scaling, Trial, check_trials
-from patient_side.identification.triangular import triangular_factor
-from patient_side.identification.validation import prediction_error
-from patient_side.statespace import Array, StateSpace
+from tis.common.errors import DataError, Fault
+from tis.patient_side.identification.breakdown import breakdown_as_fault
+from tis.patient_side.identification.linear_model import LinearModel, Provenance
+from tis.patient_side.identification.noise import estimate_noise
+from tis.patient_side.identification.order import NEGLIGIBLE_ERROR, Candidate
+from tis.patient_side.identification.output_error import fit_inputs, fit_inputs_by_innovations
+from tis.patient_side.identification.past_states import PastStates
+from tis.patient_side.identification.signals import Signals, as_trials, check_numbers
+from tis.patient_side.identification.stability import STABLE_BELOW, stabilised
+from tis.patient_side.identification.trials import Scaling, Trial, check_trials
+from tis.patient_side.identification.triangular import triangular_factor
+from tis.patient_side.identification.validation import prediction_error
+from tis.patient_side.statespace import Array, StateSpace
 
 _LARGE_CONDITION = 1e3
 _NEGLIGIBLE = 1e-10

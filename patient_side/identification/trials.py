@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.errors import DataError, Fault
-from patient_side.statespace import Array, StateSpace
+from tis.common.errors import DataError, Fault
+from tis.patient_side.statespace import Array, StateSpace
 
 Trial = tuple[Array, Array]
 """Inputs (N, m) and outputs (N, p) of one uninterrupted stretch, row by row."""

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.linalg.lapack import dtpqrt
 
-from patient_side.identification.hankel import fill_hankel
-from patient_side.identification.trials import Trial
-from patient_side.statespace import Array
+from tis.patient_side.identification.hankel import fill_hankel
+from tis.patient_side.identification.trials import Trial
+from tis.patient_side.statespace import Array
 
 COLUMNS_AT_ONCE = 512
 """Columns of one stretch: 120 Hankel rows of them are half a megabyte, which stays in the cache."""

@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from patient_side.identification.model_part import AXES, Matrix, Number, Part, check_covariance, has_shape
+from tis.patient_side.identification.model_part import AXES, Matrix, Number, Part, check_covariance, has_shape
 
 
 class DirectPart(Part):

@@ -7,5 +7,5 @@ Where to look:
 - all networks by name: `networks`; Gaussian processes: `gaussian_process`.
 
 The networks compute with whichever array library is passed to them: numpy in a run, JAX in training
-(`patient_side.learning`). So there is one implementation of each.
+(`tis.patient_side.learning`). So there is one implementation of each.
 """

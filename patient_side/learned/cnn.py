@@ -7,8 +7,8 @@ summary.
 
 from typing import Any, Final
 
-from patient_side.learned.inputs import N_CONTEXT, N_STEP
-from patient_side.learned.layers import Array, Arrays, Shapes, dense, dense_shapes, gelu
+from tis.patient_side.learned.inputs import N_CONTEXT, N_STEP
+from tis.patient_side.learned.layers import Array, Arrays, Shapes, dense, dense_shapes, gelu
 
 CHANNELS: Final = 32
 N_CONVOLUTIONS: Final = 5

@@ -6,8 +6,8 @@ hand's activity (Nix and Weigend 1994, "Estimating the mean and variance of the 
 
 from typing import Any, Final
 
-from patient_side.learned.inputs import N_AGE, N_BASE
-from patient_side.learned.layers import Array, Arrays, Shapes, dense, dense_shapes, gelu
+from tis.patient_side.learned.inputs import N_AGE, N_BASE
+from tis.patient_side.learned.layers import Array, Arrays, Shapes, dense, dense_shapes, gelu
 
 HIDDEN: Final = 96
 AXES: Final = 3

@@ -9,7 +9,7 @@ what is lost, as the authors of the testbed's paper propose; the transformer's a
 from math import ceil, log
 from typing import Any, Final
 
-from patient_side.learned.layers import (
+from tis.patient_side.learned.layers import (
     Array,
     Arrays,
     Shapes,
@@ -20,7 +20,7 @@ from patient_side.learned.layers import (
     normalised,
     softmax,
 )
-from patient_side.learned.transformer import WIDTH, attention, block_shapes, token_shapes, tokens
+from tis.patient_side.learned.transformer import WIDTH, attention, block_shapes, token_shapes, tokens
 
 N_BLOCKS: Final = 2
 PATCH: Final = 4

@@ -8,9 +8,9 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from patient_side.learned.layers import Array
-from patient_side.learned.window import COARSE, N_FINE, Window
-from patient_side.learned_model import Floats, Singles
+from tis.patient_side.learned.layers import Array
+from tis.patient_side.learned.window import COARSE, N_FINE, Window
+from tis.patient_side.learned_model import Floats, Singles
 
 N_STEP: Final = 8
 """Inputs of a step: increment (3), way (3), presence, gripper."""

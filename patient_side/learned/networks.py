@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final
 
-from patient_side.learned import cnn, gaussian_head, informer, transformer
-from patient_side.learned.layers import Array, Arrays, Shapes
+from tis.patient_side.learned import cnn, gaussian_head, informer, transformer
+from tis.patient_side.learned.layers import Array, Arrays, Shapes
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from common.errors import DataError, Fault
-from patient_side.learned.gaussian_process import N_FEATURES, at_ages, features_of, outputs, shapes_of
-from patient_side.learned.inputs import age_inputs, inputs_of, scaled
-from patient_side.learned.networks import NETWORKS
-from patient_side.learned.window import Window, has_gap
-from patient_side.learned_model import VERSION, Floats, LearnedModel
+from tis.common.errors import DataError, Fault
+from tis.patient_side.learned.gaussian_process import N_FEATURES, at_ages, features_of, outputs, shapes_of
+from tis.patient_side.learned.inputs import age_inputs, inputs_of, scaled
+from tis.patient_side.learned.networks import NETWORKS
+from tis.patient_side.learned.window import Window, has_gap
+from tis.patient_side.learned_model import VERSION, Floats, LearnedModel
 
 MAX_AGE: Final = 150.0
 """Age in steps beyond which what is left stays constant: 5 s."""

@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from patient_side.learned.inputs import N_CONTEXT, N_STEP
-from patient_side.learned.layers import (
+from tis.patient_side.learned.inputs import N_CONTEXT, N_STEP
+from tis.patient_side.learned.layers import (
     Array,
     Arrays,
     Shapes,
@@ -22,7 +22,7 @@ from patient_side.learned.layers import (
     normalised,
     softmax,
 )
-from patient_side.learned.window import N_FINE
+from tis.patient_side.learned.window import N_FINE
 
 WIDTH: Final = 32
 N_HEADS: Final = 4

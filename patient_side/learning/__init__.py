@@ -6,7 +6,7 @@ Where to look:
 - `fit_network` on `gradient_steps` (JAX and Optax); `fit_gpr` and `fit_srlsmf` (on `low_rank_plus_sparse`), whose
   scales `process_scales` finds (scikit-learn);
 - `calibration` of stated covariances on held-out errors;
-- the entry point, which adds the models to those of `patient_side.identification`: `train`.
+- the entry point, which adds the models to those of `tis.patient_side.identification`: `train`.
 
 JAX, Optax and scikit-learn are the extra ``learned``.
 """

@@ -5,10 +5,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from patient_side.identification.coverage import coverage_factor
-from patient_side.learned.window import has_gap
-from patient_side.learned_model import Floats
-from patient_side.learning.examples import Examples
+from tis.patient_side.identification.coverage import coverage_factor
+from tis.patient_side.learned.window import has_gap
+from tis.patient_side.learned_model import Floats
+from tis.patient_side.learning.examples import Examples
 
 AGES: Final = np.array([1.0, 3.0, 6.0, 15.0, 30.0, 60.0, 150.0])
 """Ages, in steps, at which the factors are known."""

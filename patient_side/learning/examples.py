@@ -7,16 +7,16 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import DataError, Fault
-from common.streams import Stream
-from common.units import NS_PER_S
-from patient_side.estimators.innovations_kf import InnovationsKf
-from patient_side.filters.innovations_filter import AXES
-from patient_side.learned.inputs import Scaled, activity_of, scaled
-from patient_side.learned.predictor import MAX_AGE
-from patient_side.learned.window import stride_of, window_of_rows
-from patient_side.learned_model import Floats, Singles
-from patient_side.playout import Playout
+from tis.common.errors import DataError, Fault
+from tis.common.streams import Stream
+from tis.common.units import NS_PER_S
+from tis.patient_side.estimators.innovations_kf import InnovationsKf
+from tis.patient_side.filters.innovations_filter import AXES
+from tis.patient_side.learned.inputs import Scaled, activity_of, scaled
+from tis.patient_side.learned.predictor import MAX_AGE
+from tis.patient_side.learned.window import stride_of, window_of_rows
+from tis.patient_side.learned_model import Floats, Singles
+from tis.patient_side.playout import Playout
 
 # Drawn arrivals of a trial's rows: the networks that learned methods are trained on.
 #

@@ -10,12 +10,12 @@ from typing import Final, NamedTuple
 import numpy as np
 import scipy
 
-from common.streams import Stream
-from patient_side.learned.gaussian_process import features_of, kernel
-from patient_side.learned_model import Floats, Singles
-from patient_side.learning.examples import Examples
-from patient_side.learning.process_noise import Noise, noise_on
-from patient_side.learning.process_scales import chosen_rows
+from tis.common.streams import Stream
+from tis.patient_side.learned.gaussian_process import features_of, kernel
+from tis.patient_side.learned_model import Floats, Singles
+from tis.patient_side.learning.examples import Examples
+from tis.patient_side.learning.process_noise import Noise, noise_on
+from tis.patient_side.learning.process_scales import chosen_rows
 
 N_POINTS: Final = 512
 

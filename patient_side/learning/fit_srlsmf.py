@@ -13,12 +13,12 @@ import numpy as np
 import scipy
 from scipy.special import ndtri
 
-from common.streams import Stream
-from patient_side.learned.gaussian_process import AGES, features_of, kernel
-from patient_side.learned_model import Floats, Singles
-from patient_side.learning.examples import Examples
-from patient_side.learning.process_noise import Noise, noise_on
-from patient_side.learning.process_scales import chosen_rows
+from tis.common.streams import Stream
+from tis.patient_side.learned.gaussian_process import AGES, features_of, kernel
+from tis.patient_side.learned_model import Floats, Singles
+from tis.patient_side.learning.examples import Examples
+from tis.patient_side.learning.process_noise import Noise, noise_on
+from tis.patient_side.learning.process_scales import chosen_rows
 
 # A symmetric matrix as a randomised low-rank part plus a sparse one, for kernel matrices too large to invert.
 #

@@ -8,11 +8,11 @@ from typing import Any, Final
 import numpy as np
 import scipy
 
-from common.streams import Stream
-from patient_side.learned.gaussian_process import AGES, GROUPS
-from patient_side.learned_model import Floats
-from patient_side.learning.examples import Examples
-from patient_side.learning.turns import rotations
+from tis.common.streams import Stream
+from tis.patient_side.learned.gaussian_process import AGES, GROUPS
+from tis.patient_side.learned_model import Floats
+from tis.patient_side.learning.examples import Examples
+from tis.patient_side.learning.turns import rotations
 
 _N_ROWS: Final = 400
 _MAX_ROUNDS: Final = 30

@@ -8,29 +8,29 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import Fault, InputError
-from common.extras import GET_LEARNED
-from common.scenario.estimator_names import LearnedName
-from common.scenario.learning import Learning
-from common.scenario.patient import Identification
-from common.sources.trajectory import Recording
-from patient_side.estimators.innovations_kf import InnovationsKf
-from patient_side.estimators.learned_forecast import linear_forecast
-from patient_side.identification.companions import Stage, untimed
-from patient_side.identification.dataset import training_set
-from patient_side.identification.validation import fewest_rows
-from patient_side.learned.gaussian_process import AGES, features_of, outputs
-from patient_side.learned.networks import NETWORKS
-from patient_side.learned.window import stride_of
-from patient_side.learned_model import VERSION, Floats, LearnedModel, Singles, Training
-from patient_side.learning import calibration
-from patient_side.learning.examples import Examples, Track, examples_of
-from patient_side.learning.fit_gpr import fit_gpr
-from patient_side.learning.fit_network import Epoch, Judged, judge, some_of, train_network
-from patient_side.learning.fit_srlsmf import fit_srlsmf
-from patient_side.learning.process_noise import Noise
-from patient_side.learning.process_scales import inverse_lengths, turned
-from patient_side.statespace import ArmModel
+from tis.common.errors import Fault, InputError
+from tis.common.extras import GET_LEARNED
+from tis.common.scenario.estimator_names import LearnedName
+from tis.common.scenario.learning import Learning
+from tis.common.scenario.patient import Identification
+from tis.common.sources.trajectory import Recording
+from tis.patient_side.estimators.innovations_kf import InnovationsKf
+from tis.patient_side.estimators.learned_forecast import linear_forecast
+from tis.patient_side.identification.companions import Stage, untimed
+from tis.patient_side.identification.dataset import training_set
+from tis.patient_side.identification.validation import fewest_rows
+from tis.patient_side.learned.gaussian_process import AGES, features_of, outputs
+from tis.patient_side.learned.networks import NETWORKS
+from tis.patient_side.learned.window import stride_of
+from tis.patient_side.learned_model import VERSION, Floats, LearnedModel, Singles, Training
+from tis.patient_side.learning import calibration
+from tis.patient_side.learning.examples import Examples, Track, examples_of
+from tis.patient_side.learning.fit_gpr import fit_gpr
+from tis.patient_side.learning.fit_network import Epoch, Judged, judge, some_of, train_network
+from tis.patient_side.learning.fit_srlsmf import fit_srlsmf
+from tis.patient_side.learning.process_noise import Noise
+from tis.patient_side.learning.process_scales import inverse_lengths, turned
+from tis.patient_side.statespace import ArmModel
 
 # The examples on which training is judged: people, else trials, else the end of the only trial.
 

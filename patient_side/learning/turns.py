@@ -3,7 +3,7 @@
 import numpy as np
 import scipy
 
-from patient_side.learned_model import Floats, Singles
+from tis.patient_side.learned_model import Floats, Singles
 
 
 def rotations(drawn: Floats) -> Singles:

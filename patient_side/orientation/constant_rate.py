@@ -5,12 +5,12 @@ from typing import Literal
 
 import numpy as np
 
-from patient_side.filters.input_path import damped_steps
-from patient_side.orientation.protocol import NOTHING, WristEstimate
-from patient_side.playout import SourceBuffer
-from patient_side.rotations import at_end, turned, turned_by
-from patient_side.statespace import Array
-from patient_side.wrist_model import RateModel
+from tis.patient_side.filters.input_path import damped_steps
+from tis.patient_side.orientation.protocol import NOTHING, WristEstimate
+from tis.patient_side.playout import SourceBuffer
+from tis.patient_side.rotations import at_end, turned, turned_by
+from tis.patient_side.statespace import Array
+from tis.patient_side.wrist_model import RateModel
 
 
 @dataclass(frozen=True)

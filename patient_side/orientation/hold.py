@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from patient_side.orientation.protocol import WristEstimate
-from patient_side.playout import SourceBuffer
+from tis.patient_side.orientation.protocol import WristEstimate
+from tis.patient_side.playout import SourceBuffer
 
 
 @dataclass(frozen=True)

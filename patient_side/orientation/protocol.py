@@ -2,9 +2,9 @@
 
 from typing import NamedTuple, Protocol
 
-from common.scenario.orientation import OrientationMethod
-from patient_side.playout import SourceBuffer
-from patient_side.statespace import Array
+from tis.common.scenario.orientation import OrientationMethod
+from tis.patient_side.playout import SourceBuffer
+from tis.patient_side.statespace import Array
 
 
 class WristEstimate(NamedTuple):

@@ -4,12 +4,12 @@ from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
 from typing import Final
 
-from common.scenario.orientation import OrientationMethod
-from patient_side.orientation.constant_rate import ConstantRate
-from patient_side.orientation.hold import Hold
-from patient_side.orientation.protocol import WristMethod
-from patient_side.orientation.tangent_ls import TangentLs
-from patient_side.wrist_model import WristModel
+from tis.common.scenario.orientation import OrientationMethod
+from tis.patient_side.orientation.constant_rate import ConstantRate
+from tis.patient_side.orientation.hold import Hold
+from tis.patient_side.orientation.protocol import WristMethod
+from tis.patient_side.orientation.tangent_ls import TangentLs
+from tis.patient_side.wrist_model import WristModel
 
 
 def _constant_rate(model: WristModel) -> WristMethod | None:

@@ -7,12 +7,12 @@ in the body frame of R. One regression for each horizon forecasts d, and the est
 from dataclasses import dataclass, field
 from typing import Literal
 
-from patient_side.direct_model import DirectModel
-from patient_side.estimators.direct_forecast import DirectForecast, arrived_past
-from patient_side.identification.second_moments import differences
-from patient_side.orientation.protocol import NOTHING, WristEstimate
-from patient_side.playout import SourceBuffer
-from patient_side.rotations import at_end, turned, turned_by
+from tis.patient_side.direct_model import DirectModel
+from tis.patient_side.estimators.direct_forecast import DirectForecast, arrived_past
+from tis.patient_side.identification.second_moments import differences
+from tis.patient_side.orientation.protocol import NOTHING, WristEstimate
+from tis.patient_side.playout import SourceBuffer
+from tis.patient_side.rotations import at_end, turned, turned_by
 
 
 @dataclass(frozen=True)

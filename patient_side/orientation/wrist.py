@@ -3,13 +3,13 @@
 from math import sqrt
 from typing import Final, NamedTuple
 
-from common.channels import Hand
-from common.messages import MAX_SIZE, Pose, Quaternion, Vector3
-from common.records import OrientationNote
-from patient_side.orientation.protocol import WristEstimate
-from patient_side.rotations import Quaternion as Components
-from patient_side.rotations import is_orientation
-from patient_side.statespace import Array
+from tis.common.channels import Hand
+from tis.common.messages import MAX_SIZE, Pose, Quaternion, Vector3
+from tis.common.records import OrientationNote
+from tis.patient_side.orientation.protocol import WristEstimate
+from tis.patient_side.rotations import Quaternion as Components
+from tis.patient_side.rotations import is_orientation
+from tis.patient_side.statespace import Array
 
 _ROUNDED: Final = 1e-12
 """Variance in rad^2 that rounding may take away."""

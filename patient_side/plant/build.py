@@ -2,20 +2,20 @@
 
 import numpy as np
 
-from common.channels import Arm
-from common.errors import Fault, InputError
-from common.scenario import Scenario
-from common.scenario.patient import Plant as PlantPart
-from common.scenario.simulated_arm import MujocoPlant
-from common.sources.trajectory import HandRecording, Recording
-from common.streams import Stream
-from common.units import MM_PER_M
-from patient_side.plant.arm_geometry import INSERTION, N_JOINTS
-from patient_side.plant.physics import ArmPhysics
-from patient_side.plant.protocol import Plant
-from patient_side.plant.replay import ReplayPlant
-from patient_side.plant.servo import ServoPlant
-from patient_side.plant.simulated_arm import SimulatedArm
+from tis.common.channels import Arm
+from tis.common.errors import Fault, InputError
+from tis.common.scenario import Scenario
+from tis.common.scenario.patient import Plant as PlantPart
+from tis.common.scenario.simulated_arm import MujocoPlant
+from tis.common.sources.trajectory import HandRecording, Recording
+from tis.common.streams import Stream
+from tis.common.units import MM_PER_M
+from tis.patient_side.plant.arm_geometry import INSERTION, N_JOINTS
+from tis.patient_side.plant.physics import ArmPhysics
+from tis.patient_side.plant.protocol import Plant
+from tis.patient_side.plant.replay import ReplayPlant
+from tis.patient_side.plant.servo import ServoPlant
+from tis.patient_side.plant.simulated_arm import SimulatedArm
 
 
 def build_plant(scenario: Scenario, recording: Recording, hand: HandRecording) -> Plant:

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from common.scenario import Scenario
-from common.sources.trajectory import HandRecording, PoseTrack, Recording
-from common.units import sample_instant_ns
-from patient_side.plant.build import executing_plant
-from patient_side.plant.protocol import Reference
+from tis.common.scenario import Scenario
+from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
+from tis.common.units import sample_instant_ns
+from tis.patient_side.plant.build import executing_plant
+from tis.patient_side.plant.protocol import Reference
 
 
 def executed(recording: Recording, scenario: Scenario, seed: int) -> Recording:

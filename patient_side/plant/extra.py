@@ -2,9 +2,9 @@
 
 from importlib.util import find_spec
 
-from common.errors import Fault, InputError
-from common.extras import GET_SIM
-from common.scenario import Scenario
+from tis.common.errors import Fault, InputError
+from tis.common.extras import GET_SIM
+from tis.common.scenario import Scenario
 
 
 def check_plant(scenario: Scenario) -> None:

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from patient_side.plant.arm_geometry import (
+from tis.patient_side.plant.arm_geometry import (
     HIGH,
     LOW,
     PITCH_TO_YAW_M,
@@ -19,7 +19,7 @@ from patient_side.plant.arm_geometry import (
     YAW_TO_TIP_M,
     link_transforms,
 )
-from patient_side.statespace import Array
+from tis.patient_side.statespace import Array
 
 _ROUNDS: Final = 12
 """Each brings the tip at least five times closer: the wrist is 20 mm long and at least 110 mm from its pivot."""

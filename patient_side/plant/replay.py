@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
-from common.units import NS_PER_S, sample_instant_ns
-from patient_side.plant.protocol import PlantOutput, Reference
-from patient_side.rotations import turned, turned_by
-from patient_side.statespace import Array
+from tis.common.units import NS_PER_S, sample_instant_ns
+from tis.patient_side.plant.protocol import PlantOutput, Reference
+from tis.patient_side.rotations import turned, turned_by
+from tis.patient_side.statespace import Array
 
 
 @dataclass(frozen=True)

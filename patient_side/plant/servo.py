@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from common.servo import servo_transition
-from common.streams import Stream
-from common.units import NS_PER_S
-from patient_side.plant.protocol import PlantOutput, Reference
-from patient_side.statespace import Array
+from tis.common.servo import servo_transition
+from tis.common.streams import Stream
+from tis.common.units import NS_PER_S
+from tis.patient_side.plant.protocol import PlantOutput, Reference
+from tis.patient_side.statespace import Array
 
 
 @dataclass(frozen=True)

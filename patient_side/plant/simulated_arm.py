@@ -7,13 +7,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtri
 
-from common.streams import Stream
-from common.units import NS_PER_S
-from patient_side.plant.arm_geometry import INSERTION, N_JOINTS, tip_frame
-from patient_side.plant.inverse_kinematics import Reached, joints_for
-from patient_side.plant.physics import ArmPhysics
-from patient_side.plant.protocol import PlantOutput, Reference
-from patient_side.statespace import Array
+from tis.common.streams import Stream
+from tis.common.units import NS_PER_S
+from tis.patient_side.plant.arm_geometry import INSERTION, N_JOINTS, tip_frame
+from tis.patient_side.plant.inverse_kinematics import Reached, joints_for
+from tis.patient_side.plant.physics import ArmPhysics
+from tis.patient_side.plant.protocol import PlantOutput, Reference
+from tis.patient_side.statespace import Array
 
 # Place of the scenario's positions in the workspace of the simulated arm.
 

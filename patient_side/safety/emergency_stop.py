@@ -7,13 +7,13 @@ from typing import Final, NamedTuple
 
 from pydantic import ValidationError
 
-from common.channels import release_key, stop_key, stopped_key
-from common.messages import Message
-from common.node import Arrival, Emission, Output, Record
-from common.peer_life import Alarm
-from common.records import REJECTED, Rejected
-from common.safety_records import STOPS, STOPS_IN_FORCE, StopNote, StopsInForceNote
-from common.stop_messages import (
+from tis.common.channels import release_key, stop_key, stopped_key
+from tis.common.messages import Message
+from tis.common.node import Arrival, Emission, Output, Record
+from tis.common.peer_life import Alarm
+from tis.common.records import REJECTED, Rejected
+from tis.common.safety_records import STOPS, STOPS_IN_FORCE, StopNote, StopsInForceNote
+from tis.common.stop_messages import (
     LATCH,
     MAX_REASON_CHARS,
     MAX_REASONS,
@@ -22,8 +22,8 @@ from common.stop_messages import (
     StopRefusal,
     StopState,
 )
-from common.units import NS_PER_S
-from patient_side.safety.stops_in_force import BEFORE, Stop, StopsInForce
+from tis.common.units import NS_PER_S
+from tis.patient_side.safety.stops_in_force import BEFORE, Stop, StopsInForce
 
 _MAX_BYTES: Final = 2048
 _N_KNOWN: Final = 1000

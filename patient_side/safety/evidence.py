@@ -7,7 +7,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Final
 
-from common.units import NS_PER_S
+from tis.common.units import NS_PER_S
 
 N_EVIDENCE: Final = 3
 """Contradictions within a second that are evidence."""

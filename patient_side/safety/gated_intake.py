@@ -5,12 +5,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import get_args
 
-from common.intake import Accepted, Intake
-from common.messages import SampledPose, position_m
-from common.node import Arrival, Record
-from common.safety_records import QUARANTINE, QUARANTINED, QuarantineNote
-from patient_side.safety.evidence import Evidence
-from patient_side.safety.gate import Kind, StreamGate
+from tis.common.intake import Accepted, Intake
+from tis.common.messages import SampledPose, position_m
+from tis.common.node import Arrival, Record
+from tis.common.safety_records import QUARANTINE, QUARANTINED, QuarantineNote
+from tis.patient_side.safety.evidence import Evidence
+from tis.patient_side.safety.gate import Kind, StreamGate
 
 
 @dataclass

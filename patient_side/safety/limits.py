@@ -3,10 +3,10 @@
 from math import radians
 from typing import Final, NamedTuple
 
-from common.scenario.safety import Safety
-from common.units import MM_PER_M, NS_PER_S, ms_to_ns
-from patient_side.safety.set_point import WINDOW_NS, Pace
-from patient_side.safety.wrist_point import WristLimits
+from tis.common.scenario.safety import Safety
+from tis.common.units import MM_PER_M, NS_PER_S, ms_to_ns
+from tis.patient_side.safety.set_point import WINDOW_NS, Pace
+from tis.patient_side.safety.wrist_point import WristLimits
 
 _MOST_CORRECTED: Final = 0.25
 """Share of the movement that the speed allows in this time, which corrections take at most."""

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from math import dist
 from typing import Final, NamedTuple
 
-from common.messages import SafetyMode
-from common.safety_records import SafetyCause
-from patient_side.safety.limits import Limits
-from patient_side.safety.set_point import (
+from tis.common.messages import SafetyMode
+from tis.common.safety_records import SafetyCause
+from tis.patient_side.safety.limits import Limits
+from tis.patient_side.safety.set_point import (
     AT_REST,
     NO_CORRECTION,
     STILL,
@@ -25,7 +25,7 @@ from patient_side.safety.set_point import (
     plus,
     within,
 )
-from patient_side.safety.wrist_point import WristPoint, WristPose, begin, brake_wrist, follow_wrist
+from tis.patient_side.safety.wrist_point import WristPoint, WristPose, begin, brake_wrist, follow_wrist
 
 _AT_REST_M: Final = 1e-9
 

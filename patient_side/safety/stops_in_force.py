@@ -4,8 +4,8 @@ import hmac
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from common.safety_records import StopsInForceNote
-from common.stop_messages import LATCH, MAX_IN_FORCE, ReleaseRule, StopRefusal, lock_of
+from tis.common.safety_records import StopsInForceNote
+from tis.common.stop_messages import LATCH, MAX_IN_FORCE, ReleaseRule, StopRefusal, lock_of
 
 _N_ENDED: Final = 1000
 _FIRST_GIVEN: Final = 1 << 52

@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from patient_side.rotations import Quaternion, after_turn, is_orientation, turn_to
-from patient_side.safety.set_point import AT_REST, Motion, Moved, Pace, brake, follow
+from tis.patient_side.rotations import Quaternion, after_turn, is_orientation, turn_to
+from tis.patient_side.safety.set_point import AT_REST, Motion, Moved, Pace, brake, follow
 
 _LEVEL: Quaternion = (0.0, 0.0, 0.0, 1.0)
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 from math import copysign
 from typing import Final, NamedTuple
 
-from common.units import NS_PER_S
-from surgeon_side.devices.handle import OPEN_RAD, Handle
+from tis.common.units import NS_PER_S
+from tis.surgeon_side.devices.handle import OPEN_RAD, Handle
 
 DEAD_ZONE: Final = 0.15
 """Share of a stick's way that moves nothing: worn sticks rest up to a tenth beside their middle."""

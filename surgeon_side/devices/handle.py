@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Final
 
-from common.devices.pose import DevicePose
-from common.messages import Vector3
+from tis.common.devices.pose import DevicePose
+from tis.common.messages import Vector3
 
 OPEN_RAD: Final = 0.8
 """Angle of the open gripper, in rad, as of the synthetic hand."""

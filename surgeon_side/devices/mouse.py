@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Final, Literal, NamedTuple
 
-from surgeon_side.devices.handle import OPEN_RAD, Handle
+from tis.surgeon_side.devices.handle import OPEN_RAD, Handle
 
 M_PER_PX: Final = 1e-4
 """A hand's width of the screen, 800 pixels, is 80 mm of the master."""

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from math import cos, dist, radians, sin, sqrt
 from typing import Final
 
-from common.channels import Hand
-from common.devices.gate import DeviceSample
-from common.scenario.live_source import LiveSource
-from common.units import MM_PER_M, NS_PER_S
-from surgeon_side.motion import HandPoses, Placed
+from tis.common.channels import Hand
+from tis.common.devices.gate import DeviceSample
+from tis.common.scenario.live_source import LiveSource
+from tis.common.units import MM_PER_M, NS_PER_S
+from tis.surgeon_side.motion import HandPoses, Placed
 
 Vector = tuple[float, float, float]
 Turn = tuple[float, float, float, float]

@@ -4,15 +4,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, get_args
 
-from common.channels import FOLLOWER, Hand, HandChannels, hand_channels
-from common.devices.gate import DeviceGate, from_json, from_ros2
-from common.devices.records import DEVICES, DeviceEvent, DeviceNote, Refusal
-from common.key_expression import key_matches
-from common.node import Arrival, Record
-from common.scenario.live_source import LiveSource
-from common.units import NS_PER_S, ms_to_ns
-from surgeon_side.live.mapping import Mapping as DeviceMapping
-from surgeon_side.motion import HandPoses
+from tis.common.channels import FOLLOWER, Hand, HandChannels, hand_channels
+from tis.common.devices.gate import DeviceGate, from_json, from_ros2
+from tis.common.devices.records import DEVICES, DeviceEvent, DeviceNote, Refusal
+from tis.common.key_expression import key_matches
+from tis.common.node import Arrival, Record
+from tis.common.scenario.live_source import LiveSource
+from tis.common.units import NS_PER_S, ms_to_ns
+from tis.surgeon_side.live.mapping import Mapping as DeviceMapping
+from tis.surgeon_side.motion import HandPoses
 
 _DECODERS: Final = {"json": from_json, "ros2": from_ros2}
 

@@ -1,6 +1,6 @@
 import pytest
 
-from common.channels import (
+from tis.common.channels import (
     CONTROL,
     DESTINATION,
     FOLLOWER,
@@ -11,7 +11,7 @@ from common.channels import (
     Hand,
     hand_channels,
 )
-from common.messages import FeedbackPose, SampledPose
+from tis.common.messages import FeedbackPose, SampledPose
 
 
 @pytest.mark.parametrize(

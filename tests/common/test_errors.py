@@ -1,6 +1,6 @@
 import pytest
 
-from common.errors import DataError, Fault, InputError, PeerError, TisError
+from tis.common.errors import DataError, Fault, InputError, PeerError, TisError
 
 
 def test_a_fault_reads_where_field_rule_got() -> None:

@@ -4,12 +4,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.header import Header
-from common.intake import Intake, SeenNumbers
-from common.messages import MAX_HISTORY, SampledPose
-from common.node import Arrival
-from common.records import REJECTED, Rejected
 from tests.nodes import LEFT, Stamp, a_pose, an_arrival
+from tis.common.header import Header
+from tis.common.intake import Intake, SeenNumbers
+from tis.common.messages import MAX_HISTORY, SampledPose
+from tis.common.node import Arrival
+from tis.common.records import REJECTED, Rejected
 
 KEY = "tis/MTML/measured_cp"
 

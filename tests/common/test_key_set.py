@@ -2,8 +2,8 @@ import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.key_expression import key_expression_fault, key_matches
-from common.key_set import KeySet
+from tis.common.key_expression import key_expression_fault, key_matches
+from tis.common.key_set import KeySet
 
 CHUNK = st.sampled_from(["a", "b", "ab", "aab", "@x"])
 PATTERN = st.sampled_from(["a", "*", "**", "a$*", "$*b", "$*a$*"])

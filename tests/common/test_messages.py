@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from common.messages import MAX_SIZE, FeedbackPose, Pose, Quaternion, SampledPose, Vector3, position_m
+from tis.common.messages import MAX_SIZE, FeedbackPose, Pose, Quaternion, SampledPose, Vector3, position_m
 
 finite = st.floats(-MAX_SIZE, MAX_SIZE)
 vectors = st.builds(Vector3, x=finite, y=finite, z=finite)

@@ -6,9 +6,9 @@ from itertools import product
 import pytest
 from pydantic import ValidationError
 
-from common.peer_life import Beat, Change, PeerLife, described
-from common.units import NS_PER_MS
-from deploy.logs.limits import MAX_NUMBER
+from tis.common.peer_life import Beat, Change, PeerLife, described
+from tis.common.units import NS_PER_MS
+from tis.deploy.logs.limits import MAX_NUMBER
 
 _MS = NS_PER_MS
 

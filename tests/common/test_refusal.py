@@ -1,6 +1,6 @@
 import pytest
 
-from common.refusal import MEANING, Refusal, refusal_in, trouble_in
+from tis.common.refusal import MEANING, Refusal, refusal_in, trouble_in
 
 _AT = b"\x1b[2m2026-11-23T00:26:47.160013Z\x1b[0m "
 _FROM = b"acc-0 ThreadId(05) "

@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.send_plan import PlannedPacket, SendPlan
-from common.units import sample_instant_ns
+from tis.common.send_plan import PlannedPacket, SendPlan
+from tis.common.units import sample_instant_ns
 
 
 def _all(plan: SendPlan) -> list[PlannedPacket]:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from common.servo import servo_transition
+from tis.common.servo import servo_transition
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.3, 0.999999999, 1.0, 1.000000001, 3.0, 10.0])

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import kstest
 
-from common.streams import Stream
+from tis.common.streams import Stream
 
 LABEL = "forward/tis/MTML/measured_cp/loss"
 BLOCK = 4096  # the borders of these blocks are where an off-by-one would show

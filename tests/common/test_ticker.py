@@ -1,7 +1,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.ticker import Ticker
+from tis.common.ticker import Ticker
 
 
 def test_due_instants_are_absolute() -> None:

@@ -3,8 +3,8 @@ import re
 import numpy as np
 import pytest
 
-from common.errors import DataError
-from common.trace import LOST, MAX_DELAY_NS, MAX_SENT_NS, Trace
+from tis.common.errors import DataError
+from tis.common.trace import LOST, MAX_DELAY_NS, MAX_SENT_NS, Trace
 
 
 def _trace(sent_ns: list[int], delay_ns: list[int]) -> Trace:

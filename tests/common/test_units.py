@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.units import ms_to_ns, s_to_ns, sample_index, sample_instant_ns
+from tis.common.units import ms_to_ns, s_to_ns, sample_index, sample_instant_ns
 
 rates = st.integers(1, 10_000)
 

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from common.errors import InputError
-from common.yaml_text import load_yaml
+from tis.common.errors import InputError
+from tis.common.yaml_text import load_yaml
 
 
 def fault(text: str) -> str:

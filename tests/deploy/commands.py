@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from typer.testing import CliRunner
 
-from deploy.cli.main import app
+from tis.deploy.cli.main import app
 
 Call = Callable[..., tuple[int, str, str]]
 

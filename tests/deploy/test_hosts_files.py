@@ -11,8 +11,8 @@ import pytest
 import typer
 import yaml
 
-from deploy.cli.main import app
 from tests.deploy.commands import call
+from tis.deploy.cli.main import app
 
 _DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
 _COMPOSE = {

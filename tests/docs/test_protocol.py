@@ -9,19 +9,19 @@ from typing import Any, get_args
 import pytest
 from pydantic import ValidationError
 
-from common.channels import Hand, arm_key, hand_channels, release_key, stop_key, stopped_key
-from common.clocks.exchange import Exchanges
-from common.devices.gate import MAX_PER_TICK
-from common.devices.pose import MAX_BUTTONS, MAX_DEVICE_BYTES, DevicePose
-from common.devices.pose_stamped import decode_pose_stamped
-from common.devices.records import Refusal
-from common.header import Header
-from common.messages import MAX_SIZE, FeedbackPose, Message, SafetyMode, SampledPose, SetPoint
-from common.peer_life import BEAT_EVERY_NS, Beat
-from common.runtime.control import ControlKeys, Epoch
-from common.scenario import Scenario
-from common.scenario.agreement import agreed_fields
-from common.stop_messages import (
+from tis.common.channels import Hand, arm_key, hand_channels, release_key, stop_key, stopped_key
+from tis.common.clocks.exchange import Exchanges
+from tis.common.devices.gate import MAX_PER_TICK
+from tis.common.devices.pose import MAX_BUTTONS, MAX_DEVICE_BYTES, DevicePose
+from tis.common.devices.pose_stamped import decode_pose_stamped
+from tis.common.devices.records import Refusal
+from tis.common.header import Header
+from tis.common.messages import MAX_SIZE, FeedbackPose, Message, SafetyMode, SampledPose, SetPoint
+from tis.common.peer_life import BEAT_EVERY_NS, Beat
+from tis.common.runtime.control import ControlKeys, Epoch
+from tis.common.scenario import Scenario
+from tis.common.scenario.agreement import agreed_fields
+from tis.common.stop_messages import (
     LATCH,
     MAX_IN_FORCE,
     MAX_REASON_CHARS,
@@ -32,11 +32,11 @@ from common.stop_messages import (
     StopState,
     lock_of,
 )
-from common.units import sample_instant_ns
-from deploy.run.resolve import resolve
-from netem import __main__ as netem_main
-from patient_side.safety.emergency_stop import MAX_ANSWERS_PER_S, MAX_RELEASES_PER_S
-from patient_side.safety.gate import Kind
+from tis.common.units import sample_instant_ns
+from tis.deploy.run.resolve import resolve
+from tis.netem import __main__ as netem_main
+from tis.patient_side.safety.emergency_stop import MAX_ANSWERS_PER_S, MAX_RELEASES_PER_S
+from tis.patient_side.safety.gate import Kind
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "protocol.md").read_text(encoding="utf-8")
 OBJECTS = [json.loads(block) for block in re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL)]

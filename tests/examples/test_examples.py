@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.scenario.reading import dump_scenario
-from deploy.report import load
-from deploy.run.resolve import resolve
 from tests.deploy.commands import call
 from tests.system.conftest import is_right_but_for_the_machine, model_file
+from tis.common.scenario.reading import dump_scenario
+from tis.deploy.report import load
+from tis.deploy.run.resolve import resolve
 
 __all__ = ["model_file"]
 
@@ -56,7 +56,7 @@ def _write_command(path: Path, words: str) -> None:
 @pytest.fixture
 def no_report(there: Path) -> None:
     """Let `tis` take Bokeh for missing: for tests that do not look at the report, which takes longest."""
-    missing = "from deploy.shell import extras; extras.can_report = lambda: False"
+    missing = "from tis.deploy.shell import extras; extras.can_report = lambda: False"
     _write_command(there / "bin" / "tis", f'-c "{missing}; {_MAIN}"')
 
 

@@ -7,20 +7,20 @@ from typing import Any, Final, Self, TypeVar, cast
 
 import zenoh
 
-from common.channels import Direction, Network, keys_of
-from common.header import Header
-from common.node import Record
-from common.records import CONTROL, ControlNote
-from common.scenario.control import EVERY_STATE, control_prefix
-from common.scenario.network import NetworkPart
-from common.units import NS_PER_MS, NS_PER_S
-from netem.bridge.control import BridgeControl
-from netem.build import build_links
-from netem.control.changed_conditions import changed_conditions
-from netem.link.link import Link
 from tests.fuzz.control_requests import TRACES, WAYS, a_network, a_request
 from tests.fuzz.episode import Episode, Log
 from tests.fuzz.hostile import odd_header
+from tis.common.channels import Direction, Network, keys_of
+from tis.common.header import Header
+from tis.common.node import Record
+from tis.common.records import CONTROL, ControlNote
+from tis.common.scenario.control import EVERY_STATE, control_prefix
+from tis.common.scenario.network import NetworkPart
+from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.netem.bridge.control import BridgeControl
+from tis.netem.build import build_links
+from tis.netem.control.changed_conditions import changed_conditions
+from tis.netem.link.link import Link
 
 T = TypeVar("T")
 

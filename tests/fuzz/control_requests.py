@@ -5,11 +5,11 @@ import random
 from collections.abc import Callable, Mapping
 from typing import Any, Final, get_args
 
-from common.channels import Direction
-from common.opportunity_text import parse_opportunities
-from common.scenario.control import ACKNOWLEDGED, SCHEMA, STATE
-from common.trace_text import parse_trace
 from tests.fuzz.hostile import OTHERS, Raw, an_extreme, bytes_of, damaged, odd_fields, places, put, value_at
+from tis.common.channels import Direction
+from tis.common.opportunity_text import parse_opportunities
+from tis.common.scenario.control import ACKNOWLEDGED, SCHEMA, STATE
+from tis.common.trace_text import parse_trace
 
 WAYS: Final[tuple[Direction, ...]] = get_args(Direction)
 _BORDERS_TEXT: Final = (

@@ -15,73 +15,6 @@ import numpy as np
 from mcap.exceptions import McapError
 from mcap.records import Chunk
 
-from common.channels import hand_channels
-from common.clocks.exchange import Exchanges
-from common.clocks.fit import fit_clock
-from common.devices.gate import DeviceGate, from_json, from_ros2
-from common.errors import TisError
-from common.header import Header
-from common.host_records import CLOCK, PROCESSORS, ClockNote, ProcessorNote
-from common.intake import Intake
-from common.messages import FeedbackPose, Quaternion, SampledPose, Vector3
-from common.node import Arrival, Record
-from common.records import (
-    CONTROL,
-    COUNTERS,
-    ESTIMATES,
-    FATES,
-    TICKS,
-    ControlNote,
-    CounterNote,
-    EstimateNote,
-    FateBatch,
-    TickNote,
-)
-from common.refusal import refusal_in, trouble_in
-from common.runtime.clock_watch import _read as read_reading
-from common.runtime.code_origin import Origin, dump_origins, parse_origins
-from common.runtime.control import ControlKeys, Epoch, Roster
-from common.runtime.credentials import credentials
-from common.runtime.mcap_log import McapLog
-from common.runtime.recordings.table_recording import table_recording
-from common.safety_records import StopsInForceNote
-from common.scenario.live_source import LiveSource
-from common.scenario.reading import build_scenario, parse_yaml
-from common.scenario.security import Password
-from common.scenario.table_source import TableSource
-from common.sources.jigsaws import COLUMNS, parse_trial
-from common.sources.jigsaws import pose_track as trial_track
-from common.sources.provenance import parse_played
-from common.sources.table.layout import layout_of
-from common.sources.table.poses import finite_faults, pose_track
-from common.sources.table.row_clock import played, row_clock
-from common.sources.table.text import read_columns, split_table
-from common.stop_messages import EmergencyStop, lock_of
-from common.trace_text import parse_trace
-from deploy.compare.grid import grid_faults
-from deploy.compare.study import Study
-from deploy.logs.blocks import parse_records, unpack_chunk
-from deploy.logs.describe import describe
-from deploy.logs.log_paths import recovery_of
-from deploy.logs.read.load import load_side
-from deploy.logs.record_content import RecordContent, SpentError
-from deploy.logs.recover import recover
-from deploy.net.fitting.captures import parse_capture
-from deploy.net.fitting.round_trips import parse_round_trips
-from deploy.net.library.profiles import SHIPPED, build_profile
-from deploy.net.probing.far_keys import Batch
-from deploy.recordings_import.found import Wanted as Foreign
-from deploy.recordings_import.mcap_file import read_mcap
-from deploy.recordings_import.one_clock import on_one_clock
-from deploy.recordings_import.pose_messages import jaw_in_ros, pose_in_ros
-from deploy.recordings_import.ros import decoder
-from deploy.shell.run_dir import read_json
-from deploy.tools.certificates import certificates, new_authority
-from deploy.tools.runs import Wanted, list_runs
-from netem.control.control import Control
-from patient_side.identification.model_io import dump_models, parse_models
-from patient_side.safety.emergency_stop import EmergencyStops
-from surgeon_side.live.mapping import Mapping
 from tests.common.devices.test_pose_stamped import BY_HAND as POSE_STAMPED
 from tests.common.runtime.recordings.tables import movement, write_csv, write_parquet
 from tests.common.sources.trials import rows_of, text_of
@@ -93,6 +26,73 @@ from tests.fuzz.scratch_folder import scratch_folder
 from tests.netem.control.test_control import a_control
 from tests.patient_side.identification.test_model_io import model
 from tests.patient_side.learned.models import learned_model
+from tis.common.channels import hand_channels
+from tis.common.clocks.exchange import Exchanges
+from tis.common.clocks.fit import fit_clock
+from tis.common.devices.gate import DeviceGate, from_json, from_ros2
+from tis.common.errors import TisError
+from tis.common.header import Header
+from tis.common.host_records import CLOCK, PROCESSORS, ClockNote, ProcessorNote
+from tis.common.intake import Intake
+from tis.common.messages import FeedbackPose, Quaternion, SampledPose, Vector3
+from tis.common.node import Arrival, Record
+from tis.common.records import (
+    CONTROL,
+    COUNTERS,
+    ESTIMATES,
+    FATES,
+    TICKS,
+    ControlNote,
+    CounterNote,
+    EstimateNote,
+    FateBatch,
+    TickNote,
+)
+from tis.common.refusal import refusal_in, trouble_in
+from tis.common.runtime.clock_watch import _read as read_reading
+from tis.common.runtime.code_origin import Origin, dump_origins, parse_origins
+from tis.common.runtime.control import ControlKeys, Epoch, Roster
+from tis.common.runtime.credentials import credentials
+from tis.common.runtime.mcap_log import McapLog
+from tis.common.runtime.recordings.table_recording import table_recording
+from tis.common.safety_records import StopsInForceNote
+from tis.common.scenario.live_source import LiveSource
+from tis.common.scenario.reading import build_scenario, parse_yaml
+from tis.common.scenario.security import Password
+from tis.common.scenario.table_source import TableSource
+from tis.common.sources.jigsaws import COLUMNS, parse_trial
+from tis.common.sources.jigsaws import pose_track as trial_track
+from tis.common.sources.provenance import parse_played
+from tis.common.sources.table.layout import layout_of
+from tis.common.sources.table.poses import finite_faults, pose_track
+from tis.common.sources.table.row_clock import played, row_clock
+from tis.common.sources.table.text import read_columns, split_table
+from tis.common.stop_messages import EmergencyStop, lock_of
+from tis.common.trace_text import parse_trace
+from tis.deploy.compare.grid import grid_faults
+from tis.deploy.compare.study import Study
+from tis.deploy.logs.blocks import parse_records, unpack_chunk
+from tis.deploy.logs.describe import describe
+from tis.deploy.logs.log_paths import recovery_of
+from tis.deploy.logs.read.load import load_side
+from tis.deploy.logs.record_content import RecordContent, SpentError
+from tis.deploy.logs.recover import recover
+from tis.deploy.net.fitting.captures import parse_capture
+from tis.deploy.net.fitting.round_trips import parse_round_trips
+from tis.deploy.net.library.profiles import SHIPPED, build_profile
+from tis.deploy.net.probing.far_keys import Batch
+from tis.deploy.recordings_import.found import Wanted as Foreign
+from tis.deploy.recordings_import.mcap_file import read_mcap
+from tis.deploy.recordings_import.one_clock import on_one_clock
+from tis.deploy.recordings_import.pose_messages import jaw_in_ros, pose_in_ros
+from tis.deploy.recordings_import.ros import decoder
+from tis.deploy.shell.run_dir import read_json
+from tis.deploy.tools.certificates import certificates, new_authority
+from tis.deploy.tools.runs import Wanted, list_runs
+from tis.netem.control.control import Control
+from tis.patient_side.identification.model_io import dump_models, parse_models
+from tis.patient_side.safety.emergency_stop import EmergencyStops
+from tis.surgeon_side.live.mapping import Mapping
 
 _ROW = hand_channels("left", "PSM2")
 _FOLDER = scratch_folder()

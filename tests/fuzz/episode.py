@@ -7,13 +7,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from common.channels import Side
-from common.header import Header
-from common.node import Emission, Output, Record
-from common.runtime.mcap_log import McapLog
-from common.runtime.side_log import LOG_VERSION
-from deploy.logs.read.load import load_side
 from tests.fuzz.scratch_folder import scratch_folder
+from tis.common.channels import Side
+from tis.common.header import Header
+from tis.common.node import Emission, Output, Record
+from tis.common.runtime.mcap_log import McapLog
+from tis.common.runtime.side_log import LOG_VERSION
+from tis.deploy.logs.read.load import load_side
 
 _FOLDER = scratch_folder()
 

@@ -3,15 +3,15 @@
 from functools import cache
 from typing import Any, Final, NamedTuple
 
-from common.channels import Hand, hand_channels
-from common.header import Header
-from common.node import Emission
-from common.runtime.recordings import load_recording
-from common.scenario import Scenario
-from common.sources.trajectory import Recording
-from patient_side.models import models_for
-from patient_side.statespace import ArmModel
-from surgeon_side.build import build_surgeon
+from tis.common.channels import Hand, hand_channels
+from tis.common.header import Header
+from tis.common.node import Emission
+from tis.common.runtime.recordings import load_recording
+from tis.common.scenario import Scenario
+from tis.common.sources.trajectory import Recording
+from tis.patient_side.models import models_for
+from tis.patient_side.statespace import ArmModel
+from tis.surgeon_side.build import build_surgeon
 
 SESSION: Final = "tis"
 QUICK: Final = ("hold", "damped_velocity", "moesp_kf", "velocity")

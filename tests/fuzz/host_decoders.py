@@ -2,11 +2,11 @@
 
 from typing import Any, Final
 
-from common.errors import TisError
-from common.scenario.agreement import checked_fields
-from deploy.hosts.protocol import event_in, request_of
-from deploy.hosts.transfer.zenoh_offer import answer
 from tests.fuzz.scratch_folder import scratch_folder
+from tis.common.errors import TisError
+from tis.common.scenario.agreement import checked_fields
+from tis.deploy.hosts.protocol import event_in, request_of
+from tis.deploy.hosts.transfer.zenoh_offer import answer
 
 _FOLDER: Final = scratch_folder()
 (_FOLDER / "netem.mcap").write_bytes(b"log")

@@ -5,8 +5,8 @@ import random
 from collections.abc import Callable
 from typing import Any, Final
 
-from common.header import Header
 from tests.fuzz.mutations import mutated
+from tis.common.header import Header
 
 MAX_TEXT: Final = 3000
 

@@ -5,11 +5,6 @@ import random
 from collections.abc import Iterator
 from typing import Any, Final, NamedTuple
 
-from common.channels import Hand, arm_key, stop_key
-from common.node import Arrival, Record
-from common.units import NS_PER_MS, NS_PER_S
-from patient_side.build import build_patient
-from patient_side.node import PatientNode
 from tests.fuzz.episode import Episode, Log
 from tests.fuzz.fuzzed_worlds import METHODS, SESSION, Packet, World, honest_stream, world
 from tests.fuzz.hostile import (
@@ -22,6 +17,11 @@ from tests.fuzz.hostile import (
     odd_rotation,
     with_extremes,
 )
+from tis.common.channels import Hand, arm_key, stop_key
+from tis.common.node import Arrival, Record
+from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.patient_side.build import build_patient
+from tis.patient_side.node import PatientNode
 
 _BOTH: Final[tuple[Hand, ...]] = ("left", "right")
 _WAYS: Final = ("gripper", "position", "rotation", "instant", "history", "near", "extremes", "fields", "damaged")

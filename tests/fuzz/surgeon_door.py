@@ -6,12 +6,6 @@ import struct
 from collections.abc import Iterator
 from typing import Any, Final
 
-from common.channels import Hand
-from common.header import Header
-from common.node import Arrival, Emission, Output
-from common.units import NS_PER_S
-from surgeon_side.build import build_surgeon, build_witness
-from surgeon_side.node import SurgeonNode
 from tests.fuzz.episode import Episode, Log
 from tests.fuzz.fuzzed_worlds import SESSION, answer_keys, honest_stream, world
 from tests.fuzz.hostile import (
@@ -25,6 +19,12 @@ from tests.fuzz.hostile import (
     odd_rotation,
     with_extremes,
 )
+from tis.common.channels import Hand
+from tis.common.header import Header
+from tis.common.node import Arrival, Emission, Output
+from tis.common.units import NS_PER_S
+from tis.surgeon_side.build import build_surgeon, build_witness
+from tis.surgeon_side.node import SurgeonNode
 
 _HANDS: Final[tuple[Hand, ...]] = ("left", "right")
 _DEVICES: Final = ("device/MTML/measured_cp", "device/MTMR/measured_cp")

@@ -3,19 +3,19 @@
 from collections.abc import Mapping
 from typing import Any
 
-from common.channels import Direction, Network
-from common.header import Header
-from common.node import Arrival
-from common.scenario import Scenario
-from common.scenario.network.pipeline import Pipeline
-from common.trace import Trace
-from netem.conditions.conditions import Condition, Conditions
-from netem.conditions.outage import Outage
-from netem.conditions.states import NO_STATE, StatePath
-from netem.draws.grid import CELL_NS, cell_of
-from netem.link.link import Link
-from netem.link.packet import Fate
-from netem.link.rules import compile_rules
+from tis.common.channels import Direction, Network
+from tis.common.header import Header
+from tis.common.node import Arrival
+from tis.common.scenario import Scenario
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.trace import Trace
+from tis.netem.conditions.conditions import Condition, Conditions
+from tis.netem.conditions.outage import Outage
+from tis.netem.conditions.states import NO_STATE, StatePath
+from tis.netem.draws.grid import CELL_NS, cell_of
+from tis.netem.link.link import Link
+from tis.netem.link.packet import Fate
+from tis.netem.link.rules import compile_rules
 
 KEY = "tis/MTML/measured_cp"
 

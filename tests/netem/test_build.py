@@ -1,8 +1,8 @@
 import pytest
 
-from common.errors import InputError
-from netem.build import build_netem
 from tests.netem.making import packet, scenario
+from tis.common.errors import InputError
+from tis.netem.build import build_netem
 
 
 def test_each_direction_gets_its_pipeline_its_outages_and_the_seed() -> None:

@@ -2,16 +2,16 @@
 
 import pytest
 
-from common.errors import InputError, PeerError
-from common.runtime.clock import monotonic_ns
-from common.runtime.control import Epoch, boot_digest
-from common.runtime.interrupt import Interrupt
-from common.runtime.meeting import Meeting, new_meeting
-from common.runtime.side_log import SideOptions
-from common.runtime.status import Status
-from common.runtime.zenoh_session import ZenohOptions
-from common.scenario.reading import build_scenario
-from netem.__main__ import _join, run_netem
+from tis.common.errors import InputError, PeerError
+from tis.common.runtime.clock import monotonic_ns
+from tis.common.runtime.control import Epoch, boot_digest
+from tis.common.runtime.interrupt import Interrupt
+from tis.common.runtime.meeting import Meeting, new_meeting
+from tis.common.runtime.side_log import SideOptions
+from tis.common.runtime.status import Status
+from tis.common.runtime.zenoh_session import ZenohOptions
+from tis.common.scenario.reading import build_scenario
+from tis.netem.__main__ import _join, run_netem
 
 S = 1_000_000_000
 

@@ -1,13 +1,13 @@
 from collections.abc import Sequence
 from typing import Any
 
-from common.channels import Network
-from common.header import Header
-from common.node import Arrival, Emission, Output, Record
-from common.records import FateBatch, ReleaseBatch
-from netem.build import build_netem
-from netem.node import NetemNode
 from tests.netem.making import KEY, packet, scenario
+from tis.common.channels import Network
+from tis.common.header import Header
+from tis.common.node import Arrival, Emission, Output, Record
+from tis.common.records import FateBatch, ReleaseBatch
+from tis.netem.build import build_netem
+from tis.netem.node import NetemNode
 
 MS = 1_000_000
 COMMAND = KEY

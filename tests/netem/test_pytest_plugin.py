@@ -20,7 +20,7 @@ def a_session(endpoint):
 
 def test_without_a_network():
     import sys
-    assert "netem.bridge" not in sys.modules
+    assert "tis.netem.bridge" not in sys.modules
 
 def test_a_robot_hears(tis_netem):
     west, east = tis_netem(settings=["forward.loss={kind: bernoulli, p_loss: 1}"], seed=3)

@@ -1,8 +1,8 @@
 import pytest
 
-from deploy.run.resolve import resolve
-from netem.build import build_netem, staying_keys
 from tests.nodes import an_arrival
+from tis.deploy.run.resolve import resolve
+from tis.netem.build import build_netem, staying_keys
 
 
 @pytest.mark.parametrize("key", ["device/MTML/measured_cp", "tis/PSM2/servo_cp", "tis/PSM2/arm/measured_cp"])

@@ -6,14 +6,15 @@ from functools import cache
 
 import numpy as np
 
-from common.metrics.consistency import CHI2_3_95
-from common.units import sample_instant_ns
-from patient_side.completion_model import CompletionModel, Factorisation
-from patient_side.direct_model import DirectModel
-from patient_side.estimators.protocol import Estimate, Estimator
-from patient_side.identification.direct_ls import fit_direct
-from patient_side.playout import Playout
-from patient_side.statespace import (
+from tests.patient_side.learned.models import LEARNED, learned_model
+from tis.common.metrics.consistency import CHI2_3_95
+from tis.common.units import sample_instant_ns
+from tis.patient_side.completion_model import CompletionModel, Factorisation
+from tis.patient_side.direct_model import DirectModel
+from tis.patient_side.estimators.protocol import Estimate, Estimator
+from tis.patient_side.identification.direct_ls import fit_direct
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import (
     ArmModel,
     Array,
     FilterModel,
@@ -22,7 +23,6 @@ from patient_side.statespace import (
     NoiseModel,
     StateSpace,
 )
-from tests.patient_side.learned.models import LEARNED, learned_model
 
 RATE_HZ = 30
 PHASE_NS = 2_000_000

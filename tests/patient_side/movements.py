@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from patient_side.statespace import ArmModel, Array, InnovationsModel
 from tests.patient_side.arm_models import static_model
+from tis.patient_side.statespace import ArmModel, Array, InnovationsModel
 
 DEVIATION_M = 1e-4
 

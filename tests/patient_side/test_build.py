@@ -2,12 +2,12 @@ from dataclasses import replace
 
 import pytest
 
-from common.errors import DataError
-from common.scenario.reading import build_scenario
-from common.scenario.source import SyntheticSource
-from common.sources.synthetic import synthesise
-from patient_side.build import choose_models
 from tests.patient_side.arm_models import static_model
+from tis.common.errors import DataError
+from tis.common.scenario.reading import build_scenario
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.synthetic import synthesise
+from tis.patient_side.build import choose_models
 
 RECORDING = synthesise(SyntheticSource(kind="synthetic"), 1, 30, 100, 0)
 RAW = {"version": 1, "name": "s", "duration_s": 3, "source": {"kind": "synthetic"}}

@@ -1,15 +1,15 @@
 import json
 from typing import Any
 
-from common.devices.records import DeviceNote
-from common.messages import FeedbackPose
-from common.node import Arrival, Emission, Record
-from common.records import PLANT, PlantNote
-from common.runtime.movements import load_movement
-from deploy.run.resolve import resolve
-from patient_side.build import build_patient
-from patient_side.external_arm import ExternalArm
 from tests.patient_side.arm_models import static_model
+from tis.common.devices.records import DeviceNote
+from tis.common.messages import FeedbackPose
+from tis.common.node import Arrival, Emission, Record
+from tis.common.records import PLANT, PlantNote
+from tis.common.runtime.movements import load_movement
+from tis.deploy.run.resolve import resolve
+from tis.patient_side.build import build_patient
+from tis.patient_side.external_arm import ExternalArm
 
 MS = 1_000_000
 KEY = "tis/PSM2/arm/measured_cp"

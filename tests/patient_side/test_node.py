@@ -5,18 +5,18 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.header import Header
-from common.messages import FeedbackPose, Quaternion, SampledPose
-from common.node import Emission, Output, Record
-from common.records import ESTIMATES, FRESH, TICKS, EstimateNote, FreshNote, PhaseNote, PromptNote, TickNote
-from common.ticker import Ticker
-from patient_side.estimators.hold import Hold
-from patient_side.estimators.protocol import Estimate
-from patient_side.hand import PatientHand
-from patient_side.node import PatientNode
-from patient_side.phase_lock import PhaseLock
-from patient_side.playout import Playout
 from tests.nodes import LEFT, Stamp, a_pose, an_arrival
+from tis.common.header import Header
+from tis.common.messages import FeedbackPose, Quaternion, SampledPose
+from tis.common.node import Emission, Output, Record
+from tis.common.records import ESTIMATES, FRESH, TICKS, EstimateNote, FreshNote, PhaseNote, PromptNote, TickNote
+from tis.common.ticker import Ticker
+from tis.patient_side.estimators.hold import Hold
+from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.hand import PatientHand
+from tis.patient_side.node import PatientNode
+from tis.patient_side.phase_lock import PhaseLock
+from tis.patient_side.playout import Playout
 
 PERIOD_NS = 33_333_333
 PHASE_NS = 2_000_000

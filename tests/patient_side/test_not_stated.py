@@ -5,16 +5,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.node import Emission
-from common.ticker import Ticker
-from patient_side.estimators.hold import Hold
-from patient_side.hand import PatientHand
-from patient_side.node import PatientNode
-from patient_side.orientation.protocol import WristEstimate
-from patient_side.orientation.wrist import stated, stated_turn
-from patient_side.plant.protocol import PlantOutput
-from patient_side.playout import Playout
 from tests.nodes import LEFT, Stamp, a_pose, an_arrival
+from tis.common.node import Emission
+from tis.common.ticker import Ticker
+from tis.patient_side.estimators.hold import Hold
+from tis.patient_side.hand import PatientHand
+from tis.patient_side.node import PatientNode
+from tis.patient_side.orientation.protocol import WristEstimate
+from tis.patient_side.orientation.wrist import stated, stated_turn
+from tis.patient_side.plant.protocol import PlantOutput
+from tis.patient_side.playout import Playout
 
 _TURN = np.array([0.0, 0.0, 0.0, 1.0])
 

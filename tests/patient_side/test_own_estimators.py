@@ -5,16 +5,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.node import Emission, Output, Record
-from common.records import ESTIMATES, ESTIMATOR_FAULTS, FAULTY_STEPS, CounterNote, EstimateNote, EstimatorFault
-from common.ticker import Ticker
-from patient_side.estimators.guarded import Guarded
-from patient_side.estimators.hold import Hold
-from patient_side.estimators.protocol import Estimate, Estimator
-from patient_side.hand import PatientHand
-from patient_side.node import PatientNode
-from patient_side.playout import Playout
 from tests.nodes import LEFT, Stamp, a_pose, an_arrival
+from tis.common.node import Emission, Output, Record
+from tis.common.records import ESTIMATES, ESTIMATOR_FAULTS, FAULTY_STEPS, CounterNote, EstimateNote, EstimatorFault
+from tis.common.ticker import Ticker
+from tis.patient_side.estimators.guarded import Guarded
+from tis.patient_side.estimators.hold import Hold
+from tis.patient_side.estimators.protocol import Estimate, Estimator
+from tis.patient_side.hand import PatientHand
+from tis.patient_side.node import PatientNode
+from tis.patient_side.playout import Playout
 
 ARM = "tis/PSM2/setpoint_cp"
 PHASE_NS = 2_000_000

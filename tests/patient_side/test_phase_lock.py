@@ -1,7 +1,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from patient_side.phase_lock import WINDOW, PhaseLock, Shift
+from tis.patient_side.phase_lock import WINDOW, PhaseLock, Shift
 
 MS = 1_000_000
 PHASE = 2 * MS

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from patient_side.playout import Playout, SourceBuffer
+from tis.patient_side.playout import Playout, SourceBuffer
 
 
 def position(value: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

@@ -1,12 +1,12 @@
 from dataclasses import replace
 
-from common.scenario import Scenario
-from common.scenario.patient import Identification
-from common.scenario.reading import build_scenario
-from common.sources.provenance import RecordedRows
-from patient_side.provenance import in_sample, without_effect
-from patient_side.statespace import ArmModel
 from tests.patient_side.arm_models import static_model
+from tis.common.scenario import Scenario
+from tis.common.scenario.patient import Identification
+from tis.common.scenario.reading import build_scenario
+from tis.common.sources.provenance import RecordedRows
+from tis.patient_side.provenance import in_sample, without_effect
+from tis.patient_side.statespace import ArmModel
 
 D002 = RecordedRows("Suturing_D002", "d2", 0, 1240, 30)
 E003 = RecordedRows("Suturing_E003", "e3", 0, 2605, 30)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from patient_side.rotations import at_end, turned, turned_by, unit
+from tis.patient_side.rotations import at_end, turned, turned_by, unit
 
 HALF = np.sqrt(0.5)
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])

@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from common.messages import FeedbackPose, Pose, Quaternion, SetPoint, Vector3
-from common.node import Emission, Output, Record
-from common.records import ORIENTATIONS, OrientationNote, PromptNote
-from common.scenario.orientation import OrientationMethod
-from common.scenario.safety import Safety
-from common.ticker import Ticker
-from patient_side.estimators.hold import Hold
-from patient_side.hand import PatientHand
-from patient_side.node import PatientNode
-from patient_side.orientation.protocol import WristEstimate
-from patient_side.playout import Playout, SourceBuffer
-from patient_side.safety.limits import limits_of
-from patient_side.safety.safety_state import SafetyFilter
 from tests.nodes import LEFT, Stamp, an_arrival
+from tis.common.messages import FeedbackPose, Pose, Quaternion, SetPoint, Vector3
+from tis.common.node import Emission, Output, Record
+from tis.common.records import ORIENTATIONS, OrientationNote, PromptNote
+from tis.common.scenario.orientation import OrientationMethod
+from tis.common.scenario.safety import Safety
+from tis.common.ticker import Ticker
+from tis.patient_side.estimators.hold import Hold
+from tis.patient_side.hand import PatientHand
+from tis.patient_side.node import PatientNode
+from tis.patient_side.orientation.protocol import WristEstimate
+from tis.patient_side.playout import Playout, SourceBuffer
+from tis.patient_side.safety.limits import limits_of
+from tis.patient_side.safety.safety_state import SafetyFilter
 
 PHASE_NS = 2_000_000
 ARM = "tis/PSM2/setpoint_cp"

@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from common.units import sample_instant_ns
-from surgeon_side.commanded_arm import MEMORY_S, CommandedArm, Place, Servo
+from tis.common.units import sample_instant_ns
+from tis.surgeon_side.commanded_arm import MEMORY_S, CommandedArm, Place, Servo
 
 PERIOD_NS = 33_333_333
 

@@ -5,14 +5,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from common.header import Header
-from common.messages import FeedbackPose, Pose, PredictedPose, SampledPose, Vector3
-from common.node import Emission, Record
-from common.records import TICKS, TRUTH, TickNote, TruthRow
-from common.ticker import Ticker
-from surgeon_side.motion import RecordedMotion
-from surgeon_side.node import ONCE, Redundancy, SurgeonNode, rotation_vector
 from tests.nodes import Stamp, a_pose, a_recording, an_arrival
+from tis.common.header import Header
+from tis.common.messages import FeedbackPose, Pose, PredictedPose, SampledPose, Vector3
+from tis.common.node import Emission, Record
+from tis.common.records import TICKS, TRUTH, TickNote, TruthRow
+from tis.common.ticker import Ticker
+from tis.surgeon_side.motion import RecordedMotion
+from tis.surgeon_side.node import ONCE, Redundancy, SurgeonNode, rotation_vector
 
 PERIOD_NS = 33_333_333
 

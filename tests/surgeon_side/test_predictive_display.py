@@ -4,11 +4,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.messages import MAX_SIZE, FeedbackPose, Pose, Vector3
-from common.units import sample_instant_ns
-from surgeon_side.commanded_arm import CommandedArm
-from surgeon_side.predictive_display import PredictiveDisplay
 from tests.nodes import a_pose
+from tis.common.messages import MAX_SIZE, FeedbackPose, Pose, Vector3
+from tis.common.units import sample_instant_ns
+from tis.surgeon_side.commanded_arm import CommandedArm
+from tis.surgeon_side.predictive_display import PredictiveDisplay
 
 MS = 1_000_000
 

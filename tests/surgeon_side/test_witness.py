@@ -2,16 +2,16 @@
 
 from collections.abc import Iterable
 
-from common.channels import hand_channels
-from common.header import Header
-from common.messages import FeedbackPose
-from common.node import Arrival, Emission, Output, Record
-from common.records import REJECTED, TICKS, TRUTH
-from common.ticker import Ticker
-from surgeon_side.motion import RecordedMotion
-from surgeon_side.node import Redundancy, SurgeonNode
-from surgeon_side.witness import WitnessNode
 from tests.nodes import a_pose, a_recording
+from tis.common.channels import hand_channels
+from tis.common.header import Header
+from tis.common.messages import FeedbackPose
+from tis.common.node import Arrival, Emission, Output, Record
+from tis.common.records import REJECTED, TICKS, TRUTH
+from tis.common.ticker import Ticker
+from tis.surgeon_side.motion import RecordedMotion
+from tis.surgeon_side.node import Redundancy, SurgeonNode
+from tis.surgeon_side.witness import WitnessNode
 
 PERIOD = 33_333_333
 RUN = 77

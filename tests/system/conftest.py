@@ -14,13 +14,13 @@ from typing import Any
 
 import pytest
 
-from common.records import TICKS
-from common.runtime.free_endpoints import free_endpoints
-from deploy.logs.read.load import RunLogs
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides
-from patient_side.identification.model_io import dump_models
 from tests.deploy.commands import call
+from tis.common.records import TICKS
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides
+from tis.patient_side.identification.model_io import dump_models
 
 HOLD = ("--set", "estimators=[hold]", "--set", "active_estimator=hold")
 """Settings of runs whose estimates are not looked at: they load and compute least."""
@@ -145,7 +145,7 @@ def start(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Start]:
     def start_tis(*words: str, run_dir: str = "run", pages: bool = False, identified: bool = False) -> Tis:
         whole = _whole(words, tmp_path / run_dir, pages, identified, request)
         process = subprocess.Popen(
-            [sys.executable, "-m", "deploy.cli.main", *whole],
+            [sys.executable, "-m", "tis.deploy.cli.main", *whole],
             cwd=_ROOT,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

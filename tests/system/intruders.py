@@ -8,11 +8,11 @@ from typing import Any
 
 import zenoh
 
-from common.header import Header
-from common.runtime.control import ControlKeys, Epoch
-from common.runtime.zenoh_session import ZenohOptions, configure
-from common.scenario.control import control_prefix
 from tests.nodes import a_pose
+from tis.common.header import Header
+from tis.common.runtime.control import ControlKeys, Epoch
+from tis.common.runtime.zenoh_session import ZenohOptions, configure
+from tis.common.scenario.control import control_prefix
 
 KEYS = ControlKeys("tis")
 _SETTLE_S = 0.3

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from common.host_records import CLOCK
-from deploy.logs.read.load import load_run, load_side
 from tests.deploy.commands import call
 from tests.system.conftest import is_right_but_for_the_machine, samples_taken
+from tis.common.host_records import CLOCK
+from tis.deploy.logs.read.load import load_run, load_side
 
 pytestmark = pytest.mark.live
 _ROOT = Path(__file__).resolve().parents[2]
-_TIS = [sys.executable, "-m", "deploy.cli.main"]
+_TIS = [sys.executable, "-m", "tis.deploy.cli.main"]
 KEY = "tis/MTML/measured_cp"
 OFFSET_NS = 3_000_000_000
 DRIFT = 50e-6

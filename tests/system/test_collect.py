@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from deploy.tools.certificates import issue, new_authority
 from tests.deploy.commands import call
 from tests.system.conftest import HOLD
+from tis.deploy.tools.certificates import issue, new_authority
 
 pytestmark = pytest.mark.live
 _ROOT = Path(__file__).resolve().parents[2]
-_TIS = [sys.executable, "-m", "deploy.cli.main"]
+_TIS = [sys.executable, "-m", "tis.deploy.cli.main"]
 _SIDES = ("surgeon", "netem", "patient")
 
 

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from common.records import COUNTERS, PLANT
-from deploy.logs.read.load import load_run
-from deploy.report.measures.display import displayed
 from tests.system.browser import chromium, live_page
 from tests.system.conftest import HOLD, Start
 from tests.system.test_view_page import url_of
+from tis.common.records import COUNTERS, PLANT
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.report.measures.display import displayed
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

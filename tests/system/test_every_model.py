@@ -6,12 +6,12 @@ from typing import Any
 import pytest
 import yaml
 
-from common.scenario.reading import build_scenario
-from deploy.logs.read.load import load_run
-from deploy.run.consistency import compare_fates
-from deploy.run.twin import build_sides, run_twin
-from patient_side.identification.model_io import dump_models
 from tests.system.conftest import StartHere, is_right_but_for_the_machine
+from tis.common.scenario.reading import build_scenario
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.run.consistency import compare_fates
+from tis.deploy.run.twin import build_sides, run_twin
+from tis.patient_side.identification.model_io import dump_models
 
 pytestmark = pytest.mark.live
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from common.records import TICKS
 from tests.log_reader import LogReader
 from tests.system.conftest import HOLD, Run, RunHere, Start, StartHere, Tis
+from tis.common.records import TICKS
 
 pytestmark = pytest.mark.live
 SLOW = pytest.mark.slow

@@ -6,11 +6,11 @@ import time
 import pytest
 import zenoh
 
-from common.records import COUNTERS
-from common.runtime.zenoh_session import ZenohOptions, configure
-from deploy.logs.read.load import load_run
-from deploy.run.replay import replay
 from tests.system.conftest import StartHere, is_right_but_for_the_machine
+from tis.common.records import COUNTERS
+from tis.common.runtime.zenoh_session import ZenohOptions, configure
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.run.replay import replay
 
 LEFT = "device/MTML/measured_cp"
 GOOD = '{"stamp_ns": %d, "position_m": {"x": %f, "y": 0, "z": 0}}'

@@ -6,12 +6,12 @@ import queue
 import pytest
 import zenoh
 
-from common.channels import Side
-from common.records import PEERS
-from common.runtime.free_endpoints import free_endpoints
-from common.runtime.zenoh_session import ZenohOptions, visitor
-from deploy.logs.read.load import load_run
 from tests.system.conftest import Start
+from tis.common.channels import Side
+from tis.common.records import PEERS
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.zenoh_session import ZenohOptions, visitor
+from tis.deploy.logs.read.load import load_run
 
 pytestmark = pytest.mark.live
 _ARM, _DRIVEN = "tis/PSM2/setpoint_cp", "tis/PSM2/servo_cp"

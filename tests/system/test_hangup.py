@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from common.records import FATES
 from tests.common.runtime.live_zenoh import a_client, soon
 from tests.deploy.commands import call
 from tests.log_reader import LogReader
 from tests.system.conftest import Start
+from tis.common.records import FATES
 
 pytestmark = pytest.mark.live
 
@@ -39,7 +39,7 @@ def _tells_of_fates(log: Path) -> bool:
 
 def test_netem_closes_its_folder_when_its_terminal_goes_away(tmp_path: Path, endpoints: tuple[str, str]) -> None:
     west, east = endpoints
-    command = [sys.executable, "-m", "deploy.cli.main", "netem", "demo/**", "--west", west, "--east", east]
+    command = [sys.executable, "-m", "tis.deploy.cli.main", "netem", "demo/**", "--west", west, "--east", east]
     pid, terminal = pty.fork()
     if pid == 0:
         signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup ignores it, and a child inherits that

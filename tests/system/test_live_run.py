@@ -9,16 +9,16 @@ import pytest
 from mcap.reader import make_reader
 from rich.console import Console
 
-from common.host_records import PROCESSORS
-from common.records import TICKS
-from deploy.logs.read.batches import link_fates
-from deploy.logs.read.load import load_run
-from deploy.run.conclude import conclude_again
-from deploy.run.consistency import compare_fates
-from deploy.run.replay import replay
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, run_twin
 from tests.system.conftest import HOLD, Start, StartHere, is_right_but_for_the_machine, samples_taken
+from tis.common.host_records import PROCESSORS
+from tis.common.records import TICKS
+from tis.deploy.logs.read.batches import link_fates
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.run.conclude import conclude_again
+from tis.deploy.run.consistency import compare_fates
+from tis.deploy.run.replay import replay
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, run_twin
 
 pytestmark = pytest.mark.live
 SETTINGS = [

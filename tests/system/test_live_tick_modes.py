@@ -2,10 +2,10 @@
 
 import pytest
 
-from common.records import PHASES, PROMPT, TICKS
-from deploy.logs.read.load import load_run
-from deploy.run.replay import replay
 from tests.system.conftest import StartHere, is_right_but_for_the_machine
+from tis.common.records import PHASES, PROMPT, TICKS
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.run.replay import replay
 
 pytestmark = pytest.mark.live
 

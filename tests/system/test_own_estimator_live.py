@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from deploy.run.replay import replay
 from tests.documented_estimator import FILE, NAME, documented_estimator
 from tests.system.conftest import is_right_but_for_the_machine
+from tis.deploy.run.replay import replay
 
 pytestmark = pytest.mark.live
 _ROOT = Path(__file__).resolve().parents[2]
@@ -22,7 +22,7 @@ def tis(folder: Path, *words: str) -> "subprocess.CompletedProcess[str]":
         sys.executable,
         "-P",
         "-c",
-        "from deploy.cli.main import main; main()",
+        "from tis.deploy.cli.main import main; main()",
         *words,
     ]
     return subprocess.run(

@@ -12,20 +12,20 @@ from pathlib import Path
 
 import pytest
 
-from common.runtime.free_endpoints import free_endpoints
-from deploy.tools.certificates import issue, new_authority
 from tests.deploy.commands import call, call_in_one_line
 from tests.system.conftest import Start
 from tests.system.hosts import IP, Hosts, hosts
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.deploy.tools.certificates import issue, new_authority
 
 pytestmark = pytest.mark.live
 __all__ = ["hosts"]
-_TIS = [sys.executable, "-m", "deploy.cli.main"]
+_TIS = [sys.executable, "-m", "tis.deploy.cli.main"]
 _SLOW = """
 import time
 from pathlib import Path
 import numpy as np
-from patient_side.estimators.protocol import Estimate
+from tis.patient_side.estimators.protocol import Estimate
 
 NOW = Path(__file__).with_name("now")
 

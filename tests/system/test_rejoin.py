@@ -10,12 +10,12 @@ from typing import get_args
 
 import pytest
 
-from common.channels import Side
-from common.runtime.free_endpoints import free_endpoints
 from tests.deploy.commands import call
+from tis.common.channels import Side
+from tis.common.runtime.free_endpoints import free_endpoints
 
 pytestmark = pytest.mark.live
-_TIS = [sys.executable, "-m", "deploy.cli.main"]
+_TIS = [sys.executable, "-m", "tis.deploy.cli.main"]
 _SCENARIO = """\
 version: 1
 name: rejoin

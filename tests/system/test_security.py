@@ -6,14 +6,14 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from common.runtime.credentials import credentials, tls_settings
-from common.runtime.zenoh_session import ZenohOptions, configure
-from common.scenario.security import Password
-from deploy.tools import certificates
-from deploy.tools.certificates import issue, new_authority
 from tests.deploy.commands import call, call_in_one_line
 from tests.system.conftest import HOLD, RunHere, Start, StartHere, Tis, is_right_but_for_the_machine
 from tests.system.intruders import a_client, cause_an_outage, lie, of_another_run, speak_for_the_patient
+from tis.common.runtime.credentials import credentials, tls_settings
+from tis.common.runtime.zenoh_session import ZenohOptions, configure
+from tis.common.scenario.security import Password
+from tis.deploy.tools import certificates
+from tis.deploy.tools.certificates import issue, new_authority
 
 pytestmark = pytest.mark.live
 _DURATION_S = "12"

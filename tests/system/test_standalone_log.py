@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from deploy.cli.main import app
 from tests.common.runtime.live_zenoh import a_client, soon
 from tests.system.conftest import Start, is_right_but_for_the_machine
+from tis.deploy.cli.main import app
 
 pytestmark = pytest.mark.live
 

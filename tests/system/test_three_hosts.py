@@ -9,16 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from deploy.logs.read.load import load_run
-from deploy.tools.certificates import issue, new_authority
 from tests.deploy.commands import call
 from tests.system.conftest import is_right_but_for_the_machine
 from tests.system.hosts import IP, Hosts, hosts
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.tools.certificates import issue, new_authority
 
 pytestmark = pytest.mark.live
 __all__ = ["hosts"]
 _ROOT = Path(__file__).resolve().parents[2]
-_TIS = [sys.executable, "-m", "deploy.cli.main"]
+_TIS = [sys.executable, "-m", "tis.deploy.cli.main"]
 
 SCENARIO = """\
 version: 1

@@ -17,10 +17,10 @@ import pytest
 import zenoh
 from zenoh import ext
 
-from common.channels import Network
-from common.runtime.free_endpoints import free_endpoints
 from tests.common.runtime.live_zenoh import a_client, a_router, settle, soon
 from tests.log_reader import LogReader
+from tis.common.channels import Network
+from tis.common.runtime.free_endpoints import free_endpoints
 
 pytestmark = pytest.mark.live
 
@@ -35,7 +35,7 @@ class Netem:
 
     def __init__(self, *words: str) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "deploy.cli.main", "netem", *words],
+            [sys.executable, "-m", "tis.deploy.cli.main", "netem", *words],
             cwd=_ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
             env={**os.environ, "COLUMNS": "200"},
         )  # fmt: skip

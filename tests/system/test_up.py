@@ -14,19 +14,19 @@ import pytest
 import yaml
 from numpy.typing import NDArray
 
-from common.channels import direction_of
-from common.host_records import CLOCK
-from common.metrics.percentiles import summarise
-from deploy.logs.read.load import load_run, load_side
-from deploy.report.measures.latency import used_samples
 from tests.deploy.commands import Call, call
 from tests.system.conftest import is_right_but_for_the_machine, samples_taken
 from tests.system.hosts import Hosts, hosts
+from tis.common.channels import direction_of
+from tis.common.host_records import CLOCK
+from tis.common.metrics.percentiles import summarise
+from tis.deploy.logs.read.load import load_run, load_side
+from tis.deploy.report.measures.latency import used_samples
 
 pytestmark = pytest.mark.live
 __all__ = ["hosts"]
 _ROOT = Path(__file__).resolve().parents[2]
-_TIS = f"{sys.executable} -m deploy.cli.main"
+_TIS = f"{sys.executable} -m tis.deploy.cli.main"
 _SIDES = ("surgeon", "netem", "patient")
 _ENVIRONMENT = {"PYTHONPATH": str(_ROOT), "COLUMNS": "200"}
 _ERRORS = {"surgeon": (3_000_000_000, 50e-6), "patient": (-2_000_000_000, -80e-6)}

@@ -16,12 +16,12 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from common.header import Header
-from common.runtime.zenoh_session import ZenohOptions, configure
 from tests.deploy.commands import call
 from tests.nodes import a_pose
 from tests.system.browser import chromium, live_page
 from tests.system.conftest import RunHere, StartHere, is_right_but_for_the_machine
+from tis.common.header import Header
+from tis.common.runtime.zenoh_session import ZenohOptions, configure
 
 pytestmark = pytest.mark.live
 
@@ -31,7 +31,7 @@ _ROOT = Path(__file__).resolve().parents[2]
 @contextmanager
 def a_view(endpoints: tuple[str, str], *words: str) -> Iterator["subprocess.Popen[str]"]:
     west, east = endpoints
-    command = [sys.executable, "-m", "deploy.cli.main", "view", "--west", west, "--east", east, *words]
+    command = [sys.executable, "-m", "tis.deploy.cli.main", "view", "--west", west, "--east", east, *words]
     with subprocess.Popen(
         command, cwd=_ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env={**os.environ, "COLUMNS": "200"},

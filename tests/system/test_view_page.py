@@ -171,7 +171,7 @@ def test_the_page_ends_with_a_run_that_is_killed(start: Start) -> None:
     tis = start("run", "default", "--view", "--duration-s", "30", *HOLD)
     port = port_of(url_of(tis))
     tis.await_log("patient")  # the children are then ours to end, so they must all be there
-    view = tis.child("deploy.view")
+    view = tis.child("tis.deploy.view")
     children = tis.children()
     assert not is_free(port)
     tis.process.send_signal(signal.SIGKILL)

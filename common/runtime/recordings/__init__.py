@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from common.errors import DataError, Fault, InputError
-from common.runtime.recordings.jigsaws_recording import (
+from tis.common.errors import DataError, Fault, InputError
+from tis.common.runtime.recordings.jigsaws_recording import (
     HEAD_ROWS,
     JIGSAWS_VARIABLE,
     folder,
@@ -14,17 +14,17 @@ from common.runtime.recordings.jigsaws_recording import (
     root,
     training_trial,
 )
-from common.runtime.recordings.run_length import first_row, too_short
-from common.runtime.recordings.table_recording import table_recording
-from common.runtime.recordings.trials import list_trials, no_trials, own_trial, person_of, trial_file
-from common.scenario import Scenario
-from common.scenario.live_source import LiveSource
-from common.scenario.source import JigsawsSource, RecordedSource, SyntheticSource
-from common.scenario.table_source import TableSource
-from common.sources.provenance import digest_of_synthetic
-from common.sources.sensor_noise import with_noise
-from common.sources.synthetic import synthesise
-from common.sources.trajectory import Recording
+from tis.common.runtime.recordings.run_length import first_row, too_short
+from tis.common.runtime.recordings.table_recording import table_recording
+from tis.common.runtime.recordings.trials import list_trials, no_trials, own_trial, person_of, trial_file
+from tis.common.scenario import Scenario
+from tis.common.scenario.live_source import LiveSource
+from tis.common.scenario.source import JigsawsSource, RecordedSource, SyntheticSource
+from tis.common.scenario.table_source import TableSource
+from tis.common.sources.provenance import digest_of_synthetic
+from tis.common.sources.sensor_noise import with_noise
+from tis.common.sources.synthetic import synthesise
+from tis.common.sources.trajectory import Recording
 
 
 def located(scenario: Scenario) -> Scenario:

@@ -8,16 +8,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from common.channels import FOLLOWER, MASTER, Arm, Hand
-from common.errors import DataError, Fault
-from common.runtime.limited_file import read_limited
-from common.scenario import Scenario
-from common.scenario.source import JigsawsSource, is_synthetic
-from common.sources.jigsaws import MAX_TRIAL_BYTES, RATE_HZ, parse_trial, pose_track, position_m, velocity_m_s
-from common.sources.pairing import Pairing, Positions, contradictions, pair_over
-from common.sources.plausibility import anomalies, rate_doubts
-from common.sources.provenance import digest_of_rows
-from common.sources.trajectory import Array, HandRecording, Recording
+from tis.common.channels import FOLLOWER, MASTER, Arm, Hand
+from tis.common.errors import DataError, Fault
+from tis.common.runtime.limited_file import read_limited
+from tis.common.scenario import Scenario
+from tis.common.scenario.source import JigsawsSource, is_synthetic
+from tis.common.sources.jigsaws import MAX_TRIAL_BYTES, RATE_HZ, parse_trial, pose_track, position_m, velocity_m_s
+from tis.common.sources.pairing import Pairing, Positions, contradictions, pair_over
+from tis.common.sources.plausibility import anomalies, rate_doubts
+from tis.common.sources.provenance import digest_of_rows
+from tis.common.sources.trajectory import Array, HandRecording, Recording
 
 JIGSAWS_VARIABLE: Final = "TIS_JIGSAWS"
 _USUAL_FOLDER: Final = "data/jigsaws"

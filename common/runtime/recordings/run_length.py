@@ -3,8 +3,8 @@
 import math
 from pathlib import Path
 
-from common.errors import Fault, InputError
-from common.scenario import Scenario
+from tis.common.errors import Fault, InputError
+from tis.common.scenario import Scenario
 
 
 def first_row(scenario: Scenario) -> int:

@@ -9,12 +9,19 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
-from common.errors import DataError, Fault
-from common.extras import GET_PARQUET
-from common.runtime.limited_file import read_limited
-from common.sources.table.limits import MAX_COLUMNS, MAX_ROWS, MAX_TABLE_BYTES, MAX_TEXT_BYTES, MAX_VALUES, MIN_ROWS
-from common.sources.table.text import TableText, read_columns, split_table
-from common.sources.trajectory import Array
+from tis.common.errors import DataError, Fault
+from tis.common.extras import GET_PARQUET
+from tis.common.runtime.limited_file import read_limited
+from tis.common.sources.table.limits import (
+    MAX_COLUMNS,
+    MAX_ROWS,
+    MAX_TABLE_BYTES,
+    MAX_TEXT_BYTES,
+    MAX_VALUES,
+    MIN_ROWS,
+)
+from tis.common.sources.table.text import TableText, read_columns, split_table
+from tis.common.sources.trajectory import Array
 
 METADATA: Final = b"tis"
 """Key of the metadata that `tis import` writes into a Parquet file."""

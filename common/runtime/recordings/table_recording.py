@@ -9,16 +9,16 @@ from typing import Any, Final
 
 import numpy as np
 
-from common.channels import MASTER
-from common.errors import DataError, Fault
-from common.runtime.recordings.table_file import TableFile, open_table
-from common.scenario.table_source import TABLE_SUFFIXES, TableSource
-from common.sources.pairing import FOLLOWS_BELOW, fit_arm
-from common.sources.plausibility import anomalies
-from common.sources.table.layout import DeviceLayout, HandLayout, TableLayout, layout_of
-from common.sources.table.poses import Columns, finite_faults, following, pose_track, unit_doubts
-from common.sources.table.row_clock import SECONDS_PER, Played, RowClock, played, resampled, row_clock
-from common.sources.trajectory import HandRecording, PoseTrack, Recording
+from tis.common.channels import MASTER
+from tis.common.errors import DataError, Fault
+from tis.common.runtime.recordings.table_file import TableFile, open_table
+from tis.common.scenario.table_source import TABLE_SUFFIXES, TableSource
+from tis.common.sources.pairing import FOLLOWS_BELOW, fit_arm
+from tis.common.sources.plausibility import anomalies
+from tis.common.sources.table.layout import DeviceLayout, HandLayout, TableLayout, layout_of
+from tis.common.sources.table.poses import Columns, finite_faults, following, pose_track, unit_doubts
+from tis.common.sources.table.row_clock import SECONDS_PER, Played, RowClock, played, resampled, row_clock
+from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 
 _MAX_NAME_CHARS: Final = 100
 _MAX_FILES: Final = 10_000

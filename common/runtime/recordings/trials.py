@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from common.errors import Fault
-from common.runtime.recordings.jigsaws_recording import jigsaws_file, jigsaws_trials, no_jigsaws_trials
-from common.runtime.recordings.table_recording import person_in, tables_beside
-from common.scenario.source import JigsawsSource, RecordedSource
+from tis.common.errors import Fault
+from tis.common.runtime.recordings.jigsaws_recording import jigsaws_file, jigsaws_trials, no_jigsaws_trials
+from tis.common.runtime.recordings.table_recording import person_in, tables_beside
+from tis.common.scenario.source import JigsawsSource, RecordedSource
 
 
 def trial_file(source: RecordedSource, trial: str) -> Path:

@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from common.errors import DataError, Fault, InputError
-from common.runtime.recordings import own_trial, trial_file, whole_recording
-from common.runtime.recordings.run_length import first_row, longest_s
-from common.scenario import AUTO, Scenario, reading
-from common.scenario.source import RecordedSource
+from tis.common.errors import DataError, Fault, InputError
+from tis.common.runtime.recordings import own_trial, trial_file, whole_recording
+from tis.common.runtime.recordings.run_length import first_row, longest_s
+from tis.common.scenario import AUTO, Scenario, reading
+from tis.common.scenario.source import RecordedSource
 
 _FOR_CHECKS: Final = 1.0
 

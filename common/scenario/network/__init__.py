@@ -4,10 +4,10 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, StringConstraints, field_validator
 
-from common.key_expression import key_expression_fault
-from common.scenario.base import Part
-from common.scenario.network.conditions import BothOr, Outages, States, TimelineEntry
-from common.scenario.network.pipeline import Pipeline
+from tis.common.key_expression import key_expression_fault
+from tis.common.scenario.base import Part
+from tis.common.scenario.network.conditions import BothOr, Outages, States, TimelineEntry
+from tis.common.scenario.network.pipeline import Pipeline
 
 
 def _key_expression(value: str) -> str:

@@ -5,7 +5,7 @@ from typing import Annotated, Final, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from common.scenario.base import Part
+from tis.common.scenario.base import Part
 
 Count = Annotated[int, Field(strict=True, ge=1, le=1_000_000_000)]
 _BYTES = (

@@ -5,9 +5,9 @@ from typing import Any, Final, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from common.errors import Fault, InputError
-from common.scenario.network.delay import Delay, Jitter
-from common.scenario.network.loss import Loss
+from tis.common.errors import Fault, InputError
+from tis.common.scenario.network.delay import Delay, Jitter
+from tis.common.scenario.network.loss import Loss
 
 KINDS: Final[Mapping[str, Any]] = {"loss": Loss, "delay": Delay, "jitter": Jitter}
 """The stages that come in kinds."""

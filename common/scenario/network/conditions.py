@@ -9,10 +9,10 @@ from typing import Annotated, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
-from common.channels import Direction
-from common.scenario.base import Milliseconds, NonNegative, Part, Positive, Probability
-from common.scenario.network.pipeline import Ordering, Stages
-from common.units import NS_PER_MS, s_to_ns
+from tis.common.channels import Direction
+from tis.common.scenario.base import Milliseconds, NonNegative, Part, Positive, Probability
+from tis.common.scenario.network.pipeline import Ordering, Stages
+from tis.common.units import NS_PER_MS, s_to_ns
 
 BothOr = Literal[Direction, "both"]
 _YEAR_S: Final = 31_536_000

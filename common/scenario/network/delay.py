@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from common.scenario.base import Milliseconds, Part, Probability
+from tis.common.scenario.base import Milliseconds, Part, Probability
 
 _WEIGHT_SUM_TOLERANCE: float = 1e-6
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from common.scenario.base import Part, Probability
+from tis.common.scenario.base import Part, Probability
 
 Segment = Annotated[int, Field(strict=True, ge=64, le=1_000_000)]
 _MIN_P: float = 1e-9  # rarer transitions would not occur in any run

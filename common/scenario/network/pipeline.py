@@ -4,10 +4,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from common.scenario.base import Milliseconds, Part, Probability
-from common.scenario.network.capacity import RateOrLink
-from common.scenario.network.delay import Correlation, Delay, Jitter
-from common.scenario.network.loss import Loss
+from tis.common.scenario.base import Milliseconds, Part, Probability
+from tis.common.scenario.network.capacity import RateOrLink
+from tis.common.scenario.network.delay import Correlation, Delay, Jitter
+from tis.common.scenario.network.loss import Loss
 
 Ordering = Literal["fifo", "reorder", "drop_late"]
 

@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, get_args
 
-from common.channels import Direction
-from common.scenario.network.completion import KINDS, complete_stage
-from common.scenario.reading import apply_settings
+from tis.common.channels import Direction
+from tis.common.scenario.network.completion import KINDS, complete_stage
+from tis.common.scenario.reading import apply_settings
 
 _REMOVE: Final = ("", "~", "null")
 
@@ -13,7 +13,7 @@ _REMOVE: Final = ("", "~", "null")
 def apply_network_settings(
     raw: Mapping[str, Any], settings: Sequence[str], where: str, below: Sequence[str]
 ) -> dict[str, Any]:
-    """Return ``raw`` with each ``a.b=VALUE`` applied, as by `common.scenario.reading.apply_settings`.
+    """Return ``raw`` with each ``a.b=VALUE`` applied, as by `tis.common.scenario.reading.apply_settings`.
 
     A setting of a direction's stage, like ``forward.loss.p_loss=0.1``, may omit the kind, which `complete_stage`
     finds. ``below`` is the path of the network in ``raw``. Raises `InputError`.

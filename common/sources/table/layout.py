@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from common.channels import FOLLOWER, MASTER, Arm, Hand
-from common.errors import DataError, Fault
-from common.scenario.table_source import HandColumns, PoseColumns, PoseUnits, TableSource
-from common.sources.table.limits import in_few
+from tis.common.channels import FOLLOWER, MASTER, Arm, Hand
+from tis.common.errors import DataError, Fault
+from tis.common.scenario.table_source import HandColumns, PoseColumns, PoseUnits, TableSource
+from tis.common.sources.table.limits import in_few
 
 TIME: Final = "time_s"
 """Canonical name of the time column, in s."""

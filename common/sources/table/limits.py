@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Final
 
-from common.errors import Fault
+from tis.common.errors import Fault
 
 MAX_TABLE_BYTES: Final = 500_000_000
 """Size of a Parquet file."""

@@ -6,11 +6,11 @@ from typing import Final
 import numpy as np
 import scipy
 
-from common.errors import Fault
-from common.sources.hemisphere import one_hemisphere
-from common.sources.table.layout import DeviceLayout
-from common.sources.table.limits import MAX_SHOWN, capped
-from common.sources.trajectory import Array, PoseTrack
+from tis.common.errors import Fault
+from tis.common.sources.hemisphere import one_hemisphere
+from tis.common.sources.table.layout import DeviceLayout
+from tis.common.sources.table.limits import MAX_SHOWN, capped
+from tis.common.sources.trajectory import Array, PoseTrack
 
 Columns = Mapping[str, Array]
 """Columns (N,) of a table by their names."""
@@ -60,7 +60,7 @@ def pose_track(columns: Columns, device: DeviceLayout, where: str) -> tuple[Pose
 def unit_doubts(columns: Columns, device: DeviceLayout) -> list[str]:
     """Return sentences on positions and angles that are likely in other units than those of the layout.
 
-    Positions that span more than an arm are found by `common.sources.plausibility`.
+    Positions that span more than an arm are found by `tis.common.sources.plausibility`.
     """
     pose, units, found = device.columns, device.units, []
     reach_m = _M_PER[units.position] * float(np.ptp(_stacked(columns, pose.position), axis=0).max())

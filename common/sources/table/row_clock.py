@@ -6,10 +6,10 @@ from typing import Final, Literal
 import numpy as np
 import scipy
 
-from common.errors import Fault
-from common.sources.hemisphere import one_hemisphere
-from common.sources.table.limits import MAX_SHOWN, capped
-from common.sources.trajectory import Array, PoseTrack
+from tis.common.errors import Fault
+from tis.common.sources.hemisphere import one_hemisphere
+from tis.common.sources.table.limits import MAX_SHOWN, capped
+from tis.common.sources.trajectory import Array, PoseTrack
 
 SECONDS_PER: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 

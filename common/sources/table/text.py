@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from common.errors import DataError, Fault
-from common.sources.table.limits import MAX_COLUMNS, MAX_ROWS, MIN_ROWS, capped
-from common.sources.trajectory import Array
+from tis.common.errors import DataError, Fault
+from tis.common.sources.table.limits import MAX_COLUMNS, MAX_ROWS, MIN_ROWS, capped
+from tis.common.sources.trajectory import Array
 
 _MAX_LINE_CHARS: Final = 200_000
 _MAX_DIAGNOSED: Final = 200_000

@@ -13,32 +13,32 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from common.channels import FOLLOWER, ORIGIN, Hand, Side
-from common.runtime.recordings import load_recording, load_training, load_trials
-from common.runtime.trace_files import load_traces
-from common.scenario import Scenario
-from common.scenario.reading import build_scenario
-from common.sources.trajectory import Recording
-from common.units import NS_PER_S
-from deploy.compare.cells.forecasts import forecast_sums, record_forecasts
-from deploy.compare.cells.kept_log import KeptLog, NoLog
-from deploy.compare.cells.measured_estimator import MeasuredEstimator, measure_estimators
-from deploy.compare.cells.measured_method import measure_methods
-from deploy.compare.cells.score import hand_sums, logged_ages_ns, traffic
-from deploy.compare.cells.shared_parts import SharedParts
-from deploy.compare.cells.unlogged import is_plain, run_unlogged
-from deploy.compare.cells.wrist_sums import wrist_sums
-from deploy.logs.read.load import RunLogs
-from deploy.report.measures.estimation.tracking import track_of_hand
-from deploy.report.verdict.invalidity import why_unscored
-from deploy.run.twin import build_sides, drive
-from netem.build import build_netem
-from patient_side.build import build_patient, identify_models
-from patient_side.estimators.guarded import Guarded, check_own
-from patient_side.identification.model_io import dump_models
-from patient_side.models import factories, own_estimators, read_models
-from patient_side.node import PatientNode
-from patient_side.provenance import warnings_at_start
+from tis.common.channels import FOLLOWER, ORIGIN, Hand, Side
+from tis.common.runtime.recordings import load_recording, load_training, load_trials
+from tis.common.runtime.trace_files import load_traces
+from tis.common.scenario import Scenario
+from tis.common.scenario.reading import build_scenario
+from tis.common.sources.trajectory import Recording
+from tis.common.units import NS_PER_S
+from tis.deploy.compare.cells.forecasts import forecast_sums, record_forecasts
+from tis.deploy.compare.cells.kept_log import KeptLog, NoLog
+from tis.deploy.compare.cells.measured_estimator import MeasuredEstimator, measure_estimators
+from tis.deploy.compare.cells.measured_method import measure_methods
+from tis.deploy.compare.cells.score import hand_sums, logged_ages_ns, traffic
+from tis.deploy.compare.cells.shared_parts import SharedParts
+from tis.deploy.compare.cells.unlogged import is_plain, run_unlogged
+from tis.deploy.compare.cells.wrist_sums import wrist_sums
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.report.measures.estimation.tracking import track_of_hand
+from tis.deploy.report.verdict.invalidity import why_unscored
+from tis.deploy.run.twin import build_sides, drive
+from tis.netem.build import build_netem
+from tis.patient_side.build import build_patient, identify_models
+from tis.patient_side.estimators.guarded import Guarded, check_own
+from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.models import factories, own_estimators, read_models
+from tis.patient_side.node import PatientNode
+from tis.patient_side.provenance import warnings_at_start
 
 # CPU time of identification by estimator, measured while the models of all estimators are identified once.
 #
@@ -152,7 +152,7 @@ def run_cell(cell: Cell, model_file: Path | None) -> dict[str, Any]:
     scenario = cell.scenario if model_file is None else with_models(cell.scenario, model_file)
     recording = _PARTS.recording(scenario)
     if cell.is_summarised:
-        from deploy.compare.cells.summary import summary_of_twin  # late: it loads the report
+        from tis.deploy.compare.cells.summary import summary_of_twin  # late: it loads the report
 
         return {"trial": cell.trial, "summary": summary_of_twin(scenario, recording)}
     if cell.n_ahead:

@@ -8,9 +8,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
-from common.errors import DataError, Fault
+import tis
+from tis.common.errors import DataError, Fault
 
-_ROOT: Final = Path(__file__).resolve().parents[3]
+_ROOT: Final = Path(tis.__file__).parent
 _DECIDING: Final = (
     "common/**/*.py",
     "surgeon_side/**/*.py",
@@ -83,7 +84,8 @@ def _contents(patterns: Sequence[str]) -> dict[str, str]:
 
 def _matching(pattern: str) -> list[Path]:
     """Return the files that match ``pattern``; raises `FileNotFoundError` without a match."""
-    files = list(_ROOT.glob(pattern))
+    package, _, below = pattern.partition("/")
+    files = list((_ROOT / package).glob(below))  # in a checkout the package is a link, which ** does not follow
     if not files:
         raise FileNotFoundError(f"{pattern}: matches no file below {_ROOT}")
     return files

@@ -10,14 +10,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from common.metrics.tracking import SETTLING_NS
-from common.sources.trajectory import Recording
-from common.units import sample_index, sample_instant_ns
-from deploy.compare.cells.error_sums import Array, ErrorSums
-from deploy.compare.cells.measured_estimator import MeasuredEstimator
-from patient_side.estimators.protocol import Estimate
-from patient_side.node import PatientNode
-from patient_side.playout import Playout
+from tis.common.metrics.tracking import SETTLING_NS
+from tis.common.sources.trajectory import Recording
+from tis.common.units import sample_index, sample_instant_ns
+from tis.deploy.compare.cells.error_sums import Array, ErrorSums
+from tis.deploy.compare.cells.measured_estimator import MeasuredEstimator
+from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.node import PatientNode
+from tis.patient_side.playout import Playout
 
 ORIGIN_EVERY: Final = 3
 """Samples between two origins of forecasts: 10 origins/s at 30 samples/s."""

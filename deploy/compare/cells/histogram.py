@@ -32,7 +32,7 @@ def merged(histograms: Iterable[Mapping[str, int]]) -> Histogram:
 def percentile(counts: Mapping[str, int], percent: int, width: float = _WIDTH) -> float | None:
     """Return the nearest-rank percentile within half a bin (0.05 %, of errors 0.5 %), None without values.
 
-    100 is the largest value. Oracle: `common.metrics.percentiles`.
+    100 is the largest value. Oracle: `tis.common.metrics.percentiles`.
     """
     n = sum(counts.values())
     rank = max(ceil(percent * n / 100), 1)

@@ -6,14 +6,20 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from common.runtime.recordings import own_trial, person_of, trial_file, trials_of_others
-from common.runtime.trace_files import trace_paths
-from common.runtime.user_code import UserCode
-from common.scenario import Scenario
-from common.scenario.patient import is_model_file
-from common.scenario.source import RecordedSource
-from deploy.compare.cells.cell import Cell, Training
-from deploy.compare.cells.digests import content_digest, file_digest, software_digest, summary_digest, value_digest
+from tis.common.runtime.recordings import own_trial, person_of, trial_file, trials_of_others
+from tis.common.runtime.trace_files import trace_paths
+from tis.common.runtime.user_code import UserCode
+from tis.common.scenario import Scenario
+from tis.common.scenario.patient import is_model_file
+from tis.common.scenario.source import RecordedSource
+from tis.deploy.compare.cells.cell import Cell, Training
+from tis.deploy.compare.cells.digests import (
+    content_digest,
+    file_digest,
+    software_digest,
+    summary_digest,
+    value_digest,
+)
 
 _IRRELEVANT_FIELDS: Final = ("name", "limits", "hosts", "security", "on_peer_loss", "peer_timeout_s", "on_log_loss")
 """Fields of a scenario without influence on a twin."""

@@ -2,10 +2,10 @@
 
 from typing import Final
 
-from common.channels import Side
-from common.node import Record
-from common.records import COUNTERS, ESTIMATES, FRESH, PLANT, TICKS, TRUTH
-from deploy.logs.read.memory import MemoryLog
+from tis.common.channels import Side
+from tis.common.node import Record
+from tis.common.records import COUNTERS, ESTIMATES, FRESH, PLANT, TICKS, TRUTH
+from tis.deploy.logs.read.memory import MemoryLog
 
 _KEPT: Final = (COUNTERS, FRESH, PLANT, TICKS, TRUTH)
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from patient_side.estimators.protocol import Estimate, Estimator
-from patient_side.node import PatientNode
-from patient_side.playout import Playout
-from patient_side.statespace import Array
+from tis.patient_side.estimators.protocol import Estimate, Estimator
+from tis.patient_side.node import PatientNode
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import Array
 
 _NONE = np.full((3, 3), np.nan)
 

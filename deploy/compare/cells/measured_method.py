@@ -4,11 +4,11 @@ import time
 
 import numpy as np
 
-from common.scenario.orientation import OrientationMethod
-from patient_side.node import PatientNode
-from patient_side.orientation.protocol import WristEstimate, WristMethod
-from patient_side.playout import SourceBuffer
-from patient_side.statespace import Array
+from tis.common.scenario.orientation import OrientationMethod
+from tis.patient_side.node import PatientNode
+from tis.patient_side.orientation.protocol import WristEstimate, WristMethod
+from tis.patient_side.playout import SourceBuffer
+from tis.patient_side.statespace import Array
 
 _NO_ORIENTATION, _NO_COVARIANCE = np.full(4, np.nan), np.full((3, 3), np.nan)
 

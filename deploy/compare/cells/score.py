@@ -6,15 +6,15 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Hand
-from common.metrics.consistency import CHI2_3_95
-from common.records import COUNTERS, FRESH, SENT_BYTES, SENT_PACKETS
-from common.units import NS_PER_MS
-from deploy.compare.cells.histogram import ERROR_WIDTH, histogram
-from deploy.compare.cells.measured_estimator import MeasuredEstimator
-from deploy.logs.read.load import RunLogs
-from deploy.report.measures.estimation.tracking import HandTrack
-from patient_side.statespace import ArmModel, Array
+from tis.common.channels import Hand
+from tis.common.metrics.consistency import CHI2_3_95
+from tis.common.records import COUNTERS, FRESH, SENT_BYTES, SENT_PACKETS
+from tis.common.units import NS_PER_MS
+from tis.deploy.compare.cells.histogram import ERROR_WIDTH, histogram
+from tis.deploy.compare.cells.measured_estimator import MeasuredEstimator
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.report.measures.estimation.tracking import HandTrack
+from tis.patient_side.statespace import ArmModel, Array
 
 AGE_EDGES_MS: Final = (0, 20, 40, 60, 80, 100, 150, 200, 300, 400, 500, 700, 1000, 1500, 2000, 3000, 5000)
 """The bins of error against age; the last one is open."""
@@ -26,7 +26,7 @@ def hand_sums(
     """Return one hand's sums: over the scored ticks, in SI units, lists are x, y, z.
 
     ``ages_ns`` (T,) are those of the freshest sample. A missing estimate counts with hold's, as in
-    `common.metrics.tracking.score`. ``sst_m2`` is about the mean of this hand's scored ticks: the position of a
+    `tis.common.metrics.tracking.score`. ``sst_m2`` is about the mean of this hand's scored ticks: the position of a
     set-up is not an estimate.
     """
     # quantities that all estimators share: truth, hold, ages, variance of the movement

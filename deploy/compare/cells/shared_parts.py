@@ -10,21 +10,21 @@ from collections.abc import Callable, Hashable
 from pathlib import Path
 from typing import Any, Final
 
-from common.runtime.recordings import load_recording, own_trial, trial_file
-from common.scenario import Scenario
-from common.scenario.estimator_names import is_built_in
-from common.scenario.patient import is_model_file
-from common.scenario.source import RecordedSource
-from common.sources.trajectory import Recording
-from patient_side.build import choose_models
-from patient_side.estimators.guarded import Factories
-from patient_side.estimators.protocol import Estimator
-from patient_side.estimators.registry import build_any
-from patient_side.models import models_for, read_models
-from patient_side.statespace import ArmModel
-from surgeon_side.build import sensor_noise
-from surgeon_side.motion import RecordedMotion
-from surgeon_side.samples import SampleMessage, Samples
+from tis.common.runtime.recordings import load_recording, own_trial, trial_file
+from tis.common.scenario import Scenario
+from tis.common.scenario.estimator_names import is_built_in
+from tis.common.scenario.patient import is_model_file
+from tis.common.scenario.source import RecordedSource
+from tis.common.sources.trajectory import Recording
+from tis.patient_side.build import choose_models
+from tis.patient_side.estimators.guarded import Factories
+from tis.patient_side.estimators.protocol import Estimator
+from tis.patient_side.estimators.registry import build_any
+from tis.patient_side.models import models_for, read_models
+from tis.patient_side.statespace import ArmModel
+from tis.surgeon_side.build import sensor_noise
+from tis.surgeon_side.motion import RecordedMotion
+from tis.surgeon_side.samples import SampleMessage, Samples
 
 _N_KEPT: Final = 8
 _N_SAMPLES_KEPT: Final = 2

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from common.errors import DataError, Fault
-from deploy.compare.cells.digests import content_digest
-from deploy.shell import run_dir as folder
-from patient_side.identification.model_tensors import is_tensor_file
+from tis.common.errors import DataError, Fault
+from tis.deploy.compare.cells.digests import content_digest
+from tis.deploy.shell import run_dir as folder
+from tis.patient_side.identification.model_tensors import is_tensor_file
 
 _MODELS: Final = "models_digest"
 _TEXT, _WITH_WEIGHTS = ".json", ".safetensors"

@@ -4,13 +4,13 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from common.channels import Side
-from common.scenario import Scenario
-from common.sources.trajectory import Recording
-from deploy.logs.read.load import RunLogs
-from deploy.logs.read.memory import MemoryLog
-from deploy.report.summary import build_summary
-from deploy.run.twin import build_sides, drive
+from tis.common.channels import Side
+from tis.common.scenario import Scenario
+from tis.common.sources.trajectory import Recording
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.memory import MemoryLog
+from tis.deploy.report.summary import build_summary
+from tis.deploy.run.twin import build_sides, drive
 
 
 def summary_of_twin(scenario: Scenario, recording: Recording) -> dict[str, float | None]:

@@ -14,21 +14,21 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Hand
-from common.header import HEADER_BYTES, Header
-from common.intake import Accepted
-from common.metrics.tracking import scored_ticks, truth_at
-from common.records import SENT_BYTES, SENT_PACKETS
-from common.scenario import Scenario
-from common.send_plan import SendPlan
-from common.sources.trajectory import HandRecording, Recording
-from common.units import ms_to_ns, sample_instant_ns
-from deploy.report.measures.estimation.tracking import HandTrack
-from netem.link.ledger import NoLedger
-from netem.link.link import Link
-from patient_side.hand import PatientHand, bounded
-from patient_side.node import PatientNode
-from surgeon_side.samples import SampleMessage
+from tis.common.channels import Hand
+from tis.common.header import HEADER_BYTES, Header
+from tis.common.intake import Accepted
+from tis.common.metrics.tracking import scored_ticks, truth_at
+from tis.common.records import SENT_BYTES, SENT_PACKETS
+from tis.common.scenario import Scenario
+from tis.common.send_plan import SendPlan
+from tis.common.sources.trajectory import HandRecording, Recording
+from tis.common.units import ms_to_ns, sample_instant_ns
+from tis.deploy.report.measures.estimation.tracking import HandTrack
+from tis.netem.link.ledger import NoLedger
+from tis.netem.link.link import Link
+from tis.patient_side.hand import PatientHand, bounded
+from tis.patient_side.node import PatientNode
+from tis.surgeon_side.samples import SampleMessage
 
 Ints = NDArray[np.int64]
 Take = Callable[[int], list[SampleMessage]]

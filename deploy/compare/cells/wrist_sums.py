@@ -5,14 +5,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from common.metrics.orientation import error_vectors, orientation_at
-from common.sources.trajectory import HandRecording, Recording
-from common.units import sample_instant_ns
-from deploy.compare.cells.histogram import histogram
-from deploy.compare.cells.measured_method import MeasuredMethod
-from deploy.compare.cells.score import covered
-from deploy.report.measures.estimation.tracking import HandTrack
-from patient_side.statespace import Array
+from tis.common.metrics.orientation import error_vectors, orientation_at
+from tis.common.sources.trajectory import HandRecording, Recording
+from tis.common.units import sample_instant_ns
+from tis.deploy.compare.cells.histogram import histogram
+from tis.deploy.compare.cells.measured_method import MeasuredMethod
+from tis.deploy.compare.cells.score import covered
+from tis.deploy.report.measures.estimation.tracking import HandTrack
+from tis.patient_side.statespace import Array
 
 CHI2_1_95: Final = 3.841458820694124
 """95 % quantile of chi squared with one degree of freedom."""

@@ -9,26 +9,26 @@ from typing import Any, Final
 from rich.console import Console
 from rich.markup import escape
 
-from common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError
-from common.runtime.recordings import load_recording, load_trials
-from common.scenario import Scenario
-from common.scenario.reading import build_scenario
-from deploy.compare.cells.error_sums import ErrorSums
-from deploy.compare.cells.identity import dump
-from deploy.compare.cells.store import Store
-from deploy.compare.choices import COMMAND
-from deploy.compare.command import run
-from deploy.compare.definitions import tables
-from deploy.compare.definitions.page import page_text
-from deploy.compare.definitions.readings import N_AHEAD
-from deploy.compare.definitions.report import build
-from deploy.compare.definitions.splits import plan_splits
-from deploy.compare.definitions.velocity_inputs import INPUTS, Inputs, leave_user_out
-from deploy.compare.engine.workers import Workers
-from deploy.compare.plan import Plan
-from deploy.shell import run_dir as folder
-from deploy.shell.messages import print_faults, print_json
-from deploy.shell.outputs import check_outputs
+from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError
+from tis.common.runtime.recordings import load_recording, load_trials
+from tis.common.scenario import Scenario
+from tis.common.scenario.reading import build_scenario
+from tis.deploy.compare.cells.error_sums import ErrorSums
+from tis.deploy.compare.cells.identity import dump
+from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.choices import COMMAND
+from tis.deploy.compare.command import run
+from tis.deploy.compare.definitions import tables
+from tis.deploy.compare.definitions.page import page_text
+from tis.deploy.compare.definitions.readings import N_AHEAD
+from tis.deploy.compare.definitions.report import build
+from tis.deploy.compare.definitions.splits import plan_splits
+from tis.deploy.compare.definitions.velocity_inputs import INPUTS, Inputs, leave_user_out
+from tis.deploy.compare.engine.workers import Workers
+from tis.deploy.compare.plan import Plan
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.messages import print_faults, print_json
+from tis.deploy.shell.outputs import check_outputs
 
 _ALLOWED: Final = ("settings", "duration_s")
 

@@ -2,8 +2,8 @@
 
 from typing import Any, Final
 
-from deploy.compare.definitions import tables
-from deploy.compare.definitions.splits import NAMES
+from tis.deploy.compare.definitions import tables
+from tis.deploy.compare.definitions.splits import NAMES
 
 COMMAND: Final = "tis compare --definitions --page docs/explanations/definitions.md"
 

@@ -7,8 +7,8 @@ paper may close what is listed as open. The venues are quoted from other lists, 
 from dataclasses import dataclass
 from typing import Final
 
-from deploy.compare.definitions.readings import ERRORS, HORIZONS_S, SPANS, Error, Span
-from deploy.compare.definitions.splits import SPLITS, Split
+from tis.deploy.compare.definitions.readings import ERRORS, HORIZONS_S, SPANS, Error, Span
+from tis.deploy.compare.definitions.splits import SPLITS, Split
 
 
 @dataclass(frozen=True)

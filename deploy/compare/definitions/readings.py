@@ -7,8 +7,8 @@ from typing import Final, Literal, get_args
 
 import numpy as np
 
-from common.sources.jigsaws import RATE_HZ
-from deploy.compare.cells.error_sums import ErrorSums
+from tis.common.sources.jigsaws import RATE_HZ
+from tis.deploy.compare.cells.error_sums import ErrorSums
 
 Error = Literal["rmse_3d", "mean_distance", "rmse_axis", "mae_axis"]
 Span = Literal["at", "up_to_30_hz", "up_to_10_hz"]

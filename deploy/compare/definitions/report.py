@@ -3,13 +3,13 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from deploy.compare.cells.error_sums import ErrorSums
-from deploy.compare.definitions.published import PUBLISHED, Published
-from deploy.compare.definitions.readings import HORIZONS_S, READINGS, Reading, value_mm
-from deploy.compare.definitions.splits import NAMES, SPLITS
-from deploy.compare.definitions.velocity_inputs import Inputs
-from deploy.compare.engine.compute import Outcome
-from deploy.compare.plan import Plan
+from tis.deploy.compare.cells.error_sums import ErrorSums
+from tis.deploy.compare.definitions.published import PUBLISHED, Published
+from tis.deploy.compare.definitions.readings import HORIZONS_S, READINGS, Reading, value_mm
+from tis.deploy.compare.definitions.splits import NAMES, SPLITS
+from tis.deploy.compare.definitions.velocity_inputs import Inputs
+from tis.deploy.compare.engine.compute import Outcome
+from tis.deploy.compare.plan import Plan
 
 OURS: Final = NAMES[-1]
 _AT_HORIZON: Final = Reading("rmse_3d", "at")

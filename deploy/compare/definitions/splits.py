@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, Literal, get_args
 
-from common.errors import DataError, Fault
-from deploy.compare.cells.cell import Cell, Training
-from deploy.compare.cells.digests import value_digest
-from deploy.compare.cells.identity import cell_of, training_on
-from deploy.compare.definitions.readings import N_AHEAD
-from deploy.compare.grid import Point
-from deploy.compare.plan import Plan, Request, make_plan
+from tis.common.errors import DataError, Fault
+from tis.deploy.compare.cells.cell import Cell, Training
+from tis.deploy.compare.cells.digests import value_digest
+from tis.deploy.compare.cells.identity import cell_of, training_on
+from tis.deploy.compare.definitions.readings import N_AHEAD
+from tis.deploy.compare.grid import Point
+from tis.deploy.compare.plan import Plan, Request, make_plan
 
 Split = Literal["user", "supertrial", "own"]
 

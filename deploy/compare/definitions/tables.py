@@ -9,10 +9,10 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from deploy.compare.definitions.readings import ERROR_WORDS, SPAN_WORDS
-from deploy.compare.definitions.report import standing
-from deploy.compare.definitions.splits import NAMES, SPLIT_WORDS
-from deploy.compare.results.tables import markdown_table
+from tis.deploy.compare.definitions.readings import ERROR_WORDS, SPAN_WORDS
+from tis.deploy.compare.definitions.report import standing
+from tis.deploy.compare.definitions.splits import NAMES, SPLIT_WORDS
+from tis.deploy.compare.results.tables import markdown_table
 
 CAPTION: Final = (
     f"mm, each cell: {NAMES[0]}, then {NAMES[1]}; both arms pooled. An axis: the mean over x, y and z. Up to it: "

@@ -11,12 +11,12 @@ from typing import Final
 
 import numpy as np
 
-from common.metrics.tracking import SETTLING_NS
-from common.sources.jigsaws import RATE_HZ
-from common.sources.trajectory import HandRecording, Recording
-from common.units import sample_index
-from deploy.compare.cells.error_sums import Array, ErrorSums
-from deploy.compare.cells.forecasts import ORIGIN_EVERY
+from tis.common.metrics.tracking import SETTLING_NS
+from tis.common.sources.jigsaws import RATE_HZ
+from tis.common.sources.trajectory import HandRecording, Recording
+from tis.common.units import sample_index
+from tis.deploy.compare.cells.error_sums import Array, ErrorSums
+from tis.deploy.compare.cells.forecasts import ORIGIN_EVERY
 
 _PAST: Final = RATE_HZ // 2
 """Samples of the past that a forecast knows: half a second."""

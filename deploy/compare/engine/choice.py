@@ -2,10 +2,10 @@
 
 from collections.abc import Callable
 
-from common.errors import Fault, InputError
-from deploy.compare.engine.cluster import Cluster
-from deploy.compare.engine.processes import Processes
-from deploy.compare.engine.workers import Workers
+from tis.common.errors import Fault, InputError
+from tis.deploy.compare.engine.cluster import Cluster
+from tis.deploy.compare.engine.processes import Processes
+from tis.deploy.compare.engine.workers import Workers
 
 
 def workers_of(n_jobs: int | None, scheduler: str | None, notify: Callable[[str], None]) -> Workers:

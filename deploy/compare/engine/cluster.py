@@ -15,12 +15,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, NamedTuple, Self
 
-from common.errors import DataError, Fault, PeerError
-from deploy.compare.cells.cell import Cell
-from deploy.compare.cells.digests import file_digest, software_digest
-from deploy.compare.engine.connection import CONNECT_S, LOST, OPTION, connect
-from deploy.compare.engine.shipment import own_code, perform_away, shipment_of, shipped_files
-from deploy.compare.engine.workers import AHEAD, Failure, Result, Unit, first_done
+from tis.common.errors import DataError, Fault, PeerError
+from tis.deploy.compare.cells.cell import Cell
+from tis.deploy.compare.cells.digests import file_digest, software_digest
+from tis.deploy.compare.engine.connection import CONNECT_S, LOST, OPTION, connect
+from tis.deploy.compare.engine.shipment import own_code, perform_away, shipment_of, shipped_files
+from tis.deploy.compare.engine.workers import AHEAD, Failure, Result, Unit, first_done
 
 # Software of a cluster's hosts, compared with the client's: only equal software gives equal results.
 
@@ -81,7 +81,7 @@ def _question() -> Callable[[], str]:
 
     def ask() -> str:
         try:
-            from deploy.compare.cells.digests import software_digest
+            from tis.deploy.compare.cells.digests import software_digest
 
             return software_digest()
         except Exception as error:

@@ -5,12 +5,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
-from common.errors import Fault, InputError
-from deploy.compare.cells.cell import Cell, Training
-from deploy.compare.cells.store import Store
-from deploy.compare.engine.workers import Computed, Failure, Result, Unit, Workers
-from deploy.compare.plan import Plan
-from deploy.shell.progress import PhaseProgress
+from tis.common.errors import Fault, InputError
+from tis.deploy.compare.cells.cell import Cell, Training
+from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.engine.workers import Computed, Failure, Result, Unit, Workers
+from tis.deploy.compare.plan import Plan
+from tis.deploy.shell.progress import PhaseProgress
 
 _TRAININGS: Final = "models identified"
 _CELLS: Final = "twins"

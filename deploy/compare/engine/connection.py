@@ -8,8 +8,8 @@ from collections.abc import Callable
 from concurrent.futures import CancelledError, Future, wait
 from typing import Any, Final
 
-from common.errors import Fault, InputError, PeerError
-from common.extras import GET_CLUSTER
+from tis.common.errors import Fault, InputError, PeerError
+from tis.common.extras import GET_CLUSTER
 
 OPTION: Final = "--scheduler"
 CONNECT_S: Final = 10

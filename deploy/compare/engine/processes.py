@@ -15,7 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
 
-from deploy.compare.engine.workers import AHEAD, Failure, Result, Unit, first_done, perform
+from tis.deploy.compare.engine.workers import AHEAD, Failure, Result, Unit, first_done, perform
 
 _ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 

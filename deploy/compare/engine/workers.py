@@ -8,9 +8,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Protocol, Self
 
-from common.errors import TisError
-from deploy.compare.cells.cell import Cell, Training, run_cell, train
-from patient_side.estimators.guarded import UnusableEstimatorError
+from tis.common.errors import TisError
+from tis.deploy.compare.cells.cell import Cell, Training, run_cell, train
+from tis.patient_side.estimators.guarded import UnusableEstimatorError
 
 AHEAD: Final = 3
 """Units that are submitted for each worker: it must not wait for the next."""

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
-from deploy.compare.results.axes import numeric_axes
-from deploy.compare.results.people import band_words
-from deploy.compare.results.plot_style import draw_line, tone
-from deploy.report.publication.matplotlib_figures import STYLE
+from tis.deploy.compare.results.axes import numeric_axes
+from tis.deploy.compare.results.people import band_words
+from tis.deploy.compare.results.plot_style import draw_line, tone
+from tis.deploy.report.publication.matplotlib_figures import STYLE
 
 Rows = Sequence[dict[str, Any]]
 

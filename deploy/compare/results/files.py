@@ -7,17 +7,17 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from common.extras import GET_PARQUET, GET_REPORT
-from deploy.compare.engine.compute import Outcome
-from deploy.compare.plan import Plan
-from deploy.compare.results import tables
-from deploy.compare.results.latex import latex_table
-from deploy.compare.results.page.page_sums import PageSums, page_sums
-from deploy.compare.results.rows import report as build_report
-from deploy.compare.results.tidy import FILE, parquet, tidy_rows
-from deploy.shell import run_dir as folder
-from deploy.shell.extras import can_report
-from deploy.shell.outputs import check_outputs
+from tis.common.extras import GET_PARQUET, GET_REPORT
+from tis.deploy.compare.engine.compute import Outcome
+from tis.deploy.compare.plan import Plan
+from tis.deploy.compare.results import tables
+from tis.deploy.compare.results.latex import latex_table
+from tis.deploy.compare.results.page.page_sums import PageSums, page_sums
+from tis.deploy.compare.results.rows import report as build_report
+from tis.deploy.compare.results.tidy import FILE, parquet, tidy_rows
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.extras import can_report
+from tis.deploy.shell.outputs import check_outputs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -72,7 +72,7 @@ def files_of(results: Results) -> Files:
     else:
         files |= _drawn(report)
     if can_report():
-        from deploy.compare.results.page.comparison_html import comparison_html  # loads Bokeh
+        from tis.deploy.compare.results.page.comparison_html import comparison_html  # loads Bokeh
 
         files[_PAGE] = comparison_html(report, results.sums)
     else:
@@ -96,15 +96,15 @@ def write_files(files: Files, path: Path) -> None:
 
 def figures_of(report: dict[str, Any]) -> "dict[str, Figure]":
     """Return the figures that a report has, by name; needs matplotlib."""
-    from deploy.compare.results.curves import curves_figure  # loads matplotlib
-    from deploy.compare.results.plots import age_figure, ratio_figure
+    from tis.deploy.compare.results.curves import curves_figure  # loads matplotlib
+    from tis.deploy.compare.results.plots import age_figure, ratio_figure
 
     drawn = zip(_FIGURES, (curves_figure(report), ratio_figure(report), age_figure(report)), strict=True)
     return {name: figure for name, figure in drawn if figure is not None}
 
 
 def _drawn(report: dict[str, Any]) -> dict[str, bytes]:
-    from deploy.report.publication.matplotlib_figures import rendered
+    from tis.deploy.report.publication.matplotlib_figures import rendered
 
     figures = figures_of(report)
     return {f"{name}.{form}": rendered(figure, form) for name, figure in figures.items() for form in _FORMATS}

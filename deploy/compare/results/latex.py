@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any, Final
 
-from deploy.compare.results.tables import ratios
+from tis.deploy.compare.results.tables import ratios
 
 _COMMANDS: Final = {
     "\\": r"\textbackslash{}",

@@ -5,11 +5,11 @@ from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
-from common.scenario.orientation import OrientationMethod
-from common.units import NS_PER_US
-from deploy.compare.cells.histogram import merged, percentile
-from deploy.compare.results.pooled import interval, resampled
-from patient_side.statespace import Array
+from tis.common.scenario.orientation import OrientationMethod
+from tis.common.units import NS_PER_US
+from tis.deploy.compare.cells.histogram import merged, percentile
+from tis.deploy.compare.results.pooled import interval, resampled
+from tis.patient_side.statespace import Array
 
 Hands = Sequence[Mapping[str, Any]]
 
@@ -33,7 +33,7 @@ def orientation_rows(about: Mapping[str, Any], by_person: Sequence[Hands]) -> li
     """Return a row for each method of one setting, pooled over people, with 95 % bootstrap intervals over people.
 
     ``about`` begins each row. A method that a hand lacks, as its model has nothing for it, has no row. Pooling and
-    resampling are those of `deploy.compare.results.pooled.pooled`. Oracle: `test_orientation_rows`.
+    resampling are those of `tis.deploy.compare.results.pooled.pooled`. Oracle: `test_orientation_rows`.
     """
     everything = [hand["orientation"] for hands in by_person for hand in hands]
     methods = get_args(OrientationMethod) if everything else ()

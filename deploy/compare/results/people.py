@@ -3,10 +3,10 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from common.runtime.recordings import person_of
-from common.scenario.source import RecordedSource
-from deploy.compare.cells.cell import Cell
-from deploy.compare.results.pooled import ENOUGH_PEOPLE, range_holds_median_pct
+from tis.common.runtime.recordings import person_of
+from tis.common.scenario.source import RecordedSource
+from tis.deploy.compare.cells.cell import Cell
+from tis.deploy.compare.results.pooled import ENOUGH_PEOPLE, range_holds_median_pct
 
 
 def person(cell: Cell) -> str:

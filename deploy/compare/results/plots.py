@@ -6,16 +6,16 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from deploy.compare.results.axes import numeric_axes
-from deploy.compare.results.people import band_words
-from deploy.compare.results.plot_style import draw_line, tone
-from deploy.report.publication.matplotlib_figures import STYLE
+from tis.deploy.compare.results.axes import numeric_axes
+from tis.deploy.compare.results.people import band_words
+from tis.deploy.compare.results.plot_style import draw_line, tone
+from tis.deploy.report.publication.matplotlib_figures import STYLE
 
 
 def ratio_figure(report: dict[str, Any]) -> Figure | None:
     """Return RMSE over hold's as heat maps of two axes, or with its intervals by setting where no axis is numeric.
 
-    None without a sweep, and where `deploy.compare.results.curves` draws the same to scale.
+    None without a sweep, and where `tis.deploy.compare.results.curves` draws the same to scale.
     """
     if len(report["axes"]) == 2 and not report["zipped"]:
         return _heat_maps(report)

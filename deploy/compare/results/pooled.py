@@ -9,9 +9,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.streams import Stream
-from common.units import MM_PER_M
-from patient_side.statespace import Array
+from tis.common.streams import Stream
+from tis.common.units import MM_PER_M
+from tis.patient_side.statespace import Array
 
 N_RESAMPLES: Final = 2000
 SEED: Final = 1
@@ -39,7 +39,7 @@ class Sums(NamedTuple):
 
 
 def sums_of(hands: Sequence[Mapping[str, Any]], estimator: str) -> Sums:
-    """Return an estimator's sums over several hands' entries (see `deploy.compare.cells.score.hand_sums`)."""
+    """Return an estimator's sums over several hands' entries (see `tis.deploy.compare.cells.score.hand_sums`)."""
     rows = []
     for hand in hands:
         entry, hold = hand["estimators"][estimator], hand["estimators"]["hold"]
@@ -92,7 +92,7 @@ def pooled(units: Sequence[Sequence[Mapping[str, Any]]], estimator: str) -> dict
     The intervals are percentiles of 2000 resamples of people, with replacement (Efron, "Bootstrap methods: another
     look at the jackknife", 1979): None for a single one. A person is resampled with all
     trials and seeds, since these are not independent. All estimators share the resamples, so a ratio to hold
-    compares the same people. Oracle: `common.metrics.tracking.score` of the arrays, and a loop over resamples.
+    compares the same people. Oracle: `tis.common.metrics.tracking.score` of the arrays, and a loop over resamples.
     """
     # sums per person, stacked: pooling and resampling are sums over the first axis
     each = [sums_of(hands, estimator) for hands in units]

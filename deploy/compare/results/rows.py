@@ -3,16 +3,16 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from common.units import NM_PER_MM, NS_PER_MS, NS_PER_US
-from deploy.compare.cells.cell import Cell
-from deploy.compare.cells.histogram import ERROR_WIDTH, merged, percentile
-from deploy.compare.cells.score import AGE_EDGES_MS
-from deploy.compare.engine.compute import Outcome
-from deploy.compare.grid import Point
-from deploy.compare.plan import Plan
-from deploy.compare.results.orientation_rows import orientation_rows
-from deploy.compare.results.people import person
-from deploy.compare.results.pooled import pooled
+from tis.common.units import NM_PER_MM, NS_PER_MS, NS_PER_US
+from tis.deploy.compare.cells.cell import Cell
+from tis.deploy.compare.cells.histogram import ERROR_WIDTH, merged, percentile
+from tis.deploy.compare.cells.score import AGE_EDGES_MS
+from tis.deploy.compare.engine.compute import Outcome
+from tis.deploy.compare.grid import Point
+from tis.deploy.compare.plan import Plan
+from tis.deploy.compare.results.orientation_rows import orientation_rows
+from tis.deploy.compare.results.people import person
+from tis.deploy.compare.results.pooled import pooled
 
 Hands = list[dict[str, Any]]
 

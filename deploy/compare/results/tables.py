@@ -10,11 +10,11 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from deploy.compare.results.orientation_tables import CAPTION, HEAD, orientation_cells, orientation_ratios
-from deploy.compare.results.people import interval_note
-from deploy.report.measures.estimation.own_estimators import labelled
-from deploy.report.tables.numbers import broken_name, number
-from patient_side.provenance import IN_SAMPLE
+from tis.deploy.compare.results.orientation_tables import CAPTION, HEAD, orientation_cells, orientation_ratios
+from tis.deploy.compare.results.people import interval_note
+from tis.deploy.report.measures.estimation.own_estimators import labelled
+from tis.deploy.report.tables.numbers import broken_name, number
+from tis.patient_side.provenance import IN_SAMPLE
 
 Rows = Sequence[dict[str, Any]]
 

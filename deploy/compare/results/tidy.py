@@ -7,13 +7,13 @@ import io
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from common.units import NS_PER_MS, NS_PER_US
-from deploy.compare.cells.histogram import percentile
-from deploy.compare.engine.compute import Outcome
-from deploy.compare.plan import Plan
-from deploy.compare.results.axes import numbers_of
-from deploy.compare.results.people import person
-from deploy.compare.results.pooled import pooled
+from tis.common.units import NS_PER_MS, NS_PER_US
+from tis.deploy.compare.cells.histogram import percentile
+from tis.deploy.compare.engine.compute import Outcome
+from tis.deploy.compare.plan import Plan
+from tis.deploy.compare.results.axes import numbers_of
+from tis.deploy.compare.results.people import person
+from tis.deploy.compare.results.pooled import pooled
 
 FILE: Final = "cells.parquet"
 

@@ -5,15 +5,15 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from common.channels import Side
-from common.errors import Fault, TisError
-from common.runtime.credentials import credentials
-from common.runtime.recordings import check_recording, located
-from common.runtime.trace_files import load_traces
-from common.scenario import Scenario
-from common.scenario.patient import is_model_file
-from patient_side.models import own_estimators, read_models
-from patient_side.plant.extra import check_plant
+from tis.common.channels import Side
+from tis.common.errors import Fault, TisError
+from tis.common.runtime.credentials import credentials
+from tis.common.runtime.recordings import check_recording, located
+from tis.common.runtime.trace_files import load_traces
+from tis.common.scenario import Scenario
+from tis.common.scenario.patient import is_model_file
+from tis.patient_side.models import own_estimators, read_models
+from tis.patient_side.plant.extra import check_plant
 
 
 def input_faults(side: Side, scenario: Scenario) -> list[Fault]:

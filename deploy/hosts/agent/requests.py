@@ -6,9 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from common.channels import Side
-from common.errors import EXIT_OK, DataError, Fault, TisError
-from deploy.hosts.protocol import (
+from tis.common.channels import Side
+from tis.common.errors import EXIT_OK, DataError, Fault, TisError
+from tis.deploy.hosts.protocol import (
     MAX_REQUEST_BYTES,
     CheckAnswer,
     CheckRequest,
@@ -21,8 +21,8 @@ from deploy.hosts.protocol import (
     line_of,
     request_of,
 )
-from deploy.hosts.transfer.offered_logs import offered_logs, read_range
-from deploy.shell.version import version_text
+from tis.deploy.hosts.transfer.offered_logs import offered_logs, read_range
+from tis.deploy.shell.version import version_text
 
 _RUNS: Final = "runs"
 
@@ -37,7 +37,7 @@ def obey(source: BinaryIO, out: BinaryIO) -> int:
     _enter(request.folder)
     run_dir = _run_dir(request.side, getattr(request, "run", ""))
     if isinstance(request, RunRequest):
-        from deploy.hosts.agent.side_run import run_side
+        from tis.deploy.hosts.agent.side_run import run_side
 
         return run_side(request, run_dir, source.fileno(), out.fileno())
     if isinstance(request, RunsRequest):
@@ -82,8 +82,8 @@ def _faults(request: CheckRequest) -> list[Fault]:
 
     def inputs() -> None:
         # Late, as in `obey`: what a scenario needs takes a second to import, and most requests do not.
-        from common.scenario import reading
-        from deploy.hosts.agent.input_faults import input_faults
+        from tis.common.scenario import reading
+        from tis.deploy.hosts.agent.input_faults import input_faults
 
         scenario = reading.build_scenario(reading.parse_yaml(request.scenario, "scenario"), "scenario")
         found.extend(input_faults(request.side, scenario))

@@ -13,12 +13,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any, Final
 
-from common.errors import EXIT_OK, DataError, Fault
-from common.runtime.child_process import child_environment
-from common.runtime.interrupt import Interrupt
-from deploy.hosts.protocol import INTERRUPT, MAX_LINE_BYTES, MAX_SILENCE_S, RunRequest, line_of
-from deploy.shell import run_dir as folder
-from deploy.shell.launch import MODULES
+from tis.common.errors import EXIT_OK, DataError, Fault
+from tis.common.runtime.child_process import child_environment
+from tis.common.runtime.interrupt import Interrupt
+from tis.deploy.hosts.protocol import INTERRUPT, MAX_LINE_BYTES, MAX_SILENCE_S, RunRequest, line_of
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.launch import MODULES
 
 _POLL_S: Final = 0.1
 GRACE_S: Final = 5.0

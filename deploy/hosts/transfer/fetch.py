@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple, Protocol
 
-from common.errors import DataError, Fault, PeerError
-from deploy.hosts.transfer.offered_logs import MAX_LOG_BYTES, OfferedLog, digest_of
+from tis.common.errors import DataError, Fault, PeerError
+from tis.deploy.hosts.transfer.offered_logs import MAX_LOG_BYTES, OfferedLog, digest_of
 
 # Decision what to fetch of a log, from what its source offers and what is here.
 

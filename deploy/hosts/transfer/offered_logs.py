@@ -11,8 +11,8 @@ from typing import Annotated, BinaryIO, Final, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
-from common.channels import Side
-from common.errors import DataError, Fault
+from tis.common.channels import Side
+from tis.common.errors import DataError, Fault
 
 MAX_LOG_BYTES: Final = 1 << 40
 _FORM: Final = rf"^({'|'.join(get_args(Side))})(_[0-9]{{1,3}})?(_recovered)?\.mcap$"

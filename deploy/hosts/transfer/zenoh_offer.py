@@ -17,10 +17,10 @@ from typing import Any, Final, Self
 import zenoh
 from pydantic import Field, ValidationError
 
-from common.errors import TisError
-from common.scenario.base import Part
-from deploy.hosts.protocol import ListAnswer
-from deploy.hosts.transfer.offered_logs import LogName, offered_logs, read_range
+from tis.common.errors import TisError
+from tis.common.scenario.base import Part
+from tis.deploy.hosts.protocol import ListAnswer
+from tis.deploy.hosts.transfer.offered_logs import LogName, offered_logs, read_range
 
 CHUNK_BYTES: Final = 256 * 1024
 MAX_QUERY_BYTES: Final = 16_384

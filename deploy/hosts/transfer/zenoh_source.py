@@ -9,10 +9,10 @@ from typing import Final
 import zenoh
 from pydantic import BaseModel, ValidationError
 
-from common.errors import Fault, PeerError
-from deploy.hosts.protocol import ListAnswer, printable
-from deploy.hosts.transfer.offered_logs import OfferedLog
-from deploy.hosts.transfer.zenoh_offer import CHUNK_BYTES, ListQuery, ReadQuery, key_of
+from tis.common.errors import Fault, PeerError
+from tis.deploy.hosts.protocol import ListAnswer, printable
+from tis.deploy.hosts.transfer.offered_logs import OfferedLog
+from tis.deploy.hosts.transfer.zenoh_offer import CHUNK_BYTES, ListQuery, ReadQuery, key_of
 
 _LIST_S: Final = 600.0
 """A source reads every byte of its logs for their SHA-256 before it answers."""

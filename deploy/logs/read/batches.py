@@ -7,10 +7,10 @@ from typing import Any, Final, NamedTuple, Self, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Direction
-from common.records import FATES, RELEASES, Departure, Outcome
-from deploy.logs.json_rows import Row
-from deploy.logs.read.load import Ints, RunLogs
+from tis.common.channels import Direction
+from tis.common.records import FATES, RELEASES, Departure, Outcome
+from tis.deploy.logs.json_rows import Row
+from tis.deploy.logs.read.load import Ints, RunLogs
 
 Flags = NDArray[np.bool_]
 

@@ -6,14 +6,14 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from common.channels import PREDICTED, SERVO, Side, direction_of
-from common.clocks.exchange import Exchanges, Ints
-from common.clocks.fit import fit_clock
-from common.clocks.model import PPM, SHARED, ClockModel
-from common.devices.records import DEVICES
-from common.errors import DataError, Fault
-from common.host_records import CLOCK, DISCIPLINE, EXCHANGES, PROCESSORS
-from common.records import (
+from tis.common.channels import PREDICTED, SERVO, Side, direction_of
+from tis.common.clocks.exchange import Exchanges, Ints
+from tis.common.clocks.fit import fit_clock
+from tis.common.clocks.model import PPM, SHARED, ClockModel
+from tis.common.devices.records import DEVICES
+from tis.common.errors import DataError, Fault
+from tis.common.host_records import CLOCK, DISCIPLINE, EXCHANGES, PROCESSORS
+from tis.common.records import (
     ESTIMATES,
     ESTIMATOR_FAULTS,
     FRESH,
@@ -25,10 +25,10 @@ from common.records import (
     TICKS,
     TRUTH,
 )
-from common.safety_records import QUARANTINE, SAFETY, STOPS, STOPS_IN_FORCE
-from common.units import NS_PER_MS, NS_PER_US
-from deploy.logs.json_rows import Row
-from deploy.logs.read.rows import Rows
+from tis.common.safety_records import QUARANTINE, SAFETY, STOPS, STOPS_IN_FORCE
+from tis.common.units import NS_PER_MS, NS_PER_US
+from tis.deploy.logs.json_rows import Row
+from tis.deploy.logs.read.rows import Rows
 
 Kind = Literal["reference", "shared", "exchanged", "unknown"]
 

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from deploy.logs.limits import MAX_NUMBER
+from tis.deploy.logs.limits import MAX_NUMBER
 
 Ints = NDArray[np.int64]
 

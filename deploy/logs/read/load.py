@@ -9,23 +9,23 @@ from typing import Final, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Direction, Side, direction_of
-from common.errors import DataError, Fault
-from common.records import COUNTERS
-from common.runtime.log_parts import PartClock, part_clock
-from common.runtime.mcap_chunks import by_channel
-from common.runtime.memory import release_large_arrays, without_collector
-from common.units import NS_PER_MS
-from deploy.logs.blocks import Block
-from deploy.logs.coverage import FOREVER, Coverage, Span
-from deploy.logs.json_rows import Row
-from deploy.logs.limits import MAX_NUMBER
-from deploy.logs.log_file import LogFile, truncated_start
-from deploy.logs.log_paths import log_files
-from deploy.logs.read.clocks import CLOCK_TOPICS, RunClocks, run_clocks
-from deploy.logs.read.message_columns import MessageColumns
-from deploy.logs.read.rows import Rows, column_model
-from deploy.logs.read.side_columns import SideLog
+from tis.common.channels import Direction, Side, direction_of
+from tis.common.errors import DataError, Fault
+from tis.common.records import COUNTERS
+from tis.common.runtime.log_parts import PartClock, part_clock
+from tis.common.runtime.mcap_chunks import by_channel
+from tis.common.runtime.memory import release_large_arrays, without_collector
+from tis.common.units import NS_PER_MS
+from tis.deploy.logs.blocks import Block
+from tis.deploy.logs.coverage import FOREVER, Coverage, Span
+from tis.deploy.logs.json_rows import Row
+from tis.deploy.logs.limits import MAX_NUMBER
+from tis.deploy.logs.log_file import LogFile, truncated_start
+from tis.deploy.logs.log_paths import log_files
+from tis.deploy.logs.read.clocks import CLOCK_TOPICS, RunClocks, run_clocks
+from tis.deploy.logs.read.message_columns import MessageColumns
+from tis.deploy.logs.read.rows import Rows, column_model
+from tis.deploy.logs.read.side_columns import SideLog
 
 Ints = NDArray[np.int64]
 
@@ -206,9 +206,9 @@ def load_run(run_dir: Path, wanted: Collection[str] | None = None) -> RunLogs:
     """Read the logs of a run folder, damaged ones as far as possible, and convert all stamps to netem's clock.
 
     ``wanted`` selects topics, in addition to those of the clocks. A recovered log replaces the damaged one
-    (`deploy.logs.log_paths`). A side that was killed before the first flush of its log leaves an empty file. The logs
-    of a side that was started anew in the run are read as one. Raises `DataError` with a fault for each side with a
-    file that is no log of this version.
+    (`tis.deploy.logs.log_paths`). A side that was killed before the first flush of its log leaves an empty file. The
+    logs of a side that was started anew in the run are read as one. Raises `DataError` with a fault for each side
+    with a file that is no log of this version.
     """
     release_large_arrays()
     logs, faults = RunLogs(run_dir), list[Fault]()

@@ -2,13 +2,13 @@
 
 from pydantic import BaseModel
 
-from common.channels import Side
-from common.node import Record
-from deploy.logs.read.side_columns import SideLog
+from tis.common.channels import Side
+from tis.common.node import Record
+from tis.deploy.logs.read.side_columns import SideLog
 
 
 class MemoryLog:
-    """Takes a side's records like a log file; ``log`` equals what `deploy.logs.read.load.load_side` would return.
+    """Takes a side's records like a log file; ``log`` equals what `tis.deploy.logs.read.load.load_side` would return.
 
     Oracle: the same twin with files (tests/deploy/logs/read/test_memory).
     """

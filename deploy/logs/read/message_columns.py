@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import from_json
 
-from common.clocks.model import ClockModel
-from deploy.logs.blocks import Block
-from deploy.logs.read.compact_ints import CompactInts
-from deploy.logs.read.payload_instants import NO_INSTANT, payload_instants
+from tis.common.clocks.model import ClockModel
+from tis.deploy.logs.blocks import Block
+from tis.deploy.logs.read.compact_ints import CompactInts
+from tis.deploy.logs.read.payload_instants import NO_INSTANT, payload_instants
 
 Ints = NDArray[np.int64]
 

@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Hand, Side
-from common.records import FRESH, PROMPT, TICKS
-from deploy.logs.read.load import Ints, RunLogs
-from deploy.logs.read.rows import Rows, column_model
+from tis.common.channels import Hand, Side
+from tis.common.records import FRESH, PROMPT, TICKS
+from tis.deploy.logs.read.load import Ints, RunLogs
+from tis.deploy.logs.read.rows import Rows, column_model
 
 
 def notes(logs: RunLogs, side: Side, topic: str) -> Rows:

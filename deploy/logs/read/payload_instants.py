@@ -6,9 +6,9 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES
-from deploy.logs.blocks import Block
-from deploy.logs.json_rows import Row, checked_number, json_value
+from tis.common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES
+from tis.deploy.logs.blocks import Block
+from tis.deploy.logs.json_rows import Row, checked_number, json_value
 
 Ints = NDArray[np.int64]
 Bytes = NDArray[np.uint8]

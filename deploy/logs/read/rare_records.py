@@ -6,8 +6,8 @@ from typing import Any, Final
 
 from pydantic import TypeAdapter
 
-from common.devices.records import DEVICES, DeviceNote
-from common.host_records import (
+from tis.common.devices.records import DEVICES, DeviceNote
+from tis.common.host_records import (
     CLOCK,
     DISCIPLINE,
     EXCHANGES,
@@ -17,9 +17,9 @@ from common.host_records import (
     ExchangeNote,
     ProcessorNote,
 )
-from common.messages import Message
-from common.metrics.processor_shares import numbers_of
-from common.records import (
+from tis.common.messages import Message
+from tis.common.metrics.processor_shares import numbers_of
+from tis.common.records import (
     CONTROL,
     COUNTERS,
     ESTIMATOR_FAULTS,
@@ -35,7 +35,7 @@ from common.records import (
     QueueNote,
     Rejected,
 )
-from common.safety_records import (
+from tis.common.safety_records import (
     QUARANTINE,
     SAFETY,
     STOPS,
@@ -45,7 +45,7 @@ from common.safety_records import (
     StopNote,
     StopsInForceNote,
 )
-from deploy.logs.json_rows import Row, checked_number
+from tis.deploy.logs.json_rows import Row, checked_number
 
 _MODELS: Final[Mapping[str, type[Message]]] = {
     CLOCK: ClockNote,

@@ -2,14 +2,14 @@
 
 from collections.abc import Mapping
 
-from common.errors import DataError, Fault
-from common.runtime.code_origin import USER_CODE_FILE, Origin, parse_origins
-from common.runtime.log_parts import part_clock
-from common.sources.provenance import MODEL_FILES
-from deploy.logs.read.load import RunLogs
-from deploy.shell import run_dir as folder
-from patient_side.identification.model_io import parse_models
-from patient_side.statespace import ArmModel
+from tis.common.errors import DataError, Fault
+from tis.common.runtime.code_origin import USER_CODE_FILE, Origin, parse_origins
+from tis.common.runtime.log_parts import part_clock
+from tis.common.sources.provenance import MODEL_FILES
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.shell import run_dir as folder
+from tis.patient_side.identification.model_io import parse_models
+from tis.patient_side.statespace import ArmModel
 
 
 def scenario_in(logs: RunLogs) -> str | None:

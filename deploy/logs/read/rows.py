@@ -12,9 +12,9 @@ from typing import Any, Final, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Hand, is_predicted, is_set_point
-from common.messages import Message, SafetyMode, Vector3
-from common.records import (
+from tis.common.channels import Hand, is_predicted, is_set_point
+from tis.common.messages import Message, SafetyMode, Vector3
+from tis.common.records import (
     ESTIMATES,
     FRESH,
     ORIENTATIONS,
@@ -30,8 +30,8 @@ from common.records import (
     TickNote,
     TruthRow,
 )
-from deploy.logs.json_rows import Row
-from deploy.logs.read.compact_ints import CompactInts, integers
+from tis.deploy.logs.json_rows import Row
+from tis.deploy.logs.read.compact_ints import CompactInts, integers
 
 _MODELS: Final[Mapping[str, type[Message]]] = {
     TICKS: TickNote,
@@ -43,7 +43,7 @@ _MODELS: Final[Mapping[str, type[Message]]] = {
 
 
 class SetPointRow(Message):
-    """The part of a `common.messages.SetPoint` that is scored and drawn."""
+    """The part of a `tis.common.messages.SetPoint` that is scored and drawn."""
 
     sample_ns: int
     position_m: Vector3
@@ -53,7 +53,7 @@ class SetPointRow(Message):
 
 
 class PredictedRow(Message):
-    """The part of a `common.messages.PredictedPose` that is scored and exported."""
+    """The part of a `tis.common.messages.PredictedPose` that is scored and exported."""
 
     sample_ns: int
     position_m: Vector3

@@ -8,18 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import from_json
 
-from common.channels import Side
-from common.errors import DataError, Fault
-from common.records import FATES, RELEASES, Departure, FateBatch, Outcome, ReleaseBatch
-from deploy.logs.blocks import Block
-from deploy.logs.coverage import WHOLE, Coverage
-from deploy.logs.json_rows import UNREADABLE, Row, json_rows, other_version
-from deploy.logs.limits import MAX_CHANNELS
-from deploy.logs.read.clocks import RunClocks, aligned_rows, sender_of
-from deploy.logs.read.compact_ints import CompactInts, integers
-from deploy.logs.read.message_columns import MessageColumns
-from deploy.logs.read.rare_records import check_rows
-from deploy.logs.read.rows import Rows, column_model
+from tis.common.channels import Side
+from tis.common.errors import DataError, Fault
+from tis.common.records import FATES, RELEASES, Departure, FateBatch, Outcome, ReleaseBatch
+from tis.deploy.logs.blocks import Block
+from tis.deploy.logs.coverage import WHOLE, Coverage
+from tis.deploy.logs.json_rows import UNREADABLE, Row, json_rows, other_version
+from tis.deploy.logs.limits import MAX_CHANNELS
+from tis.deploy.logs.read.clocks import RunClocks, aligned_rows, sender_of
+from tis.deploy.logs.read.compact_ints import CompactInts, integers
+from tis.deploy.logs.read.message_columns import MessageColumns
+from tis.deploy.logs.read.rare_records import check_rows
+from tis.deploy.logs.read.rows import Rows, column_model
 
 Ints = NDArray[np.int64]
 

@@ -1,7 +1,7 @@
 """Derived records of a merged file, for plots: errors, ages and delays."""
 
-from common.channels import Direction
-from common.messages import Message
+from tis.common.channels import Direction
+from tis.common.messages import Message
 
 
 class ErrorSample(Message):

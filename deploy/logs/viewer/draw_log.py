@@ -3,11 +3,11 @@
 from collections.abc import Iterator
 from typing import Final
 
-from common.channels import Side
-from deploy.logs.json_rows import json_row
-from deploy.logs.topics import LOG
-from deploy.logs.viewer import foxglove
-from deploy.logs.viewer.drawn import Drawn, Records
+from tis.common.channels import Side
+from tis.deploy.logs.json_rows import json_row
+from tis.deploy.logs.topics import LOG
+from tis.deploy.logs.viewer import foxglove
+from tis.deploy.logs.viewer.drawn import Drawn, Records
 
 _MAX_REJECTED: Final = 20
 

@@ -6,14 +6,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Direction, Hand
-from common.clocks.model import ClockModel
-from common.runtime.mcap_chunks import Ints
-from common.units import NS_PER_MS
-from deploy.logs.json_rows import json_row, json_rows
-from deploy.logs.topics import AGE, DELAY, RunTopics
-from deploy.logs.viewer.derived_records import AgeSample, DelaySample
-from deploy.logs.viewer.drawn import Drawn, EveryNth, Records
+from tis.common.channels import Direction, Hand
+from tis.common.clocks.model import ClockModel
+from tis.common.runtime.mcap_chunks import Ints
+from tis.common.units import NS_PER_MS
+from tis.deploy.logs.json_rows import json_row, json_rows
+from tis.deploy.logs.topics import AGE, DELAY, RunTopics
+from tis.deploy.logs.viewer.derived_records import AgeSample, DelaySample
+from tis.deploy.logs.viewer.drawn import Drawn, EveryNth, Records
 
 _NONE: Final = -1
 

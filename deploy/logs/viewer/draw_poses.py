@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from common.channels import Hand
-from common.metrics.orientation import orientation_at
-from common.runtime.mcap_chunks import Ints
-from common.units import NS_PER_MS, NS_PER_S
-from deploy.logs.json_rows import json_row, json_rows
-from deploy.logs.topics import ERROR, ESTIMATE, PATH, TRANSFORMS, TRUTH_NAME, RunTopics
-from deploy.logs.viewer import foxglove
-from deploy.logs.viewer.derived_records import ErrorSample
-from deploy.logs.viewer.drawn import DRAWN_HZ, FRAMES_HZ, Drawn, EveryNth, Records
+from tis.common.channels import Hand
+from tis.common.metrics.orientation import orientation_at
+from tis.common.runtime.mcap_chunks import Ints
+from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.deploy.logs.json_rows import json_row, json_rows
+from tis.deploy.logs.topics import ERROR, ESTIMATE, PATH, TRANSFORMS, TRUTH_NAME, RunTopics
+from tis.deploy.logs.viewer import foxglove
+from tis.deploy.logs.viewer.derived_records import ErrorSample
+from tis.deploy.logs.viewer.drawn import DRAWN_HZ, FRAMES_HZ, Drawn, EveryNth, Records
 
 _MM_PER_M: Final = 1000.0
 _PATH_STEP_NS: Final = 100 * NS_PER_MS

@@ -6,13 +6,13 @@ from typing import Final
 
 import numpy as np
 
-from common.channels import Hand
-from common.metrics.orientation import angles_deg, error_vectors
-from deploy.logs.json_rows import json_row
-from deploy.logs.topics import TURN_ERROR, RunTopics
-from deploy.logs.viewer.derived_records import TurnErrorSample
-from deploy.logs.viewer.draw_poses import Truth
-from deploy.logs.viewer.drawn import Drawn, EveryNth, Records
+from tis.common.channels import Hand
+from tis.common.metrics.orientation import angles_deg, error_vectors
+from tis.deploy.logs.json_rows import json_row
+from tis.deploy.logs.topics import TURN_ERROR, RunTopics
+from tis.deploy.logs.viewer.derived_records import TurnErrorSample
+from tis.deploy.logs.viewer.draw_poses import Truth
+from tis.deploy.logs.viewer.drawn import Drawn, EveryNth, Records
 
 Turn = tuple[float, ...]
 """A quaternion x, y, z, w."""

@@ -13,7 +13,7 @@ from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from common.units import NS_PER_S
+from tis.common.units import NS_PER_S
 
 WORLD: Final = "world"
 Level = Literal["INFO", "WARNING", "ERROR"]

@@ -2,16 +2,16 @@
 
 from collections.abc import Iterator, Mapping
 
-from common.channels import Side
-from common.records import CONTROL, ESTIMATES, ESTIMATOR_FAULTS, FRESH, ORIENTATIONS, REJECTED, TICKS, TRUTH
-from deploy.logs.alignment import Clocks, clock_of
-from deploy.logs.json_rows import UNREADABLE, other_version
-from deploy.logs.topics import MTM, PLANT_ARM, PSM, SET_POINT, RunTopics
-from deploy.logs.viewer.draw_log import ControlStream, FaultStream, RejectedStream
-from deploy.logs.viewer.draw_metrics import AgeStream, DelayStream, Freshest
-from deploy.logs.viewer.draw_poses import EstimateStream, PoseStream, Truth
-from deploy.logs.viewer.draw_turns import OrientationStream, Turns
-from deploy.logs.viewer.drawn import NO_RECORDS, Drawn, Records, Stream
+from tis.common.channels import Side
+from tis.common.records import CONTROL, ESTIMATES, ESTIMATOR_FAULTS, FRESH, ORIENTATIONS, REJECTED, TICKS, TRUTH
+from tis.deploy.logs.alignment import Clocks, clock_of
+from tis.deploy.logs.json_rows import UNREADABLE, other_version
+from tis.deploy.logs.topics import MTM, PLANT_ARM, PSM, SET_POINT, RunTopics
+from tis.deploy.logs.viewer.draw_log import ControlStream, FaultStream, RejectedStream
+from tis.deploy.logs.viewer.draw_metrics import AgeStream, DelayStream, Freshest
+from tis.deploy.logs.viewer.draw_poses import EstimateStream, PoseStream, Truth
+from tis.deploy.logs.viewer.draw_turns import OrientationStream, Turns
+from tis.deploy.logs.viewer.drawn import NO_RECORDS, Drawn, Records, Stream
 
 _FIRST = (TRUTH, FRESH)
 

@@ -6,15 +6,15 @@ from typing import Any, Final
 
 from rich.console import Console
 
-from common.errors import TisError
-from deploy.compare.cells.store import Store
-from deploy.compare.command import run
-from deploy.compare.engine.compute import Outcome
-from deploy.compare.engine.workers import Workers
-from deploy.compare.plan import Plan
-from deploy.compare.results.people import person
-from deploy.compare.results.rows import report
-from deploy.methods.measures.plans import HOLD, Measure, Subject, merged, plans_of
+from tis.common.errors import TisError
+from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.command import run
+from tis.deploy.compare.engine.compute import Outcome
+from tis.deploy.compare.engine.workers import Workers
+from tis.deploy.compare.plan import Plan
+from tis.deploy.compare.results.people import person
+from tis.deploy.compare.results.rows import report
+from tis.deploy.methods.measures.plans import HOLD, Measure, Subject, merged, plans_of
 
 Hands = list[dict[str, Any]]
 UNTRAINED: Final[tuple[Measure, ...]] = ("accuracy", "loss", "noise", "reliability", "fast")

@@ -6,12 +6,12 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from common.scenario.estimator_names import is_learned
-from deploy.compare.results.pooled import resampled, sums_of
-from deploy.methods.measures.computing import Computed
-from deploy.methods.measures.plans import ALL, HOLD, OTHER_PERSON, OWN, Measure, loss_text, losses_of
-from deploy.methods.measures.power_law import fit_power_law
-from deploy.methods.measures.steps import Stepped
+from tis.common.scenario.estimator_names import is_learned
+from tis.deploy.compare.results.pooled import resampled, sums_of
+from tis.deploy.methods.measures.computing import Computed
+from tis.deploy.methods.measures.plans import ALL, HOLD, OTHER_PERSON, OWN, Measure, loss_text, losses_of
+from tis.deploy.methods.measures.power_law import fit_power_law
+from tis.deploy.methods.measures.steps import Stepped
 
 # Growth of an estimator's error from one setting to another, of the same people, with a bootstrap interval.
 
@@ -31,8 +31,8 @@ class Growth(NamedTuple):
 def error_growth(here: Mapping[str, Hands], there: Mapping[str, Hands], estimator: str) -> Growth | None:
     """Return the RMSE ``here`` over that ``there``, of the people that both have; None without any or without error.
 
-    Both hold each person's hands (see `deploy.compare.cells.score.hand_sums`). A resample takes the same people on
-    both sides, as the movements are the same. Oracle: errors written by hand, and a loop over resamples,
+    Both hold each person's hands (see `tis.deploy.compare.cells.score.hand_sums`). A resample takes the same people
+    on both sides, as the movements are the same. Oracle: errors written by hand, and a loop over resamples,
     test_error_growth.
     """
     people = [who for who in here if who in there]

@@ -5,14 +5,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
-from common.scenario.estimator_names import is_learned
-from common.scenario.reading import build_scenario
-from deploy.compare.cells.cell import Cell, Training
-from deploy.compare.cells.identity import cell_of, dump, training_of, training_on
-from deploy.compare.grid import Point, Sweep, number_text
-from deploy.compare.plan import Plan, Request, make_plan
-from deploy.methods.choice import DELAY_MS, MEAN_BURST, RELIABILITY_NETWORK, Extent
-from deploy.methods.measures.trials import Trials
+from tis.common.scenario.estimator_names import is_learned
+from tis.common.scenario.reading import build_scenario
+from tis.deploy.compare.cells.cell import Cell, Training
+from tis.deploy.compare.cells.identity import cell_of, dump, training_of, training_on
+from tis.deploy.compare.grid import Point, Sweep, number_text
+from tis.deploy.compare.plan import Plan, Request, make_plan
+from tis.deploy.methods.choice import DELAY_MS, MEAN_BURST, RELIABILITY_NETWORK, Extent
+from tis.deploy.methods.measures.trials import Trials
 
 Measure = Literal["accuracy", "loss", "noise", "noise_trained", "reliability", "data", "size", "adaptability", "fast"]
 

@@ -12,18 +12,18 @@ from typing import Final
 
 import numpy as np
 
-from common.runtime.recordings import load_recording
-from common.scenario import Scenario
-from common.sources.trajectory import HandRecording
-from common.units import NS_PER_US
-from deploy.bench.estimators import Arrival, Network, Samples, arrivals_of, step_times_us
-from deploy.compare.cells.cell import with_models
-from deploy.methods.choice import DELAY_MS, Extent
-from deploy.methods.measures.plans import ALL, Measure
-from deploy.shell.progress import PhaseProgress
-from patient_side.estimators.protocol import Estimator
-from patient_side.estimators.registry import build_any
-from patient_side.models import models_for
+from tis.common.runtime.recordings import load_recording
+from tis.common.scenario import Scenario
+from tis.common.sources.trajectory import HandRecording
+from tis.common.units import NS_PER_US
+from tis.deploy.bench.estimators import Arrival, Network, Samples, arrivals_of, step_times_us
+from tis.deploy.compare.cells.cell import with_models
+from tis.deploy.methods.choice import DELAY_MS, Extent
+from tis.deploy.methods.measures.plans import ALL, Measure
+from tis.deploy.shell.progress import PhaseProgress
+from tis.patient_side.estimators.protocol import Estimator
+from tis.patient_side.estimators.registry import build_any
+from tis.patient_side.models import models_for
 
 # Highest rate of ticks that measured steps keep up with.
 
@@ -34,7 +34,7 @@ def misses_a_tick(steps_ns: Sequence[int], period_ns: int) -> bool:
     """Tell whether steps that take ``steps_ns`` miss a tick where one is due every ``period_ns``.
 
     A step begins when its tick is due, or when the step before it ends, if that is later. A tick is missed when its
-    step has not begun before the next tick is due, as in a run (`common.ticker`). Nothing else takes time here.
+    step has not begun before the next tick is due, as in a run (`tis.common.ticker`). Nothing else takes time here.
     """
     behind_ns = 0
     for step_ns in steps_ns[:-1]:

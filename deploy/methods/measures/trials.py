@@ -7,11 +7,11 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Final, get_args
 
-from common.errors import DataError, Fault
-from common.runtime.recordings import JIGSAWS_VARIABLE, list_trials, no_trials
-from common.scenario.source import JigsawsSource
-from deploy.methods.choice import COMMAND
-from deploy.tools.synth import write_trials
+from tis.common.errors import DataError, Fault
+from tis.common.runtime.recordings import JIGSAWS_VARIABLE, list_trials, no_trials
+from tis.common.scenario.source import JigsawsSource
+from tis.deploy.methods.choice import COMMAND
+from tis.deploy.tools.synth import write_trials
 
 Task = str
 TASKS: Final = get_args(JigsawsSource.model_fields["task"].annotation)

@@ -7,13 +7,13 @@ from typing import Any, Final, get_args
 
 from pydantic import ValidationError
 
-from common.channels import Direction
-from common.errors import Fault, InputError
-from common.scenario.faults import faults
-from common.scenario.network.completion import KINDS, complete_stage
-from common.scenario.network.conditions import Change
-from common.scenario.network.pipeline import Pipeline
-from common.scenario.reading import apply_settings, parse_yaml
+from tis.common.channels import Direction
+from tis.common.errors import Fault, InputError
+from tis.common.scenario.faults import faults
+from tis.common.scenario.network.completion import KINDS, complete_stage
+from tis.common.scenario.network.conditions import Change
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.scenario.reading import apply_settings, parse_yaml
 
 _LENGTH: Final = re.compile(r"(\d+(?:\.\d*)?|\.\d+)(us|ms|s|min|h)")
 _ABOVE: Final = ("network", *get_args(Direction))

@@ -5,14 +5,14 @@ from typing import Any, Final, get_args
 
 from rich.console import Console
 
-from common.channels import Direction
-from common.errors import EXIT_OK, Fault, InputError
-from common.runtime.emulator_client import EmulatorAddress, connected
-from common.scenario.control import CLEARING, Acknowledgement, DirectionState, EmulatorState, profile_requests
-from deploy.net.control.change import check_paths, read_change
-from deploy.net.control.state_table import print_state
-from deploy.net.library.profiles import profile_path, read_profile
-from netem.expected.synopsis import direction_label
+from tis.common.channels import Direction
+from tis.common.errors import EXIT_OK, Fault, InputError
+from tis.common.runtime.emulator_client import EmulatorAddress, connected
+from tis.common.scenario.control import CLEARING, Acknowledgement, DirectionState, EmulatorState, profile_requests
+from tis.deploy.net.control.change import check_paths, read_change
+from tis.deploy.net.control.state_table import print_state
+from tis.deploy.net.library.profiles import profile_path, read_profile
+from tis.netem.expected.synopsis import direction_label
 
 _BOTH: Final = ("both", *get_args(Direction))
 

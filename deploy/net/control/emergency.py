@@ -6,10 +6,10 @@ import time
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
-from common.errors import Fault, InputError, PeerError
-from common.runtime.emulator_client import EmulatorAddress, connected
-from common.stop_messages import LATCH, EmergencyStop, StopState, lock_of
-from deploy.net.control.stop_line import WHERE, Answer, StopLine, fresh_number, listed, told
+from tis.common.errors import Fault, InputError, PeerError
+from tis.common.runtime.emulator_client import EmulatorAddress, connected
+from tis.common.stop_messages import LATCH, EmergencyStop, StopState, lock_of
+from tis.deploy.net.control.stop_line import WHERE, Answer, StopLine, fresh_number, listed, told
 
 _TOKEN: Final = re.compile(r"([0-9]{1,16})(?:-([0-9A-Za-z]{1,64}))?")
 _MAX_CHARS: Final = 200

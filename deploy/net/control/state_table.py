@@ -7,12 +7,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from common.channels import Direction
-from common.runtime.emulator_client import EmulatorAddress
-from common.scenario.control import DirectionState, EmulatorState, RuleState
-from common.scenario.network.conditions import TimelineEntry
-from common.scenario.network.pipeline import Pipeline
-from netem.expected.synopsis import direction_label
+from tis.common.channels import Direction
+from tis.common.runtime.emulator_client import EmulatorAddress
+from tis.common.scenario.control import DirectionState, EmulatorState, RuleState
+from tis.common.scenario.network.conditions import TimelineEntry
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.netem.expected.synopsis import direction_label
 
 _NONE: Final = "-"
 _CHANGED: Final = " *"

@@ -10,11 +10,11 @@ from typing import Final, NamedTuple, Self
 import zenoh
 from pydantic import ValidationError
 
-from common.channels import release_key, stop_key, stopped_key
-from common.errors import Fault, PeerError
-from common.runtime.emulator_client import EmulatorAddress
-from common.runtime.zenoh_session import urgent_publisher
-from common.stop_messages import LATCH, EmergencyStop, StopState
+from tis.common.channels import release_key, stop_key, stopped_key
+from tis.common.errors import Fault, PeerError
+from tis.common.runtime.emulator_client import EmulatorAddress
+from tis.common.runtime.zenoh_session import urgent_publisher
+from tis.common.stop_messages import LATCH, EmergencyStop, StopState
 
 TIME_OUT_S: Final = 3.0
 WHERE: Final = "tis stop"

@@ -10,10 +10,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from common.errors import DataError, Fault
-from common.runtime.limited_file import read_limited
-from common.trace import LOST, MAX_DELAY_NS, Trace
-from common.units import NS_PER_MS, NS_PER_S
+from tis.common.errors import DataError, Fault
+from tis.common.runtime.limited_file import read_limited
+from tis.common.trace import LOST, MAX_DELAY_NS, Trace
+from tis.common.units import NS_PER_MS, NS_PER_S
 
 SUFFIXES: Final = (".pcap", ".pcapng", ".cap")
 _GET_DPKT: Final = "pip install 'tis-testbed[pcap]'"

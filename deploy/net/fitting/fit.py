@@ -4,22 +4,22 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from common.channels import Direction
-from common.errors import DataError, Fault
-from common.runtime.limited_file import read_limited
-from common.runtime.trace_files import load_traces
-from common.scenario.network.delay import TraceDelay
-from common.scenario.profile import Profile
-from common.trace import Trace
-from deploy.net.fitting.captures import captured
-from deploy.net.fitting.round_trips import both_ways, parse_round_trips
-from deploy.net.fitting.run_records import run_records
-from deploy.net.library.profiles import build_profile
-from netem.fit.backlogs import MESSAGE_BYTES, Backlogs
-from netem.fit.candidates import REPLAYS, fit_closing
-from netem.fit.direction import DirectionFit
-from netem.fit.marginal import MarginalName
-from netem.fit.record import DirectionRecord
+from tis.common.channels import Direction
+from tis.common.errors import DataError, Fault
+from tis.common.runtime.limited_file import read_limited
+from tis.common.runtime.trace_files import load_traces
+from tis.common.scenario.network.delay import TraceDelay
+from tis.common.scenario.profile import Profile
+from tis.common.trace import Trace
+from tis.deploy.net.fitting.captures import captured
+from tis.deploy.net.fitting.round_trips import both_ways, parse_round_trips
+from tis.deploy.net.fitting.run_records import run_records
+from tis.deploy.net.library.profiles import build_profile
+from tis.netem.fit.backlogs import MESSAGE_BYTES, Backlogs
+from tis.netem.fit.candidates import REPLAYS, fit_closing
+from tis.netem.fit.direction import DirectionFit
+from tis.netem.fit.marginal import MarginalName
+from tis.netem.fit.record import DirectionRecord
 
 _MIN_ARRIVED: Final = 100
 _MAX_BYTES: Final = 256_000_000

@@ -7,18 +7,18 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from common.channels import Direction
-from common.errors import EXIT_OK, Fault, InputError
-from deploy.net.fitting.fit import Ways, cautions, fit_records, plain, profile_of, records, unfitted_lines
-from deploy.net.fitting.run_records import RUN_HEADER_FIELDS
-from deploy.net.fitting.structure_table import print_structure
-from deploy.net.library.profiles import SUFFIXES, dump_profile
-from deploy.net.terminal import print_fit
-from deploy.shell import run_dir as folder
-from deploy.shell.messages import print_warnings
-from deploy.shell.outputs import check_outputs
-from netem.fit.direction import DirectionFit
-from netem.fit.marginal import MarginalName
+from tis.common.channels import Direction
+from tis.common.errors import EXIT_OK, Fault, InputError
+from tis.deploy.net.fitting.fit import Ways, cautions, fit_records, plain, profile_of, records, unfitted_lines
+from tis.deploy.net.fitting.run_records import RUN_HEADER_FIELDS
+from tis.deploy.net.fitting.structure_table import print_structure
+from tis.deploy.net.library.profiles import SUFFIXES, dump_profile
+from tis.deploy.net.terminal import print_fit
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.messages import print_warnings
+from tis.deploy.shell.outputs import check_outputs
+from tis.netem.fit.direction import DirectionFit
+from tis.netem.fit.marginal import MarginalName
 
 
 def fit_and_print(

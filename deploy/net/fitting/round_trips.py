@@ -12,9 +12,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from common.errors import DataError, Fault
-from common.trace import LOST, MAX_DELAY_NS, Trace
-from common.units import NS_PER_MS, NS_PER_S
+from tis.common.errors import DataError, Fault
+from tis.common.trace import LOST, MAX_DELAY_NS, Trace
+from tis.common.units import NS_PER_MS, NS_PER_S
 
 _PING: Final = re.compile(
     r"^(?:\[(?P<at>\d{1,12}\.\d{1,9})\] )?\d{1,6} bytes from .{1,200}? ?icmp_seq=(?P<seq>\d{1,9}) .{0,40}?"

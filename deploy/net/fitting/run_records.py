@@ -7,17 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from common.channels import Direction
-from common.errors import DataError, Fault
-from common.metrics.percentiles import summarise
-from common.records import CONTROL, ControlNote
-from common.scenario.faults import faults
-from common.scenario.network import NetworkPart
-from common.trace import LOST, Trace
-from common.units import NS_PER_MS
-from common.yaml_text import load_yaml
-from deploy.logs.log_paths import log_file, log_files
-from deploy.logs.read.batches import (
+from tis.common.channels import Direction
+from tis.common.errors import DataError, Fault
+from tis.common.metrics.percentiles import summarise
+from tis.common.records import CONTROL, ControlNote
+from tis.common.scenario.faults import faults
+from tis.common.scenario.network import NetworkPart
+from tis.common.trace import LOST, Trace
+from tis.common.units import NS_PER_MS
+from tis.common.yaml_text import load_yaml
+from tis.deploy.logs.log_paths import log_file, log_files
+from tis.deploy.logs.read.batches import (
     DELIVER,
     DEPARTURES,
     OUTCOMES,
@@ -29,13 +29,13 @@ from deploy.logs.read.batches import (
     link_fates,
     link_releases,
 )
-from deploy.logs.read.load import Ints, RunLogs, load_parts
-from deploy.shell import run_dir as folder
-from deploy.standalone.standalone_run import NETWORK_FILE
-from netem.conditions.conditions import Span
-from netem.control.changed_conditions import changed_conditions
-from netem.fit.measuring import NOTHING_ADDED
-from netem.fit.record import DirectionRecord, Flips
+from tis.deploy.logs.read.load import Ints, RunLogs, load_parts
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.standalone.standalone_run import NETWORK_FILE
+from tis.netem.conditions.conditions import Span
+from tis.netem.control.changed_conditions import changed_conditions
+from tis.netem.fit.measuring import NOTHING_ADDED
+from tis.netem.fit.record import DirectionRecord, Flips
 
 # Fates and departures of one direction in netem's log, joined packet by packet.
 

@@ -7,11 +7,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from common.channels import Direction
-from netem.draws.blocks import Floats
-from netem.fit.backlogs import MESSAGE_BYTES, Backlogs
-from netem.fit.direction import DirectionFit
-from netem.fit.joint_states import JointStates
+from tis.common.channels import Direction
+from tis.netem.draws.blocks import Floats
+from tis.netem.fit.backlogs import MESSAGE_BYTES, Backlogs
+from tis.netem.fit.direction import DirectionFit
+from tis.netem.fit.joint_states import JointStates
 
 
 def print_structure(fits: Mapping[Direction, DirectionFit], out: Console) -> None:

@@ -5,13 +5,13 @@ from typing import Any, get_args
 
 from rich.console import Console
 
-from common.channels import Direction
-from common.errors import EXIT_OK
-from common.runtime.trace_files import load_traces
-from common.scenario.profile import Profile
-from deploy.net.library.profiles import find_profile, shipped_names
-from deploy.net.terminal import Figures, print_library, print_profile
-from netem.expected.figures import direction_figures
+from tis.common.channels import Direction
+from tis.common.errors import EXIT_OK
+from tis.common.runtime.trace_files import load_traces
+from tis.common.scenario.profile import Profile
+from tis.deploy.net.library.profiles import find_profile, shipped_names
+from tis.deploy.net.terminal import Figures, print_library, print_profile
+from tis.netem.expected.figures import direction_figures
 
 
 def list_profiles(out: Console, as_json: bool) -> int:

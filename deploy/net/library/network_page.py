@@ -3,10 +3,10 @@
 import json
 from typing import Any, Final
 
-from common.scenario.network import NetworkPart
-from deploy.net.library.stage_reference import Parameter, Section, sections
-from netem.build import build_links
-from netem.control.control import Control
+from tis.common.scenario.network import NetworkPart
+from tis.deploy.net.library.stage_reference import Parameter, Section, sections
+from tis.netem.build import build_links
+from tis.netem.control.control import Control
 
 EXAMPLE: Final = """\
 forward:                      # west to east; in a scenario all this stands below `network:`

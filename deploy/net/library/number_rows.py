@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
-from common.scenario.profile import Number, Profile, numeric_paths
+from tis.common.scenario.profile import Number, Profile, numeric_paths
 
 _POINTS: Final = "points"
 _WAYS: Final = ("forward", "feedback")

@@ -8,10 +8,10 @@ from typing import Any, Final
 import yaml
 from pydantic import ValidationError
 
-from common.errors import Fault, InputError
-from common.runtime.scenario_file import read_scenario
-from common.scenario.faults import faults
-from common.scenario.profile import Profile
+from tis.common.errors import Fault, InputError
+from tis.common.runtime.scenario_file import read_scenario
+from tis.common.scenario.faults import faults
+from tis.common.scenario.profile import Profile
 
 SUFFIXES: Final = (".yaml", ".yml")
 SHIPPED: Final = Path(__file__).parents[2] / "profiles"
@@ -59,7 +59,7 @@ def find_profile(name: str) -> Profile:
 
 
 def library(name: str) -> Mapping[str, Any]:
-    """Return a profile's network as `common.scenario.reading.expand_profile` takes it, labelled with its name."""
+    """Return a profile's network as `tis.common.scenario.reading.expand_profile` takes it, labelled with its name."""
     profile = read_profile(profile_path(name))
     return {"from_profile": profile.name, **profile.partial()}
 

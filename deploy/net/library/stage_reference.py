@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
-from common.scenario.network import NetworkPart
-from common.scenario.network.conditions import Change
-from common.scenario.network.pipeline import Pipeline
+from tis.common.scenario.network import NetworkPart
+from tis.common.scenario.network.conditions import Change
+from tis.common.scenario.network.pipeline import Pipeline
 
 _WHOLE: Final = {"Pipeline": "stages", "Change": "stages and more"}
 """Parts with a separate section; elsewhere only their name is shown."""

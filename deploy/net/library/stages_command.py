@@ -6,10 +6,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from common.errors import EXIT_OK, Fault, InputError
-from deploy.net.library.network_page import network_page
-from deploy.net.library.stage_reference import Kind, sections
-from deploy.shell import run_dir as folder
+from tis.common.errors import EXIT_OK, Fault, InputError
+from tis.deploy.net.library.network_page import network_page
+from tis.deploy.net.library.stage_reference import Kind, sections
+from tis.deploy.shell import run_dir as folder
 
 
 def print_stages(name: str | None, out: Console) -> int:

@@ -6,8 +6,8 @@ from typing import NamedTuple, Self
 
 import zenoh
 
-from common.errors import Fault, InputError, PeerError
-from common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
+from tis.common.errors import Fault, InputError, PeerError
+from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
 
 
 class Ends(NamedTuple):

@@ -7,17 +7,17 @@ from typing import Final
 
 import zenoh
 
-from common.clocks.exchange import Exchanges, Stamps
-from common.clocks.fit import fit_clock
-from common.clocks.model import SHARED, ClockModel
-from common.errors import Fault, PeerError
-from common.host_records import ExchangeNote
-from common.node import Record
-from common.runtime.clock import WallClock
-from common.runtime.clock_watch import ClockWatch
-from deploy.net.probing.far_keys import Batch, clock_key, stamps_key
-from deploy.net.probing.probe import Plan
-from deploy.net.probing.receiving_end import Arrivals
+from tis.common.clocks.exchange import Exchanges, Stamps
+from tis.common.clocks.fit import fit_clock
+from tis.common.clocks.model import SHARED, ClockModel
+from tis.common.errors import Fault, PeerError
+from tis.common.host_records import ExchangeNote
+from tis.common.node import Record
+from tis.common.runtime.clock import WallClock
+from tis.common.runtime.clock_watch import ClockWatch
+from tis.deploy.net.probing.far_keys import Batch, clock_key, stamps_key
+from tis.deploy.net.probing.probe import Plan
+from tis.deploy.net.probing.receiving_end import Arrivals
 
 _WHERE: Final = "tis net probe"
 _LATER: Final = "later"

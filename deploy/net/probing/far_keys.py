@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from deploy.net.probing.message_pairing import Stamp
+from tis.deploy.net.probing.message_pairing import Stamp
 
 MAX_ROWS: Final = 5_000
 """Stamps in one batch, 120 kB."""

@@ -13,14 +13,14 @@ from typing import Any, Final
 import numpy as np
 import zenoh
 
-from common.errors import Fault, PeerError
-from common.header import Header
-from common.runtime.clock import monotonic_ns
-from common.runtime.free_endpoints import free_endpoints
-from common.runtime.scheduling import sharpen_timers
-from common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
-from deploy.net.probing.receiving_end import LocalReceivingEnd
-from netem.fit.measuring import Spread
+from tis.common.errors import Fault, PeerError
+from tis.common.header import Header
+from tis.common.runtime.clock import monotonic_ns
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.scheduling import sharpen_timers
+from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
+from tis.deploy.net.probing.receiving_end import LocalReceivingEnd
+from tis.netem.fit.measuring import Spread
 
 _RATE_HZ: Final = 50  # high enough for a p99 after seconds, low enough not to disturb the probe
 _MIN_MESSAGES: Final = 30

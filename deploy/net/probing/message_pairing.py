@@ -6,8 +6,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.clocks.model import SHARED, ClockModel
-from common.trace import LOST
+from tis.common.clocks.model import SHARED, ClockModel
+from tis.common.trace import LOST
 
 Ints = NDArray[np.int64]
 Stamp = tuple[int, int, int]

@@ -13,25 +13,25 @@ import zenoh
 from rich.console import Console
 from rich.markup import escape
 
-from common.clocks.model import PPM
-from common.clocks.uncertainty import is_resolvable
-from common.errors import EXIT_OK, Fault, PeerError
-from common.runtime.zenoh_session import ZenohOptions
-from common.trace import Trace
-from common.trace_text import render_trace
-from common.units import NS_PER_MS
-from deploy.net.probing.delay_figures import as_json as plain
-from deploy.net.probing.delay_figures import path_figures
-from deploy.net.probing.ends import Ends, check_key, open_end
-from deploy.net.probing.far_end import FarEnd
-from deploy.net.probing.idle_relay import open_idle_relay
-from deploy.net.probing.probe import Plan, Probed, probe
-from deploy.net.probing.receiving_end import LocalReceivingEnd
-from deploy.net.terminal import delay_uncertainties, print_path
-from deploy.shell import run_dir as folder
-from deploy.shell.messages import print_warnings
-from deploy.shell.outputs import check_outputs
-from netem.fit.measuring import MEASURING_ADDS, Spread
+from tis.common.clocks.model import PPM
+from tis.common.clocks.uncertainty import is_resolvable
+from tis.common.errors import EXIT_OK, Fault, PeerError
+from tis.common.runtime.zenoh_session import ZenohOptions
+from tis.common.trace import Trace
+from tis.common.trace_text import render_trace
+from tis.common.units import NS_PER_MS
+from tis.deploy.net.probing.delay_figures import as_json as plain
+from tis.deploy.net.probing.delay_figures import path_figures
+from tis.deploy.net.probing.ends import Ends, check_key, open_end
+from tis.deploy.net.probing.far_end import FarEnd
+from tis.deploy.net.probing.idle_relay import open_idle_relay
+from tis.deploy.net.probing.probe import Plan, Probed, probe
+from tis.deploy.net.probing.receiving_end import LocalReceivingEnd
+from tis.deploy.net.terminal import delay_uncertainties, print_path
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.messages import print_warnings
+from tis.deploy.shell.outputs import check_outputs
+from tis.netem.fit.measuring import MEASURING_ADDS, Spread
 
 # Trace of a probe, with its conditions in the header.
 

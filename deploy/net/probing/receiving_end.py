@@ -4,11 +4,11 @@ from typing import Any, Final, Protocol
 
 import zenoh
 
-from common.clocks.exchange import Exchanges
-from common.clocks.model import SHARED, ClockModel
-from common.header import Header
-from common.runtime.clock import monotonic_ns
-from deploy.net.probing.message_pairing import FOREIGN, WARMING_UP, Stamp
+from tis.common.clocks.exchange import Exchanges
+from tis.common.clocks.model import SHARED, ClockModel
+from tis.common.header import Header
+from tis.common.runtime.clock import monotonic_ns
+from tis.deploy.net.probing.message_pairing import FOREIGN, WARMING_UP, Stamp
 
 WARM_UP: Final = b"tis probe, warming up"
 """The attachment of a message that does not count."""

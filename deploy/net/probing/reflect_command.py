@@ -7,11 +7,11 @@ from threading import Event
 from rich.console import Console
 from rich.markup import escape
 
-from common.errors import EXIT_OK, Fault, InputError
-from common.runtime.zenoh_session import ZenohOptions
-from deploy.net.probing.ends import check_key, open_end
-from deploy.net.probing.probe import low_latency
-from deploy.net.probing.reflector import Reflector
+from tis.common.errors import EXIT_OK, Fault, InputError
+from tis.common.runtime.zenoh_session import ZenohOptions
+from tis.deploy.net.probing.ends import check_key, open_end
+from tis.deploy.net.probing.probe import low_latency
+from tis.deploy.net.probing.reflector import Reflector
 
 _WHERE = "tis net reflect"
 

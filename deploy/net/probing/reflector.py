@@ -9,11 +9,11 @@ from typing import Any, Final
 
 import zenoh
 
-from common.runtime.clock import monotonic_ns
-from common.runtime.clock_server import ClockServer
-from deploy.net.probing.far_keys import MAX_ROWS, Batch, clock_key, stamps_key
-from deploy.net.probing.message_pairing import Stamp
-from deploy.net.probing.receiving_end import read_arrival
+from tis.common.runtime.clock import monotonic_ns
+from tis.common.runtime.clock_server import ClockServer
+from tis.deploy.net.probing.far_keys import MAX_ROWS, Batch, clock_key, stamps_key
+from tis.deploy.net.probing.message_pairing import Stamp
+from tis.deploy.net.probing.receiving_end import read_arrival
 
 _MAX_KEPT: Final = 1_000_000
 _MAX_QUEUED: Final = 256

@@ -3,12 +3,12 @@
 from collections.abc import Callable, Sequence
 from typing import Any, Final, NamedTuple
 
-from deploy.report.run_view import RunView
-from deploy.report.tables.answer import accuracy_by_hand
-from deploy.report.tables.html_tables import table
-from deploy.report.tables.numbers import number
-from deploy.report.tables.redundancy_rows import kilo
-from deploy.report.verdict.verdict_text import outcome_text
+from tis.deploy.report.run_view import RunView
+from tis.deploy.report.tables.answer import accuracy_by_hand
+from tis.deploy.report.tables.html_tables import table
+from tis.deploy.report.tables.numbers import number
+from tis.deploy.report.tables.redundancy_rows import kilo
+from tis.deploy.report.verdict.verdict_text import outcome_text
 
 _SAME: Final = 0.005
 Values = Sequence[float | None]

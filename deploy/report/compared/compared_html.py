@@ -4,15 +4,15 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Final
 
-from deploy.report.compared.compared_figures import figures_table
-from deploy.report.compared.compared_plots import against_age, distributions, over_time
-from deploy.report.compared.scenario_differences import Differences, scenario_differences
-from deploy.report.measures.network.disturbances import Disturbance, disturbances, disturbances_text
-from deploy.report.page.html_page import Page, Section, page_html
-from deploy.report.plots.hand_view import HandView
-from deploy.report.run_view import RunView
-from deploy.report.tables.html_tables import markup_table, table
-from deploy.report.tables.numbers import number
+from tis.deploy.report.compared.compared_figures import figures_table
+from tis.deploy.report.compared.compared_plots import against_age, distributions, over_time
+from tis.deploy.report.compared.scenario_differences import Differences, scenario_differences
+from tis.deploy.report.measures.network.disturbances import Disturbance, disturbances, disturbances_text
+from tis.deploy.report.page.html_page import Page, Section, page_html
+from tis.deploy.report.plots.hand_view import HandView
+from tis.deploy.report.run_view import RunView
+from tis.deploy.report.tables.html_tables import markup_table, table
+from tis.deploy.report.tables.numbers import number
 
 _NUMBERS: Final = ("seed", "duration, s")
 

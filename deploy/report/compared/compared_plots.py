@@ -7,19 +7,19 @@ from bokeh.models import ColumnDataSource
 from bokeh.models.ranges import DataRange1d
 from bokeh.models.tools import HoverTool
 
-from common.units import NS_PER_MS, NS_PER_S
-from deploy.report.measures.estimation.error_by_age import error_by_age
-from deploy.report.measures.latency import sample_latency, used_samples
-from deploy.report.measures.network.disturbances import Disturbance
-from deploy.report.palette import SERIES
-from deploy.report.plots import plot_style as style
-from deploy.report.plots.cdf_plot import Curve, cdf
-from deploy.report.plots.disturbance_marks import mark_disturbances
-from deploy.report.plots.hand_view import MAX_TICKS, HandView
-from deploy.report.plots.packets import link_columns
-from deploy.report.plots.thinning import Array, column, worst
-from deploy.report.run_view import RunView
-from deploy.report.tables.numbers import number
+from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.deploy.report.measures.estimation.error_by_age import error_by_age
+from tis.deploy.report.measures.latency import sample_latency, used_samples
+from tis.deploy.report.measures.network.disturbances import Disturbance
+from tis.deploy.report.palette import SERIES
+from tis.deploy.report.plots import plot_style as style
+from tis.deploy.report.plots.cdf_plot import Curve, cdf
+from tis.deploy.report.plots.disturbance_marks import mark_disturbances
+from tis.deploy.report.plots.hand_view import MAX_TICKS, HandView
+from tis.deploy.report.plots.packets import link_columns
+from tis.deploy.report.plots.thinning import Array, column, worst
+from tis.deploy.report.run_view import RunView
+from tis.deploy.report.tables.numbers import number
 
 
 def distributions(runs: Mapping[str, RunView], views: Mapping[str, HandView | None]) -> list[style.Figure | None]:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from common.scenario import Scenario
+from tis.common.scenario import Scenario
 
 _ABSENT: Final = "-"
 _NOT_A_DIFFERENCE: Final = ("name", "version")

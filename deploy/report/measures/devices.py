@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from typing import Any, Final, get_args
 
-from common.channels import Hand, Side
-from common.devices.records import DEVICES, FOREIGN_SURGEON, Refusal
-from common.records import COUNTERS
-from common.scenario import Scenario
-from common.units import NS_PER_S
-from deploy.logs.read.load import RunLogs
+from tis.common.channels import Hand, Side
+from tis.common.devices.records import DEVICES, FOREIGN_SURGEON, Refusal
+from tis.common.records import COUNTERS
+from tis.common.scenario import Scenario
+from tis.common.units import NS_PER_S
+from tis.deploy.logs.read.load import RunLogs
 
 MEANING: Final[Mapping[Refusal, str]] = {
     "undecodable": "that were no pose or beyond its limits",

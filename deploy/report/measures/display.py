@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Hand, is_predicted
-from common.metrics.percentiles import summarise
-from common.metrics.tracking import SETTLING_NS, truth_at
-from common.records import FRESH, PLANT
-from common.units import MM_PER_M, NS_PER_MS
-from deploy.logs.read.load import Ints, RunLogs
-from deploy.logs.read.note_columns import notes, place_in
-from deploy.logs.read.rows import Rows
+from tis.common.channels import Hand, is_predicted
+from tis.common.metrics.percentiles import summarise
+from tis.common.metrics.tracking import SETTLING_NS, truth_at
+from tis.common.records import FRESH, PLANT
+from tis.common.units import MM_PER_M, NS_PER_MS
+from tis.deploy.logs.read.load import Ints, RunLogs
+from tis.deploy.logs.read.note_columns import notes, place_in
+from tis.deploy.logs.read.rows import Rows
 
 Array = NDArray[np.float64]
 

@@ -1,9 +1,9 @@
 """Actual duration of a run, shorter than planned when it was cut short."""
 
-from common.channels import Side
-from common.records import TICKS
-from common.scenario import Scenario
-from deploy.logs.read.load import RunLogs
+from tis.common.channels import Side
+from tis.common.records import TICKS
+from tis.common.scenario import Scenario
+from tis.deploy.logs.read.load import RunLogs
 
 
 def active_duration_s(logs: RunLogs, side: Side, scenario: Scenario) -> float:

@@ -3,12 +3,12 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from common.peer_life import Alarm
-from common.records import COUNTERS
-from common.safety_records import QUARANTINED, SINCE_MS
-from common.scenario import Scenario
-from common.units import NS_PER_MS, NS_PER_S
-from deploy.logs.read.load import RunLogs
+from tis.common.peer_life import Alarm
+from tis.common.records import COUNTERS
+from tis.common.safety_records import QUARANTINED, SINCE_MS
+from tis.common.scenario import Scenario
+from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.deploy.logs.read.load import RunLogs
 
 _COUNTERS: Final[Mapping[Alarm, str]] = {
     "conflict": f"{QUARANTINED}.conflicting",

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from deploy.logs.read.batches import Releases
+from tis.deploy.logs.read.batches import Releases
 
 
 def first_copies(left: Releases) -> Releases:

@@ -6,19 +6,19 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from common.metrics.delay_variation import (
+from tis.common.metrics.delay_variation import (
     inter_packet_delay_variation_ns,
     packet_delay_variation_ns,
     rtp_jitter_ns,
 )
-from common.metrics.gilbert_fit import fit_gilbert, loss_interval
-from common.metrics.loss import KeyAccount, KeyPackets, Transmissions, account
-from common.metrics.loss_runs import loss_runs
-from common.metrics.ordering import first_arrivals, n_reordering, reordering_extents
-from common.metrics.percentiles import TAIL, summarise
-from common.metrics.timing import lateness_us
-from common.units import NS_PER_MS
-from deploy.logs.read.batches import (
+from tis.common.metrics.gilbert_fit import fit_gilbert, loss_interval
+from tis.common.metrics.loss import KeyAccount, KeyPackets, Transmissions, account
+from tis.common.metrics.loss_runs import loss_runs
+from tis.common.metrics.ordering import first_arrivals, n_reordering, reordering_extents
+from tis.common.metrics.percentiles import TAIL, summarise
+from tis.common.metrics.timing import lateness_us
+from tis.common.units import NS_PER_MS
+from tis.deploy.logs.read.batches import (
     DELIVER,
     DEPARTURES,
     OUTCOMES,
@@ -27,8 +27,8 @@ from deploy.logs.read.batches import (
     Releases,
     in_order_of_leaving,
 )
-from deploy.logs.read.load import Ints
-from deploy.report.measures.first_copies import first_copies
+from tis.deploy.logs.read.load import Ints
+from tis.deploy.report.measures.first_copies import first_copies
 
 
 class KeyBooks(NamedTuple):

@@ -6,15 +6,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Arm, Hand, Side, hand_channels
-from common.metrics.latency import Instants, LatencyParts, latency_parts, round_trip_ns
-from common.records import FRESH
-from common.units import NS_PER_MS
-from deploy.logs.coverage import WRITTEN_WITHIN_NS, lies_in
-from deploy.logs.read.load import RunLogs
-from deploy.logs.read.message_columns import MessageColumns
-from deploy.logs.read.note_columns import first_uses, notes, place_in, ticks
-from deploy.logs.read.payload_instants import NO_INSTANT
+from tis.common.channels import Arm, Hand, Side, hand_channels
+from tis.common.metrics.latency import Instants, LatencyParts, latency_parts, round_trip_ns
+from tis.common.records import FRESH
+from tis.common.units import NS_PER_MS
+from tis.deploy.logs.coverage import WRITTEN_WITHIN_NS, lies_in
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.message_columns import MessageColumns
+from tis.deploy.logs.read.note_columns import first_uses, notes, place_in, ticks
+from tis.deploy.logs.read.payload_instants import NO_INSTANT
 
 
 class UsedSamples(NamedTuple):

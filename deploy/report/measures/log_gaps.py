@@ -6,10 +6,10 @@ from typing import Self, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Direction, Side
-from deploy.logs.coverage import WRITTEN_WITHIN_NS, Span, lies_in
-from deploy.logs.read.batches import link_fates, link_releases
-from deploy.logs.read.load import Ints, RunLogs
+from tis.common.channels import Direction, Side
+from tis.deploy.logs.coverage import WRITTEN_WITHIN_NS, Span, lies_in
+from tis.deploy.logs.read.batches import link_fates, link_releases
+from tis.deploy.logs.read.load import Ints, RunLogs
 
 
 class LogGaps:

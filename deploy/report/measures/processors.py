@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from typing import Any, get_args
 
-from common.channels import Side
-from common.errors import DataError, Fault
-from common.host_records import PROCESSORS
-from common.metrics.processor_shares import ProcessorShares, processor_shares
-from deploy.logs.json_rows import Row
-from deploy.logs.read.load import RunLogs
+from tis.common.channels import Side
+from tis.common.errors import DataError, Fault
+from tis.common.host_records import PROCESSORS
+from tis.common.metrics.processor_shares import ProcessorShares, processor_shares
+from tis.deploy.logs.json_rows import Row
+from tis.deploy.logs.read.load import RunLogs
 
 
 def shares_of(logs: RunLogs, side: Side) -> ProcessorShares | None:

@@ -5,20 +5,20 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from common.channels import Arm, Hand, hand_channels
-from common.header import HEADER_BYTES
-from common.metrics.delivery import Flags, PlannedSamples, ages_at_ns
-from common.metrics.percentiles import Summary, summarise
-from common.metrics.tick_phase import Arrivals
-from common.records import TICKS
-from common.scenario import Scenario
-from common.units import NS_PER_MS
-from deploy.logs.coverage import WRITTEN_WITHIN_NS, lies_in
-from deploy.logs.read.load import Ints, RunLogs
-from deploy.logs.read.message_columns import MessageColumns
-from deploy.logs.read.note_columns import place_in, ticks
-from deploy.report.measures.log_gaps import LogGaps
-from deploy.report.measures.network.link_books import ENDS
+from tis.common.channels import Arm, Hand, hand_channels
+from tis.common.header import HEADER_BYTES
+from tis.common.metrics.delivery import Flags, PlannedSamples, ages_at_ns
+from tis.common.metrics.percentiles import Summary, summarise
+from tis.common.metrics.tick_phase import Arrivals
+from tis.common.records import TICKS
+from tis.common.scenario import Scenario
+from tis.common.units import NS_PER_MS
+from tis.deploy.logs.coverage import WRITTEN_WITHIN_NS, lies_in
+from tis.deploy.logs.read.load import Ints, RunLogs
+from tis.deploy.logs.read.message_columns import MessageColumns
+from tis.deploy.logs.read.note_columns import place_in, ticks
+from tis.deploy.report.measures.log_gaps import LogGaps
+from tis.deploy.report.measures.network.link_books import ENDS
 
 _NONE: Final[Ints] = np.empty(0, dtype=np.int64)
 _FIELD_BYTES: Final = len(',"history":[') + len("]") - 1

@@ -8,17 +8,17 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Hand, is_set_point
-from common.messages import SafetyMode
-from common.records import COUNTERS
-from common.safety_records import SAFETY, STOPS
-from common.scenario import Scenario
-from common.units import MM_PER_M, NS_PER_MS
-from deploy.logs.read.load import RunLogs
-from deploy.logs.read.note_columns import place_in
-from deploy.logs.read.rows import Rows
-from deploy.report.measures.estimation.tracking import Array, HandTrack, at_ticks
-from patient_side.safety.limits import limits_of
+from tis.common.channels import Hand, is_set_point
+from tis.common.messages import SafetyMode
+from tis.common.records import COUNTERS
+from tis.common.safety_records import SAFETY, STOPS
+from tis.common.scenario import Scenario
+from tis.common.units import MM_PER_M, NS_PER_MS
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.note_columns import place_in
+from tis.deploy.logs.read.rows import Rows
+from tis.deploy.report.measures.estimation.tracking import Array, HandTrack, at_ticks
+from tis.patient_side.safety.limits import limits_of
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from common.units import NS_PER_S
-from deploy.logs.coverage import Coverage, lies_in
-from deploy.logs.read.load import Ints
+from tis.common.units import NS_PER_S
+from tis.deploy.logs.coverage import Coverage, lies_in
+from tis.deploy.logs.read.load import Ints
 
 
 class TicksAway(NamedTuple):

@@ -5,14 +5,14 @@ from typing import Any, Final, get_args
 
 import numpy as np
 
-from common.channels import Hand
-from common.clocks.exchange import Ints
-from common.clocks.uncertainty import is_resolvable, uncertainties
-from common.metrics.percentiles import Summary
-from common.units import NS_PER_MS
-from deploy.logs.read.clocks import sender_of
-from deploy.logs.read.load import RunLogs
-from deploy.report.measures.latency import UsedSamples, ages_of_hand
+from tis.common.channels import Hand
+from tis.common.clocks.exchange import Ints
+from tis.common.clocks.uncertainty import is_resolvable, uncertainties
+from tis.common.metrics.percentiles import Summary
+from tis.common.units import NS_PER_MS
+from tis.deploy.logs.read.clocks import sender_of
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.report.measures.latency import UsedSamples, ages_of_hand
 
 _AGES: Final = (
     "age_of_information_ms",

@@ -4,25 +4,25 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
-from common.scenario import Scenario
-from deploy.report.measures.latency import sample_latency, used_samples
-from deploy.report.measures.network.disturbances import Disturbance, disturbances_text
-from deploy.report.page.html_page import Section
-from deploy.report.page.network_picture import DirectionFigures, network_picture
-from deploy.report.plots.budget_bar import budget_bar, budget_ms
-from deploy.report.run_view import RunView
-from deploy.report.tables import html_tables as tables
-from deploy.report.tables.accuracy_tables import accuracy_table, more_accuracy
-from deploy.report.tables.answer import accuracy_by_hand, answer
-from deploy.report.tables.display_table import display_table
-from deploy.report.tables.html_tables import nonbreaking_units
-from deploy.report.tables.numbers import figure, number
-from deploy.report.tables.orientation_table import orientation_table
-from deploy.report.tables.redundancy_rows import sample_loss_text
-from deploy.report.tables.run_warnings import run_warnings
-from deploy.report.tables.terminal import END_TO_END
-from deploy.report.tables.verdict_table import outcome_list, verdict_tables
-from deploy.report.verdict.verdict_text import validity_text
+from tis.common.scenario import Scenario
+from tis.deploy.report.measures.latency import sample_latency, used_samples
+from tis.deploy.report.measures.network.disturbances import Disturbance, disturbances_text
+from tis.deploy.report.page.html_page import Section
+from tis.deploy.report.page.network_picture import DirectionFigures, network_picture
+from tis.deploy.report.plots.budget_bar import budget_bar, budget_ms
+from tis.deploy.report.run_view import RunView
+from tis.deploy.report.tables import html_tables as tables
+from tis.deploy.report.tables.accuracy_tables import accuracy_table, more_accuracy
+from tis.deploy.report.tables.answer import accuracy_by_hand, answer
+from tis.deploy.report.tables.display_table import display_table
+from tis.deploy.report.tables.html_tables import nonbreaking_units
+from tis.deploy.report.tables.numbers import figure, number
+from tis.deploy.report.tables.orientation_table import orientation_table
+from tis.deploy.report.tables.redundancy_rows import sample_loss_text
+from tis.deploy.report.tables.run_warnings import run_warnings
+from tis.deploy.report.tables.terminal import END_TO_END
+from tis.deploy.report.tables.verdict_table import outcome_list, verdict_tables
+from tis.deploy.report.verdict.verdict_text import validity_text
 
 # Headline figures of the report: latency, loss, accuracy, missed ticks.
 

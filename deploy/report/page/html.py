@@ -2,9 +2,9 @@
 
 from typing import Final
 
-from deploy.report.page.html_page import Page, page_html
-from deploy.report.page.sections import sections
-from deploy.report.run_view import RunView
+from tis.deploy.report.page.html_page import Page, page_html
+from tis.deploy.report.page.sections import sections
+from tis.deploy.report.run_view import RunView
 
 _LEAD: Final = (
     "One run of the testbed: a surgeon's hand moves a master, an emulated network delays and loses its samples, and "

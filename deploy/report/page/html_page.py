@@ -15,9 +15,9 @@ from bokeh.embed import components
 from bokeh.models.layouts import LayoutDOM
 from bokeh.resources import Resources
 
-from deploy.report.palette import TONES
-from deploy.report.plots.plot_style import THEME, Figure, Key
-from deploy.report.tables.html_tables import nonbreaking_units
+from tis.deploy.report.palette import TONES
+from tis.deploy.report.plots.plot_style import THEME, Figure, Key
+from tis.deploy.report.tables.html_tables import nonbreaking_units
 
 _STYLES: Final = tuple(Path(__file__).with_name(name) for name in ("tones.css", "page.css"))
 _SCRIPTS: Final = tuple(Path(__file__).with_name(name) for name in ("page.js", "camera.js"))

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from html import escape
 from typing import Final, Literal
 
-from common.channels import Direction
-from deploy.report.palette import AMBER, AXIS, GREEN, INK, PAPER, RED, SLATE, SOFT, Tone
+from tis.common.channels import Direction
+from tis.deploy.report.palette import AMBER, AXIS, GREEN, INK, PAPER, RED, SLATE, SOFT, Tone
 
 LinkState = Literal["good", "suffering", "outage", "unknown"]
 

@@ -6,42 +6,47 @@ from typing import get_args
 
 from bokeh.models.ranges import Range1d
 
-from common.channels import Direction
-from common.units import NS_PER_MS, NS_PER_S
-from deploy.logs.read.batches import link_fates
-from deploy.report.measures.latency import round_trips, sample_latency, used_samples
-from deploy.report.measures.network.disturbances import Disturbance, disturbances
-from deploy.report.measures.network.requested import Requested
-from deploy.report.measures.network.requested_pipeline import RequestedPipeline
-from deploy.report.measures.safety import set_points
-from deploy.report.page.answer_sections import accuracy_section, answer_section, latency_section, requirements_section
-from deploy.report.page.html_page import Section
-from deploy.report.plots.cdf_plot import delay_cdf, delay_curves, latency_cdf, latency_curves
-from deploy.report.plots.clock_plot import clock_figure
-from deploy.report.plots.delay_plot import delay_figure
-from deploy.report.plots.disturbance_marks import marked
-from deploy.report.plots.error_age_plot import error_age_figure, turn_age_figure
-from deploy.report.plots.error_plot import error_figure
-from deploy.report.plots.hand_view import HandView
-from deploy.report.plots.loss_plot import loss_figure
-from deploy.report.plots.packets import LinkColumns, link_columns
-from deploy.report.plots.path_3d import path_figure
-from deploy.report.plots.plot_style import Figure, time_range
-from deploy.report.plots.poles_plot import poles_figure
-from deploy.report.plots.release_plot import release_figure
-from deploy.report.plots.safety_plot import safety_figure
-from deploy.report.plots.singular_plot import singular_figure
-from deploy.report.plots.tracking_plot import tracking_figure
-from deploy.report.plots.turn_plot import turn_figure
-from deploy.report.run_view import RunView
-from deploy.report.tables import html_tables as tables
-from deploy.report.tables import network_tables as network
-from deploy.report.tables.clock_table import clock_table
-from deploy.report.tables.numbers import number
-from deploy.report.tables.processor_table import processor_table
-from deploy.report.tables.terminal import send_rate_text, trained_on
-from deploy.shell import run_dir
-from patient_side.identification.validation import fit_text
+from tis.common.channels import Direction
+from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.deploy.logs.read.batches import link_fates
+from tis.deploy.report.measures.latency import round_trips, sample_latency, used_samples
+from tis.deploy.report.measures.network.disturbances import Disturbance, disturbances
+from tis.deploy.report.measures.network.requested import Requested
+from tis.deploy.report.measures.network.requested_pipeline import RequestedPipeline
+from tis.deploy.report.measures.safety import set_points
+from tis.deploy.report.page.answer_sections import (
+    accuracy_section,
+    answer_section,
+    latency_section,
+    requirements_section,
+)
+from tis.deploy.report.page.html_page import Section
+from tis.deploy.report.plots.cdf_plot import delay_cdf, delay_curves, latency_cdf, latency_curves
+from tis.deploy.report.plots.clock_plot import clock_figure
+from tis.deploy.report.plots.delay_plot import delay_figure
+from tis.deploy.report.plots.disturbance_marks import marked
+from tis.deploy.report.plots.error_age_plot import error_age_figure, turn_age_figure
+from tis.deploy.report.plots.error_plot import error_figure
+from tis.deploy.report.plots.hand_view import HandView
+from tis.deploy.report.plots.loss_plot import loss_figure
+from tis.deploy.report.plots.packets import LinkColumns, link_columns
+from tis.deploy.report.plots.path_3d import path_figure
+from tis.deploy.report.plots.plot_style import Figure, time_range
+from tis.deploy.report.plots.poles_plot import poles_figure
+from tis.deploy.report.plots.release_plot import release_figure
+from tis.deploy.report.plots.safety_plot import safety_figure
+from tis.deploy.report.plots.singular_plot import singular_figure
+from tis.deploy.report.plots.tracking_plot import tracking_figure
+from tis.deploy.report.plots.turn_plot import turn_figure
+from tis.deploy.report.run_view import RunView
+from tis.deploy.report.tables import html_tables as tables
+from tis.deploy.report.tables import network_tables as network
+from tis.deploy.report.tables.clock_table import clock_table
+from tis.deploy.report.tables.numbers import number
+from tis.deploy.report.tables.processor_table import processor_table
+from tis.deploy.report.tables.terminal import send_rate_text, trained_on
+from tis.deploy.shell import run_dir
+from tis.patient_side.identification.validation import fit_text
 
 
 def sections(run: RunView) -> list[Section]:

@@ -3,11 +3,11 @@
 from html import escape
 from typing import Final
 
-from common.metrics.latency import LatencyParts
-from common.units import NS_PER_MS
-from deploy.report.palette import PARTS, Tone
-from deploy.report.tables.html_tables import nonbreaking_units
-from deploy.report.tables.numbers import number
+from tis.common.metrics.latency import LatencyParts
+from tis.common.units import NS_PER_MS
+from tis.deploy.report.palette import PARTS, Tone
+from tis.deploy.report.tables.html_tables import nonbreaking_units
+from tis.deploy.report.tables.numbers import number
 
 _MIN_PIECE_PCT: Final = 0.4
 

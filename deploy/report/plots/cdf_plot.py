@@ -12,13 +12,13 @@ from bokeh.models.tools import HoverTool
 from bokeh.plotting import figure
 from numpy.typing import ArrayLike
 
-from common.channels import Direction
-from deploy.report.measures.network.requested_pipeline import RequestedPipeline
-from deploy.report.palette import AXIS, BLUE, DIRECTIONS, INK, PALE, PAPER, RED, VERMILION, Tone
-from deploy.report.plots import plot_style as style
-from deploy.report.plots.packets import Array, LinkColumns
-from deploy.report.plots.thinning import column, distribution
-from deploy.report.tables.numbers import number
+from tis.common.channels import Direction
+from tis.deploy.report.measures.network.requested_pipeline import RequestedPipeline
+from tis.deploy.report.palette import AXIS, BLUE, DIRECTIONS, INK, PALE, PAPER, RED, VERMILION, Tone
+from tis.deploy.report.plots import plot_style as style
+from tis.deploy.report.plots.packets import Array, LinkColumns
+from tis.deploy.report.plots.thinning import column, distribution
+from tis.deploy.report.tables.numbers import number
 
 _LEFT_OF: Final[dict[str, Any]] = {"x_offset": -4, "text_align": "right"}
 _RIGHT_OF: Final[dict[str, Any]] = {"x_offset": 4, "text_align": "left"}

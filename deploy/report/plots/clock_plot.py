@@ -8,13 +8,13 @@ from bokeh.models.ranges import Range1d
 from bokeh.models.tools import HoverTool
 from bokeh.plotting import figure
 
-from common.channels import Side
-from common.clocks.model import PPM
-from common.units import NS_PER_S, NS_PER_US
-from deploy.logs.read.clocks import RunClocks, SideClock
-from deploy.report.palette import BLUE, GREEN, PALE, Tone
-from deploy.report.plots import plot_style as style
-from deploy.report.plots.thinning import column, evenly
+from tis.common.channels import Side
+from tis.common.clocks.model import PPM
+from tis.common.units import NS_PER_S, NS_PER_US
+from tis.deploy.logs.read.clocks import RunClocks, SideClock
+from tis.deploy.report.palette import BLUE, GREEN, PALE, Tone
+from tis.deploy.report.plots import plot_style as style
+from tis.deploy.report.plots.thinning import column, evenly
 
 _SIDES: Final[dict[Side, Tone]] = {"surgeon": BLUE, "patient": GREEN}
 _N_INSTANTS: Final = 400

@@ -10,15 +10,15 @@ from bokeh.models.ranges import Range1d
 from bokeh.models.tools import HoverTool
 from bokeh.plotting import figure
 
-from common.channels import Direction
-from common.units import NS_PER_S
-from deploy.logs.read.load import Ints
-from deploy.report.palette import CHANGED, DIRECTIONS, OUTAGE, PALE, RED, STALL, STATES, Tone
-from deploy.report.plots import plot_style as style
-from deploy.report.plots.packets import Array, LinkColumns
-from deploy.report.plots.thinning import column, evenly, evenly_and_largest
-from deploy.report.tables.numbers import number
-from netem.conditions.conditions import Span
+from tis.common.channels import Direction
+from tis.common.units import NS_PER_S
+from tis.deploy.logs.read.load import Ints
+from tis.deploy.report.palette import CHANGED, DIRECTIONS, OUTAGE, PALE, RED, STALL, STATES, Tone
+from tis.deploy.report.plots import plot_style as style
+from tis.deploy.report.plots.packets import Array, LinkColumns
+from tis.deploy.report.plots.thinning import column, evenly, evenly_and_largest
+from tis.deploy.report.tables.numbers import number
+from tis.netem.conditions.conditions import Span
 
 TITLES: Mapping[Direction, str] = {
     "forward": "forward (surgeon to patient)",

@@ -8,9 +8,9 @@ from bokeh.models.annotations import BoxAnnotation
 from bokeh.models.ranges import Range1d
 from bokeh.plotting import figure
 
-from deploy.report.measures.network.disturbances import Disturbance
-from deploy.report.palette import AWAY, CHANGED, OUTAGE, STALL, Tone
-from deploy.report.plots import plot_style as style
+from tis.deploy.report.measures.network.disturbances import Disturbance
+from tis.deploy.report.palette import AWAY, CHANGED, OUTAGE, STALL, Tone
+from tis.deploy.report.plots import plot_style as style
 
 _MAX_MARKS: Final = 40
 

@@ -8,12 +8,12 @@ from bokeh.models import ColumnDataSource
 from bokeh.models.ranges import DataRange1d
 from bokeh.models.tools import HoverTool
 
-from deploy.report.measures.estimation.error_by_age import ErrorByAge, error_by_age
-from deploy.report.measures.estimation.tracking import Array
-from deploy.report.plots import plot_style as style
-from deploy.report.plots.hand_view import HandView
-from deploy.report.plots.thinning import column
-from deploy.report.tables.numbers import number
+from tis.deploy.report.measures.estimation.error_by_age import ErrorByAge, error_by_age
+from tis.deploy.report.measures.estimation.tracking import Array
+from tis.deploy.report.plots import plot_style as style
+from tis.deploy.report.plots.hand_view import HandView
+from tis.deploy.report.plots.thinning import column
+from tis.deploy.report.tables.numbers import number
 
 
 @dataclass(frozen=True)

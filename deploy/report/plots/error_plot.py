@@ -7,11 +7,11 @@ from bokeh.models.ranges import DataRange1d, Range1d
 from bokeh.models.tools import HoverTool
 from bokeh.plotting import figure
 
-from common.units import NS_PER_S
-from deploy.report.palette import CHANGED, SLATE
-from deploy.report.plots import plot_style as style
-from deploy.report.plots.hand_view import HandView
-from deploy.report.tables.numbers import number
+from tis.common.units import NS_PER_S
+from tis.deploy.report.palette import CHANGED, SLATE
+from tis.deploy.report.plots import plot_style as style
+from tis.deploy.report.plots.hand_view import HandView
+from tis.deploy.report.tables.numbers import number
 
 
 def error_figure(view: HandView, x_range: Range1d) -> style.Figure | None:

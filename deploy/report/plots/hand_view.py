@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from common.channels import Hand
-from common.metrics.orientation import angles_deg
-from common.scenario import Scenario
-from common.units import MM_PER_M, NS_PER_S
-from deploy.logs.read.load import RunLogs
-from deploy.report.measures.estimation.tracking import Array, HandTrack, track_of_hand
-from deploy.report.measures.estimation.wrist_track import wrist_track
-from deploy.report.measures.latency import ages_at_ms
-from deploy.report.plots.thinning import Indices, column, evenly, worst
+from tis.common.channels import Hand
+from tis.common.metrics.orientation import angles_deg
+from tis.common.scenario import Scenario
+from tis.common.units import MM_PER_M, NS_PER_S
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.report.measures.estimation.tracking import Array, HandTrack, track_of_hand
+from tis.deploy.report.measures.estimation.wrist_track import wrist_track
+from tis.deploy.report.measures.latency import ages_at_ms
+from tis.deploy.report.plots.thinning import Indices, column, evenly, worst
 
 if TYPE_CHECKING:
     from bokeh.models import ColumnDataSource

@@ -9,12 +9,12 @@ from bokeh.models.formatters import NumeralTickFormatter
 from bokeh.models.ranges import Range1d
 from bokeh.models.tools import HoverTool
 
-from common.channels import Direction
-from deploy.logs.read.load import Ints
-from deploy.report.palette import DIRECTIONS
-from deploy.report.plots import plot_style as style
-from deploy.report.plots.packets import LinkColumns, run_lengths
-from deploy.report.plots.thinning import column
+from tis.common.channels import Direction
+from tis.deploy.logs.read.load import Ints
+from tis.deploy.report.palette import DIRECTIONS
+from tis.deploy.report.plots import plot_style as style
+from tis.deploy.report.plots.packets import LinkColumns, run_lengths
+from tis.deploy.report.plots.thinning import column
 
 _MAX_UNBINNED: Final = 40
 _GROUND: Final = 0.5

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Direction
-from common.metrics.loss_runs import loss_runs
-from common.units import NS_PER_MS, NS_PER_S, NS_PER_US
-from deploy.logs.read.batches import (
+from tis.common.channels import Direction
+from tis.common.metrics.loss_runs import loss_runs
+from tis.common.units import NS_PER_MS, NS_PER_S, NS_PER_US
+from tis.deploy.logs.read.batches import (
     DELIVER,
     NO_RELEASES,
     RELEASED,
@@ -19,8 +19,8 @@ from deploy.logs.read.batches import (
     in_order_of_leaving,
     releases_by_key,
 )
-from deploy.logs.read.load import Ints, RunLogs
-from deploy.report.measures.first_copies import first_copies
+from tis.deploy.logs.read.load import Ints, RunLogs
+from tis.deploy.report.measures.first_copies import first_copies
 
 Array = NDArray[np.float64]
 

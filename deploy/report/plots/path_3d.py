@@ -5,13 +5,13 @@ from typing import Final
 import numpy as np
 from bokeh.models.ranges import Range1d
 
-from common.units import MM_PER_M, NS_PER_S
-from deploy.report.plots import plot_style as style
-from deploy.report.plots.hand_view import HandView
-from deploy.report.plots.scene_3d import TRAIL_S, ScenePath, camera_controls, scene
-from deploy.report.plots.thinning import Array
-from deploy.report.plots.tracking_plot import range_text
-from deploy.report.tables.numbers import number
+from tis.common.units import MM_PER_M, NS_PER_S
+from tis.deploy.report.plots import plot_style as style
+from tis.deploy.report.plots.hand_view import HandView
+from tis.deploy.report.plots.scene_3d import TRAIL_S, ScenePath, camera_controls, scene
+from tis.deploy.report.plots.thinning import Array
+from tis.deploy.report.plots.tracking_plot import range_text
+from tis.deploy.report.tables.numbers import number
 
 _MIN_SPAN_MM: Final = 1.0
 _MAX_WIDTH: Final = 3.0

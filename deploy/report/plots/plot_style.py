@@ -11,8 +11,8 @@ from bokeh.models.tools import BoxZoomTool
 from bokeh.plotting import figure
 from bokeh.themes import Theme
 
-from common.scenario.estimator_names import is_user_defined
-from deploy.report.palette import AXIS, GRID, SOFT, Look, Tone, look_of
+from tis.common.scenario.estimator_names import is_user_defined
+from tis.deploy.report.palette import AXIS, GRID, SOFT, Look, Tone, look_of
 
 FONT: Final = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', sans-serif"
 

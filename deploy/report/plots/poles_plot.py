@@ -8,11 +8,11 @@ from bokeh.models.ranges import DataRange1d
 from bokeh.models.tools import HoverTool
 from numpy.typing import NDArray
 
-from deploy.report.palette import AXIS, BLUE, VIOLET, Tone
-from deploy.report.plots import plot_style as style
-from deploy.report.plots.thinning import column
-from deploy.report.tables.numbers import number
-from patient_side.statespace import ArmModel
+from tis.deploy.report.palette import AXIS, BLUE, VIOLET, Tone
+from tis.deploy.report.plots import plot_style as style
+from tis.deploy.report.plots.thinning import column
+from tis.deploy.report.tables.numbers import number
+from tis.patient_side.statespace import ArmModel
 
 Poles = NDArray[np.complex128]
 

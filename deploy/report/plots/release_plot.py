@@ -7,11 +7,11 @@ from bokeh.models import ColumnDataSource
 from bokeh.models.ranges import Range1d
 from bokeh.models.tools import HoverTool
 
-from common.channels import Direction
-from deploy.report.palette import DIRECTIONS
-from deploy.report.plots import plot_style as style
-from deploy.report.plots.packets import LinkColumns
-from deploy.report.plots.thinning import column, distribution
+from tis.common.channels import Direction
+from tis.deploy.report.palette import DIRECTIONS
+from tis.deploy.report.plots import plot_style as style
+from tis.deploy.report.plots.packets import LinkColumns
+from tis.deploy.report.plots.thinning import column, distribution
 
 _MIN_US = 1.0
 

@@ -9,12 +9,12 @@ from bokeh.models.annotations import BoxAnnotation
 from bokeh.models.ranges import DataRange1d, Range1d
 from bokeh.models.sources import ColumnDataSource
 
-from common.units import MM_PER_M, NS_PER_S
-from deploy.report.measures.safety import SetPoints
-from deploy.report.palette import AMBER, SERIES, STATES, Tone
-from deploy.report.plots import plot_style as style
-from deploy.report.plots.hand_view import HandView
-from deploy.report.plots.thinning import column
+from tis.common.units import MM_PER_M, NS_PER_S
+from tis.deploy.report.measures.safety import SetPoints
+from tis.deploy.report.palette import AMBER, SERIES, STATES, Tone
+from tis.deploy.report.plots import plot_style as style
+from tis.deploy.report.plots.hand_view import HandView
+from tis.deploy.report.plots.thinning import column
 
 _TONES: Final[dict[str, Tone]] = {
     "resuming": STATES[0],

@@ -15,8 +15,8 @@ from bokeh.models import ColumnDataSource
 from bokeh.models.ranges import Range1d
 from bokeh.plotting import figure
 
-from deploy.report.palette import AXIS, PALE, PAPER, SOFT, Tone
-from deploy.report.plots.plot_style import FONT, named
+from tis.deploy.report.palette import AXIS, PALE, PAPER, SOFT, Tone
+from tis.deploy.report.plots.plot_style import FONT, named
 
 TRAIL_S: Final = 2.0
 """Length of the trail behind each head, in s."""

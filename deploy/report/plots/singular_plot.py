@@ -8,10 +8,10 @@ from bokeh.models.annotations import Label, Span
 from bokeh.models.ranges import Range1d
 from bokeh.models.tools import HoverTool
 
-from common.scenario.patient import Identification, is_model_file
-from deploy.report.palette import BLUE, PALE, VERMILION
-from deploy.report.plots import plot_style as style
-from patient_side.identification.validation import fit_text
+from tis.common.scenario.patient import Identification, is_model_file
+from tis.deploy.report.palette import BLUE, PALE, VERMILION
+from tis.deploy.report.plots import plot_style as style
+from tis.patient_side.identification.validation import fit_text
 
 _RULES: Final = {
     "energy": "The order is the smallest whose values make up 85 % of the sum of all.",

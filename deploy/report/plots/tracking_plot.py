@@ -5,9 +5,9 @@ from bokeh.layouts import gridplot
 from bokeh.models.ranges import DataRange1d, Range1d
 from bokeh.models.tools import HoverTool
 
-from common.units import MM_PER_M
-from deploy.report.plots import plot_style as style
-from deploy.report.plots.hand_view import HandView
+from tis.common.units import MM_PER_M
+from tis.deploy.report.plots import plot_style as style
+from tis.deploy.report.plots.hand_view import HandView
 
 
 def tracking_figure(view: HandView, x_range: Range1d) -> style.Figure | None:

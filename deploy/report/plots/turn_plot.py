@@ -4,9 +4,9 @@ import numpy as np
 from bokeh.models.ranges import DataRange1d, Range1d
 from bokeh.models.tools import HoverTool
 
-from deploy.report.plots import plot_style as style
-from deploy.report.plots.hand_view import HandView
-from deploy.report.tables.numbers import number
+from tis.deploy.report.plots import plot_style as style
+from tis.deploy.report.plots.hand_view import HandView
+from tis.deploy.report.tables.numbers import number
 
 MARK = " turn"
 """Ends the names of the lines: hold of the positions and hold of the orientations are hidden apart."""

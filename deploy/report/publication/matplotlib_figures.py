@@ -12,10 +12,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
-from patient_side.identification.identify import Identified, ValidationRun
-from patient_side.identification.order import OrderChoice
-from patient_side.identification.validation import fit_text
-from patient_side.statespace import ArmModel, order_text
+from tis.patient_side.identification.identify import Identified, ValidationRun
+from tis.patient_side.identification.order import OrderChoice
+from tis.patient_side.identification.validation import fit_text
+from tis.patient_side.statespace import ArmModel, order_text
 
 FORMATS: Final = ("svg", "pdf", "png")
 _MM: Final = 1000.0

@@ -11,16 +11,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from common.channels import Direction
-from common.units import MM_PER_M, NS_PER_MS, NS_PER_S
-from deploy.report.measures.estimation.error_by_age import error_by_age
-from deploy.report.measures.latency import round_trips, sample_latency, used_samples
-from deploy.report.palette import BLUE, DIRECTIONS, RED, VERMILION, look_of
-from deploy.report.plots.hand_view import HandView
-from deploy.report.plots.packets import LinkColumns, link_columns, run_lengths
-from deploy.report.plots.thinning import distribution, evenly_and_largest, worst
-from deploy.report.publication.matplotlib_figures import STYLE
-from deploy.report.run_view import RunView
+from tis.common.channels import Direction
+from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S
+from tis.deploy.report.measures.estimation.error_by_age import error_by_age
+from tis.deploy.report.measures.latency import round_trips, sample_latency, used_samples
+from tis.deploy.report.palette import BLUE, DIRECTIONS, RED, VERMILION, look_of
+from tis.deploy.report.plots.hand_view import HandView
+from tis.deploy.report.plots.packets import LinkColumns, link_columns, run_lengths
+from tis.deploy.report.plots.thinning import distribution, evenly_and_largest, worst
+from tis.deploy.report.publication.matplotlib_figures import STYLE
+from tis.deploy.report.run_view import RunView
 
 COLUMN_IN: Final = 3.5
 """Width of a column of a two-column paper: 89 mm, IEEE's 3.5 in."""

@@ -4,12 +4,12 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any, Final
 
-from common.channels import Hand
-from deploy.report.measures.estimation.own_estimators import labelled
-from deploy.report.palette import Look, look_of
-from deploy.report.tables.html_tables import folded, interval, markup_table, table
-from deploy.report.tables.numbers import number
-from deploy.report.tables.terminal import has_step_times
+from tis.common.channels import Hand
+from tis.deploy.report.measures.estimation.own_estimators import labelled
+from tis.deploy.report.palette import Look, look_of
+from tis.deploy.report.tables.html_tables import folded, interval, markup_table, table
+from tis.deploy.report.tables.numbers import number
+from tis.deploy.report.tables.terminal import has_step_times
 
 _MAX_BAR: Final = 3
 _CUT: Final = "\u00bb"

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from common.channels import Hand
-from common.scenario import Scenario
-from deploy.report.tables.numbers import figure, number, unresolved_latency
-from deploy.report.tables.redundancy_rows import redundancy_text, sample_loss_text
+from tis.common.channels import Hand
+from tis.common.scenario import Scenario
+from tis.deploy.report.tables.numbers import figure, number, unresolved_latency
+from tis.deploy.report.tables.redundancy_rows import redundancy_text, sample_loss_text
 
 
 def answer(summary: dict[str, Any], scenario: Scenario) -> str:

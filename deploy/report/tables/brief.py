@@ -6,10 +6,10 @@ from typing import Any, Final, NamedTuple
 
 from rich.text import Text
 
-from deploy.report.measures.estimation.own_estimators import labelled
-from deploy.report.tables.numbers import NOT_RESOLVABLE, figure, number, unresolved_latency
-from deploy.report.tables.redundancy_rows import redundancy_text, sample_loss_text
-from deploy.report.verdict.verdict_text import (
+from tis.deploy.report.measures.estimation.own_estimators import labelled
+from tis.deploy.report.tables.numbers import NOT_RESOLVABLE, figure, number, unresolved_latency
+from tis.deploy.report.tables.redundancy_rows import redundancy_text, sample_loss_text
+from tis.deploy.report.verdict.verdict_text import (
     FIDELITY_STYLES,
     OUT_OF_REACH,
     fidelity_text,

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
-from deploy.report.tables.html_tables import table
-from deploy.report.tables.numbers import number
+from tis.deploy.report.tables.html_tables import table
+from tis.deploy.report.tables.numbers import number
 
 _KINDS: Final = {
     "reference": "the reference",

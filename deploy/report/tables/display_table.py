@@ -8,8 +8,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from deploy.report.tables.html_tables import folded, table
-from deploy.report.tables.numbers import number
+from tis.deploy.report.tables.html_tables import folded, table
+from tis.deploy.report.tables.numbers import number
 
 _SHOWN: Final = {"feedback_mm": "delayed feedback", "predicted_mm": "predicted arm"}
 _HEAD: Final = (

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any, Final
 
-from deploy.report.tables.numbers import LATENCY_PARTS, ROUND_TRIP, figure, heads, number
-from deploy.report.tables.redundancy_rows import COLUMNS, NOTE, redundancy_rows, redundancy_text
+from tis.deploy.report.tables.numbers import LATENCY_PARTS, ROUND_TRIP, figure, heads, number
+from tis.deploy.report.tables.redundancy_rows import COLUMNS, NOTE, redundancy_rows, redundancy_text
 
 _LATENCY = {
     **LATENCY_PARTS,

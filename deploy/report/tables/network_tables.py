@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any, Final
 
-from deploy.report.tables.html_tables import folded, interval, table
-from deploy.report.tables.numbers import heads, number
-from deploy.report.verdict.verdict_text import undecided_text
+from tis.deploy.report.tables.html_tables import folded, interval, table
+from tis.deploy.report.tables.numbers import heads, number
+from tis.deploy.report.verdict.verdict_text import undecided_text
 
 _COLUMNS: Final = ("mean", "std", "p50", "p90", "p95", "p99", "p99.9", "max")
 _STATISTICS: Final = ("mean", "std", "p50", "p95", "p99", "max")

@@ -4,9 +4,9 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
-from common.clocks.uncertainty import is_resolvable
-from deploy.report.measures.uncertainty import figures_at
-from deploy.report.verdict.amounts import statistic_name
+from tis.common.clocks.uncertainty import is_resolvable
+from tis.deploy.report.measures.uncertainty import figures_at
+from tis.deploy.report.verdict.amounts import statistic_name
 
 LATENCY_PARTS: Final = {
     "surgeon": "surgeon (sample taken to sent)",

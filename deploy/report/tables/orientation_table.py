@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from deploy.report.tables.html_tables import table
-from deploy.report.tables.numbers import number
+from tis.deploy.report.tables.html_tables import table
+from tis.deploy.report.tables.numbers import number
 
 HEAD: Final = (
     "orientation", "RMS, \u00b0", "share of hold's, %", "p95, \u00b0", "max, \u00b0", "in the 95 % interval, %",

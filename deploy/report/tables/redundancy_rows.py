@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
-from deploy.report.measures.redundancy import is_redundant
-from deploy.report.tables.numbers import heads
-from deploy.report.verdict.amounts import plain_number
+from tis.deploy.report.measures.redundancy import is_redundant
+from tis.deploy.report.tables.numbers import heads
+from tis.deploy.report.verdict.amounts import plain_number
 
 COLUMNS: Final = ("as sent", "first packets alone")
 NOTE: Final = (

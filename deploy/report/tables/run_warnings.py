@@ -3,11 +3,11 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from deploy.report.measures.devices import device_texts
-from deploy.report.measures.estimation.own_estimators import estimator_fault_texts
-from deploy.report.measures.evidence import evidence_texts
-from deploy.report.measures.network.refusals import refusal_texts
-from deploy.report.tables.numbers import number
+from tis.deploy.report.measures.devices import device_texts
+from tis.deploy.report.measures.estimation.own_estimators import estimator_fault_texts
+from tis.deploy.report.measures.evidence import evidence_texts
+from tis.deploy.report.measures.network.refusals import refusal_texts
+from tis.deploy.report.tables.numbers import number
 
 
 def run_warnings(summary: Mapping[str, Any]) -> list[str]:

@@ -8,15 +8,15 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from common.clocks.uncertainty import is_resolvable
-from common.metrics.verdict import SetVerdict
-from common.sources.provenance import RecordedRows, in_words
-from deploy.report.measures.estimation.own_estimators import labelled
-from deploy.report.tables.brief import brief
-from deploy.report.tables.delay_rows import STATISTICS, delay_rows
-from deploy.report.tables.display_table import display_views
-from deploy.report.tables.hanging_indent import HangingIndent
-from deploy.report.tables.numbers import (
+from tis.common.clocks.uncertainty import is_resolvable
+from tis.common.metrics.verdict import SetVerdict
+from tis.common.sources.provenance import RecordedRows, in_words
+from tis.deploy.report.measures.estimation.own_estimators import labelled
+from tis.deploy.report.tables.brief import brief
+from tis.deploy.report.tables.delay_rows import STATISTICS, delay_rows
+from tis.deploy.report.tables.display_table import display_views
+from tis.deploy.report.tables.hanging_indent import HangingIndent
+from tis.deploy.report.tables.numbers import (
     LATENCY_PARTS,
     ROUND_TRIP,
     broken_name,
@@ -26,8 +26,8 @@ from deploy.report.tables.numbers import (
     rounded_up,
     unresolved_latency,
 )
-from deploy.report.tables.orientation_table import orientation_rows
-from deploy.report.tables.redundancy_rows import (
+from tis.deploy.report.tables.orientation_table import orientation_rows
+from tis.deploy.report.tables.redundancy_rows import (
     COLUMNS,
     NOTE,
     kilo,
@@ -35,15 +35,15 @@ from deploy.report.tables.redundancy_rows import (
     redundancy_text,
     sample_loss_text,
 )
-from deploy.report.tables.run_warnings import run_warnings
-from deploy.report.verdict.verdict_text import (
+from tis.deploy.report.tables.run_warnings import run_warnings
+from tis.deploy.report.verdict.verdict_text import (
     FIDELITY_STYLES,
     OUT_OF_REACH,
     fidelity_text,
     outcome_text,
     validity_text,
 )
-from patient_side.identification.validation import fit_text
+from tis.patient_side.identification.validation import fit_text
 
 # The orientation methods' errors in a terminal.
 

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from html import escape
 from typing import Final
 
-from common.metrics.verdict import Finding, Outcome, SetVerdict
-from deploy.report.tables.html_tables import folded, markup_table
-from deploy.report.tables.numbers import number
-from deploy.report.verdict.amounts import percentile_name, plain_number, rounded_count
-from deploy.report.verdict.verdict_text import OUT_OF_REACH, outcome_text
+from tis.common.metrics.verdict import Finding, Outcome, SetVerdict
+from tis.deploy.report.tables.html_tables import folded, markup_table
+from tis.deploy.report.tables.numbers import number
+from tis.deploy.report.verdict.amounts import percentile_name, plain_number, rounded_count
+from tis.deploy.report.verdict.verdict_text import OUT_OF_REACH, outcome_text
 
 WORDS: Final[dict[Outcome, tuple[str, str]]] = {
     "met": ("met", "good"),

@@ -2,8 +2,8 @@
 
 from typing import Final
 
-from common.channels import Side
-from common.metrics.processor_shares import ProcessorShares
+from tis.common.channels import Side
+from tis.common.metrics.processor_shares import ProcessorShares
 
 _SCARCE: Final = 0.3
 _MIN_USE: Final = 0.1

@@ -8,24 +8,24 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.metrics.fidelity import (
+from tis.common.metrics.fidelity import (
     batch_inflation,
     half_life_inflation,
     is_decidable,
     mean_margin,
     share_bounds,
 )
-from common.metrics.ordering import first_arrivals, is_reordered
-from common.metrics.percentiles import summarise
-from common.units import NS_PER_MS, NS_PER_S, NS_PER_US
-from deploy.logs.read.batches import DELIVER, DEPARTURES, OUTCOMES, Fates, in_order_of_leaving
-from deploy.logs.read.load import Ints
-from deploy.logs.read.note_columns import place_in
-from deploy.report.measures.key_figures import KeyBooks, KeyFigures
-from deploy.report.measures.network.requested import Expected, Requested, Stretch
-from deploy.report.verdict.starvation import MIN_RELEASES
-from netem.conditions.conditions import FOREVER_NS
-from netem.link.full_buffer import DROPPED_NEW, DROPPED_OLDEST, full_buffer
+from tis.common.metrics.ordering import first_arrivals, is_reordered
+from tis.common.metrics.percentiles import summarise
+from tis.common.units import NS_PER_MS, NS_PER_S, NS_PER_US
+from tis.deploy.logs.read.batches import DELIVER, DEPARTURES, OUTCOMES, Fates, in_order_of_leaving
+from tis.deploy.logs.read.load import Ints
+from tis.deploy.logs.read.note_columns import place_in
+from tis.deploy.report.measures.key_figures import KeyBooks, KeyFigures
+from tis.deploy.report.measures.network.requested import Expected, Requested, Stretch
+from tis.deploy.report.verdict.starvation import MIN_RELEASES
+from tis.netem.conditions.conditions import FOREVER_NS
+from tis.netem.link.full_buffer import DROPPED_NEW, DROPPED_OLDEST, full_buffer
 
 _MIN_DRAWS: Final = 30
 _ERROR_NS: Final = NS_PER_MS
@@ -79,7 +79,7 @@ def key_verdict(
     """Return the verdict on one key.
 
     Decided against requested: the mean delay, the shares of delays below its 10, 50 and 90 % quantiles, and the
-    shares lost, copied and corrupted lie within 4 standard errors (`common.metrics.fidelity`). Realised against
+    shares lost, copied and corrupted lie within 4 standard errors (`tis.common.metrics.fidelity`). Realised against
     decided: the 99th percentile of the release error is at most 1 ms, or 5 % of the median delay if that is more.
     Where the ordering forbids overtaking, no packet left netem behind a later one. Drops by a full buffer violate the
     request. Messages offered under a control change are exempt.

@@ -4,18 +4,18 @@ from collections.abc import Mapping
 from operator import itemgetter
 from typing import Any, Final
 
-from common.channels import Side
-from common.metrics.tracking import SETTLING_NS
-from common.records import COUNTERS, PEERS, UNRECORDED
-from common.scenario import Scenario
-from common.sources.provenance import RECORDING_FILE, parse_played
-from common.units import NS_PER_S
-from deploy.logs.json_rows import Row
-from deploy.logs.read.load import RunLogs
-from deploy.report.measures.devices import is_foreign
-from deploy.report.measures.evidence import evidence_problems
-from deploy.report.measures.processors import shares_of
-from deploy.report.verdict.contention import contention_clause
+from tis.common.channels import Side
+from tis.common.metrics.tracking import SETTLING_NS
+from tis.common.records import COUNTERS, PEERS, UNRECORDED
+from tis.common.scenario import Scenario
+from tis.common.sources.provenance import RECORDING_FILE, parse_played
+from tis.common.units import NS_PER_S
+from tis.deploy.logs.json_rows import Row
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.report.measures.devices import is_foreign
+from tis.deploy.report.measures.evidence import evidence_problems
+from tis.deploy.report.measures.processors import shares_of
+from tis.deploy.report.verdict.contention import contention_clause
 
 _FAULTS: Final = ("left", "frozen", "link_down", "silent", "stalled", "clock_step", "suspended")
 _OWN_CAUSES: Final = {

@@ -7,18 +7,18 @@ from typing import Final, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Direction
-from common.metrics.latency import Instants, LatencyParts
-from common.scenario import Scenario
-from common.scenario.requirements import Metric
-from common.units import MM_PER_M, NS_PER_MS
-from deploy.logs.read.load import RunLogs
-from deploy.report.measures.estimation.tracking import HandTrack
-from deploy.report.measures.latency import UsedSamples
-from deploy.report.measures.network.link_books import ENDS
-from deploy.report.measures.network.one_way import OneWay
-from deploy.report.measures.uncertainty import worst_age_ns
-from deploy.report.verdict.requirements import Measured
+from tis.common.channels import Direction
+from tis.common.metrics.latency import Instants, LatencyParts
+from tis.common.scenario import Scenario
+from tis.common.scenario.requirements import Metric
+from tis.common.units import MM_PER_M, NS_PER_MS
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.report.measures.estimation.tracking import HandTrack
+from tis.deploy.report.measures.latency import UsedSamples
+from tis.deploy.report.measures.network.link_books import ENDS
+from tis.deploy.report.measures.network.one_way import OneWay
+from tis.deploy.report.measures.uncertainty import worst_age_ns
+from tis.deploy.report.verdict.requirements import Measured
 
 _DIRECTIONS: Final[tuple[Direction, ...]] = get_args(Direction)
 

@@ -1,6 +1,6 @@
 """The summary's ``verdicts``: the run against the requirements of applications and the scenario's own limits.
 
-Their shape is `common.metrics.verdict.SetVerdict`.
+Their shape is `tis.common.metrics.verdict.SetVerdict`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Direction
-from common.metrics.verdict import (
+from tis.common.channels import Direction
+from tis.common.metrics.verdict import (
     UNKNOWN,
     Finding,
     Judgement,
@@ -22,9 +22,9 @@ from common.metrics.verdict import (
     judge_percentile,
     judge_rms,
 )
-from common.scenario.limits import Limits
-from common.scenario.requirements import REQUIREMENTS, Metric, Requirement
-from deploy.report.verdict.amounts import (
+from tis.common.scenario.limits import Limits
+from tis.common.scenario.requirements import REQUIREMENTS, Metric, Requirement
+from tis.deploy.report.verdict.amounts import (
     COUNTED,
     limit_text,
     needed_count,

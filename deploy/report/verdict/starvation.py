@@ -4,11 +4,11 @@ from typing import Final
 
 import numpy as np
 
-from common.metrics.percentiles import summarise
-from common.metrics.processor_shares import ProcessorShares
-from common.units import NS_PER_MS
-from deploy.logs.read.load import Ints
-from deploy.report.verdict.contention import contention_clause
+from tis.common.metrics.percentiles import summarise
+from tis.common.metrics.processor_shares import ProcessorShares
+from tis.common.units import NS_PER_MS
+from tis.deploy.logs.read.load import Ints
+from tis.deploy.report.verdict.contention import contention_clause
 
 MIN_RELEASES: Final = 100
 """Fewest packets for a 99th percentile."""

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
-from common.metrics.verdict import SetVerdict
+from tis.common.metrics.verdict import SetVerdict
 
 OUT_OF_REACH: Final = "out of reach"
 FIDELITY_STYLES: Final = {True: "green", False: "red", None: "yellow"}

@@ -9,13 +9,13 @@ from typing import Final
 
 import zenoh
 
-from common.channels import FOLLOWER, Hand
-from common.devices.pose import DevicePose
-from common.errors import TisError
-from common.messages import Vector3
-from common.runtime.zenoh_session import ZenohOptions, open_client, urgent_publisher, visitor
-from common.scenario import Scenario
-from common.units import MM_PER_M
+from tis.common.channels import FOLLOWER, Hand
+from tis.common.devices.pose import DevicePose
+from tis.common.errors import TisError
+from tis.common.messages import Vector3
+from tis.common.runtime.zenoh_session import ZenohOptions, open_client, urgent_publisher, visitor
+from tis.common.scenario import Scenario
+from tis.common.units import MM_PER_M
 
 _MAX_M: Final = 100.0  # of a hand that many pages have moved on; no arm is that large
 

@@ -5,15 +5,15 @@ from collections.abc import Hashable
 from math import inf
 from typing import Any, Final
 
-from common.units import MM_PER_M, NS_PER_MS, NS_PER_S
-from deploy.view.drive.device import DeviceDoor, device_pose
-from deploy.view.drive.hand_move import HandMove
-from deploy.view.drive.seat import Seat
-from deploy.view.steering import Steering
-from deploy.watch.book import LiveBook
-from deploy.watch.displays import DisplayErrors
-from deploy.watch.motion import Place
-from deploy.watch.observer import Observer
+from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S
+from tis.deploy.view.drive.device import DeviceDoor, device_pose
+from tis.deploy.view.drive.hand_move import HandMove
+from tis.deploy.view.drive.seat import Seat
+from tis.deploy.view.steering import Steering
+from tis.deploy.watch.book import LiveBook
+from tis.deploy.watch.displays import DisplayErrors
+from tis.deploy.watch.motion import Place
+from tis.deploy.watch.observer import Observer
 
 OTHER_DRIVES: Final = "another page drives the arm; wait until it lets go, or is not touched for 20 s"
 RIVAL: Final = "a device outside this page moves the hand"

@@ -4,7 +4,7 @@ from collections.abc import Hashable
 from dataclasses import dataclass, field
 from typing import Final
 
-from deploy.view.drive.hand_move import HandMove
+from tis.deploy.view.drive.hand_move import HandMove
 
 Place = tuple[float, float, float]
 

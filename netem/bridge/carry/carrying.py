@@ -6,24 +6,24 @@ from contextlib import ExitStack
 from dataclasses import replace
 from typing import Final, NamedTuple, get_args
 
-from common.channels import Direction, Network
-from common.errors import EXIT_OK, Fault, InputError, PeerError
-from common.runtime.interrupt import Interrupt
-from common.runtime.status import Status
-from common.runtime.trace_files import load_traces
-from common.runtime.zenoh_session import configure, open_router
-from common.scenario.network import NetworkPart
-from common.scenario.reading import Profiles
-from netem.bridge.carry.proxy import Address, Proxy
-from netem.bridge.carry.stream_network import backlog_bytes, has_rate, stream_change, stream_network
-from netem.bridge.control import attach
-from netem.bridge.deadline import Deadline
-from netem.bridge.driver import Driver
-from netem.bridge.sides import Place
-from netem.bridge.standalone import Standalone, drive, lines_on_the_network, open_log, start, tell
-from netem.bridge.tally import Tally, table
-from netem.build import build_links
-from netem.link.full_buffer import BufferWatch
+from tis.common.channels import Direction, Network
+from tis.common.errors import EXIT_OK, Fault, InputError, PeerError
+from tis.common.runtime.interrupt import Interrupt
+from tis.common.runtime.status import Status
+from tis.common.runtime.trace_files import load_traces
+from tis.common.runtime.zenoh_session import configure, open_router
+from tis.common.scenario.network import NetworkPart
+from tis.common.scenario.reading import Profiles
+from tis.netem.bridge.carry.proxy import Address, Proxy
+from tis.netem.bridge.carry.stream_network import backlog_bytes, has_rate, stream_change, stream_network
+from tis.netem.bridge.control import attach
+from tis.netem.bridge.deadline import Deadline
+from tis.netem.bridge.driver import Driver
+from tis.netem.bridge.sides import Place
+from tis.netem.bridge.standalone import Standalone, drive, lines_on_the_network, open_log, start, tell
+from tis.netem.bridge.tally import Tally, table
+from tis.netem.build import build_links
+from tis.netem.link.full_buffer import BufferWatch
 
 _SEGMENT_BYTES: Final = 1448
 _CHUNK_BYTES: Final = 65_536

@@ -9,10 +9,10 @@ from contextlib import suppress
 from itertools import count
 from typing import Final
 
-from common.channels import DESTINATION, ORIGIN, Direction, Network
-from common.errors import Fault, PeerError
-from netem.bridge.carry.way import Budget, Segment, Way
-from netem.bridge.driver import Driver
+from tis.common.channels import DESTINATION, ORIGIN, Direction, Network
+from tis.common.errors import Fault, PeerError
+from tis.netem.bridge.carry.way import Budget, Segment, Way
+from tis.netem.bridge.driver import Driver
 
 _READ, _WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE
 _TURN_S: Final = 0.2

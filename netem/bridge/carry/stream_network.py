@@ -3,12 +3,12 @@
 from collections.abc import Iterator, Mapping
 from typing import Any, Final, get_args
 
-from common.channels import Direction
-from common.errors import Fault, InputError
-from common.scenario.network import Buffer, NetworkPart
-from common.scenario.network.capacity import CoDel, Rate, RecordedRate, TailDrop
-from common.scenario.network.conditions import Change, State
-from common.scenario.network.pipeline import Stages
+from tis.common.channels import Direction
+from tis.common.errors import Fault, InputError
+from tis.common.scenario.network import Buffer, NetworkPart
+from tis.common.scenario.network.capacity import CoDel, Rate, RecordedRate, TailDrop
+from tis.common.scenario.network.conditions import Change, State
+from tis.common.scenario.network.pipeline import Stages
 
 _RULE: Final = "needs messages: a stream of bytes (--carry tcp) loses, copies, alters and reorders nothing"
 _MESSAGES: Final = ("loss", "duplicate", "corrupt", "reorder")

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Final
 
-from common.channels import Direction
-from netem.link.packet import Due
+from tis.common.channels import Direction
+from tis.netem.link.packet import Due
 
 
 class Budget:

@@ -14,7 +14,7 @@ from typing import Final, Protocol
 
 import zenoh
 
-from common.errors import Fault, PeerError
+from tis.common.errors import Fault, PeerError
 
 _TIMEOUT_S: Final = 3.0
 _CLOSING_S: Final = 3.0

@@ -2,8 +2,8 @@
 
 It reads its own admin space, never a router's. Up to Zenoh 1.10 an answer of the admin space takes the lock of the
 routing tables twice; a declaration in between leaves them locked forever (Zenoh's pull request 2619). A valve holds
-back declarations meanwhile (`netem.bridge.mirrors.valve`), if the connection to the router is a plain socket. A
-deadlock that occurs nevertheless is limited to this process: a timer ends it, and `netem.bridge.mirrors.listing`
+back declarations meanwhile (`tis.netem.bridge.mirrors.valve`), if the connection to the router is a plain socket. A
+deadlock that occurs nevertheless is limited to this process: a timer ends it, and `tis.netem.bridge.mirrors.listing`
 starts another.
 
 Standard input has one line (`Settings` as JSON); its end ends the process. Standard output gets an empty line first,
@@ -23,7 +23,7 @@ from typing import Final, NamedTuple, NoReturn
 
 import zenoh
 
-from netem.bridge.mirrors.valve import valve_to
+from tis.netem.bridge.mirrors.valve import valve_to
 
 _PAUSE_S: Final = 0.1
 _PAUSE_RATIO: Final = 20  # pause over processor time of a reading: bounds the load of many queryables

@@ -1,6 +1,6 @@
 """The queryables of a network, as listed by a child process that is replaced when it falls silent.
 
-`netem.bridge.mirrors.lister` explains why it is a process. The last list stays valid until the next one arrives.
+`tis.netem.bridge.mirrors.lister` explains why it is a process. The last list stays valid until the next one arrives.
 """
 
 import contextlib
@@ -16,8 +16,8 @@ from typing import Final
 
 import zenoh
 
-from common.runtime.child_process import child_environment
-from netem.bridge.mirrors.lister import Settings
+from tis.common.runtime.child_process import child_environment
+from tis.netem.bridge.mirrors.lister import Settings
 
 _TIMEOUT_S: Final = 1.5
 _FIRST_TIMEOUT_S: Final = 3.0
@@ -133,7 +133,7 @@ class Listing:
 
 def _start() -> "subprocess.Popen[bytes]":
     return subprocess.Popen(
-        [sys.executable, "-m", "netem.bridge.mirrors.lister"],
+        [sys.executable, "-m", "tis.netem.bridge.mirrors.lister"],
         stdin=subprocess.PIPE,  # closed when this process ends, which ends the child
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,

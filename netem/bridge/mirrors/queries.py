@@ -17,11 +17,11 @@ from typing import Final, Literal
 
 import zenoh
 
-from common.channels import DESTINATION, OPPOSITE, Direction, Network
-from netem.bridge.bridge import Bridge
-from netem.bridge.keys import is_advanced
-from netem.bridge.mirrors.stamps import Stamps
-from netem.link.packet import Due
+from tis.common.channels import DESTINATION, OPPOSITE, Direction, Network
+from tis.netem.bridge.bridge import Bridge
+from tis.netem.bridge.keys import is_advanced
+from tis.netem.bridge.mirrors.stamps import Stamps
+from tis.netem.link.packet import Due
 
 QueryTargetName = Literal["best_matching", "all", "all_complete"]
 

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 import zenoh
 
-from common.units import NS_PER_S
+from tis.common.units import NS_PER_S
 
 _ADVANCED: Final = "/@adv/"
 _MAX_SOURCES: Final = 10_000

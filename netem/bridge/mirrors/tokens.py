@@ -14,10 +14,10 @@ from typing import Any, Final
 
 import zenoh
 
-from common.channels import DESTINATION, OPPOSITE, ORIGIN, Direction, Network
-from netem.bridge.bridge import Bridge
-from netem.bridge.executor import SerialExecutor
-from netem.link.packet import Due
+from tis.common.channels import DESTINATION, OPPOSITE, ORIGIN, Direction, Network
+from tis.netem.bridge.bridge import Bridge
+from tis.netem.bridge.executor import SerialExecutor
+from tis.netem.link.packet import Due
 
 _MIN_RETRY_S: Final = 0.2
 _MAX_RETRY_S: Final = 3.0

@@ -1,8 +1,9 @@
 """A valve between a Zenoh client of this process and its router: a relay that can hold back the router's bytes.
 
 A client that reads its own admin space during a declaration of its router may deadlock
-(`netem.bridge.mirrors.lister`); behind a closed valve no declaration arrives. If the client deadlocks nevertheless,
-the valve still reads from the router: a slow reader would block the router, and with it all its traffic.
+(`tis.netem.bridge.mirrors.lister`); behind a closed valve no declaration arrives. If the client deadlocks
+nevertheless, the valve still reads from the router: a slow reader would block the router, and with it all its
+traffic.
 """
 
 import fcntl

@@ -7,8 +7,8 @@ further ones after gaps of interval / sqrt(count) until the wait falls below the
 from math import isqrt
 from typing import Final, Self
 
-from common.scenario.network import capacity
-from common.units import ms_to_ns
+from tis.common.scenario.network import capacity
+from tis.common.units import ms_to_ns
 
 _SOON_INTERVALS: Final = 16
 """A dropping state that begins within so many intervals of the last drop resumes from the earlier count."""

@@ -3,15 +3,15 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
-from common.scenario.network.capacity import Capacity
-from common.scenario.network.conditions import Change
-from common.scenario.network.pipeline import Pipeline
-from common.streams import Address
-from common.trace import Trace
-from netem.conditions.conditions import Condition, Conditions, merged
-from netem.link.queue.server import MEMORY_NS, Departed, Server
-from netem.link.queue.transmission import Service
-from netem.link.rules import LINK
+from tis.common.scenario.network.capacity import Capacity
+from tis.common.scenario.network.conditions import Change
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.streams import Address
+from tis.common.trace import Trace
+from tis.netem.conditions.conditions import Condition, Conditions, merged
+from tis.netem.link.queue.server import MEMORY_NS, Departed, Server
+from tis.netem.link.queue.transmission import Service
+from tis.netem.link.rules import LINK
 
 _MAX_KEPT: Final = 256
 _ALWAYS_NS: Final = 1 << 62

@@ -4,15 +4,15 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple, Self
 
-from common.scenario.network import capacity
-from common.scenario.network.capacity import Capacity
-from common.scenario.network.capacity import CoDel as CoDelPart
-from common.streams import Address
-from common.trace import Trace
-from common.units import NS_PER_S
-from netem.link.queue.codel import CoDel
-from netem.link.queue.cross_traffic import CrossTraffic
-from netem.link.queue.transmission import Service, transmission_of
+from tis.common.scenario.network import capacity
+from tis.common.scenario.network.capacity import Capacity
+from tis.common.scenario.network.capacity import CoDel as CoDelPart
+from tis.common.streams import Address
+from tis.common.trace import Trace
+from tis.common.units import NS_PER_S
+from tis.netem.link.queue.codel import CoDel
+from tis.netem.link.queue.cross_traffic import CrossTraffic
+from tis.netem.link.queue.transmission import Service, transmission_of
 
 # Tail drop: a message that finds the queue full is dropped on arrival.
 

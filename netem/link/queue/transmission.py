@@ -8,8 +8,8 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from common.scenario.network.capacity import Capacity, RecordedRate
-from common.trace import Trace
+from tis.common.scenario.network.capacity import Capacity, RecordedRate
+from tis.common.trace import Trace
 
 # Transmission at recorded opportunities, as mahimahi's link has them.
 

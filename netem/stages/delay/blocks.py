@@ -5,16 +5,16 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from common.scenario.network import delay as network
-from common.scenario.network.pipeline import Stages
-from common.streams import Address
-from common.trace import Trace
-from netem.draws.blocks import BLOCK, Counts, DelayBlocks
-from netem.draws.correlation import ScorePath, uniforms
-from netem.stages.delay.build import latency_of
-from netem.stages.delay.latency import LatencyModel
-from netem.stages.delay.trace import row_delays_ns
-from netem.stages.trace_rows import row_of_cell, row_of_packet
+from tis.common.scenario.network import delay as network
+from tis.common.scenario.network.pipeline import Stages
+from tis.common.streams import Address
+from tis.common.trace import Trace
+from tis.netem.draws.blocks import BLOCK, Counts, DelayBlocks
+from tis.netem.draws.correlation import ScorePath, uniforms
+from tis.netem.stages.delay.build import latency_of
+from tis.netem.stages.delay.latency import LatencyModel
+from tis.netem.stages.delay.trace import row_delays_ns
+from tis.netem.stages.trace_rows import row_of_cell, row_of_packet
 
 
 def delay_blocks(stages: Stages, address: Address, traces: Mapping[str, Trace]) -> DelayBlocks:

@@ -4,23 +4,23 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from common.scenario.network import delay as network
-from common.scenario.network.pipeline import Stages
-from common.trace import Trace
-from common.units import NS_PER_MS
-from netem.stages.delay.constant import ConstantDelay
-from netem.stages.delay.gamma import Gamma
-from netem.stages.delay.hyperexponential import Hyperexponential
-from netem.stages.delay.jitter import build_jitter
-from netem.stages.delay.latency import LatencyModel
-from netem.stages.delay.law import Delay
-from netem.stages.delay.lognormal import Lognormal
-from netem.stages.delay.normal import NormalDelay
-from netem.stages.delay.pareto import Lomax
-from netem.stages.delay.quantiles import QuantileDelay
-from netem.stages.delay.shifted import Part, ShiftedDelay
-from netem.stages.delay.trace import EmpiricalDelay
-from netem.stages.delay.uniform import UniformDelay
+from tis.common.scenario.network import delay as network
+from tis.common.scenario.network.pipeline import Stages
+from tis.common.trace import Trace
+from tis.common.units import NS_PER_MS
+from tis.netem.stages.delay.constant import ConstantDelay
+from tis.netem.stages.delay.gamma import Gamma
+from tis.netem.stages.delay.hyperexponential import Hyperexponential
+from tis.netem.stages.delay.jitter import build_jitter
+from tis.netem.stages.delay.latency import LatencyModel
+from tis.netem.stages.delay.law import Delay
+from tis.netem.stages.delay.lognormal import Lognormal
+from tis.netem.stages.delay.normal import NormalDelay
+from tis.netem.stages.delay.pareto import Lomax
+from tis.netem.stages.delay.quantiles import QuantileDelay
+from tis.netem.stages.delay.shifted import Part, ShiftedDelay
+from tis.netem.stages.delay.trace import EmpiricalDelay
+from tis.netem.stages.delay.uniform import UniformDelay
 
 _Unbounded = network.LognormalDelay | network.GammaDelay | network.ParetoDelay | network.HyperexponentialDelay
 

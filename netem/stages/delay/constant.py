@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netem.draws.blocks import Floats
+from tis.netem.draws.blocks import Floats
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 import scipy
 
-from netem.draws.blocks import Floats
+from tis.netem.draws.blocks import Floats
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import scipy
 
-from netem.draws.blocks import Floats
+from tis.netem.draws.blocks import Floats
 
 _PRECISION: Final = 1e-13
 _ROUNDING: Final = 1e-15  # of ln P(X > x), which bounds the accuracy of a step

@@ -9,10 +9,10 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from common.scenario.network import delay as network
-from common.units import NS_PER_MS
-from netem.draws.blocks import Floats
-from netem.stages.delay.truncated_normal import MIN_STD_NS, cdf_above, moments_above, quantile_above
+from tis.common.scenario.network import delay as network
+from tis.common.units import NS_PER_MS
+from tis.netem.draws.blocks import Floats
+from tis.netem.stages.delay.truncated_normal import MIN_STD_NS, cdf_above, moments_above, quantile_above
 
 _MAX_SIGMAS: Final = 9  # a normal deviation beyond has a probability of 1e-19
 

@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from netem.draws.blocks import Floats
-from netem.stages.delay.jitter import Jitter
-from netem.stages.delay.law import Delay
+from tis.netem.draws.blocks import Floats
+from tis.netem.stages.delay.jitter import Jitter
+from tis.netem.stages.delay.law import Delay
 
 _WIDTH_NS: Final = 1e-3
 _MAX_STEPS: Final = 200

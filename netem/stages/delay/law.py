@@ -6,7 +6,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from netem.draws.blocks import Floats
+from tis.netem.draws.blocks import Floats
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _FRACTIONS: Final = (_NODES + 1.0) / 2.0

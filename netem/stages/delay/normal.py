@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from netem.draws.blocks import Floats
-from netem.stages.delay.law import ContinuousDelay
-from netem.stages.delay.truncated_normal import cdf_above, moments_above, quantile_above
+from tis.netem.draws.blocks import Floats
+from tis.netem.stages.delay.law import ContinuousDelay
+from tis.netem.stages.delay.truncated_normal import cdf_above, moments_above, quantile_above
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from math import expm1, log1p
 import numpy as np
 import scipy
 
-from netem.draws.blocks import Floats
+from tis.netem.draws.blocks import Floats
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netem.draws.blocks import Floats
-from netem.stages.delay.law import ContinuousDelay
+from tis.netem.draws.blocks import Floats
+from tis.netem.stages.delay.law import ContinuousDelay
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,8 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from netem.draws.blocks import Floats
-from netem.stages.delay.law import ContinuousDelay
+from tis.netem.draws.blocks import Floats
+from tis.netem.stages.delay.law import ContinuousDelay
 
 _MIN_RELATIVE_VARIANCE: Final = 1e-4
 

@@ -10,12 +10,12 @@ from typing import Self
 
 import numpy as np
 
-from common.scenario.network import delay as network
-from common.scenario.network.loss import Loss
-from common.trace import Trace
-from common.units import NS_PER_MS
-from netem.draws.blocks import Floats
-from netem.stages.trace_rows import span_ns
+from tis.common.scenario.network import delay as network
+from tis.common.scenario.network.loss import Loss
+from tis.common.trace import Trace
+from tis.common.units import NS_PER_MS
+from tis.netem.draws.blocks import Floats
+from tis.netem.stages.trace_rows import span_ns
 
 
 @dataclass(frozen=True, eq=False)

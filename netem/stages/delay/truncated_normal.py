@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import scipy
 
-from netem.draws.blocks import Floats
+from tis.netem.draws.blocks import Floats
 
 MIN_STD_NS: Final = 1e-6  # delays are rounded to 1 ns: less is no spread, and would overflow the ratios below
 

@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping
 
-from common.scenario.network import loss as network
-from common.streams import Address
-from common.trace import Trace
-from netem.draws.blocks import LossBlocks
-from netem.stages.loss import bernoulli, four_state, gilbert_elliott, gilbert_pareto, pareto_runs, trace
-from netem.stages.loss.expected_loss import ExpectedLoss
+from tis.common.scenario.network import loss as network
+from tis.common.streams import Address
+from tis.common.trace import Trace
+from tis.netem.draws.blocks import LossBlocks
+from tis.netem.stages.loss import bernoulli, four_state, gilbert_elliott, gilbert_pareto, pareto_runs, trace
+from tis.netem.stages.loss.expected_loss import ExpectedLoss
 
 __all__ = ["ExpectedLoss", "expected_loss", "loss_blocks"]
 

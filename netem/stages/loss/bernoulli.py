@@ -4,8 +4,8 @@ from typing import Literal
 
 import numpy as np
 
-from netem.draws.blocks import BLOCK, Floats
-from netem.stages.loss.expected_loss import ExpectedLoss, of_message
+from tis.netem.draws.blocks import BLOCK, Floats
+from tis.netem.stages.loss.expected_loss import ExpectedLoss, of_message
 
 
 class BernoulliBlocks:

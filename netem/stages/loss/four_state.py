@@ -6,9 +6,9 @@ implementation in the Netem module in the Linux kernel", 2012.
 
 import numpy as np
 
-from common.scenario.network import loss as network
-from netem.draws.markov import MarkovChain
-from netem.stages.loss.modulated import ModulatedLoss
+from tis.common.scenario.network import loss as network
+from tis.netem.draws.markov import MarkovChain
+from tis.netem.stages.loss.modulated import ModulatedLoss
 
 
 def of(part: network.FourStateLoss) -> ModulatedLoss:

@@ -6,9 +6,9 @@ channels", 1963. In their notation p is the transition to bad, r to good, 1 - k 
 
 import numpy as np
 
-from common.scenario.network import loss as network
-from netem.draws.markov import MarkovChain
-from netem.stages.loss.modulated import ModulatedLoss
+from tis.common.scenario.network import loss as network
+from tis.netem.draws.markov import MarkovChain
+from tis.netem.stages.loss.modulated import ModulatedLoss
 
 
 def of_four_parameters(part: network.GilbertElliottLoss) -> ModulatedLoss:

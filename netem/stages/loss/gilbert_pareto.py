@@ -11,13 +11,13 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
-from common.scenario.network import loss as network
-from common.streams import Address
-from netem.draws.blocks import BLOCK, Floats
-from netem.draws.markov import MarkovChain
-from netem.draws.segments import SegmentedPath
-from netem.stages.loss.expected_loss import ExpectedLoss
-from netem.stages.loss.lomax import MAX_RUN, FlooredLomax
+from tis.common.scenario.network import loss as network
+from tis.common.streams import Address
+from tis.netem.draws.blocks import BLOCK, Floats
+from tis.netem.draws.markov import MarkovChain
+from tis.netem.draws.segments import SegmentedPath
+from tis.netem.stages.loss.expected_loss import ExpectedLoss
+from tis.netem.stages.loss.lomax import MAX_RUN, FlooredLomax
 
 _NEGLIGIBLE: Final = 1e-15
 

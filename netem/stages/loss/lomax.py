@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from netem.draws.blocks import Floats
+from tis.netem.draws.blocks import Floats
 
 MAX_RUN: Final = 1 << 20
 """Bound on a draw, in packets: longer than a segment, so the bound has no effect."""

@@ -5,11 +5,11 @@ from typing import Literal
 
 import numpy as np
 
-from common.streams import Address
-from netem.draws.blocks import BLOCK, Floats
-from netem.draws.markov import MarkovChain
-from netem.draws.segments import SegmentedPath
-from netem.stages.loss.expected_loss import ExpectedLoss
+from tis.common.streams import Address
+from tis.netem.draws.blocks import BLOCK, Floats
+from tis.netem.draws.markov import MarkovChain
+from tis.netem.draws.segments import SegmentedPath
+from tis.netem.stages.loss.expected_loss import ExpectedLoss
 
 
 @dataclass(frozen=True)

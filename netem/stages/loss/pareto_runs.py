@@ -4,12 +4,12 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from common.scenario.network import loss as network
-from common.streams import Address
-from netem.draws.blocks import BLOCK, Floats
-from netem.draws.segments import SegmentedPath
-from netem.stages.loss.expected_loss import ExpectedLoss
-from netem.stages.loss.lomax import FlooredLomax
+from tis.common.scenario.network import loss as network
+from tis.common.streams import Address
+from tis.netem.draws.blocks import BLOCK, Floats
+from tis.netem.draws.segments import SegmentedPath
+from tis.netem.stages.loss.expected_loss import ExpectedLoss
+from tis.netem.stages.loss.lomax import FlooredLomax
 
 
 class _Run(NamedTuple):

@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from common.scenario.network import loss as network
-from common.trace import Trace
-from common.units import NS_PER_MS
-from netem.draws.blocks import BLOCK, Counts, Floats
-from netem.stages.loss.expected_loss import ExpectedLoss
-from netem.stages.trace_rows import row_of_cell, row_of_packet, span_ns
+from tis.common.scenario.network import loss as network
+from tis.common.trace import Trace
+from tis.common.units import NS_PER_MS
+from tis.netem.draws.blocks import BLOCK, Counts, Floats
+from tis.netem.stages.loss.expected_loss import ExpectedLoss
+from tis.netem.stages.trace_rows import row_of_cell, row_of_packet, span_ns
 
 
 class TraceBlocks:

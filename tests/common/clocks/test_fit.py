@@ -3,10 +3,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.clocks.exchange import Exchanges
-from common.clocks.fit import WANDER_PPM, fit_clock
-from common.clocks.offset import UNKNOWN_DRIFT_PPM
 from tests.common.clocks.wrong_clock import MS, Ints, S, WrongClock, exchanges
+from tis.common.clocks.exchange import Exchanges
+from tis.common.clocks.fit import WANDER_PPM, fit_clock
+from tis.common.clocks.offset import UNKNOWN_DRIFT_PPM
 
 REFERENCE_NS = np.linspace(3 * S, 63 * S, 500).astype(np.int64)
 

@@ -2,8 +2,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.clocks.uncertainty import is_resolvable, uncertainties
-from common.metrics.percentiles import summarise
+from tis.common.clocks.uncertainty import is_resolvable, uncertainties
+from tis.common.metrics.percentiles import summarise
 
 
 @given(st.lists(st.tuples(st.integers(0, 100), st.integers(0, 30)), min_size=1, max_size=60), st.integers(0, 2**32))

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.metrics.age_of_information import age_of_information
-from common.metrics.tick_phase import Arrivals
+from tis.common.metrics.age_of_information import age_of_information
+from tis.common.metrics.tick_phase import Arrivals
 
 
 def test_a_saw_tooth_worked_by_hand() -> None:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from common.metrics.consistency import CHI2_3_95, consistency, mean_square_bounds, normalised_squares
+from tis.common.metrics.consistency import CHI2_3_95, consistency, mean_square_bounds, normalised_squares
 
 NAN = float("nan")
 

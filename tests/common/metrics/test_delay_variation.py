@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from common.metrics.delay_variation import (
+from tis.common.metrics.delay_variation import (
     inter_packet_delay_variation_ns,
     packet_delay_variation_ns,
     rtp_jitter_ns,

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.metrics.delivery import PlannedSamples, ages_at_ns
-from common.metrics.tick_phase import Arrivals
+from tis.common.metrics.delivery import PlannedSamples, ages_at_ns
+from tis.common.metrics.tick_phase import Arrivals
 
 
 def test_two_copies_of_three_samples_by_hand() -> None:

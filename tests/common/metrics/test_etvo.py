@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.metrics.etvo import Array, etvo, offset_grid_s
+from tis.common.metrics.etvo import Array, etvo, offset_grid_s
 
 
 def movement(t_s: Array) -> Array:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binomtest, norm
 
-from common.metrics.fidelity import (
+from tis.common.metrics.fidelity import (
     LEVEL,
     batch_inflation,
     gilbert_inflation,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from common.metrics.gilbert_fit import fit_gilbert, loss_interval
-from common.metrics.loss import wilson_interval
+from tis.common.metrics.gilbert_fit import fit_gilbert, loss_interval
+from tis.common.metrics.loss import wilson_interval
 
 
 def gilbert(n: int, p: float, r: float, seed: int, loss_bad: float = 1.0) -> NDArray[np.bool_]:

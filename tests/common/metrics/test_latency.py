@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from common.metrics.latency import (
+from tis.common.metrics.latency import (
     latency_ms,
     latency_parts,
     round_trip_ns,

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
-from common.metrics.loss import KeyPackets, Transmissions, account, wilson_interval
+from tis.common.metrics.loss import KeyPackets, Transmissions, account, wilson_interval
 
 K = "tis/MTML/measured_cp"
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.metrics.loss_runs import loss_runs
+from tis.common.metrics.loss_runs import loss_runs
 
 
 def test_an_example_by_hand() -> None:

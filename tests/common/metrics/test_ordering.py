@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from common.metrics.ordering import first_arrivals, is_reordered, n_reordering, reordering_extents
+from tis.common.metrics.ordering import first_arrivals, is_reordered, n_reordering, reordering_extents
 
 
 def seq(*values: int) -> NDArray[np.int64]:

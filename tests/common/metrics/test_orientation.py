@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from common.metrics.orientation import angles_deg, error_vectors, orientation_at
+from tis.common.metrics.orientation import angles_deg, error_vectors, orientation_at
 
 
 def about(axis: int, degrees: float) -> list[float]:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.metrics.percentiles import summarise
+from tis.common.metrics.percentiles import summarise
 
 
 def edf_percentile(values: list[float], p: Fraction) -> float:

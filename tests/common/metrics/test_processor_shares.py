@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.host_records import ProcessorNote
-from common.metrics.processor_shares import numbers_of, processor_shares
+from tis.common.host_records import ProcessorNote
+from tis.common.metrics.processor_shares import numbers_of, processor_shares
 
 S = 1_000_000_000
 

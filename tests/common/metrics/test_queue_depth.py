@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.metrics.percentiles import summarise
-from common.metrics.queue_depth import queue_depth
+from tis.common.metrics.percentiles import summarise
+from tis.common.metrics.queue_depth import queue_depth
 
 
 def test_depths_count_for_as_long_as_they_held() -> None:

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.metrics.tick_phase import (
+from tis.common.metrics.tick_phase import (
     Arrivals,
     Ints,
     ages_at_ticks_ns,

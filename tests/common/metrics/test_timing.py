@@ -1,6 +1,6 @@
 import numpy as np
 
-from common.metrics.timing import lateness_us, tick_summary
+from tis.common.metrics.timing import lateness_us, tick_summary
 
 
 def test_a_missed_tick_counts_but_is_not_late() -> None:

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from common.metrics.tracking import Array, Scorable, Score, ratio_to_hold, score, scored_ticks, truth_at
+from tis.common.metrics.tracking import Array, Scorable, Score, ratio_to_hold, score, scored_ticks, truth_at
 
 NAN = float("nan")
 

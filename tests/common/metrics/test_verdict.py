@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from common.metrics.verdict import (
+from tis.common.metrics.verdict import (
     UNKNOWN,
     Judgement,
     combined,

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import zenoh
 
-from common.runtime.free_endpoints import free_endpoints
-from common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
 
 _SOON_S = 60.0
 # what a test puts must not be dropped because a busy machine kept the queue full for more than a millisecond

@@ -10,17 +10,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.errors import DataError
-from common.node import Record
-from common.runtime.arm_memory import ArmMemory, dump_resumed, parse_resumed, remembered
-from common.safety_records import STOPS, StopNote
+from tis.common.errors import DataError
+from tis.common.node import Record
+from tis.common.runtime.arm_memory import ArmMemory, dump_resumed, parse_resumed, remembered
+from tis.common.safety_records import STOPS, StopNote
 
 TOPICS = ("tis/PSM2/servo_cp", STOPS)
 _KILLED = """
 import os, signal, sys
 from pathlib import Path
-from common.node import Record
-from common.runtime.arm_memory import ArmMemory
+from tis.common.node import Record
+from tis.common.runtime.arm_memory import ArmMemory
 memory = ArmMemory(Path(sys.argv[1]), ["a", "b"])
 for k in range(1001):
     memory.keep(Record("a", k, b"place %d" % k))

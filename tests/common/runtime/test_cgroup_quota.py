@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from common.runtime.processor_watch import Quota, held_back, parse_quota, read_quotas
+from tis.common.runtime.processor_watch import Quota, held_back, parse_quota, read_quotas
 
 STAT = "usage_usec 5000\nuser_usec 3000\nsystem_usec 2000\nnr_periods 40\nnr_throttled 30\nthrottled_usec 2500\n"
 

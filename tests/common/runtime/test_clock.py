@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import InputError
-from common.runtime.clock_discipline import _Timex, read_discipline
-from common.runtime.clock_skew import skewed
+from tis.common.errors import InputError
+from tis.common.runtime.clock_discipline import _Timex, read_discipline
+from tis.common.runtime.clock_skew import skewed
 
 _ROOT = Path(__file__).resolve().parents[3]
 
@@ -30,7 +30,7 @@ def test_what_cannot_be_read_is_said_at_the_first_reading(text: str) -> None:
 
 def test_the_environment_makes_a_process_another_host() -> None:
     """Its clock is 3600 s ahead, to within what starting takes, and its boot id another one."""
-    code = "from common.runtime.clock import *; print(monotonic_ns(), WallClock(0).now_ns(), boot_id(), sep='|')"
+    code = "from tis.common.runtime.clock import *; print(monotonic_ns(), WallClock(0).now_ns(), boot_id(), sep='|')"
     said = []
     for skew in ({}, {"TIS_CLOCK_SKEW": "3600:0"}):
         done = subprocess.run(

@@ -9,16 +9,16 @@ from typing import Any
 import pytest
 import zenoh
 
-from common.clocks.exchange import Exchanges
-from common.clocks.offset import ClockReading
-from common.errors import PeerError
-from common.host_records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
-from common.node import Record
-from common.runtime.clock import WallClock, boot_id, monotonic_ns
-from common.runtime.clock_server import ClockServer
-from common.runtime.clock_watch import ClockWatch
-from common.runtime.control import ControlKeys
 from tests.common.runtime.live_zenoh import Network, a_network, soon
+from tis.common.clocks.exchange import Exchanges
+from tis.common.clocks.offset import ClockReading
+from tis.common.errors import PeerError
+from tis.common.host_records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
+from tis.common.node import Record
+from tis.common.runtime.clock import WallClock, boot_id, monotonic_ns
+from tis.common.runtime.clock_server import ClockServer
+from tis.common.runtime.clock_watch import ClockWatch
+from tis.common.runtime.control import ControlKeys
 
 pytestmark = pytest.mark.live
 KEYS = ControlKeys("t")
@@ -138,7 +138,7 @@ def test_exchanges_are_recorded_in_run_time_those_before_the_epoch_too(network: 
 def test_hosts_without_a_boot_id_do_not_share_a_clock(
     network: Network, watch: ClockWatch, monkeypatch: pytest.MonkeyPatch, other: str
 ) -> None:
-    monkeypatch.setattr("common.runtime.clock_watch.boot_id", lambda: other)
+    monkeypatch.setattr("tis.common.runtime.clock_watch.boot_id", lambda: other)
     queryable = answering(network, lambda received_ns: {**another_host(received_ns), "boot_id": ""})
     watch.meet()
     assert not watch.shared

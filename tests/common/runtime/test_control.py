@@ -10,8 +10,8 @@ import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.runtime.control import Bell, ControlKeys, Epoch, Presence, Roster
 from tests.common.runtime.live_zenoh import Network, a_network, soon
+from tis.common.runtime.control import Bell, ControlKeys, Epoch, Presence, Roster
 
 pytestmark = pytest.mark.live
 KEYS = ControlKeys("t")

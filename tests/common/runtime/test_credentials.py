@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import InputError
-from common.runtime.credentials import config_text, credentials, own_client, refuse_plain
-from common.runtime.zenoh_session import ZenohOptions, configure
-from common.scenario.security import Mtls, NoSecurity, Password
-from deploy.tools.certificates import issue, new_authority
+from tis.common.errors import InputError
+from tis.common.runtime.credentials import config_text, credentials, own_client, refuse_plain
+from tis.common.runtime.zenoh_session import ZenohOptions, configure
+from tis.common.scenario.security import Mtls, NoSecurity, Password
+from tis.deploy.tools.certificates import issue, new_authority
 
 TLS = "transport/link/tls"
 

@@ -1,7 +1,7 @@
 import threading
 
-from common.runtime.clock import VirtualClock
-from common.runtime.inbox import Inbox
+from tis.common.runtime.clock import VirtualClock
+from tis.common.runtime.inbox import Inbox
 
 
 def _inbox() -> tuple[Inbox[str], VirtualClock]:

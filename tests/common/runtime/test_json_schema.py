@@ -1,7 +1,7 @@
 """The schemas of messages and records."""
 
-from common import messages, records
-from common.runtime.json_schema import flat_schema, prepare_schemas
+from tis.common import messages, records
+from tis.common.runtime.json_schema import flat_schema, prepare_schemas
 
 
 def test_no_schema_is_left_to_be_worked_out_in_a_run() -> None:

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import InputError
-from common.runtime.limited_file import read_limited
-from common.runtime.scenario_file import read_scenario
+from tis.common.errors import InputError
+from tis.common.runtime.limited_file import read_limited
+from tis.common.runtime.scenario_file import read_scenario
 
 
 def test_a_file_up_to_the_limit_is_read(tmp_path: Path) -> None:

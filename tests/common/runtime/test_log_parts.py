@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from common.node import Record
-from common.records import TICKS, TickNote
-from common.runtime.log_parts import CLOCK_FILE, EarlierPart, PartClock, last_part, n_parts, part_clock, part_name
-from common.runtime.mcap_log import McapLog
+from tis.common.node import Record
+from tis.common.records import TICKS, TickNote
+from tis.common.runtime.log_parts import CLOCK_FILE, EarlierPart, PartClock, last_part, n_parts, part_clock, part_name
+from tis.common.runtime.mcap_log import McapLog
 
 S = 1_000_000_000
 CLOCK = PartClock(epoch_monotonic_ns=5 * S, epoch_unix_ns=1000 * S, run_id=7, boot="b" * 16)

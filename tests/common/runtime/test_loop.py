@@ -1,7 +1,7 @@
-from common.runtime.clock import VirtualClock
-from common.runtime.loop import Seat, run
-from common.runtime.virtual_bus import VirtualBus, key_matches
 from tests.nodes import Metronome, Shelf
+from tis.common.runtime.clock import VirtualClock
+from tis.common.runtime.loop import Seat, run
+from tis.common.runtime.virtual_bus import VirtualBus, key_matches
 
 
 def _run(nodes: list[Metronome], until_ns: int) -> None:

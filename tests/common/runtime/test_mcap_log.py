@@ -6,15 +6,15 @@ from mcap.reader import make_reader
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 
-from common.errors import DataError
-from common.messages import FeedbackPose, Pose
-from common.node import Record
-from common.records import EstimateNote, TickNote
-from common.runtime.json_schema import flat_schema
-from common.runtime.mcap_log import McapLog
-from common.runtime.recorder import ThreadedRecorder
 from tests.log_reader import LogReader
 from tests.nodes import a_pose
+from tis.common.errors import DataError
+from tis.common.messages import FeedbackPose, Pose
+from tis.common.node import Record
+from tis.common.records import EstimateNote, TickNote
+from tis.common.runtime.json_schema import flat_schema
+from tis.common.runtime.mcap_log import McapLog
+from tis.common.runtime.recorder import ThreadedRecorder
 
 
 def _tick(k: int) -> Record:

@@ -2,11 +2,11 @@
 
 import pytest
 
-from common.runtime.control import Presence
-from common.runtime.interrupt import Interrupt
-from common.runtime.meeting import Meeting, new_meeting
-from common.scenario import reading
-from deploy.run.resolve import resolve
+from tis.common.runtime.control import Presence
+from tis.common.runtime.interrupt import Interrupt
+from tis.common.runtime.meeting import Meeting, new_meeting
+from tis.common.scenario import reading
+from tis.deploy.run.resolve import resolve
 
 
 def _a_meeting() -> Meeting:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from common.runtime.memory import LevelHeap, keep_heap_level, release_large_arrays, without_collector
+from tis.common.runtime.memory import LevelHeap, keep_heap_level, release_large_arrays, without_collector
 
 _ROOT = Path(__file__).resolve().parents[3]
 _MB = 1024 * 1024
@@ -27,7 +27,7 @@ libc.malloc.restype = ctypes.c_void_p
 libc.malloc.argtypes = [ctypes.c_size_t]
 libc.free.argtypes = [ctypes.c_void_p]
 if sys.argv[1] != "without":
-    from common.runtime import memory
+    from tis.common.runtime import memory
     getattr(memory, sys.argv[1])()
 libc.free(libc.malloc(16 << 20))  # from here on glibc by itself maps only what is larger than 16 MB
 before = libc.mallinfo2()
@@ -117,7 +117,7 @@ def test_what_a_burst_took_is_returned_once_in_ten_seconds_and_not_for_a_little(
 @_counted
 def test_a_burst_of_a_process_returns_to_the_system() -> None:
     program = """
-from common.runtime.memory import LevelHeap, resident_bytes
+from tis.common.runtime.memory import LevelHeap, resident_bytes
 heap = LevelHeap()
 before = resident_bytes()
 kept = [bytes(3000) for _ in range(20_000)]

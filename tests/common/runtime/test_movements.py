@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from common.errors import InputError
-from common.runtime.movements import load_movement, training_rows_for
-from common.runtime.recordings import load_recording
-from deploy.run.resolve import resolve
+from tis.common.errors import InputError
+from tis.common.runtime.movements import load_movement, training_rows_for
+from tis.common.runtime.recordings import load_recording
+from tis.deploy.run.resolve import resolve
 
 
 def test_of_a_live_source_only_the_hands_are_known() -> None:

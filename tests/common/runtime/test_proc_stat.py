@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.runtime.processor_watch import ProcessorTimes, as_ranges, counts_steal, elapsed, parse_processors
+from tis.common.runtime.processor_watch import ProcessorTimes, as_ranges, counts_steal, elapsed, parse_processors
 
 #         user nice system idle iowait irq softirq steal guest guest_nice
 BEFORE = """\

@@ -2,9 +2,9 @@
 
 import os
 
-from common.host_records import PROCESSORS, ProcessorNote
-from common.runtime.clock import WallClock
-from common.runtime.processor_watch import ProcessorTimes, ProcessorWatch, Quota, Reading, processor_note
+from tis.common.host_records import PROCESSORS, ProcessorNote
+from tis.common.runtime.clock import WallClock
+from tis.common.runtime.processor_watch import ProcessorTimes, ProcessorWatch, Quota, Reading, processor_note
 
 MS = 1_000_000
 VIRTUAL = "flags : fpu hypervisor"

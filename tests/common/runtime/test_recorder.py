@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from common.messages import Vector3
-from common.node import Record
-from common.records import COUNTERS, ESTIMATES, FATES, TICKS, CounterNote, EstimateNote, FateBatch, TickNote
-from common.runtime import recorder as recorder_module
-from common.runtime.mcap_log import McapLog
-from common.runtime.recorder import ThreadedRecorder, is_recomputable
+from tis.common.messages import Vector3
+from tis.common.node import Record
+from tis.common.records import COUNTERS, ESTIMATES, FATES, TICKS, CounterNote, EstimateNote, FateBatch, TickNote
+from tis.common.runtime import recorder as recorder_module
+from tis.common.runtime.mcap_log import McapLog
+from tis.common.runtime.recorder import ThreadedRecorder, is_recomputable
 
 
 class SlowLog:

@@ -7,12 +7,12 @@ from contextlib import contextmanager
 import pytest
 import zenoh
 
-from common.runtime import scenario_exchange
-from common.runtime.control import ControlKeys
-from common.runtime.scenario_exchange import MAX_BYTES, ScenarioExchange
-from common.scenario import Scenario
-from deploy.run.resolve import resolve
 from tests.common.runtime.live_zenoh import a_network, settle
+from tis.common.runtime import scenario_exchange
+from tis.common.runtime.control import ControlKeys
+from tis.common.runtime.scenario_exchange import MAX_BYTES, ScenarioExchange
+from tis.common.scenario import Scenario
+from tis.deploy.run.resolve import resolve
 
 pytestmark = pytest.mark.live
 _KEYS = ControlKeys("tis")

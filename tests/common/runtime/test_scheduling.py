@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from common.runtime import scheduling
-from common.runtime.scheduling import let_zenoh_wait, request_real_time, stand_behind
+from tis.common.runtime import scheduling
+from tis.common.runtime.scheduling import let_zenoh_wait, request_real_time, stand_behind
 
 
 def test_every_thread_of_the_process_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -137,10 +137,10 @@ _ROUTERS = """
 import os, time
 from pathlib import Path
 import zenoh
-from common.runtime.free_endpoints import free_endpoints
-from common.runtime.process_end import run_to_end
-from common.runtime.scheduling import let_zenoh_wait
-from common.runtime.zenoh_session import ZenohOptions, configure, merge_acceptor
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.process_end import run_to_end
+from tis.common.runtime.scheduling import let_zenoh_wait
+from tis.common.runtime.zenoh_session import ZenohOptions, configure, merge_acceptor
 
 def waiting():
     let_zenoh_wait()

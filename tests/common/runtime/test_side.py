@@ -5,15 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import DataError, PeerError
-from common.node import Record
-from common.records import TICKS, TickNote
-from common.runtime.control import boot_digest
-from common.runtime.log_parts import CLOCK_FILE, PartClock
-from common.runtime.scenario_file import latest_folders
-from common.runtime.side_log import SideOptions, continued, earlier_part, open_log
-from common.scenario import Scenario
-from common.scenario.reading import build_scenario
+from tis.common.errors import DataError, PeerError
+from tis.common.node import Record
+from tis.common.records import TICKS, TickNote
+from tis.common.runtime.control import boot_digest
+from tis.common.runtime.log_parts import CLOCK_FILE, PartClock
+from tis.common.runtime.scenario_file import latest_folders
+from tis.common.runtime.side_log import SideOptions, continued, earlier_part, open_log
+from tis.common.scenario import Scenario
+from tis.common.scenario.reading import build_scenario
 
 S = 1_000_000_000
 RUN_ID = 7

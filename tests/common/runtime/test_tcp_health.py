@@ -4,7 +4,7 @@ import socket
 
 import pytest
 
-from common.runtime import tcp_health
+from tis.common.runtime import tcp_health
 
 
 def _row(queues: str, timer: str, retransmits: str, remote: str = "0100007F:1D17") -> list[str]:

@@ -4,11 +4,11 @@ from typing import Any
 
 import pytest
 
-from common.errors import DataError
-from common.runtime.trace_files import load_traces, trace_attachments
-from common.scenario.network import NetworkPart
-from common.scenario.network.pipeline import Stages
-from common.trace import OpportunityTrace
+from tis.common.errors import DataError
+from tis.common.runtime.trace_files import load_traces, trace_attachments
+from tis.common.scenario.network import NetworkPart
+from tis.common.scenario.network.pipeline import Stages
+from tis.common.trace import OpportunityTrace
 
 GOOD = "sent_s,delay_ms\n0,1\n"
 

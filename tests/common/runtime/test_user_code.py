@@ -1,15 +1,16 @@
 """A user's own code by name: where it is found, what is said when it is not, and what it is known by."""
 
 import hashlib
+import importlib
 import sys
 from pathlib import Path
 
 import pytest
 
-from common.errors import InputError
-from common.runtime.child_process import PACKAGES
-from common.runtime.code_origin import Origin
-from common.runtime.user_code import load_user_code
+from tis.common.errors import InputError
+from tis.common.runtime.child_process import PACKAGES
+from tis.common.runtime.code_origin import Origin
+from tis.common.runtime.user_code import load_user_code
 
 
 def write(path: Path, text: str) -> str:
@@ -38,7 +39,7 @@ def test_the_current_folder_counts_and_what_lies_beside_is_known_too(own_folder:
     assert [code.factory.__qualname__ for code in found.values()] == ["F", "F.G"]
     origin = Origin("first_own.py", sha256, {"helper_own.py": beside})
     assert [code.origin for code in found.values()] == [origin, origin]
-    assert sys.path.index(str(own_folder)) == sys.path.index(PACKAGES) + 1  # a package `common` beside is not ours
+    assert sys.path.index(str(own_folder)) < sys.path.index(PACKAGES)  # a package `common` beside is the user's
 
 
 def test_of_a_package_the_defining_file_counts_and_the_rest_lies_beside(own_folder: Path) -> None:
@@ -60,6 +61,20 @@ def test_an_installed_distribution_has_its_version(own_folder: Path) -> None:
     assert code.origin.distribution == "filterpy"
     assert code.origin.version is not None
     assert code.origin.file == "filterpy/kalman/kalman_filter.py"
+
+
+@pytest.mark.parametrize("installed", [False, True])
+def test_a_name_of_before_the_one_import_name_is_told_the_new_one(
+    own_folder: Path, monkeypatch: pytest.MonkeyPatch, installed: bool
+) -> None:
+    monkeypatch.setattr(sys, "path", [path for path in sys.path if path != PACKAGES])
+    if not installed:  # a checkout
+        sys.path.append(PACKAGES)
+    importlib.invalidate_caches()
+    write(own_folder / "old_own.py", "from common.errors import Fault\n")
+    (fault,) = faults("old_own:F")
+    assert "has become" in fault
+    assert "tis.common" in fault
 
 
 def test_all_faults_come_at_once_a_line_each(own_folder: Path) -> None:

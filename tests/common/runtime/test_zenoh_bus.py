@@ -6,14 +6,14 @@ from collections.abc import Sequence
 import pytest
 import zenoh
 
-from common.channels import Network
-from common.header import Header
-from common.node import Arrival, Emission, Output, Record
-from common.runtime.clock import WallClock
-from common.runtime.inbox import Inbox
-from common.runtime.loop import Delivery
-from common.runtime.zenoh_bus import ZenohBus
 from tests.common.runtime.live_zenoh import a_network, settle, soon
+from tis.common.channels import Network
+from tis.common.header import Header
+from tis.common.node import Arrival, Emission, Output, Record
+from tis.common.runtime.clock import WallClock
+from tis.common.runtime.inbox import Inbox
+from tis.common.runtime.loop import Delivery
+from tis.common.runtime.zenoh_bus import ZenohBus
 
 pytestmark = pytest.mark.live
 _LIMIT_NS = 30_000_000_000

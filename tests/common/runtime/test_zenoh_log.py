@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.free_endpoints import free_endpoints
 
 _ROOT = Path(__file__).resolve().parents[3]
 _PROGRAM = """
 import sys
 import zenoh
-from common.runtime.zenoh_log import ROUTER_LEVELS, RefusalCounter, ZenohLog
-from common.runtime.zenoh_session import ZenohOptions, configure
+from tis.common.runtime.zenoh_log import ROUTER_LEVELS, RefusalCounter, ZenohLog
+from tis.common.runtime.zenoh_session import ZenohOptions, configure
 
 first = []
 counter = RefusalCounter(first.append)

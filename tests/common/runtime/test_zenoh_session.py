@@ -10,10 +10,10 @@ from typing import Any, Literal
 import pytest
 import zenoh
 
-from common.errors import InputError, PeerError
-from common.runtime.free_endpoints import free_endpoints
-from common.runtime.zenoh_session import ZenohOptions, bypasses, configure, open_client, open_router
 from tests.common.runtime.live_zenoh import a_client, a_network, a_router, settle, soon
+from tis.common.errors import InputError, PeerError
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.zenoh_session import ZenohOptions, bypasses, configure, open_client, open_router
 
 
 def _value(config: zenoh.Config, key: str) -> Any:

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.scenario import Scenario
-from common.scenario.agreement import MAX_FIELDS, agreed_fields, checked_fields, differences, in_words
-from common.scenario.reading import apply_settings, build_scenario, digest
+from tis.common.scenario import Scenario
+from tis.common.scenario.agreement import MAX_FIELDS, agreed_fields, checked_fields, differences, in_words
+from tis.common.scenario.reading import apply_settings, build_scenario, digest
 
 _RAW: dict[str, Any] = {"version": 1, "name": "s", "source": {"kind": "synthetic"}}
 

@@ -3,7 +3,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from common.scenario.network.capacity import Rate
+from tis.common.scenario.network.capacity import Rate
 
 
 def test_a_bit_rate_is_enough() -> None:

@@ -3,7 +3,7 @@ from typing import Any
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from common.scenario.network.delay import Delay
+from tis.common.scenario.network.delay import Delay
 
 DELAY: TypeAdapter[Any] = TypeAdapter(Delay)
 

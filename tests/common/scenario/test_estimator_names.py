@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.errors import InputError
-from common.scenario import Scenario
-from common.scenario.estimator_names import NAMES, each_once, fault_of, is_built_in, is_user_defined, plain_name
-from common.scenario.reading import build_scenario, digest, dump_scenario, parse_yaml
+from tis.common.errors import InputError
+from tis.common.scenario import Scenario
+from tis.common.scenario.estimator_names import NAMES, each_once, fault_of, is_built_in, is_user_defined, plain_name
+from tis.common.scenario.reading import build_scenario, digest, dump_scenario, parse_yaml
 
 RAW: dict[str, Any] = {"version": 1, "name": "s", "source": {"kind": "synthetic"}}
 WORDS = st.builds(  # [A-Za-z][A-Za-z0-9_]{0,8}; from_regex takes ten times as long

@@ -6,11 +6,11 @@ from typing import Annotated, Any, Literal
 import pytest
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from common.errors import InputError
-from common.scenario.base import RuleText
-from common.scenario.faults import faults
-from common.scenario.network import NetworkPart
-from common.scenario.reading import build_scenario
+from tis.common.errors import InputError
+from tis.common.scenario.base import RuleText
+from tis.common.scenario.faults import faults
+from tis.common.scenario.network import NetworkPart
+from tis.common.scenario.reading import build_scenario
 
 
 class Strict(BaseModel):

@@ -2,9 +2,9 @@ from typing import Any
 
 import pytest
 
-from common.errors import InputError
-from common.scenario import Scenario
-from common.scenario.reading import build_scenario
+from tis.common.errors import InputError
+from tis.common.scenario import Scenario
+from tis.common.scenario.reading import build_scenario
 
 LIVE: dict[str, Any] = {
     "version": 1,

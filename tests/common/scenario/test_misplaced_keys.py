@@ -2,10 +2,10 @@
 
 import pytest
 
-from common.errors import InputError
-from common.scenario import Scenario
-from common.scenario.faults import misplaced_key_hint
-from common.scenario.reading import build_scenario
+from tis.common.errors import InputError
+from tis.common.scenario import Scenario
+from tis.common.scenario.faults import misplaced_key_hint
+from tis.common.scenario.reading import build_scenario
 
 
 @pytest.mark.parametrize(

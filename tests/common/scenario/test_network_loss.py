@@ -1,8 +1,8 @@
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from common.scenario.network.loss import Loss
-from netem.stages.loss import expected_loss
+from tis.common.scenario.network.loss import Loss
+from tis.netem.stages.loss import expected_loss
 
 LOSS: TypeAdapter[Loss] = TypeAdapter(Loss)
 TAIL = {"shape": 3.0, "scale": 2.0}

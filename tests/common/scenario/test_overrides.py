@@ -3,9 +3,9 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.errors import Fault
-from common.scenario.overrides import Override, apply_overrides, blamed
-from common.scenario.reading import apply_settings
+from tis.common.errors import Fault
+from tis.common.scenario.overrides import Override, apply_overrides, blamed
+from tis.common.scenario.reading import apply_settings
 
 RAW = {"seed": 1, "list": [1, 2], "network": {"forward": {"loss": {"kind": "bernoulli", "p_loss": 0.1}}}}
 GOOD = ("seed=2", "a.b=3", "list.1=7", "network.forward.loss=null", "a.c={d: 1}")

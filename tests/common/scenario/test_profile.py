@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from common.scenario.faults import faults
-from common.scenario.profile import Profile, numeric_paths
+from tis.common.scenario.faults import faults
+from tis.common.scenario.profile import Profile, numeric_paths
 
 NETWORK: dict[str, Any] = {
     "forward": {"delay": {"kind": "uniform", "low_ms": 1, "high_ms": 2}},

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from common.errors import InputError
-from common.scenario.reading import build_scenario, digest, dump_scenario, expand_profile, parse_yaml
+from tis.common.errors import InputError
+from tis.common.scenario.reading import build_scenario, digest, dump_scenario, expand_profile, parse_yaml
 
 MINIMAL: dict[str, Any] = {"version": 1, "name": "a", "source": {"kind": "synthetic"}}
 LINK: dict[str, Any] = {

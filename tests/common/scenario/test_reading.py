@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.errors import InputError
-from common.scenario import Scenario
-from common.scenario.reading import apply_settings, build_scenario, digest, dump_scenario, parse_yaml
-from common.scenario.source import NULL_IS_A_VALUE, SyntheticSource
+from tis.common.errors import InputError
+from tis.common.scenario import Scenario
+from tis.common.scenario.reading import apply_settings, build_scenario, digest, dump_scenario, parse_yaml
+from tis.common.scenario.source import NULL_IS_A_VALUE, SyntheticSource
 
 MINIMAL: dict[str, Any] = {"version": 1, "name": "a", "source": {"kind": "synthetic"}}
 FULL = """

@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
-from common.errors import InputError
-from common.scenario import Scenario
-from common.scenario.reading import build_scenario
+from tis.common.errors import InputError
+from tis.common.scenario import Scenario
+from tis.common.scenario.reading import build_scenario
 
 _LEAST: dict[str, Any] = {"version": 1, "name": "a", "source": {"kind": "synthetic"}}
 _MTLS = {"kind": "mtls"}

@@ -6,10 +6,10 @@ from typing import Any, Union, get_args, get_origin
 import pytest
 from pydantic import BaseModel, Discriminator, ValidationError
 
-from common.scenario import Scenario
-from common.scenario.base import RuleText
-from common.scenario.network.pipeline import Pipeline
-from common.scenario.reading import build_scenario, schema_json
+from tis.common.scenario import Scenario
+from tis.common.scenario.base import RuleText
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.scenario.reading import build_scenario, schema_json
 
 MINIMAL: dict[str, Any] = {"version": 1, "name": "a", "source": {"kind": "synthetic"}}
 

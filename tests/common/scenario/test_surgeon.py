@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
-from common.errors import InputError
-from common.scenario import Scenario
-from common.scenario.reading import build_scenario
+from tis.common.errors import InputError
+from tis.common.scenario import Scenario
+from tis.common.scenario.reading import build_scenario
 
 
 def _scenario(rate_hz: int = 30, tick_phase_ms: float = 0.0, **surgeon: Any) -> Scenario:

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from common.sources.calibration import (
+from tis.common.sources.calibration import (
     RECORDED_SUTURING,
     RECORDED_TURNING,
     median_statistics,
     movement_statistics,
     turning_statistics,
 )
-from common.sources.jigsaws import parse_trial, pose_track, position_m
+from tis.common.sources.jigsaws import parse_trial, pose_track, position_m
 
 
 def test_the_statistics_of_a_circle_are_known() -> None:

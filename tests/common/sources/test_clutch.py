@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from common.sources.minimum_jerk import minimum_jerk
-from common.sources.synthetic import EASE_S, PRESSED_S, Clutch
-from common.sources.trajectory import Array
-from common.streams import Stream
+from tis.common.sources.minimum_jerk import minimum_jerk
+from tis.common.sources.synthetic import EASE_S, PRESSED_S, Clutch
+from tis.common.sources.trajectory import Array
+from tis.common.streams import Stream
 
 TWO = Clutch(np.array([1.0, 4.0]))
 

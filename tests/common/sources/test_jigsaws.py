@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from common.errors import DataError
-from common.sources.jigsaws import COLUMNS, parse_trial, pose_track, position_m
 from tests.common.sources.trials import FIRST, rows_of, text_of
+from tis.common.errors import DataError
+from tis.common.sources.jigsaws import COLUMNS, parse_trial, pose_track, position_m
 
 REAL = {
     "Knot_Tying_C002": 1068,

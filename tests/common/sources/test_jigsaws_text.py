@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from common.scenario.source import SyntheticSource
-from common.sources.jigsaws import parse_trial, pose_track, position_m
-from common.sources.jigsaws_text import trial_text
-from common.sources.pairing import pair_over
-from common.sources.synthetic import synthesise
-from common.sources.trajectory import HandRecording, PoseTrack, Recording
 from tests.common.sources.trials import FIRST
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.jigsaws import parse_trial, pose_track, position_m
+from tis.common.sources.jigsaws_text import trial_text
+from tis.common.sources.pairing import pair_over
+from tis.common.sources.synthetic import synthesise
+from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 
 BOTH = SyntheticSource(kind="synthetic", hands=("left", "right"))
 DEVICES = {"left": ("MTML", "PSM2"), "right": ("MTMR", "PSM1")}

@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.channels import MASTER
-from common.scenario.source import SyntheticSource
-from common.sources.jigsaws import RATE_HZ, parse_trial, position_m
-from common.sources.jumps import jumps, stretches
-from common.sources.plausibility import anomalies
-from common.sources.synthetic import synthesise
-from common.sources.trajectory import Array, HandRecording, PoseTrack, Recording
+from tis.common.channels import MASTER
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.jigsaws import RATE_HZ, parse_trial, position_m
+from tis.common.sources.jumps import jumps, stretches
+from tis.common.sources.plausibility import anomalies
+from tis.common.sources.synthetic import synthesise
+from tis.common.sources.trajectory import Array, HandRecording, PoseTrack, Recording
 
 DEVICES = (*MASTER.values(), "PSM1", "PSM2")
 

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from common.scenario.live_source import LivePlaces, LiveSource
-from common.scenario.source import SyntheticSource
-from common.sources.live import synthetic_training, unmade_movement
-from common.sources.synthetic import synthesise
+from tis.common.scenario.live_source import LivePlaces, LiveSource
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.live import synthetic_training, unmade_movement
+from tis.common.sources.synthetic import synthesise
 
 
 def test_nothing_is_known_of_a_live_movement_but_its_hands() -> None:

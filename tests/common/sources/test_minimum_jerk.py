@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.sources.minimum_jerk import Movements, minimum_jerk
-from common.sources.trajectory import Array
+from tis.common.sources.minimum_jerk import Movements, minimum_jerk
+from tis.common.sources.trajectory import Array
 
 
 def test_the_polynomial_solves_the_boundary_value_problem() -> None:

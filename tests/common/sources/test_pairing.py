@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.channels import Arm, Hand
-from common.sources.jigsaws import parse_trial, position_m
-from common.sources.pairing import contradictions, fit_arm, pair_over
-from common.sources.trajectory import Array
+from tis.common.channels import Arm, Hand
+from tis.common.sources.jigsaws import parse_trial, position_m
+from tis.common.sources.pairing import contradictions, fit_arm, pair_over
+from tis.common.sources.trajectory import Array
 
 
 def walk(seed: int, n_rows: int = 400) -> Array:

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.scenario.source import SyntheticSource
-from common.sources.plausibility import anomalies, rate_doubts
-from common.sources.synthetic import synthesise
-from common.sources.trajectory import Array
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.plausibility import anomalies, rate_doubts
+from tis.common.sources.synthetic import synthesise
+from tis.common.sources.trajectory import Array
 
 
 def swing(n_rows: int = 900, rate_hz: int = 30, size_m: float = 0.1) -> Array:

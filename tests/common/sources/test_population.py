@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.scenario.source import SyntheticSource
-from common.sources.calibration import movement_statistics
-from common.sources.population import RECORDED_BETWEEN, SPREAD, person, population, trial_seed
-from common.sources.trajectory import Array, Recording
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.calibration import movement_statistics
+from tis.common.sources.population import RECORDED_BETWEEN, SPREAD, person, population, trial_seed
+from tis.common.sources.trajectory import Array, Recording
 
 SOURCE = SyntheticSource(kind="synthetic", hands=("left", "right"))
 SEEDS = st.integers(0, 2**32)

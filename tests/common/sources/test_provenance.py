@@ -1,9 +1,16 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.scenario.source import SyntheticSource
-from common.sources.provenance import RecordedRows, dump_played, in_words, parse_played, played_rows, training_rows
-from common.sources.synthetic import synthesise
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.provenance import (
+    RecordedRows,
+    dump_played,
+    in_words,
+    parse_played,
+    played_rows,
+    training_rows,
+)
+from tis.common.sources.synthetic import synthesise
 
 _ROWS = st.builds(
     RecordedRows,

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from common.scenario.source import SyntheticSource
-from common.sources.minimum_jerk import Movements
-from common.sources.reaching import reaching, timing_of
-from common.streams import Stream
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.minimum_jerk import Movements
+from tis.common.sources.reaching import reaching, timing_of
+from tis.common.streams import Stream
 
 PLAIN = SyntheticSource(kind="synthetic")
 

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.scenario.source import SyntheticSource
-from common.sources.synthetic import latest_sample_s, synthesise
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.synthetic import latest_sample_s, synthesise
 
 ROWS_S = np.arange(3000) / 30
 

@@ -4,14 +4,14 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.messages import Pose, SampledPose
-from common.node import Emission, Record
-from common.records import TRUTH, TruthRow
-from common.sources.sensor_noise import SensorNoise, with_noise
-from common.ticker import Ticker
-from surgeon_side.motion import RecordedMotion
-from surgeon_side.node import ONCE, Redundancy, SurgeonNode
 from tests.nodes import a_recording
+from tis.common.messages import Pose, SampledPose
+from tis.common.node import Emission, Record
+from tis.common.records import TRUTH, TruthRow
+from tis.common.sources.sensor_noise import SensorNoise, with_noise
+from tis.common.ticker import Ticker
+from tis.surgeon_side.motion import RecordedMotion
+from tis.surgeon_side.node import ONCE, Redundancy, SurgeonNode
 
 COMMAND = "tis/MTML/measured_cp"
 ARM = "tis/PSM2/setpoint_cp"

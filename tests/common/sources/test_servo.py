@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from common.sources.synthetic import servo
-from common.sources.trajectory import Array
+from tis.common.sources.synthetic import servo
+from tis.common.sources.trajectory import Array
 
 
 def path(t_s: Array) -> Array:

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.scenario.source import SyntheticSource
-from common.sources.pairing import fit_arm
-from common.sources.synthetic import synthesise
-from common.sources.trajectory import Array, HandRecording, Recording
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.pairing import fit_arm
+from tis.common.sources.synthetic import synthesise
+from tis.common.sources.trajectory import Array, HandRecording, Recording
 
 PLAIN = SyntheticSource(kind="synthetic", hands=("left", "right"))
 STEADY = SyntheticSource(kind="synthetic", tremor_mm=0.0)

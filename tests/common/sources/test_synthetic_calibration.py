@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from common.scenario.source import SyntheticSource
-from common.sources.calibration import (
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.calibration import (
     RECORDED_SUTURING,
     RECORDED_TURNING,
     TOLERANCE,
     median_statistics,
     turning_statistics,
 )
-from common.sources.synthetic import synthesise
-from common.sources.trajectory import Recording
+from tis.common.sources.synthetic import synthesise
+from tis.common.sources.trajectory import Recording
 
 RECORDED = {
     "hold-last error at 33 ms, mm": (0.389**2 + 0.373**2 + 0.404**2) ** 0.5,

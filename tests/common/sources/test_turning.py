@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from common.scenario.source import SyntheticSource
-from common.sources.reaching import timing_of
-from common.sources.synthetic import synthesise, turning
-from common.streams import Stream
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.reaching import timing_of
+from tis.common.sources.synthetic import synthesise, turning
+from tis.common.streams import Stream
 
 PLAIN = SyntheticSource(kind="synthetic", turn_deg=10.0)
 TIMING = timing_of(PLAIN, 1.0, Stream.named(1, "timing"), 3000.0)

@@ -13,16 +13,16 @@ from pathlib import Path
 
 from rich.console import Console
 
-from common.runtime.recordings import list_trials
-from common.scenario.source import JigsawsSource
-from common.streams import Stream
-from deploy.admissible.border import find_border
-from deploy.admissible.evaluation import Evaluation, Judged
-from deploy.admissible.options import Order, order_of
-from deploy.admissible.rays import Place
-from deploy.compare.cells.store import Store
-from deploy.compare.engine.processes import Processes
-from deploy.compare.plan import Request
+from tis.common.runtime.recordings import list_trials
+from tis.common.scenario.source import JigsawsSource
+from tis.common.streams import Stream
+from tis.deploy.admissible.border import find_border
+from tis.deploy.admissible.evaluation import Evaluation, Judged
+from tis.deploy.admissible.options import Order, order_of
+from tis.deploy.admissible.rays import Place
+from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.engine.processes import Processes
+from tis.deploy.compare.plan import Request
 
 _SEEDS, _FRESH_SEEDS = 4, 20
 _MANY = 20_000

@@ -3,8 +3,8 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.errors import InputError
-from deploy.admissible.axes import MAX_AXES, Axis, axis_faults, parse_axis, whole_fault
+from tis.common.errors import InputError
+from tis.deploy.admissible.axes import MAX_AXES, Axis, axis_faults, parse_axis, whole_fault
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deploy.admissible.border import Border, find_border
-from deploy.admissible.rays import Place
+from tis.deploy.admissible.border import Border, find_border
+from tis.deploy.admissible.rays import Place
 
 Margin = Callable[..., float]
 TOLERANCE = 0.02

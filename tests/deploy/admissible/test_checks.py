@@ -1,5 +1,5 @@
-from deploy.admissible.border import find_border
-from deploy.admissible.study import Check, drawn
+from tis.deploy.admissible.border import find_border
+from tis.deploy.admissible.study import Check, drawn
 
 
 def test_half_of_the_places_lie_inside_and_half_outside() -> None:

@@ -42,7 +42,7 @@ def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: None
 @pytest.fixture
 def without_figure(monkeypatch: pytest.MonkeyPatch) -> None:
     """Write the tables without the figure: for tests that do not look at it."""
-    monkeypatch.setattr("deploy.admissible.command._figures", lambda _: {})
+    monkeypatch.setattr("tis.deploy.admissible.command._figures", lambda _: {})
 
 
 def tis(*words: str) -> tuple[int, str, str]:
@@ -149,7 +149,7 @@ def test_recorded_people_are_the_persons(written_people: Path, without_figure: N
 
 @pytest.fixture
 def written_people(tmp_path: Path) -> Path:
-    from deploy.tools.synth import write_trials
+    from tis.deploy.tools.synth import write_trials
 
     _, second = write_trials(tmp_path / "jigsaws", 2, "Suturing", 1, 400 / 30, "a test")
     second.rename(second.with_name("Suturing_T002.txt"))

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.stats import ttest_1samp
 
-from deploy.admissible.criterion import bound_of, upper_bound
-from deploy.admissible.limits import Limit
+from tis.deploy.admissible.criterion import bound_of, upper_bound
+from tis.deploy.admissible.limits import Limit
 
 N_PERSONS = 8
 N_SAMPLES = 6000

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from deploy.admissible.figures import ESTIMATOR, OF_CELLS, name_faults, of_cells, of_summaries
-from deploy.admissible.limits import Limit
-from deploy.compare.cells.cell import Cell, run_cell, train
-from deploy.compare.cells.identity import summarised
-from deploy.compare.plan import Request, make_plan
+from tis.deploy.admissible.figures import ESTIMATOR, OF_CELLS, name_faults, of_cells, of_summaries
+from tis.deploy.admissible.limits import Limit
+from tis.deploy.compare.cells.cell import Cell, run_cell, train
+from tis.deploy.compare.cells.identity import summarised
+from tis.deploy.compare.plan import Request, make_plan
 
 LOSSY = "network={forward: {delay: {kind: constant, delay_ms: 60}, loss: {kind: bernoulli, p_loss: 0.2}}}"
 SHORT = ("identification={train_samples: 240, block_rows: 4, order: 0}", "estimators=[hold, damped_velocity]")

@@ -2,8 +2,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.errors import InputError
-from deploy.admissible.limits import Limit, parse_limit
+from tis.common.errors import InputError
+from tis.deploy.admissible.limits import Limit, parse_limit
 
 
 @pytest.mark.parametrize(

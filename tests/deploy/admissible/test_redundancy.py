@@ -1,6 +1,6 @@
 import pytest
 
-from deploy.admissible.redundancy import Price, Redundancy, redundancies
+from tis.deploy.admissible.redundancy import Price, Redundancy, redundancies
 
 
 def cost(one: Redundancy) -> tuple[int, int]:

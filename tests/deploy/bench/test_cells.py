@@ -3,8 +3,8 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from deploy.bench import cells
-from deploy.bench.cells import bench_cells
+from tis.deploy.bench import cells
+from tis.deploy.bench.cells import bench_cells
 
 
 def test_each_kind_of_twin_has_a_row_beside_the_one_with_files(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from common.units import sample_instant_ns
-from deploy.bench import estimators
-from deploy.bench.estimators import (
+from tis.common.units import sample_instant_ns
+from tis.deploy.bench import estimators
+from tis.deploy.bench.estimators import (
     Network,
     Samples,
     StepTimes,
@@ -17,8 +17,8 @@ from deploy.bench.estimators import (
     bench_models,
     step_times_us,
 )
-from patient_side.estimators.hold import Hold
-from patient_side.statespace import ArmModel
+from tis.patient_side.estimators.hold import Hold
+from tis.patient_side.statespace import ArmModel
 
 N_TICKS = 200
 

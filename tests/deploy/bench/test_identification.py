@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from deploy.bench import identification
-from deploy.bench.identification import Size, bench_identification, measure, simulated_trials
-from patient_side.statespace import Array
+from tis.deploy.bench import identification
+from tis.deploy.bench.identification import Size, bench_identification, measure, simulated_trials
+from tis.patient_side.statespace import Array
 
 
 def test_every_size_has_a_table_with_every_method_and_its_bound(monkeypatch: pytest.MonkeyPatch) -> None:

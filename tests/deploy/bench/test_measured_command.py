@@ -2,7 +2,7 @@
 
 import sys
 
-from deploy.bench.measured_command import measure
+from tis.deploy.bench.measured_command import measure
 
 MB = 1_000_000
 HOLD = f"x = bytearray({100 * MB}); x[::1000] = b'x' * len(x[::1000])"

@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from common.runtime.ticks_only import RECORD_VARIABLE
-from common.scenario import Scenario
-from deploy.bench import recording
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides
-from patient_side.identification.model_io import dump_models
 from tests.deploy.hold_only import HOLD
+from tis.common.runtime.ticks_only import RECORD_VARIABLE
+from tis.common.scenario import Scenario
+from tis.deploy.bench import recording
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides
+from tis.patient_side.identification.model_io import dump_models
 
 SECONDS = 1.0
 SMALL = ("identification.train_samples=600", "identification.block_rows=3", "identification.order=2")

@@ -1,8 +1,8 @@
 import pytest
 
-from common.runtime.free_endpoints import free_endpoints
-from deploy.bench.relays import least_relay
-from deploy.bench.traffic import paced
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.deploy.bench.relays import least_relay
+from tis.deploy.bench.traffic import paced
 
 
 @pytest.mark.live

@@ -4,10 +4,10 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from common.runtime.credentials import credentials
-from common.scenario import Scenario
-from deploy.bench import security
-from deploy.bench.security import Price, bench_security
+from tis.common.runtime.credentials import credentials
+from tis.common.scenario import Scenario
+from tis.deploy.bench import security
+from tis.deploy.bench.security import Price, bench_security
 
 
 def test_each_kind_runs_as_often_with_credentials_that_exist(monkeypatch: pytest.MonkeyPatch) -> None:

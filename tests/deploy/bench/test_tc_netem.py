@@ -5,10 +5,10 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from common.scenario.network.loss import BurstLoss
-from common.streams import Address, Stream
-from deploy.bench.models import correlated_uniforms, jitter, loss_with_correlation
-from netem.stages.loss import loss_blocks
+from tis.common.scenario.network.loss import BurstLoss
+from tis.common.streams import Address, Stream
+from tis.deploy.bench.models import correlated_uniforms, jitter, loss_with_correlation
+from tis.netem.stages.loss import loss_blocks
 
 N = 400_000
 U = np.random.default_rng(2).random(N)

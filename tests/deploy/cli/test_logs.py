@@ -6,11 +6,11 @@ from shutil import copytree
 
 import pytest
 
-from deploy.shell.guard import ERR, OUT
 from tests.deploy.commands import Call, call
 from tests.deploy.hold_only import HOLD
 from tests.deploy.logs.conftest import run_dir, scenario, write_ros2
 from tests.log_reader import cut
+from tis.deploy.shell.guard import ERR, OUT
 
 __all__ = ["run_dir", "scenario"]
 
@@ -216,7 +216,7 @@ def test_what_was_recovered_is_read_from_then_on_and_says_what_it_lacks(
     for command, expected in ((("summarize", "r"), 5), (("report", "r"), 3), (("export", "r", "--csv"), 3)):
         with monkeypatch.context() as patch:
             if command[0] == "summarize":  # its report is the next command's
-                patch.setattr("deploy.report.command.can_report", lambda: False)
+                patch.setattr("tis.deploy.report.command.can_report", lambda: False)
             code, out, err = tis(*command)
         assert code == expected
         assert "patient: log was recovered from a damaged one (patient_recovered.mcap)" in " ".join(

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.tools.synth import write_trials
+from tis.deploy.tools.synth import write_trials
 
 SCENARIO = """version: 1
 name: small
@@ -42,12 +42,12 @@ def small(tmp_path: Path, written_trials: Path, monkeypatch: pytest.MonkeyPatch)
 def forked(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let processes begin as copies of one that has loaded what they compute with: they die as all others do."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["deploy.compare.engine.processes"])
+    context.set_forkserver_preload(["tis.deploy.compare.engine.processes"])
     monkeypatch.setattr(multiprocessing, "get_context", lambda _: context)
 
 
 @pytest.fixture
 def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Write a comparison without its figures and its page: for tests that look at neither."""
-    monkeypatch.setattr("deploy.compare.results.files._drawn", lambda _: {})
-    monkeypatch.setattr("deploy.compare.results.files.can_report", lambda: False)
+    monkeypatch.setattr("tis.deploy.compare.results.files._drawn", lambda _: {})
+    monkeypatch.setattr("tis.deploy.compare.results.files.can_report", lambda: False)

@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from deploy.compare import command
-from deploy.compare.cells.store import Store
-from deploy.compare.engine.compute import compute
-from deploy.compare.engine.processes import Processes
-from deploy.compare.plan import Request, make_plan
-from deploy.shell.progress import PhaseProgress
 from tests.deploy.commands import Call, call
+from tis.deploy.compare import command
+from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.engine.compute import compute
+from tis.deploy.compare.engine.processes import Processes
+from tis.deploy.compare.plan import Request, make_plan
+from tis.deploy.shell.progress import PhaseProgress
 
 
 @pytest.fixture

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from common.errors import DataError, InputError
-from deploy.compare import Study, compare
-from deploy.compare.comparison import Comparison
 from tests.deploy.commands import call
+from tis.common.errors import DataError, InputError
+from tis.deploy.compare import Study, compare
+from tis.deploy.compare.comparison import Comparison
 
 DELAY = "network.forward.delay.delay_ms"
 
@@ -71,7 +71,7 @@ def test_a_package_that_is_missing_is_named_with_its_command(
     study: Study, in_this_process: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     result = result_of(study)
-    monkeypatch.setattr("deploy.compare.comparison.find_spec", lambda _: None)
+    monkeypatch.setattr("tis.deploy.compare.comparison.find_spec", lambda _: None)
     for method, line in (
         (result.to_pandas, r"^Comparison\.to_pandas: needs pandas: pip install pandas$"),
         (result.to_arrow, r"^Comparison\.to_arrow: needs pyarrow: pip install 'tis-testbed\[parquet\]'$"),
@@ -79,7 +79,7 @@ def test_a_package_that_is_missing_is_named_with_its_command(
     ):
         with pytest.raises(InputError, match=line):
             method()
-    monkeypatch.setattr("deploy.compare.comparison.find_spec", lambda name: name)
+    monkeypatch.setattr("tis.deploy.compare.comparison.find_spec", lambda name: name)
     monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=SimpleNamespace(from_records=tuple)))
     assert list(result.to_pandas()) == list(result.rows)
 

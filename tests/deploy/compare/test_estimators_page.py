@@ -8,15 +8,15 @@ from typing import Any, get_args
 import pytest
 import yaml
 
-from common.scenario.estimator_names import EstimatorName
-from deploy.compare.engine.compute import Outcome
-from deploy.compare.estimator_descriptions import DESCRIPTIONS
-from deploy.compare.estimators_page import page_text
-from deploy.compare.estimators_sections import Section, command_of, sections
-from deploy.compare.plan import Plan, make_plan
-from deploy.compare.results.people import interval_note
-from deploy.compare.results.rows import report
 from tests.markdown_tables import ragged_rows
+from tis.common.scenario.estimator_names import EstimatorName
+from tis.deploy.compare.engine.compute import Outcome
+from tis.deploy.compare.estimator_descriptions import DESCRIPTIONS
+from tis.deploy.compare.estimators_page import page_text
+from tis.deploy.compare.estimators_sections import Section, command_of, sections
+from tis.deploy.compare.plan import Plan, make_plan
+from tis.deploy.compare.results.people import interval_note
+from tis.deploy.compare.results.rows import report
 
 
 def _result(plan: Plan, worse: float) -> dict[str, Any]:

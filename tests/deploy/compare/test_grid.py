@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.errors import InputError
-from deploy.compare.grid import Sweep, grid_faults, parse_sweep, points_of
+from tis.common.errors import InputError
+from tis.deploy.compare.grid import Sweep, grid_faults, parse_sweep, points_of
 
 A, B = Sweep("a.x", ("1", "2")), Sweep("b", ("u", "v", "w"))
 

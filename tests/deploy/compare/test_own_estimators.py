@@ -8,11 +8,11 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from common.errors import InputError
-from deploy.cli.main import app
-from deploy.compare.plan import Request, make_plan
-from deploy.compare.results import tables
 from tests.documented_estimator import FILE, NAME, documented_estimator
+from tis.common.errors import InputError
+from tis.deploy.cli.main import app
+from tis.deploy.compare.plan import Request, make_plan
+from tis.deploy.compare.results import tables
 
 FAILING = """
 from my_filter import AlphaBeta

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import DataError, InputError
-from deploy.compare.grid import Sweep, parse_sweep
-from deploy.compare.plan import Plan, Request, make_plan
+from tis.common.errors import DataError, InputError
+from tis.deploy.compare.grid import Sweep, parse_sweep
+from tis.deploy.compare.plan import Plan, Request, make_plan
 
 
 def _plan(small: Path, *settings: str, **changes: object) -> Plan:

@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.errors import DataError, InputError
-from common.yaml_text import load_yaml
-from deploy.compare.cells.store import Store
-from deploy.compare.grid import parse_sweep
-from deploy.compare.options import plan_of_study_file
-from deploy.compare.plan import MAX_TWINS, Plan, Request, make_plan
-from deploy.compare.study import Study
-from deploy.compare.study_plan import plan_study, read_study
 from tests.deploy.commands import call
+from tis.common.errors import DataError, InputError
+from tis.common.yaml_text import load_yaml
+from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.grid import parse_sweep
+from tis.deploy.compare.options import plan_of_study_file
+from tis.deploy.compare.plan import MAX_TWINS, Plan, Request, make_plan
+from tis.deploy.compare.study import Study
+from tis.deploy.compare.study_plan import plan_study, read_study
 
 ROOT = Path(__file__).resolve().parents[3]
 DELAY = "network.forward.delay.delay_ms"

@@ -21,7 +21,7 @@ _ROOT = Path(__file__).resolve().parents[3]
 
 
 def tis(*words: str, **env: str) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, "-m", "deploy.cli.main", *words]
+    command = [sys.executable, "-m", "tis.deploy.cli.main", *words]
     return subprocess.run(
         command, cwd=_ROOT, env={**os.environ, "COLUMNS": "200", **env}, capture_output=True, text=True, timeout=60
     )

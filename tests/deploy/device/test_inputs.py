@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from common.errors import InputError
-from deploy.device.inputs import Inputs, close_inputs, open_inputs
+from tis.common.errors import InputError
+from tis.deploy.device.inputs import Inputs, close_inputs, open_inputs
 
 pygame = pytest.importorskip("pygame", reason="pygame-ce is not installed")
 

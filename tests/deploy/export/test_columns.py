@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from common import host_records, records
-from common.messages import Message
-from deploy.export.columns import columns_of, readme, table_meaning
-from deploy.export.tables import tables
-from deploy.report import load
+from tis.common import host_records, records
+from tis.common.messages import Message
+from tis.deploy.export.columns import columns_of, readme, table_meaning
+from tis.deploy.export.tables import tables
+from tis.deploy.report import load
 
 _RECORDS: dict[str, type[Message]] = {
     "patient_rejected": records.Rejected,
@@ -53,7 +53,7 @@ def test_every_field_of_a_record_that_becomes_a_table_is_explained(table: str) -
 
 
 def test_tables_are_named_after_the_topics_of_their_records() -> None:
-    """As `deploy.export.tables` does it: SIDE_TOPIC without /tis/."""
+    """As `tis.deploy.export.tables` does it: SIDE_TOPIC without /tis/."""
     for kind, topic in _TOPICS.items():
         assert topic.removeprefix("/tis/").replace("/", "_") == kind
 

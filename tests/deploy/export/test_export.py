@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.channels import hand_channels
-from common.errors import DataError
-from common.messages import Pose, Quaternion
-from common.scenario import Scenario
-from common.sources.jigsaws import COLUMNS, parse_trial, pose_track
-from deploy.export import jigsaws
-from deploy.export.export import write_csv
-from deploy.export.jigsaws import jigsaws_files
-from deploy.export.tables import tables
-from deploy.logs.topics import RunTopics
-from deploy.report import load
 from tests.log_reader import LogReader
 from tests.nodes import a_pose
+from tis.common.channels import hand_channels
+from tis.common.errors import DataError
+from tis.common.messages import Pose, Quaternion
+from tis.common.scenario import Scenario
+from tis.common.sources.jigsaws import COLUMNS, parse_trial, pose_track
+from tis.deploy.export import jigsaws
+from tis.deploy.export.export import write_csv
+from tis.deploy.export.jigsaws import jigsaws_files
+from tis.deploy.export.tables import tables
+from tis.deploy.logs.topics import RunTopics
+from tis.deploy.report import load
 
 TRIALS = Path("Suturing/kinematics/AllGestures")
 
@@ -80,7 +80,7 @@ def test_messages_and_packets_are_complete(found: dict[str, list[dict[str, str]]
 
 def test_parquet_holds_what_csv_holds(found: dict[str, list[dict[str, str]]], run_dir: Path, tmp_path: Path) -> None:
     pq = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed: the extra parquet")
-    from deploy.export.export import write_parquet
+    from tis.deploy.export.export import write_parquet
 
     for name, table in tables(load(run_dir)):
         write_parquet(tmp_path / f"{name}.parquet", table)

@@ -23,11 +23,11 @@ import sys
 sys.path.insert(0, {root!r})
 sys.executable = {python!r}  # what starts the sides
 {before}
-from deploy.cli.main import main
+from tis.deploy.cli.main import main
 main()
 """
 _NO_CHECK = """\
-from deploy.hosts.agent import requests
+from tis.deploy.hosts.agent import requests
 requests._faults = lambda request: []
 """
 _PYTHON = """\
@@ -36,7 +36,7 @@ module=$2
 shift 2
 exec {python} "{folder}/stand_in_$module.py" "$@"
 """
-_MODULES = {"surgeon": "surgeon_side", "netem": "netem", "patient": "patient_side"}
+_MODULES = {"surgeon": "tis.surgeon_side", "netem": "tis.netem", "patient": "tis.patient_side"}
 _HEAD = """\
 import json, os, pathlib, signal, sys, time
 side = {side!r}
@@ -69,14 +69,14 @@ class Stage:
 
     @property
     def tis(self) -> str:
-        return f"{sys.executable} {self.path / 'tis.py'}"
+        return f"{sys.executable} {self.path / 'command.py'}"
 
     def write(self, programs: dict[str, str], scenario: str = SCENARIO, **hosts: dict[str, object]) -> Path:
         """Write programs and files; return the hosts file. What is not given of a host is `kind: local`."""
         python, before = self.path / "python", "" if self.checks else _NO_CHECK
         python.write_text(_PYTHON.format(python=sys.executable, folder=self.path))
         python.chmod(0o755)
-        (self.path / "tis.py").write_text(_TIS.format(root=str(_ROOT), python=str(python), before=before))
+        (self.path / "command.py").write_text(_TIS.format(root=str(_ROOT), python=str(python), before=before))
         (self.path / "s.yaml").write_text(scenario)
         content: dict[str, object] = {"scenario": "s.yaml"}
         for side in SIDES:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import InputError
-from deploy.hosts.collect_options import Asked, check_options
+from tis.common.errors import InputError
+from tis.deploy.hosts.collect_options import Asked, check_options
 
 
 @pytest.mark.parametrize(

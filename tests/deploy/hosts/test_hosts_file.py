@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from common.errors import InputError
-from deploy.hosts.hosts_file import SshHost, read_plan
+from tis.common.errors import InputError
+from tis.deploy.hosts.hosts_file import SshHost, read_plan
 
 SCENARIO = """\
 version: 1

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from deploy.hosts.panel import PanelState
+from tis.deploy.hosts.panel import PanelState
 
 PLACES: Any = {"surgeon": "10.0.0.2", "netem": "10.0.0.1", "patient": "namespace p"}
 

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from deploy.hosts.panel import PanelState
-from deploy.hosts.panel_view import PanelView
+from tis.deploy.hosts.panel import PanelState
+from tis.deploy.hosts.panel_view import PanelView
 
 _EVENTS: list[dict[str, Any]] = [
     {"side": "netem", "event": "ready"},

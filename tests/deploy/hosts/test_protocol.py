@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from common.errors import InputError
-from deploy.hosts.protocol import ListAnswer, ListRequest, RunRequest, event_in, line_of, printable, request_of
+from tis.common.errors import InputError
+from tis.deploy.hosts.protocol import ListAnswer, ListRequest, RunRequest, event_in, line_of, printable, request_of
 
 _SHA = "0" * 64
 

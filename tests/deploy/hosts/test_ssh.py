@@ -12,15 +12,15 @@ import asyncssh
 import pytest
 import yaml
 
-from common.errors import DataError, InputError, PeerError
-from deploy.hosts import connections
-from deploy.hosts.connections import connect_and_check, hosts_of
-from deploy.hosts.gather import gather_logs, newest_run
-from deploy.hosts.hosts_file import read_plan
-from deploy.hosts.protocol import RunRequest
-from deploy.hosts.side_watch import SideWatch
 from tests.deploy.hosts.ssh_server import Server, ssh_server
 from tests.deploy.hosts.stand_ins import RUNS, SCENARIO, SIDES, WAITS, Stage, environment, soon
+from tis.common.errors import DataError, InputError, PeerError
+from tis.deploy.hosts import connections
+from tis.deploy.hosts.connections import connect_and_check, hosts_of
+from tis.deploy.hosts.gather import gather_logs, newest_run
+from tis.deploy.hosts.hosts_file import read_plan
+from tis.deploy.hosts.protocol import RunRequest
+from tis.deploy.hosts.side_watch import SideWatch
 
 pytestmark = pytest.mark.live
 _RUN = "20260102_030405_hosts"
@@ -186,5 +186,5 @@ def test_without_the_package_the_command_that_installs_it_is_named(
 
 
 def test_the_command_line_does_not_load_asyncssh() -> None:
-    code = "import sys, deploy.cli.main, deploy.hosts.up; sys.exit('asyncssh' in sys.modules)"
+    code = "import sys, tis.deploy.cli.main, tis.deploy.hosts.up; sys.exit('asyncssh' in sys.modules)"
     assert os.spawnve(os.P_WAIT, sys.executable, [sys.executable, "-c", code], environment()) == 0

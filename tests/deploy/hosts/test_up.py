@@ -29,7 +29,7 @@ def stage(tmp_path: Path) -> Iterator[Stage]:
 
 def _start(file: Path) -> subprocess.Popen[str]:
     """Start `tis up` as a process of its own, for tests that send it a signal."""
-    command = [sys.executable, "-m", "deploy.cli.main", "up", str(file), "--run-dir", str(file.parent / "run")]
+    command = [sys.executable, "-m", "tis.deploy.cli.main", "up", str(file), "--run-dir", str(file.parent / "run")]
     return subprocess.Popen(
         [*command, *_BRIEF], cwd=file.parent, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         text=True,

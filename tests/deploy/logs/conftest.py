@@ -9,12 +9,12 @@ import pytest
 from mcap.writer import Writer
 from rich.console import Console
 
-from common.errors import EXIT_OK
-from common.scenario import Scenario
-from deploy.run.conclude import Ending, Outputs, conclude
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, run_twin
-from deploy.shell import run_dir as folder
+from tis.common.errors import EXIT_OK
+from tis.common.scenario import Scenario
+from tis.deploy.run.conclude import Ending, Outputs, conclude
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, run_twin
+from tis.deploy.shell import run_dir as folder
 
 
 @pytest.fixture(scope="session")

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import DataError
-from common.scenario import Scenario
-from deploy.logs import background_merge
-from deploy.logs.merge_run import Opening
 from tests.log_reader import LogReader
+from tis.common.errors import DataError
+from tis.common.scenario import Scenario
+from tis.deploy.logs import background_merge
+from tis.deploy.logs.merge_run import Opening
 
 
 def _copy(run_dir: Path, target: Path) -> Path:

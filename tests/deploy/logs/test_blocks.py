@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from common.errors import DataError
-from common.runtime.chunk_writer import ChunkWriter
-from common.runtime.mcap_chunks import by_channel, encode_message
-from deploy.logs.blocks import parse_records
-from deploy.logs.log_file import LogFile
+from tis.common.errors import DataError
+from tis.common.runtime.chunk_writer import ChunkWriter
+from tis.common.runtime.mcap_chunks import by_channel, encode_message
+from tis.deploy.logs.blocks import parse_records
+from tis.deploy.logs.log_file import LogFile
 
 U32, U62 = st.integers(0, 2**32 - 1), st.integers(0, 2**62)
 MESSAGES = st.lists(st.tuples(st.integers(0, 2), U32, U62, U62, st.binary(max_size=40)), max_size=60)

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.clocks.model import ClockModel, Envelope
-from common.node import Record
-from common.records import TickNote
-from common.runtime.mcap_log import McapLog
-from deploy.logs.coverage import FOREVER, RECOVERED, Coverage, Span, lies_in, recovery_metadata, spans
-from deploy.logs.log_file import LogFile
-from deploy.logs.recover import recover
+from tis.common.clocks.model import ClockModel, Envelope
+from tis.common.node import Record
+from tis.common.records import TickNote
+from tis.common.runtime.mcap_log import McapLog
+from tis.deploy.logs.coverage import FOREVER, RECOVERED, Coverage, Span, lies_in, recovery_metadata, spans
+from tis.deploy.logs.log_file import LogFile
+from tis.deploy.logs.recover import recover
 
 S = 1_000_000_000
 

@@ -16,17 +16,6 @@ from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 from rich.console import Console
 
-from common.channels import Side
-from common.errors import DataError
-from common.node import Record
-from common.records import TickNote
-from common.runtime.mcap_log import McapLog
-from deploy.logs.describe import print_file
-from deploy.logs.limits import FREE_RECORDS, MAX_CHANNELS, MAX_NUMBER
-from deploy.logs.log_file import LogFile
-from deploy.logs.log_paths import recovery_of
-from deploy.logs.read.load import load_side
-from deploy.logs.recover import recover
 from tests.deploy.logs.hostile_files import (
     MIB,
     channel,
@@ -38,6 +27,17 @@ from tests.deploy.logs.hostile_files import (
     text,
     write,
 )
+from tis.common.channels import Side
+from tis.common.errors import DataError
+from tis.common.node import Record
+from tis.common.records import TickNote
+from tis.common.runtime.mcap_log import McapLog
+from tis.deploy.logs.describe import print_file
+from tis.deploy.logs.limits import FREE_RECORDS, MAX_CHANNELS, MAX_NUMBER
+from tis.deploy.logs.log_file import LogFile
+from tis.deploy.logs.log_paths import recovery_of
+from tis.deploy.logs.read.load import load_side
+from tis.deploy.logs.recover import recover
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "data" / "hostile"
 SIDES: tuple[Side, ...] = ("surgeon", "netem", "patient")

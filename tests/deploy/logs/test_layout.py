@@ -9,9 +9,9 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-import deploy
+import tis
 
-LAYOUT = Path(deploy.__file__).parent / "foxglove" / "tis.json"
+LAYOUT = Path(tis.__file__).parent / "deploy" / "foxglove" / "tis.json"
 
 
 @pytest.fixture(scope="module")

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from common.node import Record
-from common.records import TickNote
-from common.runtime.mcap_log import McapLog
-from deploy.logs.log_paths import log_file, log_files, recovered_name, recovery_of
-from deploy.logs.recover import recover
+from tis.common.node import Record
+from tis.common.records import TickNote
+from tis.common.runtime.mcap_log import McapLog
+from tis.deploy.logs.log_paths import log_file, log_files, recovered_name, recovery_of
+from tis.deploy.logs.recover import recover
 
 
 def _log(path: Path, n: int = 50) -> Path:

@@ -13,11 +13,14 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from common.channels import Side
-from common.clocks.model import ClockModel
-from common.messages import Quaternion, Vector3
-from common.node import Record
-from common.records import (
+from tests.deploy.report.hand_made import ARM, COMMAND, ESTIMATED, MS, a_scenario
+from tests.log_reader import LogReader, cut
+from tests.nodes import a_pose
+from tis.common.channels import Side
+from tis.common.clocks.model import ClockModel
+from tis.common.messages import Quaternion, Vector3
+from tis.common.node import Record
+from tis.common.records import (
     ESTIMATES,
     FRESH,
     ORIENTATIONS,
@@ -31,20 +34,17 @@ from common.records import (
     TickNote,
     TruthRow,
 )
-from common.runtime.mcap_log import McapLog
-from common.scenario import Scenario
-from deploy.logs import log_file, merge
-from deploy.logs.alignment import Clocks
-from deploy.logs.merge import Conclusion, merge_logs
-from deploy.logs.read.load import load_run
-from deploy.logs.topics import RunTopics
-from deploy.logs.viewer.draw_log import line
-from deploy.logs.viewer.draw_poses import Truth
-from deploy.logs.viewer.drawn import Records
-from deploy.report.measures.estimation.tracking import track_of_hand
-from tests.deploy.report.hand_made import ARM, COMMAND, ESTIMATED, MS, a_scenario
-from tests.log_reader import LogReader, cut
-from tests.nodes import a_pose
+from tis.common.runtime.mcap_log import McapLog
+from tis.common.scenario import Scenario
+from tis.deploy.logs import log_file, merge
+from tis.deploy.logs.alignment import Clocks
+from tis.deploy.logs.merge import Conclusion, merge_logs
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.logs.topics import RunTopics
+from tis.deploy.logs.viewer.draw_log import line
+from tis.deploy.logs.viewer.draw_poses import Truth
+from tis.deploy.logs.viewer.drawn import Records
+from tis.deploy.report.measures.estimation.tracking import track_of_hand
 
 SIDES: tuple[Side, ...] = ("surgeon", "netem", "patient")
 Decoded = dict[str, list[tuple[int, int, Any]]]

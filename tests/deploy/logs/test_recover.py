@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from common.errors import DataError
-from common.node import Record
-from common.records import TickNote
-from common.runtime.mcap_log import McapLog
-from deploy.logs.recover import recover
 from tests.deploy.logs.conftest import write_ros2
 from tests.log_reader import LogReader
+from tis.common.errors import DataError
+from tis.common.node import Record
+from tis.common.records import TickNote
+from tis.common.runtime.mcap_log import McapLog
+from tis.deploy.logs.recover import recover
 
 N = 2000
 

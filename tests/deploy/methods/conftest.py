@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from deploy.compare.plan import Plan, Request, make_plan
-from deploy.methods.measures import plans
-from deploy.methods.measures.trials import Trials, find_trials
-from deploy.tools.synth import write_trials
+from tis.deploy.compare.plan import Plan, Request, make_plan
+from tis.deploy.methods.measures import plans
+from tis.deploy.methods.measures.trials import Trials, find_trials
+from tis.deploy.tools.synth import write_trials
 
 _HELD = {"patient.orientation": "{methods: [hold], active: hold}"}
 

@@ -1,4 +1,4 @@
-"""Figures of methods written by hand, as `deploy.methods.measures.figures.figures_of` returns them."""
+"""Figures of methods written by hand, as `tis.deploy.methods.measures.figures.figures_of` returns them."""
 
 from typing import Any
 

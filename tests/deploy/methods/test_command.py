@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from deploy.methods.choice import DEFAULT_METHODS, methods_of
 from tests.deploy.commands import call_in_one_line as tis
 from tests.markdown_tables import ragged_rows
+from tis.deploy.methods.choice import DEFAULT_METHODS, methods_of
 
 
 @pytest.fixture

@@ -6,14 +6,14 @@ import json
 
 import pytest
 
-from deploy.methods import files as files_module
-from deploy.methods.claims import CLAIMS
-from deploy.methods.files import NAMES, csv_of, files_of
-from deploy.methods.main_table import main_table
-from deploy.methods.page import page_text
-from deploy.methods.tables import detail_tables
 from tests.deploy.methods.made_up import figures, hold, report
 from tests.markdown_tables import ragged_rows
+from tis.deploy.methods import files as files_module
+from tis.deploy.methods.claims import CLAIMS
+from tis.deploy.methods.files import NAMES, csv_of, files_of
+from tis.deploy.methods.main_table import main_table
+from tis.deploy.methods.page import page_text
+from tis.deploy.methods.tables import detail_tables
 
 
 def test_each_adjective_stands_beside_a_measured_cell() -> None:

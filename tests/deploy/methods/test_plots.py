@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from deploy.methods.plots import FIGURES, accuracy_figure, disturbance_figure, steps_figure, training_figure
 from tests.deploy.methods.made_up import figures, hold, scores
+from tis.deploy.methods.plots import FIGURES, accuracy_figure, disturbance_figure, steps_figure, training_figure
 
 
 def line(axes: object, name: str) -> tuple[list[float], list[float]]:

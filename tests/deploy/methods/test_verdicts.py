@@ -4,11 +4,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deploy.methods.claims import CLAIMS
-from deploy.methods.findings import growth_words
-from deploy.methods.merits import Merit, merit_of
-from deploy.methods.verdicts import order_of, verdict_of, verdicts
 from tests.deploy.methods.made_up import figures, hold, law, scores
+from tis.deploy.methods.claims import CLAIMS
+from tis.deploy.methods.findings import growth_words
+from tis.deploy.methods.merits import Merit, merit_of
+from tis.deploy.methods.verdicts import order_of, verdict_of, verdicts
 
 MERITS = st.floats(0.01, 100).flatmap(
     lambda value: st.floats(0, 1).map(lambda share: Merit(value, value * (1 - share), value * (1 + share)))

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 import zenoh
 
-from common.runtime.zenoh_session import ZenohOptions, configure, open_router
-from common.trace import Trace
-from common.trace_text import parse_trace, render_trace
-from deploy.net.fitting.fit import cautions
-from deploy.net.library.profiles import find_profile, shipped_names
-from netem.fit.direction import fit_direction
-from netem.fit.half_life import HalfLife
-from netem.fit.record import DirectionRecord
 from tests.deploy.commands import Call, call
+from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
+from tis.common.trace import Trace
+from tis.common.trace_text import parse_trace, render_trace
+from tis.deploy.net.fitting.fit import cautions
+from tis.deploy.net.library.profiles import find_profile, shipped_names
+from tis.netem.fit.direction import fit_direction
+from tis.netem.fit.half_life import HalfLife
+from tis.netem.fit.record import DirectionRecord
 
 
 @pytest.fixture

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.scenario.network import NetworkPart
-from common.trace import LOST, Trace
-from common.trace_text import render_trace
-from deploy.net.fitting.fit import Records, fit_records, profile_of, records
-from deploy.net.library.profiles import dump_profile, library
-from netem.expected.simulate import simulate
-from netem.fit.half_life import fit_half_life
-from netem.fit.record import DirectionRecord
+from tis.common.scenario.network import NetworkPart
+from tis.common.trace import LOST, Trace
+from tis.common.trace_text import render_trace
+from tis.deploy.net.fitting.fit import Records, fit_records, profile_of, records
+from tis.deploy.net.library.profiles import dump_profile, library
+from tis.netem.expected.simulate import simulate
+from tis.netem.fit.half_life import fit_half_life
+from tis.netem.fit.record import DirectionRecord
 
 N = 100_000
 LINKS: dict[str, dict[str, Any]] = {

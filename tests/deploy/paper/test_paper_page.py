@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from deploy.paper.cells import Cell, Trial, cell_scenario, run_cell, scenario_of
-from deploy.paper.paper_page import page
-from deploy.paper.printed import ROWS
-from deploy.paper.results import METHODS, PAIRINGS, READINGS, Results, all_cells, few_cells, meaningful
-from deploy.paper.simulation import Simulated
-from patient_side.identification.model_io import dump_models
 from tests.markdown_tables import ragged_rows
 from tests.patient_side.arm_models import static_model
+from tis.deploy.paper.cells import Cell, Trial, cell_scenario, run_cell, scenario_of
+from tis.deploy.paper.paper_page import page
+from tis.deploy.paper.printed import ROWS
+from tis.deploy.paper.results import METHODS, PAIRINGS, READINGS, Results, all_cells, few_cells, meaningful
+from tis.deploy.paper.simulation import Simulated
+from tis.patient_side.identification.model_io import dump_models
 
 TRIAL = Trial(None, "Suturing", "D002", 7)
 
@@ -79,8 +79,8 @@ def test_a_cell_asks_for_what_it_says() -> None:
 
 
 def test_one_cell_on_a_real_trial(jigsaws_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from common.runtime.recordings import load_recording, load_training
-    from patient_side.build import identify_models
+    from tis.common.runtime.recordings import load_recording, load_training
+    from tis.patient_side.build import identify_models
 
     monkeypatch.setenv("TIS_JIGSAWS", str(jigsaws_dir))
     scenario = scenario_of(TRIAL, "cross")

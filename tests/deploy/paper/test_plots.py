@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deploy.paper.cells import Trial
-from deploy.paper.plots import drawn, energy_order
-from deploy.paper.results import Results
-from deploy.report.publication.matplotlib_figures import rendered
-from deploy.tools.synth import write_trials
 from tests.deploy.paper.test_paper_page import made_up_results
+from tis.deploy.paper.cells import Trial
+from tis.deploy.paper.plots import drawn, energy_order
+from tis.deploy.paper.results import Results
+from tis.deploy.report.publication.matplotlib_figures import rendered
+from tis.deploy.tools.synth import write_trials
 
 
 @pytest.fixture(scope="module")
@@ -28,8 +28,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Results:
 
 
 def test_positions_are_those_of_the_arm_and_of_algorithm_1_in_units_of_the_range(results: Results) -> None:
-    from common.runtime.recordings import load_recording
-    from deploy.paper.cells import scenario_of
+    from tis.common.runtime.recordings import load_recording
+    from tis.deploy.paper.cells import scenario_of
 
     same_name, _, _ = drawn(results)
     model = results.models["same_name", "moesp_paper"]
@@ -71,7 +71,7 @@ def test_without_matplotlib_the_page_is_written_and_the_extra_is_named(
 
     from rich.console import Console
 
-    from deploy.paper import command
+    from tis.deploy.paper import command
 
     monkeypatch.setattr(command, "find_spec", lambda _: None)
     monkeypatch.setattr(command, "compute", lambda *_: results)

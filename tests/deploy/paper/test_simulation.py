@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from deploy.paper.printed import ROWS
-from deploy.paper.simulation import simulate
 from tests.nodes import a_recording
 from tests.patient_side.arm_models import static_model
+from tis.deploy.paper.printed import ROWS
+from tis.deploy.paper.simulation import simulate
 
 HAND = a_recording(600).hands[0]
 

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import pytest
 
-from deploy.paper.printed import ROWS, TEXT
-from deploy.paper.results import SimulationKey
-from deploy.paper.simulation import Simulated
-from deploy.paper.text_section import implied_deviation, nearest_simulation, text_section
 from tests.deploy.paper.test_paper_page import made_up_results
 from tests.markdown_tables import ragged_rows
+from tis.deploy.paper.printed import ROWS, TEXT
+from tis.deploy.paper.results import SimulationKey
+from tis.deploy.paper.simulation import Simulated
+from tis.deploy.paper.text_section import implied_deviation, nearest_simulation, text_section
 
 
 def test_r2_and_rmse_imply_the_deviation_of_the_signal() -> None:

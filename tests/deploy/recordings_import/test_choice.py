@@ -1,8 +1,8 @@
 import pytest
 
-from common.errors import DataError, InputError
-from deploy.recordings_import.choice import chosen, listing
-from deploy.recordings_import.found import Topic, Wanted
+from tis.common.errors import DataError, InputError
+from tis.deploy.recordings_import.choice import chosen, listing
+from tis.deploy.recordings_import.found import Topic, Wanted
 
 POSE, JOINTS = "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/JointState"
 TOPICS = [

@@ -5,10 +5,10 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from common.runtime.recordings import load_recording
 from tests.common.runtime.recordings.tables import movement, scenario_of
 from tests.deploy.commands import call_in_one_line
 from tests.deploy.recordings_import.foreign_files import json_mcap, lerobot_set, ros_mcap, rosbag
+from tis.common.runtime.recordings import load_recording
 
 
 def test_an_import_lists_what_it_found_and_says_how_to_play_it(tmp_path: Path) -> None:
@@ -72,9 +72,9 @@ def test_a_damaged_bag_is_refused(tmp_path: Path) -> None:
 def test_a_missing_extra_is_named_with_its_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file, folder = ros_mcap(tmp_path / "a.mcap", movement(20)), lerobot_set(tmp_path / "set", movement(20), 2)
     for module in (
-        "deploy.recordings_import.ros",
-        "deploy.recordings_import.lerobot",
-        "deploy.recordings_import.command",
+        "tis.deploy.recordings_import.ros",
+        "tis.deploy.recordings_import.lerobot",
+        "tis.deploy.recordings_import.command",
     ):
         monkeypatch.setattr(f"{module}.find_spec", lambda _: None)
     out = str(tmp_path / "t.csv")

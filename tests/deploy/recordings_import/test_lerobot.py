@@ -7,12 +7,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from common.errors import DataError, InputError
-from deploy.recordings_import.found import Wanted
-from deploy.recordings_import.lerobot import read_lerobot
-from deploy.recordings_import.lerobot_names import elements_of, names_in
 from tests.common.runtime.recordings.tables import movement
 from tests.deploy.recordings_import.foreign_files import lerobot_set
+from tis.common.errors import DataError, InputError
+from tis.deploy.recordings_import.found import Wanted
+from tis.deploy.recordings_import.lerobot import read_lerobot
+from tis.deploy.recordings_import.lerobot_names import elements_of, names_in
 
 
 @pytest.mark.parametrize(

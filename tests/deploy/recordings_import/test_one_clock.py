@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.errors import DataError
-from deploy.recordings_import.found import Found, Ints, Jaw, Stream
-from deploy.recordings_import.one_clock import on_one_clock
+from tis.common.errors import DataError
+from tis.deploy.recordings_import.found import Found, Ints, Jaw, Stream
+from tis.deploy.recordings_import.one_clock import on_one_clock
 
 MS = 1_000_000
 

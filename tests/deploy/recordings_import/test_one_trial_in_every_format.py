@@ -11,15 +11,15 @@ import pyarrow.parquet as pq
 import pytest
 from rich.console import Console
 
-from common.runtime.recordings import load_recording
-from common.scenario import Scenario
-from common.scenario.reading import build_scenario
-from deploy.recordings_import.command import import_recording
-from deploy.recordings_import.found import Wanted
-from deploy.run.conclude import Outputs
-from deploy.run.virtual import run_virtual
-from deploy.tools.synth import write_trials
 from tests.deploy.recordings_import.foreign_files import lerobot_set, ros_mcap, rosbag
+from tis.common.runtime.recordings import load_recording
+from tis.common.scenario import Scenario
+from tis.common.scenario.reading import build_scenario
+from tis.deploy.recordings_import.command import import_recording
+from tis.deploy.recordings_import.found import Wanted
+from tis.deploy.run.conclude import Outputs
+from tis.deploy.run.virtual import run_virtual
+from tis.deploy.tools.synth import write_trials
 
 QUIET = Console(quiet=True)
 LOSS = {"kind": "bernoulli", "p_loss": 0.1}

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from common.runtime.recordings import load_recording
-from common.scenario.reading import build_scenario
-from deploy.recordings_import.command import import_recording
-from deploy.recordings_import.found import Wanted
+from tis.common.runtime.recordings import load_recording
+from tis.common.scenario.reading import build_scenario
+from tis.deploy.recordings_import.command import import_recording
+from tis.deploy.recordings_import.found import Wanted
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])

@@ -3,11 +3,12 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from common.channels import Direction, Hand, Side
-from common.host_records import CLOCK, ClockNote
-from common.messages import FeedbackPose, Vector3
-from common.node import Record
-from common.records import (
+from tests.nodes import a_pose
+from tis.common.channels import Direction, Hand, Side
+from tis.common.host_records import CLOCK, ClockNote
+from tis.common.messages import FeedbackPose, Vector3
+from tis.common.node import Record
+from tis.common.records import (
     COUNTERS,
     ESTIMATES,
     FATES,
@@ -29,11 +30,10 @@ from common.records import (
     TickNote,
     TruthRow,
 )
-from common.runtime.mcap_log import McapLog
-from common.scenario import Scenario
-from common.scenario.reading import build_scenario
-from deploy.logs.read.load import RunLogs, load_run
-from tests.nodes import a_pose
+from tis.common.runtime.mcap_log import McapLog
+from tis.common.scenario import Scenario
+from tis.common.scenario.reading import build_scenario
+from tis.deploy.logs.read.load import RunLogs, load_run
 
 MS = 1_000_000
 COMMAND = "tis/MTML/measured_cp"

@@ -4,16 +4,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from common.channels import Network, Side
-from common.header import Header
-from common.host_records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
-from common.node import Arrival, Emission, Node, Output, Record
-from common.scenario import Scenario
-from deploy.logs.read.load import RunLogs
-from deploy.logs.read.memory import MemoryLog
-from deploy.run.twin import build_sides, drive
-from patient_side.statespace import ArmModel
 from tests.common.clocks.wrong_clock import S, WrongClock, exchanges
+from tis.common.channels import Network, Side
+from tis.common.header import Header
+from tis.common.host_records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
+from tis.common.node import Arrival, Emission, Node, Output, Record
+from tis.common.scenario import Scenario
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.memory import MemoryLog
+from tis.deploy.run.twin import build_sides, drive
+from tis.patient_side.statespace import ArmModel
 
 MONOTONIC_NS = 10**15
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from deploy.shell import run_dir as folder
 from tests.deploy.commands import call_by_lines as tis
 from tests.deploy.hold_only import HOLD
+from tis.deploy.shell import run_dir as folder
 
 _TWIN = ("twin", "default", "--duration-s", "3", *(f"--set={setting}" for setting in HOLD), "--no-merge")
 
@@ -35,7 +35,7 @@ def run_dir(finished: Path, tmp_path: Path) -> Path:
 @pytest.fixture
 def without_bokeh(monkeypatch: pytest.MonkeyPatch) -> None:
     found: Callable[..., ModuleSpec | None] = importlib.util.find_spec
-    monkeypatch.setattr("deploy.shell.extras.find_spec", lambda name: None if name == "bokeh" else found(name))
+    monkeypatch.setattr("tis.deploy.shell.extras.find_spec", lambda name: None if name == "bokeh" else found(name))
 
 
 def test_the_last_line_of_a_run_names_its_report(tmp_path: Path) -> None:

@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.scenario import Scenario
-from deploy.logs.coverage import FOREVER, WRITTEN_WITHIN_NS, Coverage, Span
-from deploy.logs.read.load import RunLogs, load_run
-from deploy.logs.read.recorded import models_in
-from deploy.report import load
-from deploy.report.measures.estimation.freshness import age_of_information_ms, freshest_arrivals
-from deploy.report.measures.estimation.tracking import track_of_hand
-from deploy.report.measures.latency import ages_of_hand
-from deploy.report.summary import build_summary
 from tests.deploy.logs.conftest import run_dir, scenario
 from tests.deploy.report.hand_made import ARM, COMMAND, ONE_CLOCK, a_scenario, estimate, message, truth, write_run
+from tis.common.scenario import Scenario
+from tis.deploy.logs.coverage import FOREVER, WRITTEN_WITHIN_NS, Coverage, Span
+from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.deploy.logs.read.recorded import models_in
+from tis.deploy.report import load
+from tis.deploy.report.measures.estimation.freshness import age_of_information_ms, freshest_arrivals
+from tis.deploy.report.measures.estimation.tracking import track_of_hand
+from tis.deploy.report.measures.latency import ages_of_hand
+from tis.deploy.report.summary import build_summary
 
 __all__ = ["run_dir", "scenario"]
 

@@ -4,10 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from common.node import Record
-from common.records import CONTROL, ControlNote
-from deploy.logs.read.load import load_run
-from deploy.report.link_summary import link_summary
 from tests.deploy.report.hand_made import (
     ARM,
     COMMAND,
@@ -24,6 +20,10 @@ from tests.deploy.report.hand_made import (
     write_log,
     write_run,
 )
+from tis.common.node import Record
+from tis.common.records import CONTROL, ControlNote
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.report.link_summary import link_summary
 
 
 def test_every_packet_is_found_again_in_exactly_one_place(tmp_path: Path) -> None:

@@ -6,12 +6,12 @@ from shutil import copytree
 import numpy as np
 import pytest
 
-from deploy.logs.read.load import load_run
-from deploy.report import load
-from deploy.report.link_summary import link_summary
 from tests.deploy.logs.conftest import run_dir, scenario
 from tests.log_reader import cut
 from tests.notebooks import check_form, executed
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.report import load
+from tis.deploy.report.link_summary import link_summary
 
 __all__ = ["run_dir", "scenario"]
 

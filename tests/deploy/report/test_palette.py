@@ -4,9 +4,9 @@ from typing import get_args
 
 import pytest
 
-from common.channels import Direction
-from common.scenario.estimator_names import EstimatorName
-from deploy.report.palette import AXIS, DIRECTIONS, INK, PAPER, RED, SERIES, SOFT, TONES, Tone, look_of
+from tis.common.channels import Direction
+from tis.common.scenario.estimator_names import EstimatorName
+from tis.deploy.report.palette import AXIS, DIRECTIONS, INK, PAPER, RED, SERIES, SOFT, TONES, Tone, look_of
 
 
 def _luminance(colour: str) -> float:

@@ -1,4 +1,4 @@
-"""`deploy.logs.read.load`: a run as columns, against its logs read record by record with the mcap package."""
+"""`tis.deploy.logs.read.load`: a run as columns, against its logs read record by record with the mcap package."""
 
 import importlib
 import json
@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from common.errors import DataError, InputError
-from common.scenario import Scenario
-from deploy.report import OUTCOMES, load
 from tests.deploy.logs.conftest import run_dir, scenario
+from tis.common.errors import DataError, InputError
+from tis.common.scenario import Scenario
+from tis.deploy.report import OUTCOMES, load
 
 __all__ = ["run_dir", "scenario"]
 
@@ -24,9 +24,9 @@ def _messages(path: Path, topic: str) -> list[tuple[Any, dict[str, Any]]]:
 
 
 def test_load_is_a_function_however_the_module_was_imported() -> None:
-    module = importlib.import_module("deploy.logs.read.load")
-    assert callable(importlib.import_module("deploy.report").load)
-    assert module.load_run.__module__ == "deploy.logs.read.load"
+    module = importlib.import_module("tis.deploy.logs.read.load")
+    assert callable(importlib.import_module("tis.deploy.report").load)
+    assert module.load_run.__module__ == "tis.deploy.logs.read.load"
 
 
 def test_messages_are_the_log_s(run_dir: Path) -> None:

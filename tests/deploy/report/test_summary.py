@@ -8,11 +8,6 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-from common.errors import EXIT_OK
-from common.node import Record
-from common.scenario import Scenario
-from deploy.logs.read.load import RunLogs, load_run
-from deploy.report.summary import build_summary
 from tests.deploy.report.hand_made import (
     ARM,
     COMMAND,
@@ -31,6 +26,11 @@ from tests.deploy.report.hand_made import (
     write_run,
 )
 from tests.patient_side.arm_models import static_model
+from tis.common.errors import EXIT_OK
+from tis.common.node import Record
+from tis.common.scenario import Scenario
+from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.deploy.report.summary import build_summary
 
 LEFT = static_model()
 RIGHT = replace(LEFT, hand="right", arm="PSM1")

@@ -4,9 +4,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from common.channels import Network
-from common.header import Header
-from common.node import Arrival, Emission, Output, Record
+from tis.common.channels import Network
+from tis.common.header import Header
+from tis.common.node import Arrival, Emission, Output, Record
 
 
 class Forged(NamedTuple):

@@ -10,13 +10,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-from common.scenario import Scenario
-from deploy.logs.read.load import load_run
-from deploy.report.summary import build_summary
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, run_twin
-from deploy.shell import run_dir as folder
-from deploy.shell.shipped_scenarios import shipped_names
+from tis.common.scenario import Scenario
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.report.summary import build_summary
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, run_twin
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.shipped_scenarios import shipped_names
 
 FOLDER: Final = Path(__file__).parent / "goldens"
 TOLERANCE: Final = 1e-9

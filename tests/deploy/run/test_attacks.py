@@ -11,24 +11,24 @@ import pytest
 from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
-from common.channels import Side, release_key, stop_key
-from common.messages import Quaternion, SetPoint, Vector3
-from common.node import Node
-from common.runtime.recordings import load_recording
-from common.safety_records import QUARANTINE
-from common.sources.trajectory import Recording
-from common.stop_messages import EmergencyStop
-from common.units import NS_PER_MS, NS_PER_S, sample_instant_ns
-from deploy.logs.read.load import load_run
-from deploy.report.summary import build_summary
-from deploy.report.tables.run_warnings import run_warnings
-from deploy.run.replay import replay
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, run_twin
-from deploy.shell.run_dir import create
-from patient_side.identification.model_io import dump_models
 from tests.deploy.run.attacker import Attacker, Forged
 from tests.nodes import a_pose
+from tis.common.channels import Side, release_key, stop_key
+from tis.common.messages import Quaternion, SetPoint, Vector3
+from tis.common.node import Node
+from tis.common.runtime.recordings import load_recording
+from tis.common.safety_records import QUARANTINE
+from tis.common.sources.trajectory import Recording
+from tis.common.stop_messages import EmergencyStop
+from tis.common.units import NS_PER_MS, NS_PER_S, sample_instant_ns
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.report.summary import build_summary
+from tis.deploy.report.tables.run_warnings import run_warnings
+from tis.deploy.run.replay import replay
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, run_twin
+from tis.deploy.shell.run_dir import create
+from tis.patient_side.identification.model_io import dump_models
 
 COMMAND, ARM = "tis/MTML/measured_cp", "tis/PSM2/setpoint_cp"
 RATE_HZ, ATTACK_NS = 30, 4 * NS_PER_S

@@ -9,17 +9,17 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError
-from common.scenario import Scenario
-from common.scenario.reading import digest, dump_scenario
-from deploy.logs.read.load import load_run
-from deploy.run.conclude import conclude_again
-from deploy.run.replay import replay
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, run_twin
-from deploy.shell import run_dir as folder
-from deploy.tools.info import print_info
 from tests.deploy.report.hand_made import COMMAND, a_scenario, message, write_log
+from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError
+from tis.common.scenario import Scenario
+from tis.common.scenario.reading import digest, dump_scenario
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.run.conclude import conclude_again
+from tis.deploy.run.replay import replay
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, run_twin
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.tools.info import print_info
 
 SIDES = ("surgeon", "netem", "patient")
 

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.node import Record
-from common.records import CONTROL, ControlNote, FateBatch
-from common.runtime.trace_files import load_traces
-from common.scenario import Scenario
-from deploy.logs.read.load import RunLogs, load_run
-from deploy.run.consistency import FateComparison, compare_fates
-from netem.expected.simulate import simulate
 from tests.deploy.report.hand_made import ARM, COMMAND, MS, a_scenario, fate, write_log
+from tis.common.node import Record
+from tis.common.records import CONTROL, ControlNote, FateBatch
+from tis.common.runtime.trace_files import load_traces
+from tis.common.scenario import Scenario
+from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.deploy.run.consistency import FateComparison, compare_fates
+from tis.netem.expected.simulate import simulate
 
 OUTAGE: dict[str, object] = {"timeline": [{"at_s": 1, "for_s": 0.5, "set": {"outage": True}}]}
 

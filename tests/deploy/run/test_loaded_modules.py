@@ -11,13 +11,13 @@ from tests.deploy.commands import call
 _ROOT = Path(__file__).resolve().parents[3]
 _TWIN = """\
 import sys
-from common.runtime.recordings import load_recording
-from deploy.run.resolve import resolve
-from deploy.run.twin import drive
-from netem.build import build_netem
-from patient_side.build import build_patient
-from patient_side.identification.model_io import parse_models
-from surgeon_side.build import build_surgeon
+from tis.common.runtime.recordings import load_recording
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import drive
+from tis.netem.build import build_netem
+from tis.patient_side.build import build_patient
+from tis.patient_side.identification.model_io import parse_models
+from tis.surgeon_side.build import build_surgeon
 
 class Log:
     def record(self, *_): pass
@@ -33,10 +33,10 @@ print(" ".join(sorted(set(sys.modules) - built)))
 """
 _EMULATOR = """\
 import os, sys
-from common.header import Header
-from common.node import Arrival
-from deploy.run.resolve import resolve
-from netem.build import build_netem
+from tis.common.header import Header
+from tis.common.node import Arrival
+from tis.deploy.run.resolve import resolve
+from tis.netem.build import build_netem
 
 def added(network):
     node = build_netem(resolve("default", [network], None, 20.0))
@@ -98,13 +98,13 @@ def test_the_emulator_loads_nothing_more() -> None:
 
 @pytest.mark.parametrize("module", ["surgeon_side.__main__", "netem.__main__", "deploy.cli.main", "deploy.run.live"])
 def test_scipy_is_loaded_only_by_who_computes_with_it(module: str) -> None:
-    found = _said_by(f"import sys, {module}; print(*(name for name in sys.modules if name.startswith('scipy.')))")
+    found = _said_by(f"import sys, tis.{module}; print(*(name for name in sys.modules if name.startswith('scipy.')))")
     assert not {"scipy.special", "scipy.signal", "scipy.stats", "scipy.linalg", "scipy.spatial"} & set(found.split())
 
 
 def test_the_patient_loads_no_signal_processing() -> None:
     """It would nearly double the time that it takes to load."""
     found = _said_by(
-        "import sys, patient_side.__main__; print(*(each for each in sys.modules if each[:5] == 'scipy'))"
+        "import sys, tis.patient_side.__main__; print(*(each for each in sys.modules if each[:5] == 'scipy'))"
     )
     assert not {"scipy.signal", "scipy.stats", "scipy.interpolate", "scipy.optimize"} & set(found.split())

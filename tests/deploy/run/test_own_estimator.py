@@ -9,10 +9,10 @@ import pytest
 from mcap.reader import make_reader
 from typer.testing import CliRunner
 
-from deploy.cli.main import app
-from deploy.report.run_data import load
-from deploy.run.replay import replay
 from tests.documented_estimator import DOCUMENT, FILE, NAME, documented_commands, documented_estimator
+from tis.deploy.cli.main import app
+from tis.deploy.report.run_data import load
+from tis.deploy.run.replay import replay
 
 FAILING = """
 from my_filter import AlphaBeta
@@ -171,7 +171,7 @@ def test_validating_a_scenario_imports_nothing(own_folder: Path) -> None:
 
 USELESS = """
 import numpy as np
-from patient_side.estimators.protocol import Estimate
+from tis.patient_side.estimators.protocol import Estimate
 
 class Useless:
     def __init__(self, model):

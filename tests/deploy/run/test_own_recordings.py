@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.scenario.reading import parse_yaml
-from common.sources.jigsaws import parse_trial
-from deploy.tools.synth import write_trials
 from tests.common.sources.trials import FIRST, text_of
 from tests.deploy.commands import Call, call_in_one_line
+from tis.common.scenario.reading import parse_yaml
+from tis.common.sources.jigsaws import parse_trial
+from tis.deploy.tools.synth import write_trials
 
 MODEL = "identification.train=m.json"
 SCENARIO = """version: 1

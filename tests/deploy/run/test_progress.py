@@ -4,8 +4,8 @@ import io
 
 from rich.console import Console
 
-from deploy.run.progress import RunProgress, figure_texts
-from deploy.watch.live_figures import CrossingFigures, LiveFigures
+from tis.deploy.run.progress import RunProgress, figure_texts
+from tis.deploy.watch.live_figures import CrossingFigures, LiveFigures
 
 
 def _progress(duration_s: float = 12, terminal: bool = False) -> tuple[RunProgress, io.StringIO]:

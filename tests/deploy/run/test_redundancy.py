@@ -7,19 +7,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.channels import Side
-from common.records import ESTIMATES, FRESH
-from common.scenario import Scenario
-from deploy.logs.read.load import RunLogs, load_run
-from deploy.logs.read.memory import MemoryLog
-from deploy.report.measures.latency import ages_ns, sample_latency, used_samples
-from deploy.report.summary import build_summary
-from deploy.run.replay import replay
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, drive, run_twin
-from patient_side.identification.model_io import dump_models
-from patient_side.statespace import ArmModel
 from tests.deploy.hold_only import HOLD
+from tis.common.channels import Side
+from tis.common.records import ESTIMATES, FRESH
+from tis.common.scenario import Scenario
+from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.deploy.logs.read.memory import MemoryLog
+from tis.deploy.report.measures.latency import ages_ns, sample_latency, used_samples
+from tis.deploy.report.summary import build_summary
+from tis.deploy.run.replay import replay
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, drive, run_twin
+from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.statespace import ArmModel
 
 LOW_MS, HIGH_MS = 100.0, 700.0
 SPREAD = (
@@ -142,6 +142,6 @@ def test_twins_with_redundancy_are_equal_and_replay_bit_for_bit(tmp_path: Path) 
 
 
 def _dumped(scenario: Scenario) -> str:
-    from common.scenario.reading import dump_scenario
+    from tis.common.scenario.reading import dump_scenario
 
     return dump_scenario(scenario)

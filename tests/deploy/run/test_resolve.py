@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import InputError
-from common.scenario.reading import digest
-from deploy.run.resolve import resolve
-from deploy.shell.shipped_scenarios import shipped_names
+from tis.common.errors import InputError
+from tis.common.scenario.reading import digest
+from tis.deploy.run.resolve import resolve
+from tis.deploy.shell.shipped_scenarios import shipped_names
 
 HEAD = "version: 1\nname: s\nsource: {kind: synthetic}\n"
 

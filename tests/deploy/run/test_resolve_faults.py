@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import InputError
-from deploy.run.resolve import resolve
+from tis.common.errors import InputError
+from tis.deploy.run.resolve import resolve
 
 GOOD = """version: 1
 name: s

@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from common.records import PLANT
-from common.units import sample_instant_ns
-from deploy.cli.main import app
-from deploy.logs.log_paths import log_file
-from deploy.logs.read.load import load_run, load_side
-from deploy.logs.read.rows import Rows
-from deploy.report.summary import build_summary
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, run_twin
-from deploy.shell import run_dir as folder
-from patient_side.plant import extra
-from patient_side.plant.build import executing_plant
-from patient_side.plant.protocol import Reference
-from patient_side.statespace import ArmModel, Array
 from tests.log_reader import LogReader
+from tis.common.records import PLANT
+from tis.common.units import sample_instant_ns
+from tis.deploy.cli.main import app
+from tis.deploy.logs.log_paths import log_file
+from tis.deploy.logs.read.load import load_run, load_side
+from tis.deploy.logs.read.rows import Rows
+from tis.deploy.report.summary import build_summary
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, run_twin
+from tis.deploy.shell import run_dir as folder
+from tis.patient_side.plant import extra
+from tis.patient_side.plant.build import executing_plant
+from tis.patient_side.plant.protocol import Reference
+from tis.patient_side.statespace import ArmModel, Array
 
 EXTRA = pytest.mark.skipif(find_spec("mujoco") is None, reason="the extra sim is not installed")
 HOLD = ("estimators=[hold]", "active_estimator=hold")

@@ -8,20 +8,20 @@ from typing import Any, cast
 import pytest
 from mcap.reader import make_reader
 
-from common.channels import Side
-from common.node import Node
-from common.scenario import reading
-from common.stop_messages import MAX_IN_FORCE, lock_of
-from common.units import NS_PER_MS, NS_PER_S
-from deploy.logs.read.load import load_run
-from deploy.report.summary import build_summary
-from deploy.report.tables.run_warnings import run_warnings
-from deploy.run.replay import replay
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, run_twin
-from deploy.shell import run_dir as folder
-from patient_side.identification.model_io import dump_models
 from tests.deploy.run.attacker import Attacker, Forged
+from tis.common.channels import Side
+from tis.common.node import Node
+from tis.common.scenario import reading
+from tis.common.stop_messages import MAX_IN_FORCE, lock_of
+from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.report.summary import build_summary
+from tis.deploy.report.tables.run_warnings import run_warnings
+from tis.deploy.run.replay import replay
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, run_twin
+from tis.deploy.shell import run_dir as folder
+from tis.patient_side.identification.model_io import dump_models
 
 _STOP, _RELEASE = "tis/@tis/stop", "tis/@tis/release"
 _SETTINGS = (

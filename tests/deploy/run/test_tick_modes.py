@@ -6,16 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.records import PHASES, PROMPT, TICKS
-from common.scenario import Scenario
-from deploy.logs.read.load import RunLogs, load_run
-from deploy.report.summary import build_summary
-from deploy.run.replay import replay
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, run_twin
-from deploy.shell import run_dir as folder
-from patient_side.identification.model_io import dump_models
-from patient_side.statespace import ArmModel
+from tis.common.records import PHASES, PROMPT, TICKS
+from tis.common.scenario import Scenario
+from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.deploy.report.summary import build_summary
+from tis.deploy.run.replay import replay
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, run_twin
+from tis.deploy.shell import run_dir as folder
+from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.statespace import ArmModel
 
 STEADY = (
     "network.forward.jitter=null",

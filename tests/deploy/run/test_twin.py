@@ -9,28 +9,28 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.errors import InputError
-from common.records import ESTIMATES, TICKS
-from common.scenario import Scenario
-from deploy.logs.read.batches import DELIVER, OUTCOMES, link_fates
-from deploy.logs.read.load import RunLogs, load_run
-from deploy.report.measures.network.requested import Requested
-from deploy.report.summary import build_summary
-from deploy.run.consistency import compare_fates
-from deploy.run.replay import replay
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, run_twin
-from deploy.shell.shipped_scenarios import shipped_names
-from patient_side.identification.model_io import dump_models
-from patient_side.statespace import ArmModel
 from tests.deploy.hold_only import HOLD
 from tests.deploy.run import golden_figures
+from tis.common.errors import InputError
+from tis.common.records import ESTIMATES, TICKS
+from tis.common.scenario import Scenario
+from tis.deploy.logs.read.batches import DELIVER, OUTCOMES, link_fates
+from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.deploy.report.measures.network.requested import Requested
+from tis.deploy.report.summary import build_summary
+from tis.deploy.run.consistency import compare_fates
+from tis.deploy.run.replay import replay
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, run_twin
+from tis.deploy.shell.shipped_scenarios import shipped_names
+from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.statespace import ArmModel
 
 LOGS = ("surgeon.mcap", "netem.mcap", "patient.mcap")
 
 
 def _twin(scenario: Scenario, run_dir: Path) -> tuple[RunLogs, tuple[ArmModel, ...]]:
-    from deploy.shell import run_dir as folder
+    from tis.deploy.shell import run_dir as folder
 
     folder.create(run_dir, scenario)
     nodes, models, _ = build_sides(scenario)

@@ -4,15 +4,15 @@ import json
 from pathlib import Path
 from typing import Any
 
-from common.records import CONTROL, ControlNote
-from common.scenario import Scenario
-from common.scenario.reading import build_scenario, dump_scenario
-from deploy.logs.read.batches import OUTCOMES, link_fates
-from deploy.logs.read.load import load_run
-from deploy.run.consistency import compare_fates
-from deploy.run.twin import build_sides, run_twin
-from netem.build import build_netem
-from netem.control.control import Control
+from tis.common.records import CONTROL, ControlNote
+from tis.common.scenario import Scenario
+from tis.common.scenario.reading import build_scenario, dump_scenario
+from tis.deploy.logs.read.batches import OUTCOMES, link_fates
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.run.consistency import compare_fates
+from tis.deploy.run.twin import build_sides, run_twin
+from tis.netem.build import build_netem
+from tis.netem.control.control import Control
 
 MS = 1_000_000
 

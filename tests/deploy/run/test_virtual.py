@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from common.errors import EXIT_INVALID_RUN, EXIT_OK
-from deploy.run import virtual
-from deploy.run.conclude import Outputs
-from deploy.run.consistency import FateComparison
-from deploy.run.resolve import resolve
+from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK
+from tis.deploy.run import virtual
+from tis.deploy.run.conclude import Outputs
+from tis.deploy.run.consistency import FateComparison
+from tis.deploy.run.resolve import resolve
 
 
 def _said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, found: FateComparison | None) -> tuple[int, str, str]:

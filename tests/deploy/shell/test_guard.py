@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 _SAID = """
-from deploy.shell.guard import OUT, guarded
+from tis.deploy.shell.guard import OUT, guarded
 import typer
 app = typer.Typer()
 @app.command()

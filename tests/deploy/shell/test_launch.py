@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from common.runtime.free_endpoints import free_endpoints
-from common.scenario import Scenario
-from deploy.shell import launch as launch_module
-from deploy.shell.launch import launch
-from deploy.shell.outcome import Outcome
 from tests.deploy.report.hand_made import a_scenario
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.scenario import Scenario
+from tis.deploy.shell import launch as launch_module
+from tis.deploy.shell.launch import launch
+from tis.deploy.shell.outcome import Outcome
 
 pytestmark = pytest.mark.live
 FAILED = "import json; print(json.dumps(dict(side='{side}', event='failed', exit_code={code}, reasons={reasons})))\n"

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import DataError, Fault
-from deploy.shell.outputs import check_outputs, unwritable
-from deploy.shell.run_dir import write
+from tis.common.errors import DataError, Fault
+from tis.deploy.shell.outputs import check_outputs, unwritable
+from tis.deploy.shell.run_dir import write
 
 
 def test_it_is_refused_beforehand_as_it_would_be_in_the_end(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ import io
 
 from rich.console import Console
 
-from deploy.shell.progress import PhaseProgress
+from tis.deploy.shell.progress import PhaseProgress
 
 
 class _Clock:

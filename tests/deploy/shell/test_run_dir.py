@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import DataError, InputError
-from common.runtime.command_line import command_line
-from deploy.shell import run_dir as folder
 from tests.deploy.report.hand_made import a_scenario
+from tis.common.errors import DataError, InputError
+from tis.common.runtime.command_line import command_line
+from tis.deploy.shell import run_dir as folder
 
 
 def _names(path: Path) -> list[str]:

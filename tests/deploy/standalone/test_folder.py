@@ -9,18 +9,18 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, DataError
-from common.node import Record
-from common.records import FATES, RELEASES, FateBatch, ReleaseBatch
-from common.runtime.trace_files import load_traces, trace_attachments
-from common.scenario.network import NetworkPart
-from deploy.cli.main import app
-from deploy.shell import run_dir as folder
-from deploy.standalone.command import close_folder
-from deploy.standalone.standalone_run import is_standalone, load_standalone
-from netem.bridge.standalone import network_yaml
-from netem.expected.simulate import simulate
 from tests.deploy.report.hand_made import MS, counter, fate, release, write_log
+from tis.common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, DataError
+from tis.common.node import Record
+from tis.common.records import FATES, RELEASES, FateBatch, ReleaseBatch
+from tis.common.runtime.trace_files import load_traces, trace_attachments
+from tis.common.scenario.network import NetworkPart
+from tis.deploy.cli.main import app
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.standalone.command import close_folder
+from tis.deploy.standalone.standalone_run import is_standalone, load_standalone
+from tis.netem.bridge.standalone import network_yaml
+from tis.netem.expected.simulate import simulate
 
 N = 2000
 KEY = "demo/pose"

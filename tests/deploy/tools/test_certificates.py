@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import InputError
-from common.runtime.zenoh_session import ZenohOptions, configure
-from deploy.shell import extras
-from deploy.tools import certificates as module
-from deploy.tools.certificates import certificates, issue, new_authority
 from tests.deploy.commands import call
+from tis.common.errors import InputError
+from tis.common.runtime.zenoh_session import ZenohOptions, configure
+from tis.deploy.shell import extras
+from tis.deploy.tools import certificates as module
+from tis.deploy.tools.certificates import certificates, issue, new_authority
 
 OPENSSL = shutil.which("openssl")
 

@@ -3,9 +3,9 @@ from pathlib import Path
 
 import pytest
 
-from deploy.tools.synth import write_trials
 from tests.deploy.commands import Call, call
 from tests.patient_side.identification.test_fit_drmf import few_draws
+from tis.deploy.tools.synth import write_trials
 
 __all__ = ["few_draws"]
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from deploy.cli.main import app
-from patient_side.dynamics import consistent_fit
-from patient_side.dynamics.parameters import pseudo_inertia
-from patient_side.plant import extra
+from tis.deploy.cli.main import app
+from tis.patient_side.dynamics import consistent_fit
+from tis.patient_side.dynamics.parameters import pseudo_inertia
+from tis.patient_side.plant import extra
 
 
 def test_the_file_holds_the_table_and_bodies_that_can_exist(tmp_path: Path) -> None:

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deploy.run.resolve import resolve
-from deploy.tools.identify import learned_names, learned_text
-from patient_side.identification.model_io import dump_models
-from patient_side.models import read_models
 from tests.deploy.commands import call
 from tests.patient_side.arm_models import static_model
 from tests.patient_side.learned.models import learned_model
+from tis.deploy.run.resolve import resolve
+from tis.deploy.tools.identify import learned_names, learned_text
+from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.models import read_models
 
 TRAIN = (
     "identification.method=cnn",

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.errors import DataError
-from common.scenario.patient import Identification
-from common.sources.trajectory import Array, HandRecording, PoseTrack, Recording
-from patient_side.identification.fit_narx import fit_narx
-from patient_side.identification.identify import identify_with_orders
 from tests.deploy.commands import Call, call_in_one_line
+from tis.common.errors import DataError
+from tis.common.scenario.patient import Identification
+from tis.common.sources.trajectory import Array, HandRecording, PoseTrack, Recording
+from tis.patient_side.identification.fit_narx import fit_narx
+from tis.patient_side.identification.identify import identify_with_orders
 
 AHEAD = ("--set", "identification.inputs=[position, velocity]")
 ALLOWED = (*AHEAD, "--set", "identification.allow_lookahead=true")

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from common.scenario.reading import build_scenario
 from tests.deploy.commands import call
+from tis.common.scenario.reading import build_scenario
 
 
 def test_a_new_scenario_is_valid_commented_and_has_its_schema_beside(

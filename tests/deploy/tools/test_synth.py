@@ -10,22 +10,22 @@ import yaml
 from rich.console import Console
 from typer.testing import CliRunner
 
-from common.errors import EXIT_INVALID_RUN, DataError, InputError
-from common.runtime.recordings import list_trials, load_recording, load_training
-from common.scenario import Scenario
-from common.scenario.patient import PatientPart
-from common.scenario.reading import build_scenario
-from common.scenario.source import JigsawsSource, SyntheticSource
-from common.sources.calibration import RECORDED_SUTURING
-from common.sources.jigsaws_text import trial_text
-from common.sources.synthetic import synthesise
-from deploy.cli.main import app
-from deploy.compare.plan import Request, make_plan
-from deploy.logs.read.load import load_run
-from deploy.report.summary import build_summary
-from deploy.run.twin import build_sides, run_twin
-from deploy.shell.run_dir import create
-from deploy.tools import synth
+from tis.common.errors import EXIT_INVALID_RUN, DataError, InputError
+from tis.common.runtime.recordings import list_trials, load_recording, load_training
+from tis.common.scenario import Scenario
+from tis.common.scenario.patient import PatientPart
+from tis.common.scenario.reading import build_scenario
+from tis.common.scenario.source import JigsawsSource, SyntheticSource
+from tis.common.sources.calibration import RECORDED_SUTURING
+from tis.common.sources.jigsaws_text import trial_text
+from tis.common.sources.synthetic import synthesise
+from tis.deploy.cli.main import app
+from tis.deploy.compare.plan import Request, make_plan
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.report.summary import build_summary
+from tis.deploy.run.twin import build_sides, run_twin
+from tis.deploy.shell.run_dir import create
+from tis.deploy.tools import synth
 
 
 def _scenario(path: Path, **source: Any) -> Scenario:

@@ -14,8 +14,8 @@ from tornado.httpclient import AsyncHTTPClient, HTTPRequest, HTTPResponse
 from tornado.ioloop import IOLoop
 from tornado.websocket import websocket_connect
 
-from deploy.view.access import Access, access_to
-from deploy.view.server import ViewOptions, listen
+from tis.deploy.view.access import Access, access_to
+from tis.deploy.view.server import ViewOptions, listen
 
 pytestmark = pytest.mark.live
 

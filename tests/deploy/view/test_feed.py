@@ -5,10 +5,10 @@ from math import isnan
 
 import pytest
 
-from deploy.view.feed import Feed, LossBins, delay_columns
-from deploy.watch.book import LiveBook
-from deploy.watch.crossings import Crossing
 from tests.deploy.watch.making import a_book, a_run
+from tis.deploy.view.feed import Feed, LossBins, delay_columns
+from tis.deploy.watch.book import LiveBook
+from tis.deploy.watch.crossings import Crossing
 
 MS = 1_000_000
 S = 1000 * MS

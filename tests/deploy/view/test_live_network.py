@@ -2,12 +2,12 @@
 
 import re
 
-from common.scenario.control import DirectionState, EmulatorState
-from common.scenario.network.pipeline import Pipeline
-from deploy.view.page import network_html
-from deploy.view.page_text import PageContext
-from deploy.watch.live_figures import CrossingFigures, LiveFigures
-from deploy.watch.observer import Attendance
+from tis.common.scenario.control import DirectionState, EmulatorState
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.deploy.view.page import network_html
+from tis.deploy.view.page_text import PageContext
+from tis.deploy.watch.live_figures import CrossingFigures, LiveFigures
+from tis.deploy.watch.observer import Attendance
 
 BESIDE = PageContext(True, "tcp/127.0.0.1:1", "tcp/127.0.0.1:2")
 FOUND = LiveFigures({"arm": CrossingFigures(200, 3, 40.123), "answers": CrossingFigures(200, 40, 39.9)})

@@ -2,13 +2,13 @@
 
 from bokeh.document import Document
 
-from common.runtime.emulator_client import EmulatorAddress
-from deploy.view.page import Page
-from deploy.view.page_text import PageContext
-from deploy.view.steering import Steering
-from deploy.watch.book import LiveBook, Sighting
-from deploy.watch.observer import Attendance, Observer
 from tests.deploy.watch.making import a_run
+from tis.common.runtime.emulator_client import EmulatorAddress
+from tis.deploy.view.page import Page
+from tis.deploy.view.page_text import PageContext
+from tis.deploy.view.steering import Steering
+from tis.deploy.watch.book import LiveBook, Sighting
+from tis.deploy.watch.observer import Attendance, Observer
 
 
 class _Watched(Observer):

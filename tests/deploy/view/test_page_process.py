@@ -5,11 +5,11 @@ import io
 import pytest
 from rich.console import Console
 
-from common.errors import InputError
-from common.runtime.zenoh_session import ZenohOptions
-from deploy.run.resolve import resolve
-from deploy.view import page_process as beside
-from deploy.view.page_process import PageAddress, announce, page_beside
+from tis.common.errors import InputError
+from tis.common.runtime.zenoh_session import ZenohOptions
+from tis.deploy.run.resolve import resolve
+from tis.deploy.view import page_process as beside
+from tis.deploy.view.page_process import PageAddress, announce, page_beside
 
 
 def test_without_bokeh_it_is_one_line_and_nothing_starts(monkeypatch: pytest.MonkeyPatch) -> None:

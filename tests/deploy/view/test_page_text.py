@@ -3,14 +3,22 @@
 import re
 from typing import get_args
 
-from common.channels import Side
-from common.scenario.control import DirectionState, EmulatorState
-from common.scenario.network.conditions import Change, TimelineEntry
-from common.scenario.network.pipeline import Pipeline
-from deploy.view.page_text import PageContext, RunOutput, figures_html, run_html, run_text, state_html, vantage_text
-from deploy.watch.live_figures import CrossingFigures, LiveFigures
-from deploy.watch.observer import Attendance
-from deploy.watch.observer_path import Vantage
+from tis.common.channels import Side
+from tis.common.scenario.control import DirectionState, EmulatorState
+from tis.common.scenario.network.conditions import Change, TimelineEntry
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.deploy.view.page_text import (
+    PageContext,
+    RunOutput,
+    figures_html,
+    run_html,
+    run_text,
+    state_html,
+    vantage_text,
+)
+from tis.deploy.watch.live_figures import CrossingFigures, LiveFigures
+from tis.deploy.watch.observer import Attendance
+from tis.deploy.watch.observer_path import Vantage
 
 ALL: frozenset[Side] = frozenset(get_args(Side))
 BESIDE = PageContext(True, "tcp/127.0.0.1:1", "tcp/127.0.0.1:2")

@@ -2,12 +2,12 @@
 
 import pytest
 
-from deploy.report.palette import TRUTH, look_of
-from deploy.view import plots
-from deploy.view.feed import Feed
-from deploy.view.plots import Plots, Window
-from deploy.watch.book import LiveBook
 from tests.deploy.watch.making import a_book, a_run
+from tis.deploy.report.palette import TRUTH, look_of
+from tis.deploy.view import plots
+from tis.deploy.view.feed import Feed
+from tis.deploy.view.plots import Plots, Window
+from tis.deploy.watch.book import LiveBook
 
 
 def test_a_frame_is_drawn_and_the_axes_follow() -> None:

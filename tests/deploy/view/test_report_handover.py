@@ -7,9 +7,9 @@ from bokeh.application import Application
 from tornado.httpclient import AsyncHTTPClient, HTTPResponse
 from tornado.ioloop import IOLoop
 
-from deploy.view.access import Access
-from deploy.view.page_text import RunOutput
-from deploy.view.server import ReportHandover, listen, n_open
+from tis.deploy.view.access import Access
+from tis.deploy.view.page_text import RunOutput
+from tis.deploy.view.server import ReportHandover, listen, n_open
 
 _TOKEN = "secret"
 

@@ -14,8 +14,8 @@ from tornado.httpclient import AsyncHTTPClient, HTTPRequest
 from tornado.ioloop import IOLoop
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
-from deploy.view.access import access_to
-from deploy.view.server import listen
+from tis.deploy.view.access import access_to
+from tis.deploy.view.server import listen
 
 pytestmark = pytest.mark.live
 

@@ -3,11 +3,11 @@
 from collections import deque
 from collections.abc import Iterator
 
-from common.channels import Channel, Network, hand_channels
-from common.header import Header
-from common.messages import FeedbackPose, Pose, Quaternion, Vector3
-from common.units import NS_PER_MS, sample_instant_ns
-from deploy.watch.book import LiveBook, Sighting
+from tis.common.channels import Channel, Network, hand_channels
+from tis.common.header import Header
+from tis.common.messages import FeedbackPose, Pose, Quaternion, Vector3
+from tis.common.units import NS_PER_MS, sample_instant_ns
+from tis.deploy.watch.book import LiveBook, Sighting
 
 LEFT = hand_channels("left", "PSM2")
 STARTED_NS = 50_000 * NS_PER_MS

@@ -5,9 +5,9 @@ from statistics import median
 
 import pytest
 
-from common.units import NS_PER_MS
-from deploy.watch.book import LiveBook, Sighting
 from tests.deploy.watch.making import LEFT, STARTED_NS, a_book, a_run, answer, pose, sighting
+from tis.common.units import NS_PER_MS
+from tis.deploy.watch.book import LiveBook, Sighting
 
 
 def test_delays_losses_ages_and_errors_are_those_of_the_run() -> None:

@@ -4,11 +4,11 @@ from math import sqrt
 
 import pytest
 
-from common.messages import FeedbackPose, PredictedPose, Quaternion, Vector3
-from common.units import NS_PER_MS
-from deploy.watch.book import LiveBook
-from deploy.watch.displays import ArmRow, DisplayRow, Displays
 from tests.deploy.watch.making import LEFT, sighting
+from tis.common.messages import FeedbackPose, PredictedPose, Quaternion, Vector3
+from tis.common.units import NS_PER_MS
+from tis.deploy.watch.book import LiveBook
+from tis.deploy.watch.displays import ArmRow, DisplayRow, Displays
 
 _LEVEL = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
 

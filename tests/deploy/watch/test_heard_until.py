@@ -2,9 +2,9 @@
 
 from typing import Final
 
-from common.channels import Network
-from common.units import NS_PER_S
-from deploy.watch.observer import heard_until_ns
+from tis.common.channels import Network
+from tis.common.units import NS_PER_S
+from tis.deploy.watch.observer import heard_until_ns
 
 BOTH: Final[tuple[Network, ...]] = ("west", "east")
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deploy.watch.motion import ArmMotion
+from tis.deploy.watch.motion import ArmMotion
 
 MS = 1_000_000
 

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from common.runtime.free_endpoints import free_endpoints
-from common.runtime.zenoh_session import ZenohOptions, configure, open_router
-from deploy.view.server import ViewOptions
-from deploy.watch.observer import Observer
 from tests.common.runtime.live_zenoh import soon
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
+from tis.deploy.view.server import ViewOptions
+from tis.deploy.watch.observer import Observer
 
 pytestmark = pytest.mark.live
 

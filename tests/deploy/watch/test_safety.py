@@ -1,12 +1,12 @@
 """Safety states that an observer shows."""
 
-from common.header import Header
-from common.messages import Quaternion, SafetyMode, SetPoint, Vector3
-from common.peer_life import Beat
-from common.runtime.control import ControlKeys
-from common.units import NS_PER_S
-from deploy.watch.book import LiveBook, Sighting
-from deploy.watch.safety import SafetyStates, Stretch
+from tis.common.header import Header
+from tis.common.messages import Quaternion, SafetyMode, SetPoint, Vector3
+from tis.common.peer_life import Beat
+from tis.common.runtime.control import ControlKeys
+from tis.common.units import NS_PER_S
+from tis.deploy.watch.book import LiveBook, Sighting
+from tis.deploy.watch.safety import SafetyStates, Stretch
 
 
 def _point(at_s: float, mode: SafetyMode) -> bytes:

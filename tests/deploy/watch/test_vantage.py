@@ -5,12 +5,12 @@ from contextlib import ExitStack, contextmanager
 
 import pytest
 
-from common.runtime.clock_server import ClockServer
-from common.runtime.control import ControlKeys
-from common.runtime.free_endpoints import free_endpoints
-from deploy.watch.observer import Observer
-from deploy.watch.observer_path import Vantage
 from tests.common.runtime.live_zenoh import a_router, soon
+from tis.common.runtime.clock_server import ClockServer
+from tis.common.runtime.control import ControlKeys
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.deploy.watch.observer import Observer
+from tis.deploy.watch.observer_path import Vantage
 
 pytestmark = pytest.mark.live
 
@@ -36,7 +36,7 @@ def test_on_netems_host_there_is_no_way_to_take_off() -> None:
 
 
 def test_on_another_host_the_ways_are_measured_and_said_to_be_uncertain(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("common.runtime.clock_watch.boot_id", lambda: "another-boot")
+    monkeypatch.setattr("tis.common.runtime.clock_watch.boot_id", lambda: "another-boot")
     with an_observer() as observer:
         assert soon(lambda: observer.vantage() is not None)
         found = observer.vantage()

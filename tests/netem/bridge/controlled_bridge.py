@@ -9,16 +9,16 @@ from typing import Any, Final, get_args
 
 import zenoh
 
-from common.channels import Direction, Network
-from common.header import Header
-from common.node import Record
-from common.records import CONTROL, ControlNote
-from common.runtime.clock import WallClock
-from common.runtime.free_endpoints import free_endpoints
-from netem.bridge.bridge import Bridge
-from netem.bridge.control import BridgeControl
 from tests.common.runtime.live_zenoh import a_client, a_router, soon
 from tests.netem.making import KEY, link
+from tis.common.channels import Direction, Network
+from tis.common.header import Header
+from tis.common.node import Record
+from tis.common.records import CONTROL, ControlNote
+from tis.common.runtime.clock import WallClock
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.netem.bridge.bridge import Bridge
+from tis.netem.bridge.control import BridgeControl
 
 BASE: Final = "tis/netem/control"
 _MS: Final = 1_000_000

@@ -9,20 +9,20 @@ from typing import Any
 
 import zenoh
 
-from common.channels import Network
-from common.node import Record
-from common.runtime.clock import WallClock
-from common.runtime.free_endpoints import free_endpoints
-from common.runtime.zenoh_session import ZenohOptions, configure, open_router
-from common.scenario.network import NetworkPart
-from netem.bridge.applications import Applications
-from netem.bridge.bridge import Bridge
-from netem.bridge.driver import Driver
-from netem.bridge.keys import crossing_keys
-from netem.bridge.mirrors.queries import QueryTargetName
-from netem.bridge.private_endpoints import lister_config
-from netem.build import build_links
 from tests.common.runtime.live_zenoh import a_client
+from tis.common.channels import Network
+from tis.common.node import Record
+from tis.common.runtime.clock import WallClock
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
+from tis.common.scenario.network import NetworkPart
+from tis.netem.bridge.applications import Applications
+from tis.netem.bridge.bridge import Bridge
+from tis.netem.bridge.driver import Driver
+from tis.netem.bridge.keys import crossing_keys
+from tis.netem.bridge.mirrors.queries import QueryTargetName
+from tis.netem.bridge.private_endpoints import lister_config
+from tis.netem.build import build_links
 
 _ENDLESS_NS = 1 << 62
 

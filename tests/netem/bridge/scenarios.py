@@ -14,8 +14,8 @@ from typing import Any
 import zenoh
 from zenoh import ext
 
-from common.runtime.zenoh_session import ZenohOptions, configure
 from tests.common.runtime.live_zenoh import a_client, settle, soon
+from tis.common.runtime.zenoh_session import ZenohOptions, configure
 
 _SPREAD_S = 1.5
 """Longer than a declaration needs to become known on the other side, at 50 ms of delay too."""

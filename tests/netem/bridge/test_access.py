@@ -5,9 +5,9 @@ from typing import Any
 import pytest
 import zenoh
 
-from common.channels import Network
-from common.scenario.security import Mtls, NoSecurity, Password
-from netem.bridge.access import access_control
+from tis.common.channels import Network
+from tis.common.scenario.security import Mtls, NoSecurity, Password
+from tis.netem.bridge.access import access_control
 
 MTLS = Mtls(kind="mtls", control=("operator",), observers=("watcher",))
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from common.errors import InputError
-from netem.bridge.between import between
 from tests.common.runtime.live_zenoh import a_client, settle, soon
+from tis.common.errors import InputError
+from tis.netem.bridge.between import between
 
 pytestmark = pytest.mark.live
 

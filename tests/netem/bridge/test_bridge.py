@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 import zenoh
 
-from common.node import Record
-from common.records import FateBatch, ReleaseBatch
-from common.runtime.clock import WallClock
-from common.scenario.network import NetworkPart
-from netem.bridge.bridge import Bridge
-from netem.build import build_links
 from tests.common.runtime.live_zenoh import Network, a_network, settle, soon
+from tis.common.node import Record
+from tis.common.records import FateBatch, ReleaseBatch
+from tis.common.runtime.clock import WallClock
+from tis.common.scenario.network import NetworkPart
+from tis.netem.bridge.bridge import Bridge
+from tis.netem.build import build_links
 
 pytestmark = pytest.mark.live
 

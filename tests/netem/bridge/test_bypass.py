@@ -5,11 +5,11 @@ from contextlib import ExitStack
 
 import pytest
 
-from common.errors import PeerError
-from common.runtime.free_endpoints import free_endpoints
-from netem.bridge.bypass import Watch, refuse_one_router
 from tests.common.runtime.live_zenoh import a_client, a_router, soon
 from tests.netem.bridge.live_bridge import bridging, two_routers
+from tis.common.errors import PeerError
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.netem.bridge.bypass import Watch, refuse_one_router
 
 pytestmark = pytest.mark.live
 

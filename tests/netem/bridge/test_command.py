@@ -7,13 +7,13 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from common.errors import InputError
-from common.runtime.free_endpoints import free_endpoints
-from common.runtime.side_log import SideOptions
-from common.runtime.status import Status
-from common.scenario import Scenario
-from netem.bridge.chosen_network import read_network
-from netem.bridge.command import netem_command
+from tis.common.errors import InputError
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.side_log import SideOptions
+from tis.common.runtime.status import Status
+from tis.common.scenario import Scenario
+from tis.netem.bridge.chosen_network import read_network
+from tis.netem.bridge.command import netem_command
 
 PLACES = ["--west", "tcp/127.0.0.1:1", "--east", "tcp/127.0.0.1:2"]
 

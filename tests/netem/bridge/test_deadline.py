@@ -7,16 +7,16 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import PeerError
-from common.runtime.free_endpoints import free_endpoints
+from tis.common.errors import PeerError
+from tis.common.runtime.free_endpoints import free_endpoints
 
 pytestmark = pytest.mark.live
 
 # a lock taken twice: unlike a sleep it is not ended by a signal, and no handler in Python runs meanwhile
 _STUCK = """
 import ctypes, signal, sys, time
-from common.runtime.interrupt import Interrupt
-from netem.bridge.deadline import Deadline
+from tis.common.runtime.interrupt import Interrupt
+from tis.netem.bridge.deadline import Deadline
 libc, lock = ctypes.CDLL(None), ctypes.create_string_buffer(64)
 def stick():
     libc.pthread_mutex_lock(lock)
@@ -30,8 +30,8 @@ with Interrupt().installed(), deadline.installed():
     stick()
 """
 _CLOSING = """
-from netem.bridge.applications import Applications
-from netem.__main__ import command
+from tis.netem.bridge.applications import Applications
+from tis.netem.__main__ import command
 import typer
 Applications.close = lambda self: stick()
 typer.run(command)

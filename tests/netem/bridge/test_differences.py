@@ -8,18 +8,18 @@ from typing import Any
 
 import pytest
 
-from common.channels import Network
-from common.runtime.free_endpoints import free_endpoints
-from common.scenario.network import NetworkPart
-from netem.bridge.carry.carrying import ends_of
-from netem.bridge.carry.proxy import Proxy
-from netem.bridge.carry.stream_network import backlog_bytes, stream_network
-from netem.bridge.driver import Driver
-from netem.bridge.sides import Place
-from netem.build import build_links
 from tests.common.runtime.live_zenoh import a_client, a_router
 from tests.netem.bridge.live_bridge import a_bridge, bridging, delays, driving
 from tests.netem.bridge.scenarios import SCENARIOS, Between, crosses_after, outcomes
+from tis.common.channels import Network
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.scenario.network import NetworkPart
+from tis.netem.bridge.carry.carrying import ends_of
+from tis.netem.bridge.carry.proxy import Proxy
+from tis.netem.bridge.carry.stream_network import backlog_bytes, stream_network
+from tis.netem.bridge.driver import Driver
+from tis.netem.bridge.sides import Place
+from tis.netem.build import build_links
 
 pytestmark = pytest.mark.live
 

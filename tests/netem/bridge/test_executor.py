@@ -2,7 +2,7 @@
 
 import threading
 
-from netem.bridge.executor import SerialExecutor
+from tis.netem.bridge.executor import SerialExecutor
 
 
 def executor(errors: list[BaseException]) -> SerialExecutor:

@@ -1,7 +1,7 @@
 import pytest
 
-from common.errors import InputError
-from netem.bridge.keys import CrossingKeys, crossing_keys, is_private
+from tis.common.errors import InputError
+from tis.netem.bridge.keys import CrossingKeys, crossing_keys, is_private
 
 
 def test_beside_a_key_expression_lie_its_advanced_publishers_and_nothing_else() -> None:

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from netem.bridge.parcel import Kept, Parcel
 from tests.common.runtime.live_zenoh import settle, soon
 from tests.netem.bridge.live_bridge import Bridged, a_bridge, delays
+from tis.netem.bridge.parcel import Kept, Parcel
 
 pytestmark = pytest.mark.live
 

@@ -4,12 +4,12 @@ import threading
 from collections.abc import Callable, Iterable
 from typing import Any, Final
 
-from common.node import Record
-from common.runtime.clock import Clock
-from netem.bridge.alarm import Alarm
-from netem.bridge.bridge import Bridge
-from netem.link.packet import Due
 from tests.netem.making import KEY, link
+from tis.common.node import Record
+from tis.common.runtime.clock import Clock
+from tis.netem.bridge.alarm import Alarm
+from tis.netem.bridge.bridge import Bridge
+from tis.netem.link.packet import Due
 
 MS: Final = 1_000_000
 _PATIENCE_S: Final = 0.3

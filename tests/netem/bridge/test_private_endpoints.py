@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from common.channels import Network
-from common.runtime.zenoh_session import ZenohOptions
-from netem.bridge.private_endpoints import lister_config, open_private_endpoints
-from netem.bridge.sides import Place
+from tis.common.channels import Network
+from tis.common.runtime.zenoh_session import ZenohOptions
+from tis.netem.bridge.private_endpoints import lister_config, open_private_endpoints
+from tis.netem.bridge.sides import Place
 
 _PLACES: dict[Network, Place] = {
     "west": Place(listen=("tcp/127.0.0.1:1",)),

@@ -1,8 +1,8 @@
 import pytest
 
-from common.errors import InputError
-from common.runtime.zenoh_session import ZenohOptions
-from netem.bridge.sides import Place, check_places, lease_s
+from tis.common.errors import InputError
+from tis.common.runtime.zenoh_session import ZenohOptions
+from tis.netem.bridge.sides import Place, check_places, lease_s
 
 
 def test_each_side_needs_a_place() -> None:

@@ -1,6 +1,6 @@
 """A thread that does not return is told from one that waits, works or was suspended."""
 
-from netem.bridge.standstill import Pulse, StandstillWatch
+from tis.netem.bridge.standstill import Pulse, StandstillWatch
 
 
 def watching(*pulses: Pulse) -> StandstillWatch:

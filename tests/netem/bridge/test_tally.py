@@ -2,10 +2,10 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.channels import Direction
-from common.node import Record
-from common.records import RELEASES, ReleaseBatch
-from netem.bridge.tally import ReleaseErrors, Tally, WatchedLog, table
+from tis.common.channels import Direction
+from tis.common.node import Record
+from tis.common.records import RELEASES, ReleaseBatch
+from tis.netem.bridge.tally import ReleaseErrors, Tally, WatchedLog, table
 
 NOTHING = {"loss": 0, "outage": 0, "refused": 0, "overflow": 0, "queue_full": 0, "late": 0, "codel": 0, "evicted": 0}
 

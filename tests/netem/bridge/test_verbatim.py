@@ -3,12 +3,12 @@
 import pytest
 import zenoh
 
-from common.scenario.network import NetworkPart
-from netem.bridge.keys import crossing_keys
-from netem.bridge.sides import Place
-from netem.bridge.standalone import Standalone, _crossing
 from tests.common.runtime.live_zenoh import settle, soon
 from tests.netem.bridge.live_bridge import a_bridge, n_tokens
+from tis.common.scenario.network import NetworkPart
+from tis.netem.bridge.keys import crossing_keys
+from tis.netem.bridge.sides import Place
+from tis.netem.bridge.standalone import Standalone, _crossing
 
 _PLACES = {"west": Place(listen=("tcp/127.0.0.1:1",)), "east": Place(listen=("tcp/127.0.0.1:2",))}
 _HINT = "of keys with a chunk that begins with @ only those named"

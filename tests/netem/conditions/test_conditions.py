@@ -6,14 +6,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.channels import Direction
-from common.scenario.network import NetworkPart
-from common.scenario.network.conditions import Change, TimelineEntry
-from common.scenario.network.pipeline import Pipeline
-from netem.conditions.conditions import FOREVER_NS, Condition, Conditions, Span, merged
-from netem.conditions.outage import outages_of
-from netem.conditions.states import StatePath
 from tests.netem.making import are_alike, is_out, state_at
+from tis.common.channels import Direction
+from tis.common.scenario.network import NetworkPart
+from tis.common.scenario.network.conditions import Change, TimelineEntry
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.netem.conditions.conditions import FOREVER_NS, Condition, Conditions, Span, merged
+from tis.netem.conditions.outage import outages_of
+from tis.netem.conditions.states import StatePath
 
 MS = 1_000_000
 S = 1_000 * MS

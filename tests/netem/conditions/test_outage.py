@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 from scipy.stats import kstest
 
-from common.channels import Direction
-from common.scenario.network.conditions import Outages
-from common.streams import Stream
-from netem.conditions.outage import Outage, outage_share, outages_of
-from netem.draws.grid import CELL_NS, cell_of
 from tests.netem.making import is_out
+from tis.common.channels import Direction
+from tis.common.scenario.network.conditions import Outages
+from tis.common.streams import Stream
+from tis.netem.conditions.outage import Outage, outage_share, outages_of
+from tis.netem.draws.grid import CELL_NS, cell_of
 
 MS = 1_000_000
 NETFI = [((0, 3.0), 8.5, 0.15), ((0, 1.0), 1.0, 1 / 3), ((0, 2.0), 1.0, 0.5)]

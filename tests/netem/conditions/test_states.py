@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
-from common.scenario.network.conditions import MarkovStates, States
-from common.streams import Stream
-from netem.conditions.states import StatePath, state_shares
 from tests.netem.making import state_at
+from tis.common.scenario.network.conditions import MarkovStates, States
+from tis.common.streams import Stream
+from tis.netem.conditions.states import StatePath, state_shares
 
 MS = 1_000_000
 

@@ -4,11 +4,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.channels import Direction
-from common.errors import InputError
-from common.scenario.network.conditions import TimelineEntry
-from netem.conditions.timeline import MAX_ADDED, Timeline
-from netem.draws.grid import LAST_CELL
+from tis.common.channels import Direction
+from tis.common.errors import InputError
+from tis.common.scenario.network.conditions import TimelineEntry
+from tis.netem.conditions.timeline import MAX_ADDED, Timeline
+from tis.netem.draws.grid import LAST_CELL
 
 SET = {"scale_delay": 3.0, "add_delay_ms": 10.0}
 

@@ -4,9 +4,9 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from common.scenario.network.conditions import TimelineEntry
-from netem.conditions.window import Window
-from netem.draws.grid import LAST_CELL
+from tis.common.scenario.network.conditions import TimelineEntry
+from tis.netem.conditions.window import Window
+from tis.netem.draws.grid import LAST_CELL
 
 
 def _entry(at_s: float, for_s: float | None = None, **more: Any) -> TimelineEntry:

@@ -6,15 +6,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.channels import Direction
-from common.records import ControlNote
-from common.scenario.control import Acknowledgement, Operation, control_prefix
-from netem.conditions.timeline import MAX_ADDED
-from netem.control.control import Control
-from netem.control.request import MAX_CHANGES
-from netem.link.link import Link
-from netem.link.packet import Fate
 from tests.netem.making import are_alike, link, offer, packet
+from tis.common.channels import Direction
+from tis.common.records import ControlNote
+from tis.common.scenario.control import Acknowledgement, Operation, control_prefix
+from tis.netem.conditions.timeline import MAX_ADDED
+from tis.netem.control.control import Control
+from tis.netem.control.request import MAX_CHANGES
+from tis.netem.link.link import Link
+from tis.netem.link.packet import Fate
 
 MS = 1_000_000
 NOW = 1_000_400_000  # 0.4 ms into cell 1000
@@ -283,8 +283,8 @@ def test_a_flood_of_changes_for_good_leaves_one() -> None:
 
 @pytest.fixture
 def fifty_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("netem.conditions.timeline.MAX_ADDED", 50)
-    monkeypatch.setattr("netem.control.control.MAX_ADDED", 50)
+    monkeypatch.setattr("tis.netem.conditions.timeline.MAX_ADDED", 50)
+    monkeypatch.setattr("tis.netem.control.control.MAX_ADDED", 50)
 
 
 @pytest.mark.usefixtures("fifty_at_most")

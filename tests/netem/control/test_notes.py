@@ -6,16 +6,16 @@ from typing import Any, get_args
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.channels import Direction
-from common.key_set import KeySet
-from common.records import FATES, ControlNote, FateBatch
-from netem.conditions.conditions import Condition
-from netem.control.changed_conditions import changed_conditions
-from netem.control.control import Control
-from netem.control.notes import changes_from_notes, with_live_changes
-from netem.link.link import Link
-from netem.node import NetemNode
 from tests.netem.making import are_alike, link, offer, packet, scenario
+from tis.common.channels import Direction
+from tis.common.key_set import KeySet
+from tis.common.records import FATES, ControlNote, FateBatch
+from tis.netem.conditions.conditions import Condition
+from tis.netem.control.changed_conditions import changed_conditions
+from tis.netem.control.control import Control
+from tis.netem.control.notes import changes_from_notes, with_live_changes
+from tis.netem.link.link import Link
+from tis.netem.node import NetemNode
 
 MS = 1_000_000
 NETWORK: dict[str, Any] = {"forward": {"delay": {"kind": "uniform", "low_ms": 1, "high_ms": 9}}}

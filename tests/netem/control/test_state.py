@@ -1,12 +1,12 @@
 import json
 from typing import Any, get_args
 
-from common.channels import Direction
-from common.scenario.control import EmulatorState
-from netem.control.control import Control
-from netem.control.state import describe, snapshot
-from netem.link.link import Link
 from tests.netem.making import link, offer, packet
+from tis.common.channels import Direction
+from tis.common.scenario.control import EmulatorState
+from tis.netem.control.control import Control
+from tis.netem.control.state import describe, snapshot
+from tis.netem.link.link import Link
 
 MS = 1_000_000
 

@@ -2,8 +2,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from netem.draws.blocks import BLOCK
-from netem.draws.column import Column
+from tis.netem.draws.blocks import BLOCK
+from tis.netem.draws.column import Column
 
 
 def _squares(number: int) -> np.ndarray:

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import stats
 
-from common.scenario.network.delay import Correlation
-from common.streams import Address
-from netem.draws.blocks import BLOCK
-from netem.draws.correlation import ScorePath, bridge_of, uniforms
+from tis.common.scenario.network.delay import Correlation
+from tis.common.streams import Address
+from tis.netem.draws.blocks import BLOCK
+from tis.netem.draws.correlation import ScorePath, bridge_of, uniforms
 
 ADDRESS = Address(3, "forward", "tis/MTML/measured_cp")
 LEVEL_1 = BLOCK  # blocks in a block of the next coarser grid

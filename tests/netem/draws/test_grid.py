@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from netem.draws.grid import LAST_CELL, cell_of, deciding_ns, mean_cells, nearest_cell
+from tis.netem.draws.grid import LAST_CELL, cell_of, deciding_ns, mean_cells, nearest_cell
 
 MS = 1_000_000
 

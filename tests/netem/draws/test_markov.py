@@ -4,9 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from common.streams import Stream
-from netem.draws.blocks import BLOCK
-from netem.draws.markov import MarkovChain
+from tis.common.streams import Stream
+from tis.netem.draws.blocks import BLOCK
+from tis.netem.draws.markov import MarkovChain
 
 U = Stream.named(1, "markov").uniforms(0, BLOCK)
 p = st.floats(0, 1)

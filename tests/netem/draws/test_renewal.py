@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from scipy.stats import chisquare
 
-from common.streams import Stream
-from netem.draws.grid import Stretch
-from netem.draws.renewal import Cells, RenewalPath, geometric_cells
+from tis.common.streams import Stream
+from tis.netem.draws.grid import Stretch
+from tis.netem.draws.renewal import Cells, RenewalPath, geometric_cells
 
 
 def _three_a_chunk(number: int, before: int) -> tuple[Cells, Cells]:

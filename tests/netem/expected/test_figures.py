@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.scenario.network import NetworkPart
-from deploy.net.library.profiles import find_profile
-from netem.expected.figures import direction_figures
-from netem.expected.simulate import simulate
+from tis.common.scenario.network import NetworkPart
+from tis.deploy.net.library.profiles import find_profile
+from tis.netem.expected.figures import direction_figures
+from tis.netem.expected.simulate import simulate
 
 
 def simulated(network: NetworkPart, rate_hz: float, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

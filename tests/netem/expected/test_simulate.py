@@ -3,8 +3,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from netem.expected.simulate import simulate
 from tests.netem.making import link, offer, packet, scenario
+from tis.netem.expected.simulate import simulate
 
 MS = 1_000_000
 NOISY: dict[str, Any] = {

@@ -4,10 +4,10 @@ from typing import Any, Final
 
 import pytest
 
-from common.scenario.network import NetworkPart
-from deploy.net.library.profiles import find_profile
-from netem.expected.figures import direction_figures
-from netem.expected.synopsis import synopsis
+from tis.common.scenario.network import NetworkPart
+from tis.deploy.net.library.profiles import find_profile
+from tis.netem.expected.figures import direction_figures
+from tis.netem.expected.synopsis import synopsis
 
 SLOW: Final = {"delay": {"kind": "constant", "delay_ms": 40}}
 STATES: Final = {

@@ -8,10 +8,10 @@ import sys
 
 import numpy as np
 
-from netem.fit.candidates import fit_closing
-from netem.fit.direction import DirectionFit
-from netem.fit.record import DirectionRecord
 from tests.netem.fit.synthetic_records import RECORDS, Parameters, record
+from tis.netem.fit.candidates import fit_closing
+from tis.netem.fit.direction import DirectionFit
+from tis.netem.fit.record import DirectionRecord
 
 
 def parameters_of(seed: int) -> Parameters:

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from scipy.signal import lfilter
 
-from common.trace import LOST, Trace
+from tis.common.trace import LOST, Trace
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from common.scenario.network import NetworkPart
-from common.trace import LOST, Trace
-from netem.fit.backlogs import MESSAGE_BYTES, find_backlogs
-from netem.fit.candidates import with_backlogs
-from netem.fit.closure import closures, replays
-from netem.fit.record import DirectionRecord
 from tests.netem.fit.synthetic_records import Parameters, record
+from tis.common.scenario.network import NetworkPart
+from tis.common.trace import LOST, Trace
+from tis.netem.fit.backlogs import MESSAGE_BYTES, find_backlogs
+from tis.netem.fit.candidates import with_backlogs
+from tis.netem.fit.closure import closures, replays
+from tis.netem.fit.record import DirectionRecord
 
 RATE_HZ = 100
 OWN_KBIT_S = MESSAGE_BYTES * 8 * RATE_HZ / 1000

@@ -6,12 +6,12 @@ The full version, at 600 s and 100 replays, is ``python -m tests.netem.fit.bench
 import numpy as np
 import pytest
 
-from common.scenario.network import NetworkPart
-from common.trace import Trace
-from netem.fit.candidates import fit_closing
-from netem.fit.direction import DirectionFit
-from netem.fit.record import DirectionRecord
 from tests.netem.fit.synthetic_records import Parameters, record
+from tis.common.scenario.network import NetworkPart
+from tis.common.trace import Trace
+from tis.netem.fit.candidates import fit_closing
+from tis.netem.fit.direction import DirectionFit
+from tis.netem.fit.record import DirectionRecord
 
 _FAR = 2.0
 SHORT = Parameters(seconds=150, rate_hz=50, p_loss=0.03, good=8, cycle=8, stall=0.3, stall_spread=0, gap=25)

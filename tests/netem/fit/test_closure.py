@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from common.scenario.network import NetworkPart
-from common.trace import LOST, Trace
-from netem.fit.closure import closures, replay, replays
-from netem.fit.statistics import NAMES
+from tis.common.scenario.network import NetworkPart
+from tis.common.trace import LOST, Trace
+from tis.netem.fit.closure import closures, replay, replays
+from tis.netem.fit.statistics import NAMES
 
 MS = 1_000_000
 NETWORK = {

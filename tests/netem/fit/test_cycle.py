@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.trace import LOST, Trace
-from netem.fit.cycle import fit_cycle
 from tests.netem.fit.synthetic_records import Parameters, record
+from tis.common.trace import LOST, Trace
+from tis.netem.fit.cycle import fit_cycle
 
 
 def cycling(period_s: float, effect: Any, seconds: float = 300, rate_hz: float = 100, seed: int = 1) -> Trace:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from common.scenario.network.pipeline import Pipeline
-from common.trace import LOST, Trace
-from netem.fit.direction import MIN_RECEIVED, DirectionFit, fit_direction
-from netem.fit.measuring import NOTHING_ADDED, Spread
-from netem.fit.record import DirectionRecord, Flips
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.trace import LOST, Trace
+from tis.netem.fit.direction import MIN_RECEIVED, DirectionFit, fit_direction
+from tis.netem.fit.measuring import NOTHING_ADDED, Spread
+from tis.netem.fit.record import DirectionRecord, Flips
 
 US, MS = 1_000, 1_000_000
 

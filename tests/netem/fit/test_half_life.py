@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 from scipy.special import ndtr
 from scipy.stats import gamma
 
-from netem.fit.half_life import fit_half_life, gaussian_scores
+from tis.netem.fit.half_life import fit_half_life, gaussian_scores
 
 N = 60_000
 NS = 10**9

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from common.scenario.network.loss import Loss
-from netem.fit.loss_chain import _Runs, fit_loss_chain, loss_stage
+from tis.common.scenario.network.loss import Loss
+from tis.netem.fit.loss_chain import _Runs, fit_loss_chain, loss_stage
 
 
 def chain(n: int, p: float, r: float, bad: float, good: float, seed: int) -> np.ndarray:

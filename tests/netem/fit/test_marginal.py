@@ -7,8 +7,8 @@ import pytest
 from pydantic import TypeAdapter
 from scipy import stats
 
-from common.scenario.network.delay import Delay
-from netem.fit.marginal import MarginalName, fit_marginal
+from tis.common.scenario.network.delay import Delay
+from tis.netem.fit.marginal import MarginalName, fit_marginal
 
 N = 40_000
 LAWS: dict[str, tuple[Any, dict[str, Any]]] = {

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from common.errors import DataError
-from common.trace import LOST, Trace
-from netem.fit.direction import steady_reason
-from netem.fit.measuring import MEASURING_ADDS, NOTHING_ADDED, Spread, measuring_adds
+from tis.common.errors import DataError
+from tis.common.trace import LOST, Trace
+from tis.netem.fit.direction import steady_reason
+from tis.netem.fit.measuring import MEASURING_ADDS, NOTHING_ADDED, Spread, measuring_adds
 
 US, MS = 1_000, 1_000_000
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from common.scenario.network.conditions import Outages
-from common.trace import LOST, Trace
-from netem.fit.outage_runs import find_outages
+from tis.common.scenario.network.conditions import Outages
+from tis.common.trace import LOST, Trace
+from tis.netem.fit.outage_runs import find_outages
 
 MS = 1_000_000
 

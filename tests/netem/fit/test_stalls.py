@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from common.trace import LOST, Trace
-from netem.fit.stalls import find_stalls
 from tests.netem.fit.synthetic_records import Parameters, record
+from tis.common.trace import LOST, Trace
+from tis.netem.fit.stalls import find_stalls
 
 RATE_HZ = 100
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from netem.fit.switching import fit_switching, successors
 from tests.netem.fit.synthetic_records import Parameters, record
+from tis.netem.fit.switching import fit_switching, successors
 
 
 @pytest.mark.parametrize(("bad_delay", "p_bad"), [(15.0, 0.5), (15.0, 0.02), (0.0, 0.5)])

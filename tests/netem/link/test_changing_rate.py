@@ -11,14 +11,14 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.node import Emission
-from common.records import ControlNote
-from common.scenario.network.conditions import TimelineEntry
-from netem.control.notes import apply_entries, entries_json, with_live_changes
-from netem.link.link import Link
-from netem.link.packet import Due
-from netem.node import NetemNode
 from tests.netem.making import KEY, link, packet
+from tis.common.node import Emission
+from tis.common.records import ControlNote
+from tis.common.scenario.network.conditions import TimelineEntry
+from tis.netem.control.notes import apply_entries, entries_json, with_live_changes
+from tis.netem.link.link import Link
+from tis.netem.link.packet import Due
+from tis.netem.node import NetemNode
 
 MS = 1_000_000
 S = 1_000 * MS

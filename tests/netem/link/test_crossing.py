@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from common.node import Arrival
-from netem.link.link import Link
 from tests.netem.making import KEY, link, packet
+from tis.common.node import Arrival
+from tis.netem.link.link import Link
 
 MS = 1_000_000
 SECOND_KEY = "tis/MTMR/measured_cp"

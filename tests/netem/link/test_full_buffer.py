@@ -2,9 +2,9 @@
 
 import pytest
 
-from common.scenario.network import Buffer
-from netem.link.full_buffer import BufferWatch
 from tests.netem.making import KEY, link, offer, packet
+from tis.common.scenario.network import Buffer
+from tis.netem.link.full_buffer import BufferWatch
 
 MS = 1_000_000
 SLOW = {"delay": {"kind": "constant", "delay_ms": 1000}}

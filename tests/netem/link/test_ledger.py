@@ -5,10 +5,10 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.node import Arrival
-from common.records import Departure, FateBatch, ReleaseBatch
-from netem.link.ledger import Ledger
-from netem.link.packet import Due, Fate
+from tis.common.node import Arrival
+from tis.common.records import Departure, FateBatch, ReleaseBatch
+from tis.netem.link.ledger import Ledger
+from tis.netem.link.packet import Due, Fate
 
 MS = 1_000_000
 

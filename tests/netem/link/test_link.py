@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.channels import Direction
-from common.streams import Address
-from netem.link.link import Link
-from netem.link.packet import Due, Fate
-from netem.stages.pipeline_draws import Draws
 from tests.netem.making import KEY, link, offer, packet, pipeline
+from tis.common.channels import Direction
+from tis.common.streams import Address
+from tis.netem.link.link import Link
+from tis.netem.link.packet import Due, Fate
+from tis.netem.stages.pipeline_draws import Draws
 
 MS = 1_000_000
 OTHER_KEY = "tis/PSM2/setpoint_cp"

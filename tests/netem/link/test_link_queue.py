@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from netem.link.link import Link
-from netem.link.packet import Due
 from tests.netem.making import KEY, link, offer, packet
+from tis.netem.link.link import Link
+from tis.netem.link.packet import Due
 
 MS = 1_000_000
 OTHER_KEY = "tis/PSM2/setpoint_cp"

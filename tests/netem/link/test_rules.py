@@ -2,11 +2,11 @@ from typing import Any
 
 import pytest
 
-from common.channels import Direction
-from common.errors import InputError
-from common.scenario import Scenario
-from netem.link.rules import RuleTable, compile_rules
 from tests.netem.making import scenario
+from tis.common.channels import Direction
+from tis.common.errors import InputError
+from tis.common.scenario import Scenario
+from tis.netem.link.rules import RuleTable, compile_rules
 
 
 def _rule(key: str, delay_ms: float, direction: str = "forward") -> dict[str, Any]:

@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest, chisquare
 
-from common.scenario.network.pipeline import Corrupt
-from common.streams import Address
-from netem.stages.corruption import corrupted, flip_bits, n_flipped
+from tis.common.scenario.network.pipeline import Corrupt
+from tis.common.streams import Address
+from tis.netem.stages.corruption import corrupted, flip_bits, n_flipped
 
 ADDRESS = Address(7, "forward", "tis/MTML/measured_cp")
 SEQS = st.integers(0, 2**32)

@@ -3,10 +3,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from common.scenario.network.pipeline import Duplicate
-from common.streams import Address
-from netem.draws.blocks import BLOCK, SelectionBlocks
-from netem.stages.duplication import duplicated
+from tis.common.scenario.network.pipeline import Duplicate
+from tis.common.streams import Address
+from tis.netem.draws.blocks import BLOCK, SelectionBlocks
+from tis.netem.stages.duplication import duplicated
 
 ADDRESS = Address(7, "forward", "tis/MTML/measured_cp")
 

@@ -3,12 +3,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.scenario.network.capacity import Rate
-from common.streams import Address
-from netem.conditions.conditions import Condition, Conditions
-from netem.stages.impairment import Impairment, Modulations
-from netem.stages.pipeline_draws import Draw
 from tests.netem.making import KEY, pipeline, scenario
+from tis.common.scenario.network.capacity import Rate
+from tis.common.streams import Address
+from tis.netem.conditions.conditions import Condition, Conditions
+from tis.netem.stages.impairment import Impairment, Modulations
+from tis.netem.stages.pipeline_draws import Draw
 
 FULL: dict[str, Any] = {
     "loss": {"kind": "bernoulli", "p_loss": 0.2},

@@ -1,8 +1,8 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.scenario.network.pipeline import Ordering as OrderingName
-from netem.stages.ordering import Ordering, build_ordering
+from tis.common.scenario.network.pipeline import Ordering as OrderingName
+from tis.netem.stages.ordering import Ordering, build_ordering
 
 # (offered_ns, delay_ns): packet 1 would overtake packet 0, packets 2 and 3 are due at the same instant
 PACKETS = ((1_000, 500), (1_100, 100), (2_000, 200), (2_100, 100))

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.streams import Address
-from netem.stages.loss import expected_loss
-from netem.stages.pipeline_draws import Draw, Draws
 from tests.netem.making import KEY, pipeline
+from tis.common.streams import Address
+from tis.netem.stages.loss import expected_loss
+from tis.netem.stages.pipeline_draws import Draw, Draws
 
 LOSS = {"kind": "bernoulli", "p_loss": 0.2}
 BURSTS = {"kind": "burst", "p_loss": 0.2, "mean_burst": 4}

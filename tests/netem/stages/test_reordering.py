@@ -4,9 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from common.scenario.network.pipeline import Reorder
-from common.streams import Address
-from netem.stages.reordering import reordered, skipped_ns
+from tis.common.scenario.network.pipeline import Reorder
+from tis.common.streams import Address
+from tis.netem.stages.reordering import reordered, skipped_ns
 
 ADDRESS = Address(7, "forward", "tis/MTML/measured_cp")
 DELAYS = np.array([0, 1, 2_499_999, 2_500_000, 2_500_001, 9_000_000, 9_000_000])

@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.trace import Trace
-from common.units import NS_PER_MS
-from netem.stages.trace_rows import row_of_cell, row_of_packet, span_ns
+from tis.common.trace import Trace
+from tis.common.units import NS_PER_MS
+from tis.netem.stages.trace_rows import row_of_cell, row_of_packet, span_ns
 
 
 def sent_at(*ms: float) -> Trace:

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from patient_side.dynamics.base_parameters import base_parameters
-from patient_side.dynamics.parameters import true_parameters
-from patient_side.dynamics.regressor import regressor
-from patient_side.plant.arm_geometry import HIGH, LOW
+from tis.patient_side.dynamics.base_parameters import base_parameters
+from tis.patient_side.dynamics.parameters import true_parameters
+from tis.patient_side.dynamics.regressor import regressor
+from tis.patient_side.plant.arm_geometry import HIGH, LOW
 
 
 def test_the_base_parameters_give_all_torques() -> None:

@@ -3,14 +3,14 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from common.errors import InputError
-from patient_side.dynamics import consistent_fit as module
-from patient_side.dynamics.base_parameters import base_parameters
-from patient_side.dynamics.consistent_fit import check_solver, consistent_fit
-from patient_side.dynamics.parameters import NAMES, joints, links, pseudo_inertia, true_parameters
-from patient_side.dynamics.regressor import regressor
-from patient_side.plant.arm_geometry import HIGH, LOW
-from patient_side.statespace import Array
+from tis.common.errors import InputError
+from tis.patient_side.dynamics import consistent_fit as module
+from tis.patient_side.dynamics.base_parameters import base_parameters
+from tis.patient_side.dynamics.consistent_fit import check_solver, consistent_fit
+from tis.patient_side.dynamics.parameters import NAMES, joints, links, pseudo_inertia, true_parameters
+from tis.patient_side.dynamics.regressor import regressor
+from tis.patient_side.plant.arm_geometry import HIGH, LOW
+from tis.patient_side.statespace import Array
 
 SOLVER = pytest.mark.skipif(
     find_spec("cvxpy") is None or find_spec("clarabel") is None,

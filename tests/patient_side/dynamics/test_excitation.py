@@ -3,10 +3,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.streams import Stream
-from patient_side.dynamics.base_parameters import base_parameters
-from patient_side.dynamics.excitation import MAX_SPEED, excitation, fourier
-from patient_side.plant.arm_geometry import HIGH, LOW
+from tis.common.streams import Stream
+from tis.patient_side.dynamics.base_parameters import base_parameters
+from tis.patient_side.dynamics.excitation import MAX_SPEED, excitation, fourier
+from tis.patient_side.plant.arm_geometry import HIGH, LOW
 
 
 @settings(max_examples=25)

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from common.scenario.simulated_arm import MujocoPlant
-from patient_side.dynamics.identify import Dynamics, identify_dynamics
-from patient_side.dynamics.parameters import joints, links, pseudo_inertia
+from tis.common.scenario.simulated_arm import MujocoPlant
+from tis.patient_side.dynamics.identify import Dynamics, identify_dynamics
+from tis.patient_side.dynamics.parameters import joints, links, pseudo_inertia
 
 pytest.importorskip("mujoco", reason="the extra sim is not installed")
 pytest.importorskip("cvxpy", reason="the extra dynamics is not installed")

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from patient_side.dynamics.parameters import NAMES, joints, links, pseudo_inertia, true_parameters
+from tis.patient_side.dynamics.parameters import NAMES, joints, links, pseudo_inertia, true_parameters
 
 
 def test_the_pseudo_inertia_is_the_sum_over_point_masses() -> None:

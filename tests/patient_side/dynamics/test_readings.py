@@ -2,14 +2,14 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from common.scenario.simulated_arm import MujocoPlant
-from common.streams import Stream
-from patient_side.dynamics.base_parameters import base_parameters
-from patient_side.dynamics.parameters import true_parameters
-from patient_side.dynamics.readings import clean_equations, equations, read
-from patient_side.dynamics.regressor import regressor
-from patient_side.plant.physics import ArmPhysics, Motion
-from patient_side.statespace import Array
+from tis.common.scenario.simulated_arm import MujocoPlant
+from tis.common.streams import Stream
+from tis.patient_side.dynamics.base_parameters import base_parameters
+from tis.patient_side.dynamics.parameters import true_parameters
+from tis.patient_side.dynamics.readings import clean_equations, equations, read
+from tis.patient_side.dynamics.regressor import regressor
+from tis.patient_side.plant.physics import ArmPhysics, Motion
+from tis.patient_side.statespace import Array
 
 HOME = np.array([0.1, 0.2, 0.12, 0.3, 0.1, -0.2, 0.2])
 

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from patient_side.dynamics.parameters import true_parameters
-from patient_side.dynamics.regressor import regressor
-from patient_side.plant.arm_geometry import HIGH, LOW, link_frames
-from patient_side.plant.arm_links import COM_M, MASS_KG
-from patient_side.plant.mjcf import arm_mjcf
+from tis.patient_side.dynamics.parameters import true_parameters
+from tis.patient_side.dynamics.regressor import regressor
+from tis.patient_side.plant.arm_geometry import HIGH, LOW, link_frames
+from tis.patient_side.plant.arm_links import COM_M, MASS_KG
+from tis.patient_side.plant.mjcf import arm_mjcf
 
 
 def test_torques_are_those_of_mujoco_s_inverse_dynamics() -> None:

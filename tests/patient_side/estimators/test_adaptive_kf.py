@@ -5,12 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from common.metrics.consistency import CHI2_3_95
-from common.units import sample_instant_ns
-from patient_side.estimators.adaptive_kf import AdaptiveKf
-from patient_side.estimators.innovations_kf import InnovationsKf
-from patient_side.playout import Playout
-from patient_side.statespace import Array, InnovationsModel
 from tests.patient_side.arm_models import (
     LOST,
     RATE_HZ,
@@ -22,6 +16,12 @@ from tests.patient_side.arm_models import (
     truth_at_ticks,
 )
 from tests.patient_side.movements import drawn, moving_arm
+from tis.common.metrics.consistency import CHI2_3_95
+from tis.common.units import sample_instant_ns
+from tis.patient_side.estimators.adaptive_kf import AdaptiveKf
+from tis.patient_side.estimators.innovations_kf import InnovationsKf
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import Array, InnovationsModel
 
 N = 4000
 

@@ -12,20 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from common.messages import MAX_SIZE
-from common.metrics.tracking import Scorable, score
-from common.node import Output, Record
-from common.records import EstimateNote
-from common.ticker import Ticker
-from common.units import sample_instant_ns
-from patient_side.estimators.algorithm_1 import read
-from patient_side.estimators.paper import Paper
-from patient_side.estimators.paper_as_printed import PaperAsPrinted
-from patient_side.filters.paper_kalman import paper_filter
-from patient_side.hand import PatientHand
-from patient_side.node import PatientNode
-from patient_side.playout import Playout
-from patient_side.statespace import ArmModel, Array, NoiseModel, StateSpace
 from tests.nodes import LEFT, Stamp, a_pose, an_arrival
 from tests.patient_side.arm_models import (
     LOST,
@@ -41,6 +27,20 @@ from tests.patient_side.arm_models import (
     static_model,
     tick_ns,
 )
+from tis.common.messages import MAX_SIZE
+from tis.common.metrics.tracking import Scorable, score
+from tis.common.node import Output, Record
+from tis.common.records import EstimateNote
+from tis.common.ticker import Ticker
+from tis.common.units import sample_instant_ns
+from tis.patient_side.estimators.algorithm_1 import read
+from tis.patient_side.estimators.paper import Paper
+from tis.patient_side.estimators.paper_as_printed import PaperAsPrinted
+from tis.patient_side.filters.paper_kalman import paper_filter
+from tis.patient_side.hand import PatientHand
+from tis.patient_side.node import PatientNode
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import ArmModel, Array, NoiseModel, StateSpace
 
 N = 30
 COMMAND, ARM = "tis/MTML/measured_cp", "tis/PSM2/setpoint_cp"

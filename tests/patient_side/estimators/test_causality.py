@@ -12,10 +12,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.scenario.estimator_names import EstimatorName
-from common.units import sample_instant_ns
-from patient_side.estimators.registry import build_estimator
-from patient_side.statespace import ArmModel, Array
 from tests.patient_side.arm_models import (
     LOST,
     RATE_HZ,
@@ -31,6 +27,10 @@ from tests.patient_side.arm_models import (
     tick_ns,
 )
 from tests.patient_side.filters.test_correction import correction
+from tis.common.scenario.estimator_names import EstimatorName
+from tis.common.units import sample_instant_ns
+from tis.patient_side.estimators.registry import build_estimator
+from tis.patient_side.statespace import ArmModel, Array
 
 N = 40
 BY_LAST_ARRIVAL: list[EstimatorName] = ["paper", "paper_as_printed", "hold_last_arrived"]

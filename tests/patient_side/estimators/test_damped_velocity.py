@@ -3,11 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from patient_side.estimators.damped_velocity import DampedVelocity
-from patient_side.estimators.protocol import Estimate, Estimator
-from patient_side.playout import Playout
-from patient_side.statespace import ArmModel, InputForecast
 from tests.patient_side.arm_models import arm_model, random_noise, random_space, static_model
+from tis.patient_side.estimators.damped_velocity import DampedVelocity
+from tis.patient_side.estimators.protocol import Estimate, Estimator
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import ArmModel, InputForecast
 
 
 def model(damping: float) -> ArmModel:

@@ -4,14 +4,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.errors import DataError
-from common.units import sample_instant_ns
-from patient_side.estimators.direct_ls import DirectLs, direct_ls
-from patient_side.estimators.hold import Hold
-from patient_side.identification.direct_ls import fit_direct
-from patient_side.identification.second_moments import windows
-from patient_side.playout import Playout
-from patient_side.statespace import Array
 from tests.patient_side.arm_models import (
     LOST,
     RATE_HZ,
@@ -26,6 +18,14 @@ from tests.patient_side.arm_models import (
     truth_at_ticks,
 )
 from tests.patient_side.identification.known_systems import real_recording
+from tis.common.errors import DataError
+from tis.common.units import sample_instant_ns
+from tis.patient_side.estimators.direct_ls import DirectLs, direct_ls
+from tis.patient_side.estimators.hold import Hold
+from tis.patient_side.identification.direct_ls import fit_direct
+from tis.patient_side.identification.second_moments import windows
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import Array
 
 DAMPING, NOISE_M = 0.9, 1e-4
 

@@ -6,15 +6,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.errors import DataError
-from common.units import sample_instant_ns
-from patient_side.completion_model import CompletionModel, Factorisation
-from patient_side.estimators.drmf import Drmf, drmf
-from patient_side.estimators.hold import Hold
-from patient_side.identification import fit_drmf as fitting
-from patient_side.identification.fit_drmf import fit_drmf
-from patient_side.playout import Playout
-from patient_side.statespace import Array
 from tests.patient_side.arm_models import (
     LOST,
     RATE_HZ,
@@ -27,6 +18,15 @@ from tests.patient_side.arm_models import (
     truth_at_ticks,
 )
 from tests.patient_side.identification.known_systems import real_recording
+from tis.common.errors import DataError
+from tis.common.units import sample_instant_ns
+from tis.patient_side.completion_model import CompletionModel, Factorisation
+from tis.patient_side.estimators.drmf import Drmf, drmf
+from tis.patient_side.estimators.hold import Hold
+from tis.patient_side.identification import fit_drmf as fitting
+from tis.patient_side.identification.fit_drmf import fit_drmf
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import Array
 
 COVARIANCES = np.array([1e-6, 9e-6, 16e-6])[:, None, None] * np.eye(3)
 

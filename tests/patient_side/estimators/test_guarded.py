@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from patient_side.estimators.guarded import Guarded, UnusableEstimatorError, build_own, check_own, checked
-from patient_side.estimators.protocol import Estimate
-from patient_side.estimators.registry import build_any
-from patient_side.playout import Playout
-from patient_side.statespace import ArmModel
 from tests.patient_side.arm_models import static_model
+from tis.patient_side.estimators.guarded import Guarded, UnusableEstimatorError, build_own, check_own, checked
+from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.estimators.registry import build_any
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import ArmModel
 
 HERE: Any = np.array([0.1, 0.2, 0.3])
 NAME = "lab:F"

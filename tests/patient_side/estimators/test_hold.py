@@ -1,8 +1,8 @@
 import numpy as np
 
-from patient_side.estimators.hold import Hold
-from patient_side.estimators.protocol import Estimator
-from patient_side.playout import Playout
+from tis.patient_side.estimators.hold import Hold
+from tis.patient_side.estimators.protocol import Estimator
+from tis.patient_side.playout import Playout
 
 
 def test_hold_returns_the_freshest_arm_sample_by_source_stamp() -> None:

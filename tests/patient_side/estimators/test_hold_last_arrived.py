@@ -1,8 +1,8 @@
 import numpy as np
 
-from patient_side.estimators.hold_last_arrived import HoldLastArrived
-from patient_side.estimators.protocol import Estimator
-from patient_side.playout import Playout
+from tis.patient_side.estimators.hold_last_arrived import HoldLastArrived
+from tis.patient_side.estimators.protocol import Estimator
+from tis.patient_side.playout import Playout
 
 
 def test_it_returns_what_arrived_last_however_old() -> None:

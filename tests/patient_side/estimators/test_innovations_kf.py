@@ -9,13 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from common.errors import DataError
-from common.units import sample_instant_ns
-from patient_side.estimators.innovations_kf import InnovationsKf
-from patient_side.estimators.protocol import Estimate
-from patient_side.filters.innovations_filter import build_innovations_filter
-from patient_side.playout import Playout
-from patient_side.statespace import Array, InnovationsModel
 from tests.patient_side.arm_models import (
     LOST,
     RATE_HZ,
@@ -29,6 +22,13 @@ from tests.patient_side.arm_models import (
     truth_at_ticks,
 )
 from tests.patient_side.movements import drawn, joint_covariance, movement_model, moving_arm
+from tis.common.errors import DataError
+from tis.common.units import sample_instant_ns
+from tis.patient_side.estimators.innovations_kf import InnovationsKf
+from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.filters.innovations_filter import build_innovations_filter
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import Array, InnovationsModel
 
 STRUCTURES = pytest.mark.parametrize("integrated", [False, True])
 NS = 1_000_000

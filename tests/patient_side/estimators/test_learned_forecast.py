@@ -3,18 +3,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from common.errors import DataError
-from common.scenario.estimator_names import LearnedName
-from common.units import sample_instant_ns
-from patient_side.estimators.learned_forecast import LearnedForecast, learned_forecast, linear_forecast
-from patient_side.learned.inputs import activity_of
-from patient_side.learned.predictor import predictor_of
-from patient_side.learned.window import window_of_rows
-from patient_side.playout import Playout
-from patient_side.statespace import ArmModel
 from tests.patient_side.arm_models import RATE_HZ, static_model
 from tests.patient_side.learned.models import LEARNED, learned_model
 from tests.patient_side.learning.tracks import turning
+from tis.common.errors import DataError
+from tis.common.scenario.estimator_names import LearnedName
+from tis.common.units import sample_instant_ns
+from tis.patient_side.estimators.learned_forecast import LearnedForecast, learned_forecast, linear_forecast
+from tis.patient_side.learned.inputs import activity_of
+from tis.patient_side.learned.predictor import predictor_of
+from tis.patient_side.learned.window import window_of_rows
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import ArmModel
 
 N = 120
 EACH = pytest.mark.parametrize("method", LEARNED)

@@ -5,13 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from common.errors import DataError
-from patient_side.estimators.arx_kf import arx_kf
-from patient_side.estimators.innovations_kf import InnovationsKf
-from patient_side.estimators.moesp_kf import MoespKf
-from patient_side.estimators.n4sid_kf import n4sid_kf
-from patient_side.estimators.protocol import Estimator
-from patient_side.statespace import ArmModel, Array, FilterModel
 from tests.patient_side.arm_models import (
     Streams,
     arm_model,
@@ -26,6 +19,13 @@ from tests.patient_side.arm_models import (
     slow_movement,
     static_model,
 )
+from tis.common.errors import DataError
+from tis.patient_side.estimators.arx_kf import arx_kf
+from tis.patient_side.estimators.innovations_kf import InnovationsKf
+from tis.patient_side.estimators.moesp_kf import MoespKf
+from tis.patient_side.estimators.n4sid_kf import n4sid_kf
+from tis.patient_side.estimators.protocol import Estimator
+from tis.patient_side.statespace import ArmModel, Array, FilterModel
 
 
 def some_model(seed: int, n: int) -> ArmModel:

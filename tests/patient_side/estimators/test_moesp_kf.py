@@ -4,13 +4,6 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from common.units import sample_instant_ns
-from patient_side.estimators.hold import Hold
-from patient_side.estimators.moesp_kf import FilterState, MoespKf
-from patient_side.filters.kalman import BIAS_STEP, augment
-from patient_side.horizon import PATIENCE_SAMPLES, horizon_samples
-from patient_side.playout import Playout
-from patient_side.statespace import ArmModel, Array
 from tests.patient_side.arm_models import (
     LOST,
     RATE_HZ,
@@ -29,6 +22,13 @@ from tests.patient_side.arm_models import (
     tick_ns,
     truth_at_ticks,
 )
+from tis.common.units import sample_instant_ns
+from tis.patient_side.estimators.hold import Hold
+from tis.patient_side.estimators.moesp_kf import FilterState, MoespKf
+from tis.patient_side.filters.kalman import BIAS_STEP, augment
+from tis.patient_side.horizon import PATIENCE_SAMPLES, horizon_samples
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import ArmModel, Array
 
 DAMPING, SPEED_NOISE_M = 0.9, 1e-4
 

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.scenario.estimator_names import EstimatorName
-from common.scenario.patient import Identification
-from common.units import sample_instant_ns
-from patient_side.estimators.registry import build_estimator
-from patient_side.identification.identify import identify_arm
-from patient_side.statespace import ArmModel
 from tests.patient_side.arm_models import LOST, RATE_HZ, Streams, inside_95, play, truth_at_ticks
 from tests.patient_side.identification.known_systems import real_recording
+from tis.common.scenario.estimator_names import EstimatorName
+from tis.common.scenario.patient import Identification
+from tis.common.units import sample_instant_ns
+from tis.patient_side.estimators.registry import build_estimator
+from tis.patient_side.identification.identify import identify_arm
+from tis.patient_side.statespace import ArmModel
 
 WITH_COVARIANCE: list[EstimatorName] = [
     *("damped_velocity", "moesp_kf", "n4sid_kf", "arx_kf", "innovations_kf", "direct_ls", "drmf"),

@@ -6,10 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.scenario.estimator_names import EstimatorName
-from common.units import sample_instant_ns
-from patient_side.estimators.registry import build_estimator
-from patient_side.statespace import ArmModel, Array, InputForecast, NoiseModel, StateSpace
 from tests.patient_side.arm_models import (
     LOST,
     RATE_HZ,
@@ -21,6 +17,10 @@ from tests.patient_side.arm_models import (
     static_model,
     truth_at_ticks,
 )
+from tis.common.scenario.estimator_names import EstimatorName
+from tis.common.units import sample_instant_ns
+from tis.patient_side.estimators.registry import build_estimator
+from tis.patient_side.statespace import ArmModel, Array, InputForecast, NoiseModel, StateSpace
 
 TRAIN = 1240
 DAMPING = 0.85

@@ -2,9 +2,9 @@ from typing import get_args
 
 import pytest
 
-from common.scenario.estimator_names import EstimatorName
-from patient_side.estimators.registry import build_estimator
 from tests.patient_side.arm_models import static_model
+from tis.common.scenario.estimator_names import EstimatorName
+from tis.patient_side.estimators.registry import build_estimator
 
 
 @pytest.mark.parametrize("name", get_args(EstimatorName))

@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from patient_side.estimators.protocol import Estimator
-from patient_side.estimators.static_gain import StaticGain, dc_gain
-from patient_side.playout import Playout
 from tests.patient_side.arm_models import at_operating_point, random_space, static_model
+from tis.patient_side.estimators.protocol import Estimator
+from tis.patient_side.estimators.static_gain import StaticGain, dc_gain
+from tis.patient_side.playout import Playout
 
 
 def test_freshest_command_goes_through_the_gain_about_the_operating_point() -> None:

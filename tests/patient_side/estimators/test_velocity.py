@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from patient_side.estimators.protocol import Estimator
-from patient_side.estimators.velocity import Velocity
-from patient_side.playout import Playout
+from tis.patient_side.estimators.protocol import Estimator
+from tis.patient_side.estimators.velocity import Velocity
+from tis.patient_side.playout import Playout
 
 ESTIMATOR: Estimator = Velocity()
 

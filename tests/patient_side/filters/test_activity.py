@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from patient_side.filters.activity import ActivityMean
+from tis.patient_side.filters.activity import ActivityMean
 
 
 def test_it_is_the_mean_with_the_first_guess_weighed_in() -> None:

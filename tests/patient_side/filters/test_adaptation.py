@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.metrics.consistency import CHI2_3_95
-from patient_side.filters.adaptation import Adaptation, Adapter, Forecast, Scales, octave_of
-from patient_side.playout import Playout
-from patient_side.statespace import Array
+from tis.common.metrics.consistency import CHI2_3_95
+from tis.patient_side.filters.adaptation import Adaptation, Adapter, Forecast, Scales, octave_of
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import Array
 
 RATE_HZ = 30
 ADAPTER = Adapter(RATE_HZ)

@@ -7,8 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from patient_side.estimators.innovations_kf import InnovationsKf
-from patient_side.filters.correction import (
+from tests.patient_side.arm_models import LOST, RATE_HZ, Streams, delayed, play, positions, slow_movement
+from tests.patient_side.movements import drawn, movement_model, moving_arm
+from tis.patient_side.estimators.innovations_kf import InnovationsKf
+from tis.patient_side.filters.correction import (
     N_MOVEMENT_TERMS,
     N_PARTS,
     N_TERMS,
@@ -23,13 +25,11 @@ from patient_side.filters.correction import (
     movements,
     openness,
 )
-from patient_side.filters.fourier_features import projections
-from patient_side.filters.innovations_filter import AXES, InnovationsFilter, build_innovations_filter
-from patient_side.filters.recent_past import MEANS_S, RecentPast
-from patient_side.filters.row_clock import NO_PHASE, RowClock
-from patient_side.statespace import Array, Correction
-from tests.patient_side.arm_models import LOST, RATE_HZ, Streams, delayed, play, positions, slow_movement
-from tests.patient_side.movements import drawn, movement_model, moving_arm
+from tis.patient_side.filters.fourier_features import projections
+from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter, build_innovations_filter
+from tis.patient_side.filters.recent_past import MEANS_S, RecentPast
+from tis.patient_side.filters.row_clock import NO_PHASE, RowClock
+from tis.patient_side.statespace import Array, Correction
 
 HORIZON = 12
 KNOTS = np.array([1.0, 4.0, 9.0])

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.signal import place_poles
 
-from patient_side.filters.innovations_filter import build_innovations_filter
-from patient_side.statespace import Array, InnovationsModel
 from tests.patient_side.movements import drawn, joint_covariance, movement_model
+from tis.patient_side.filters.innovations_filter import build_innovations_filter
+from tis.patient_side.statespace import Array, InnovationsModel
 
 N = 30
 STRUCTURES = pytest.mark.parametrize("integrated", [False, True])

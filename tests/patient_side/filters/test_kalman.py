@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are
 
-from patient_side.filters.kalman import (
+from tests.patient_side.arm_models import arm_model, growth_m, random_noise, random_space, static_model
+from tis.patient_side.filters.kalman import (
     NOISE_FLOOR_M,
     AugmentedModel,
     augment,
@@ -18,8 +19,7 @@ from patient_side.filters.kalman import (
     start_at,
     update,
 )
-from patient_side.statespace import ArmModel, Array, InputForecast, NoiseModel
-from tests.patient_side.arm_models import arm_model, growth_m, random_noise, random_space, static_model
+from tis.patient_side.statespace import ArmModel, Array, InputForecast, NoiseModel
 
 
 def dynamic_model(seed: int, n: int = 3) -> ArmModel:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
-from patient_side.filters.kalman_update import joseph_update, kalman_predict, kalman_update
-from patient_side.statespace import Array
+from tis.patient_side.filters.kalman_update import joseph_update, kalman_predict, kalman_update
+from tis.patient_side.statespace import Array
 
 
 def drawn(n: int, p: int, seed: int) -> tuple[Array, ...]:

@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from patient_side.filters.innovations_filter import build_innovations_filter
-from patient_side.filters.lag_forecast import LagForecasts
-from patient_side.filters.unbroken import Unbroken
 from tests.patient_side.movements import movement_model
+from tis.patient_side.filters.innovations_filter import build_innovations_filter
+from tis.patient_side.filters.lag_forecast import LagForecasts
+from tis.patient_side.filters.unbroken import Unbroken
 
 MS = 1_000_000
 

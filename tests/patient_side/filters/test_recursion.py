@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from patient_side.filters.recursion import filtered
+from tis.patient_side.filters.recursion import filtered
 
 
 @given(st.integers(0, 1000), st.integers(1, 60), st.booleans())

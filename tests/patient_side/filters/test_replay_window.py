@@ -2,12 +2,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from patient_side.filters.innovations_filter import build_innovations_filter
-from patient_side.filters.replay_window import MAX_WINDOW, replay_window
-from patient_side.filters.unbroken import Unbroken
-from patient_side.identification.innovations_form import innovations_form
-from patient_side.statespace import InnovationsModel
 from tests.patient_side.movements import movement_model
+from tis.patient_side.filters.innovations_filter import build_innovations_filter
+from tis.patient_side.filters.replay_window import MAX_WINDOW, replay_window
+from tis.patient_side.filters.unbroken import Unbroken
+from tis.patient_side.identification.innovations_form import innovations_form
+from tis.patient_side.statespace import InnovationsModel
 
 
 def window(model: InnovationsModel) -> int:

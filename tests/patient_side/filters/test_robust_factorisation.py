@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patient_side.filters.robust_factorisation import largest, left_factor, low_rank_part
-from patient_side.statespace import Array
+from tis.patient_side.filters.robust_factorisation import largest, left_factor, low_rank_part
+from tis.patient_side.statespace import Array
 
 
 def about_level(columns: Array) -> Array:

@@ -3,8 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from patient_side.filters.stand_in import StandIn
-from patient_side.playout import Playout
 from tests.patient_side.arm_models import (
     RATE_HZ,
     arm_model,
@@ -13,6 +11,8 @@ from tests.patient_side.arm_models import (
     random_space,
     static_model,
 )
+from tis.patient_side.filters.stand_in import StandIn
+from tis.patient_side.playout import Playout
 
 
 def playout_with(offset_m: float, n: int) -> Playout:

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from patient_side.filters.innovations_filter import build_innovations_filter
-from patient_side.filters.unbroken import Unbroken
 from tests.patient_side.movements import movement_model
+from tis.patient_side.filters.innovations_filter import build_innovations_filter
+from tis.patient_side.filters.unbroken import Unbroken
 
 STRUCTURES = pytest.mark.parametrize("integrated", [False, True])
 

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from patient_side.filters import uncertainty
-from patient_side.filters.innovations_filter import build_innovations_filter
-from patient_side.filters.uncertainty import Uncertainty, UncertaintyTree
 from tests.patient_side.movements import movement_model
+from tis.patient_side.filters import uncertainty
+from tis.patient_side.filters.innovations_filter import build_innovations_filter
+from tis.patient_side.filters.uncertainty import Uncertainty, UncertaintyTree
 
 FILTER = build_innovations_filter(movement_model(4), 20)
 

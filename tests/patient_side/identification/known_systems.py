@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import FOLLOWER, SAME_NAME, Hand
-from common.sources.trajectory import HandRecording, PoseTrack, Recording
-from patient_side.identification.innovations_form import InnovationsForm
-from patient_side.statespace import StateSpace
+from tis.common.channels import FOLLOWER, SAME_NAME, Hand
+from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
+from tis.patient_side.identification.innovations_form import InnovationsForm
+from tis.patient_side.statespace import StateSpace
 
 Array = NDArray[np.float64]
 

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from common.errors import DataError
-from patient_side.identification import arx
-from patient_side.identification.arx import ArxFactor
-from patient_side.identification.noise import innovations
-from patient_side.statespace import StateSpace
 from tests.patient_side.identification.known_systems import Array, four_states, markov, sorted_eigenvalues
+from tis.common.errors import DataError
+from tis.patient_side.identification import arx
+from tis.patient_side.identification.arx import ArxFactor
+from tis.patient_side.identification.noise import innovations
+from tis.patient_side.statespace import StateSpace
 
 
 def arx_run(n_rows: int, rng: np.random.Generator) -> tuple[Array, Array]:

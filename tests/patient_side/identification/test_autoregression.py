@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from patient_side.identification.arx import ArxFactor
-from patient_side.identification.fit_autoregression import autoregression, fit_autoregression, schwarz_lags
-from patient_side.statespace import Array
+from tis.patient_side.identification.arx import ArxFactor
+from tis.patient_side.identification.fit_autoregression import autoregression, fit_autoregression, schwarz_lags
+from tis.patient_side.statespace import Array
 
 
 def process(n_rows: int, seed: int) -> Array:

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from patient_side.identification.direct_ls import Candidate, most_cautious
-from patient_side.identification.second_moments import moments, random_walk, windows
-from patient_side.statespace import Array
 from tests.patient_side.arm_models import random_command
+from tis.patient_side.identification.direct_ls import Candidate, most_cautious
+from tis.patient_side.identification.second_moments import moments, random_walk, windows
+from tis.patient_side.statespace import Array
 
 LAGS, HORIZONS = np.array([1, 2, 3]), np.array([1, 5, 10, 60])  # 60: most of a part of 72 rows
 CANDIDATES = [Candidate(n, penalty) for n in (1, 3) for penalty in (0.01, 0.3, 10.0, 1000.0)]

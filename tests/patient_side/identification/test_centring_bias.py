@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from patient_side.identification.innovations_form import InnovationsForm
-from patient_side.identification.structure import corrected, without_centring_bias
 from tests.patient_side.identification.known_systems import sorted_eigenvalues
+from tis.patient_side.identification.innovations_form import InnovationsForm
+from tis.patient_side.identification.structure import corrected, without_centring_bias
 
 
 def test_random_walks_come_out_as_such_on_average() -> None:

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from common.errors import DataError
-from common.scenario.patient import Identification
-from patient_side.identification.companions import fit_companions
-from patient_side.identification.dataset import TrainingSet, training_set
-from patient_side.statespace import StateSpace
 from tests.patient_side.identification.known_systems import hand_like, recording, sorted_eigenvalues
 from tests.patient_side.identification.test_fit_drmf import few_draws
+from tis.common.errors import DataError
+from tis.common.scenario.patient import Identification
+from tis.patient_side.identification.companions import fit_companions
+from tis.patient_side.identification.dataset import TrainingSet, training_set
+from tis.patient_side.statespace import StateSpace
 
 __all__ = ["few_draws"]
 LAG = StateSpace(0.7 * np.eye(3), 0.15 * np.eye(3), np.eye(3), np.zeros((3, 3)))

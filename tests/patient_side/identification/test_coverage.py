@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
+from tis.patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
 
 
 def test_errors_as_the_covariance_says_need_no_factor() -> None:

@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from common.errors import DataError
-from patient_side.identification.dataset import training_set
 from tests.patient_side.identification.known_systems import hand_like, recording
+from tis.common.errors import DataError
+from tis.patient_side.identification.dataset import training_set
 
 
 def test_one_hand_is_centred_on_its_own_means() -> None:

@@ -3,13 +3,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from common.errors import DataError
-from common.scenario.source import SyntheticSource
-from common.sources.synthetic import synthesise
-from patient_side.direct_model import Array, DirectModel
-from patient_side.identification.direct_ls import fit_direct
-from patient_side.identification.second_moments import random_walk, regression, windows
 from tests.patient_side.arm_models import random_command
+from tis.common.errors import DataError
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.synthetic import synthesise
+from tis.patient_side.direct_model import Array, DirectModel
+from tis.patient_side.identification.direct_ls import fit_direct
+from tis.patient_side.identification.second_moments import random_walk, regression, windows
 
 
 def movement(n_rows: int, seed: int) -> Array:

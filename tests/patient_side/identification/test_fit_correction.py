@@ -5,20 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from common.scenario.source import SyntheticSource
-from common.sources.synthetic import synthesise
-from patient_side.estimators.innovations_kf import InnovationsKf
-from patient_side.filters.activity import ActivityMean
-from patient_side.filters.correction import N_PARTS, N_TERMS
-from patient_side.filters.innovations_filter import InnovationsFilter, build_innovations_filter
-from patient_side.filters.recent_past import RecentPast
-from patient_side.filters.unbroken import Unbroken
-from patient_side.identification.correction_rows import CorrectionRows
-from patient_side.identification.fit_correction import Moments, fit_correction, solutions
-from patient_side.identification.fit_innovations import fit_innovations
-from patient_side.identification.forecast_error import HeldBack
-from patient_side.identification.held_out import held_out_groups
-from patient_side.statespace import Array, InnovationsModel
 from tests.patient_side.arm_models import (
     LOST,
     Streams,
@@ -31,6 +17,20 @@ from tests.patient_side.arm_models import (
 )
 from tests.patient_side.identification.test_fit_innovations import RATE_HZ, returning, trials_of
 from tests.patient_side.movements import drawn, moving_arm
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.synthetic import synthesise
+from tis.patient_side.estimators.innovations_kf import InnovationsKf
+from tis.patient_side.filters.activity import ActivityMean
+from tis.patient_side.filters.correction import N_PARTS, N_TERMS
+from tis.patient_side.filters.innovations_filter import InnovationsFilter, build_innovations_filter
+from tis.patient_side.filters.recent_past import RecentPast
+from tis.patient_side.filters.unbroken import Unbroken
+from tis.patient_side.identification.correction_rows import CorrectionRows
+from tis.patient_side.identification.fit_correction import Moments, fit_correction, solutions
+from tis.patient_side.identification.fit_innovations import fit_innovations
+from tis.patient_side.identification.forecast_error import HeldBack
+from tis.patient_side.identification.held_out import held_out_groups
+from tis.patient_side.statespace import Array, InnovationsModel
 
 MS = 1_000_000
 STEPS = np.array([1, 2, 5])

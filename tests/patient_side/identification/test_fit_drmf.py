@@ -1,13 +1,6 @@
 import numpy as np
 import pytest
 
-from common.errors import DataError
-from patient_side.completion_model import CompletionModel
-from patient_side.estimators.drmf import Drmf
-from patient_side.identification import fit_drmf as module
-from patient_side.identification.fit_drmf import fit_drmf
-from patient_side.playout import Playout
-from patient_side.statespace import Array
 from tests.patient_side.arm_models import (
     LOST,
     RATE_HZ,
@@ -18,6 +11,13 @@ from tests.patient_side.arm_models import (
     random_command,
     truth_at_ticks,
 )
+from tis.common.errors import DataError
+from tis.patient_side.completion_model import CompletionModel
+from tis.patient_side.estimators.drmf import Drmf
+from tis.patient_side.identification import fit_drmf as module
+from tis.patient_side.identification.fit_drmf import fit_drmf
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import Array
 
 
 def movement(n_rows: int, seed: int) -> Array:

@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 from scipy.special import chdtri
 
-from common.errors import DataError
-from patient_side.estimators.innovations_kf import InnovationsKf
-from patient_side.filters.activity import ActivityMean
-from patient_side.filters.innovations_filter import build_innovations_filter
-from patient_side.filters.unbroken import Unbroken
-from patient_side.identification.coverage import independent_windows, prediction_factor
-from patient_side.identification.fit_innovations import FittedInnovations, fit_innovations
-from patient_side.identification.forecast_error import HeldBack, error_over_hold
-from patient_side.identification.level_and_scale import clearly_better, try_model, with_scale
-from patient_side.identification.structure import Structure
-from patient_side.identification.trials import Trial
-from patient_side.statespace import Array, InnovationsModel
 from tests.patient_side.arm_models import LOST, Streams, delayed, play, positions, ratio_to_hold, truth_at_ticks
 from tests.patient_side.identification.known_systems import hand_like, real_recording
 from tests.patient_side.movements import drawn, movement_model, moving_arm
+from tis.common.errors import DataError
+from tis.patient_side.estimators.innovations_kf import InnovationsKf
+from tis.patient_side.filters.activity import ActivityMean
+from tis.patient_side.filters.innovations_filter import build_innovations_filter
+from tis.patient_side.filters.unbroken import Unbroken
+from tis.patient_side.identification.coverage import independent_windows, prediction_factor
+from tis.patient_side.identification.fit_innovations import FittedInnovations, fit_innovations
+from tis.patient_side.identification.forecast_error import HeldBack, error_over_hold
+from tis.patient_side.identification.level_and_scale import clearly_better, try_model, with_scale
+from tis.patient_side.identification.structure import Structure
+from tis.patient_side.identification.trials import Trial
+from tis.patient_side.statespace import Array, InnovationsModel
 
 RATE_HZ = 30
 HORIZONS = [1, 3, 6]

@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from common.errors import DataError
-from common.scenario.patient import Identification
-from patient_side.identification.fit_moesp_paper import empirical_noise
-from patient_side.identification.identify import identify_arm, identify_with_orders
-from patient_side.identification.model_io import dump_models, parse_models
-from patient_side.identification.moesp_paper import paper_model, paper_subspace
-from patient_side.statespace import StateSpace
 from tests.patient_side.identification.known_systems import Array, hand_like, markov, recording
+from tis.common.errors import DataError
+from tis.common.scenario.patient import Identification
+from tis.patient_side.identification.fit_moesp_paper import empirical_noise
+from tis.patient_side.identification.identify import identify_arm, identify_with_orders
+from tis.patient_side.identification.model_io import dump_models, parse_models
+from tis.patient_side.identification.moesp_paper import paper_model, paper_subspace
+from tis.patient_side.statespace import StateSpace
 
 SETTLING = StateSpace(
     np.diag([0.9, 0.6, 0.75]),

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from common.sources.trajectory import Array
-from patient_side.identification.fit_wrist import fit_rate
-from patient_side.identification.second_moments import differences
-from patient_side.rotations import turned
 from tests.patient_side.orientation.turning import constant_turn, random_angles, random_turns
+from tis.common.sources.trajectory import Array
+from tis.patient_side.identification.fit_wrist import fit_rate
+from tis.patient_side.identification.second_moments import differences
+from tis.patient_side.rotations import turned
 
 
 def test_a_constant_turn_is_not_damped_and_leaves_no_error() -> None:

@@ -3,9 +3,9 @@ import pytest
 from scipy.signal import lfilter
 from scipy.special import chdtri
 
-from patient_side.identification.coverage import independent_windows, prediction_factor
-from patient_side.identification.forecast import fit_forecast
 from tests.patient_side.identification.known_systems import Array, hand_like
+from tis.patient_side.identification.coverage import independent_windows, prediction_factor
+from tis.patient_side.identification.forecast import fit_forecast
 
 
 def error_by_loop(

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from patient_side.estimators.innovations_kf import InnovationsKf
-from patient_side.filters.activity import ActivityMean
-from patient_side.filters.innovations_filter import build_innovations_filter
-from patient_side.filters.unbroken import Unbroken
-from patient_side.identification.forecast_error import HeldBack, error_over_hold
 from tests.patient_side.arm_models import LOST, Streams, delayed, play, positions
 from tests.patient_side.movements import drawn, movement_model, moving_arm
+from tis.patient_side.estimators.innovations_kf import InnovationsKf
+from tis.patient_side.filters.activity import ActivityMean
+from tis.patient_side.filters.innovations_filter import build_innovations_filter
+from tis.patient_side.filters.unbroken import Unbroken
+from tis.patient_side.identification.forecast_error import HeldBack, error_over_hold
 
 STRUCTURES = pytest.mark.parametrize("integrated", [False, True])
 

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from patient_side.identification.hankel import block_hankel, fill_hankel
+from tis.patient_side.identification.hankel import block_hankel, fill_hankel
 
 sizes = {"n": st.integers(1, 30), "d": st.integers(1, 4), "s": st.integers(1, 8)}
 

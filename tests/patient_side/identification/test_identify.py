@@ -3,13 +3,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.errors import DataError
-from common.scenario.patient import Identification
-from common.scenario.source import SyntheticSource
-from common.sources.provenance import RecordedRows
-from common.sources.synthetic import synthesise
-from patient_side.estimators.static_gain import dc_gain
-from patient_side.identification.identify import identify_arm, identify_with_orders
 from tests.patient_side.identification.known_systems import (
     ONE_LAG,
     REAL_TRIALS,
@@ -20,6 +13,13 @@ from tests.patient_side.identification.known_systems import (
     recording,
     sorted_eigenvalues,
 )
+from tis.common.errors import DataError
+from tis.common.scenario.patient import Identification
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.provenance import RecordedRows
+from tis.common.sources.synthetic import synthesise
+from tis.patient_side.estimators.static_gain import dc_gain
+from tis.patient_side.identification.identify import identify_arm, identify_with_orders
 
 
 def gain_pair(n_rows: int, seed: int, residual_m: float = 15e-6) -> tuple[Array, Array]:

@@ -9,13 +9,13 @@ from typing import Any, Final
 import numpy as np
 import pytest
 
-from common.channels import Hand
-from common.scenario.estimator_names import NAMES, is_learned
-from common.scenario.patient import Identification
-from common.sources.trajectory import Recording
-from patient_side.identification import companions, identify
-from patient_side.identification.identify import identify_arm, identify_hands
 from tests.patient_side.identification.known_systems import ONE_LAG, Array, hand_like, recording
+from tis.common.channels import Hand
+from tis.common.scenario.estimator_names import NAMES, is_learned
+from tis.common.scenario.patient import Identification
+from tis.common.sources.trajectory import Recording
+from tis.patient_side.identification import companions, identify
+from tis.patient_side.identification.identify import identify_arm, identify_hands
 
 HANDS: Final[tuple[Hand, ...]] = ("left", "right")
 QUICK: Final = tuple(name for name in NAMES if name != "drmf" and not is_learned(name))

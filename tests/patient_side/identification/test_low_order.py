@@ -7,18 +7,18 @@ from typing import Final
 import numpy as np
 import pytest
 
-from patient_side.identification import cva, moesp, n4sid
-from patient_side.identification.linear_model import LinearModel
-from patient_side.identification.moesp import moesp_subspace
-from patient_side.identification.noise import estimate_noise
-from patient_side.identification.past_states import PastStates
-from patient_side.identification.pi_moesp import pi_moesp_subspace
-from patient_side.identification.subspace import FutureBlocks, Method, Realised, Subspace, fit_order, realise
-from patient_side.identification.trials import Trial
-from patient_side.identification.triangular import triangular_factor
-from patient_side.identification.validation import prediction_error
-from patient_side.statespace import StateSpace
 from tests.patient_side.identification.known_systems import Array, Noisy, four_states
+from tis.patient_side.identification import cva, moesp, n4sid
+from tis.patient_side.identification.linear_model import LinearModel
+from tis.patient_side.identification.moesp import moesp_subspace
+from tis.patient_side.identification.noise import estimate_noise
+from tis.patient_side.identification.past_states import PastStates
+from tis.patient_side.identification.pi_moesp import pi_moesp_subspace
+from tis.patient_side.identification.subspace import FutureBlocks, Method, Realised, Subspace, fit_order, realise
+from tis.patient_side.identification.trials import Trial
+from tis.patient_side.identification.triangular import triangular_factor
+from tis.patient_side.identification.validation import prediction_error
+from tis.patient_side.statespace import StateSpace
 
 EVAPORATOR: Final = Path(__file__).resolve().parents[4] / "shared" / "data" / "evaporator" / "evaporator.dat"
 

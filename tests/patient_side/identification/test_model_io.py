@@ -8,15 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.channels import Hand
-from common.errors import DataError
-from common.sources.provenance import RecordedRows
-from patient_side.identification.model_io import dump_models, parse_models
-from patient_side.statespace import ArmModel, FilterModel, InputForecast, NoiseModel, StateSpace
-from patient_side.wrist_model import WristModel
 from tests.patient_side.arm_models import completion_model, direct_model, slow_movement
 from tests.patient_side.filters.test_correction import correction
 from tests.patient_side.orientation.test_no_leak import model as wrist_model
+from tis.common.channels import Hand
+from tis.common.errors import DataError
+from tis.common.sources.provenance import RecordedRows
+from tis.patient_side.identification.model_io import dump_models, parse_models
+from tis.patient_side.statespace import ArmModel, FilterModel, InputForecast, NoiseModel, StateSpace
+from tis.patient_side.wrist_model import WristModel
 
 
 def model(order: int = 2, hand: Hand = "left", seed: int = 0) -> ArmModel:

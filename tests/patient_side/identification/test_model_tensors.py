@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from safetensors.numpy import load, save
 
-from common.errors import DataError
-from patient_side.identification.model_io import dump_models, parse_models
-from patient_side.identification.model_tensors import is_tensor_file, parse_tensors
-from patient_side.statespace import ArmModel
 from tests.patient_side.identification.test_model_io import model
 from tests.patient_side.learned.models import LEARNED, learned_model
+from tis.common.errors import DataError
+from tis.patient_side.identification.model_io import dump_models, parse_models
+from tis.patient_side.identification.model_tensors import is_tensor_file, parse_tensors
+from tis.patient_side.statespace import ArmModel
 
 
 def two_hands() -> list[ArmModel]:

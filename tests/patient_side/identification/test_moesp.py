@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.errors import DataError
-from patient_side.identification import moesp
-from patient_side.identification.hankel import block_hankel
-from patient_side.identification.linear_model import LinearModel
 from tests.patient_side.identification.known_systems import Array, Noisy, four_states, markov, sorted_eigenvalues
+from tis.common.errors import DataError
+from tis.patient_side.identification import moesp
+from tis.patient_side.identification.hankel import block_hankel
+from tis.patient_side.identification.linear_model import LinearModel
 
 SLICOT = Path(__file__).resolve().parents[4] / "shared" / "data" / "slicot" / "IB01AD.dat"
 

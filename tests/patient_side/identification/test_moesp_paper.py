@@ -5,13 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.channels import Hand
-from common.errors import DataError
-from common.scenario.patient import Identification
-from patient_side.identification.hankel import block_hankel
-from patient_side.identification.identify import identify_with_orders
-from patient_side.identification.moesp_paper import paper_model, paper_subspace
-from patient_side.statespace import StateSpace
 from tests.patient_side.identification.known_systems import (
     REAL_TRIALS,
     Array,
@@ -20,6 +13,13 @@ from tests.patient_side.identification.known_systems import (
     real_recording,
     sorted_eigenvalues,
 )
+from tis.common.channels import Hand
+from tis.common.errors import DataError
+from tis.common.scenario.patient import Identification
+from tis.patient_side.identification.hankel import block_hankel
+from tis.patient_side.identification.identify import identify_with_orders
+from tis.patient_side.identification.moesp_paper import paper_model, paper_subspace
+from tis.patient_side.statespace import StateSpace
 
 
 def clean_trials(*lengths: int, seed: int = 0, at_rest: bool = True) -> list[tuple[Array, Array]]:

@@ -3,10 +3,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from patient_side.identification import arx, narx
-from patient_side.identification.noise import innovations
-from patient_side.statespace import Array
 from tests.patient_side.identification.known_systems import real_recording
+from tis.patient_side.identification import arx, narx
+from tis.patient_side.identification.noise import innovations
+from tis.patient_side.statespace import Array
 
 
 def bilinear(n_rows: int, noise: float, rng: np.random.Generator) -> tuple[Array, Array]:

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from patient_side.identification import moesp
-from patient_side.identification.noise import SENSOR_RESOLUTION_M, estimate_noise, innovations
-from patient_side.statespace import NoiseModel, StateSpace
 from tests.patient_side.identification.known_systems import Array, Noisy, four_states
+from tis.patient_side.identification import moesp
+from tis.patient_side.identification.noise import SENSOR_RESOLUTION_M, estimate_noise, innovations
+from tis.patient_side.statespace import NoiseModel, StateSpace
 
 
 def kalman_innovations(space: StateSpace, noise: NoiseModel, u: Array, y: Array, P: Array) -> tuple[Array, Array]:

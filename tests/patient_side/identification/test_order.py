@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from patient_side.identification.moesp import moesp_subspace
-from patient_side.identification.order import (
+from tests.patient_side.identification.known_systems import Array, Noisy, four_states
+from tis.patient_side.identification.moesp import moesp_subspace
+from tis.patient_side.identification.order import (
     Candidate,
     OrderChoice,
     choose_order,
@@ -12,11 +13,10 @@ from patient_side.identification.order import (
     log_gap_order,
     smallest_sufficient,
 )
-from patient_side.identification.subspace import FutureBlocks, fit_order
-from patient_side.identification.trials import Scaling
-from patient_side.identification.triangular import triangular_factor
-from patient_side.identification.validation import split_trials
-from tests.patient_side.identification.known_systems import Array, Noisy, four_states
+from tis.patient_side.identification.subspace import FutureBlocks, fit_order
+from tis.patient_side.identification.trials import Scaling
+from tis.patient_side.identification.triangular import triangular_factor
+from tis.patient_side.identification.validation import split_trials
 
 
 def choose(u: Array, y: Array, block_rows: int) -> OrderChoice:

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from patient_side.identification.output_error import fit_inputs, fit_inputs_by_innovations, fit_response
 from tests.patient_side.identification.known_systems import Array, four_states
+from tis.patient_side.identification.output_error import fit_inputs, fit_inputs_by_innovations, fit_response
 
 
 def regression_by_simulation(A: Array, C: Array, u: Array) -> Array:

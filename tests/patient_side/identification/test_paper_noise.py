@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
-from common.errors import DataError
-from patient_side.identification.fit_moesp_paper import empirical_noise, first_run
-from patient_side.statespace import StateSpace
 from tests.patient_side.identification.known_systems import Noisy, four_states
+from tis.common.errors import DataError
+from tis.patient_side.identification.fit_moesp_paper import empirical_noise, first_run
+from tis.patient_side.statespace import StateSpace
 
 ONE = np.eye(1)
 

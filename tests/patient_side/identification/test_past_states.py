@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from patient_side.identification.hankel import block_hankel
-from patient_side.identification.past_states import PastStates
-from patient_side.identification.triangular import triangular_factor
 from tests.patient_side.identification.known_systems import Array, Noisy, four_states
+from tis.patient_side.identification.hankel import block_hankel
+from tis.patient_side.identification.past_states import PastStates
+from tis.patient_side.identification.triangular import triangular_factor
 
 S = 5
 

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.errors import DataError
-from patient_side.identification import arx, cva, moesp, n4sid, narx, pi_moesp, stochastic_moesp
-from patient_side.identification.signals import as_trials
-from patient_side.statespace import Array
+from tis.common.errors import DataError
+from tis.patient_side.identification import arx, cva, moesp, n4sid, narx, pi_moesp, stochastic_moesp
+from tis.patient_side.identification.signals import as_trials
+from tis.patient_side.statespace import Array
 
 Identify = Callable[..., Any]
 METHODS = pytest.mark.parametrize(

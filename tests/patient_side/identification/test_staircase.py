@@ -6,16 +6,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from common.errors import DataError, Fault
-from common.scenario.patient import Identification
-from common.sources.trajectory import HandRecording, PoseTrack, Recording
-from patient_side.identification import stochastic_moesp
-from patient_side.identification.breakdown import breakdown_as_fault, explain_repeats
-from patient_side.identification.companions import fit_companions
-from patient_side.identification.dataset import training_set
-from patient_side.identification.identify import identify_with_orders
-from patient_side.identification.methods import METHODS
-from patient_side.statespace import Array
+from tis.common.errors import DataError, Fault
+from tis.common.scenario.patient import Identification
+from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
+from tis.patient_side.identification import stochastic_moesp
+from tis.patient_side.identification.breakdown import breakdown_as_fault, explain_repeats
+from tis.patient_side.identification.companions import fit_companions
+from tis.patient_side.identification.dataset import training_set
+from tis.patient_side.identification.identify import identify_with_orders
+from tis.patient_side.identification.methods import METHODS
+from tis.patient_side.statespace import Array
 
 _KERNELS = {**METHODS, "stochastic_moesp": stochastic_moesp.identify}
 _N = 400

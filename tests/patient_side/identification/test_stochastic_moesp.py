@@ -1,18 +1,18 @@
 import numpy as np
 import pytest
 
-from common.errors import DataError
-from patient_side.identification.hankel import block_hankel
-from patient_side.identification.innovations_form import InnovationsForm
-from patient_side.identification.stochastic_moesp import (
+from tests.patient_side.identification.known_systems import Array, innovation_markov, sorted_eigenvalues
+from tests.patient_side.movements import movement_model
+from tis.common.errors import DataError
+from tis.patient_side.identification.hankel import block_hankel
+from tis.patient_side.identification.innovations_form import InnovationsForm
+from tis.patient_side.identification.stochastic_moesp import (
     identify,
     n_hankel_columns,
     output_factor,
     realise,
     stochastic_subspace,
 )
-from tests.patient_side.identification.known_systems import Array, innovation_markov, sorted_eigenvalues
-from tests.patient_side.movements import movement_model
 
 
 def known(n: int = 4) -> InnovationsForm:

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 import scipy
 
-from common.scenario.source import SyntheticSource
-from common.sources.population import population
-from patient_side.identification.fit_innovations import fit_innovations
-from patient_side.statespace import Array
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.population import population
+from tis.patient_side.identification.fit_innovations import fit_innovations
+from tis.patient_side.statespace import Array
 
 RATE_HZ = 30
 N_PEOPLE = 6

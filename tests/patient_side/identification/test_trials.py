@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from common.errors import DataError
-from patient_side.identification.trials import Scaling, check_trials
-from patient_side.statespace import StateSpace
 from tests.patient_side.identification.known_systems import Array
+from tis.common.errors import DataError
+from tis.patient_side.identification.trials import Scaling, check_trials
+from tis.patient_side.statespace import StateSpace
 
 
 def sound(n_rows: int = 60) -> tuple[Array, Array]:

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from patient_side.identification.validation import (
+from tests.patient_side.identification.known_systems import four_states
+from tis.patient_side.identification.validation import (
     PREDICTED_STEPS,
     fit_text,
     initial_state,
@@ -9,8 +10,7 @@ from patient_side.identification.validation import (
     simulation_fit,
     split_trials,
 )
-from patient_side.statespace import StateSpace
-from tests.patient_side.identification.known_systems import four_states
+from tis.patient_side.statespace import StateSpace
 
 
 def test_the_true_model_explains_everything_from_any_start() -> None:

@@ -4,10 +4,10 @@ from typing import Final, get_args
 
 import numpy as np
 
-from common.scenario.estimator_names import LearnedName
-from patient_side.learned.gaussian_process import AGES, N_FEATURES
-from patient_side.learned.networks import NETWORKS
-from patient_side.learned_model import VERSION, LearnedModel, Singles, Training
+from tis.common.scenario.estimator_names import LearnedName
+from tis.patient_side.learned.gaussian_process import AGES, N_FEATURES
+from tis.patient_side.learned.networks import NETWORKS
+from tis.patient_side.learned_model import VERSION, LearnedModel, Singles, Training
 
 LEARNED: Final[tuple[LearnedName, ...]] = get_args(LearnedName)
 N_POINTS: Final = 5

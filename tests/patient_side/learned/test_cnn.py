@@ -1,9 +1,9 @@
 import numpy as np
 
-from patient_side.learned import cnn
-from patient_side.learned.cnn import WIDTH, convolved, encode
-from patient_side.learned.layers import dense, gelu
 from tests.patient_side.learned.test_transformer import path
+from tis.patient_side.learned import cnn
+from tis.patient_side.learned.cnn import WIDTH, convolved, encode
+from tis.patient_side.learned.layers import dense, gelu
 
 RNG = np.random.default_rng(0)
 WEIGHTS = {name: 0.3 * RNG.normal(size=shape) for name, shape in cnn.shapes().items()}

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from patient_side.learned.gaussian_process import AGES, GROUPS, N_FEATURES, at_ages, features_of, kernel, outputs
-from patient_side.learned.inputs import activity_of, scaled
 from tests.patient_side.learned.models import learned_model
 from tests.patient_side.learned.test_inputs import window
+from tis.patient_side.learned.gaussian_process import AGES, GROUPS, N_FEATURES, at_ages, features_of, kernel, outputs
+from tis.patient_side.learned.inputs import activity_of, scaled
 
 
 def test_the_kernel_is_that_of_each_pair() -> None:

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from patient_side.learned import informer
-from patient_side.learned.informer import distilled, encode, sparse_attention
-from patient_side.learned.layers import dense, softmax
-from patient_side.learned.transformer import WIDTH
-from patient_side.learned_model import Floats
 from tests.patient_side.learned.test_transformer import path
+from tis.patient_side.learned import informer
+from tis.patient_side.learned.informer import distilled, encode, sparse_attention
+from tis.patient_side.learned.layers import dense, softmax
+from tis.patient_side.learned.transformer import WIDTH
+from tis.patient_side.learned_model import Floats
 
 RNG = np.random.default_rng(0)
 

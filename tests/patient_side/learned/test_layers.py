@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from patient_side.learned.layers import (
+from tis.patient_side.learned.layers import (
     dense,
     feed_forward,
     feed_forward_shapes,
@@ -13,7 +13,7 @@ from patient_side.learned.layers import (
     normalised,
     softmax,
 )
-from patient_side.learned_model import Floats
+from tis.patient_side.learned_model import Floats
 
 
 def drawn(*shape: int) -> Floats:

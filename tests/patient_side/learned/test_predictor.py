@@ -3,14 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from common.errors import DataError
-from common.scenario.estimator_names import LearnedName
-from patient_side.learned.gaussian_head import distribution
-from patient_side.learned.inputs import age_inputs
-from patient_side.learned.networks import NETWORKS
-from patient_side.learned.predictor import check_model, predictor_of
 from tests.patient_side.learned.models import LEARNED, learned_model
 from tests.patient_side.learned.test_inputs import window
+from tis.common.errors import DataError
+from tis.common.scenario.estimator_names import LearnedName
+from tis.patient_side.learned.gaussian_head import distribution
+from tis.patient_side.learned.inputs import age_inputs
+from tis.patient_side.learned.networks import NETWORKS
+from tis.patient_side.learned.predictor import check_model, predictor_of
 
 EACH = pytest.mark.parametrize("method", LEARNED)
 ONE = window(4)._replace(

@@ -2,9 +2,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from patient_side.learned.window import LAGS, N_FINE, filled, stride_of, window_before, window_of_rows
-from patient_side.learned_model import Floats
-from patient_side.playout import SourceBuffer
+from tis.patient_side.learned.window import LAGS, N_FINE, filled, stride_of, window_before, window_of_rows
+from tis.patient_side.learned_model import Floats
+from tis.patient_side.playout import SourceBuffer
 
 N = 360
 

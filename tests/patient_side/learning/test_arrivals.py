@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.streams import Stream
-from patient_side.learned_model import Floats
-from patient_side.learning.examples import N_KINDS, TICK_PHASE, draw_arrivals
+from tis.common.streams import Stream
+from tis.patient_side.learned_model import Floats
+from tis.patient_side.learning.examples import N_KINDS, TICK_PHASE, draw_arrivals
 
 N = 4000
 

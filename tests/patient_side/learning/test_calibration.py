@@ -1,7 +1,7 @@
 import numpy as np
 
-from patient_side.learning.calibration import AGES, covariance_scale, mean_share, nearest_age, shared
 from tests.patient_side.learning.tracks import some_examples
+from tis.patient_side.learning.calibration import AGES, covariance_scale, mean_share, nearest_age, shared
 
 
 def test_the_nearest_age_is_that_on_a_logarithmic_scale() -> None:

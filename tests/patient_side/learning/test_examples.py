@@ -1,14 +1,22 @@
 import numpy as np
 import pytest
 
-from common.errors import DataError
-from common.streams import Stream
-from patient_side.learned.gaussian_process import AGES
-from patient_side.learned.inputs import activity_of
-from patient_side.learned.window import N_LAGS, window_before
-from patient_side.learning.examples import EVERY, FIRST_ROW, N_AGES, TICK_PHASE, Examples, draw_arrivals, examples_of
-from patient_side.playout import Playout
 from tests.patient_side.learning.tracks import SPREAD_RAD, USUAL_M, linear, some_examples, turning
+from tis.common.errors import DataError
+from tis.common.streams import Stream
+from tis.patient_side.learned.gaussian_process import AGES
+from tis.patient_side.learned.inputs import activity_of
+from tis.patient_side.learned.window import N_LAGS, window_before
+from tis.patient_side.learning.examples import (
+    EVERY,
+    FIRST_ROW,
+    N_AGES,
+    TICK_PHASE,
+    Examples,
+    draw_arrivals,
+    examples_of,
+)
+from tis.patient_side.playout import Playout
 
 RATE_HZ = 30
 

@@ -3,12 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from patient_side.learned.gaussian_process import AGES, N_FEATURES, features_of, kernel, outputs
-from patient_side.learning import fit_gpr as module
-from patient_side.learning.examples import examples_of
-from patient_side.learning.fit_gpr import fit_gpr, whiten
-from patient_side.learning.process_noise import noise_on
 from tests.patient_side.learning.tracks import SPREAD_RAD, USUAL_M, linear, turning
+from tis.patient_side.learned.gaussian_process import AGES, N_FEATURES, features_of, kernel, outputs
+from tis.patient_side.learning import fit_gpr as module
+from tis.patient_side.learning.examples import examples_of
+from tis.patient_side.learning.fit_gpr import fit_gpr, whiten
+from tis.patient_side.learning.process_noise import noise_on
 
 SCALE = np.full(N_FEATURES, 0.2)
 

@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from patient_side.learned.networks import NETWORKS
-from patient_side.learning.fit_network import Epoch, Judged, first_weights, judge, train_network
 from tests.patient_side.learning.tracks import some_examples
+from tis.patient_side.learned.networks import NETWORKS
+from tis.patient_side.learning.fit_network import Epoch, Judged, first_weights, judge, train_network
 
 
 def test_first_weights_have_the_variance_of_their_inputs_and_repeat() -> None:

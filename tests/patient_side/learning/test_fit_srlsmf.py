@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from common.streams import Stream
-from patient_side.learned.gaussian_process import AGES, N_FEATURES, features_of, kernel, outputs
-from patient_side.learning import fit_srlsmf as module
-from patient_side.learning.examples import examples_of
-from patient_side.learning.fit_srlsmf import Kind, coefficients, decompose, fit_srlsmf
 from tests.patient_side.learning.tracks import SPREAD_RAD, USUAL_M, linear, turning
+from tis.common.streams import Stream
+from tis.patient_side.learned.gaussian_process import AGES, N_FEATURES, features_of, kernel, outputs
+from tis.patient_side.learning import fit_srlsmf as module
+from tis.patient_side.learning.examples import examples_of
+from tis.patient_side.learning.fit_srlsmf import Kind, coefficients, decompose, fit_srlsmf
 
 SCALE = np.full(N_FEATURES, 0.2)
 

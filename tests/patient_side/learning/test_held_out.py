@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from patient_side.learning.examples import Track
-from patient_side.learning.train import grouped, held_out, is_in
+from tis.patient_side.learning.examples import Track
+from tis.patient_side.learning.train import grouped, held_out, is_in
 
 TRACKS = [Track(np.zeros((100, 3)), np.zeros(100), ""), Track(np.ones((50, 3)), np.ones(50), "")]
 

@@ -1,8 +1,8 @@
 import numpy as np
 
-from common.streams import Stream
-from patient_side.learned_model import Floats
-from patient_side.learning.fit_srlsmf import decompose
+from tis.common.streams import Stream
+from tis.patient_side.learned_model import Floats
+from tis.patient_side.learning.fit_srlsmf import decompose
 
 N, RANK = 60, 4
 STREAM = Stream.named(1, "test")

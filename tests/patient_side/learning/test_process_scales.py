@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from common.streams import Stream
-from patient_side.learned.gaussian_process import AGES, GROUPS, N_FEATURES
-from patient_side.learning.process_scales import chosen_rows, inverse_lengths, turned
 from tests.patient_side.learning.tracks import some_examples
+from tis.common.streams import Stream
+from tis.patient_side.learned.gaussian_process import AGES, GROUPS, N_FEATURES
+from tis.patient_side.learning.process_scales import chosen_rows, inverse_lengths, turned
 
 
 def test_chosen_rows_differ_and_repeat() -> None:

@@ -5,25 +5,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.errors import InputError
-from common.scenario.estimator_names import LearnedName
-from common.scenario.learning import Learning
-from common.scenario.patient import Identification
-from common.sources.trajectory import HandRecording, PoseTrack, Recording
-from patient_side.estimators.learned_forecast import learned_forecast
-from patient_side.identification.identify import identify_hands
-from patient_side.identification.model_io import dump_models
-from patient_side.learned.gaussian_process import N_FEATURES
-from patient_side.learned_model import Floats
-from patient_side.learning import fit_gpr, fit_srlsmf
-from patient_side.learning import train as module
-from patient_side.learning.examples import Examples
-from patient_side.learning.fit_network import Epoch
-from patient_side.learning.process_noise import Noise, noise_on
-from patient_side.learning.train import with_learned
-from patient_side.statespace import ArmModel
 from tests.patient_side.learned.models import LEARNED, learned_model
 from tests.patient_side.learning.tracks import turning
+from tis.common.errors import InputError
+from tis.common.scenario.estimator_names import LearnedName
+from tis.common.scenario.learning import Learning
+from tis.common.scenario.patient import Identification
+from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
+from tis.patient_side.estimators.learned_forecast import learned_forecast
+from tis.patient_side.identification.identify import identify_hands
+from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.learned.gaussian_process import N_FEATURES
+from tis.patient_side.learned_model import Floats
+from tis.patient_side.learning import fit_gpr, fit_srlsmf
+from tis.patient_side.learning import train as module
+from tis.patient_side.learning.examples import Examples
+from tis.patient_side.learning.fit_network import Epoch
+from tis.patient_side.learning.process_noise import Noise, noise_on
+from tis.patient_side.learning.train import with_learned
+from tis.patient_side.statespace import ArmModel
 
 OTHERS = Identification(train="others", block_rows=4, learning=Learning(epochs=2, passes=1))
 

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from patient_side.estimators.innovations_kf import InnovationsKf
-from patient_side.estimators.learned_forecast import linear_forecast
-from patient_side.learning.examples import Examples, Track, examples_of
 from tests.patient_side.arm_models import static_model
+from tis.patient_side.estimators.innovations_kf import InnovationsKf
+from tis.patient_side.estimators.learned_forecast import linear_forecast
+from tis.patient_side.learning.examples import Examples, Track, examples_of
 
 USUAL_M, SPREAD_RAD = 3e-4, 0.5
 

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from patient_side.orientation.constant_rate import ConstantRate
-from patient_side.playout import SourceBuffer
-from patient_side.wrist_model import RateModel
 from tests.patient_side.orientation.turning import angle_deg, arrived, constant_turn
+from tis.patient_side.orientation.constant_rate import ConstantRate
+from tis.patient_side.playout import SourceBuffer
+from tis.patient_side.wrist_model import RateModel
 
 HORIZONS = np.array([1.0, 4.0, 30.0])
 

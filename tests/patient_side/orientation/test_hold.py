@@ -1,8 +1,8 @@
 import numpy as np
 
-from patient_side.orientation.hold import Hold
-from patient_side.playout import SourceBuffer
 from tests.patient_side.orientation.turning import arrived, constant_turn
+from tis.patient_side.orientation.hold import Hold
+from tis.patient_side.playout import SourceBuffer
 
 
 def test_it_repeats_the_freshest_sample_whatever_its_age() -> None:

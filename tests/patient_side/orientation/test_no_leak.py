@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from common.scenario.orientation import OrientationMethod
-from common.sources.trajectory import Array
-from patient_side.identification.fit_wrist import fit_rate
-from patient_side.identification.second_moments import differences
-from patient_side.orientation.protocol import WristEstimate, WristMethod
-from patient_side.orientation.registry import METHODS
-from patient_side.playout import SourceBuffer
-from patient_side.rotations import turned
-from patient_side.wrist_model import WristModel
 from tests.patient_side.orientation.test_tangent_ls import method, movement
 from tests.patient_side.orientation.turning import random_angles, random_turns
+from tis.common.scenario.orientation import OrientationMethod
+from tis.common.sources.trajectory import Array
+from tis.patient_side.identification.fit_wrist import fit_rate
+from tis.patient_side.identification.second_moments import differences
+from tis.patient_side.orientation.protocol import WristEstimate, WristMethod
+from tis.patient_side.orientation.registry import METHODS
+from tis.patient_side.playout import SourceBuffer
+from tis.patient_side.rotations import turned
+from tis.patient_side.wrist_model import WristModel
 
 NOW = 300
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from common.metrics.consistency import CHI2_3_95
-from common.sources.trajectory import Array
-from patient_side.identification.direct_ls import fit_direct
-from patient_side.orientation.tangent_ls import TangentLs
-from patient_side.playout import SourceBuffer
-from patient_side.rotations import turned
 from tests.patient_side.orientation.turning import angle_deg, arrived, constant_turn, random_angles, random_turns
+from tis.common.metrics.consistency import CHI2_3_95
+from tis.common.sources.trajectory import Array
+from tis.patient_side.identification.direct_ls import fit_direct
+from tis.patient_side.orientation.tangent_ls import TangentLs
+from tis.patient_side.playout import SourceBuffer
+from tis.patient_side.rotations import turned
 
 N_ROWS = 900
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from common.sources.trajectory import Array
-from patient_side.playout import SourceBuffer
+from tis.common.sources.trajectory import Array
+from tis.patient_side.playout import SourceBuffer
 
 RATE_HZ = 30
 LOST = -1

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from patient_side.plant.arm_geometry import HIGH, LOW, link_frames, tip_frame
-from patient_side.statespace import Array
+from tis.patient_side.plant.arm_geometry import HIGH, LOW, link_frames, tip_frame
+from tis.patient_side.statespace import Array
 
 # The research kit's table, row by row: alpha in degrees, a in m, offset of theta in degrees, offset of d in m.
 TABLE = [
@@ -62,7 +62,7 @@ def test_many_poses_at_once_are_those_one_by_one() -> None:
 
 def test_mujoco_s_forward_kinematics_agree() -> None:
     mujoco = pytest.importorskip("mujoco", reason="the extra sim is not installed")
-    from patient_side.plant.mjcf import arm_mjcf
+    from tis.patient_side.plant.mjcf import arm_mjcf
 
     model = mujoco.MjModel.from_xml_string(arm_mjcf(0.002, 1.0, np.ones(7), np.ones(7)))
     data = mujoco.MjData(model)

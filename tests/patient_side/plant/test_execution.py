@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from common.errors import InputError
-from common.scenario import Scenario
-from common.servo import servo_transition
-from common.sources.trajectory import HandRecording, PoseTrack, Recording
-from patient_side.plant.execution import executed
+from tis.common.errors import InputError
+from tis.common.scenario import Scenario
+from tis.common.servo import servo_transition
+from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
+from tis.patient_side.plant.execution import executed
 
 
 def a_scenario(**plant: object) -> Scenario:

@@ -6,16 +6,16 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation, Slerp
 from scipy.stats import kstest
 
-from common.channels import Arm
-from common.scenario import Scenario
-from common.sources.trajectory import HandRecording, PoseTrack, Recording
-from common.streams import Stream
-from common.units import sample_instant_ns
-from patient_side.plant.build import build_plant, noise_label
-from patient_side.plant.protocol import Reference
-from patient_side.plant.replay import ReplayPlant
-from patient_side.plant.servo import ServoPlant
-from patient_side.statespace import Array
+from tis.common.channels import Arm
+from tis.common.scenario import Scenario
+from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
+from tis.common.streams import Stream
+from tis.common.units import sample_instant_ns
+from tis.patient_side.plant.build import build_plant, noise_label
+from tis.patient_side.plant.protocol import Reference
+from tis.patient_side.plant.replay import ReplayPlant
+from tis.patient_side.plant.servo import ServoPlant
+from tis.patient_side.statespace import Array
 
 NOISE = Stream.named(1, noise_label("PSM2"))
 

@@ -3,12 +3,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
-from common.scenario.simulated_arm import MujocoPlant
-from common.streams import Stream
-from patient_side.plant.build import simulated_arm
-from patient_side.plant.protocol import PlantOutput, Reference
-from patient_side.plant.simulated_arm import ArmState, SimulatedArm
-from patient_side.statespace import Array
+from tis.common.scenario.simulated_arm import MujocoPlant
+from tis.common.streams import Stream
+from tis.patient_side.plant.build import simulated_arm
+from tis.patient_side.plant.protocol import PlantOutput, Reference
+from tis.patient_side.plant.simulated_arm import ArmState, SimulatedArm
+from tis.patient_side.statespace import Array
 
 pytest.importorskip("mujoco", reason="the extra sim is not installed")
 

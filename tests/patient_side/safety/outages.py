@@ -15,20 +15,20 @@ from typing import Any, cast
 
 import numpy as np
 
-from common.channels import Side, release_key, stop_key
-from common.node import Node, Record
-from common.records import EstimateNote
-from common.runtime.loop import Recorder
-from common.runtime.recordings import load_recording
-from common.safety_records import SafetyNote
-from common.sources.trajectory import Recording
-from common.stop_messages import EmergencyStop
-from common.units import NS_PER_MS, NS_PER_S, sample_instant_ns
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, drive
-from patient_side.safety.set_point import Place
 from tests.deploy.run.attacker import Attacker, Forged
 from tests.nodes import a_pose
+from tis.common.channels import Side, release_key, stop_key
+from tis.common.node import Node, Record
+from tis.common.records import EstimateNote
+from tis.common.runtime.loop import Recorder
+from tis.common.runtime.recordings import load_recording
+from tis.common.safety_records import SafetyNote
+from tis.common.sources.trajectory import Recording
+from tis.common.stop_messages import EmergencyStop
+from tis.common.units import NS_PER_MS, NS_PER_S, sample_instant_ns
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, drive
+from tis.patient_side.safety.set_point import Place
 
 _AFTER_S = 6.0
 

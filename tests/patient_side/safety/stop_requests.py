@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from common.node import Arrival
-from common.stop_messages import EmergencyStop, lock_of
+from tis.common.node import Arrival
+from tis.common.stop_messages import EmergencyStop, lock_of
 
 STOP_KEY, RELEASE_KEY, ANSWER_KEY = "tis/@tis/stop", "tis/@tis/release", "tis/@tis/stopped"
 SECRET = "0123456789abcdef"

@@ -8,12 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.node import Arrival, Emission, Output, Record
-from common.records import REJECTED
-from common.safety_records import STOPS, STOPS_IN_FORCE, StopNote, StopsInForceNote
-from common.stop_messages import LATCH, MAX_IN_FORCE, EmergencyStop, ReleaseRule, StopState, lock_of
-from common.units import NS_PER_MS, NS_PER_S
-from patient_side.safety.emergency_stop import EmergencyStops
 from tests.patient_side.safety.stop_requests import (
     ANSWER_KEY,
     LOCK,
@@ -24,6 +18,12 @@ from tests.patient_side.safety.stop_requests import (
     a_stop,
     request,
 )
+from tis.common.node import Arrival, Emission, Output, Record
+from tis.common.records import REJECTED
+from tis.common.safety_records import STOPS, STOPS_IN_FORCE, StopNote, StopsInForceNote
+from tis.common.stop_messages import LATCH, MAX_IN_FORCE, EmergencyStop, ReleaseRule, StopState, lock_of
+from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.patient_side.safety.emergency_stop import EmergencyStops
 
 
 def _state(outputs: list[Output]) -> StopState:

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.messages import Pose, Quaternion
-from common.scenario.safety import Gate
-from common.send_plan import SendPlan
-from common.units import NS_PER_MS, NS_PER_S, sample_instant_ns
-from patient_side.safety.gate import GateLimits, Kind, StreamGate, limits_of
 from tests.nodes import a_pose
+from tis.common.messages import Pose, Quaternion
+from tis.common.scenario.safety import Gate
+from tis.common.send_plan import SendPlan
+from tis.common.units import NS_PER_MS, NS_PER_S, sample_instant_ns
+from tis.patient_side.safety.gate import GateLimits, Kind, StreamGate, limits_of
 
 RATE_HZ = 30
 LIMITS = GateLimits(2.0, 5.0, 200.0, 50 * NS_PER_MS)

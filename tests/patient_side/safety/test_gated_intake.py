@@ -1,14 +1,14 @@
 """Reception at the patient: every message is used, or counted and named."""
 
-from common.channels import hand_channels
-from common.intake import Intake
-from common.messages import SampledPose
-from common.safety_records import QUARANTINE, QuarantineNote
-from common.send_plan import SendPlan
-from common.units import NS_PER_MS, sample_instant_ns
-from patient_side.safety.gate import GateLimits, StreamGate
-from patient_side.safety.gated_intake import GatedIntake
 from tests.nodes import Stamp, a_pose, an_arrival
+from tis.common.channels import hand_channels
+from tis.common.intake import Intake
+from tis.common.messages import SampledPose
+from tis.common.safety_records import QUARANTINE, QuarantineNote
+from tis.common.send_plan import SendPlan
+from tis.common.units import NS_PER_MS, sample_instant_ns
+from tis.patient_side.safety.gate import GateLimits, StreamGate
+from tis.patient_side.safety.gated_intake import GatedIntake
 
 COMMAND = "tis/MTML/measured_cp"
 DELAY_NS = 40 * NS_PER_MS

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from common.messages import Pose, Quaternion, Vector3
-from common.runtime.recordings import load_recording
-from common.scenario.safety import Gate
-from common.send_plan import SendPlan
-from common.sources.jigsaws import parse_trial, pose_track, position_m
-from common.sources.trajectory import PoseTrack
-from common.units import NS_PER_MS, sample_instant_ns
-from deploy.run.resolve import resolve
-from patient_side.safety.gate import StreamGate, limits_of
+from tis.common.messages import Pose, Quaternion, Vector3
+from tis.common.runtime.recordings import load_recording
+from tis.common.scenario.safety import Gate
+from tis.common.send_plan import SendPlan
+from tis.common.sources.jigsaws import parse_trial, pose_track, position_m
+from tis.common.sources.trajectory import PoseTrack
+from tis.common.units import NS_PER_MS, sample_instant_ns
+from tis.deploy.run.resolve import resolve
+from tis.patient_side.safety.gate import StreamGate, limits_of
 
 Array = NDArray[np.float64]
 

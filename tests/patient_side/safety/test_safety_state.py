@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.scenario.safety import Safety
-from common.units import sample_instant_ns
-from patient_side.rotations import Quaternion, turn_to
-from patient_side.safety.limits import limits_of
-from patient_side.safety.safety_state import Left, SafetyFilter, SafetyState, Seen
-from patient_side.safety.set_point import STILL, Place, minus, within
-from patient_side.safety.wrist_point import WristPose
 from tests.patient_side.safety.worst_case import overshot, run_on, search
+from tis.common.scenario.safety import Safety
+from tis.common.units import sample_instant_ns
+from tis.patient_side.rotations import Quaternion, turn_to
+from tis.patient_side.safety.limits import limits_of
+from tis.patient_side.safety.safety_state import Left, SafetyFilter, SafetyState, Seen
+from tis.patient_side.safety.set_point import STILL, Place, minus, within
+from tis.patient_side.safety.wrist_point import WristPose
 
 _RATE_HZ = 30
 _S = 1_000_000_000

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from patient_side.safety.set_point import (
+from tis.patient_side.safety.set_point import (
     AT_REST,
     NO_CORRECTION,
     STILL,

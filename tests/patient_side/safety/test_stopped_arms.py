@@ -1,22 +1,22 @@
 """Arms that are stopped, released or latched: what the set points do, without a network."""
 
-from common.messages import SetPoint, Vector3
-from common.node import Arrival, Emission, Record
-from common.safety_records import SafetyNote
-from common.scenario.safety import Safety
-from common.stop_messages import LATCH
-from common.ticker import Ticker
-from common.units import sample_instant_ns
-from patient_side.driven import drive
-from patient_side.estimators.hold import Hold
-from patient_side.hand import Fresh, PatientHand
-from patient_side.node import PatientNode
-from patient_side.orientation.wrist import LEVEL, Wrist
-from patient_side.playout import Playout
-from patient_side.safety.limits import limits_of
-from patient_side.safety.safety_state import SafetyFilter
 from tests.nodes import LEFT, Stamp, a_pose, an_arrival
 from tests.patient_side.safety.stop_requests import RELEASE_KEY, STOP_KEY, a_release, a_stop
+from tis.common.messages import SetPoint, Vector3
+from tis.common.node import Arrival, Emission, Record
+from tis.common.safety_records import SafetyNote
+from tis.common.scenario.safety import Safety
+from tis.common.stop_messages import LATCH
+from tis.common.ticker import Ticker
+from tis.common.units import sample_instant_ns
+from tis.patient_side.driven import drive
+from tis.patient_side.estimators.hold import Hold
+from tis.patient_side.hand import Fresh, PatientHand
+from tis.patient_side.node import PatientNode
+from tis.patient_side.orientation.wrist import LEVEL, Wrist
+from tis.patient_side.playout import Playout
+from tis.patient_side.safety.limits import limits_of
+from tis.patient_side.safety.safety_state import SafetyFilter
 
 
 def _moving(node: PatientNode, k: int) -> list[SetPoint | SafetyNote]:

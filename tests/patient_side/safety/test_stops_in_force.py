@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.safety_records import StopsInForceNote
-from common.stop_messages import LATCH, MAX_IN_FORCE, lock_of
-from patient_side.safety.stops_in_force import NOBODYS, Added, Stop, StopsInForce
+from tis.common.safety_records import StopsInForceNote
+from tis.common.stop_messages import LATCH, MAX_IN_FORCE, lock_of
+from tis.patient_side.safety.stops_in_force import NOBODYS, Added, Stop, StopsInForce
 
 _LOCK = lock_of("secret")
 FIRST = (1 << 52) + 1

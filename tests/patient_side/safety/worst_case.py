@@ -13,13 +13,13 @@ from functools import partial
 from math import degrees, dist
 from typing import NamedTuple
 
-from common.scenario.safety import Safety
-from common.units import NS_PER_S
-from patient_side.rotations import Quaternion, after_turn, turn_to
-from patient_side.safety.limits import limits_of
-from patient_side.safety.safety_state import SafetyFilter, SafetyState, Seen
-from patient_side.safety.set_point import STILL, Place, Vector, minus, plus
-from patient_side.safety.wrist_point import WristPose
+from tis.common.scenario.safety import Safety
+from tis.common.units import NS_PER_S
+from tis.patient_side.rotations import Quaternion, after_turn, turn_to
+from tis.patient_side.safety.limits import limits_of
+from tis.patient_side.safety.safety_state import SafetyFilter, SafetyState, Seen
+from tis.patient_side.safety.set_point import STILL, Place, Vector, minus, plus
+from tis.patient_side.safety.wrist_point import WristPose
 
 _WINDOW_S = 0.033
 _SETTLE_S = 0.25

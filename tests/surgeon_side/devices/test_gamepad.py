@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from surgeon_side.devices.gamepad import Sticks, after, deflection
-from surgeon_side.devices.handle import Handle
+from tis.surgeon_side.devices.gamepad import Sticks, after, deflection
+from tis.surgeon_side.devices.handle import Handle
 
 MS = 1_000_000
 REST = Sticks(0.0, 0.0, 0.0, 0.0, clutch=False)

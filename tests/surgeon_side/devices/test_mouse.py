@@ -2,8 +2,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from surgeon_side.devices.handle import Handle
-from surgeon_side.devices.mouse import MouseEvent, Moved, Pressed, Turned, after
+from tis.surgeon_side.devices.handle import Handle
+from tis.surgeon_side.devices.mouse import MouseEvent, Moved, Pressed, Turned, after
 
 PX = st.integers(-500, 500)
 

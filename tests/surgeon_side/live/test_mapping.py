@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from common.devices.gate import DeviceSample
-from common.scenario.live_source import LiveSource
-from surgeon_side.live.mapping import Mapping, quaternion_of, turned
+from tis.common.devices.gate import DeviceSample
+from tis.common.scenario.live_source import LiveSource
+from tis.surgeon_side.live.mapping import Mapping, quaternion_of, turned
 
 PERIOD = 33_333_333
 SMALL = st.floats(-0.01, 0.01)

@@ -3,15 +3,15 @@ from typing import Any
 
 import pytest
 
-from common.devices.records import DEVICES, DeviceNote
-from common.header import Header
-from common.messages import Pose
-from common.node import Arrival, Emission, Record
-from common.records import TRUTH, TruthRow
-from common.scenario.live_source import LiveSource
-from common.ticker import Ticker
-from surgeon_side.live.motion import LiveMotion
-from surgeon_side.node import SurgeonNode
+from tis.common.devices.records import DEVICES, DeviceNote
+from tis.common.header import Header
+from tis.common.messages import Pose
+from tis.common.node import Arrival, Emission, Record
+from tis.common.records import TRUTH, TruthRow
+from tis.common.scenario.live_source import LiveSource
+from tis.common.ticker import Ticker
+from tis.surgeon_side.live.motion import LiveMotion
+from tis.surgeon_side.node import SurgeonNode
 
 MS = 1_000_000
 LEFT = "device/MTML/measured_cp"

@@ -6,13 +6,13 @@ from html import escape
 from pathlib import Path
 from typing import Any, Final
 
-from deploy.compare.results.orientation_tables import CAPTION, HEAD, orientation_cells
-from deploy.compare.results.page.figures import age_figure, curve_figures, heat_figure
-from deploy.compare.results.page.page_sums import PageSums
-from deploy.compare.results.tables import headline
-from deploy.report.page.html_page import Page, Section, page_html
-from deploy.report.palette import look_of
-from deploy.report.tables.html_tables import table
+from tis.deploy.compare.results.orientation_tables import CAPTION, HEAD, orientation_cells
+from tis.deploy.compare.results.page.figures import age_figure, curve_figures, heat_figure
+from tis.deploy.compare.results.page.page_sums import PageSums
+from tis.deploy.compare.results.tables import headline
+from tis.deploy.report.page.html_page import Page, Section, page_html
+from tis.deploy.report.palette import look_of
+from tis.deploy.report.tables.html_tables import table
 
 _SCRIPTS: Final = tuple(Path(__file__).with_name(name) for name in ("pooling.js", "comparison.js"))
 _STYLE: Final = Path(__file__).with_name("comparison.css")

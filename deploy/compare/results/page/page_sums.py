@@ -9,14 +9,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.streams import Stream
-from deploy.compare.cells.score import AGE_EDGES_MS
-from deploy.compare.engine.compute import Outcome
-from deploy.compare.plan import Plan
-from deploy.compare.results.axes import numbers_of
-from deploy.compare.results.people import person
-from deploy.compare.results.pooled import N_RESAMPLES, SEED
-from patient_side.statespace import Array
+from tis.common.streams import Stream
+from tis.deploy.compare.cells.score import AGE_EDGES_MS
+from tis.deploy.compare.engine.compute import Outcome
+from tis.deploy.compare.plan import Plan
+from tis.deploy.compare.results.axes import numbers_of
+from tis.deploy.compare.results.people import person
+from tis.deploy.compare.results.pooled import N_RESAMPLES, SEED
+from tis.patient_side.statespace import Array
 
 Places = NDArray[np.int32]
 

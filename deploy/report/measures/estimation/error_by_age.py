@@ -5,11 +5,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Hand
-from common.units import MM_PER_M
-from deploy.logs.read.load import RunLogs
-from deploy.report.measures.estimation.tracking import HandTrack
-from deploy.report.measures.latency import ages_at_ms
+from tis.common.channels import Hand
+from tis.common.units import MM_PER_M
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.report.measures.estimation.tracking import HandTrack
+from tis.deploy.report.measures.latency import ages_at_ms
 
 Array = NDArray[np.float64]
 

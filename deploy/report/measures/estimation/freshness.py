@@ -5,16 +5,16 @@ from typing import Any, Final
 
 import numpy as np
 
-from common.channels import Arm, Hand, hand_channels
-from common.metrics.age_of_information import age_of_information
-from common.metrics.percentiles import Summary, summarise
-from common.metrics.tick_phase import Arrivals, Ints, ages_when_used_ns, best_phase
-from common.records import PHASES
-from common.scenario import Scenario
-from common.units import NS_PER_MS, ms_to_ns
-from deploy.logs.coverage import FOREVER
-from deploy.logs.read.load import RunLogs
-from deploy.logs.read.note_columns import ticks
+from tis.common.channels import Arm, Hand, hand_channels
+from tis.common.metrics.age_of_information import age_of_information
+from tis.common.metrics.percentiles import Summary, summarise
+from tis.common.metrics.tick_phase import Arrivals, Ints, ages_when_used_ns, best_phase
+from tis.common.records import PHASES
+from tis.common.scenario import Scenario
+from tis.common.units import NS_PER_MS, ms_to_ns
+from tis.deploy.logs.coverage import FOREVER
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.note_columns import ticks
 
 _CANDIDATES: Final = 64
 _PERCENTILES: Final = (50, 95, 99)

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.metrics.etvo import Etvo, etvo, offset_grid_s
-from common.metrics.percentiles import summarise
-from common.units import MM_PER_M, NS_PER_S
+from tis.common.metrics.etvo import Etvo, etvo, offset_grid_s
+from tis.common.metrics.percentiles import summarise
+from tis.common.units import MM_PER_M, NS_PER_S
 
 if TYPE_CHECKING:  # tracking imports this module
-    from deploy.report.measures.estimation.tracking import HandTrack
+    from tis.deploy.report.measures.estimation.tracking import HandTrack
 
 Array = NDArray[np.float64]
 

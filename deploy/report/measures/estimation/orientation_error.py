@@ -5,25 +5,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Hand
-from common.metrics.consistency import consistency, normalised_squares
-from common.metrics.orientation import angles_deg
-from common.metrics.percentiles import summarise
-from common.units import NS_PER_US
-from deploy.logs.read.load import RunLogs
-from deploy.logs.read.note_columns import notes
-from deploy.report.measures.estimation.error_by_age import error_by_age
-from deploy.report.measures.estimation.tracking import Array, HandTrack
-from deploy.report.measures.estimation.wrist_track import WristTrack, topic_of
-from deploy.report.measures.latency import ages_at_ms
+from tis.common.channels import Hand
+from tis.common.metrics.consistency import consistency, normalised_squares
+from tis.common.metrics.orientation import angles_deg
+from tis.common.metrics.percentiles import summarise
+from tis.common.units import NS_PER_US
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.note_columns import notes
+from tis.deploy.report.measures.estimation.error_by_age import error_by_age
+from tis.deploy.report.measures.estimation.tracking import Array, HandTrack
+from tis.deploy.report.measures.estimation.wrist_track import WristTrack, topic_of
+from tis.deploy.report.measures.latency import ages_at_ms
 
 
 def orientation_deg(logs: RunLogs, track: HandTrack, wrist: WristTrack, hand: Hand) -> dict[str, Any]:
     """Return, by method, RMS, percentiles and ratio to hold of the geodesic distance, in degrees.
 
     They are over one hand's scored ticks; a missing estimate counts with hold's. ``nees`` is
-    `common.metrics.consistency` about the axes of the estimated frame, ``step_us`` the time of a step, the gripper's
-    part included. Oracle: an arm that turns at constant speed, test_orientation_error.
+    `tis.common.metrics.consistency` about the axes of the estimated frame, ``step_us`` the time of a step, the
+    gripper's part included. Oracle: an arm that turns at constant speed, test_orientation_error.
     """
     scores = _scores(track, wrist.turn_rad, wrist.turn_std_rad, np.degrees(1.0))
     return {name: {**entry, "step_us": _step_us(logs, name, hand)} for name, entry in scores.items()}

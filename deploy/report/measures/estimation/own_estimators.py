@@ -4,12 +4,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from typing import Any, Final
 
-from common.records import COUNTERS, ESTIMATOR_FAULTS, FAULTY_STEPS
-from common.scenario import Scenario
-from common.scenario.estimator_names import is_user_defined
-from common.units import NS_PER_S
-from deploy.logs.read.load import RunLogs
-from deploy.logs.read.recorded import origins_in
+from tis.common.records import COUNTERS, ESTIMATOR_FAULTS, FAULTY_STEPS
+from tis.common.scenario import Scenario
+from tis.common.scenario.estimator_names import is_user_defined
+from tis.common.units import NS_PER_S
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.recorded import origins_in
 
 _UNKNOWN: Final[Mapping[str, Any]] = {
     "file": None,

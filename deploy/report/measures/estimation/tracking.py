@@ -7,19 +7,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Hand
-from common.metrics.consistency import consistency, normalised_squares
-from common.metrics.percentiles import summarise
-from common.metrics.tracking import SETTLING_NS, Scorable, score, scored_ticks, truth_at
-from common.records import ESTIMATES, PLANT, TRUTH
-from common.scenario import Scenario
-from common.scenario.estimator_names import plain_name
-from common.units import NS_PER_US, sample_index
-from deploy.logs.coverage import lies_in
-from deploy.logs.read.load import Ints, RunLogs
-from deploy.logs.read.note_columns import notes, place_in
-from deploy.report.measures.estimation.offsets import offsets
-from patient_side.statespace import ArmModel
+from tis.common.channels import Hand
+from tis.common.metrics.consistency import consistency, normalised_squares
+from tis.common.metrics.percentiles import summarise
+from tis.common.metrics.tracking import SETTLING_NS, Scorable, score, scored_ticks, truth_at
+from tis.common.records import ESTIMATES, PLANT, TRUTH
+from tis.common.scenario import Scenario
+from tis.common.scenario.estimator_names import plain_name
+from tis.common.units import NS_PER_US, sample_index
+from tis.deploy.logs.coverage import lies_in
+from tis.deploy.logs.read.load import Ints, RunLogs
+from tis.deploy.logs.read.note_columns import notes, place_in
+from tis.deploy.report.measures.estimation.offsets import offsets
+from tis.patient_side.statespace import ArmModel
 
 Array = NDArray[np.float64]
 
@@ -86,8 +86,8 @@ def pooled_accuracy(logs: RunLogs, scenario: Scenario, hands: Sequence[tuple[Han
     """Return the scores of all estimators, pooled over hands; empty where truth or estimates are missing.
 
     ``nees`` is of errors against the truth; ``nis`` uses only ticks between two samples that reached the patient,
-    where the filter itself could check its innovation. Both are `common.metrics.consistency` of the estimators that
-    state a deviation. ``offset`` is from `deploy.report.measures.estimation.offsets`.
+    where the filter itself could check its innovation. Both are `tis.common.metrics.consistency` of the estimators
+    that state a deviation. ``offset`` is from `tis.deploy.report.measures.estimation.offsets`.
     """
     known = [(t, m) for t, m in hands if "hold" in t.estimates and np.isfinite(t.truth_m).any()]
     arrived = [_samples_arrived(logs, scenario, track, model) for track, model in known]

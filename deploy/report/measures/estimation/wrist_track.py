@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from common.channels import Hand
-from common.metrics.orientation import error_vectors, orientation_at
-from common.records import ORIENTATIONS, TRUTH
-from common.scenario import Scenario
-from deploy.logs.read.load import Ints, RunLogs
-from deploy.logs.read.note_columns import notes
-from deploy.report.measures.estimation.tracking import Array, HandTrack, at_ticks
+from tis.common.channels import Hand
+from tis.common.metrics.orientation import error_vectors, orientation_at
+from tis.common.records import ORIENTATIONS, TRUTH
+from tis.common.scenario import Scenario
+from tis.deploy.logs.read.load import Ints, RunLogs
+from tis.deploy.logs.read.note_columns import notes
+from tis.deploy.report.measures.estimation.tracking import Array, HandTrack, at_ticks
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 from typing import Final, Literal, NamedTuple, get_args
 
-from common.channels import Direction, Side
-from common.units import NS_PER_S
-from deploy.logs.read.load import RunLogs
-from deploy.report.measures.network.requested import NetworkRequest, Requested
+from tis.common.channels import Direction, Side
+from tis.common.units import NS_PER_S
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.report.measures.network.requested import NetworkRequest, Requested
 
 _MAX_NAMED: Final = 3
 

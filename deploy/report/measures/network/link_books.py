@@ -6,11 +6,11 @@ from typing import Final, NamedTuple, TypeVar, get_args
 
 import numpy as np
 
-from common.channels import Direction, Side
-from common.metrics.loss import without
-from common.records import COUNTERS, REJECTED
-from common.safety_records import QUARANTINE
-from deploy.logs.read.batches import (
+from tis.common.channels import Direction, Side
+from tis.common.metrics.loss import without
+from tis.common.records import COUNTERS, REJECTED
+from tis.common.safety_records import QUARANTINE
+from tis.deploy.logs.read.batches import (
     DELIVER,
     NO_FATES,
     NO_RELEASES,
@@ -21,10 +21,10 @@ from deploy.logs.read.batches import (
     late_ns,
     releases_by_key,
 )
-from deploy.logs.read.load import Ints, RunLogs
-from deploy.logs.read.message_columns import MessageColumns
-from deploy.report.measures.key_figures import KeyBooks
-from deploy.report.measures.log_gaps import LogGaps
+from tis.deploy.logs.read.load import Ints, RunLogs
+from tis.deploy.logs.read.message_columns import MessageColumns
+from tis.deploy.report.measures.key_figures import KeyBooks
+from tis.deploy.report.measures.log_gaps import LogGaps
 
 Packets = TypeVar("Packets", Fates, Releases)
 

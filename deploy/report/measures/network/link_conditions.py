@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 
-from common.channels import Direction
-from common.metrics.queue_depth import queue_depth
-from common.records import CONTROL, QUEUES
-from common.units import NS_PER_S
-from deploy.logs.read.load import RunLogs
-from deploy.report.measures.network.requested import Requested
+from tis.common.channels import Direction
+from tis.common.metrics.queue_depth import queue_depth
+from tis.common.records import CONTROL, QUEUES
+from tis.common.units import NS_PER_S
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.report.measures.network.requested import Requested
 
 
 def queue_summary(logs: RunLogs, direction: Direction) -> dict[str, Any]:

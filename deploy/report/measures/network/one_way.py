@@ -5,12 +5,12 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Direction
-from common.metrics.delay_variation import packet_delay_variation_ns
-from deploy.logs.read.load import Ints, RunLogs
-from deploy.logs.read.message_columns import MessageColumns
-from deploy.report.measures.log_gaps import LogGaps
-from deploy.report.measures.network.link_books import ENDS
+from tis.common.channels import Direction
+from tis.common.metrics.delay_variation import packet_delay_variation_ns
+from tis.deploy.logs.read.load import Ints, RunLogs
+from tis.deploy.logs.read.message_columns import MessageColumns
+from tis.deploy.report.measures.log_gaps import LogGaps
+from tis.deploy.report.measures.network.link_books import ENDS
 
 _NONE: Final[Ints] = np.empty(0, dtype=np.int64)
 

@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from typing import Final, get_args
 
-from common.channels import Side
-from common.records import COUNTERS
-from common.refusal import MEANING, REFUSED, Refusal
-from deploy.logs.read.load import RunLogs
+from tis.common.channels import Side
+from tis.common.records import COUNTERS
+from tis.common.refusal import MEANING, REFUSED, Refusal
+from tis.deploy.logs.read.load import RunLogs
 
 OTHER_RUN: Final = "other_run"
 CONFLICTING: Final = "conflicting"

@@ -6,22 +6,22 @@ from typing import Any, NamedTuple, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Direction
-from common.errors import DataError
-from common.records import CONTROL, ControlNote
-from common.runtime.trace_files import load_traces
-from common.scenario.network import Buffer, NetworkPart, Rule
-from common.scenario.network.conditions import Change
-from common.scenario.network.pipeline import Pipeline
-from common.trace import Trace
-from deploy.logs.read.batches import Fates
-from deploy.logs.read.load import Ints, RunLogs
-from deploy.report.measures.network.requested_pipeline import RequestedPipeline, requested_pipeline
-from deploy.report.measures.network.trace_playback import delay_moments_ns, p_loss, with_played_rows
-from netem.conditions.conditions import FOREVER_NS, Condition, Conditions, Span, merged
-from netem.control.changed_conditions import ChangedConditions, changed_conditions
-from netem.link.flow import flow_key
-from netem.link.rules import RuleTable, compile_rules
+from tis.common.channels import Direction
+from tis.common.errors import DataError
+from tis.common.records import CONTROL, ControlNote
+from tis.common.runtime.trace_files import load_traces
+from tis.common.scenario.network import Buffer, NetworkPart, Rule
+from tis.common.scenario.network.conditions import Change
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.trace import Trace
+from tis.deploy.logs.read.batches import Fates
+from tis.deploy.logs.read.load import Ints, RunLogs
+from tis.deploy.report.measures.network.requested_pipeline import RequestedPipeline, requested_pipeline
+from tis.deploy.report.measures.network.trace_playback import delay_moments_ns, p_loss, with_played_rows
+from tis.netem.conditions.conditions import FOREVER_NS, Condition, Conditions, Span, merged
+from tis.netem.control.changed_conditions import ChangedConditions, changed_conditions
+from tis.netem.link.flow import flow_key
+from tis.netem.link.rules import RuleTable, compile_rules
 
 Floats = NDArray[np.float64]
 
@@ -212,7 +212,7 @@ class Requested:
     def of_packets(self, key: str, fates: Fates) -> Expected | None:
         """Return the request for N > 0 packets of one key; None when the key is refused or a trace is missing.
 
-        Control changes count as requested. Oracle: `netem.expected.simulate`, test_requested.
+        Control changes count as requested. Oracle: `tis.netem.expected.simulate`, test_requested.
         """
         held = self.in_force(fates.offered_ns)
         # conditions with the same changes share one request

@@ -6,17 +6,17 @@ from typing import Final
 
 import numpy as np
 
-from common.metrics.fidelity import batch_inflation, gilbert_inflation
-from common.metrics.percentiles import TAIL, Summary
-from common.scenario.network.delay import TraceDelay
-from common.scenario.network.loss import BernoulliLoss, BurstLoss, TraceLoss
-from common.scenario.network.pipeline import Pipeline
-from common.streams import Address, Stream
-from common.trace import Trace
-from common.units import NS_PER_MS
-from deploy.logs.read.load import Ints
-from netem.stages.delay import LatencyModel, latency_of
-from netem.stages.loss import ExpectedLoss, expected_loss, loss_blocks
+from tis.common.metrics.fidelity import batch_inflation, gilbert_inflation
+from tis.common.metrics.percentiles import TAIL, Summary
+from tis.common.scenario.network.delay import TraceDelay
+from tis.common.scenario.network.loss import BernoulliLoss, BurstLoss, TraceLoss
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.streams import Address, Stream
+from tis.common.trace import Trace
+from tis.common.units import NS_PER_MS
+from tis.deploy.logs.read.load import Ints
+from tis.netem.stages.delay import LatencyModel, latency_of
+from tis.netem.stages.loss import ExpectedLoss, expected_loss, loss_blocks
 
 _N_DRAWS: Final = 40_000
 _N_BLOCKS: Final = 64

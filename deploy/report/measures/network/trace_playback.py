@@ -5,16 +5,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.scenario.network.delay import TraceDelay
-from common.scenario.network.loss import TraceLoss
-from common.scenario.network.pipeline import Pipeline
-from common.trace import LOST, Trace
-from common.units import NS_PER_MS
-from deploy.logs.read.load import Ints
-from deploy.report.measures.network.requested_pipeline import RequestedPipeline, requested_pipeline
-from netem.stages.delay import latency_of
-from netem.stages.delay.trace import row_delays_ns
-from netem.stages.trace_rows import row_of_cell, row_of_packet
+from tis.common.scenario.network.delay import TraceDelay
+from tis.common.scenario.network.loss import TraceLoss
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.trace import LOST, Trace
+from tis.common.units import NS_PER_MS
+from tis.deploy.logs.read.load import Ints
+from tis.deploy.report.measures.network.requested_pipeline import RequestedPipeline, requested_pipeline
+from tis.netem.stages.delay import latency_of
+from tis.netem.stages.delay.trace import row_delays_ns
+from tis.netem.stages.trace_rows import row_of_cell, row_of_packet
 
 Floats = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ _BY_ROW: Final = "packet"
 def delay_moments_ns(request: RequestedPipeline, seq: Ints, offered_ns: Ints) -> tuple[Floats, Floats]:
     """Return mean and standard deviation of the requested delay of each of N packets, (N,) each, in ns.
 
-    A trace requests the delay of its row exactly, plus jitter if any. Oracle: `netem.expected.simulate`,
+    A trace requests the delay of its row exactly, plus jitter if any. Oracle: `tis.netem.expected.simulate`,
     test_trace_playback.
     """
     part, n = request.pipeline.delay, len(seq)

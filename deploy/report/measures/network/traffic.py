@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from common.records import COUNTERS, SENT_BYTES, SENT_PACKETS
-from deploy.logs.read.load import RunLogs
+from tis.common.records import COUNTERS, SENT_BYTES, SENT_PACKETS
+from tis.deploy.logs.read.load import RunLogs
 
 
 def surgeon_traffic(logs: RunLogs, duration_s: float) -> dict[str, Any]:

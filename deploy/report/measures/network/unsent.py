@@ -4,12 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from common.channels import Direction
-from common.units import NS_PER_S
-from deploy.logs.read.batches import fates_by_key
-from deploy.logs.read.load import Ints, RunLogs
-from deploy.logs.read.message_columns import MessageColumns
-from deploy.report.measures.network.link_books import ENDS
+from tis.common.channels import Direction
+from tis.common.units import NS_PER_S
+from tis.deploy.logs.read.batches import fates_by_key
+from tis.deploy.logs.read.load import Ints, RunLogs
+from tis.deploy.logs.read.message_columns import MessageColumns
+from tis.deploy.report.measures.network.link_books import ENDS
 
 _SPREAD = np.int64(0x2545_F491_4F6C_DD1D)  # an odd factor: sequence numbers beside fingerprints in 64 bits
 

@@ -7,8 +7,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from common.scenario import Scenario
-from common.scenario.reading import build_scenario
+from tis.common.scenario import Scenario
+from tis.common.scenario.reading import build_scenario
 
 Columns = dict[str, Any]
 

@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.errors import DataError, InputError
-from common.runtime.recordings import load_recording, load_training, load_trials, located
-from common.scenario import Scenario
-from common.scenario.reading import build_scenario, digest
 from tests.common.sources.trials import rows_of, text_of
+from tis.common.errors import DataError, InputError
+from tis.common.runtime.recordings import load_recording, load_training, load_trials, located
+from tis.common.scenario import Scenario
+from tis.common.scenario.reading import build_scenario, digest
 
 
 @pytest.fixture(autouse=True)

@@ -6,9 +6,9 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from common.errors import DataError
-from common.runtime.recordings import load_recording, load_training, located
 from tests.common.runtime.recordings.tables import Columns, movement, scenario_of, write_csv, write_parquet
+from tis.common.errors import DataError
+from tis.common.runtime.recordings import load_recording, load_training, located
 
 
 def faults_of(path: Path, **source: Any) -> list[str]:

@@ -3,12 +3,12 @@ from typing import Any
 
 import pytest
 
-from common.errors import DataError, InputError
-from common.runtime.recordings import load_recording
-from common.runtime.recordings.whole_run import build_whole
-from common.scenario import Scenario
 from tests.common.runtime.recordings.tables import movement, write_csv
 from tests.common.runtime.recordings.test_recordings import write_trial
+from tis.common.errors import DataError, InputError
+from tis.common.runtime.recordings import load_recording
+from tis.common.runtime.recordings.whole_run import build_whole
+from tis.common.scenario import Scenario
 
 
 def whole(source: dict[str, Any], n_train: int = 100, **fields: Any) -> Scenario:

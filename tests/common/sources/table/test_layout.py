@@ -2,9 +2,9 @@ from typing import Any
 
 import pytest
 
-from common.errors import DataError
-from common.scenario.table_source import TableSource
-from common.sources.table.layout import canonical_names, layout_of
+from tis.common.errors import DataError
+from tis.common.scenario.table_source import TableSource
+from tis.common.sources.table.layout import canonical_names, layout_of
 
 USUAL = ["time_s", *canonical_names("MTML"), *canonical_names("PSM2")]
 

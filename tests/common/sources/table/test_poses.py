@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.scenario.table_source import PoseColumns, PoseUnits
-from common.sources.table.layout import DeviceLayout
-from common.sources.table.poses import finite_faults, following, pose_track, unit_doubts
-from common.sources.trajectory import PoseTrack
+from tis.common.scenario.table_source import PoseColumns, PoseUnits
+from tis.common.sources.table.layout import DeviceLayout
+from tis.common.sources.table.poses import finite_faults, following, pose_track, unit_doubts
+from tis.common.sources.trajectory import PoseTrack
 
 TURN = 2.0 * np.pi / 3.0  # about (1 1 1) / sqrt(3): x becomes y, y becomes z, z becomes x
 CYCLE = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]

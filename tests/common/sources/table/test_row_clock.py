@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.sources.table.row_clock import RowClock, played, resampled, row_clock
-from common.sources.trajectory import PoseTrack
+from tis.common.sources.table.row_clock import RowClock, played, resampled, row_clock
+from tis.common.sources.trajectory import PoseTrack
 
 
 def clock_of(t_s: list[float] | np.ndarray[tuple[int], np.dtype[np.float64]]) -> RowClock:

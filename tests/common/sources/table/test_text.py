@@ -1,7 +1,7 @@
 import pytest
 
-from common.errors import DataError
-from common.sources.table.text import read_columns, split_table
+from tis.common.errors import DataError
+from tis.common.sources.table.text import read_columns, split_table
 
 
 def faults_of(text: str, *wanted: str) -> list[str]:

@@ -6,22 +6,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.channels import Side
-from common.scenario import Scenario
-from deploy.compare.cells import cell as cell_module
-from deploy.compare.cells.cell import Training, run_cell, train, with_models
-from deploy.compare.cells.histogram import percentile
-from deploy.compare.cells.measured_estimator import MeasuredEstimator
-from deploy.compare.plan import Request, make_plan
-from deploy.compare.results.pooled import pooled
-from deploy.logs.read.load import RunLogs
-from deploy.logs.read.memory import MemoryLog
-from deploy.report.measures.latency import ages_ns
-from deploy.report.summary import build_summary
-from deploy.run.twin import build_sides, drive
-from patient_side.build import identify_models
-from patient_side.estimators.hold import Hold
-from patient_side.playout import Playout
+from tis.common.channels import Side
+from tis.common.scenario import Scenario
+from tis.deploy.compare.cells import cell as cell_module
+from tis.deploy.compare.cells.cell import Training, run_cell, train, with_models
+from tis.deploy.compare.cells.histogram import percentile
+from tis.deploy.compare.cells.measured_estimator import MeasuredEstimator
+from tis.deploy.compare.plan import Request, make_plan
+from tis.deploy.compare.results.pooled import pooled
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.memory import MemoryLog
+from tis.deploy.report.measures.latency import ages_ns
+from tis.deploy.report.summary import build_summary
+from tis.deploy.run.twin import build_sides, drive
+from tis.patient_side.build import identify_models
+from tis.patient_side.estimators.hold import Hold
+from tis.patient_side.playout import Playout
 
 
 def trained(job: Training, model_file: Path) -> dict[str, Any]:

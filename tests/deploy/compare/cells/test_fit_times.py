@@ -2,7 +2,7 @@ import time
 
 import pytest
 
-from deploy.compare.cells.cell import FitTimes
+from tis.deploy.compare.cells.cell import FitTimes
 
 
 @pytest.fixture

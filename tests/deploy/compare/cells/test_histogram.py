@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.metrics.percentiles import summarise
-from deploy.compare.cells.histogram import ERROR_WIDTH, histogram, merged, percentile
+from tis.common.metrics.percentiles import summarise
+from tis.deploy.compare.cells.histogram import ERROR_WIDTH, histogram, merged, percentile
 
 durations = st.lists(st.integers(1, 10**10), min_size=1, max_size=40)
 

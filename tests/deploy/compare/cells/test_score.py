@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import ndtri
 
-from common.metrics.consistency import CHI2_3_95
-from common.streams import Stream
-from deploy.compare.cells.score import covered
+from tis.common.metrics.consistency import CHI2_3_95
+from tis.common.streams import Stream
+from tis.deploy.compare.cells.score import covered
 
 
 def _normal(label: str, *shape: int) -> np.ndarray:

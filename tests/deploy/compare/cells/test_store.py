@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from deploy.compare.cells.store import Store
+from tis.deploy.compare.cells.store import Store
 
 CELL = {"trial": "S001", "hands": {}}
 TRAINING: dict[str, Any] = {"train_s": {}, "warnings": []}

@@ -1,6 +1,6 @@
 """A literal summary; its figures are held against those of sums in tests/deploy/admissible/test_figures."""
 
-from deploy.compare.cells.summary import flat
+from tis.deploy.compare.cells.summary import flat
 
 
 def test_numbers_of_a_summary_have_dotted_paths() -> None:

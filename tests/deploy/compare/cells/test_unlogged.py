@@ -5,21 +5,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.channels import ORIGIN, Side
-from common.runtime.recordings import load_recording
-from common.scenario import Scenario
-from deploy.compare.cells.cell import Cell, logged_scores, run_cell, unlogged_scores
-from deploy.compare.cells.shared_parts import SharedParts
-from deploy.compare.cells.unlogged import is_plain, run_unlogged
-from deploy.logs.read.load import RunLogs
-from deploy.logs.read.memory import MemoryLog
-from deploy.report.measures.estimation.tracking import track_of_hand
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, drive
-from netem.node import NetemNode
-from patient_side.build import identify_models
-from patient_side.identification.model_io import dump_models
-from patient_side.node import PatientNode
+from tis.common.channels import ORIGIN, Side
+from tis.common.runtime.recordings import load_recording
+from tis.common.scenario import Scenario
+from tis.deploy.compare.cells.cell import Cell, logged_scores, run_cell, unlogged_scores
+from tis.deploy.compare.cells.shared_parts import SharedParts
+from tis.deploy.compare.cells.unlogged import is_plain, run_unlogged
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.memory import MemoryLog
+from tis.deploy.report.measures.estimation.tracking import track_of_hand
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, drive
+from tis.netem.node import NetemNode
+from tis.patient_side.build import identify_models
+from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.node import PatientNode
 
 SETTINGS = ("source.hands=[left, right]", "estimators=[innovations_kf, damped_velocity]", "duration_s=3")
 NETWORKS = {

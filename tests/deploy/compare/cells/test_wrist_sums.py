@@ -5,20 +5,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.channels import Side
-from common.runtime.recordings import load_recording
-from common.sources.trajectory import Array, HandRecording, PoseTrack, Recording
-from deploy.compare.cells.cell import unlogged_scores
-from deploy.compare.cells.measured_method import MeasuredMethod
-from deploy.compare.cells.wrist_sums import wrist_sums
-from deploy.logs.read.load import RunLogs
-from deploy.logs.read.memory import MemoryLog
-from deploy.report.measures.estimation.tracking import HandTrack
-from deploy.report.summary import build_summary
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, drive
-from patient_side.orientation.protocol import WristEstimate
-from patient_side.playout import SourceBuffer
+from tis.common.channels import Side
+from tis.common.runtime.recordings import load_recording
+from tis.common.sources.trajectory import Array, HandRecording, PoseTrack, Recording
+from tis.deploy.compare.cells.cell import unlogged_scores
+from tis.deploy.compare.cells.measured_method import MeasuredMethod
+from tis.deploy.compare.cells.wrist_sums import wrist_sums
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.memory import MemoryLog
+from tis.deploy.report.measures.estimation.tracking import HandTrack
+from tis.deploy.report.summary import build_summary
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, drive
+from tis.patient_side.orientation.protocol import WristEstimate
+from tis.patient_side.playout import SourceBuffer
 
 MS = 1_000_000
 

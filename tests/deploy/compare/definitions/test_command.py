@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from deploy.compare.definitions.splits import plan_splits
 from tests.deploy.commands import call, call_in_one_line
 from tests.markdown_tables import ragged_rows
+from tis.deploy.compare.definitions.splits import plan_splits
 
 SETTINGS = (
     "duration_s=5",

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deploy.compare.cells.error_sums import ErrorSums
-from deploy.compare.definitions.readings import (
+from tis.deploy.compare.cells.error_sums import ErrorSums
+from tis.deploy.compare.definitions.readings import (
     ERRORS,
     HORIZONS_S,
     N_AHEAD,

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from deploy.compare.definitions.published import PUBLISHED, Published
-from deploy.compare.definitions.readings import HORIZONS_S, READINGS
-from deploy.compare.definitions.report import beside, standing, verdict
-from deploy.compare.definitions.splits import SPLITS
+from tis.deploy.compare.definitions.published import PUBLISHED, Published
+from tis.deploy.compare.definitions.readings import HORIZONS_S, READINGS
+from tis.deploy.compare.definitions.report import beside, standing, verdict
+from tis.deploy.compare.definitions.splits import SPLITS
 
 EXACT = Published(
     name="made up",

@@ -6,9 +6,9 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from common.sources.trajectory import HandRecording, PoseTrack, Recording
-from deploy.compare.cells.error_sums import Array, ErrorSums
-from deploy.compare.definitions.velocity_inputs import INPUTS, Inputs, leave_user_out
+from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
+from tis.deploy.compare.cells.error_sums import Array, ErrorSums
+from tis.deploy.compare.definitions.velocity_inputs import INPUTS, Inputs, leave_user_out
 
 N_AHEAD = 6
 

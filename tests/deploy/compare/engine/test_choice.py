@@ -2,10 +2,10 @@ from typing import Any
 
 import pytest
 
-from common.errors import InputError
-from deploy.compare.engine.choice import workers_of
-from deploy.compare.engine.cluster import Cluster
-from deploy.compare.engine.processes import Processes
+from tis.common.errors import InputError
+from tis.deploy.compare.engine.choice import workers_of
+from tis.deploy.compare.engine.cluster import Cluster
+from tis.deploy.compare.engine.processes import Processes
 
 
 def test_a_scheduler_stands_for_a_cluster() -> None:

@@ -14,21 +14,20 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from common.errors import InputError, PeerError
-from deploy.compare.cells.store import Store
-from deploy.compare.engine import cluster as module
-from deploy.compare.engine import connection
-from deploy.compare.engine.cluster import Cluster
-from deploy.compare.engine.compute import Outcome, compute
-from deploy.compare.engine.processes import Processes
-from deploy.compare.engine.workers import Workers
-from deploy.compare.plan import Plan, Request, make_plan
-from deploy.shell.progress import PhaseProgress
 from tests.deploy.compare.engine.killing import KILLING
 from tests.deploy.compare.untimed import untimed
 from tests.documented_estimator import FILE, documented_estimator
+from tis.common.errors import InputError, PeerError
+from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.engine import cluster as module
+from tis.deploy.compare.engine import connection
+from tis.deploy.compare.engine.cluster import Cluster
+from tis.deploy.compare.engine.compute import Outcome, compute
+from tis.deploy.compare.engine.processes import Processes
+from tis.deploy.compare.engine.workers import Workers
+from tis.deploy.compare.plan import Plan, Request, make_plan
+from tis.deploy.shell.progress import PhaseProgress
 
-_PACKAGES = ("common", "surgeon_side", "netem", "patient_side", "deploy")
 _ROOT = Path(__file__).resolve().parents[4]
 _START_S = 60.0
 # For an own estimator all models are tried: small ones, of few samples; those of others are shipped.
@@ -101,9 +100,8 @@ def worker(scheduler: str, cluster_dir: Path, environment: dict[str, str]) -> It
 def foreign(cluster_dir: Path, worker: Start) -> None:
     """Start a worker that has other code."""
     other = cluster_dir / "other"
-    for name in _PACKAGES:
-        shutil.copytree(_ROOT / name, other / name, ignore=shutil.ignore_patterns("*.pyc.*"))  # being written
-    with (other / "common" / "units.py").open("a") as file:
+    shutil.copytree(_ROOT / "tis", other / "tis", ignore=shutil.ignore_patterns("*.pyc.*"))  # being written
+    with (other / "tis" / "common" / "units.py").open("a") as file:
         file.write("# changed\n")
     worker("foreign", "--no-nanny", root=other)
 

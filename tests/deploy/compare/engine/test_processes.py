@@ -1,6 +1,5 @@
 """Processes that die while they compute: nothing but the unit that ends its own process is lost."""
 
-import os
 import subprocess
 import sys
 import time
@@ -11,17 +10,16 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from common.runtime.child_process import PACKAGES
-from common.runtime.recordings import load_recording
-from deploy.compare.cells.store import Store
-from deploy.compare.engine.compute import Outcome, compute
-from deploy.compare.engine.processes import Processes
-from deploy.compare.plan import Plan, Request, make_plan
-from deploy.shell.progress import PhaseProgress
 from tests.deploy.compare.engine.killing import KILLING
 from tests.deploy.compare.in_this_process import InThisProcess
 from tests.deploy.compare.untimed import untimed
 from tests.documented_estimator import FILE, documented_estimator
+from tis.common.runtime.recordings import load_recording
+from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.engine.compute import Outcome, compute
+from tis.deploy.compare.engine.processes import Processes
+from tis.deploy.compare.plan import Plan, Request, make_plan
+from tis.deploy.shell.progress import PhaseProgress
 
 ALWAYS = """
 class Always(AlphaBeta):
@@ -70,7 +68,7 @@ def computed(plan: Plan, folder: Path) -> Outcome:
 def test_a_killed_process_costs_nothing_but_time(there: Path, tmp_path: Path, forked: None) -> None:
     plan = plan_with(there, "Once", n_seeds=3)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("deploy.compare.engine.processes.ProcessPoolExecutor", InThisProcess)
+        patch.setattr("tis.deploy.compare.engine.processes.ProcessPoolExecutor", InThisProcess)
         undisturbed = computed(plan, tmp_path / "undisturbed")
     Path("kill").touch()
     disturbed = computed(plan, tmp_path / "disturbed")
@@ -99,14 +97,14 @@ def test_workers_end_with_a_client_that_is_killed(there: Path, own_folder: Path)
     command = [
         sys.executable,
         "-m",
-        "deploy.cli.main",
+        "tis.deploy.cli.main",
         "compare",
         str(there),
         "--duration-s=4",
         "--jobs=2",
         *settings,
     ]
-    client = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": PACKAGES}, stderr=subprocess.PIPE)
+    client = subprocess.Popen(command, stderr=subprocess.PIPE)
     pids = Path("pids")
     until(lambda: pids.is_dir() and len(list(pids.iterdir())) == 2)
     client.kill()

@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deploy.compare import Study, compare
-from deploy.compare.cells.store import Store
-from deploy.compare.results.axes import numbers_of, numeric_axes
-from deploy.compare.results.curves import curves_figure
-from deploy.compare.results.people import band_words
-from deploy.compare.results.plots import ratio_figure
-from deploy.compare.results.pooled import resampled
-from deploy.compare.study_plan import plan_study
-from deploy.tools.synth import write_trials
+from tis.deploy.compare import Study, compare
+from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.results.axes import numbers_of, numeric_axes
+from tis.deploy.compare.results.curves import curves_figure
+from tis.deploy.compare.results.people import band_words
+from tis.deploy.compare.results.plots import ratio_figure
+from tis.deploy.compare.results.pooled import resampled
+from tis.deploy.compare.study_plan import plan_study
+from tis.deploy.tools.synth import write_trials
 
 DELAY, COPIES = "network.forward.delay.delay_ms", "surgeon.copies"
 SCENARIO = """version: 1

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from deploy.compare.results.plots import ratio_figure
-from deploy.compare.results.tables import ratios, trials_csv, view
+from tis.deploy.compare.results.plots import ratio_figure
+from tis.deploy.compare.results.tables import ratios, trials_csv, view
 
 
 def made_up(n_delays: int) -> dict[str, Any]:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from common.metrics.tracking import Scorable, ratio_to_hold, score
-from common.streams import Stream
-from deploy.compare.results.pooled import ENOUGH_PEOPLE, N_RESAMPLES, pooled, range_holds_median_pct, resampled
+from tis.common.metrics.tracking import Scorable, ratio_to_hold, score
+from tis.common.streams import Stream
+from tis.deploy.compare.results.pooled import ENOUGH_PEOPLE, N_RESAMPLES, pooled, range_holds_median_pct, resampled
 
 RANGE_M = np.array([0.05, 0.04, 0.02])
 

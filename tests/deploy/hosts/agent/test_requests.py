@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from common.errors import InputError, TisError
-from deploy.hosts.agent.requests import obey
-from deploy.shell.version import version_text
+from tis.common.errors import InputError, TisError
+from tis.deploy.hosts.agent.requests import obey
+from tis.deploy.shell.version import version_text
 
 _RAW: dict[str, Any] = {"version": 1, "name": "s", "source": {"kind": "synthetic"}}
 

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from deploy.hosts.agent import side_run
-from deploy.hosts.agent.side_run import _Lifeline, _Talk
+from tis.deploy.hosts.agent import side_run
+from tis.deploy.hosts.agent.side_run import _Lifeline, _Talk
 
 
 @pytest.fixture

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import DataError, Fault, PeerError
-from deploy.hosts.transfer.fetch import Collection
-from deploy.hosts.transfer.offered_logs import OfferedLog
+from tis.common.errors import DataError, Fault, PeerError
+from tis.deploy.hosts.transfer.fetch import Collection
+from tis.deploy.hosts.transfer.offered_logs import OfferedLog
 
 _LOG = bytes(range(250)) * 40
 _BLOCK = 1000

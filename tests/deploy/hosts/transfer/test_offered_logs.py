@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import DataError
-from deploy.hosts.transfer.offered_logs import log_names, offered_logs, opened_log, read_range
+from tis.common.errors import DataError
+from tis.deploy.hosts.transfer.offered_logs import log_names, offered_logs, opened_log, read_range
 
 _CONTENT = bytes(range(256)) * 10_000
 

@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 import zenoh
 
-from common.errors import DataError, PeerError, TisError
-from deploy.hosts.transfer import zenoh_source
-from deploy.hosts.transfer.fetch import Collection
-from deploy.hosts.transfer.zenoh_offer import CHUNK_BYTES, MAX_QUERY_BYTES, ZenohOffer, answer, key_of
-from deploy.hosts.transfer.zenoh_source import ZenohLogs, offers
 from tests.common.runtime.live_zenoh import a_network, settle, soon
+from tis.common.errors import DataError, PeerError, TisError
+from tis.deploy.hosts.transfer import zenoh_source
+from tis.deploy.hosts.transfer.fetch import Collection
+from tis.deploy.hosts.transfer.zenoh_offer import CHUNK_BYTES, MAX_QUERY_BYTES, ZenohOffer, answer, key_of
+from tis.deploy.hosts.transfer.zenoh_source import ZenohLogs, offers
 
 pytestmark = pytest.mark.live
 _SHA = "0" * 64

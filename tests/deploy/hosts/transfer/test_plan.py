@@ -5,8 +5,8 @@ import hashlib
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deploy.hosts.transfer.fetch import Fetch, Held, plan_fetch
-from deploy.hosts.transfer.offered_logs import OfferedLog
+from tis.deploy.hosts.transfer.fetch import Fetch, Held, plan_fetch
+from tis.deploy.hosts.transfer.offered_logs import OfferedLog
 
 
 def _sha(data: bytes) -> str:

@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from common.errors import DataError
-from common.node import Record
-from common.records import FATES, RELEASES
-from deploy.logs.read.batches import DEPARTURES, OUTCOMES, by_key, link_fates, link_releases
-from deploy.logs.read.load import load_run
 from tests.deploy.report.hand_made import ARM, COMMAND, MS, fate, release, write_log, write_run
+from tis.common.errors import DataError
+from tis.common.node import Record
+from tis.common.records import FATES, RELEASES
+from tis.deploy.logs.read.batches import DEPARTURES, OUTCOMES, by_key, link_fates, link_releases
+from tis.deploy.logs.read.load import load_run
 
 
 def test_batches_become_columns_in_their_order(tmp_path: Path) -> None:

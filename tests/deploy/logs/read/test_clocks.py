@@ -4,17 +4,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common import host_records, records, safety_records
-from common.channels import Side
-from common.errors import DataError
-from common.host_records import CLOCK, DISCIPLINE, EXCHANGES, ClockNote, DisciplineNote, ExchangeNote
-from common.messages import Message
-from common.node import Record
-from deploy.logs.read import clocks as module
-from deploy.logs.read.clocks import RunClocks, run_clocks, sender_of
-from deploy.logs.read.load import aligned, load_run
 from tests.common.clocks.wrong_clock import S
 from tests.deploy.report.hand_made import MS, message, tick, write_log
+from tis.common import host_records, records, safety_records
+from tis.common.channels import Side
+from tis.common.errors import DataError
+from tis.common.host_records import CLOCK, DISCIPLINE, EXCHANGES, ClockNote, DisciplineNote, ExchangeNote
+from tis.common.messages import Message
+from tis.common.node import Record
+from tis.deploy.logs.read import clocks as module
+from tis.deploy.logs.read.clocks import RunClocks, run_clocks, sender_of
+from tis.deploy.logs.read.load import aligned, load_run
 
 RTT_NS = 40_000
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deploy.logs.read.compact_ints import CompactInts
+from tis.deploy.logs.read.compact_ints import CompactInts
 
 INTS = st.integers(-(2**63), 2**63 - 1)
 STEPS = st.sampled_from([0, 1, 300, 70_000, 2**33, 2**50])

@@ -6,13 +6,13 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from common.channels import Direction
-from deploy.logs.read.batches import link_fates, link_releases
-from deploy.logs.read.load import RunLogs, load_run
-from deploy.logs.read.memory import MemoryLog
-from deploy.report.summary import build_summary
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, drive, run_twin
+from tis.common.channels import Direction
+from tis.deploy.logs.read.batches import link_fates, link_releases
+from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.deploy.logs.read.memory import MemoryLog
+from tis.deploy.report.summary import build_summary
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, drive, run_twin
 
 
 @pytest.mark.slow

@@ -5,13 +5,13 @@ from typing import Any
 
 import pytest
 
-from common.errors import DataError
-from common.node import Record
-from common.records import COUNTERS, TICKS, CounterNote, TickNote
-from common.runtime.log_parts import CLOCK_FILE, PartClock
-from common.runtime.mcap_log import McapLog
-from deploy.logs.read.load import load_parts, load_run, load_side
-from deploy.logs.read.recorded import run_id_in, scenario_in
+from tis.common.errors import DataError
+from tis.common.node import Record
+from tis.common.records import COUNTERS, TICKS, CounterNote, TickNote
+from tis.common.runtime.log_parts import CLOCK_FILE, PartClock
+from tis.common.runtime.mcap_log import McapLog
+from tis.deploy.logs.read.load import load_parts, load_run, load_side
+from tis.deploy.logs.read.recorded import run_id_in, scenario_in
 
 S = 1_000_000_000
 

@@ -7,10 +7,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.messages import FeedbackPose, Pose, Quaternion, SampledPose, Vector3
-from common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES
-from deploy.logs.blocks import Block
-from deploy.logs.read.payload_instants import NO_INSTANT, payload_instants
+from tis.common.messages import FeedbackPose, Pose, Quaternion, SampledPose, Vector3
+from tis.common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES
+from tis.deploy.logs.blocks import Block
+from tis.deploy.logs.read.payload_instants import NO_INSTANT, payload_instants
 
 INSTANTS = st.integers(0, 9) | st.integers(0, 10**18 - 1) | st.integers(-(10**12), 2**62)
 POSE: dict[str, Any] = {

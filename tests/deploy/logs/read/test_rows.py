@@ -7,9 +7,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.messages import MAX_SIZE, Quaternion, Vector3
-from common.records import ESTIMATES, FRESH, ORIENTATIONS, TICKS, EstimateNote, FreshNote, OrientationNote, TickNote
-from deploy.logs.read.rows import Rows, column_model
+from tis.common.messages import MAX_SIZE, Quaternion, Vector3
+from tis.common.records import (
+    ESTIMATES,
+    FRESH,
+    ORIENTATIONS,
+    TICKS,
+    EstimateNote,
+    FreshNote,
+    OrientationNote,
+    TickNote,
+)
+from tis.deploy.logs.read.rows import Rows, column_model
 
 INTS = st.integers(-(2**62), 2**62)
 FLOATS = st.floats(-MAX_SIZE, MAX_SIZE)

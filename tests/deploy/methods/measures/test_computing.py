@@ -6,17 +6,17 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from common.errors import DataError, Fault, InputError
-from deploy.compare.cells import cell as cells
-from deploy.compare.cells.store import Store
-from deploy.compare.engine.processes import Processes
-from deploy.compare.plan import Plan
-from deploy.methods.choice import QUICK
-from deploy.methods.measures import computing
-from deploy.methods.measures.computing import compute_methods
-from deploy.methods.measures.plans import Measure, Subject, plans_of
-from deploy.methods.measures.trials import Trials
-from patient_side.build import identify_models
+from tis.common.errors import DataError, Fault, InputError
+from tis.deploy.compare.cells import cell as cells
+from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.engine.processes import Processes
+from tis.deploy.compare.plan import Plan
+from tis.deploy.methods.choice import QUICK
+from tis.deploy.methods.measures import computing
+from tis.deploy.methods.measures.computing import compute_methods
+from tis.deploy.methods.measures.plans import Measure, Subject, plans_of
+from tis.deploy.methods.measures.trials import Trials
+from tis.patient_side.build import identify_models
 
 EXTENT = replace(QUICK, duration_s=4.0)
 QUIET = Console(quiet=True)

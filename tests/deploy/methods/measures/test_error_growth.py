@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deploy.compare.results.pooled import resampled
-from deploy.methods.measures.figures import error_growth
+from tis.deploy.compare.results.pooled import resampled
+from tis.deploy.methods.measures.figures import error_growth
 
 
 def hand(sse_mm2: float, n: int) -> dict[str, Any]:

@@ -6,15 +6,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deploy.compare.cells.histogram import ERROR_WIDTH, histogram
-from deploy.compare.cells.score import AGE_EDGES_MS
-from deploy.compare.engine.compute import Outcome
-from deploy.methods.choice import QUICK
-from deploy.methods.measures.computing import Computed
-from deploy.methods.measures.figures import figures_of
-from deploy.methods.measures.plans import ALL, Subject, plans_of
-from deploy.methods.measures.steps import Play, Stepped
-from deploy.methods.measures.trials import Trials
+from tis.deploy.compare.cells.histogram import ERROR_WIDTH, histogram
+from tis.deploy.compare.cells.score import AGE_EDGES_MS
+from tis.deploy.compare.engine.compute import Outcome
+from tis.deploy.methods.choice import QUICK
+from tis.deploy.methods.measures.computing import Computed
+from tis.deploy.methods.measures.figures import figures_of
+from tis.deploy.methods.measures.plans import ALL, Subject, plans_of
+from tis.deploy.methods.measures.steps import Play, Stepped
+from tis.deploy.methods.measures.trials import Trials
 
 METHOD = "arx_kf"
 EXTENT = replace(QUICK, n_people=None, n_training_trials=(1, 3))

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from deploy.compare.cells.cell import Training
-from deploy.compare.plan import Plan
-from deploy.methods.choice import QUICK, WHOLE
-from deploy.methods.measures.plans import ALL, OTHER_PERSON, OWN, Measure, Subject, losses_of, merged, plans_of
-from deploy.methods.measures.trials import Trials
+from tis.deploy.compare.cells.cell import Training
+from tis.deploy.compare.plan import Plan
+from tis.deploy.methods.choice import QUICK, WHOLE
+from tis.deploy.methods.measures.plans import ALL, OTHER_PERSON, OWN, Measure, Subject, losses_of, merged, plans_of
+from tis.deploy.methods.measures.trials import Trials
 
 EXTENT = replace(QUICK, n_people=None, duration_s=None, n_training_trials=(1, 3, 8))
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deploy.methods.measures.power_law import fit_power_law
+from tis.deploy.methods.measures.power_law import fit_power_law
 
 SIZES = (100.0, 200.0, 400.0, 800.0, 1600.0)
 

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from deploy.bench.estimators import Samples
-from deploy.methods.choice import Extent
-from deploy.methods.measures.plans import ALL
-from deploy.methods.measures.steps import Play, Stepped, play_rounds
-from deploy.shell.progress import PhaseProgress
-from patient_side.estimators.hold import Hold
-from patient_side.estimators.protocol import Estimate
-from patient_side.playout import Playout
+from tis.deploy.bench.estimators import Samples
+from tis.deploy.methods.choice import Extent
+from tis.deploy.methods.measures.plans import ALL
+from tis.deploy.methods.measures.steps import Play, Stepped, play_rounds
+from tis.deploy.shell.progress import PhaseProgress
+from tis.patient_side.estimators.hold import Hold
+from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.playout import Playout
 
 EXTENT = Extent(n_rounds=3, n_ticks=100)
 

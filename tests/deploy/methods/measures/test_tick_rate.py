@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deploy.methods.measures.steps import highest_rate_hz, misses_a_tick
+from tis.deploy.methods.measures.steps import highest_rate_hz, misses_a_tick
 
 STEPS = st.lists(st.integers(1, 300), min_size=2, max_size=30)
 

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import DataError
-from deploy.methods.measures.trials import Trials, find_trials
-from deploy.tools.synth import write_trials
+from tis.common.errors import DataError
+from tis.deploy.methods.measures.trials import Trials, find_trials
+from tis.deploy.tools.synth import write_trials
 
 TRIALS = Trials(None, "Suturing", ("C001", "C002", "C003", "D001", "D004", "E002"), {})
 

@@ -9,15 +9,15 @@ from contextlib import contextmanager
 import pytest
 import zenoh
 
-from common.node import Arrival, Emission
-from common.runtime.emulator_client import EmulatorAddress
-from common.runtime.free_endpoints import free_endpoints
-from common.stop_messages import LATCH, EmergencyStop, ReleaseRule
-from deploy.net.control import stop_line
-from deploy.view.steering import Steering
-from patient_side.safety.emergency_stop import EmergencyStops
 from tests.common.runtime.live_zenoh import a_router
 from tests.deploy.commands import call_in_one_line
+from tis.common.node import Arrival, Emission
+from tis.common.runtime.emulator_client import EmulatorAddress
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.stop_messages import LATCH, EmergencyStop, ReleaseRule
+from tis.deploy.net.control import stop_line
+from tis.deploy.view.steering import Steering
+from tis.patient_side.safety.emergency_stop import EmergencyStops
 
 pytestmark = pytest.mark.live
 

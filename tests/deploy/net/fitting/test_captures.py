@@ -5,8 +5,8 @@ from pathlib import Path
 import dpkt
 import pytest
 
-from common.errors import DataError
-from deploy.net.fitting.captures import captured
+from tis.common.errors import DataError
+from tis.deploy.net.fitting.captures import captured
 
 MS = 1_000_000
 

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from common.errors import DataError
-from deploy.net.fitting.round_trips import both_ways, parse_round_trips
+from tis.common.errors import DataError
+from tis.deploy.net.fitting.round_trips import both_ways, parse_round_trips
 
 MS = 1_000_000
 PING = """PING host.test (192.0.2.1) 56(84) bytes of data.

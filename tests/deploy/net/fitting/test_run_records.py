@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from common.channels import Direction
-from common.errors import DataError
-from common.node import Record
-from common.records import CONTROL, FATES, ControlNote, FateBatch
-from common.scenario.reading import dump_scenario
-from deploy.cli.main import app
-from deploy.net.fitting.run_records import run_records
-from deploy.net.library.profiles import find_profile
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, run_twin
-from netem.fit.direction import fit_direction
-from netem.fit.record import Flips
 from tests.deploy.hold_only import HOLD
 from tests.deploy.report.hand_made import MS, a_scenario, fate, release, write_log
 from tests.log_reader import LogReader
+from tis.common.channels import Direction
+from tis.common.errors import DataError
+from tis.common.node import Record
+from tis.common.records import CONTROL, FATES, ControlNote, FateBatch
+from tis.common.scenario.reading import dump_scenario
+from tis.deploy.cli.main import app
+from tis.deploy.net.fitting.run_records import run_records
+from tis.deploy.net.library.profiles import find_profile
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, run_twin
+from tis.netem.fit.direction import fit_direction
+from tis.netem.fit.record import Flips
 
 RUN_HEADER_FIELDS = {"scenario.yaml": dump_scenario(a_scenario(1.0)).encode()}
 

@@ -8,14 +8,14 @@ from typing import Any, get_args
 import pytest
 import yaml
 
-from common.channels import Direction
-from common.scenario.control import Operation
-from common.scenario.network import NetworkPart
-from deploy.net.library.network_page import EXAMPLE, REQUESTS, network_page
-from deploy.net.library.stage_reference import sections
-from netem.control.control import Control
-from netem.link.link import Link
 from tests.netem.making import link
+from tis.common.channels import Direction
+from tis.common.scenario.control import Operation
+from tis.common.scenario.network import NetworkPart
+from tis.deploy.net.library.network_page import EXAMPLE, REQUESTS, network_page
+from tis.deploy.net.library.stage_reference import sections
+from tis.netem.control.control import Control
+from tis.netem.link.link import Link
 
 PAGE = Path(__file__).parents[4] / "docs" / "network.md"
 GUIDE = Path(__file__).parents[4] / "docs" / "how_to" / "describe_network.md"

@@ -7,8 +7,8 @@ import pytest
 import yaml
 from scipy.stats import poisson
 
-from common.errors import InputError
-from deploy.net.library.profiles import (
+from tis.common.errors import InputError
+from tis.deploy.net.library.profiles import (
     SHIPPED,
     build_profile,
     dump_profile,
@@ -16,9 +16,9 @@ from deploy.net.library.profiles import (
     read_profile,
     shipped_names,
 )
-from deploy.paper.printed import ROWS, PaperRow
-from netem.expected.figures import direction_figures
-from netem.expected.simulate import simulate
+from tis.deploy.paper.printed import ROWS, PaperRow
+from tis.netem.expected.figures import direction_figures
+from tis.netem.expected.simulate import simulate
 
 EXPECTED = {
     *(f"paper_{n}" for n in range(1, 7)),

@@ -7,12 +7,12 @@ import pytest
 from pydantic import BaseModel
 from typer.testing import CliRunner
 
-from common.scenario.network import NetworkPart
-from common.scenario.network.conditions import Change
-from common.scenario.network.pipeline import Pipeline, Stages
-from deploy.cli.main import app
-from deploy.net.library.stage_reference import Parameter, sections
-from deploy.shell import guard
+from tis.common.scenario.network import NetworkPart
+from tis.common.scenario.network.conditions import Change
+from tis.common.scenario.network.pipeline import Pipeline, Stages
+from tis.deploy.cli.main import app
+from tis.deploy.net.library.stage_reference import Parameter, sections
+from tis.deploy.shell import guard
 
 
 def _models(annotation: Any) -> list[type[BaseModel]]:

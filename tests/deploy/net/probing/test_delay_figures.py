@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from common.trace import Trace
-from deploy.net.probing.delay_figures import as_json, path_figures
+from tis.common.trace import Trace
+from tis.deploy.net.probing.delay_figures import as_json, path_figures
 
 MS = 1_000_000
 

@@ -13,18 +13,18 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from common.errors import PeerError
-from common.runtime.clock_skew import SKEW_VARIABLE
-from common.runtime.free_endpoints import free_endpoints
-from common.trace import Trace
-from common.trace_text import parse_trace
-from deploy.net.probing.far_end import FarEnd
-from deploy.net.probing.far_keys import Batch, stamps_key
-from deploy.net.probing.probe import Plan, Probed, probe
-from deploy.net.probing.reflector import Reflector
 from tests.common.runtime.live_zenoh import a_client, a_router
 from tests.deploy.commands import call
 from tests.netem.bridge.live_bridge import a_bridge, delays
+from tis.common.errors import PeerError
+from tis.common.runtime.clock_skew import SKEW_VARIABLE
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.trace import Trace
+from tis.common.trace_text import parse_trace
+from tis.deploy.net.probing.far_end import FarEnd
+from tis.deploy.net.probing.far_keys import Batch, stamps_key
+from tis.deploy.net.probing.probe import Plan, Probed, probe
+from tis.deploy.net.probing.reflector import Reflector
 
 pytestmark = pytest.mark.live
 _ROOT = Path(__file__).resolve().parents[4]
@@ -39,7 +39,7 @@ def reflect() -> Iterator[Reflect]:
 
     def start(endpoint: str, skew: str = "") -> "subprocess.Popen[str]":
         process = subprocess.Popen(
-            [sys.executable, "-m", "deploy.cli.main", "net", "reflect", "-l", endpoint],
+            [sys.executable, "-m", "tis.deploy.cli.main", "net", "reflect", "-l", endpoint],
             env={**os.environ, SKEW_VARIABLE: skew}, cwd=_ROOT, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
         started.append(process)
@@ -172,7 +172,7 @@ def test_it_goes_through_an_emulator_as_messages_do() -> None:
 
 
 def test_one_far_end_serves_probe_after_probe_in_many_batches(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("deploy.net.probing.reflector.MAX_ROWS", 7)
+    monkeypatch.setattr("tis.deploy.net.probing.reflector.MAX_ROWS", 7)
     endpoint, _ = free_endpoints()
     over = threading.Event()
     with a_router(endpoint), a_client(endpoint) as here, a_client(endpoint) as session:

@@ -2,8 +2,8 @@
 
 import pytest
 
-from deploy.net.probing.idle_relay import open_idle_relay
 from tests.common.runtime.live_zenoh import soon
+from tis.deploy.net.probing.idle_relay import open_idle_relay
 
 
 @pytest.mark.live

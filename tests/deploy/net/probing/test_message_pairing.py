@@ -4,10 +4,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.clocks.exchange import Exchanges
-from common.clocks.fit import fit_clock
-from deploy.net.probing.message_pairing import FOREIGN, WARMING_UP, last_received, pair
 from tests.common.clocks.wrong_clock import WrongClock, exchange, exchanges
+from tis.common.clocks.exchange import Exchanges
+from tis.common.clocks.fit import fit_clock
+from tis.deploy.net.probing.message_pairing import FOREIGN, WARMING_UP, last_received, pair
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -1,11 +1,11 @@
 from pathlib import Path
 from typing import Any
 
-from common.devices.records import DEVICES, DeviceNote
-from common.node import Record
-from deploy.report.measures.devices import device_texts, devices_summary, is_foreign
-from deploy.report.summary import source_label
 from tests.deploy.report.hand_made import MS, a_scenario, counter, write_run
+from tis.common.devices.records import DEVICES, DeviceNote
+from tis.common.node import Record
+from tis.deploy.report.measures.devices import device_texts, devices_summary, is_foreign
+from tis.deploy.report.summary import source_label
 
 LIVE: dict[str, Any] = {
     "source": {"kind": "live", "hands": ["left", "right"]},

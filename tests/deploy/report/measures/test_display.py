@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.scenario import reading
-from deploy.logs.read.load import load_run
-from deploy.report.measures.display import display_summary, displayed
-from deploy.report.tables.display_table import display_rows, display_table, display_views
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, run_twin
 from tests.log_reader import LogReader
+from tis.common.scenario import reading
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.report.measures.display import display_summary, displayed
+from tis.deploy.report.tables.display_table import display_rows, display_table, display_views
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, run_twin
 
 _SETTINGS = (
     "patient.plant={kind: servo, bandwidth_hz: 5}", "estimators=[hold]", "active_estimator=hold",

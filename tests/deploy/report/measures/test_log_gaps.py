@@ -7,16 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.channels import Direction, Side
-from common.node import Record
-from common.runtime.mcap_log import McapLog
-from deploy.logs.coverage import FOREVER
-from deploy.logs.log_paths import recovered_name
-from deploy.logs.read.load import RunLogs, load_run
-from deploy.logs.recover import recover
-from deploy.report.link_summary import link_summary
-from deploy.report.measures.log_gaps import LogGaps
-from deploy.report.measures.network.one_way import OneWay
 from tests.deploy.report.hand_made import (
     COMMAND,
     ESTIMATED,
@@ -29,6 +19,16 @@ from tests.deploy.report.hand_made import (
     message,
     write_log,
 )
+from tis.common.channels import Direction, Side
+from tis.common.node import Record
+from tis.common.runtime.mcap_log import McapLog
+from tis.deploy.logs.coverage import FOREVER
+from tis.deploy.logs.log_paths import recovered_name
+from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.deploy.logs.recover import recover
+from tis.deploy.report.link_summary import link_summary
+from tis.deploy.report.measures.log_gaps import LogGaps
+from tis.deploy.report.measures.network.one_way import OneWay
 
 S = 1_000_000_000
 N = 10

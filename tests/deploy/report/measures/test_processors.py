@@ -6,14 +6,6 @@ from typing import Any
 
 import pytest
 
-from common.errors import DataError
-from common.host_records import CLOCK, PROCESSORS, ClockNote, ProcessorNote
-from common.node import Record
-from deploy.logs.read.load import RunLogs, load_run
-from deploy.logs.read.side_columns import SideLog
-from deploy.report.link_summary import link_summary
-from deploy.report.measures.processors import processors_summary, shares_of
-from deploy.report.summary import build_summary
 from tests.deploy.report.hand_made import (
     COMMAND,
     ONE_CLOCK,
@@ -25,6 +17,14 @@ from tests.deploy.report.hand_made import (
     write_log,
     write_run,
 )
+from tis.common.errors import DataError
+from tis.common.host_records import CLOCK, PROCESSORS, ClockNote, ProcessorNote
+from tis.common.node import Record
+from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.deploy.logs.read.side_columns import SideLog
+from tis.deploy.report.link_summary import link_summary
+from tis.deploy.report.measures.processors import processors_summary, shares_of
+from tis.deploy.report.summary import build_summary
 
 S = 1_000_000_000
 

@@ -6,18 +6,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.channels import Arm, Hand
-from common.header import HEADER_BYTES
-from common.messages import Pose, SampledPose
-from common.records import SENT_BYTES, SENT_PACKETS
-from common.scenario.surgeon import MAX_COPY_DELAY_MS
-from deploy.logs.read.load import load_run
-from deploy.report.measures.network.traffic import surgeon_traffic
-from deploy.report.measures.redundancy import alone_bytes, is_redundant, redundancy
-from deploy.report.tables.redundancy_rows import redundancy_rows, redundancy_text, sample_loss_text
-from patient_side.horizon import HORIZON_S
 from tests.deploy.report.hand_made import ARM, COMMAND, a_scenario, counter, message, tick, write_run
 from tests.nodes import a_pose
+from tis.common.channels import Arm, Hand
+from tis.common.header import HEADER_BYTES
+from tis.common.messages import Pose, SampledPose
+from tis.common.records import SENT_BYTES, SENT_PACKETS
+from tis.common.scenario.surgeon import MAX_COPY_DELAY_MS
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.report.measures.network.traffic import surgeon_traffic
+from tis.deploy.report.measures.redundancy import alone_bytes, is_redundant, redundancy
+from tis.deploy.report.tables.redundancy_rows import redundancy_rows, redundancy_text, sample_loss_text
+from tis.patient_side.horizon import HORIZON_S
 
 ARMS: dict[Hand, Arm] = {"left": "PSM2"}
 

@@ -8,19 +8,19 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from common.records import COUNTERS
-from common.safety_records import STOPS, StopNote
-from common.scenario import reading
-from deploy.logs.read.load import load_run
-from deploy.report.measures.estimation.tracking import track_of_hand
-from deploy.report.measures.safety import safety_summary, set_points
-from deploy.report.plots.hand_view import hand_view
-from deploy.report.plots.plot_style import time_range
-from deploy.report.plots.safety_plot import safety_figure
-from deploy.report.tables.run_warnings import run_warnings
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, run_twin
-from deploy.shell import run_dir as folder
+from tis.common.records import COUNTERS
+from tis.common.safety_records import STOPS, StopNote
+from tis.common.scenario import reading
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.report.measures.estimation.tracking import track_of_hand
+from tis.deploy.report.measures.safety import safety_summary, set_points
+from tis.deploy.report.plots.hand_view import hand_view
+from tis.deploy.report.plots.plot_style import time_range
+from tis.deploy.report.plots.safety_plot import safety_figure
+from tis.deploy.report.tables.run_warnings import run_warnings
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, run_twin
+from tis.deploy.shell import run_dir as folder
 
 _OUTAGE = "network.timeline=[{at_s: 3, for_s: 4, direction: forward, set: {outage: true}}]"
 

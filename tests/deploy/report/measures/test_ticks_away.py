@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from deploy.logs.coverage import Coverage
-from deploy.report.measures.ticks_away import TicksAway, ticks_away
+from tis.deploy.logs.coverage import Coverage
+from tis.deploy.report.measures.ticks_away import TicksAway, ticks_away
 
 S = 1_000_000_000
 

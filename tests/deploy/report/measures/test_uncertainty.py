@@ -8,24 +8,24 @@ import pytest
 from numpy.typing import NDArray
 from rich.console import Console
 
-from common.channels import Side
-from common.metrics.percentiles import summarise
-from common.records import ESTIMATES, TRUTH
-from common.units import NS_PER_MS
-from deploy.logs.read.load import aligned
-from deploy.logs.read.memory import MemoryLog
-from deploy.report.measures.estimation.tracking import track_of_hand
-from deploy.report.measures.latency import ages_of_hand
-from deploy.report.measures.uncertainty import not_resolvable
-from deploy.report.summary import build_summary
-from deploy.report.tables.answer import answer
-from deploy.report.tables.numbers import figure
-from deploy.report.tables.terminal import print_summary
-from deploy.run.resolve import resolve
-from patient_side.statespace import ArmModel
 from tests.common.clocks.wrong_clock import WrongClock
 from tests.deploy.hold_only import HOLD
 from tests.deploy.report.other_hosts import MONOTONIC_NS, as_run, run_apart
+from tis.common.channels import Side
+from tis.common.metrics.percentiles import summarise
+from tis.common.records import ESTIMATES, TRUTH
+from tis.common.units import NS_PER_MS
+from tis.deploy.logs.read.load import aligned
+from tis.deploy.logs.read.memory import MemoryLog
+from tis.deploy.report.measures.estimation.tracking import track_of_hand
+from tis.deploy.report.measures.latency import ages_of_hand
+from tis.deploy.report.measures.uncertainty import not_resolvable
+from tis.deploy.report.summary import build_summary
+from tis.deploy.report.tables.answer import answer
+from tis.deploy.report.tables.numbers import figure
+from tis.deploy.report.tables.terminal import print_summary
+from tis.deploy.run.resolve import resolve
+from tis.patient_side.statespace import ArmModel
 
 DELAY_MS = 20.0
 CLOCKS: dict[Side, WrongClock] = {"surgeon": WrongClock(400_000, 50.0), "patient": WrongClock(-900_000, -35.0)}

@@ -11,22 +11,6 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from common.channels import Side
-from common.scenario import Scenario
-from deploy.logs.read.clocks import SideClock
-from deploy.logs.read.load import RunLogs, load_run
-from deploy.report.page import html_page
-from deploy.report.page.html import report_html
-from deploy.report.palette import TONES, look_of
-from deploy.report.run_view import RunView, arms_of
-from deploy.report.summary import build_summary
-from deploy.report.tables.answer import answer
-from deploy.report.tables.html_tables import nonbreaking_units
-from deploy.report.tables.numbers import number
-from deploy.run.conclude import Ending, Outputs, conclude
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, run_twin
-from deploy.shell import run_dir as folder
 from tests.deploy.report import hand_made
 from tests.deploy.report.hand_made import (
     COMMAND,
@@ -42,6 +26,22 @@ from tests.deploy.report.hand_made import (
 )
 from tests.deploy.report.outline import Outline
 from tests.patient_side.arm_models import static_model
+from tis.common.channels import Side
+from tis.common.scenario import Scenario
+from tis.deploy.logs.read.clocks import SideClock
+from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.deploy.report.page import html_page
+from tis.deploy.report.page.html import report_html
+from tis.deploy.report.palette import TONES, look_of
+from tis.deploy.report.run_view import RunView, arms_of
+from tis.deploy.report.summary import build_summary
+from tis.deploy.report.tables.answer import answer
+from tis.deploy.report.tables.html_tables import nonbreaking_units
+from tis.deploy.report.tables.numbers import number
+from tis.deploy.run.conclude import Ending, Outputs, conclude
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, run_twin
+from tis.deploy.shell import run_dir as folder
 
 DURATION_S = 8.0
 SIDES: tuple[Side, ...] = ("surgeon", "netem", "patient")

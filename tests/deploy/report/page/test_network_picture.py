@@ -4,9 +4,9 @@ import re
 
 import pytest
 
-from deploy.report.page.network_picture import STATES, DirectionFigures, LinkState, network_picture
-from deploy.report.palette import GREEN
 from tests.deploy.report.outline import Outline
+from tis.deploy.report.page.network_picture import STATES, DirectionFigures, LinkState, network_picture
+from tis.deploy.report.palette import GREEN
 
 
 @pytest.mark.parametrize(

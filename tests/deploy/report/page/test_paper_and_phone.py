@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from deploy.run.conclude import Ending, Outputs, conclude
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, run_twin
-from deploy.shell import run_dir as folder
 from tests.system.browser import chromium, watched_page
+from tis.deploy.run.conclude import Ending, Outputs, conclude
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, run_twin
+from tis.deploy.shell import run_dir as folder
 
 pytestmark = pytest.mark.live
 

@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from common.metrics.latency import latency_parts
-from deploy.report.plots.budget_bar import budget_bar, budget_ms
+from tis.common.metrics.latency import latency_parts
+from tis.deploy.report.plots.budget_bar import budget_bar, budget_ms
 
 MS = 1_000_000
 

@@ -5,12 +5,12 @@ from bokeh.models import ColumnDataSource
 from bokeh.models.renderers import GlyphRenderer
 from bokeh.plotting import figure
 
-from common.messages import Message
-from common.node import Record
-from deploy.logs.read.clocks import RunClocks, run_clocks
-from deploy.report.plots.clock_plot import clock_figure
 from tests.common.clocks.wrong_clock import S
 from tests.deploy.logs.read.test_clocks import asked, compared
+from tis.common.messages import Message
+from tis.common.node import Record
+from tis.deploy.logs.read.clocks import RunClocks, run_clocks
+from tis.deploy.report.plots.clock_plot import clock_figure
 
 
 def _rows(*records: Record) -> dict[str, list[dict[str, Any]]]:

@@ -3,10 +3,10 @@
 from bokeh.models.annotations import BoxAnnotation
 from bokeh.plotting import figure
 
-from deploy.report.measures.network.disturbances import Disturbance
-from deploy.report.palette import CHANGED, OUTAGE
-from deploy.report.plots import plot_style as style
-from deploy.report.plots.disturbance_marks import marked
+from tis.deploy.report.measures.network.disturbances import Disturbance
+from tis.deploy.report.palette import CHANGED, OUTAGE
+from tis.deploy.report.plots import plot_style as style
+from tis.deploy.report.plots.disturbance_marks import marked
 
 FOUND = [
     Disturbance(1.0, 1.5, "outage", "both", live=False),

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from deploy.report.plots.packets import link_columns
 from tests.deploy.report.hand_made import ARM, COMMAND, ESTIMATED, crossing, fate, release, write_run
+from tis.deploy.report.plots.packets import link_columns
 
 
 def test_delays_are_decided_and_realised_and_the_lost_are_apart(tmp_path: Path) -> None:

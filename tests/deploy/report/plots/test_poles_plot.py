@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deploy.report.plots.poles_plot import poles_figure, poles_of
-from patient_side.statespace import StateSpace
 from tests.patient_side.arm_models import static_model
+from tis.deploy.report.plots.poles_plot import poles_figure, poles_of
+from tis.patient_side.statespace import StateSpace
 
 
 def _with_poles(A: np.ndarray) -> StateSpace:

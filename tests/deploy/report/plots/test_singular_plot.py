@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from common.scenario.patient import Identification
-from deploy.report.plots.singular_plot import singular_figure
+from tis.common.scenario.patient import Identification
+from tis.deploy.report.plots.singular_plot import singular_figure
 
 MODEL: dict[str, Any] = {
     "method": "moesp", "order": 0, "static": True, "singular_values": [3.0, 2.0, 1.0], "fit_pct": [99.99963] * 3,

@@ -3,11 +3,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from common.channels import FOLLOWER, Hand
-from common.scenario.patient import Identification
-from common.sources.trajectory import HandRecording, PoseTrack, Recording
-from deploy.report.publication.matplotlib_figures import FORMATS, identification_figure, rendered
-from patient_side.identification.identify import Identified, identify_with_orders
+from tis.common.channels import FOLLOWER, Hand
+from tis.common.scenario.patient import Identification
+from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
+from tis.deploy.report.publication.matplotlib_figures import FORMATS, identification_figure, rendered
+from tis.patient_side.identification.identify import Identified, identify_with_orders
 
 STARTS = {"svg": b"<?xml", "pdf": b"%PDF", "png": b"\x89PNG"}
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from deploy.cli.main import app
-from deploy.logs.read.load import load_run
-from deploy.report.command import read_run
-from deploy.report.publication.run_figures import COLUMN_IN, paper_figures
-from deploy.report.run_view import RunView
 from tests.deploy.report.hand_made import a_scenario, estimate, message, truth, write_run
+from tis.deploy.cli.main import app
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.report.command import read_run
+from tis.deploy.report.publication.run_figures import COLUMN_IN, paper_figures
+from tis.deploy.report.run_view import RunView
 
 STARTS = {"svg": b"<?xml", "pdf": b"%PDF", "png": b"\x89PNG"}
 NAMES = ("position", "error", "error_by_age", "latency_cdf", "delay", "delay_cdf", "loss_runs")

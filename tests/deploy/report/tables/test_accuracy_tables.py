@@ -3,7 +3,7 @@
 import re
 from typing import Any
 
-from deploy.report.tables.accuracy_tables import accuracy_table
+from tis.deploy.report.tables.accuracy_tables import accuracy_table
 
 _WIDTH = re.compile(r"width:([\d.]+)%")
 

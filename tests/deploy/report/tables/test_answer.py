@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from deploy.report.tables.answer import answer
 from tests.deploy.report.hand_made import a_scenario
+from tis.deploy.report.tables.answer import answer
 
 
 def _entry(rmse_3d_mm: float | None, ratio: float | None) -> dict[str, Any]:

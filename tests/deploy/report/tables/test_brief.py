@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from common.scenario.requirements import REQUIREMENTS
-from deploy.report.tables.brief import MAX_LINES, brief
+from tis.common.scenario.requirements import REQUIREMENTS
+from tis.deploy.report.tables.brief import MAX_LINES, brief
 
 
 def _statistics(p50: float, p99: float) -> dict[str, float]:
@@ -58,7 +58,7 @@ def summary() -> dict[str, Any]:
 
 @pytest.fixture(autouse=True)
 def without_redundancy(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("deploy.report.tables.brief.sample_loss_text", lambda _: None)
+    monkeypatch.setattr("tis.deploy.report.tables.brief.sample_loss_text", lambda _: None)
 
 
 def test_the_figures_stand_in_their_order(summary: dict[str, Any]) -> None:

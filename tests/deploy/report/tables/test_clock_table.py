@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from deploy.report.tables.clock_table import clock_table
 from tests.deploy.report.outline import Outline
+from tis.deploy.report.tables.clock_table import clock_table
 
 NETEM = {
     "kind": "reference", "offset_ms": 0.0, "drift_ppm": 0.0, "drift_uncertainty_ppm": 0.0, "uncertainty_us": 0.0,

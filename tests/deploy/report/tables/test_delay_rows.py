@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from deploy.report.tables.delay_rows import delay_rows
+from tis.deploy.report.tables.delay_rows import delay_rows
 
 
 def _part(asked_ms: float | None, decided_ms: float, varies: bool = False, foreign: bool = False) -> dict[str, Any]:

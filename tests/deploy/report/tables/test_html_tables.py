@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from deploy.report.tables.html_tables import nonbreaking_units, redundancy_table
 from tests.deploy.report.outline import Outline
+from tis.deploy.report.tables.html_tables import nonbreaking_units, redundancy_table
 
 FOUND: dict[str, Any] = {
     "copies": 2,

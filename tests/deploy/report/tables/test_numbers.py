@@ -2,8 +2,8 @@
 
 import pytest
 
-from deploy.report.tables.numbers import heads
-from deploy.report.verdict.amounts import percentile_name, statistic_name
+from tis.deploy.report.tables.numbers import heads
+from tis.deploy.report.verdict.amounts import percentile_name, statistic_name
 
 
 def test_the_summarys_names_become_words() -> None:

@@ -2,8 +2,8 @@ from typing import Any
 
 from rich.console import Console, Group
 
-from deploy.report.tables.orientation_table import orientation_table
-from deploy.report.tables.terminal import orientation_views
+from tis.deploy.report.tables.orientation_table import orientation_table
+from tis.deploy.report.tables.terminal import orientation_views
 
 
 def scores(rms: float | None, ratio: float | None, coverage: list[float] | None = None) -> dict[str, Any]:

@@ -1,9 +1,9 @@
 """Who had the processors, as a table."""
 
-from common.host_records import ProcessorNote
-from common.metrics.processor_shares import processor_shares
-from deploy.report.tables.processor_table import processor_table
 from tests.deploy.report.outline import Outline
+from tis.common.host_records import ProcessorNote
+from tis.common.metrics.processor_shares import processor_shares
+from tis.deploy.report.tables.processor_table import processor_table
 
 S = 1_000_000_000
 NOTE = ProcessorNote(

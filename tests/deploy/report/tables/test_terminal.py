@@ -8,10 +8,6 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from common.scenario.requirements import REQUIREMENTS
-from deploy.logs.read.load import load_run
-from deploy.report.summary import build_summary
-from deploy.report.tables.terminal import drop_reasons, print_summary
 from tests.deploy.report.hand_made import (
     COMMAND,
     a_scenario,
@@ -26,6 +22,10 @@ from tests.deploy.report.hand_made import (
     write_run,
 )
 from tests.patient_side.arm_models import static_model
+from tis.common.scenario.requirements import REQUIREMENTS
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.report.summary import build_summary
+from tis.deploy.report.tables.terminal import drop_reasons, print_summary
 
 
 def _seen(summary: dict[str, Any], width: int = 80) -> str:

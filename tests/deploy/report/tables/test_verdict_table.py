@@ -2,9 +2,9 @@
 
 from itertools import pairwise
 
-from common.metrics.verdict import Finding, SetVerdict
-from deploy.report.tables.verdict_table import outcome_list, verdict_tables
 from tests.deploy.report.outline import Outline
+from tis.common.metrics.verdict import Finding, SetVerdict
+from tis.deploy.report.tables.verdict_table import outcome_list, verdict_tables
 
 MISSED: Finding = {
     "metric": "end_to_end", "direction": None, "title": "end-to-end latency", "binding": True, "unit": "ms",

@@ -2,7 +2,7 @@
 
 import pytest
 
-from deploy.report.verdict.amounts import (
+from tis.deploy.report.verdict.amounts import (
     limit_text,
     needed_count,
     needed_time,

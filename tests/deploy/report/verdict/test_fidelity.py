@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.node import Record
-from common.records import CONTROL, FATES, RELEASES, ControlNote, FateBatch, Outcome, ReleaseBatch
-from common.scenario import Scenario
-from deploy.report.link_summary import link_summary
-from netem.expected.simulate import Simulated, simulate
 from tests.deploy.report.hand_made import COMMAND, MS, a_scenario, counter, fate, message, release, write_run
+from tis.common.node import Record
+from tis.common.records import CONTROL, FATES, RELEASES, ControlNote, FateBatch, Outcome, ReleaseBatch
+from tis.common.scenario import Scenario
+from tis.deploy.report.link_summary import link_summary
+from tis.netem.expected.simulate import Simulated, simulate
 
 PIPELINE: dict[str, Any] = {
     "delay": {"kind": "gamma", "shift_ms": 20, "mean_ms": 10, "std_ms": 5},

@@ -5,14 +5,14 @@ from typing import Any
 
 import pytest
 
-from common.channels import Side
-from common.devices.records import FOREIGN_SURGEON
-from common.peer_life import Event
-from common.records import COUNTERS, PEERS, CounterNote, PeerNote
-from common.units import NS_PER_S
-from deploy.logs.read.load import RunLogs
-from deploy.logs.read.side_columns import SideLog
-from deploy.report.verdict import invalidity
+from tis.common.channels import Side
+from tis.common.devices.records import FOREIGN_SURGEON
+from tis.common.peer_life import Event
+from tis.common.records import COUNTERS, PEERS, CounterNote, PeerNote
+from tis.common.units import NS_PER_S
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.side_columns import SideLog
+from tis.deploy.report.verdict import invalidity
 
 
 def _logs(*notes: tuple[Side, float, Side, Event, float, str]) -> RunLogs:

@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from common.channels import Direction
-from common.metrics.verdict import SetVerdict
-from common.scenario.limits import Limits
-from common.scenario.requirements import REQUIREMENTS, Metric
-from deploy.report.verdict.requirements import Measured, verdicts
+from tis.common.channels import Direction
+from tis.common.metrics.verdict import SetVerdict
+from tis.common.scenario.limits import Limits
+from tis.common.scenario.requirements import REQUIREMENTS, Metric
+from tis.deploy.report.verdict.requirements import Measured, verdicts
 
 Run = dict[tuple[Metric, Direction | None], Measured]
 

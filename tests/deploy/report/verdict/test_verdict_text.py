@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from deploy.report.tables.network_tables import fidelity_list
-from deploy.report.verdict.verdict_text import fidelity_text, validity_text
+from tis.deploy.report.tables.network_tables import fidelity_list
+from tis.deploy.report.verdict.verdict_text import fidelity_text, validity_text
 
 
 def _summary(valid: bool, forward: bool | None, feedback: bool | None) -> dict[str, object]:

@@ -2,12 +2,12 @@ import math
 
 import pytest
 
-from common.scenario import Scenario
-from common.units import sample_instant_ns
-from deploy.run.resolve import resolve
-from deploy.view.drive.device import device_of, device_pose
-from surgeon_side.live.motion import LiveMotion
 from tests.nodes import an_arrival
+from tis.common.scenario import Scenario
+from tis.common.units import sample_instant_ns
+from tis.deploy.run.resolve import resolve
+from tis.deploy.view.drive.device import device_of, device_pose
+from tis.surgeon_side.live.motion import LiveMotion
 
 
 def _live(*settings: str) -> Scenario:

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deploy.view.drive.hand_move import MAX_MESSAGE_CHARS, HandMove, read_move
+from tis.deploy.view.drive.hand_move import MAX_MESSAGE_CHARS, HandMove, read_move
 
 
 def test_a_move_is_read() -> None:

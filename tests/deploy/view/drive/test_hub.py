@@ -4,14 +4,14 @@ from typing import Any
 
 import pytest
 
-from common.devices.pose import DevicePose
-from common.scenario.control import EmulatorState
-from deploy.view.drive.device import Device
-from deploy.view.drive.hand_move import HandMove
-from deploy.view.drive.hub import NOT_CONNECTED, NOT_LIVE, OTHER_DRIVES, RIVAL, DriveHub, picture
-from deploy.watch.book import LiveBook
 from tests.deploy.watch.making import LEFT, a_book, sighting
 from tests.deploy.watch.test_displays import _arm, _display
+from tis.common.devices.pose import DevicePose
+from tis.common.scenario.control import EmulatorState
+from tis.deploy.view.drive.device import Device
+from tis.deploy.view.drive.hand_move import HandMove
+from tis.deploy.view.drive.hub import NOT_CONNECTED, NOT_LIVE, OTHER_DRIVES, RIVAL, DriveHub, picture
+from tis.deploy.watch.book import LiveBook
 
 
 class _Door:

@@ -2,8 +2,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deploy.view.drive.hand_move import HandMove
-from deploy.view.drive.seat import MAX_RATE_HZ, Rate, Seat
+from tis.deploy.view.drive.hand_move import HandMove
+from tis.deploy.view.drive.seat import MAX_RATE_HZ, Rate, Seat
 
 
 def _move(

@@ -3,10 +3,10 @@ import sys
 
 import pytest
 
-from common.channels import Network
-from common.errors import InputError
-from netem.bridge.carry.carrying import Ends, ends_of
-from netem.bridge.sides import Place
+from tis.common.channels import Network
+from tis.common.errors import InputError
+from tis.netem.bridge.carry.carrying import Ends, ends_of
+from tis.netem.bridge.sides import Place
 
 
 def _ends(**places: tuple[str, str]) -> Ends:
@@ -58,7 +58,7 @@ def test_other_protocols_are_refused_together() -> None:
 def test_faults_of_the_command_line_are_told(words: list[str], said: str) -> None:
     places = ["--west", "tcp/127.0.0.1:1", "--connect-east", "tcp/127.0.0.1:2"]
     done = subprocess.run(
-        [sys.executable, "-m", "deploy.cli.main", "netem", *places, *words],
+        [sys.executable, "-m", "tis.deploy.cli.main", "netem", *places, *words],
         capture_output=True,
         text=True,
         check=False,

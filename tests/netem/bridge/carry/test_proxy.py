@@ -10,14 +10,14 @@ from typing import Any
 
 import pytest
 
-from common.channels import Direction
-from common.errors import PeerError
-from common.scenario.network import NetworkPart
-from netem.bridge.carry.proxy import Proxy
-from netem.bridge.carry.stream_network import backlog_bytes, stream_network
-from netem.bridge.driver import Driver
-from netem.build import build_links
 from tests.netem.bridge.live_bridge import driving
+from tis.common.channels import Direction
+from tis.common.errors import PeerError
+from tis.common.scenario.network import NetworkPart
+from tis.netem.bridge.carry.proxy import Proxy
+from tis.netem.bridge.carry.stream_network import backlog_bytes, stream_network
+from tis.netem.bridge.driver import Driver
+from tis.netem.build import build_links
 
 pytestmark = pytest.mark.live
 

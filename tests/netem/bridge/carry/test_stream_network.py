@@ -2,10 +2,10 @@ from typing import Any
 
 import pytest
 
-from common.errors import InputError
-from common.scenario.network import NetworkPart
-from common.scenario.network.conditions import Change
-from netem.bridge.carry.stream_network import backlog_bytes, has_rate, stream_change, stream_network
+from tis.common.errors import InputError
+from tis.common.scenario.network import NetworkPart
+from tis.common.scenario.network.conditions import Change
+from tis.netem.bridge.carry.stream_network import backlog_bytes, has_rate, stream_change, stream_network
 
 RULE = "needs messages: a stream of bytes (--carry tcp) loses, copies, alters and reorders nothing"
 

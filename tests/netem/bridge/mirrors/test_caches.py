@@ -15,9 +15,9 @@ from zenoh.ext import (
     declare_advanced_subscriber,
 )
 
-from common.runtime.zenoh_session import ZenohOptions, configure
 from tests.common.runtime.live_zenoh import settle, soon
 from tests.netem.bridge.live_bridge import Bridged, a_bridge, n_open
+from tis.common.runtime.zenoh_session import ZenohOptions, configure
 
 pytestmark = pytest.mark.live
 

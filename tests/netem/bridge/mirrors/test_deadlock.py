@@ -9,15 +9,15 @@ from typing import Any, cast
 import pytest
 import zenoh
 
-from common.errors import PeerError
-from netem.bridge.mirrors.deadlock import is_deadlocked
 from tests.common.runtime.live_zenoh import a_network
+from tis.common.errors import PeerError
+from tis.netem.bridge.mirrors.deadlock import is_deadlocked
 
 pytestmark = pytest.mark.live
 
 _ENDING = """
 import threading
-from netem.bridge.mirrors.deadlock import end_process, router_deadlock
+from tis.netem.bridge.mirrors.deadlock import end_process, router_deadlock
 class Bridge:
     def failed(self, error):
         print("ended", flush=True)

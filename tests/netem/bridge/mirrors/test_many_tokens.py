@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 import zenoh
 
-from common.channels import Network
 from tests.common.runtime.live_zenoh import a_client, soon
 from tests.netem.bridge.live_bridge import Bridged, a_bridge, bridging, delays, n_tokens, two_routers
+from tis.common.channels import Network
 
 pytestmark = pytest.mark.live
 

@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 import zenoh
 
-from common.runtime.free_endpoints import free_endpoints
-from netem.bridge.mirrors.queries import TARGETS, QueryTargetName
 from tests.common.runtime.live_zenoh import a_client, a_router, settle, soon
 from tests.netem.bridge.live_bridge import a_bridge, n_mirrored
+from tis.common.runtime.free_endpoints import free_endpoints
+from tis.netem.bridge.mirrors.queries import TARGETS, QueryTargetName
 
 pytestmark = pytest.mark.live
 

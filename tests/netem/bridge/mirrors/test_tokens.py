@@ -6,9 +6,9 @@ from contextlib import ExitStack
 import pytest
 import zenoh
 
-from common.channels import Network
 from tests.common.runtime.live_zenoh import a_client, soon
 from tests.netem.bridge.live_bridge import a_bridge, delays, n_tokens
+from tis.common.channels import Network
 
 pytestmark = pytest.mark.live
 

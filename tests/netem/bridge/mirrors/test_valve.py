@@ -7,8 +7,8 @@ from contextlib import contextmanager
 
 import pytest
 
-from netem.bridge.mirrors.valve import Valve, valve_to
 from tests.common.runtime.live_zenoh import soon
+from tis.netem.bridge.mirrors.valve import Valve, valve_to
 
 pytestmark = pytest.mark.live
 

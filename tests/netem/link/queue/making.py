@@ -5,10 +5,10 @@ from fractions import Fraction
 from math import ceil
 from typing import Any, NamedTuple
 
-from common.scenario.network.capacity import CoDel, Rate
-from common.streams import Address
-from netem.link.queue.server import Departed, Server
-from netem.link.queue.transmission import Service
+from tis.common.scenario.network.capacity import CoDel, Rate
+from tis.common.streams import Address
+from tis.netem.link.queue.server import Departed, Server
+from tis.netem.link.queue.transmission import Service
 
 
 class Offered(NamedTuple):

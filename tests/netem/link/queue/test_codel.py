@@ -2,8 +2,8 @@ from math import isqrt, sqrt
 
 import pytest
 
-from common.scenario.network import capacity
-from netem.link.queue.codel import CoDel
+from tis.common.scenario.network import capacity
+from tis.netem.link.queue.codel import CoDel
 
 MS = 1_000_000
 TARGET = 5 * MS

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 from scipy import stats
 
-from common.scenario.network.capacity import Cross
-from common.streams import Address, Stream
-from netem.link.queue.cross_traffic import CrossTraffic
-from netem.link.queue.server import Departed, Server
-from netem.link.queue.transmission import Service
 from tests.netem.link.queue.making import rate
+from tis.common.scenario.network.capacity import Cross
+from tis.common.streams import Address, Stream
+from tis.netem.link.queue.cross_traffic import CrossTraffic
+from tis.netem.link.queue.server import Departed, Server
+from tis.netem.link.queue.transmission import Service
 
 S = 1_000_000_000
 US = 1_000

@@ -4,7 +4,7 @@ from math import ceil
 from hypothesis import given
 from hypothesis import strategies as st
 
-from netem.link.queue.transmission import Line
+from tis.netem.link.queue.transmission import Line
 
 RATES = st.sampled_from([0.001, 0.3, 7.0, 56.0, 1544.0, 8000.0, 12345.678, 1e6, 1e9])
 BYTES = st.integers(0, 70_000)

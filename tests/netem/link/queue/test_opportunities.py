@@ -7,13 +7,13 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.scenario.network.capacity import RecordedRate
-from common.streams import Address
-from common.trace import OpportunityTrace
-from netem.link.queue.server import Departed, Server
-from netem.link.queue.transmission import Opportunities, Service
 from tests.netem.link.queue.making import Offered, rate
 from tests.netem.making import KEY, link
+from tis.common.scenario.network.capacity import RecordedRate
+from tis.common.streams import Address
+from tis.common.trace import OpportunityTrace
+from tis.netem.link.queue.server import Departed, Server
+from tis.netem.link.queue.transmission import Opportunities, Service
 
 MS = 1_000_000
 

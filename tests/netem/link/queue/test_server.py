@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.scenario.network.capacity import Rate
-from common.streams import Stream
-from netem.link.queue.server import Departed
 from tests.netem.link.queue.making import Offered, rate, served, server_of, set_rate, simulated
+from tis.common.scenario.network.capacity import Rate
+from tis.common.streams import Stream
+from tis.netem.link.queue.server import Departed
 
 US = 1_000
 MS = 1_000_000

@@ -1,7 +1,7 @@
 import pytest
 
-from common.scenario.network import capacity
-from netem.link.queue.server import TailDrop
+from tis.common.scenario.network import capacity
+from tis.netem.link.queue.server import TailDrop
 
 
 @pytest.mark.parametrize(

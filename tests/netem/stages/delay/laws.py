@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from common.scenario.network.pipeline import Pipeline
-from common.streams import Address
-from netem.draws.blocks import BLOCK
-from netem.stages.delay import LatencyModel, delay_blocks, latency_of
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.streams import Address
+from tis.netem.draws.blocks import BLOCK
+from tis.netem.stages.delay import LatencyModel, delay_blocks, latency_of
 
 MS = 1e6
 ADDRESS = Address(11, "forward", "tis/MTML/measured_cp")

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.special import ndtri
 
-from common.scenario.network.pipeline import Stages
-from netem.draws.blocks import BLOCK
-from netem.stages.delay import delay_blocks
 from tests.netem.stages.delay.laws import ADDRESS, LAWS, MS, drawn, model, stages
+from tis.common.scenario.network.pipeline import Stages
+from tis.netem.draws.blocks import BLOCK
+from tis.netem.stages.delay import delay_blocks
 
 LOGNORMAL = LAWS["lognormal"].part
 NORMAL_JITTER = {"kind": "normal", "std_ms": 2}

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import stats
 
-from common.scenario.network.pipeline import Pipeline
-from common.streams import Stream
-from netem.stages.delay import LatencyModel, latency_of
-from netem.stages.delay.latency import root
 from tests.netem.stages.delay.laws import LAWS
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.streams import Stream
+from tis.netem.stages.delay import LatencyModel, latency_of
+from tis.netem.stages.delay.latency import root
 
 MS = 1e6
 Floats = NDArray[np.float64]

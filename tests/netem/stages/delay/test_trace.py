@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.scenario.network.pipeline import Stages
-from common.trace import Trace
-from netem.draws.blocks import BLOCK
-from netem.stages.delay import delay_blocks, latency_of
-from netem.stages.delay.trace import row_delays_ns
 from tests.netem.stages.delay.laws import ADDRESS
+from tis.common.scenario.network.pipeline import Stages
+from tis.common.trace import Trace
+from tis.netem.draws.blocks import BLOCK
+from tis.netem.stages.delay import delay_blocks, latency_of
+from tis.netem.stages.delay.trace import row_delays_ns
 
 PATH = "walk.csv"
 NS = 1_000_000

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
-from common.scenario.network import loss as network
-from common.streams import Address
-from netem.draws.blocks import BLOCK
-from netem.stages.loss import loss_blocks
+from tis.common.scenario.network import loss as network
+from tis.common.streams import Address
+from tis.netem.draws.blocks import BLOCK
+from tis.netem.stages.loss import loss_blocks
 
 HERE = Address(5, "forward", "tis/MTML/measured_cp")
 _LOSS: TypeAdapter[network.Loss] = TypeAdapter(network.Loss)

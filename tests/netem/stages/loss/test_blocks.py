@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from common.scenario.network import loss as network
-from common.streams import Address
-from netem.draws.blocks import BLOCK
-from netem.stages.loss import expected_loss, loss_blocks
 from tests.netem.stages.loss.making import HERE, losses, make, netfi
+from tis.common.scenario.network import loss as network
+from tis.common.streams import Address
+from tis.netem.draws.blocks import BLOCK
+from tis.netem.stages.loss import expected_loss, loss_blocks
 
 PARTS: dict[str, network.Loss] = {
     "bernoulli": make("bernoulli", p_loss=0.2),

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.scenario.network import loss as network
-from netem.stages.loss import ExpectedLoss, expected_loss
-from netem.stages.loss.expected_loss import of_message
 from tests.netem.stages.loss.making import big_chain, make
+from tis.common.scenario.network import loss as network
+from tis.netem.stages.loss import ExpectedLoss, expected_loss
+from tis.netem.stages.loss.expected_loss import of_message
 
 p = st.floats(0.01, 1.0)
 

@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from netem.stages.loss.lomax import MAX_RUN, FlooredLomax
 from tests.netem.stages.loss.making import lomax_pmf
+from tis.netem.stages.loss.lomax import MAX_RUN, FlooredLomax
 
 GRID = (np.arange(4_000) + 0.5) / 4_000  # every quantile once: no random numbers, no noise
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from common.metrics.loss_runs import loss_runs
-from common.scenario.network import loss as network
-from netem.draws.blocks import BLOCK
-from netem.stages.loss import ExpectedLoss, expected_loss
 from tests.netem.stages.loss.making import big_chain, losses, make, netfi
+from tis.common.metrics.loss_runs import loss_runs
+from tis.common.scenario.network import loss as network
+from tis.netem.draws.blocks import BLOCK
+from tis.netem.stages.loss import ExpectedLoss, expected_loss
 
 BOUND = 0.02  # four standard errors, relative
 NETFI = {

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from deploy.compare.cells.score import AGE_EDGES_MS
-from deploy.compare.engine.compute import Outcome
-from deploy.compare.plan import Plan
+from tis.deploy.compare.cells.score import AGE_EDGES_MS
+from tis.deploy.compare.engine.compute import Outcome
+from tis.deploy.compare.plan import Plan
 
 N_BINS = len(AGE_EDGES_MS)
 

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from deploy.compare import Study
-from deploy.compare.engine.compute import Outcome
-from deploy.compare.plan import Plan
-from deploy.compare.results.files import results_of
-from deploy.compare.results.page.comparison_html import comparison_html
-from deploy.compare.results.people import person
-from deploy.compare.results.pooled import pooled
-from deploy.compare.results.rows import report as build_report
-from deploy.compare.study_plan import plan_study
 from tests.deploy.compare.results.page.made_up import outcome_of
 from tests.system.browser import chromium, watched_page
+from tis.deploy.compare import Study
+from tis.deploy.compare.engine.compute import Outcome
+from tis.deploy.compare.plan import Plan
+from tis.deploy.compare.results.files import results_of
+from tis.deploy.compare.results.page.comparison_html import comparison_html
+from tis.deploy.compare.results.people import person
+from tis.deploy.compare.results.pooled import pooled
+from tis.deploy.compare.results.rows import report as build_report
+from tis.deploy.compare.study_plan import plan_study
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

@@ -3,8 +3,8 @@ import json
 import numpy as np
 import pytest
 
-from deploy.report.measures.estimation.offsets import MAX_TICKS, actuation_ms, offsets
-from deploy.report.measures.estimation.tracking import Array, HandTrack
+from tis.deploy.report.measures.estimation.offsets import MAX_TICKS, actuation_ms, offsets
+from tis.deploy.report.measures.estimation.tracking import Array, HandTrack
 
 
 def movement(t_s: Array) -> Array:

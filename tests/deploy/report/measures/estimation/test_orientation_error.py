@@ -3,14 +3,14 @@ from pathlib import Path
 
 import pytest
 
-from common.messages import Quaternion, Vector3
-from common.node import Record
-from common.records import ORIENTATIONS, TRUTH, OrientationNote, TruthRow
-from deploy.logs.read.load import RunLogs
-from deploy.report.measures.estimation.orientation_error import gripper_rad, orientation_by_age, orientation_deg
-from deploy.report.measures.estimation.tracking import HandTrack, track_of_hand
-from deploy.report.measures.estimation.wrist_track import WristTrack, wrist_track
 from tests.deploy.report.hand_made import ARM, MS, a_scenario, estimate, message, write_run
+from tis.common.messages import Quaternion, Vector3
+from tis.common.node import Record
+from tis.common.records import ORIENTATIONS, TRUTH, OrientationNote, TruthRow
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.report.measures.estimation.orientation_error import gripper_rad, orientation_by_age, orientation_deg
+from tis.deploy.report.measures.estimation.tracking import HandTrack, track_of_hand
+from tis.deploy.report.measures.estimation.wrist_track import WristTrack, wrist_track
 
 
 def turning(k: int, gripper: float | None = 0.0) -> Record:

@@ -5,10 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from common.messages import Vector3
-from common.node import Record
-from common.records import PLANT, EstimateNote, PlantNote
-from deploy.report.measures.estimation.tracking import accuracy_of_hand
 from tests.deploy.report.hand_made import (
     COMMAND,
     MS,
@@ -21,6 +17,10 @@ from tests.deploy.report.hand_made import (
     write_run,
 )
 from tests.patient_side.arm_models import static_model
+from tis.common.messages import Vector3
+from tis.common.node import Record
+from tis.common.records import PLANT, EstimateNote, PlantNote
+from tis.deploy.report.measures.estimation.tracking import accuracy_of_hand
 
 MODEL = static_model()  # its output range is 0.1 m on every axis
 # The arm moves 1 mm in x every 100 ms; y and z stand still.

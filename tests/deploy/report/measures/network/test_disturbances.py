@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from common.records import ControlNote
-from deploy.logs.read.load import RunLogs, load_run
-from deploy.report.measures.network.disturbances import Disturbance, disturbances, disturbances_text
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, run_twin
+from tis.common.records import ControlNote
+from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.deploy.report.measures.network.disturbances import Disturbance, disturbances, disturbances_text
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, run_twin
 
 _TIMELINE = (
     "network.timeline=[{at_s: 0.5, for_s: 0.25, direction: both, set: {outage: true}}, "

@@ -8,16 +8,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.node import Record
-from common.records import CONTROL, ControlNote
-from common.scenario import Scenario
-from deploy.logs.read.batches import DELIVER, Fates
-from deploy.logs.read.load import RunLogs
-from deploy.report.measures.network.requested import Requested
-from netem.conditions.conditions import Conditions
-from netem.expected.simulate import simulate
 from tests.deploy.report.hand_made import COMMAND, MS, a_scenario, write_run
 from tests.netem.making import are_alike, link, offer, packet
+from tis.common.node import Record
+from tis.common.records import CONTROL, ControlNote
+from tis.common.scenario import Scenario
+from tis.deploy.logs.read.batches import DELIVER, Fates
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.report.measures.network.requested import Requested
+from tis.netem.conditions.conditions import Conditions
+from tis.netem.expected.simulate import simulate
 
 STATES = {
     "kind": "markov",

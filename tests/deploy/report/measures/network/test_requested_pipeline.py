@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from common.scenario.network import NetworkPart
-from common.trace import Trace
-from deploy.report.measures.network.requested_pipeline import requested_pipeline
-from netem.expected.simulate import simulate
+from tis.common.scenario.network import NetworkPart
+from tis.common.trace import Trace
+from tis.deploy.report.measures.network.requested_pipeline import requested_pipeline
+from tis.netem.expected.simulate import simulate
 
 N = 200_000
 TRACE = Trace("t", np.arange(5) * 10_000_000, np.array([4_000_000, 8_000_000, -1, 6_000_000, 2_000_000]))

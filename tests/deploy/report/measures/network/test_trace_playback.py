@@ -6,19 +6,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.scenario import Scenario
-from common.scenario.network.pipeline import Pipeline
-from common.trace import LOST, Trace
-from deploy.logs.read.batches import link_fates
-from deploy.logs.read.load import RunLogs, load_run
-from deploy.report.measures.network.requested import Requested
-from deploy.report.measures.network.requested_pipeline import requested_pipeline
-from deploy.report.measures.network.trace_playback import delay_moments_ns, p_loss, with_played_rows
-from deploy.report.summary import build_summary
-from deploy.run.resolve import resolve
-from deploy.run.twin import build_sides, run_twin
-from netem.expected.simulate import simulate
 from tests.deploy.report.hand_made import COMMAND, MS, a_scenario
+from tis.common.scenario import Scenario
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.trace import LOST, Trace
+from tis.deploy.logs.read.batches import link_fates
+from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.deploy.report.measures.network.requested import Requested
+from tis.deploy.report.measures.network.requested_pipeline import requested_pipeline
+from tis.deploy.report.measures.network.trace_playback import delay_moments_ns, p_loss, with_played_rows
+from tis.deploy.report.summary import build_summary
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, run_twin
+from tis.netem.expected.simulate import simulate
 
 N_ROWS = 500
 ROWS_MS = [(120.0 * i, None if i % 7 == 3 else 10.0 + i) for i in range(N_ROWS)]

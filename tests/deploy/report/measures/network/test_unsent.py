@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from common.node import Record
-from deploy.logs.read.load import load_run
-from deploy.report.measures.network.unsent import Unsent, unsent, unsent_problem
 from tests.deploy.report.hand_made import COMMAND, cut_log, fate, message, write_log, write_run
+from tis.common.node import Record
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.report.measures.network.unsent import Unsent, unsent, unsent_problem
 
 MS = 1_000_000
 

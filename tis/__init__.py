@@ -1,0 +1,22 @@
+"""The testbed's one import name, of which `common`, `surgeon_side`, `netem`, `patient_side` and `deploy` are parts.
+
+In a checkout these are links to the folders at the top level, in a wheel the folders themselves.
+"""
+
+import sys
+from pathlib import Path
+
+if not (Path(__file__).parent / "common").is_dir():
+    sys.exit(
+        "tis: this checkout has files in place of symbolic links (tis/common and others): clone it again with "
+        "`git clone -c core.symlinks=true`, or install the wheel"
+    )
+
+
+def refuse_old_name(name: str) -> None:
+    """Raise `ImportError` if a package is imported as the folder ``name``: its classes would then exist twice.
+
+    ``python -m surgeon_side`` in a checkout may: it takes no more than ``__main__`` from the folder.
+    """
+    if not name.startswith("tis.") and sys.argv[:1] != ["-m"]:
+        raise ImportError(f"{name} has become tis.{name}: import it by this name", name=name)
