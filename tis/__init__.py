@@ -8,8 +8,8 @@ from pathlib import Path
 
 if not (Path(__file__).parent / "common").is_dir():
     sys.exit(
-        "tis: this checkout has files in place of symbolic links (tis/common and others): clone it again with "
-        "`git clone -c core.symlinks=true`, or install the wheel"
+        "tis: the symbolic links tis/common and others are missing here: clone the project anew with "
+        "`git clone -c core.symlinks=true`, or install its wheel"
     )
 
 
