@@ -10,7 +10,7 @@ from rich.text import Text
 
 from tis.deploy.admissible.limits import Limit
 from tis.deploy.compare.results.tables import csv_text
-from tis.deploy.report.tables.numbers import number
+from tis.deploy.present.numbers import number
 
 Rows = Iterable[Sequence[str]]
 _CAPTION: Final = (

@@ -6,7 +6,7 @@ from typing import Any, Final
 from tis.deploy.methods.claims import OURS, Feature
 from tis.deploy.methods.merits import largest_growth, worst_loss, worst_noise
 from tis.deploy.methods.tables import exponent_text, rate_text
-from tis.deploy.report.tables.numbers import number
+from tis.deploy.present.numbers import number
 
 Figures = Mapping[str, Any]
 

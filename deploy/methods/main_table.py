@@ -6,7 +6,7 @@ from typing import Any, Final
 from tis.deploy.methods.claims import CLAIMS, FAMILY_TITLES, Feature
 from tis.deploy.methods.merits import largest_growth, worst_loss, worst_noise
 from tis.deploy.methods.tables import NONE, Table, loss_head, rate_text
-from tis.deploy.report.tables.numbers import number
+from tis.deploy.present.numbers import number
 
 Figures = Mapping[str, Any]
 

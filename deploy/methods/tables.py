@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
-from tis.deploy.report.tables.numbers import number
+from tis.deploy.present.numbers import number
 
 Figures = Mapping[str, Any]
 Table = tuple[list[str], list[list[str]]]

@@ -12,7 +12,7 @@ from tis.deploy.methods.claims import CLAIMS, FAMILY_TITLES, MEMBERS, OURS, Fami
 from tis.deploy.methods.findings import FINDINGS
 from tis.deploy.methods.measures.plans import HOLD
 from tis.deploy.methods.merits import Merit, is_useful, merit_of, merit_words
-from tis.deploy.report.tables.numbers import number
+from tis.deploy.present.numbers import number
 
 Figures = Mapping[str, Any]
 Order = Literal["better", "worse", "not told apart"]

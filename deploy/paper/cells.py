@@ -19,7 +19,7 @@ from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.memory import MemoryLog
 from tis.deploy.paper.printed import BLOCK_ROWS, ORDER, TRAIN_SAMPLES, PaperRow
 from tis.deploy.paper.simulation import Reading
-from tis.deploy.report.measures.estimation.tracking import accuracy_of_hand
+from tis.deploy.report.subjects.accuracy import accuracy_of_hand
 from tis.deploy.run.twin import drive
 from tis.deploy.shell.progress import PhaseProgress
 from tis.netem.build import build_netem
@@ -129,7 +129,8 @@ def run_cell(cell: Cell, trial: Trial, models: bytes) -> dict[str, Any]:
     logs = {side: MemoryLog(side) for side in nodes}
     drive(scenario, nodes, logs)
     run_logs = RunLogs(Path(), {side: log.log for side, log in logs.items()})
-    return accuracy_of_hand(run_logs, scenario, model.hand, model)
+    scores = accuracy_of_hand(run_logs, scenario, model.hand, model)
+    return {name: one.as_json() for name, one in scores.items()}
 
 
 @cache

@@ -16,7 +16,7 @@ from tis.deploy.paper.printed import ORDER, ROWS, TRAIN_SAMPLES
 from tis.deploy.paper.results import PAIRINGS, Results
 from tis.deploy.paper.simulation import run_algorithm
 from tis.deploy.paper.text_section import nearest_simulation
-from tis.deploy.report.palette import TRUTH, look_of
+from tis.deploy.present.palette import TRUTH, look_of
 from tis.deploy.report.publication.matplotlib_figures import STYLE
 from tis.patient_side.statespace import Array
 

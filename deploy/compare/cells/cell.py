@@ -29,8 +29,8 @@ from tis.deploy.compare.cells.shared_parts import SharedParts
 from tis.deploy.compare.cells.unlogged import is_plain, run_unlogged
 from tis.deploy.compare.cells.wrist_sums import wrist_sums
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.report.measures.estimation.tracking import track_of_hand
-from tis.deploy.report.verdict.invalidity import why_unscored
+from tis.deploy.report.subjects.tracking import track_of_hand
+from tis.deploy.report.validity import why_unscored
 from tis.deploy.run.twin import build_sides, drive
 from tis.netem.build import build_netem
 from tis.patient_side.build import build_patient, identify_models

@@ -20,7 +20,7 @@ _DECIDING: Final = (
     "deploy/run/twin.py",
     "deploy/logs/read/load.py",
     "deploy/logs/read/memory.py",
-    "deploy/report/measures/estimation/tracking.py",
+    "deploy/report/subjects/tracking.py",
     "deploy/compare/cells/cell.py",
     "deploy/compare/cells/error_sums.py",
     "deploy/compare/cells/forecasts.py",

@@ -13,7 +13,7 @@ from tis.common.units import NS_PER_MS
 from tis.deploy.compare.cells.histogram import ERROR_WIDTH, histogram
 from tis.deploy.compare.cells.measured_estimator import MeasuredEstimator
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.report.measures.estimation.tracking import HandTrack
+from tis.deploy.report.subjects.tracking import HandTrack
 from tis.patient_side.statespace import ArmModel, Array
 
 AGE_EDGES_MS: Final = (0, 20, 40, 60, 80, 100, 150, 200, 300, 400, 500, 700, 1000, 1500, 2000, 3000, 5000)

@@ -9,7 +9,7 @@ from tis.common.scenario import Scenario
 from tis.common.sources.trajectory import Recording
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.memory import MemoryLog
-from tis.deploy.report.summary import build_summary
+from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.twin import build_sides, drive
 
 

@@ -11,7 +11,7 @@ from tis.common.units import sample_instant_ns
 from tis.deploy.compare.cells.histogram import histogram
 from tis.deploy.compare.cells.measured_method import MeasuredMethod
 from tis.deploy.compare.cells.score import covered
-from tis.deploy.report.measures.estimation.tracking import HandTrack
+from tis.deploy.report.subjects.tracking import HandTrack
 from tis.patient_side.statespace import Array
 
 CHI2_1_95: Final = 3.841458820694124

@@ -5,7 +5,7 @@ from typing import Final
 
 from matplotlib.axes import Axes
 
-from tis.deploy.report.palette import look_of
+from tis.deploy.present.palette import look_of
 
 _MARKERS: Final = "os^vDPX<>"
 _DASHES: Final = {"solid": "-", "dashed": "--", "dotted": ":", "dashdot": "-."}

@@ -8,13 +8,11 @@ from bokeh.models.annotations import BoxAnnotation
 from bokeh.models.ranges import Range1d
 from bokeh.plotting import figure
 
-from tis.deploy.report.measures.network.disturbances import Disturbance
-from tis.deploy.report.palette import AWAY, CHANGED, OUTAGE, STALL, Tone
-from tis.deploy.report.plots import plot_style as style
+from tis.deploy.present import plot_style as style
+from tis.deploy.present.palette import AWAY, CHANGED, OUTAGE, STALL, Tone
+from tis.deploy.report.subjects.network.disturbances import Disturbance
 
 _MAX_MARKS: Final = 40
-
-
 _TONES: Final[dict[str, Tone]] = {"outage": OUTAGE, "stall": STALL, "change": CHANGED, "absence": AWAY}
 _NAMES: Final = {
     "outage": "outage", "stall": "stall", "change": "changed while running", "absence": "a side was away",

@@ -10,9 +10,9 @@ from tis.deploy.compare.results.orientation_tables import CAPTION, HEAD, orienta
 from tis.deploy.compare.results.page.figures import age_figure, curve_figures, heat_figure
 from tis.deploy.compare.results.page.page_sums import PageSums
 from tis.deploy.compare.results.tables import headline
-from tis.deploy.report.page.html_page import Page, Section, page_html
-from tis.deploy.report.palette import look_of
-from tis.deploy.report.tables.html_tables import table
+from tis.deploy.present.page import Page, Section, page_html
+from tis.deploy.present.palette import look_of
+from tis.deploy.present.table import Column, Table
 
 _SCRIPTS: Final = tuple(Path(__file__).with_name(name) for name in ("pooling.js", "comparison.js"))
 _STYLE: Final = Path(__file__).with_name("comparison.css")
@@ -117,7 +117,8 @@ def _orientation(report: dict[str, Any]) -> str:
     """Return the table of the orientation methods, all that is compared."""
     rows = [(str(row["setting"] or "-"), *orientation_cells(row)) for row in report["orientation"]]
     note = f'<p class="note">{CAPTION}. All people and hands, whatever is chosen above.</p>'
-    return table("Orientation and gripper", ("setting", *HEAD), rows, texts=(1,)) + note
+    columns = ("setting", Column(HEAD[0], words=True), *HEAD[1:])
+    return Table("Orientation and gripper", columns, rows).html() + note
 
 
 def _json(value: Any) -> str:

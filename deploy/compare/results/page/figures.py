@@ -8,8 +8,8 @@ from bokeh.models.annotations import ColorBar, Span
 from bokeh.models.ranges import Range1d
 from bokeh.plotting import figure
 
-from tis.deploy.report.palette import AXIS, SOFT, look_of
-from tis.deploy.report.plots.plot_style import Figure, plain_figure
+from tis.deploy.present.palette import AXIS, SOFT, look_of
+from tis.deploy.present.plot_style import Figure, plain_figure
 
 CURVES: Final = {"ratio": "3D RMSE over hold's", "rmse": "3D RMSE, mm"}
 _COLUMNS: Final = ("x", "y", "low", "high", "at", "band", "ticks", "people", "estimator")
