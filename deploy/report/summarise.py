@@ -20,7 +20,6 @@ from tis.deploy.report.subjects.age import TICK_MODES, age_of_information_ms, ag
 from tis.deploy.report.subjects.clocks import clock_figures, not_resolvable, one_way_uncertainty
 from tis.deploy.report.subjects.devices import devices_summary, is_foreign
 from tis.deploy.report.subjects.display import display_summary
-from tis.deploy.report.subjects.error_by_age import errors_by_age
 from tis.deploy.report.subjects.identification import identified, recording_figures, source_label, two_recordings
 from tis.deploy.report.subjects.intrusion import count_of, evidence_summary, quarantined, refused
 from tis.deploy.report.subjects.latency import (
@@ -42,7 +41,7 @@ from tis.deploy.report.subjects.redundancy import redundancy, surgeon_traffic
 from tis.deploy.report.subjects.requirements import verdicts
 from tis.deploy.report.subjects.safety import safety_summary
 from tis.deploy.report.subjects.ticks import active_duration_s, tick_figures
-from tis.deploy.report.subjects.tracking import HandTrack, track_of_hand
+from tis.deploy.report.subjects.tracking import HandTrack, errors_by_age, track_of_hand
 from tis.deploy.report.summary import Summary
 from tis.deploy.report.validity import invalidities
 from tis.patient_side.statespace import ArmModel

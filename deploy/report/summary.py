@@ -29,7 +29,6 @@ from tis.deploy.report.subjects.age import AgeOfInformation, TickModes
 from tis.deploy.report.subjects.clocks import ClockFigures
 from tis.deploy.report.subjects.devices import DeviceFigures
 from tis.deploy.report.subjects.display import DisplayFigures
-from tis.deploy.report.subjects.error_by_age import AgeBins, TurnAgeBins
 from tis.deploy.report.subjects.identification import IdentifiedModel, PlayedRecording
 from tis.deploy.report.subjects.intrusion import Evidence
 from tis.deploy.report.subjects.latency import Latency
@@ -42,6 +41,7 @@ from tis.deploy.report.subjects.redundancy import KeyTraffic, Redundancy
 from tis.deploy.report.subjects.requirements import SetVerdict
 from tis.deploy.report.subjects.safety import SafetyFigures
 from tis.deploy.report.subjects.ticks import Ticks
+from tis.deploy.report.subjects.tracking import AgeBins, TurnAgeBins
 
 
 class Summary(Section):

@@ -11,13 +11,13 @@ from tis.deploy.present.plot_style import time_range
 from tis.deploy.report.contents import versions_table
 from tis.deploy.report.plots.delay import delay_figure
 from tis.deploy.report.plots.distributions import delay_cdf, delay_curves, loss_figure, release_figure
+from tis.deploy.report.subjects.network.key_figures import link_columns
 from tis.deploy.report.subjects.network.link_tables import (
     fidelity_list,
     key_tables,
     packet_page_table,
     requested_table,
 )
-from tis.deploy.report.subjects.network.packets import link_columns
 from tis.deploy.report.subjects.network.requested import Requested
 from tis.deploy.report.subjects.processors import processor_table
 from tis.deploy.standalone.command import NetemSummary

@@ -13,11 +13,11 @@ from tis.deploy.present.numbers import number
 from tis.deploy.present.palette import SERIES
 from tis.deploy.present.thinning import Array, column, worst
 from tis.deploy.report.plots.distributions import Curve, cdf
-from tis.deploy.report.plots.disturbance_marks import mark_disturbances
+from tis.deploy.report.plots.page_plots import mark_disturbances
 from tis.deploy.report.run_view import MAX_TICKS, HandView, RunView
-from tis.deploy.report.subjects.error_by_age import error_by_age
 from tis.deploy.report.subjects.network.disturbances import Disturbance
-from tis.deploy.report.subjects.network.packets import link_columns
+from tis.deploy.report.subjects.network.key_figures import link_columns
+from tis.deploy.report.subjects.tracking import error_by_age
 
 
 def distributions(runs: Mapping[str, RunView], views: Mapping[str, HandView | None]) -> list[style.Figure | None]:

@@ -17,7 +17,7 @@ from tis.deploy.present import plot_style as style
 from tis.deploy.present.numbers import number
 from tis.deploy.present.palette import CHANGED, DIRECTIONS, OUTAGE, PALE, RED, STALL, STATES, Tone
 from tis.deploy.present.thinning import column, evenly, evenly_and_largest
-from tis.deploy.report.subjects.network.packets import Array, LinkColumns
+from tis.deploy.report.subjects.network.key_figures import Array, LinkColumns
 from tis.netem.conditions.conditions import Span
 
 TITLES: Mapping[Direction, str] = {

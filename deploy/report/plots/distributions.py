@@ -19,7 +19,7 @@ from tis.deploy.present import plot_style as style
 from tis.deploy.present.numbers import number
 from tis.deploy.present.palette import AXIS, BLUE, DIRECTIONS, INK, PALE, PAPER, RED, VERMILION, Tone
 from tis.deploy.present.thinning import column, distribution
-from tis.deploy.report.subjects.network.packets import Array, LinkColumns, run_lengths
+from tis.deploy.report.subjects.network.key_figures import Array, LinkColumns, run_lengths
 from tis.deploy.report.subjects.network.requested_pipeline import RequestedPipeline
 
 _LEFT_OF: Final[dict[str, Any]] = {"x_offset": -4, "text_align": "right"}

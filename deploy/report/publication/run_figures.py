@@ -17,8 +17,8 @@ from tis.deploy.present.palette import BLUE, DIRECTIONS, RED, VERMILION, look_of
 from tis.deploy.present.thinning import distribution, evenly_and_largest, worst
 from tis.deploy.report.publication.matplotlib_figures import STYLE
 from tis.deploy.report.run_view import HandView, RunView
-from tis.deploy.report.subjects.error_by_age import error_by_age
-from tis.deploy.report.subjects.network.packets import LinkColumns, link_columns, run_lengths
+from tis.deploy.report.subjects.network.key_figures import LinkColumns, link_columns, run_lengths
+from tis.deploy.report.subjects.tracking import error_by_age
 
 COLUMN_IN: Final = 3.5
 """Width of a column of a two-column paper: 89 mm, IEEE's 3.5 in."""

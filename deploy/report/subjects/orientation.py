@@ -23,8 +23,7 @@ from tis.deploy.present.table import Table
 from tis.deploy.report.section import Section, Statistics, means
 from tis.deploy.report.subjects.accuracy import Consistency
 from tis.deploy.report.subjects.age import ages_at_ms
-from tis.deploy.report.subjects.error_by_age import TurnAgeBins, error_by_age
-from tis.deploy.report.subjects.tracking import Array, HandTrack, at_ticks
+from tis.deploy.report.subjects.tracking import Array, HandTrack, TurnAgeBins, at_ticks, error_by_age
 
 
 class AngleScores(Section):

@@ -5,7 +5,7 @@ from bokeh.plotting import figure
 
 from tis.deploy.present import plot_style as style
 from tis.deploy.present.palette import CHANGED, OUTAGE
-from tis.deploy.report.plots.disturbance_marks import marked
+from tis.deploy.report.plots.page_plots import marked
 from tis.deploy.report.subjects.network.disturbances import Disturbance
 
 FOUND = [

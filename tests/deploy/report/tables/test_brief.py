@@ -8,8 +8,8 @@ from rich.text import Text
 
 from tests.deploy.report.partial import summary_of
 from tis.common.scenario.requirements import REQUIREMENTS
-from tis.deploy.report import brief as module
-from tis.deploy.report.brief import MAX_LINES
+from tis.deploy.report import terminal as module
+from tis.deploy.report.terminal import MAX_LINES
 
 
 def _statistics(p50: float, p99: float) -> dict[str, float]:
