@@ -134,7 +134,7 @@ def verdicts(
     """Return the verdict on each set of requirements, the scenario's own limits first.
 
     ``over_s`` is the duration of the measurement, None if unknown. A metric without an entry in ``measured`` is not
-    decidable. Oracle: runs written by hand, tests/deploy/report/verdict/test_requirements.
+    decidable. Oracle: runs written by hand, tests/deploy/report/subjects/test_requirements.
     """
     found = []
     own = limits.requirements()
