@@ -9,7 +9,7 @@ failure in full, since a requirement also excludes runs.
 
 from math import ceil, inf, log, log1p, sqrt
 from statistics import NormalDist
-from typing import Final, Literal, NamedTuple, TypedDict
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,54 +28,12 @@ CONFIDENCE: Final = 0.95
 _MIN_SQUARES: Final = 30
 
 
-class Finding(TypedDict):
-    """The verdict on one requirement; an element of ``summary["verdicts"][i]["findings"]``.
-
-    ``metric`` is `one_way`, `end_to_end`, `round_trip`, `network_round_trip`, `pdv`, `age`, `loss` or `rmse_3d`,
-    ``direction`` forward, feedback or None. ``value`` must not exceed ``limit``, both in ``unit`` (ms, % or mm);
-    ``value`` is the percentile ``percentile`` where that is not None. ``excess`` is ``value - limit`` if missed, else
-    None; ``uncertainty`` the clocks' contribution, in ``unit``; ``aside`` a remark. Of ``n`` packets ``n_outside``
-    were beyond the limit; ``n_needed`` is the approximate number that would decide, where ``obstacle`` is too_few.
-    A finding that is not ``binding``, the strict end of a range, does not affect the set. ``sentence`` states it in
-    words.
-    """
-
-    metric: str
-    direction: str | None
-    title: str
-    binding: bool
-    unit: str
-    limit: float
-    percentile: float | None
-    value: float | None
-    uncertainty: float | None
-    aside: str
-    outcome: Outcome
-    obstacle: Obstacle | None
-    excess: float | None
-    n: int
-    n_outside: int | None
-    n_needed: int | None
-    sentence: str
-
-
-class SetVerdict(TypedDict):
-    """The verdict on a set, an element of ``summary["verdicts"]``; ``name`` is `own` for the scenario's limits.
-
-    ``outcome``: missed if a binding finding is, else not decidable if one is not, else met. ``line`` is the verdict
-    in one line, as `tis run` prints it; ``source`` names the origin of the requirements.
-    """
-
-    name: str
-    title: str
-    source: str
-    outcome: Outcome
-    line: str
-    findings: list[Finding]
-
-
 class Judgement(NamedTuple):
-    """Result of the functions below, under the names of `Finding`."""
+    """The verdict on one requirement.
+
+    ``value`` must not exceed the limit; ``excess`` is how far it does. Of ``n`` observations ``n_outside`` were
+    beyond the limit; ``n_needed`` is the approximate number that would decide, where ``obstacle`` is too_few.
+    """
 
     outcome: Outcome
     value: float | None

@@ -1,13 +1,15 @@
 """Common style of figures: fonts, colours, tools and legends."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
+from bokeh.layouts import gridplot
+from bokeh.models import ColumnDataSource
 from bokeh.models.layouts import LayoutDOM
 from bokeh.models.ranges import Range1d
 from bokeh.models.renderers import GlyphRenderer
-from bokeh.models.tools import BoxZoomTool
+from bokeh.models.tools import BoxZoomTool, HoverTool
 from bokeh.plotting import figure
 from bokeh.themes import Theme
 
@@ -141,6 +143,35 @@ def named(name: str, drawn: Iterable["GlyphRenderer[Any]"], shown: bool = True) 
     for renderer in drawn:
         renderer.name = name
         renderer.visible = shown
+
+
+def lines_over_time(
+    fig: figure,
+    source: ColumnDataSource,
+    styles: Mapping[str, LineStyle],
+    what: str,
+    unit: str,
+    mark: str = "",
+    *more: tuple[str, str],
+) -> None:
+    """Draw the columns ``NAME what`` of a source over its column ``t``, with all values at the pointer.
+
+    ``unit`` is a number's format and its unit; ``mark`` ends the names of the renderers; ``more`` are
+    further tool tips.
+    """
+    lines = []
+    for name, look in styles.items():
+        line = fig.line("t", f"{name} {what}", source=source, line_color=look.colour, line_width=look.width)
+        line.glyph.line_dash = look.look.dash
+        named(f"{name}{mark}", [line], look.shown)
+        lines.append(line)
+    tips = [("run time", "@t{0.000} s"), *((name, f"@{{{name} {what}}}{unit}") for name in styles)]
+    fig.add_tools(HoverTool(renderers=[*lines[:1]], tooltips=[*tips, *more], mode="vline"))
+
+
+def stacked(panels: Sequence[figure]) -> LayoutDOM:
+    """Return panels below each other with one toolbar."""
+    return gridplot([[panel] for panel in panels], sizing_mode="stretch_width", toolbar_location="above")
 
 
 def line_styles(names: Sequence[str], active: str) -> dict[str, LineStyle]:

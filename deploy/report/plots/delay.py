@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from bokeh.layouts import gridplot
 from bokeh.models import ColumnDataSource
 from bokeh.models.ranges import Range1d
 from bokeh.models.tools import HoverTool
@@ -61,7 +60,7 @@ def delay_figure(
     keys += [style.Key(name, tone, "bar") for name, tone in shades.items()]
     counts = ", ".join(f"{d}: {len(link.sent_s)} delivered, {len(link.lost_s)} lost" for d, link in used.items())
     return style.Figure(
-        plots=(gridplot([[panel] for panel in panels], sizing_mode="stretch_width", toolbar_location="above"),),
+        plots=(style.stacked(panels),),
         title="Delay over time",
         caption=_caption(used, bool(shades)),
         alt=f"Scatter charts of each message's delay in netem over run time. {counts}.",

@@ -6,7 +6,6 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
-from bokeh.layouts import gridplot
 from bokeh.models import ColumnDataSource
 from bokeh.models.annotations import BoxAnnotation
 from bokeh.models.ranges import DataRange1d, Range1d
@@ -21,6 +20,8 @@ from tis.deploy.present.thinning import column
 from tis.deploy.report.run_view import HandView
 from tis.deploy.report.subjects.safety import SetPoints
 from tis.deploy.report.subjects.tracking import Array, ErrorByAge, error_by_age
+
+_AGE_TIP: Final = ("age", "@age{0.0} ms")
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ def _figure(view: HandView, errors: _Errors) -> style.Figure | None:
         line.glyph.line_dash = look.look.dash
         dots = fig.scatter("age", "rmse", source=source, size=7, fill_color=look.colour, line_color=None)
         style.named(f"{name}{errors.mark}", [line, dots], look.shown)
-        tips = [(name, f"@rmse{{0.000}} {errors.unit}"), ("age", "@age{0.0} ms"), ("ticks", "@n")]
+        tips = [(name, f"@rmse{{0.000}} {errors.unit}"), _AGE_TIP, ("ticks", "@n")]
         fig.add_tools(HoverTool(renderers=[dots], tooltips=tips))
     return style.Figure(
         plots=(fig,),
@@ -108,23 +109,17 @@ def error_figure(view: HandView, x_range: Range1d) -> style.Figure | None:
     has_age = bool(np.isfinite(view.age_ms).any())
     fig = style.time_figure(x_range, "error, mm", 240, with_axis=not has_age)
     fig.y_range = DataRange1d(only_visible=True, start=0)
-    lines = []
-    for name, look in styles.items():
-        line = fig.line("t", f"{name} error", source=view.source, line_color=look.colour, line_width=look.width)
-        line.glyph.line_dash = look.look.dash
-        style.named(name, [line], look.shown)
-        lines.append(line)
-    tips = [("run time", "@t{0.000} s"), *((name, f"@{{{name} error}}{{0.000}} mm") for name in styles)]
-    fig.add_tools(HoverTool(renderers=[*lines[:1]], tooltips=[*tips, ("age", "@age{0.0} ms")], mode="vline"))
+    style.lines_over_time(fig, view.source, styles, "error", "{0.000} mm", "", _AGE_TIP)
     panels = [fig, _age_panel(view, x_range)] if has_age else [fig]
     first_s = float(view.track.t_ns[np.argmax(view.track.scored)]) / NS_PER_S if view.track.scored.any() else 0.0
     if first_s:
         fig.add_layout(BoxAnnotation(right=first_s, fill_color=CHANGED.light, fill_alpha=0.6, line_color=None))
+    largest = _largest(view, view.errors_mm, ".2f", "mm")
     return style.Figure(
-        plots=(gridplot([[panel] for panel in panels], sizing_mode="stretch_width", toolbar_location="above"),),
+        plots=(style.stacked(panels),),
         title=f"Error over time: {view.title}",
         caption=_caption(view, has_age, first_s > 0),
-        alt=f"Line chart of the 3D error over run time. Largest error: {', '.join(_largest(view))}.",
+        alt=f"Line chart of the 3D error over run time. Largest error: {largest}.",
         keys=style.line_keys(styles),
     )
 
@@ -133,7 +128,7 @@ def _age_panel(view: HandView, x_range: Range1d) -> figure:
     panel = style.time_figure(x_range, "age, ms", 150)
     panel.y_range = DataRange1d(start=0)
     line = panel.step("t", "age", source=view.source, mode="after", line_color=SLATE.light, line_width=1.2)
-    panel.add_tools(HoverTool(renderers=[line], tooltips=[("run time", "@t{0.000} s"), ("age", "@age{0.0} ms")]))
+    panel.add_tools(HoverTool(renderers=[line], tooltips=[("run time", "@t{0.000} s"), _AGE_TIP]))
     return panel
 
 
@@ -160,10 +155,11 @@ def _caption(view: HandView, has_age: bool, has_settling: bool) -> str:
     return text.strip() + view.thinning_note()
 
 
-def _largest(view: HandView) -> list[str]:
-    """Return each estimator's largest error at the scored ticks."""
-    scored = {name: error_mm[view.track.scored] for name, error_mm in view.errors_mm.items()}
-    return [f"{name} {np.nanmax(error):.2f} mm" for name, error in scored.items() if np.isfinite(error).any()]
+def _largest(view: HandView, errors: Mapping[str, Array], form: str, unit: str) -> str:
+    """Return the largest of each of several errors at the scored ticks."""
+    scored = {name: error[view.track.scored] for name, error in errors.items()}
+    known = {name: np.nanmax(error) for name, error in scored.items() if np.isfinite(error).any()}
+    return ", ".join(f"{name} {error:{form}} {unit}" for name, error in known.items())
 
 
 MARK = " turn"
@@ -177,19 +173,13 @@ def turn_figure(view: HandView, x_range: Range1d) -> style.Figure | None:
     styles = style.line_styles(list(view.turns_deg), view.active_orientation)
     fig = style.time_figure(x_range, "orientation error, \u00b0", 200)
     fig.y_range = DataRange1d(only_visible=True, start=0)
-    lines = []
-    for name, look in styles.items():
-        line = fig.line("t", f"{name} turn", source=view.source, line_color=look.colour, line_width=look.width)
-        line.glyph.line_dash = look.look.dash
-        style.named(f"{name}{MARK}", [line], look.shown)
-        lines.append(line)
-    tips = [("run time", "@t{0.000} s"), *((name, f"@{{{name} turn}}{{0.00}} \u00b0") for name in styles)]
-    fig.add_tools(HoverTool(renderers=[*lines[:1]], tooltips=[*tips, ("age", "@age{0.0} ms")], mode="vline"))
+    style.lines_over_time(fig, view.source, styles, "turn", "{0.00} \u00b0", MARK, _AGE_TIP)
+    largest = _largest(view, view.turns_deg, ".1f", "degrees")
     return style.Figure(
         plots=(fig,),
         title=f"Orientation error over time: {view.title}",
         caption=_turn_caption(view),
-        alt=f"Line chart of the orientation error over run time. Largest error: {', '.join(_largest_turns(view))}.",
+        alt=f"Line chart of the orientation error over run time. Largest error: {largest}.",
         keys=style.line_keys(styles, MARK),
     )
 
@@ -202,12 +192,6 @@ def _turn_caption(view: HandView) -> str:
         rms = number(float(np.sqrt(np.nanmean(scored_deg**2))))
         text += f"{active}, which the answers carry, errs by {rms}\u00b0 (RMS over the scored ticks). "
     return text.strip() + view.thinning_note()
-
-
-def _largest_turns(view: HandView) -> list[str]:
-    """Return each method's largest error at the scored ticks."""
-    scored = {name: turn_deg[view.track.scored] for name, turn_deg in view.turns_deg.items()}
-    return [f"{name} {np.nanmax(error):.1f} degrees" for name, error in scored.items() if np.isfinite(error).any()]
 
 
 _TONES: Final[dict[str, Tone]] = {

@@ -3,9 +3,7 @@
 from typing import Final
 
 import numpy as np
-from bokeh.layouts import gridplot
 from bokeh.models.ranges import DataRange1d, Range1d
-from bokeh.models.tools import HoverTool
 
 from tis.common.units import MM_PER_M, NS_PER_S
 from tis.deploy.present import plot_style as style
@@ -22,27 +20,13 @@ def tracking_figure(view: HandView, x_range: Range1d) -> style.Figure | None:
     names = list(view.lines_m)
     styles = style.line_styles(names, view.active)
     panels = []
-    for axis in "xyz":
-        panel = style.time_figure(
-            x_range, f"{axis}, mm", 190 if axis == "x" else 200 if axis == "z" else 160, axis == "z"
-        )
+    for axis, height in (("x", 190), ("y", 160), ("z", 200)):
+        panel = style.time_figure(x_range, f"{axis}, mm", height, axis == "z")
         panel.y_range = DataRange1d(only_visible=True)
-        lines = {}
-        for name, look in styles.items():
-            lines[name] = panel.line(
-                "t",
-                f"{name} {axis}",
-                source=view.source,
-                line_color=look.colour,
-                line_width=look.width,
-                line_dash=look.look.dash,
-            )
-            style.named(name, [lines[name]], look.shown)
-        tips = [("run time", "@t{0.000} s"), *((name, f"@{{{name} {axis}}}{{0.00}} mm") for name in names)]
-        panel.add_tools(HoverTool(renderers=[lines["truth"]], tooltips=tips, mode="vline"))
+        style.lines_over_time(panel, view.source, styles, axis, "{0.00} mm")
         panels.append(panel)
     return style.Figure(
-        plots=(gridplot([[panel] for panel in panels], sizing_mode="stretch_width", toolbar_location="above"),),
+        plots=(style.stacked(panels),),
         title=f"Position over time: {view.title}",
         caption=_caption(view),
         alt=f"Three line charts of the arm's x, y and z over run time: {', '.join(names)}. {range_text(view)}",
