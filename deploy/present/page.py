@@ -11,13 +11,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from bokeh.document import Document
-from bokeh.embed import components
-from bokeh.models.layouts import LayoutDOM
-from bokeh.resources import Resources
-
 from tis.deploy.present.palette import TONES, Tone
-from tis.deploy.present.plot_style import THEME, Figure
 
 if TYPE_CHECKING:
     from bokeh.models.layouts import LayoutDOM
@@ -65,6 +59,7 @@ class Page:
 def page_html(page: Page, more_style: str = "", more_script: str = "") -> str:
     """Return a page as one file; ``more_style`` and the elements ``more_script`` follow the shell's own."""
     # these load slowly, and come with the extra `report` only
+    from bokeh.resources import Resources
     from jinja2 import Environment, FileSystemLoader
 
     drawn = [figure for section in page.sections for figure in section.figures if figure is not None]
@@ -86,6 +81,11 @@ def page_html(page: Page, more_style: str = "", more_script: str = "") -> str:
 
 def _embedded(plots: "Sequence[LayoutDOM]") -> tuple[str, Sequence[str]]:
     """Return the script that draws the plots, and their elements; one document keeps their axes linked."""
+    from bokeh.document import Document
+    from bokeh.embed import components
+
+    from tis.deploy.present.plot_style import THEME
+
     document = Document()
     with document.models.freeze():  # without it, Bokeh walks all models again for each plot
         for plot in plots:

@@ -3,10 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from bokeh.models import ColumnDataSource
 
 from tis.common.channels import FOLLOWER, Arm, Hand
 from tis.common.metrics.orientation import angles_deg
@@ -21,6 +20,9 @@ from tis.deploy.report.subjects.network.disturbances import Disturbance, disturb
 from tis.deploy.report.subjects.orientation import wrist_track
 from tis.deploy.report.subjects.tracking import Array, HandTrack, track_of_hand
 from tis.deploy.report.summary import Summary
+
+if TYPE_CHECKING:
+    from bokeh.models import ColumnDataSource
 
 MAX_TICKS = 3000
 """Ticks that are drawn, more than a screen has columns; longer runs are thinned to the worst and evenly spaced."""

@@ -102,6 +102,7 @@ _MAX_OFFSET_S: Final = 1.0
 _STEPS_A_TICK: Final = 4
 _MS_PER_S: Final = 1000.0
 _NAME_WIDTH: Final = 17
+_MAX_WITHOUT_ESTIMATE: Final = 0.01
 _MAX_BAR: Final = 3
 _CUT: Final = "\u00bb"
 
@@ -252,9 +253,6 @@ def without_estimate(accuracy: Mapping[str, Scores], active: str) -> list[str]:
         return []
     of = f"{entry.n_missing} of {entry.n_scored} scored ticks"
     return [f"accuracy: {active} gave no estimate at {of}, where hold's is scored"]
-
-
-_MAX_WITHOUT_ESTIMATE: Final = 0.01
 
 
 def accuracy_table(accuracy: Mapping[str, Scores], which: str) -> Table:

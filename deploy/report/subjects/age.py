@@ -114,8 +114,7 @@ def age_of_information_ms(logs: RunLogs, arrivals: Sequence[Arrivals]) -> AgeOfI
     """Return the summary's ``age_of_information_ms``: mean over time up to the last tick, and peaks, over all hands.
 
     None where the patient's log has a gap, as arrivals in it are unknown, or where a side was away and that time is
-    left out. Oracle: a saw-tooth computed by hand,
-    test_age.
+    left out. Oracle: a saw-tooth computed by hand, test_age.
     """
     covered = logs.coverage("patient")
     if logs.left_out or (covered is not None and any(until_ns != FOREVER for _, until_ns in covered.unknown)):

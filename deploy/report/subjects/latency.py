@@ -71,6 +71,8 @@ _IN_TERMINAL: Final = {
 }
 _STATISTICS: Final = ("p50", "p95", "p99", "max")
 _MIN_PIECE_PCT: Final = 0.4
+_EARLIEST_MS: Final = -1.0
+"""A message that arrives more than this before it was sent has a send time that is wrong."""
 
 
 class UsedSamples(NamedTuple):
@@ -193,10 +195,6 @@ def sent_after_arrival(latency: Latency, uncertainty_ms: Mapping[str, Statistics
         return []
     rule = "by their headers (sent_ns) messages were sent after they had arrived, median"
     return [f"latency_ms.network: {rule} {-network_ms:.1f} ms"]
-
-
-_EARLIEST_MS: Final = -1.0
-"""A message that arrives more than this before it was sent has a send time that is wrong."""
 
 
 def budget_ms(parts: LatencyParts) -> dict[str, float]:

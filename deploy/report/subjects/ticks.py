@@ -16,6 +16,8 @@ from tis.deploy.present.numbers import heads, number
 from tis.deploy.present.table import Column, Table
 from tis.deploy.report.section import Section, Statistics, means, statistics
 
+_STATISTICS: Final = ("p50", "p95", "p99", "max")
+
 
 class Ticks(Section):
     """The ticks of a side; the surgeon's are its sample instants."""
@@ -99,9 +101,6 @@ def tick_table(sides: Mapping[str, Ticks]) -> Table:
         for side, ticks in sides.items()
     ]
     return Table("Ticks, and how late they began", columns, rows)
-
-
-_STATISTICS: Final = ("p50", "p95", "p99", "max")
 
 
 def tick_line(ticks: Ticks, surgeon: Ticks) -> str:

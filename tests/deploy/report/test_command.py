@@ -3,6 +3,8 @@
 import importlib.util
 import json
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from importlib.machinery import ModuleSpec
 from pathlib import Path
@@ -130,3 +132,12 @@ def test_a_folder_that_is_no_run_is_one_line(tmp_path: Path) -> None:
     assert code == 4
     assert len(err) == 1
     assert "is no run folder" in err[0]
+
+
+def test_a_run_without_a_report_loads_nothing_that_draws() -> None:
+    modules = (
+        "tis.deploy.run.conclude, tis.deploy.tools.info, tis.deploy.standalone.command, tis.deploy.report.contents"
+    )
+    code = f"import sys, {modules}; print({{'bokeh', 'jinja2', 'matplotlib'}} & set(sys.modules))"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "set()"
