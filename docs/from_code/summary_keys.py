@@ -21,14 +21,17 @@ Schema = dict[str, Any]
 
 
 def page() -> str:
-    """Return the page: the run's own keys, then a section for each key that holds others."""
+    """Return the page: the run's own keys, then a section for each key that holds others, alike ones once."""
     schema = Summary.model_json_schema()
-    rows = {name: list(_rows(schema, part, name)) for name, part in schema["properties"].items()}
-    parts = [_HEAD, "## The run", "", table(_HEADS, [found[0] for found in rows.values() if len(found) == 1]), ""]
-    for name, found in rows.items():
-        if len(found) > 1:
-            parts += [f"## {name}", "", found[0][3], "", table(_HEADS, found[1:]), ""]
-    return "\n".join(parts)
+    own, sections, first = [], list[str](), dict[int, str]()
+    for name, part in schema["properties"].items():
+        head, *below = _rows(schema, part, name)
+        of = first.setdefault(id(_below(schema, part)[0]), name)
+        if below and of == name:
+            sections += [f"## {name}", "", head[3], "", table(_HEADS, below), ""]
+        else:
+            own.append((*head[:3], f"{head[3]} The keys below are those of {code(of)}." if below else head[3]))
+    return "\n".join([_HEAD, "## The run", "", table(_HEADS, own), "", *sections])
 
 
 def _rows(schema: Schema, part: Schema, path: str) -> Iterator[tuple[str, str, str, str]]:
