@@ -21,8 +21,18 @@ from tis.common.scenario.network.conditions import (
 from tis.common.streams import Stream
 from tis.common.units import s_to_ns
 from tis.netem.draws.blocks import BLOCK, Floats
-from tis.netem.draws.grid import CELL_NS, Path, Stretch, deciding_ns, mean_cells, nearest_cell
-from tis.netem.draws.renewal import PER_CHUNK, Cells, RenewalPath, geometric_cells
+from tis.netem.draws.grid import (
+    CELL_NS,
+    PER_CHUNK,
+    Cells,
+    Path,
+    RenewalPath,
+    Stretch,
+    deciding_ns,
+    geometric_cells,
+    mean_cells,
+    nearest_cell,
+)
 
 _CELLS_PER_S: Final = 1000.0
 

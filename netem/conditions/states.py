@@ -18,9 +18,19 @@ from tis.common.scenario.network.conditions import (
 from tis.common.streams import Stream
 from tis.common.units import s_to_ns
 from tis.netem.draws.blocks import BLOCK, Floats
-from tis.netem.draws.grid import CELL_NS, LAST_CELL, Path, Stretch, deciding_ns, mean_cells, nearest_cell
+from tis.netem.draws.grid import (
+    CELL_NS,
+    LAST_CELL,
+    Cells,
+    Path,
+    RenewalPath,
+    Stretch,
+    deciding_ns,
+    geometric_cells,
+    mean_cells,
+    nearest_cell,
+)
 from tis.netem.draws.markov import MarkovChain
-from tis.netem.draws.renewal import Cells, RenewalPath, geometric_cells
 
 NO_STATE: Final = -1
 _LABEL: Final = "both/*/states"

@@ -11,7 +11,7 @@ from tis.common.scenario.network import Buffer
 from tis.common.streams import Address
 from tis.common.trace import Trace
 from tis.netem.conditions.conditions import Condition, Conditions
-from tis.netem.draws.column import DeferredDraw
+from tis.netem.draws.blocks import DeferredDraw
 from tis.netem.link.flow import Flow, flow_key
 from tis.netem.link.ledger import Ledger
 from tis.netem.link.memory import held_bytes
@@ -19,8 +19,8 @@ from tis.netem.link.packet import Due, Fate, Held
 from tis.netem.link.queue.queues import Queues
 from tis.netem.link.queue.transmission import Service
 from tis.netem.link.rules import LINK, RuleTable
-from tis.netem.stages.corruption import flip_bits
 from tis.netem.stages.impairment import Impairment
+from tis.netem.stages.single_packets import flip_bits
 
 DROPS: Final = (
     "loss", "outage", "refused", "overflow", "queue_full", "late", "codel", "evicted",

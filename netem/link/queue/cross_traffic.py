@@ -11,8 +11,7 @@ from tis.common.scenario.network.capacity import Cross, OnOffCross, PoissonCross
 from tis.common.streams import Address
 from tis.common.units import NS_PER_S
 from tis.netem.draws.blocks import BLOCK
-from tis.netem.draws.grid import CELL_NS
-from tis.netem.draws.renewal import PER_CHUNK, Cells, RenewalPath, geometric_cells
+from tis.netem.draws.grid import CELL_NS, PER_CHUNK, Cells, RenewalPath, geometric_cells
 
 _STAGE: Final = "cross"
 _CELLS_PER_S: Final = 1000.0

@@ -11,10 +11,29 @@ from tis.common.streams import Address
 from tis.common.trace import Trace
 from tis.netem.draws.blocks import BLOCK, Counts, DelayBlocks
 from tis.netem.draws.correlation import ScorePath, uniforms
-from tis.netem.stages.delay.build import latency_of
-from tis.netem.stages.delay.latency import LatencyModel
-from tis.netem.stages.delay.trace import row_delays_ns
-from tis.netem.stages.trace_rows import row_of_cell, row_of_packet
+from tis.netem.draws.grid import rows_of_block
+from tis.netem.stages.delay.latency import LatencyModel, build_jitter
+from tis.netem.stages.delay.law import Delay
+from tis.netem.stages.delay.laws import ConstantDelay, own_law
+from tis.netem.stages.delay.shifted import ShiftedLaw, shifted_law
+from tis.netem.stages.delay.trace import EmpiricalDelay, row_delays_ns
+
+
+def latency_of(stages: Stages, traces: Mapping[str, Trace]) -> LatencyModel:
+    """Return the delay and jitter of stages; without a delay stage it is 0.
+
+    ``traces`` has every trace that the stages name, by the path as written.
+    """
+    return LatencyModel(_law(stages, traces), None if stages.jitter is None else build_jitter(stages.jitter))
+
+
+def _law(stages: Stages, traces: Mapping[str, Trace]) -> Delay:
+    part = stages.delay
+    if part is None:
+        return ConstantDelay(0.0)
+    if isinstance(part, network.TraceDelay):
+        return EmpiricalDelay.of_trace(part, traces[part.path], stages.loss)
+    return shifted_law(part) if isinstance(part, ShiftedLaw) else own_law(part)
 
 
 def delay_blocks(stages: Stages, address: Address, traces: Mapping[str, Trace]) -> DelayBlocks:
@@ -77,7 +96,5 @@ class TraceBlocks:
 
     def block(self, number: int) -> NDArray[np.int64]:
         """Return delays in ns, (BLOCK,). Oracle: a loop over the rows, tests/netem/stages/delay/test_trace."""
-        index = np.arange(number * BLOCK, (number + 1) * BLOCK)
-        by_packet = self.counts == "packet"
-        rows = row_of_packet(len(self._delays_ns), index) if by_packet else row_of_cell(self._trace, index)
+        rows = rows_of_block(self._trace, self.counts, number)
         return self._model.with_jitter(self._delays_ns[rows], self._jitter.uniforms(number * BLOCK, BLOCK))
