@@ -8,7 +8,7 @@ from typing import Final
 
 import zenoh
 
-from tis.netem.link.memory import MAX_COPIED_BYTES
+from tis.netem.link.packet import MAX_COPIED_BYTES
 
 _MAX_ENCODINGS: Final = 256
 _encodings: dict[str, zenoh.Encoding] = {}

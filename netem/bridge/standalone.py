@@ -42,10 +42,9 @@ from tis.netem.bridge.mirrors.queries import TIME_OUT_S, QueryTargetName
 from tis.netem.bridge.overhead import warn_of_overhead
 from tis.netem.bridge.private_endpoints import lister_configs, open_private_endpoints
 from tis.netem.bridge.sides import ClientMode, Place, check_options, check_places, lease_s, open_sides, scout_config
-from tis.netem.bridge.tally import Tally, table
+from tis.netem.bridge.tally import BufferWatch, Tally, table
 from tis.netem.build import build_links
 from tis.netem.expected.synopsis import synopsis
-from tis.netem.link.full_buffer import BufferWatch
 
 _ENDLESS_NS: Final = 1 << 62
 _EVERYTHING: Final = ("**",)

@@ -21,9 +21,8 @@ from tis.netem.bridge.deadline import Deadline
 from tis.netem.bridge.driver import Driver
 from tis.netem.bridge.sides import Place
 from tis.netem.bridge.standalone import Standalone, drive, lines_on_the_network, open_log, start, tell
-from tis.netem.bridge.tally import Tally, table
+from tis.netem.bridge.tally import BufferWatch, Tally, table
 from tis.netem.build import build_links
-from tis.netem.link.full_buffer import BufferWatch
 
 _SEGMENT_BYTES: Final = 1448
 _CHUNK_BYTES: Final = 65_536
