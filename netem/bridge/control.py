@@ -28,10 +28,8 @@ from tis.common.scenario.control import (
 )
 from tis.common.scenario.reading import Profiles
 from tis.netem.bridge.driver import Driver
-from tis.netem.control.bounded_json import MAX_BYTES
-from tis.netem.control.control import Control
-from tis.netem.control.request import Adapt
-from tis.netem.control.state import Snapshot, describe, snapshot
+from tis.netem.control.control import Control, Snapshot, describe, snapshot
+from tis.netem.control.request import MAX_BYTES, Adapt
 
 _MAX_WAITING: Final = 64
 _PAUSE_S: Final = 0.001

@@ -44,7 +44,7 @@ from tis.netem.bridge.private_endpoints import lister_configs, open_private_endp
 from tis.netem.bridge.sides import ClientMode, Place, check_options, check_places, lease_s, open_sides, scout_config
 from tis.netem.bridge.tally import BufferWatch, Tally, table
 from tis.netem.build import build_links
-from tis.netem.expected.synopsis import synopsis
+from tis.netem.expected.figures import synopsis
 
 _ENDLESS_NS: Final = 1 << 62
 _EVERYTHING: Final = ("**",)

@@ -14,7 +14,7 @@ from tis.common.node import Record
 from tis.common.records import RELEASES, ReleaseBatch
 from tis.common.runtime.recorder import FileLog
 from tis.common.scenario.network import Buffer
-from tis.netem.expected.synopsis import direction_label
+from tis.netem.expected.figures import direction_label
 from tis.netem.link.ledger import DROPPED_NEW, DROPPED_OLDEST, DROPS, full_buffer
 from tis.netem.link.link import Link
 
