@@ -2,7 +2,7 @@
 
 Zenoh's routing depends on them: a query without a queryable ends at once, one for complete queryables only (ROS 2
 services) finds them, and the nearest complete one is queried first. A client of the network's router lists them
-(`tis.netem.bridge.mirrors.listing`), and `tis.netem.bridge.mirrors.ownership` removes our own mirrors.
+(`tis.netem.bridge.mirrors.listing`), and `tis.netem.bridge.mirrors.listing` removes our own mirrors.
 
 Without a list, because there is no router or its access control hides queryables, one incomplete queryable represents
 all. The same holds for keys with chunks that begin with ``@`` (the caches of advanced publishers).
@@ -19,10 +19,9 @@ from tis.common.channels import DESTINATION, OPPOSITE, ORIGIN, Direction, Networ
 from tis.common.scenario.control import control_prefix
 from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.keys import is_private
-from tis.netem.bridge.mirrors.deadlock import end_process, is_answered, is_deadlocked, router_deadlock
-from tis.netem.bridge.mirrors.listing import Listing
-from tis.netem.bridge.mirrors.ownership import owned_by_others, sample
+from tis.netem.bridge.mirrors.listing import Listing, owned_by_others, sample
 from tis.netem.bridge.mirrors.queries import Queries
+from tis.netem.bridge.standstill import end_process, is_answered, is_deadlocked, router_deadlock
 
 _PAUSE_S: Final = 0.1
 _PAUSE_RATIO: Final = 20  # pause over processor time of a step: bounds the load of many queryables

@@ -16,7 +16,7 @@ import zenoh
 
 from tis.common.channels import DESTINATION, OPPOSITE, ORIGIN, Direction, Network
 from tis.netem.bridge.bridge import Bridge
-from tis.netem.bridge.executor import SerialExecutor
+from tis.netem.bridge.standstill import SerialExecutor
 from tis.netem.link.packet import Due
 
 _MIN_RETRY_S: Final = 0.2
