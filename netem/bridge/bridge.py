@@ -4,6 +4,7 @@ Packets are offered in the Zenoh callback that delivers them; `tis.netem.bridge.
 """
 
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from typing import Any, Final
 
 import zenoh
@@ -162,14 +163,12 @@ class Bridge(Driver):
         self.n_unsent = 0
         self._egress: Final = {direction: Egress(sessions[DESTINATION[direction]]) for direction in links}
         self._sessions = sessions
-        self._held: list[Any] = []
+        self._held = ExitStack()
 
     def subscribe(self, direction: Direction, key: str) -> None:
         """Let the messages that match ``key`` cross in ``direction``."""
-        session = self._sessions[ORIGIN[direction]]
-        self._held.append(
-            session.declare_subscriber(key, self.receiver(direction), allowed_origin=zenoh.Locality.REMOTE)
-        )
+        session, receiver = self._sessions[ORIGIN[direction]], self.receiver(direction)
+        self._held.callback(session.declare_subscriber(key, receiver, allowed_origin=_REMOTE).undeclare)
 
     def receiver(self, direction: Direction) -> Callable[[zenoh.Sample], None]:
         """Return the callback for the messages of one direction."""
@@ -221,9 +220,7 @@ class Bridge(Driver):
 
     def close(self) -> None:
         """Stop listening."""
-        for declaration in self._held:
-            declaration.undeclare()
-        self._held.clear()
+        self._held.close()
 
     def turn(self, now_ns: int) -> tuple[int, str]:
         """Return now: callbacks do the work, and no user's code runs here."""

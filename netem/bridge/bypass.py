@@ -11,7 +11,7 @@ import json
 import secrets
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from typing import Any, Final, Literal
 
 import zenoh
@@ -47,7 +47,7 @@ class Watch:
         self._leaks: dict[tuple[Leak, Network], bool] = {}
         self._unreported: list[Network] = []
         self._forwards = False
-        self._held: list[Any] = []
+        self._held = ExitStack()
         for network in sessions:
             self._listen(network, "past", f"{PROBES}/past/{self._id}/*")
             self._listen(network, "round", f"{PROBES}/round/*/*")
@@ -79,13 +79,12 @@ class Watch:
 
     def close(self) -> None:
         """Stop listening."""
-        for declaration in self._held:
-            declaration.undeclare()
-        self._held.clear()
+        self._held.close()
 
     def _listen(self, network: Network, leak: Leak, expression: str) -> None:
         receiver = self._receiver(leak, network)
-        self._held.append(self._sessions[network].declare_subscriber(expression, receiver, allowed_origin=_REMOTE))
+        subscriber = self._sessions[network].declare_subscriber(expression, receiver, allowed_origin=_REMOTE)
+        self._held.callback(subscriber.undeclare)
 
     def _texts(self) -> list[str]:
         """Return the leaks found; a bypass delivers both kinds of probes, so it takes precedence over a loop."""

@@ -10,7 +10,7 @@ import select
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, TypeVar
+from typing import Any, Final, ParamSpec, TypeVar
 
 from tis.common.channels import Direction
 from tis.common.node import Record
@@ -78,6 +78,7 @@ def _oversleep_ns(alarm: int) -> int:
     return time.monotonic_ns() - due_ns
 
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 _NEVER_NS: Final = 1 << 62
@@ -193,6 +194,17 @@ class Driver:
         """Keep the exception of a callback, and end `run`."""
         self.error = error
         self.wake()
+
+    def guarded(self, callback: Callable[P, None]) -> Callable[P, None]:
+        """Return a callback whose exception is kept: Zenoh would swallow it."""
+
+        def call(*args: P.args, **named: P.kwargs) -> None:
+            try:
+                callback(*args, **named)
+            except BaseException as error:
+                self.failed(error)
+
+        return call
 
     def run(self, recorder: LateRecorder, until_ns: int, stopped: Callable[[], bool]) -> None:
         """Release packets at their instants until run time ``until_ns`` or until ``stopped``; then end the log."""

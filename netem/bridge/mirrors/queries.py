@@ -13,6 +13,7 @@ question or end finishes the query, and only the replies of the cache are lost.
 import threading
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Final, Literal
 
 import zenoh
@@ -142,11 +143,12 @@ class _Question:
             return
         self._asked_s = time.monotonic()
         queries, query, payload, stack = self.queries, self.query, self.query.payload, self.query.timestamp_stack
+        guarded = queries.bridge.guarded
         try:
             queries.sessions[DESTINATION[self.direction]].get(
                 zenoh.Selector(self.key, query.parameters),
                 # direct: an extra thread would cost more than the query
-                zenoh.handlers.Callback(self._reply, self._end, indirect=False),
+                zenoh.handlers.Callback(guarded(self._reply), guarded(self._end), indirect=False),
                 target=zenoh.QueryTarget.ALL if self._holds_back else queries.target,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 accept_replies=query.accepts_replies(),
@@ -185,37 +187,51 @@ class _Question:
             self.finish()
 
     def _reply(self, reply: zenoh.Reply) -> None:
-        try:
-            sample, error = reply.ok, reply.err
-            if sample is not None:
-                answer: _Reply = _Sample(self, sample)
-                if sample.source_info is not None:
-                    self.queries.has_lost_a_source = True
-                name, attachment, payload = str(sample.key_expr), _bytes(sample.attachment), sample.payload
-            elif error is None or self._is_own_time_out(error):
-                return
-            else:
-                answer = _Error(self, error)
-                name, attachment, payload = self.key, b"", error.payload
-            with self.queries.lock:
-                self._n_crossing += 1
-            back = OPPOSITE[self.direction]
-            fate = self.queries.bridge.offer(back, f"reply {name}", attachment, len(payload), answer)
-            if fate is None or fate.outcome != "deliver":
-                answer.drop()
-        except BaseException as error:
-            self.queries.bridge.failed(error)
+        sample, error = reply.ok, reply.err
+        if sample is not None:
+            answer = _Reply(self, partial(self._send_sample, sample))
+            if sample.source_info is not None:
+                self.queries.has_lost_a_source = True
+            name, attachment, payload = str(sample.key_expr), _bytes(sample.attachment), sample.payload
+        elif error is None or self._is_own_time_out(error):
+            return
+        else:
+            answer = _Reply(self, partial(self._send_error, error))
+            name, attachment, payload = self.key, b"", error.payload
+        with self.queries.lock:
+            self._n_crossing += 1
+        fate = self.queries.bridge.offer(OPPOSITE[self.direction], f"reply {name}", attachment, len(payload), answer)
+        if fate is None or fate.outcome != "deliver":
+            answer.drop()
+
+    def _send_sample(self, sample: zenoh.Sample, due: Due) -> None:
+        """Reply with a put or a delete of the other side."""
+        queries, query = self.queries, self.query
+        stamp = queries.stamps.stamp(self.key, sample)
+        if sample.kind == zenoh.SampleKind.DELETE:
+            query.reply_del(sample.key_expr, express=sample.express, attachment=sample.attachment, timestamp=stamp)
+            return
+        query.reply(
+            sample.key_expr,
+            queries.bridge.payload(OPPOSITE[self.direction], due, sample.payload),
+            encoding=sample.encoding,
+            express=sample.express,
+            attachment=sample.attachment,
+            timestamp=stamp,
+        )
+
+    def _send_error(self, error: zenoh.ReplyError, due: Due) -> None:
+        """Reply with an error of the other side."""
+        payload = self.queries.bridge.payload(OPPOSITE[self.direction], due, error.payload)
+        self.query.reply_err(payload, encoding=error.encoding)
 
     def _end(self) -> None:
-        try:
-            end = _End(self)
-            fate = self.queries.bridge.offer(OPPOSITE[self.direction], f"end {self.key}", b"", 0, end)
-            if fate is None or fate.outcome == "refused":
-                self.finish()
-            elif fate.outcome != "deliver":
-                end.drop()
-        except BaseException as error:
-            self.queries.bridge.failed(error)
+        end = _End(self)
+        fate = self.queries.bridge.offer(OPPOSITE[self.direction], f"end {self.key}", b"", 0, end)
+        if fate is None or fate.outcome == "refused":
+            self.finish()
+        elif fate.outcome != "deliver":
+            end.drop()
 
     def lost_end(self) -> None:
         """Handle a lost end: the querier waits for its time-out, unless it holds back messages."""
@@ -229,70 +245,27 @@ class _Question:
 
 
 class _Reply:
-    """A reply that crosses back."""
+    """A reply that crosses back; ``send`` replies on the querier's side."""
 
-    def __init__(self, question: _Question) -> None:
-        self.question: Final = question
+    def __init__(self, question: _Question, send: Callable[[Due], None]) -> None:
+        self._question: Final = question
+        self._send = send
         self._left = False
 
     def forward(self, due: Due) -> None:
-        """Reply on the querier's side; a second copy of a reply is a second reply."""
+        """Reply; a second copy of a reply is a second reply."""
         try:
-            self.send(due)
-            self.question.queries.n_replies += 1
+            self._send(due)
+            self._question.queries.n_replies += 1
         except zenoh.ZError:  # the query has ended: by its time-out, or before this copy
-            self.question.queries.n_unsent += 1
+            self._question.queries.n_unsent += 1
         self.drop()
 
     def drop(self) -> None:
         """Count it as arrived or lost, once."""
         if not self._left:
             self._left = True
-            self.question.arrived(end=False)
-
-    def send(self, due: Due) -> None:
-        raise NotImplementedError
-
-
-class _Sample(_Reply):
-    """A put or delete as a reply."""
-
-    def __init__(self, question: _Question, sample: zenoh.Sample) -> None:
-        super().__init__(question)
-        self._sample = sample
-
-    def send(self, due: Due) -> None:
-        sample, query = self._sample, self.question.query
-        if sample.kind == zenoh.SampleKind.DELETE:
-            query.reply_del(
-                sample.key_expr, express=sample.express, attachment=sample.attachment, timestamp=self._stamp()
-            )
-            return
-        back = OPPOSITE[self.question.direction]
-        query.reply(
-            sample.key_expr,
-            self.question.queries.bridge.payload(back, due, sample.payload),
-            encoding=sample.encoding,
-            express=sample.express,
-            attachment=sample.attachment,
-            timestamp=self._stamp(),
-        )
-
-    def _stamp(self) -> zenoh.Timestamp | None:
-        return self.question.queries.stamps.stamp(self.question.key, self._sample)
-
-
-class _Error(_Reply):
-    """An error as a reply."""
-
-    def __init__(self, question: _Question, error: zenoh.ReplyError) -> None:
-        super().__init__(question)
-        self._error = error
-
-    def send(self, due: Due) -> None:
-        back = OPPOSITE[self.question.direction]
-        payload = self.question.queries.bridge.payload(back, due, self._error.payload)
-        self.question.query.reply_err(payload, encoding=self._error.encoding)
+            self._question.arrived(end=False)
 
 
 class _End:

@@ -11,6 +11,7 @@ all. The same holds for keys with chunks that begin with ``@`` (the caches of ad
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, Final
 
 import zenoh
@@ -220,12 +221,7 @@ class Queryables:
             self._declare(direction, _Mirror(one.within, one.expr, listed=True, complete=one.is_complete))
 
     def _declare(self, direction: Direction, mirror: _Mirror) -> None:
-        def take(query: zenoh.Query) -> None:
-            try:
-                self._take(direction, mirror, query)
-            except BaseException as error:
-                self._bridge.failed(error)
-
+        take = self._bridge.guarded(partial(self._take, direction, mirror))
         session = self._sessions[ORIGIN[direction]]
         mirror.queryable = session.declare_queryable(
             mirror.expr, take, complete=mirror.complete, allowed_origin=_REMOTE

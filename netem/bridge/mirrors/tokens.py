@@ -10,6 +10,7 @@ closed their connection. They return after the outage.
 
 import time
 from collections.abc import Mapping
+from contextlib import ExitStack
 from typing import Any, Final
 
 import zenoh
@@ -80,7 +81,7 @@ class Tokens:
         self._out_since_s: float | None = None
         self._cut = False
         self._closed = False
-        self._held: list[Any] = []
+        self._held = ExitStack()
 
     def watch(self, direction: Direction, expression: str) -> None:
         """Let the tokens that match ``expression`` cross in ``direction``, including existing ones."""
@@ -92,7 +93,7 @@ class Tokens:
         liveliness = self._sessions[ORIGIN[direction]].liveliness()
         # direct: the binding's own thread would have a bounded channel before it, on which Zenoh waits
         handler = zenoh.handlers.Callback(take, indirect=False)
-        self._held.append(liveliness.declare_subscriber(expression, handler, history=True))
+        self._held.callback(liveliness.declare_subscriber(expression, handler, history=True).undeclare)
 
     def start(self) -> None:
         """Begin to mirror."""
@@ -105,9 +106,7 @@ class Tokens:
 
     def close(self) -> None:
         """Stop watching and withdraw every mirror."""
-        for declaration in self._held:
-            declaration.undeclare()
-        self._held.clear()
+        self._held.close()
         self.executor.post(self._end)
         self.executor.close()
 
