@@ -222,7 +222,7 @@ def _run(
     from tis.netem.bridge.standalone import run_standalone
 
     if asked.carry == "tcp":
-        from tis.netem.bridge.carry.carrying import run_carrying as run_standalone
+        from tis.netem.bridge.carrying import run_carrying as run_standalone
 
     status = Status("netem", as_events=False)
     for word in words:

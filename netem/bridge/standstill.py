@@ -17,6 +17,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from typing import Final, Protocol
 
 import zenoh
@@ -27,15 +28,13 @@ _TURN_S: Final = 0.5
 _STANDSTILL_S: Final = 8.0
 
 
+@dataclass(slots=True, eq=False)
 class Pulse:
     """The life of one thread: busy or waiting, and a count that grows with all that it does."""
 
-    __slots__ = ("is_busy", "n", "who")
-
-    def __init__(self, who: str) -> None:
-        self.who = who
-        self.n = 0
-        self.is_busy = False
+    who: str
+    n: int = 0
+    is_busy: bool = False
 
     @contextmanager
     def busy(self) -> Iterator[None]:

@@ -13,6 +13,7 @@ question or end finishes the query, and only the replies of the cache are lost.
 import threading
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import Final, Literal
 
@@ -124,18 +125,21 @@ class Queries:
             question.drop()
 
 
+@dataclass(eq=False)
 class _Question:
     """A query, and the state of its replies."""
 
-    def __init__(self, queries: Queries, direction: Direction, key: str, query: zenoh.Query) -> None:
-        self.queries: Final = queries
-        self.direction: Final = direction
-        self.key: Final = key
-        self.query: Final = query
-        self._holds_back = is_advanced(key)
-        self._asked_s = -1.0
-        self._n_crossing = 0
-        self._ended = False
+    queries: Final[Queries]
+    direction: Final[Direction]
+    key: Final[str]
+    query: Final[zenoh.Query]
+    _asked_s: float = -1.0
+    _n_crossing: int = 0
+    _ended: bool = False
+
+    @property
+    def _holds_back(self) -> bool:
+        return is_advanced(self.key)
 
     def forward(self, due: Due) -> None:
         """Query the other side. A second copy is ignored, since Zenoh numbers its requests."""
@@ -244,42 +248,42 @@ class _Question:
         return waited_s >= self.queries.time_out_s - 0.1 and error.payload.to_bytes() == _TIMED_OUT
 
 
+@dataclass
 class _Reply:
     """A reply that crosses back; ``send`` replies on the querier's side."""
 
-    def __init__(self, question: _Question, send: Callable[[Due], None]) -> None:
-        self._question: Final = question
-        self._send = send
-        self._left = False
+    question: Final[_Question]
+    send: Final[Callable[[Due], None]]
+    left: bool = False
 
     def forward(self, due: Due) -> None:
         """Reply; a second copy of a reply is a second reply."""
         try:
-            self._send(due)
-            self._question.queries.n_replies += 1
+            self.send(due)
+            self.question.queries.n_replies += 1
         except zenoh.ZError:  # the query has ended: by its time-out, or before this copy
-            self._question.queries.n_unsent += 1
+            self.question.queries.n_unsent += 1
         self.drop()
 
     def drop(self) -> None:
         """Count it as arrived or lost, once."""
-        if not self._left:
-            self._left = True
-            self._question.arrived(end=False)
+        if not self.left:
+            self.left = True
+            self.question.arrived(end=False)
 
 
+@dataclass(frozen=True)
 class _End:
     """The end of the replies, which crosses back."""
 
-    def __init__(self, question: _Question) -> None:
-        self._question = question
+    question: _Question
 
     def forward(self, due: Due) -> None:  # noqa: ARG002
-        self._question.arrived(end=True)
+        self.question.arrived(end=True)
 
     def drop(self) -> None:
         """Handle its loss."""
-        self._question.lost_end()
+        self.question.lost_end()
 
 
 def _bytes(attachment: zenoh.ZBytes | None) -> bytes:

@@ -11,6 +11,7 @@ all. The same holds for keys with chunks that begin with ``@`` (the caches of ad
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
@@ -61,15 +62,15 @@ class _Listed:
             querier.undeclare()  # type: ignore[no-untyped-call]
 
 
+@dataclass(eq=False)
 class _Mirror:
     """A queryable in the origin that represents one of the destination, or all if it is not ``listed``."""
 
-    def __init__(self, within: zenoh.KeyExpr, expr: zenoh.KeyExpr, listed: bool, complete: bool) -> None:
-        self.within: Final = within
-        self.expr: Final = expr
-        self.listed: Final = listed
-        self.complete: Final = complete
-        self.queryable: Any = None
+    within: Final[zenoh.KeyExpr]
+    expr: Final[zenoh.KeyExpr]
+    listed: Final[bool]
+    complete: Final[bool]
+    queryable: Any = None
 
     @property
     def rank(self) -> tuple[bool, str]:

@@ -11,6 +11,7 @@ closed their connection. They return after the outage.
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
+from dataclasses import dataclass
 from typing import Any, Final
 
 import zenoh
@@ -27,14 +28,12 @@ _RECENT_S: Final = 2.0
 _STEP_S: Final = 0.02
 
 
+@dataclass(slots=True)
 class _Retry:
     """The instant of the next attempt to send a change."""
 
-    __slots__ = ("at_s", "pause_s")
-
-    def __init__(self, now_s: float) -> None:
-        self.at_s = now_s
-        self.pause_s = 0.0
+    at_s: float = 0.0
+    pause_s: float = 0.0
 
 
 class _DirectionState:
@@ -192,7 +191,7 @@ class Tokens:
             self.lost(direction, key, number)
 
     def _schedule(self, state: _DirectionState, key: str, pause_s: float) -> None:
-        retry = state.retries.setdefault(key, _Retry(0.0))
+        retry = state.retries.setdefault(key, _Retry())
         if pause_s > 0.0:
             self.n_retries += 1
             retry.pause_s = min(_MAX_RETRY_S, max(pause_s, 2.0 * retry.pause_s))
@@ -248,20 +247,20 @@ class Tokens:
         self._withdraw_all()
 
 
+@dataclass(frozen=True)
 class _Change:
     """A change of a token that crosses the link."""
 
-    def __init__(self, tokens: Tokens, direction: Direction, key: str, number: int, alive: bool) -> None:
-        self._tokens = tokens
-        self._direction: Direction = direction
-        self._key = key
-        self._number = number
-        self._alive = alive
+    tokens: Tokens
+    direction: Direction
+    key: str
+    number: int
+    alive: bool
 
     def forward(self, due: Due) -> None:  # noqa: ARG002
         """Have the mirror declared or withdrawn."""
-        self._tokens.executor.post(lambda: self._tokens.apply(self._direction, self._key, self._number, self._alive))
+        self.tokens.executor.post(lambda: self.tokens.apply(self.direction, self.key, self.number, self.alive))
 
     def drop(self) -> None:
         """Schedule it to be sent again."""
-        self._tokens.executor.post(lambda: self._tokens.lost(self._direction, self._key, self._number))
+        self.tokens.executor.post(lambda: self.tokens.lost(self.direction, self.key, self.number))

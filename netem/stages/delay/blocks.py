@@ -13,8 +13,7 @@ from tis.netem.draws.blocks import BLOCK, Counts, DelayBlocks
 from tis.netem.draws.correlation import ScorePath, uniforms
 from tis.netem.draws.grid import rows_of_block
 from tis.netem.stages.delay.latency import LatencyModel, build_jitter
-from tis.netem.stages.delay.law import Delay
-from tis.netem.stages.delay.laws import ConstantDelay, own_law
+from tis.netem.stages.delay.laws import ConstantDelay, Delay, own_law
 from tis.netem.stages.delay.shifted import ShiftedLaw, shifted_law
 from tis.netem.stages.delay.trace import EmpiricalDelay, row_delays_ns
 

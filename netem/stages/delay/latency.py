@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from tis.common.scenario.network import delay as network
 from tis.common.units import NS_PER_MS
 from tis.netem.draws.blocks import Floats
-from tis.netem.stages.delay.law import Delay
-from tis.netem.stages.delay.laws import MIN_STD_NS, cdf_above, moments_above, quantile_above
+from tis.netem.stages.delay.laws import MIN_STD_NS, Delay, cdf_above, moments_above, quantile_above
 
 _WIDTH_NS: Final = 1e-3
 _MAX_STEPS: Final = 200

@@ -18,7 +18,7 @@ import scipy
 from tis.common.scenario.network import delay as network
 from tis.common.units import NS_PER_MS
 from tis.netem.draws.blocks import Floats
-from tis.netem.stages.delay.law import Delay
+from tis.netem.stages.delay.laws import Delay
 
 _MIN_RELATIVE_VARIANCE: Final = 1e-4
 _PRECISION: Final = 1e-13

@@ -15,7 +15,7 @@ from tis.common.scenario.network.loss import Loss
 from tis.common.trace import Trace
 from tis.netem.draws.blocks import Floats
 from tis.netem.draws.grid import cells_of_rows
-from tis.netem.stages.delay.law import Delay
+from tis.netem.stages.delay.laws import Delay
 
 
 @dataclass(frozen=True, eq=False)

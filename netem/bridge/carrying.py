@@ -20,9 +20,9 @@ from tis.common.scenario.network.capacity import CoDel, Rate, RecordedRate, Tail
 from tis.common.scenario.network.conditions import Change, State
 from tis.common.scenario.network.pipeline import Stages
 from tis.common.scenario.reading import Profiles
-from tis.netem.bridge.carry.proxy import Address, Proxy
 from tis.netem.bridge.control import attach
 from tis.netem.bridge.driver import Driver
+from tis.netem.bridge.proxy import Address, Proxy
 from tis.netem.bridge.sides import Place
 from tis.netem.bridge.standalone import Standalone, drive, lines_on_the_network, open_log, start, tell
 from tis.netem.bridge.standstill import Deadline
