@@ -124,7 +124,7 @@ class Conditions:
         """Make the next draws ahead of their use; call it in an idle moment. Cheap when they exist already."""
         cell = cell_of(now_ns)
         for process in self._outages:
-            process.prepare(cell)
+            process.path.prepare(cell)
         if self._states is not None:
             self._states.prepare(cell)
 
@@ -180,7 +180,7 @@ class Conditions:
                 outage = outage or self._state_changes[state].outage
                 stall = stall or self._state_changes[state].stall
         for process in self._outages:
-            stretch = process.at(cell)
+            stretch = process.path.at(cell)
             begin, end = max(begin, stretch.begin), min(end, stretch.end)
             if stretch.value == 1:
                 outage, stall = outage or not process.stalls, stall or process.stalls

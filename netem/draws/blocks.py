@@ -20,30 +20,27 @@ Counts = Literal["packet", "cell"]
 Floats = NDArray[np.float64]
 
 
-class DelayBlocks(Protocol):
-    """The delays of one key's packets, or of the cells of run time."""
+Drawn = TypeVar("Drawn", covariant=True)
+
+
+class Blocks(Protocol[Drawn]):
+    """The draws of one key's packets, or of the cells of run time."""
 
     @property
     def counts(self) -> Counts:
         """Return the unit of an index."""
         ...
 
-    def block(self, number: int) -> NDArray[np.int64]:
-        """Return delays in ns, (BLOCK,), none negative; they do not depend on earlier calls."""
+    def block(self, number: int) -> Drawn:
+        """Return block ``number`` >= 0, (BLOCK,), which does not depend on earlier calls."""
         ...
 
 
-class LossBlocks(Protocol):
-    """The loss probability of each packet of one key, given the path of the model's state."""
+DelayBlocks = Blocks[NDArray[np.int64]]
+"""Delays in ns, none negative."""
 
-    @property
-    def counts(self) -> Counts:
-        """Return the unit of an index."""
-        ...
-
-    def block(self, number: int) -> Floats:
-        """Return probabilities, (BLOCK,), 0 and 1 included; they do not depend on earlier calls."""
-        ...
+LossBlocks = Blocks[Floats]
+"""The loss probability of each packet, 0 and 1 included, given the path of the model's state."""
 
 
 class SelectionBlocks:

@@ -3,19 +3,22 @@
 On it lie endless paths of stretches of random length, and the rows of a recording, which repeats when it ends.
 """
 
+from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Callable
 from math import gcd
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tis.common.streams import Stream
 from tis.common.trace import Trace
 from tis.common.units import NS_PER_MS
 from tis.netem.draws.blocks import BLOCK, Counts, Floats
 
 CELL_NS: Final = NS_PER_MS
+CELLS_PER_S: Final = 1000.0
 LAST_CELL: Final = (2**63 - 1) // CELL_NS
 """The end of a stretch without an end; its edge in ns still fits an int64."""
 
@@ -30,12 +33,15 @@ class Stretch(NamedTuple):
     value: int
 
 
-class Path(Protocol):
+class Path(ABC):
     """A piecewise constant value over run time."""
 
+    @abstractmethod
     def at(self, cell: int) -> Stretch:
         """Return the stretch that contains ``cell`` >= 0; neighbours may have the same value."""
-        ...
+
+    def prepare(self, cell: int) -> None:  # noqa: B027 - most paths have nothing to draw
+        """Make the draws after ``cell`` ahead of their use."""
 
 
 def cell_of(now_ns: int) -> int:
@@ -65,16 +71,13 @@ def mean_cells(begin_ns: int, length_ns: int, every_ns: int) -> float:
     return (length_ns + before_ns - behind_ns) / CELL_NS
 
 
-PER_CHUNK: Final = BLOCK // 2
-"""Pairs of uniforms in a chunk."""
-
 _MAX_KEPT_CHUNKS: Final = 4
 
 Cells = NDArray[np.int64]
 Draw = Callable[[int, int], tuple[Cells, NDArray[np.integer]]]
 
 
-class RenewalPath:
+class RenewalPath(Path):
     """A path of stretches; ``draw(number, before)`` returns lengths (N,) >= 1 and values (N,) of one chunk.
 
     ``before`` is the value of the last stretch of the previous chunk, 0 for the first chunk. ``draw`` must depend on
@@ -100,7 +103,7 @@ class RenewalPath:
         return held
 
     def prepare(self, cell: int) -> None:
-        """Draw the chunk after the one that contains ``cell``, ahead of its use."""
+        """Draw the chunk after the one that contains ``cell``."""
         self.at(cell)
         self._known_to(self._begins[bisect_right(self._begins, cell)])
 
@@ -127,6 +130,20 @@ class RenewalPath:
                 del self._chunks[next(iter(self._chunks))]
             self._chunks[number] = chunk
         return chunk
+
+
+def alternating(stream: Stream, off: Callable[[Floats], Cells], on: Callable[[Floats], Cells]) -> RenewalPath:
+    """Return a path of values 0 and 1 that begins with 0; ``off`` and ``on`` map uniforms to lengths of stretches.
+
+    Uniform 2k decides the stretch before the one of value 1 number k, uniform 2k + 1 that one.
+    """
+    values = np.tile(np.array([0, 1], np.int64), BLOCK // 2)
+
+    def draw(number: int, _: int) -> tuple[Cells, Cells]:
+        u = stream.uniforms(number * BLOCK, BLOCK)
+        return np.stack([off(u[0::2]), on(u[1::2])], axis=1).ravel(), values
+
+    return RenewalPath(draw)
 
 
 def geometric_cells(u: Floats, mean: Floats | float) -> Cells:
