@@ -171,7 +171,7 @@ def split_phases(sent_s: Floats, delay_ms: Floats, period_s: float, part_s: floa
     Notes
     -----
     A part is split where both halves of the record, odd and even periods, predict each other better with the split:
-    what one period alone shows is no cycle. Oracle: known cycles, tests/netem/fit/test_phases.
+    what one period alone shows is no cycle. Oracle: known cycles, tests/netem/fit/test_cycle.
     """
     n_bins = max(2, int(period_s / part_s))
     phase = np.minimum((sent_s % period_s / period_s * n_bins).astype(np.int64), n_bins - 1)
