@@ -30,7 +30,7 @@ from tis.deploy.shell.messages import print_json
 from tis.deploy.standalone.standalone_run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
 from tis.deploy.tools.info import log_states, print_damage, print_files, states_as_data
 from tis.netem.bridge.standalone import network_yaml
-from tis.netem.expected.synopsis import direction_label
+from tis.netem.expected.figures import direction_label
 
 # Terminal view of a standalone netem's summary.
 

@@ -12,7 +12,7 @@ from tis.common.scenario.control import CLEARING, Acknowledgement, DirectionStat
 from tis.deploy.net.control.change import check_paths, read_change
 from tis.deploy.net.control.state_table import print_state
 from tis.deploy.net.library.profiles import profile_path, read_profile
-from tis.netem.expected.synopsis import direction_label
+from tis.netem.expected.figures import direction_label
 
 _BOTH: Final = ("both", *get_args(Direction))
 

@@ -12,7 +12,7 @@ from tis.common.runtime.emulator_client import EmulatorAddress
 from tis.common.scenario.control import DirectionState, EmulatorState, RuleState
 from tis.common.scenario.network.conditions import TimelineEntry
 from tis.common.scenario.network.pipeline import Pipeline
-from tis.netem.expected.synopsis import direction_label
+from tis.netem.expected.figures import direction_label
 
 _NONE: Final = "-"
 _CHANGED: Final = " *"

@@ -25,7 +25,7 @@ from tis.deploy.report.measures.key_figures import KeyBooks, KeyFigures
 from tis.deploy.report.measures.network.requested import Expected, Requested, Stretch
 from tis.deploy.report.verdict.starvation import MIN_RELEASES
 from tis.netem.conditions.conditions import FOREVER_NS
-from tis.netem.link.full_buffer import DROPPED_NEW, DROPPED_OLDEST, full_buffer
+from tis.netem.link.ledger import DROPPED_NEW, DROPPED_OLDEST, full_buffer
 
 _MIN_DRAWS: Final = 30
 _ERROR_NS: Final = NS_PER_MS

@@ -17,7 +17,7 @@ from tis.deploy.net.probing.message_pairing import Paired
 from tis.deploy.net.probing.probe import Plan, Probed
 from tis.deploy.net.probing.probe_command import comparison, trace_of
 from tis.deploy.net.terminal import delay_uncertainties, print_path
-from tis.netem.fit.measuring import Spread
+from tis.netem.fit.record import Spread
 
 MS = 1_000_000
 ONE = Exchanges.of([(0, 5_000 * MS, 5_001 * MS, 9 * MS)])

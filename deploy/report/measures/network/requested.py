@@ -19,8 +19,8 @@ from tis.deploy.logs.read.load import Ints, RunLogs
 from tis.deploy.report.measures.network.requested_pipeline import RequestedPipeline, requested_pipeline
 from tis.deploy.report.measures.network.trace_playback import delay_moments_ns, p_loss, with_played_rows
 from tis.netem.conditions.conditions import FOREVER_NS, Condition, Conditions, Span, merged
-from tis.netem.control.changed_conditions import ChangedConditions, changed_conditions
-from tis.netem.link.flow import flow_key
+from tis.netem.control.replay import ChangedConditions, changed_conditions
+from tis.netem.link.packet import flow_key
 from tis.netem.link.rules import RuleTable, compile_rules
 
 Floats = NDArray[np.float64]

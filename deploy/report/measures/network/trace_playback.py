@@ -12,9 +12,9 @@ from tis.common.trace import LOST, Trace
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.read.load import Ints
 from tis.deploy.report.measures.network.requested_pipeline import RequestedPipeline, requested_pipeline
+from tis.netem.draws.grid import row_of_cell, row_of_packet
 from tis.netem.stages.delay import latency_of
 from tis.netem.stages.delay.trace import row_delays_ns
-from tis.netem.stages.trace_rows import row_of_cell, row_of_packet
 
 Floats = NDArray[np.float64]
 

@@ -5,6 +5,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import Final
 
 from tis.common.channels import Direction
@@ -37,50 +38,49 @@ class Budget:
         return self._n_bytes < self._most
 
 
+@dataclass(slots=True)
 class Segment:
     """Bytes on their way; none: the sender has sent its last byte, or has gone (``aborts``)."""
 
-    __slots__ = ("_way", "aborts", "data")
-
-    def __init__(self, way: "Way", data: bytes, aborts: bool = False) -> None:
-        self._way = way
-        self.data = data
-        self.aborts = aborts
+    way: "Way"
+    data: bytes
+    aborts: bool = False
 
     def forward(self, due: Due) -> None:  # noqa: ARG002
         """Write the bytes into the other socket."""
-        self._way.write(self)
+        self.way.write(self)
 
     def drop(self) -> None:
         """End the connection: a stream without these bytes is another one."""
-        self._way.fail()
+        self.way.fail()
 
 
+@dataclass(eq=False)
 class Way:
-    """One way of the connection at a ``place``; ``name`` is its flow on the link.
+    """One way of the connection at a ``place``.
 
     `write` is called from the threads that release packets; it never blocks. ``ring`` tells the thread that watches
     the sockets that this way wants something of it.
     """
 
-    def __init__(
-        self, place: int, direction: Direction, source: socket.socket, sink: socket.socket, budget: Budget,
-        ring: Callable[[], None],
-    ) -> None:  # fmt: skip
-        self.place: Final = place
-        self.name: Final = f"connection/{place}"
-        self.direction: Final = direction
-        self.source: Final = source
-        self.sink: Final = sink
-        self.budget: Final = budget
-        self.has_read_all = False
-        self.is_over = False
-        """Whether the sink has got everything, so that nothing is left to do."""
-        self.is_broken = False
-        self._ring = ring
-        self._lock = threading.Lock()
-        self._waiting: deque[bytes] = deque()
-        self._is_last = False
+    place: Final[int]
+    direction: Final[Direction]
+    source: Final[socket.socket]
+    sink: Final[socket.socket]
+    budget: Final[Budget]
+    ring: Final[Callable[[], None]]
+    has_read_all: bool = False
+    is_over: bool = False
+    """Whether the sink has got everything, so that nothing is left to do."""
+    is_broken: bool = False
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+    _waiting: deque[bytes] = field(default_factory=deque)
+    _is_last: bool = False
+
+    @property
+    def name(self) -> str:
+        """Return the name of its flow on the link."""
+        return f"connection/{self.place}"
 
     @property
     def wants_to_write(self) -> bool:
@@ -121,9 +121,9 @@ class Way:
                 with suppress(OSError):
                     self.sink.shutdown(socket.SHUT_WR)
         if self.budget.give_back(n_written) or had_waiting or self.is_broken or self.is_over:
-            self._ring()
+            self.ring()
 
     def fail(self) -> None:
         """End the connection."""
         self.is_broken = True
-        self._ring()
+        self.ring()

@@ -5,7 +5,7 @@ import pytest
 
 from tis.common.channels import Network
 from tis.common.errors import InputError
-from tis.netem.bridge.carry.carrying import Ends, ends_of
+from tis.netem.bridge.carrying import Ends, ends_of
 from tis.netem.bridge.sides import Place
 
 

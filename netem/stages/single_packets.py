@@ -1,13 +1,45 @@
-"""Corruption: bit flips in the payload of some packets."""
+"""Stages that select single packets: duplication, deliberate reordering, and corruption by bit flips.
+
+A copy has another draw of the same delay model. A reordered packet skips its delay, or part of it, and overtakes
+earlier ones.
+"""
 
 from functools import lru_cache
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tis.common.scenario.network.pipeline import Corrupt
+from tis.common.scenario.network.pipeline import Corrupt, Duplicate, Reorder
 from tis.common.streams import Address
+from tis.common.units import ms_to_ns
 from tis.netem.draws.blocks import BLOCK, Floats, SelectionBlocks
+
+
+def duplicated(part: Duplicate | None, address: Address) -> SelectionBlocks:
+    """Return the selection of duplicated packets (oracle: binomial, tests/netem/stages/test_duplication)."""
+    return SelectionBlocks(address, "duplicate", 0.0 if part is None else part.p_duplicate)
+
+
+def reordered(part: Reorder | None, address: Address) -> SelectionBlocks:
+    """Return the selection of packets that skip their delay.
+
+    Oracle: the binomial distribution, tests/netem/stages/test_reordering.
+    """
+    return SelectionBlocks(address, "reorder", 0.0 if part is None else part.p_reorder)
+
+
+def skipped_ns(part: Reorder | None, delay_ns: NDArray[np.int64], skips: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the part of its delay that each packet skips, in ns, (N,): 0 if it is not selected, at most the delay.
+
+    ``delay_ns`` (N,) are the drawn delays, ``skips`` (N,) the selection of `reordered` (oracle: a table,
+    tests/netem/stages/test_reordering).
+    """
+    if part is None:
+        return np.zeros_like(delay_ns)
+    skipped = delay_ns if part.early_ms is None else np.minimum(delay_ns, ms_to_ns(part.early_ms))
+    return np.where(skips, skipped, 0)
+
 
 _BITS_PER_BYTE: Final = 8
 

@@ -11,8 +11,8 @@ from typing import Final
 
 from tis.common.channels import DESTINATION, ORIGIN, Direction, Network
 from tis.common.errors import Fault, PeerError
-from tis.netem.bridge.carry.way import Budget, Segment, Way
 from tis.netem.bridge.driver import Driver
+from tis.netem.bridge.way import Budget, Segment, Way
 
 _READ, _WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE
 _TURN_S: Final = 0.2

@@ -5,7 +5,7 @@ import pytest
 from tis.common.errors import InputError
 from tis.common.scenario.network import NetworkPart
 from tis.common.scenario.network.conditions import Change
-from tis.netem.bridge.carry.stream_network import backlog_bytes, has_rate, stream_change, stream_network
+from tis.netem.bridge.carrying import backlog_bytes, has_rate, stream_change, stream_network
 
 RULE = "needs messages: a stream of bytes (--carry tcp) loses, copies, alters and reorders nothing"
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from tis.common.trace import Trace
 from tis.common.units import NS_PER_MS
-from tis.netem.stages.trace_rows import row_of_cell, row_of_packet, span_ns
+from tis.netem.draws.grid import row_of_cell, row_of_packet, span_ns
 
 
 def sent_at(*ms: float) -> Trace:

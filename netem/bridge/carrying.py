@@ -1,10 +1,13 @@
-"""The emulator of a byte stream: between the two ends of TCP connections, until Ctrl-C."""
+"""The emulator of a byte stream: between the two ends of TCP connections, until Ctrl-C.
+
+In its network what needs messages is refused, and an outage holds bytes up, not off.
+"""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
-from typing import Final, NamedTuple, get_args
+from typing import Any, Final, NamedTuple, get_args
 
 from tis.common.channels import Direction, Network
 from tis.common.errors import EXIT_OK, Fault, InputError, PeerError
@@ -12,18 +15,19 @@ from tis.common.runtime.interrupt import Interrupt
 from tis.common.runtime.status import Status
 from tis.common.runtime.trace_files import load_traces
 from tis.common.runtime.zenoh_session import configure, open_router
-from tis.common.scenario.network import NetworkPart
+from tis.common.scenario.network import Buffer, NetworkPart
+from tis.common.scenario.network.capacity import CoDel, Rate, RecordedRate, TailDrop
+from tis.common.scenario.network.conditions import Change, State
+from tis.common.scenario.network.pipeline import Stages
 from tis.common.scenario.reading import Profiles
-from tis.netem.bridge.carry.proxy import Address, Proxy
-from tis.netem.bridge.carry.stream_network import backlog_bytes, has_rate, stream_change, stream_network
 from tis.netem.bridge.control import attach
-from tis.netem.bridge.deadline import Deadline
 from tis.netem.bridge.driver import Driver
+from tis.netem.bridge.proxy import Address, Proxy
 from tis.netem.bridge.sides import Place
 from tis.netem.bridge.standalone import Standalone, drive, lines_on_the_network, open_log, start, tell
-from tis.netem.bridge.tally import Tally, table
+from tis.netem.bridge.standstill import Deadline
+from tis.netem.bridge.tally import BufferWatch, Tally, table
 from tis.netem.build import build_links
-from tis.netem.link.full_buffer import BufferWatch
 
 _SEGMENT_BYTES: Final = 1448
 _CHUNK_BYTES: Final = 65_536
@@ -146,3 +150,101 @@ def _bytes_carried(counters: Mapping[str, int]) -> str:
     return f"{counters['carry.connections']} connections, {carried}; each packet above is a piece of a stream" + (
         f"; {unanswered} connections found nobody at the other end" if unanswered else ""
     )
+
+
+_RULE: Final = "needs messages: a stream of bytes (--carry tcp) loses, copies, alters and reorders nothing"
+_MESSAGES: Final = ("loss", "duplicate", "corrupt", "reorder")
+_DEFAULT_BYTES: Final = 4_000_000
+_PACKET_BYTES: Final = 1500
+_UNBOUNDED: Final = TailDrop(kind="tail_drop", max_packets=1_000_000_000, max_bytes=None)
+_ROOMY: Final = Buffer(max_packets=10_000_000, max_mb=1_000_000)
+
+
+def stream_network(network: NetworkPart, where: str) -> NetworkPart:
+    """Return the network as it acts on bytes; raises `InputError` with every part that needs messages.
+
+    An outage becomes a stall: TCP repeats what it loses, so nothing arrives until the outage ends. Nothing may be
+    dropped, so queues have no bound; `backlog_bytes` holds the sender back instead.
+    """
+    faults = (
+        [Fault(where, "rules", "cannot be told apart in a stream of bytes (--carry tcp)")] if network.rules else []
+    )
+    changed: dict[str, Any] = {"buffer": _ROOMY, "unmatched": "refuse"}
+    for direction in get_args(Direction):
+        pipeline = getattr(network, direction)
+        faults += _faults(where, direction, pipeline)
+        changed[direction] = pipeline.model_copy(update=_unbounded(pipeline))
+    for field, change in _changes(network):
+        faults += _faults(where, field, change)
+    if faults:
+        raise InputError(faults)
+    changed["outages"] = tuple(part.model_copy(update={"effect": "stall"}) for part in network.outages)
+    changed["timeline"] = tuple(entry.model_copy(update={"set": _on_bytes(entry.set)}) for entry in network.timeline)
+    if network.states is not None:
+        states = tuple(_state(state) for state in network.states.states)
+        changed["states"] = network.states.model_copy(update={"states": states})
+    return network.model_copy(update=changed)
+
+
+def stream_change(change: Change) -> Change:
+    """Return a change that was asked for live, as it acts on bytes; raises `InputError`."""
+    faults = _faults("control", "change", change)
+    if faults:
+        raise InputError(faults)
+    return _on_bytes(change)
+
+
+def backlog_bytes(network: NetworkPart) -> Mapping[Direction, int]:
+    """Return how many bytes each direction takes from senders before it makes them wait.
+
+    These are the bounds of the direction's queue, as far as it has one.
+    """
+    return {direction: _bound(getattr(network, direction).rate) for direction in get_args(Direction)}
+
+
+def has_rate(network: NetworkPart) -> bool:
+    """Tell whether a rate holds at some time, so that bytes have to be sent in segments."""
+    pipelines = (network.forward, network.feedback)
+    return any(stages.rate is not None for stages in (*pipelines, *(change for _, change in _changes(network))))
+
+
+def _bound(rate: Rate | RecordedRate | str | None) -> int:
+    if not isinstance(rate, Rate | RecordedRate):
+        return _DEFAULT_BYTES
+    of_packets = rate.queue.max_packets * _PACKET_BYTES
+    return max(_PACKET_BYTES, of_packets if rate.queue.max_bytes is None else min(of_packets, rate.queue.max_bytes))
+
+
+def _changes(network: NetworkPart) -> Iterator[tuple[str, Change]]:
+    for i, entry in enumerate(network.timeline):
+        yield f"timeline.{i}.set", entry.set
+    for i, state in enumerate(() if network.states is None else network.states.states):
+        for direction in get_args(Direction):
+            yield f"states.states.{i}.{direction}", getattr(state, direction)
+
+
+def _faults(where: str, field: str, stages: Stages) -> list[Fault]:
+    names = [name for name in _MESSAGES if getattr(stages, name) is not None]
+    if getattr(stages, "ordering", None) not in (None, "fifo"):
+        names.append("ordering")
+    if getattr(stages, "add_p_loss", 0.0) > 0.0:
+        names.append("add_p_loss")
+    if isinstance(stages.rate, Rate | RecordedRate) and isinstance(stages.rate.queue, CoDel):
+        names.append("rate.queue")
+    return [Fault(where, f"{field}.{name}", _RULE) for name in names]
+
+
+def _unbounded(stages: Stages) -> dict[str, Any]:
+    rate = stages.rate
+    return {"rate": rate.model_copy(update={"queue": _UNBOUNDED})} if isinstance(rate, Rate | RecordedRate) else {}
+
+
+def _on_bytes(change: Change) -> Change:
+    update = _unbounded(change)
+    if change.outage:
+        update |= {"outage": False, "stall": True}
+    return change.model_copy(update=update) if update else change
+
+
+def _state(state: State) -> State:
+    return state.model_copy(update={way: _on_bytes(getattr(state, way)) for way in get_args(Direction)})
