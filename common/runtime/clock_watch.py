@@ -8,8 +8,7 @@ from typing import Any, Final, NamedTuple
 
 import zenoh
 
-from tis.common.clocks.exchange import Exchanges, Stamps
-from tis.common.clocks.offset import ClockReading, read_clock
+from tis.common.clocks import ClockReading, Exchanges, Stamps, read_clock
 from tis.common.errors import Fault, PeerError
 from tis.common.host_records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
 from tis.common.node import Record

@@ -19,7 +19,7 @@ from rich.table import Table
 
 from tis.common.channels import Side
 from tis.common.errors import EXIT_OK, DataError, Fault
-from tis.common.metrics.timing import tick_summary
+from tis.common.metrics.latency import tick_summary
 from tis.common.records import TICKS
 from tis.common.runtime.ticks_only import RECORD_VARIABLE, TICKS_ONLY
 from tis.common.scenario import Scenario

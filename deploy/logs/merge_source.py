@@ -11,7 +11,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
 from tis.common.channels import Direction, Side, direction_of
-from tis.common.clocks.model import ClockModel
+from tis.common.clocks import ClockModel
 from tis.common.errors import DataError, Fault
 from tis.common.runtime.mcap_chunks import Ints
 from tis.deploy.logs.alignment import Clocks, clock_of

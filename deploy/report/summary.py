@@ -8,9 +8,8 @@ from typing import Any, Final, get_args
 import numpy as np
 
 from tis.common.channels import Arm, Direction, Hand, Side
-from tis.common.metrics.latency import Instants, LatencyParts, latency_ms
+from tis.common.metrics.latency import Instants, LatencyParts, latency_ms, tick_summary
 from tis.common.metrics.percentiles import summarise
-from tis.common.metrics.timing import tick_summary
 from tis.common.records import COUNTERS, TICKS
 from tis.common.safety_records import QUARANTINED
 from tis.common.scenario import Scenario

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.metrics.loss_runs import loss_runs
+from tis.common.metrics.loss import loss_runs
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.netem.draws.blocks import Floats
 

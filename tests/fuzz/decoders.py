@@ -27,8 +27,7 @@ from tests.netem.control.test_control import a_control
 from tests.patient_side.identification.test_model_io import model
 from tests.patient_side.learned.models import learned_model
 from tis.common.channels import hand_channels
-from tis.common.clocks.exchange import Exchanges
-from tis.common.clocks.fit import fit_clock
+from tis.common.clocks import Exchanges, fit_clock
 from tis.common.devices.gate import DeviceGate, from_json, from_ros2
 from tis.common.errors import TisError
 from tis.common.header import Header

@@ -10,8 +10,7 @@ import pytest
 import zenoh
 
 from tests.common.runtime.live_zenoh import Network, a_network, soon
-from tis.common.clocks.exchange import Exchanges
-from tis.common.clocks.offset import ClockReading
+from tis.common.clocks import ClockReading, Exchanges
 from tis.common.errors import PeerError
 from tis.common.host_records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
 from tis.common.node import Record
