@@ -21,7 +21,7 @@ from tis.common.runtime.recordings.table_file import METADATA
 from tis.common.scenario.source import is_synthetic
 from tis.common.sources.jigsaws import MAX_TRIAL_BYTES, RATE_HZ, parse_trial, pose_track
 from tis.common.sources.plausibility import anomalies
-from tis.common.sources.table.layout import TIME, canonical_names
+from tis.common.sources.table_columns import TIME, canonical_names
 from tis.common.units import NS_PER_S
 from tis.deploy.recordings_import.found import DEVICES, MASTERS, Array, Found, Stream, Wanted
 from tis.deploy.recordings_import.lerobot import INFO, read_lerobot

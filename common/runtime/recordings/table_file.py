@@ -12,15 +12,17 @@ import numpy as np
 from tis.common.errors import DataError, Fault
 from tis.common.extras import GET_PARQUET
 from tis.common.runtime.limited_file import read_limited
-from tis.common.sources.table.limits import (
+from tis.common.sources.table_columns import (
     MAX_COLUMNS,
     MAX_ROWS,
     MAX_TABLE_BYTES,
     MAX_TEXT_BYTES,
     MAX_VALUES,
     MIN_ROWS,
+    TableText,
+    read_columns,
+    split_table,
 )
-from tis.common.sources.table.text import TableText, read_columns, split_table
 from tis.common.sources.trajectory import Array
 
 METADATA: Final = b"tis"

@@ -15,9 +15,20 @@ from tis.common.runtime.recordings.table_file import TableFile, open_table
 from tis.common.scenario.table_source import TABLE_SUFFIXES, TableSource
 from tis.common.sources.pairing import FOLLOWS_BELOW, fit_arm
 from tis.common.sources.plausibility import anomalies
-from tis.common.sources.table.layout import DeviceLayout, HandLayout, TableLayout, layout_of
-from tis.common.sources.table.poses import Columns, finite_faults, following, pose_track, unit_doubts
-from tis.common.sources.table.row_clock import SECONDS_PER, Played, RowClock, played, resampled, row_clock
+from tis.common.sources.table_columns import DeviceLayout, HandLayout, TableLayout, layout_of
+from tis.common.sources.table_poses import (
+    SECONDS_PER,
+    Columns,
+    Played,
+    RowClock,
+    finite_faults,
+    following,
+    played,
+    pose_track,
+    resampled,
+    row_clock,
+    unit_doubts,
+)
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 
 _MAX_NAME_CHARS: Final = 100
