@@ -136,7 +136,7 @@ def _open_routers(
     sessions: dict[Network, zenoh.Session] = {}
     for network, endpoint in endpoints.items():
         config = configure("router", replace(options, listen=[endpoint]))
-        devices = scenario.source.all_keys if scenario.source.kind == "live" and network == "west" else ()
+        devices = scenario.source.device_keys if network == "west" else ()
         releasers = scenario.patient.safety.releasers
         rights = access_control(scenario.security, scenario.session, network, devices, releasers)
         config.insert_json5("access_control", json.dumps(rights))

@@ -30,9 +30,8 @@ def build_netem(scenario: Scenario, traces: Mapping[str, Trace] | None = None, w
 
 def staying_keys(scenario: Scenario) -> KeySet:
     """Return the keys that stay on their network: set points, predictions, poses of devices and external arms."""
-    devices = scenario.source.all_keys if scenario.source.kind == "live" else ()
     session = scenario.session
-    return KeySet((*local_keys(session, "west"), *local_keys(session, "east"), *devices))
+    return KeySet((*local_keys(session, "west"), *local_keys(session, "east"), *scenario.source.device_keys))
 
 
 def build_links(

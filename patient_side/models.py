@@ -10,7 +10,7 @@ from tis.common.runtime.movements import training_rows_for
 from tis.common.runtime.user_code import UserCode, load_user_code
 from tis.common.scenario import Scenario
 from tis.common.scenario.estimator_names import is_user_defined
-from tis.common.scenario.patient import is_model_file
+from tis.common.scenario.identification import is_model_file
 from tis.common.sources.provenance import MODEL_FILES
 from tis.common.sources.trajectory import Recording
 from tis.patient_side.estimators.guarded import Factories

@@ -12,7 +12,7 @@ import zenoh
 from tis.common.channels import Network, Side
 from tis.common.runtime.control import ControlKeys
 from tis.common.scenario import Scenario
-from tis.common.scenario.agreement import agreed_fields, checked_fields, differences, in_words
+from tis.common.scenario.reading import agreed_fields, checked_fields, differences, in_words
 
 MAX_BYTES: Final = 500_000
 _ANSWER_S: Final = 3.0

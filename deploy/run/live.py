@@ -13,9 +13,8 @@ from tis.common.runtime.recordings import check_recording
 from tis.common.runtime.scenario_file import RUNS, run_folder
 from tis.common.runtime.trace_files import load_traces
 from tis.common.runtime.zenoh_session import ZenohOptions
-from tis.common.scenario import Scenario
-from tis.common.scenario.live_rules import check_foreign_surgeon
-from tis.common.scenario.patient import is_model_file
+from tis.common.scenario import Scenario, check_foreign_surgeon
+from tis.common.scenario.identification import is_model_file
 from tis.deploy.run.progress import RunProgress
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.launch import endpoints_of, launch

@@ -18,9 +18,8 @@ from tis.common.runtime.recordings import load_recording
 from tis.common.runtime.side_log import LOG_VERSION
 from tis.common.runtime.trace_files import load_traces, trace_attachments
 from tis.common.runtime.virtual_bus import VirtualBus
-from tis.common.scenario import Scenario
+from tis.common.scenario import Scenario, virtual_time_faults
 from tis.common.scenario import reading as scenario_io
-from tis.common.scenario.live_rules import virtual_time_faults
 from tis.common.sources.provenance import RECORDING_FILE, dump_played
 from tis.common.sources.trajectory import Recording
 from tis.deploy.shell import run_dir as folder

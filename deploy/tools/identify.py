@@ -14,7 +14,7 @@ from tis.common.extras import GET_REPORT
 from tis.common.runtime.recordings import load_recording, load_training
 from tis.common.scenario import Scenario
 from tis.common.scenario.estimator_names import LearnedName, is_learned
-from tis.common.scenario.patient import Identification, is_model_file
+from tis.common.scenario.identification import Identification, is_model_file
 from tis.common.sources.provenance import in_words
 from tis.common.sources.trajectory import Recording
 from tis.deploy.shell import run_dir as folder

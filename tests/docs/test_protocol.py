@@ -20,7 +20,7 @@ from tis.common.messages import MAX_SIZE, FeedbackPose, Message, SafetyMode, Sam
 from tis.common.peer_life import BEAT_EVERY_NS, Beat
 from tis.common.runtime.control import ControlKeys, Epoch
 from tis.common.scenario import Scenario
-from tis.common.scenario.agreement import agreed_fields
+from tis.common.scenario.reading import agreed_fields
 from tis.common.stop_messages import (
     LATCH,
     MAX_IN_FORCE,

@@ -13,7 +13,7 @@ from typing import Any, Final
 from tis.common.runtime.recordings import load_recording, own_trial, trial_file
 from tis.common.scenario import Scenario
 from tis.common.scenario.estimator_names import is_built_in
-from tis.common.scenario.patient import is_model_file
+from tis.common.scenario.identification import is_model_file
 from tis.common.scenario.source import RecordedSource
 from tis.common.sources.trajectory import Recording
 from tis.patient_side.build import choose_models

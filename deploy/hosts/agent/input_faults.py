@@ -11,7 +11,7 @@ from tis.common.runtime.credentials import credentials
 from tis.common.runtime.recordings import check_recording, located
 from tis.common.runtime.trace_files import load_traces
 from tis.common.scenario import Scenario
-from tis.common.scenario.patient import is_model_file
+from tis.common.scenario.identification import is_model_file
 from tis.patient_side.models import own_estimators, read_models
 from tis.patient_side.plant.extra import check_plant
 
