@@ -1,4 +1,4 @@
-"""User-facing errors: ``where: field: rule (got value)``, all faults of an input at once.
+"""User-facing errors: ``where: field: rule (got value)``, all faults of an input at once; and the exit codes.
 
 Network events (lost, late, undecodable, missed tick) are counted values and never errors.
 """
@@ -81,3 +81,14 @@ EXIT_INVALID_RUN = 5
 EXIT_LOSSY_RECOVERY = 3
 EXIT_BUG = 70
 EXIT_INTERRUPTED = 130
+
+
+GET_REPORT: Final = "pip install 'tis-testbed[report]'"
+GET_PARQUET: Final = "pip install 'tis-testbed[parquet]'"
+GET_ROSBAG: Final = "pip install 'tis-testbed[rosbag]'"
+GET_HOSTS: Final = "pip install 'tis-testbed[hosts]'"
+GET_CLUSTER: Final = "pip install 'tis-testbed[cluster]'"
+GET_DEVICE: Final = "pip install 'tis-testbed[device]'"
+GET_LEARNED: Final = "pip install 'tis-testbed[learned]'"
+GET_SIM: Final = "pip install 'tis-testbed[sim]'"
+GET_DYNAMICS: Final = "pip install 'tis-testbed[dynamics]'"

@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 
 from tis.common.channels import Direction, keys_of, local_keys
-from tis.common.key_set import KeySet
 from tis.common.scenario import Scenario
 from tis.common.scenario.network import NetworkPart
 from tis.common.trace import Trace
+from tis.common.zenoh_syntax import KeySet
 from tis.netem.conditions.conditions import Conditions
 from tis.netem.link.link import Link
 from tis.netem.link.rules import RuleTable, compile_rules

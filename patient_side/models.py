@@ -4,10 +4,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from tis.common.errors import DataError, Fault
-from tis.common.runtime.code_origin import Origin
-from tis.common.runtime.limited_file import read_limited
 from tis.common.runtime.movements import training_rows_for
-from tis.common.runtime.user_code import UserCode, load_user_code
+from tis.common.runtime.scenario_files import read_limited
+from tis.common.runtime.user_code import Origin, UserCode, load_user_code
 from tis.common.scenario import Scenario
 from tis.common.scenario.estimator_names import is_user_defined
 from tis.common.scenario.identification import is_model_file

@@ -12,9 +12,8 @@ from tis.common.messages import FeedbackPose, Pose, Vector3
 from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.peer_life import NO_ALARMS, Alarm
 from tis.common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
-from tis.common.send_plan import SendPlan
 from tis.common.sources.sensor_noise import SensorNoise
-from tis.common.ticker import Ticker
+from tis.common.ticker import SendPlan, Ticker
 from tis.common.units import sample_instant_ns
 from tis.surgeon_side.commanded_arm import CommandedArm, Servo
 from tis.surgeon_side.motion import Motion

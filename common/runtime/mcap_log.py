@@ -17,9 +17,8 @@ from pydantic import BaseModel
 
 from tis.common.errors import DataError, Fault
 from tis.common.node import Record
-from tis.common.runtime.chunk_writer import ChunkWriter
+from tis.common.runtime.chunk_writer import MESSAGE_HEAD_BYTES, QUICK, THOROUGH, ChunkWriter, encode_message
 from tis.common.runtime.json_schema import flat_schema
-from tis.common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES, QUICK, THOROUGH, encode_message
 from tis.common.units import NS_PER_S
 
 _CHUNK_BYTES: Final = 128 * 1024

@@ -5,7 +5,6 @@ from typing import Annotated, Final, Literal, Self
 
 from pydantic import Discriminator, Field, StringConstraints, Tag, WithJsonSchema, model_validator
 
-from tis.common.endpoint import endpoint_fault, is_local, is_tls
 from tis.common.errors import Fault, InputError
 from tis.common.scenario.base import NonNegative, Part, Positive, RuleText, obeys, refuse
 from tis.common.scenario.estimator_names import AnyEstimatorName
@@ -18,6 +17,7 @@ from tis.common.scenario.security import NoSecurity, Security
 from tis.common.scenario.source import Source
 from tis.common.scenario.surgeon import MAX_MB_PER_S, MAX_PACKETS_PER_S, SurgeonPart
 from tis.common.units import s_to_ns
+from tis.common.zenoh_syntax import endpoint_fault, is_local, is_tls
 
 _MAX_SAMPLES = 5_000_000  # a synthetic movement is held in memory
 

@@ -5,10 +5,10 @@ from typing import Annotated, Final, Literal
 from pydantic import Field, model_validator
 
 from tis.common.channels import CONTROL, Hand
-from tis.common.key_expression import key_expression_fault
 from tis.common.scenario.base import AnySource, Milliseconds, Part, Positive, obeys
 from tis.common.scenario.identification import is_model_file
 from tis.common.units import MM_PER_M
+from tis.common.zenoh_syntax import key_expression_fault
 
 Millimetres = Annotated[float, Field(ge=-100_000, le=100_000)]
 PlaceMm = tuple[Millimetres, Millimetres, Millimetres]

@@ -4,8 +4,7 @@ import os
 from collections.abc import Callable
 from typing import Any, Final, Literal
 
-from tis.common.errors import Fault, InputError
-from tis.common.extras import GET_DEVICE
+from tis.common.errors import GET_DEVICE, Fault, InputError
 from tis.surgeon_side.devices import gamepad, mouse
 from tis.surgeon_side.devices.handle import Handle
 

@@ -18,7 +18,7 @@ from pydantic import ValidationError
 from tis.common.channels import FOLLOWER, Channel, Hand, Side
 from tis.common.errors import DataError, Fault, InputError
 from tis.common.messages import Pose, position_m
-from tis.common.runtime.mcap_chunks import by_channel
+from tis.common.runtime.chunk_writer import by_channel
 from tis.common.scenario import Scenario
 from tis.common.sources.jigsaws import MIN_ROWS, RATE_HZ, trial_text
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording

@@ -8,11 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from tis.common.endpoint import endpoint_faults
 from tis.common.errors import EXIT_INTERRUPTED, Fault, InputError
-from tis.common.runtime.guard import guarded_exit_code, line_of
-from tis.common.runtime.side_cli import AloneOption, ChildOption, ConnectOption, WaitOption, side_command
-from tis.common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
+from tis.common.runtime.process import guarded_exit_code, line_of
+from tis.common.runtime.side_cli import (
+    AloneOption,
+    CfgOption,
+    ChildOption,
+    ConfigOption,
+    ConnectOption,
+    InsecureOption,
+    WaitOption,
+    side_command,
+)
+from tis.common.zenoh_syntax import endpoint_faults
 
 if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, not for the help
     from tis.common.runtime.side_cli import RunSide
@@ -226,7 +234,7 @@ def _query_target(name: str) -> "QueryTargetName":
 
 def _standalone(typed: CommandLine, options: "ZenohOptions", where: str, network: "NetworkPart") -> "Standalone":
     """Return the emulator between the two networks that was typed."""
-    from tis.common.runtime.scenario_file import RUNS, run_folder
+    from tis.common.runtime.scenario_files import RUNS, run_folder
     from tis.netem.bridge.sides import Place
     from tis.netem.bridge.standalone import Standalone
 

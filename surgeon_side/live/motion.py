@@ -7,10 +7,10 @@ from typing import Final, get_args
 from tis.common.channels import FOLLOWER, Hand, HandChannels, hand_channels
 from tis.common.devices.gate import DeviceGate, from_json, from_ros2
 from tis.common.devices.records import DEVICES, DeviceEvent, DeviceNote, Refusal
-from tis.common.key_expression import key_matches
 from tis.common.node import Arrival, Record
 from tis.common.scenario.live_source import LiveSource
 from tis.common.units import NS_PER_S, ms_to_ns
+from tis.common.zenoh_syntax import key_matches
 from tis.surgeon_side.live.mapping import Mapping as DeviceMapping
 from tis.surgeon_side.motion import HandPoses
 

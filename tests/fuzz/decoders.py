@@ -49,11 +49,11 @@ from tis.common.records import (
 )
 from tis.common.refusal import refusal_in, trouble_in
 from tis.common.runtime.clock_watch import _read as read_reading
-from tis.common.runtime.code_origin import Origin, dump_origins, parse_origins
 from tis.common.runtime.control import ControlKeys, Epoch, Roster
 from tis.common.runtime.credentials import credentials
 from tis.common.runtime.mcap_log import McapLog
 from tis.common.runtime.recordings.table_recording import table_recording
+from tis.common.runtime.user_code import Origin, dump_origins, parse_origins
 from tis.common.safety_records import StopsInForceNote
 from tis.common.scenario.live_source import LiveSource
 from tis.common.scenario.reading import build_scenario, parse_yaml
@@ -65,7 +65,7 @@ from tis.common.sources.provenance import parse_played
 from tis.common.sources.table_columns import layout_of, read_columns, split_table
 from tis.common.sources.table_poses import finite_faults, played, pose_track, row_clock
 from tis.common.stop_messages import EmergencyStop, lock_of
-from tis.common.trace_text import parse_trace
+from tis.common.trace import parse_trace
 from tis.deploy.compare.grid import grid_faults
 from tis.deploy.compare.study import Study
 from tis.deploy.logs.blocks import parse_records, unpack_chunk

@@ -10,7 +10,7 @@ from typing import Final
 
 from tis.common.channels import FOLLOWER, MASTER, Arm, Hand
 from tis.common.errors import DataError, Fault
-from tis.common.runtime.limited_file import read_limited
+from tis.common.runtime.scenario_files import read_limited
 from tis.common.scenario import Scenario
 from tis.common.scenario.source import JigsawsSource, is_synthetic
 from tis.common.sources.jigsaws import MAX_TRIAL_BYTES, RATE_HZ, parse_trial, pose_track, position_m, velocity_m_s

@@ -4,10 +4,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, StringConstraints, field_validator
 
-from tis.common.key_expression import key_expression_fault
 from tis.common.scenario.base import Part, obeys
 from tis.common.scenario.network.conditions import BothOr, Outages, States, TimelineEntry
 from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.zenoh_syntax import key_expression_fault
 
 KeyExpression = Annotated[str, StringConstraints(min_length=1), obeys(key_expression_fault)]
 

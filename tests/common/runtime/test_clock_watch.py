@@ -15,8 +15,7 @@ from tis.common.errors import PeerError
 from tis.common.host_records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
 from tis.common.node import Record
 from tis.common.runtime.clock import WallClock, boot_id, monotonic_ns
-from tis.common.runtime.clock_server import ClockServer
-from tis.common.runtime.clock_watch import ClockWatch
+from tis.common.runtime.clock_watch import ClockServer, ClockWatch
 from tis.common.runtime.control import ControlKeys
 
 pytestmark = pytest.mark.live

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.live
 # a lock taken twice: unlike a sleep it is not ended by a signal, and no handler in Python runs meanwhile
 _STUCK = """
 import ctypes, signal, sys, time
-from tis.common.runtime.interrupt import Interrupt
+from tis.common.runtime.process import Interrupt
 from tis.netem.bridge.deadline import Deadline
 libc, lock = ctypes.CDLL(None), ctypes.create_string_buffer(64)
 def stick():

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from tests.netem.making import are_alike, link, offer, packet, scenario
 from tis.common.channels import Direction
-from tis.common.key_set import KeySet
 from tis.common.records import FATES, ControlNote, FateBatch
+from tis.common.zenoh_syntax import KeySet
 from tis.netem.conditions.conditions import Condition
 from tis.netem.control.changed_conditions import changed_conditions
 from tis.netem.control.control import Control

@@ -1,20 +1,73 @@
-"""Loading of the recordings that a network names; only this module reads them."""
+"""Files that a scenario stands in or names, read up to a limit of size; and the folder of its run.
 
+Recordings of movements have a folder of their own: `tis.common.runtime.recordings`.
+"""
+
+import errno
+import re
+import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from pydantic import BaseModel
 
-from tis.common.errors import DataError, Fault
-from tis.common.opportunity_text import parse_opportunities
-from tis.common.runtime.limited_file import read_limited
+from tis.common.errors import DataError, Fault, InputError
+from tis.common.scenario import reading
 from tis.common.scenario.base import Part
 from tis.common.scenario.network.capacity import RecordedRate
 from tis.common.scenario.network.delay import TraceDelay
 from tis.common.scenario.network.loss import TraceLoss
-from tis.common.trace import Trace
-from tis.common.trace_text import parse_trace
+from tis.common.trace import Trace, parse_opportunities, parse_trace
+from tis.common.yaml_text import MAX_YAML_BYTES
+
+
+def read_limited(path: Path, max_bytes: int) -> bytes:
+    """Return the content of a file; raises `OSError`, also for one of more than ``max_bytes``.
+
+    The size that the system states would not do: a device states none.
+    """
+    with path.open("rb") as file:
+        content = file.read(max_bytes + 1)
+    if len(content) > max_bytes:
+        raise OSError(errno.EFBIG, f"it has more than {max_bytes} bytes", str(path))
+    return content
+
+
+RUNS: Final = Path("runs")
+"""Folder of the runs whose folder the user does not name."""
+_MAX_FOLDERS: Final = 20
+
+
+def read_scenario(path: Path) -> dict[str, Any]:
+    """Return a scenario file's top-level mapping, not validated yet; raises `InputError`."""
+    try:
+        text = read_limited(path, MAX_YAML_BYTES).decode("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise InputError(Fault(str(path), "", f"cannot be read: {reason}")) from None
+    return reading.parse_yaml(text, str(path))
+
+
+def run_folder(base: Path, name: str) -> Path:
+    """Return a new folder's name below ``base``: the date, the time and the scenario."""
+    stamp = time.strftime("%Y%m%d_%H%M%S")
+    path, n = base / f"{stamp}_{name}", 1
+    while path.exists():
+        n += 1
+        path = base / f"{stamp}_{name}_{n}"
+    return path
+
+
+def latest_folders(base: Path, name: str) -> list[Path]:
+    """Return the newest folders that `run_folder` has named for a scenario, newest first, and at most twenty."""
+    ours = re.compile(rf"[0-9]{{8}}_[0-9]{{6}}_{re.escape(name)}(_[0-9]+)?")
+    try:
+        found = [path for path in base.iterdir() if ours.fullmatch(path.name)]
+    except OSError:
+        return []
+    return sorted(found, reverse=True)[:_MAX_FOLDERS]
+
 
 _FOLDER: Final = "traces"
 _MAX_BYTES: Final = 256_000_000
