@@ -5,8 +5,8 @@ from dataclasses import replace
 import typer
 
 from tis.common.runtime.client_side import run_client_side
-from tis.common.runtime.movements import load_movement
 from tis.common.runtime.process import run_to_end
+from tis.common.runtime.recordings import load_movement
 from tis.common.runtime.side import Prepared
 from tis.common.runtime.side_cli import endpoints_for, side_command
 from tis.common.runtime.side_log import SideOptions

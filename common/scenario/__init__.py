@@ -186,6 +186,17 @@ class Scenario(Part):
         """Number of samples that the surgeon sends, and of the patient's ticks."""
         return int(self.duration_s * self.rate_hz + 1e-9)  # 0.3 s at 10 Hz is 2.9999999999999996 in floats
 
+    def first_row(self) -> int:
+        """Return the row that becomes sample 0; raises `InputError` when training rows would be scored."""
+        identification, start = self.identification, self.source.start
+        first = identification.train_samples if identification.train == "own_head" else 0
+        if start == "auto":
+            return first
+        if start < first:
+            rule = f"must be auto or at least train_samples = {first}, since own_head trains on the rows before"
+            raise InputError(Fault(f"scenario {self.name}", "source.start", rule, start))
+        return start
+
     @property
     def end_ns(self) -> int:
         """Run time at which every side stops, after the drain."""

@@ -52,7 +52,7 @@ from tis.common.runtime.clock_watch import _read as read_reading
 from tis.common.runtime.control import ControlKeys, Epoch, Roster
 from tis.common.runtime.credentials import credentials
 from tis.common.runtime.mcap_log import McapLog
-from tis.common.runtime.recordings.table_recording import table_recording
+from tis.common.runtime.recordings.table import table_recording
 from tis.common.runtime.user_code import Origin, dump_origins, parse_origins
 from tis.common.safety_records import StopsInForceNote
 from tis.common.scenario.live_source import LiveSource

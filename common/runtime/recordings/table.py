@@ -1,4 +1,4 @@
-"""Recordings in tables: the run's own one, and those of other people in its folder."""
+"""Recordings in tables: the source's own one, and those of other people in its folder, each named by its file."""
 
 import hashlib
 import json
@@ -10,12 +10,19 @@ from typing import Any, Final
 import numpy as np
 
 from tis.common.channels import MASTER
-from tis.common.errors import DataError, Fault
+from tis.common.errors import DataError, Fault, InputError
+from tis.common.runtime.recordings.jigsaws import HEAD_ROWS
 from tis.common.runtime.recordings.table_file import TableFile, open_table
+from tis.common.scenario import Scenario
 from tis.common.scenario.table_source import TABLE_SUFFIXES, TableSource
 from tis.common.sources.pairing import FOLLOWS_BELOW, fit_arm
 from tis.common.sources.plausibility import anomalies
-from tis.common.sources.table_columns import DeviceLayout, HandLayout, TableLayout, layout_of
+from tis.common.sources.table_columns import (
+    DeviceLayout,
+    HandLayout,
+    TableLayout,
+    layout_of,
+)
 from tis.common.sources.table_poses import (
     SECONDS_PER,
     Columns,
@@ -33,6 +40,21 @@ from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 
 _MAX_NAME_CHARS: Final = 100
 _MAX_FILES: Final = 10_000
+
+
+def whole(scenario: Scenario, source: TableSource, start: int) -> Recording:
+    """Return the recording in the source's own table; raises `DataError`, or `InputError` for lacking inputs."""
+    identification = scenario.identification
+    if identification.looks_ahead:
+        rule = "must be position: a table has no columns of velocities"
+        raise InputError(Fault(f"scenario {scenario.name}", "identification.inputs", rule))
+    head_rows = identification.train_samples if identification.train == "own_head" else HEAD_ROWS
+    return table_recording(source, Path(source.path), scenario.rate_hz, head_rows, start)
+
+
+def training(scenario: Scenario, source: TableSource, recording: Recording, trial: str) -> Recording:  # noqa: ARG001
+    """Return the recording in a table beside the source's own, whose columns pair masters and arms."""
+    return table_recording(source, trial_file(source, trial), scenario.rate_hz, HEAD_ROWS, 0)
 
 
 def table_recording(source: TableSource, file: Path, rate_hz: int, head_rows: int, start: int) -> Recording:
@@ -78,7 +100,36 @@ def table_recording(source: TableSource, file: Path, rate_hz: int, head_rows: in
     )
 
 
-def tables_beside(source: TableSource) -> list[str]:
+def located(source: TableSource) -> str:
+    """Return the absolute path of the table."""
+    return str(Path(source.path).absolute())
+
+
+def own_trial(source: TableSource) -> str:
+    """Return the name of the table."""
+    return Path(source.path).name
+
+
+def trial_file(source: TableSource, trial: str) -> Path:
+    """Return the path of a table in the source's folder."""
+    return Path(source.path).parent / trial
+
+
+def no_trials(source: TableSource) -> Fault:
+    """Return the fault to report where there is no table."""
+    return Fault(source.path, "", "does not exist (given by source.path)")
+
+
+def no_others(source: TableSource) -> str:
+    """Return what is missing where the folder holds no table of another person."""
+    own, there = person_of(source, own_trial(source)), Path(source.path).parent
+    return (
+        f"needs tables of other people than {own} in {there} (a table's person is in its metadata, or its name "
+        "up to the first _); own_head trains on the recording's own first rows, a model file on none"
+    )
+
+
+def trials(source: TableSource) -> list[str]:
     """Return the names of the tables in the folder of the source's file, of the same kind, in order."""
     file = Path(source.path)
     try:
@@ -88,15 +139,16 @@ def tables_beside(source: TableSource) -> list[str]:
     return [name for name in found if Path(name).suffix.lower() in TABLE_SUFFIXES][:_MAX_FILES]
 
 
-def person_in(source: TableSource, file: Path) -> str:
+def person_of(source: TableSource, trial: str) -> str:
     """Return who moves in a table: as the source says of its own file, as the file says, or as its name begins."""
+    file = trial_file(source, trial)
     if file == Path(source.path) and source.person is not None:
         return source.person
     try:
         metadata = b"" if file.suffix.lower() == ".csv" else open_table(file).metadata
     except DataError:
         metadata = b""
-    return _text_of(_parsed(metadata), "person") or file.stem.split("_")[0]
+    return _stated(_parsed(metadata), "person") or file.stem.split("_")[0]
 
 
 @dataclass(frozen=True)
@@ -109,8 +161,8 @@ def _about(source: TableSource, file: Path, table: TableFile) -> _About:
     """Return what to call a table, and who moves in it; a foreign file's metadata count as far as they are texts."""
     stated = _parsed(table.metadata)
     is_own = file == Path(source.path)
-    task = source.task or _text_of(stated, "task")
-    person = (source.person if is_own else None) or _text_of(stated, "person") or file.stem.split("_")[0]
+    task = source.task or _stated(stated, "task")
+    person = (source.person if is_own else None) or _stated(stated, "person") or file.stem.split("_")[0]
     label = f"{task} {file.stem}" if task else file.stem
     return _About(f"{label} (synthetic)" if stated.get("synthetic") is True else label, person)
 
@@ -123,7 +175,7 @@ def _parsed(metadata: bytes) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _text_of(stated: dict[str, Any], name: str) -> str:
+def _stated(stated: dict[str, Any], name: str) -> str:
     value = stated.get(name)
     return value if isinstance(value, str) and value.isprintable() and len(value) <= _MAX_NAME_CHARS else ""
 

@@ -1,4 +1,4 @@
-"""Recordings of JIGSAWS: the run's own trial, and trials of its task's folder."""
+"""Files of JIGSAWS: the run's own trial, and the trials of its task's folder, named like D002."""
 
 import os
 import re
@@ -33,24 +33,24 @@ _ABOUT: Final = (
 )
 
 
-def jigsaws_recording(scenario: Scenario, source: JigsawsSource, start: int) -> Recording:
+def whole(scenario: Scenario, source: JigsawsSource, start: int) -> Recording:
     """Return the scenario's trial, all of it; raises `DataError`.
 
     The pairing of masters and arms is decided by rows that are not scored: for ``own_head`` the training rows, for
     ``others`` at most the first 1240 of each training trial. With a model file, or where ``others`` finds no trial,
     these rows of the trial itself decide. Oracle: trials that the tests write.
     """
-    file = jigsaws_file(source, source.trial)
+    file = trial_file(source, source.trial)
     rows = _read_trial(source, file)
     pairings = _pairings(scenario, source, rows)
     return _recording(source, source.trial, pairings, file, rows, start, scenario.identification.looks_ahead)
 
 
-def training_trial(scenario: Scenario, source: JigsawsSource, recording: Recording, trial: str) -> Recording:
+def training(scenario: Scenario, source: JigsawsSource, recording: Recording, trial: str) -> Recording:
     """Return a trial of the task with both hands, paired as those of ``recording``; raises `DataError`."""
     # One relation is identified from all trials, so all must have the same pairing.
     crossed = recording.hands[0].arm == FOLLOWER[recording.hands[0].hand]
-    file = jigsaws_file(source, trial)
+    file = trial_file(source, trial)
     rows = _read_trial(source, file)
     pairings = pair_over("cross" if crossed else "same_name", _HANDS, [_positions(rows[:HEAD_ROWS])])
     return _recording(source, trial, pairings, file, rows, 0, scenario.identification.looks_ahead)
@@ -76,19 +76,14 @@ def _pairings(scenario: Scenario, source: JigsawsSource, rows: Array) -> tuple[P
 def _heads(source: JigsawsSource) -> list[Positions]:
     """Return the positions in the first rows of the training trials; damaged ones are left out."""
     heads = []
-    for trial in other_subjects(source, jigsaws_trials(source)):
+    for trial in (each for each in trials(source) if each[0] != source.trial[0]):
         with suppress(DataError):
-            heads.append(_positions(_read_trial(source, jigsaws_file(source, trial), HEAD_ROWS)))
+            heads.append(_positions(_read_trial(source, trial_file(source, trial), HEAD_ROWS)))
     return heads
 
 
 def _positions(rows: Array) -> Positions:
     return {hand: position_m(rows, MASTER[hand]) for hand in _HANDS}, {arm: position_m(rows, arm) for arm in _ARMS}
-
-
-def other_subjects(source: JigsawsSource, trials: Sequence[str]) -> list[str]:
-    """Return the trials whose subject is not the source's."""
-    return [trial for trial in trials if trial[0] != source.trial[0]]
 
 
 def _recording(
@@ -136,6 +131,11 @@ def _anomalies(hands: Sequence[HandRecording], rows: Array) -> list[str]:
     return found
 
 
+def located(source: JigsawsSource) -> str:
+    """Return the absolute folder of the tasks; a path in the scenario stays as it is."""
+    return str(root(source)) if source.path is None else source.path
+
+
 def root(source: JigsawsSource) -> Path:
     """Return the absolute folder of the tasks; the scenario's path precedes the environment variable."""
     # an empty variable counts as unset, an empty path as the working folder
@@ -148,12 +148,27 @@ def folder(source: JigsawsSource) -> Path:
     return root(source) / source.task / "kinematics" / "AllGestures"
 
 
-def jigsaws_file(source: JigsawsSource, trial: str) -> Path:
+def trial_file(source: JigsawsSource, trial: str) -> Path:
     """Return the path of a trial's file, which need not exist."""
     return folder(source) / f"{source.task}_{trial}.txt"
 
 
-def jigsaws_trials(source: JigsawsSource) -> list[str]:
+def own_trial(source: JigsawsSource) -> str:
+    """Return the trial that the source plays."""
+    return source.trial
+
+
+def person_of(source: JigsawsSource, trial: str) -> str:  # noqa: ARG001  (of `Files`)
+    """Return the subject of a trial: the letter in its name."""
+    return trial[0]
+
+
+def no_others(source: JigsawsSource) -> str:
+    """Return what is missing where the folder holds no other subject."""
+    return f"needs {source.task} trials of other subjects than {source.trial[0]} in {folder(source)}"
+
+
+def trials(source: JigsawsSource) -> list[str]:
     """Return the names of the trials in the task's folder, like D002, in order."""
     try:
         names = [path.name for path in folder(source).iterdir()]
@@ -163,8 +178,8 @@ def jigsaws_trials(source: JigsawsSource) -> list[str]:
     return sorted(match[1] for match in matches if match)
 
 
-def no_jigsaws_trials(source: JigsawsSource) -> Fault:
-    """Return the fault to report where `jigsaws_trials` finds none."""
+def no_trials(source: JigsawsSource) -> Fault:
+    """Return the fault to report where `trials` finds none."""
     there = folder(source)
     if root(source).is_file():
         return _missing(source, there)
@@ -184,7 +199,7 @@ def _missing(source: JigsawsSource, file: Path) -> Fault:
         rule = "is a file; needed is the folder that holds TASK/kinematics/AllGestures/TASK_TRIAL.txt"
         advice = "`tis synth FOLDER` writes an example"
         return Fault(str(root(source)), "", f"{rule} (given by {_origin(source)}); {advice}")
-    found = jigsaws_trials(source)
+    found = trials(source)
     if found:
         rule = f"does not exist; {source.task} trials in its folder: {', '.join(found)}"
     elif file.parent.is_dir():
