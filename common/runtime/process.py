@@ -1,18 +1,18 @@
-"""A process of the testbed: its command line, its children, its signals, the guard that gives its exit code."""
+"""A process of the testbed: its command line, its children, its signals, and the guard of its exit code."""
 
 import atexit
-import contextlib
 import os
 import re
 import select
 import shlex
 import signal
+import socket
 import stat
 import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -65,6 +65,15 @@ def child_environment() -> dict[str, str]:
     return {**os.environ, "PYTHONSAFEPATH": "1"}
 
 
+def free_endpoints(protocol: str = "tcp") -> tuple[str, str]:
+    """Return two loopback endpoints whose ports are currently free."""
+    with socket.socket() as one, socket.socket() as two:
+        one.bind(("127.0.0.1", 0))
+        two.bind(("127.0.0.1", 0))
+        west, east = (f"{protocol}/127.0.0.1:{each.getsockname()[1]}" for each in (one, two))
+        return west, east
+
+
 _ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _STANDARD_STREAMS: Final = (0, 1, 2)
 
@@ -80,7 +89,7 @@ class Interrupt:
         self.wakers: list[Callable[[], None]] = []
         self._hung_up = False
 
-    @contextlib.contextmanager
+    @contextmanager
     def installed(self) -> Iterator[None]:
         """Handle the signals within the block."""
         handled = [number for number in _ENDING if signal.getsignal(number) is not signal.SIG_IGN]
@@ -105,7 +114,7 @@ class Interrupt:
 def _detach_from_terminal() -> None:
     """Redirect the standard streams of a lost terminal to the null device, since each write would fail."""
     for number in _STANDARD_STREAMS:
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             if stat.S_ISCHR(os.fstat(number).st_mode) and not os.isatty(number):
                 null = os.open(os.devnull, os.O_RDWR)
                 os.dup2(null, number)

@@ -28,7 +28,7 @@ from tests.patient_side.identification.test_model_io import model
 from tests.patient_side.learned.models import learned_model
 from tis.common.channels import hand_channels
 from tis.common.clocks import Exchanges, fit_clock
-from tis.common.devices.gate import DeviceGate, from_json, from_ros2
+from tis.common.device import DeviceGate, from_json, from_ros2
 from tis.common.errors import TisError
 from tis.common.header import Header
 from tis.common.host_records import CLOCK, PROCESSORS, ClockNote, ProcessorNote
@@ -89,7 +89,7 @@ from tis.deploy.tools.runs import Wanted, list_runs
 from tis.netem.control.control import Control
 from tis.patient_side.identification.model_io import dump_models, parse_models
 from tis.patient_side.safety.emergency_stop import EmergencyStops
-from tis.surgeon_side.live.mapping import Mapping
+from tis.surgeon_side.live import DeviceMapping
 
 _ROW = hand_channels("left", "PSM2")
 _FOLDER = scratch_folder()
@@ -181,7 +181,7 @@ def _study(data: bytes) -> None:
 def _device(data: bytes) -> None:
     """Follow a device that sends this twice, in either encoding."""
     for decode in (from_json, from_ros2):
-        gate, mapping = DeviceGate(decode, 10**9), Mapping(LiveSource(kind="live"), "left")
+        gate, mapping = DeviceGate(decode, 10**9), DeviceMapping(LiveSource(kind="live"), "left")
         for _ in range(2):
             gate.take(1, data)
         samples = gate.drain()

@@ -23,8 +23,7 @@ from tis.patient_side.estimators.registry import build_any
 from tis.patient_side.models import models_for, read_models
 from tis.patient_side.statespace import ArmModel
 from tis.surgeon_side.build import sensor_noise
-from tis.surgeon_side.motion import RecordedMotion
-from tis.surgeon_side.samples import SampleMessage, Samples
+from tis.surgeon_side.motion import RecordedMotion, SampleMessage, Samples
 
 _N_KEPT: Final = 8
 _N_SAMPLES_KEPT: Final = 2

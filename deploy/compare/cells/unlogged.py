@@ -28,7 +28,7 @@ from tis.netem.link.ledger import NoLedger
 from tis.netem.link.link import Link
 from tis.patient_side.hand import PatientHand, bounded
 from tis.patient_side.node import PatientNode
-from tis.surgeon_side.samples import SampleMessage
+from tis.surgeon_side.motion import SampleMessage
 
 Ints = NDArray[np.int64]
 Take = Callable[[int], list[SampleMessage]]

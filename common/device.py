@@ -1,20 +1,99 @@
-"""The gate of a device: what it sends, decoded and checked in the order of arrival; the rest is counted by reason.
+"""Poses that programs of others send: the message of a device, PoseStamped of ROS 2, and the gate that checks both.
 
 A device is a foreign program. Whatever it sends costs bounded work and memory, and none of it is an exception.
+
+PoseStamped comes in the Common Data Representation, OMG DDS-XTypes 1.3, section 7.4: an encapsulation header of four
+bytes, whose second one tells the order of bytes, then the fields, each aligned to its own size counted from the end
+of that header.
 """
 
+import struct
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import isfinite, sqrt
-from typing import Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
-from pydantic import ValidationError
+from pydantic import FailFast, Field, ValidationError
 
-from tis.common.devices.pose import MAX_DEVICE_BYTES, DevicePose
-from tis.common.devices.pose_stamped import decode_pose_stamped
 from tis.common.devices.records import Refusal
-from tis.common.messages import MAX_SIZE
+from tis.common.messages import MAX_SIZE, Message, Quaternion, Vector3
+from tis.common.units import NS_PER_S
+
+MAX_DEVICE_BYTES: Final = 2048
+"""Largest payload of a device; a pose has some 300 bytes."""
+
+MAX_BUTTONS: Final = 32
+
+_MAX_STAMP: Final = 1 << 62  # 146 years in ns, within 64 bits
+
+Angle = Annotated[float, Field(allow_inf_nan=False, ge=-6.3, le=6.3)]
+"""An angle in rad, at most a turn."""
+
+
+class DevicePose(Message):
+    """One pose of an operator's device, in the device's own frame; only the position is required."""
+
+    stamp_ns: int | None = Field(
+        None,
+        ge=-_MAX_STAMP,
+        le=_MAX_STAMP,
+        description="The device's own clock, in ns from any origin; null: none. Only its order is checked.",
+    )
+    position_m: Vector3 = Field(description="Position of the device's handle, in m.")
+    orientation: Quaternion = Field(
+        Quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
+        description="Orientation of the handle, a quaternion of any length but 0.",
+    )
+    gripper_rad: Angle = Field(0.0, description="Opening angle of the gripper, in rad.")
+    clutch: bool = Field(
+        False, strict=True, description="true: the operator moves the device to another place, the arm holds."
+    )
+    buttons: Annotated[tuple[bool, ...], FailFast()] = Field(
+        (), max_length=MAX_BUTTONS, description="Further buttons of the device; the testbed uses none."
+    )
+
+
+_HEADER_BYTES: Final = 4
+_ORDER: Final = {0x0000: ">", 0x0001: "<"}  # CDR_BE and CDR_LE: plain CDR, version 1
+_POSE_ALIGNMENT: Final = 8
+
+
+class StampedPose(NamedTuple):
+    """A decoded message: its stamp in ns, position (x, y, z) in m, and quaternion (x, y, z, w)."""
+
+    stamp_ns: int
+    position_m: tuple[float, float, float]
+    orientation: tuple[float, float, float, float]
+
+
+def decode_pose_stamped(payload: bytes) -> StampedPose:
+    """Return the pose in a payload; numbers may be anything that a double can be.
+
+    Raises
+    ------
+    ValueError
+        If the payload is no PoseStamped in plain CDR.
+
+    Notes
+    -----
+    Oracle: bytes written by hand, and the rosbags package, tests/common/devices/test_pose_stamped.
+    """
+    try:
+        (representation,) = struct.unpack_from(">H", payload)
+        order = _ORDER.get(representation)
+        if order is None:
+            raise ValueError(f"the encapsulation {representation:#06x} is no plain CDR")
+        body = payload[_HEADER_BYTES:]
+        sec, nanosec, n_chars = struct.unpack_from(f"{order}iII", body)
+        # the frame's name, which ends with a NUL that counts; then padding up to the first double
+        end = 12 + n_chars
+        begin = -(-end // _POSE_ALIGNMENT) * _POSE_ALIGNMENT
+        x, y, z, qx, qy, qz, qw = struct.unpack_from(f"{order}7d", body, begin)
+    except struct.error as error:
+        raise ValueError(f"it is no PoseStamped: {error}") from None
+    return StampedPose(sec * NS_PER_S + nanosec, (x, y, z), (qx, qy, qz, qw))
+
 
 MAX_PER_TICK: Final = 128
 """Messages of one device that a tick decodes: the newest. A device at 1 kHz sends 34 between ticks of 30 Hz."""
