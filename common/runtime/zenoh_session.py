@@ -12,8 +12,8 @@ from typing import Any, Final, Literal
 
 import zenoh
 
-from tis.common.endpoint import endpoint_faults, is_local, is_tls
 from tis.common.errors import Fault, InputError, PeerError
+from tis.common.zenoh_syntax import endpoint_faults, is_local, is_tls
 
 _LEASE: Final = "transport/link/tx/lease"
 _LEASE_MS: Final = 2000

@@ -9,9 +9,8 @@ from typing import Any, Final
 from rich.console import Console
 from rich.markup import escape
 
-from tis.common.errors import EXIT_OK
-from tis.common.extras import GET_REPORT
-from tis.common.runtime.command_line import command_line
+from tis.common.errors import EXIT_OK, GET_REPORT
+from tis.common.runtime.process import command_line
 from tis.deploy.admissible import tables
 from tis.deploy.admissible.evaluation import Evaluation
 from tis.deploy.admissible.options import order_of

@@ -6,7 +6,7 @@ from math import isfinite
 from typing import Final
 
 from tis.common.errors import InputError
-from tis.common.runtime.trace_files import load_traces
+from tis.common.runtime.scenario_files import load_traces
 from tis.deploy.admissible.axes import Axis
 from tis.deploy.admissible.evaluation import Evaluation, Judged
 from tis.deploy.admissible.redundancy import Redundancy

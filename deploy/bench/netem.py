@@ -16,7 +16,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.process import free_endpoints
 from tis.common.scenario.network import NetworkPart
 from tis.common.units import NS_PER_S
 from tis.deploy.bench.relays import Relay, bare_loop, least_relay, native_router, netem

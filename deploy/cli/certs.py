@@ -8,8 +8,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from tis.common.errors import EXIT_OK, DataError, Fault, InputError
-from tis.common.extras import GET_HOSTS
+from tis.common.errors import EXIT_OK, GET_HOSTS, DataError, Fault, InputError
 from tis.deploy.cli.group import Commands
 from tis.deploy.cli.options import JsonOption
 from tis.deploy.shell.extras import can_certify

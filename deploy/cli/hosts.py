@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from tis.common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
+from tis.common.runtime.side_cli import CfgOption, ConfigOption, InsecureOption
 from tis.deploy.cli.group import Commands
 from tis.deploy.cli.options import JsonOption, MergeOption, ReportOption, RunDirOption, VerboseOption
 from tis.deploy.shell.guard import ERR, guarded, words_to

@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 import typer
 
-from tis.common.runtime.process_end import run_to_end
+from tis.common.runtime.process import run_to_end
 from tis.deploy.cli import (
     admissible,
     bench,

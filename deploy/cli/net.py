@@ -6,7 +6,7 @@ from typing import Annotated, Any, get_args
 import typer
 
 from tis.common.errors import DataError, Fault, InputError
-from tis.common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
+from tis.common.runtime.side_cli import CfgOption, ConfigOption, InsecureOption
 from tis.deploy.cli.group import Commands
 from tis.deploy.cli.net_control import app as control_app
 from tis.deploy.cli.options import JsonOption

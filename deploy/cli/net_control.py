@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from tis.common.errors import Fault, InputError
-from tis.common.runtime.zenoh_cli import CfgOption, ConfigOption
+from tis.common.runtime.side_cli import CfgOption, ConfigOption
 from tis.deploy.cli.group import Commands
 from tis.deploy.cli.options import JsonOption
 from tis.deploy.shell.guard import OUT, guarded

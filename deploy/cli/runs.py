@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK
-from tis.common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
+from tis.common.runtime.side_cli import CfgOption, ConfigOption, InsecureOption
 from tis.deploy.cli.group import Commands
 from tis.deploy.cli.net_control import EndpointOption, PrefixOption
 from tis.deploy.cli.options import (

@@ -44,7 +44,7 @@ def validate(
     if schema:
         print(reading.schema_json())  # noqa: T201
         return EXIT_OK
-    from tis.common.runtime.trace_files import load_traces
+    from tis.common.runtime.scenario_files import load_traces
     from tis.netem.build import build_netem
 
     if scenario is None:
@@ -127,7 +127,7 @@ def synth(
     On trials of several people, tis compare trains the models of each person
     on the others.
     """
-    from tis.common.runtime.command_line import command_line
+    from tis.common.runtime.process import command_line
     from tis.deploy.run.resolve import resolve
     from tis.deploy.tools.synth import print_calibration, write_trials
 

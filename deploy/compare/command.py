@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError
-from tis.common.runtime.command_line import command_line
+from tis.common.runtime.process import command_line
 from tis.deploy.compare.cells.store import Store
 from tis.deploy.compare.engine.compute import Outcome, compute
 from tis.deploy.compare.engine.workers import Workers

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import Console
 
-from tis.common.errors import DataError, Fault, InputError
-from tis.common.extras import GET_PARQUET, GET_REPORT
+from tis.common.errors import GET_PARQUET, GET_REPORT, DataError, Fault, InputError
 from tis.deploy.compare.cells.store import Store
 from tis.deploy.compare.engine.choice import workers_of
 from tis.deploy.compare.engine.compute import compute

@@ -10,10 +10,9 @@ from typing import Final
 from tis.common.errors import DataError, Fault, InputError
 from tis.common.runtime.recordings import list_trials, trial_file, whole_recording
 from tis.common.runtime.user_code import load_user_code
-from tis.common.scenario import Scenario
+from tis.common.scenario import Scenario, virtual_time_faults
 from tis.common.scenario.estimator_names import is_user_defined
-from tis.common.scenario.live_rules import virtual_time_faults
-from tis.common.scenario.patient import is_model_file
+from tis.common.scenario.identification import is_model_file
 from tis.common.scenario.reading import apply_settings, build_scenario
 from tis.common.scenario.source import RecordedSource, Source
 from tis.common.scenario.table_source import TableSource

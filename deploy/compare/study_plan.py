@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from tis.common.errors import DataError, Fault, InputError
-from tis.common.runtime.scenario_file import read_scenario
+from tis.common.runtime.scenario_files import read_scenario
 from tis.deploy.compare.choices import COMMAND
 from tis.deploy.compare.plan import Plan, make_plan
 from tis.deploy.compare.study import IN_PYTHON, Study

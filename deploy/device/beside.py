@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Final, get_args
 
 from tis.common.errors import Fault, InputError
-from tis.common.runtime.child_process import child_environment
+from tis.common.runtime.process import child_environment
 from tis.common.runtime.side_cli import endpoints_for
 from tis.common.runtime.side_log import SideOptions
 from tis.common.scenario import Scenario

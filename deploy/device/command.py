@@ -8,7 +8,7 @@ import zenoh
 
 from tis.common.errors import EXIT_OK, Fault, PeerError
 from tis.common.runtime.control import ControlKeys
-from tis.common.runtime.interrupt import Interrupt
+from tis.common.runtime.process import Interrupt
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client
 from tis.common.units import NS_PER_S
 from tis.deploy.device.inputs import COMMAND, Inputs, Kind, close_inputs, open_inputs

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from tis.common.errors import DataError, Fault
-from tis.common.runtime.scenario_file import RUNS
+from tis.common.runtime.scenario_files import RUNS
 from tis.deploy.hosts.connections import hosts_of
 from tis.deploy.hosts.gather import gather_logs, newest_run
 from tis.deploy.hosts.hosts_file import read_plan

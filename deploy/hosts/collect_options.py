@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
-from tis.common.endpoint import endpoint_faults
 from tis.common.errors import Fault, InputError
+from tis.common.zenoh_syntax import endpoint_faults
 from tis.deploy.hosts.protocol import RUN_NAME
 
 _WHERE: Final = "tis collect"

@@ -17,8 +17,8 @@ from rich.console import Console
 
 from tis.common.channels import Side
 from tis.common.errors import EXIT_OK, DataError, Fault, PeerError
-from tis.common.runtime.interrupt import Interrupt
-from tis.common.runtime.scenario_file import run_folder
+from tis.common.runtime.process import Interrupt
+from tis.common.runtime.scenario_files import run_folder
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router, visitor
 from tis.deploy.hosts.collect import collection_folder, told_on
 from tis.deploy.hosts.transfer.fetch import Collection

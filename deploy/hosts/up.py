@@ -11,9 +11,8 @@ from rich.console import Console
 
 from tis.common.channels import Side
 from tis.common.errors import EXIT_INTERRUPTED, EXIT_OK, TisError
-from tis.common.runtime.command_line import command_line
-from tis.common.runtime.interrupt import Interrupt
-from tis.common.runtime.scenario_file import RUNS, run_folder
+from tis.common.runtime.process import Interrupt, command_line
+from tis.common.runtime.scenario_files import RUNS, run_folder
 from tis.common.scenario import reading
 from tis.deploy.hosts.collect import told_on
 from tis.deploy.hosts.connections import connect_and_check, hosts_of

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from tis.common.errors import EXIT_OK, DataError
-from tis.common.runtime.mcap_chunks import by_channel
+from tis.common.runtime.chunk_writer import by_channel
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.coverage import RECOVERED, damage_text
 from tis.deploy.logs.log_file import LogFile

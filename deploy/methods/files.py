@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from importlib.util import find_spec
 from typing import Any, Final, NamedTuple
 
-from tis.common.extras import GET_REPORT
+from tis.common.errors import GET_REPORT
 from tis.deploy.compare.results.latex import tabular
 from tis.deploy.methods.main_table import main_table
 

@@ -8,8 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from tis.common.channels import Direction
-from tis.common.clocks.uncertainty import is_resolvable, uncertainties
-from tis.common.metrics.percentiles import TAIL, Summary
+from tis.common.metrics.percentiles import TAIL, Summary, is_resolvable, uncertainties
 from tis.common.scenario.profile import Profile
 from tis.common.units import NS_PER_MS
 from tis.deploy.net.library.number_rows import number_rows

@@ -2,19 +2,17 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from pathlib import PurePath
 from typing import Any, Final, get_args
 
 import numpy as np
 
 from tis.common.channels import Arm, Direction, Hand, Side
-from tis.common.metrics.latency import Instants, LatencyParts, latency_ms
+from tis.common.metrics.latency import Instants, LatencyParts, latency_ms, tick_summary
 from tis.common.metrics.percentiles import summarise
-from tis.common.metrics.timing import tick_summary
 from tis.common.records import COUNTERS, TICKS
 from tis.common.safety_records import QUARANTINED
 from tis.common.scenario import Scenario
-from tis.common.scenario.requirements import Metric
+from tis.common.scenario.limits import Metric
 from tis.common.sources.provenance import RECORDING_FILE, parse_played
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.read.load import RunLogs
@@ -188,15 +186,7 @@ def source_label(scenario: Scenario, foreign_surgeon: bool = False) -> str:
     """Return the origin of the movement in words."""
     source = scenario.source
     hands = " and ".join(source.hands)
-    if foreign_surgeon:
-        return f"foreign surgeon, {hands} hand"
-    if source.kind == "jigsaws":
-        origin = "synthetic" if source.synthetic else "recorded"
-        return f"{origin} {source.task} {source.trial}, {hands} hand"
-    if source.kind == "table":
-        task = "" if source.task is None else f"{source.task} "
-        return f"table {task}{PurePath(source.path).stem}, {hands} hand"
-    return f"live device, {hands} hand" if source.kind == "live" else f"synthetic surgeon, {hands} hand"
+    return f"{'foreign surgeon' if foreign_surgeon else source.label}, {hands} hand"
 
 
 def _durations(

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from tis.common.errors import Fault
-from tis.common.runtime.guard import guarded_exit_code, line_of
+from tis.common.runtime.process import guarded_exit_code, line_of
 
 # without emoji: they would replace a part of a name such as module:X:
 OUT: Final = Console(highlight=False, emoji=False)

@@ -10,10 +10,9 @@ from rich.table import Table
 from rich.text import Text
 
 from tis.common.channels import Direction, Side
-from tis.common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, Fault, InputError
-from tis.common.extras import GET_REPORT
+from tis.common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, GET_REPORT, Fault, InputError
 from tis.common.records import COUNTERS
-from tis.common.runtime.command_line import command_line
+from tis.common.runtime.process import command_line
 from tis.common.scenario.network import NetworkPart
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.read.batches import link_fates, link_releases

@@ -9,12 +9,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from tis.common.channels import Hand
-from tis.common.errors import EXIT_OK, DataError, Fault, InputError
-from tis.common.extras import GET_REPORT
+from tis.common.errors import EXIT_OK, GET_REPORT, DataError, Fault, InputError
 from tis.common.runtime.recordings import load_recording, load_training
 from tis.common.scenario import Scenario
 from tis.common.scenario.estimator_names import LearnedName, is_learned
-from tis.common.scenario.patient import Identification, is_model_file
+from tis.common.scenario.identification import Identification, is_model_file
 from tis.common.sources.provenance import in_words
 from tis.common.sources.trajectory import Recording
 from tis.deploy.shell import run_dir as folder

@@ -20,8 +20,7 @@ from tis.common.sources.calibration import (
     median_statistics,
     turning_statistics,
 )
-from tis.common.sources.jigsaws import MIN_ROWS, RATE_HZ
-from tis.common.sources.jigsaws_text import trial_text
+from tis.common.sources.jigsaws import MIN_ROWS, RATE_HZ, trial_text
 from tis.common.sources.population import MAX_TRIALS, population
 from tis.common.sources.synthetic import synthesise
 from tis.common.sources.trajectory import Recording

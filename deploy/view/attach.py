@@ -5,7 +5,7 @@ import subprocess
 from rich.console import Console
 
 from tis.common.errors import EXIT_INTERRUPTED, EXIT_OK, Fault, PeerError
-from tis.common.runtime.interrupt import Interrupt
+from tis.common.runtime.process import Interrupt
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.deploy.view.page_process import PageAddress, announce, page_process
 

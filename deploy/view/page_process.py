@@ -12,9 +12,8 @@ from typing import Any, Final
 
 from rich.console import Console
 
-from tis.common.errors import Fault, InputError, PeerError
-from tis.common.extras import GET_REPORT
-from tis.common.runtime.child_process import child_environment
+from tis.common.errors import GET_REPORT, Fault, InputError, PeerError
+from tis.common.runtime.process import child_environment
 from tis.common.runtime.zenoh_session import ZenohOptions
 from tis.common.scenario import Scenario
 from tis.deploy.shell.extras import can_report

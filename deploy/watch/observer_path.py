@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from tis.common.clocks.exchange import Exchanges
+from tis.common.clocks import Exchanges
 from tis.common.units import NS_PER_MS
 
 

@@ -1,7 +1,7 @@
 import pytest
 import zenoh
 
-from tis.common.endpoint import ENDPOINT_RULE, PORT_RULE, endpoint_fault, endpoint_faults, is_local, is_tls
+from tis.common.zenoh_syntax import ENDPOINT_RULE, PORT_RULE, endpoint_fault, endpoint_faults, is_local, is_tls
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import zenoh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tis.common.key_expression import key_expression_fault
+from tis.common.zenoh_syntax import key_expression_fault
 
 
 def _zenoh_takes(text: str) -> bool:

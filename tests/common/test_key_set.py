@@ -2,8 +2,7 @@ import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tis.common.key_expression import key_expression_fault, key_matches
-from tis.common.key_set import KeySet
+from tis.common.zenoh_syntax import KeySet, key_expression_fault, key_matches
 
 CHUNK = st.sampled_from(["a", "b", "ab", "aab", "@x"])
 PATTERN = st.sampled_from(["a", "*", "**", "a$*", "$*b", "$*a$*"])

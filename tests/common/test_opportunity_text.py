@@ -1,7 +1,7 @@
 import pytest
 
 from tis.common.errors import DataError
-from tis.common.opportunity_text import parse_opportunities
+from tis.common.trace import parse_opportunities
 
 MS = 1_000_000
 

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tis.common.send_plan import PlannedPacket, SendPlan
+from tis.common.ticker import PlannedPacket, SendPlan
 from tis.common.units import sample_instant_ns
 
 

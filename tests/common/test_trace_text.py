@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tis.common.errors import DataError
-from tis.common.trace import LOST, MAX_DELAY_NS, MAX_SENT_NS, Trace
-from tis.common.trace_text import parse_trace, render_trace
+from tis.common.trace import LOST, MAX_DELAY_NS, MAX_SENT_NS, Trace, parse_trace, render_trace
 
 TEXT = """\
 # host: west

@@ -10,7 +10,7 @@ from typing import Annotated, Final, Literal, Self
 from pydantic import Field, model_validator
 
 from tis.common.channels import Direction
-from tis.common.scenario.base import Milliseconds, NonNegative, Part, Positive, Probability
+from tis.common.scenario.base import Milliseconds, NonNegative, Part, Positive, Probability, refuse
 from tis.common.scenario.network.pipeline import Ordering, Stages
 from tis.common.units import NS_PER_MS, s_to_ns
 
@@ -64,8 +64,7 @@ class Change(Stages):
             faults.append("correlation and a trace exclude each other: a trace has its own")
         if self.reorder is not None and self.ordering != "reorder":
             faults.append("reorder needs ordering: reorder")
-        if faults:
-            raise ValueError("\n".join(faults))
+        refuse(faults)
         return self
 
 
@@ -195,8 +194,7 @@ class MarkovStates(Part):
         faults = ["names of states must differ"] if len(set(names)) < len(names) else []
         unknown = sorted({after.to for state in self.states for after in state.next} - set(names))
         faults += [f"next must name states ({', '.join(names)}), not {name}" for name in unknown]
-        if faults:
-            raise ValueError("\n".join(faults))
+        refuse(faults)
         return self
 
 
@@ -233,8 +231,7 @@ class ScriptedStates(Part):
         at_ns = [s_to_ns(step.at_s) for step in self.steps]
         if any(after - before < NS_PER_MS for before, after in pairwise(at_ns)):
             faults.append("steps must ascend in at_s, by at least 0.001")
-        if faults:
-            raise ValueError("\n".join(faults))
+        refuse(faults)
         return self
 
 

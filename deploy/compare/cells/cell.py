@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 
 from tis.common.channels import FOLLOWER, ORIGIN, Hand, Side
 from tis.common.runtime.recordings import load_recording, load_training, load_trials
-from tis.common.runtime.trace_files import load_traces
+from tis.common.runtime.scenario_files import load_traces
 from tis.common.scenario import Scenario
 from tis.common.scenario.reading import build_scenario
 from tis.common.sources.trajectory import Recording

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from tis.common.runtime.recordings import own_trial, person_of, trial_file, trials_of_others
-from tis.common.runtime.trace_files import trace_paths
+from tis.common.runtime.scenario_files import trace_paths
 from tis.common.runtime.user_code import UserCode
 from tis.common.scenario import Scenario
-from tis.common.scenario.patient import is_model_file
+from tis.common.scenario.identification import is_model_file
 from tis.common.scenario.source import RecordedSource
 from tis.deploy.compare.cells.cell import Cell, Training
 from tis.deploy.compare.cells.digests import (

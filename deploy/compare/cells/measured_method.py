@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 
-from tis.common.scenario.orientation import OrientationMethod
+from tis.common.scenario.patient import OrientationMethod
 from tis.patient_side.node import PatientNode
 from tis.patient_side.orientation.protocol import WristEstimate, WristMethod
 from tis.patient_side.playout import SourceBuffer

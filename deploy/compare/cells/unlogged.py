@@ -20,15 +20,15 @@ from tis.common.intake import Accepted
 from tis.common.metrics.tracking import scored_ticks, truth_at
 from tis.common.records import SENT_BYTES, SENT_PACKETS
 from tis.common.scenario import Scenario
-from tis.common.send_plan import SendPlan
 from tis.common.sources.trajectory import HandRecording, Recording
+from tis.common.ticker import SendPlan
 from tis.common.units import ms_to_ns, sample_instant_ns
 from tis.deploy.report.measures.estimation.tracking import HandTrack
 from tis.netem.link.ledger import NoLedger
 from tis.netem.link.link import Link
 from tis.patient_side.hand import PatientHand, bounded
 from tis.patient_side.node import PatientNode
-from tis.surgeon_side.samples import SampleMessage
+from tis.surgeon_side.motion import SampleMessage
 
 Ints = NDArray[np.int64]
 Take = Callable[[int], list[SampleMessage]]

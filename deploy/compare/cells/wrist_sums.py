@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from tis.common.metrics.orientation import error_vectors, orientation_at
+from tis.common.metrics.tracking import error_vectors, orientation_at
 from tis.common.sources.trajectory import HandRecording, Recording
 from tis.common.units import sample_instant_ns
 from tis.deploy.compare.cells.histogram import histogram

@@ -8,8 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import CancelledError, Future, wait
 from typing import Any, Final
 
-from tis.common.errors import Fault, InputError, PeerError
-from tis.common.extras import GET_CLUSTER
+from tis.common.errors import GET_CLUSTER, Fault, InputError, PeerError
 
 OPTION: Final = "--scheduler"
 CONNECT_S: Final = 10

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from tis.common.extras import GET_PARQUET, GET_REPORT
+from tis.common.errors import GET_PARQUET, GET_REPORT
 from tis.deploy.compare.engine.compute import Outcome
 from tis.deploy.compare.plan import Plan
 from tis.deploy.compare.results import tables

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
-from tis.common.scenario.orientation import OrientationMethod
+from tis.common.scenario.patient import OrientationMethod
 from tis.common.units import NS_PER_US
 from tis.deploy.compare.cells.histogram import merged, percentile
 from tis.deploy.compare.results.pooled import interval, resampled

@@ -9,9 +9,9 @@ from tis.common.channels import Side
 from tis.common.errors import Fault, TisError
 from tis.common.runtime.credentials import credentials
 from tis.common.runtime.recordings import check_recording, located
-from tis.common.runtime.trace_files import load_traces
+from tis.common.runtime.scenario_files import load_traces
 from tis.common.scenario import Scenario
-from tis.common.scenario.patient import is_model_file
+from tis.common.scenario.identification import is_model_file
 from tis.patient_side.models import own_estimators, read_models
 from tis.patient_side.plant.extra import check_plant
 

@@ -10,9 +10,9 @@ from pydantic import ValidationError
 from tis.common.channels import Direction
 from tis.common.errors import Fault, InputError
 from tis.common.scenario.faults import faults
-from tis.common.scenario.network.completion import KINDS, complete_stage
 from tis.common.scenario.network.conditions import Change
 from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.scenario.overrides import KINDS, complete_stage
 from tis.common.scenario.reading import apply_settings, parse_yaml
 
 _LENGTH: Final = re.compile(r"(\d+(?:\.\d*)?|\.\d+)(us|ms|s|min|h)")

@@ -7,7 +7,7 @@ from rich.console import Console
 
 from tis.common.channels import Direction
 from tis.common.errors import EXIT_OK
-from tis.common.runtime.trace_files import load_traces
+from tis.common.runtime.scenario_files import load_traces
 from tis.common.scenario.profile import Profile
 from tis.deploy.net.library.profiles import find_profile, shipped_names
 from tis.deploy.net.terminal import Figures, print_library, print_profile

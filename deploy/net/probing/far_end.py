@@ -7,9 +7,7 @@ from typing import Final
 
 import zenoh
 
-from tis.common.clocks.exchange import Exchanges, Stamps
-from tis.common.clocks.fit import fit_clock
-from tis.common.clocks.model import SHARED, ClockModel
+from tis.common.clocks import SHARED, ClockModel, Exchanges, Stamps, fit_clock
 from tis.common.errors import Fault, PeerError
 from tis.common.host_records import ExchangeNote
 from tis.common.node import Record

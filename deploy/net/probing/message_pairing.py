@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.clocks.model import SHARED, ClockModel
+from tis.common.clocks import SHARED, ClockModel
 from tis.common.trace import LOST
 
 Ints = NDArray[np.int64]

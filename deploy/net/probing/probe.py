@@ -11,8 +11,7 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
-from tis.common.clocks.exchange import Exchanges
-from tis.common.clocks.model import ClockModel
+from tis.common.clocks import ClockModel, Exchanges
 from tis.common.errors import Fault, PeerError
 from tis.common.header import Header
 from tis.common.runtime.clock import monotonic_ns

@@ -13,12 +13,11 @@ import zenoh
 from rich.console import Console
 from rich.markup import escape
 
-from tis.common.clocks.model import PPM
-from tis.common.clocks.uncertainty import is_resolvable
+from tis.common.clocks import PPM
 from tis.common.errors import EXIT_OK, Fault, PeerError
+from tis.common.metrics.percentiles import is_resolvable
 from tis.common.runtime.zenoh_session import ZenohOptions
-from tis.common.trace import Trace
-from tis.common.trace_text import render_trace
+from tis.common.trace import Trace, render_trace
 from tis.common.units import NS_PER_MS
 from tis.deploy.net.probing.delay_figures import as_json as plain
 from tis.deploy.net.probing.delay_figures import path_figures

@@ -4,8 +4,7 @@ from typing import Any, Final, Protocol
 
 import zenoh
 
-from tis.common.clocks.exchange import Exchanges
-from tis.common.clocks.model import SHARED, ClockModel
+from tis.common.clocks import SHARED, ClockModel, Exchanges
 from tis.common.header import Header
 from tis.common.runtime.clock import monotonic_ns
 from tis.deploy.net.probing.message_pairing import FOREIGN, WARMING_UP, Stamp

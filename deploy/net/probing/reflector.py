@@ -10,7 +10,7 @@ from typing import Any, Final
 import zenoh
 
 from tis.common.runtime.clock import monotonic_ns
-from tis.common.runtime.clock_server import ClockServer
+from tis.common.runtime.clock_watch import ClockServer
 from tis.deploy.net.probing.far_keys import MAX_ROWS, Batch, clock_key, stamps_key
 from tis.deploy.net.probing.message_pairing import Stamp
 from tis.deploy.net.probing.receiving_end import read_arrival

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.channels import Direction
-from tis.common.metrics.loss_runs import loss_runs
+from tis.common.metrics.loss import loss_runs
 from tis.common.units import NS_PER_MS, NS_PER_S, NS_PER_US
 from tis.deploy.logs.read.batches import (
     DELIVER,

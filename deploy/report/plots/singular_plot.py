@@ -8,7 +8,7 @@ from bokeh.models.annotations import Label, Span
 from bokeh.models.ranges import Range1d
 from bokeh.models.tools import HoverTool
 
-from tis.common.scenario.patient import Identification, is_model_file
+from tis.common.scenario.identification import Identification, is_model_file
 from tis.deploy.report.palette import BLUE, PALE, VERMILION
 from tis.deploy.report.plots import plot_style as style
 from tis.patient_side.identification.validation import fit_text

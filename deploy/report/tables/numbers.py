@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
-from tis.common.clocks.uncertainty import is_resolvable
+from tis.common.metrics.percentiles import is_resolvable
 from tis.deploy.report.measures.uncertainty import figures_at
 from tis.deploy.report.verdict.amounts import statistic_name
 

@@ -8,7 +8,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from tis.common.clocks.uncertainty import is_resolvable
+from tis.common.metrics.percentiles import is_resolvable
 from tis.common.metrics.verdict import SetVerdict
 from tis.common.sources.provenance import RecordedRows, in_words
 from tis.deploy.report.measures.estimation.own_estimators import labelled

@@ -14,7 +14,7 @@ COUNTED: Final[dict[str, str]] = {
     "age": "ticks",
     "rmse_3d": "ticks",
 }
-"""Unit of counting of each metric of `tis.common.scenario.requirements`: it has one value for each."""
+"""Unit of counting of each metric of `tis.common.scenario.limits`: it has one value for each."""
 
 _SCALES: Final = ((1e9, "billion"), (1e6, "million"))
 _SPANS: Final = ((365.25 * 86400.0, "years"), (86400.0, "days"), (3600.0, "h"), (60.0, "min"), (1.0, "s"))

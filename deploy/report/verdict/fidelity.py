@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from tis.common.metrics.delay_variation import first_arrivals, is_reordered
 from tis.common.metrics.fidelity import (
     batch_inflation,
     half_life_inflation,
@@ -15,7 +16,6 @@ from tis.common.metrics.fidelity import (
     mean_margin,
     share_bounds,
 )
-from tis.common.metrics.ordering import first_arrivals, is_reordered
 from tis.common.metrics.percentiles import summarise
 from tis.common.units import NS_PER_MS, NS_PER_S, NS_PER_US
 from tis.deploy.logs.read.batches import DELIVER, DEPARTURES, OUTCOMES, Fates, in_order_of_leaving

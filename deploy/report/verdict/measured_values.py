@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tis.common.channels import Direction
 from tis.common.metrics.latency import Instants, LatencyParts
 from tis.common.scenario import Scenario
-from tis.common.scenario.requirements import Metric
+from tis.common.scenario.limits import Metric
 from tis.common.units import MM_PER_M, NS_PER_MS
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.report.measures.estimation.tracking import HandTrack

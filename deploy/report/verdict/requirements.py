@@ -22,8 +22,7 @@ from tis.common.metrics.verdict import (
     judge_percentile,
     judge_rms,
 )
-from tis.common.scenario.limits import Limits
-from tis.common.scenario.requirements import REQUIREMENTS, Metric, Requirement
+from tis.common.scenario.limits import REQUIREMENTS, Limits, Metric, Requirement
 from tis.deploy.report.verdict.amounts import (
     COUNTED,
     limit_text,

@@ -10,7 +10,7 @@ from typing import Final
 import zenoh
 
 from tis.common.channels import FOLLOWER, Hand
-from tis.common.devices.pose import DevicePose
+from tis.common.device import DevicePose
 from tis.common.errors import TisError
 from tis.common.messages import Vector3
 from tis.common.runtime.zenoh_session import ZenohOptions, open_client, urgent_publisher, visitor

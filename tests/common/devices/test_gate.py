@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.common.devices.test_pose_stamped import BY_HAND
-from tis.common.devices.gate import MAX_PER_TICK, DeviceGate, DeviceSample, from_json, from_ros2
+from tis.common.device import MAX_PER_TICK, DeviceGate, DeviceSample, from_json, from_ros2
 
 MS = 1_000_000
 

@@ -1,7 +1,7 @@
 import pytest
 from pydantic import ValidationError
 
-from tis.common.devices.pose import DevicePose
+from tis.common.device import DevicePose
 
 
 def test_only_the_position_is_required() -> None:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tis.common.devices.pose_stamped import decode_pose_stamped
+from tis.common.device import decode_pose_stamped
 
 # sec 1, nanosec 2, frame "base", x y z = 1 2 3, quaternion 0 0 0 1; little endian, written by hand
 BY_HAND = bytes.fromhex(

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import tis
-from tis.common.runtime.child_process import child_environment
+from tis.common.runtime.process import child_environment
 
 NAMES = ("common", "surgeon_side", "netem", "patient_side", "deploy")
 

@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from tis.common.errors import DataError
-from tis.common.runtime.code_origin import Origin, dump_origins, parse_origins
-from tis.common.runtime.user_code import load_user_code
+from tis.common.runtime.user_code import Origin, dump_origins, load_user_code, parse_origins
 
 
 def test_changes_are_told_and_origins_read_back_as_they_were(own_folder: Path) -> None:

@@ -4,7 +4,7 @@ import shlex
 
 import pytest
 
-from tis.common.runtime.command_line import command_line
+from tis.common.runtime.process import command_line
 
 SECRET = "Tr0ub4dor"
 PASSWORD = "transport/auth/usrpwd/password"

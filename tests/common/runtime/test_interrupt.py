@@ -8,11 +8,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from tis.common.runtime.interrupt import Interrupt
+from tis.common.runtime.process import Interrupt
 
 _WORDS = """
 import os, signal, sys
-from tis.common.runtime.interrupt import Interrupt
+from tis.common.runtime.process import Interrupt
 interrupt = Interrupt()
 with interrupt.installed():
     os.kill(os.getpid(), signal.SIGHUP)

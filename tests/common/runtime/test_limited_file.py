@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from tis.common.errors import InputError
-from tis.common.runtime.limited_file import read_limited
-from tis.common.runtime.scenario_file import read_scenario
+from tis.common.runtime.scenario_files import read_limited, read_scenario
 
 
 def test_a_file_up_to_the_limit_is_read(tmp_path: Path) -> None:

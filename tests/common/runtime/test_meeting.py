@@ -3,8 +3,8 @@
 import pytest
 
 from tis.common.runtime.control import Presence
-from tis.common.runtime.interrupt import Interrupt
 from tis.common.runtime.meeting import Meeting, new_meeting
+from tis.common.runtime.process import Interrupt
 from tis.common.scenario import reading
 from tis.deploy.run.resolve import resolve
 

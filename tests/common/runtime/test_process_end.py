@@ -8,7 +8,7 @@ import pytest
 _PROGRAM = """\
 import atexit, sys, threading, time
 from concurrent.futures import ThreadPoolExecutor
-from tis.common.runtime.process_end import run_to_end
+from tis.common.runtime.process import run_to_end
 
 class Witness:
     def __del__(self):

@@ -8,9 +8,9 @@ import pytest
 import zenoh
 
 from tests.common.runtime.live_zenoh import a_network, settle
-from tis.common.runtime import scenario_exchange
+from tis.common.runtime import meeting
 from tis.common.runtime.control import ControlKeys
-from tis.common.runtime.scenario_exchange import MAX_BYTES, ScenarioExchange
+from tis.common.runtime.meeting import MAX_BYTES, ScenarioExchange
 from tis.common.scenario import Scenario
 from tis.deploy.run.resolve import resolve
 
@@ -24,7 +24,7 @@ def _scenario(*settings: str) -> Scenario:
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scenario_exchange, "_LINGER_S", 0.01)
+    monkeypatch.setattr(meeting, "_LINGER_S", 0.01)
 
 
 def test_both_sides_learn_in_which_field_they_differ() -> None:

@@ -4,7 +4,7 @@ import socket
 
 import pytest
 
-from tis.common.runtime import tcp_health
+from tis.common.runtime import peer_watch
 
 
 def _row(queues: str, timer: str, retransmits: str, remote: str = "0100007F:1D17") -> list[str]:
@@ -21,21 +21,21 @@ def _row(queues: str, timer: str, retransmits: str, remote: str = "0100007F:1D17
     ],
 )
 def test_a_connection_is_stuck_when_the_kernel_sends_again(row: list[str], is_stuck: bool) -> None:
-    assert tcp_health._is_stuck(row) == is_stuck
+    assert peer_watch._is_stuck(row) == is_stuck
 
 
 def test_a_connection_is_stuck_when_the_way_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tcp_health, "_has_route", lambda address: address != "020110AC:1D17")
-    assert tcp_health._is_stuck(_row("000000C8:00000000", "04:0000000A", "00000000", "020110AC:1D17"))
+    monkeypatch.setattr(peer_watch, "_has_route", lambda address: address != "020110AC:1D17")
+    assert peer_watch._is_stuck(_row("000000C8:00000000", "04:0000000A", "00000000", "020110AC:1D17"))
 
 
 def test_loopback_is_known_by_either_family() -> None:
-    assert tcp_health._has_route("0100007F:1D17")
+    assert peer_watch._has_route("0100007F:1D17")
 
 
 def test_own_connections_are_found_by_their_ports_and_none_is_not_known() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
-        assert tcp_health.is_retransmitting({port}) is None
+        assert peer_watch.is_retransmitting({port}) is None
         with socket.create_connection(("127.0.0.1", port)):
-            assert tcp_health.is_retransmitting({port}) is False
+            assert peer_watch.is_retransmitting({port}) is False

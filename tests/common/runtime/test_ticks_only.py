@@ -9,8 +9,7 @@ from tests.log_reader import LogReader
 from tis.common.node import Record
 from tis.common.records import FATES, TICKS, CounterNote, FateBatch, TickNote
 from tis.common.runtime.mcap_log import McapLog
-from tis.common.runtime.recorder import ThreadedRecorder
-from tis.common.runtime.ticks_only import RECORD_VARIABLE, TicksOnly, recorder_for
+from tis.common.runtime.recorder import RECORD_VARIABLE, ThreadedRecorder, TicksOnly, recorder_for
 
 
 def test_ticks_are_written_at_the_end_and_all_else_is_counted(tmp_path: Path) -> None:

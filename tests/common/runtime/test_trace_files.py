@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from tis.common.errors import DataError
-from tis.common.runtime.trace_files import load_traces, trace_attachments
+from tis.common.runtime.scenario_files import load_traces, trace_attachments
 from tis.common.scenario.network import NetworkPart
 from tis.common.scenario.network.pipeline import Stages
 from tis.common.trace import OpportunityTrace

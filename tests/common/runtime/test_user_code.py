@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 
 from tis.common.errors import InputError
-from tis.common.runtime.child_process import PACKAGES
-from tis.common.runtime.code_origin import Origin
-from tis.common.runtime.user_code import load_user_code
+from tis.common.runtime.process import PACKAGES
+from tis.common.runtime.user_code import Origin, load_user_code
 
 
 def write(path: Path, text: str) -> str:

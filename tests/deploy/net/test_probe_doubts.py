@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from tis.common.clocks.exchange import Exchanges
-from tis.common.clocks.fit import fit_clock
-from tis.common.clocks.model import SHARED, ClockModel
-from tis.common.trace import Trace
-from tis.common.trace_text import parse_trace, render_trace
+from tis.common.clocks import SHARED, ClockModel, Exchanges, fit_clock
+from tis.common.trace import Trace, parse_trace, render_trace
 from tis.deploy.net.probing.delay_figures import path_figures
 from tis.deploy.net.probing.ends import Ends
 from tis.deploy.net.probing.message_pairing import Paired

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tis.common.clocks.exchange import Exchanges
+from tis.common.clocks import Exchanges
 from tis.deploy.watch.observer_path import ObserverPath, observer_path, vantage
 
 AHEAD_NS = 7_000_000_000

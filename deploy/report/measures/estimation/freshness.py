@@ -6,9 +6,8 @@ from typing import Any, Final
 import numpy as np
 
 from tis.common.channels import Arm, Hand, hand_channels
-from tis.common.metrics.age_of_information import age_of_information
+from tis.common.metrics.age_of_information import Arrivals, Ints, age_of_information, ages_when_used_ns, best_phase
 from tis.common.metrics.percentiles import Summary, summarise
-from tis.common.metrics.tick_phase import Arrivals, Ints, ages_when_used_ns, best_phase
 from tis.common.records import PHASES
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_MS, ms_to_ns

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from tis.common.channels import Hand
 from tis.common.metrics.consistency import consistency, normalised_squares
-from tis.common.metrics.orientation import angles_deg
 from tis.common.metrics.percentiles import summarise
+from tis.common.metrics.tracking import angles_deg
 from tis.common.units import NS_PER_US
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.note_columns import notes

@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 
 from tis.common.channels import Hand
-from tis.common.metrics.orientation import error_vectors, orientation_at
+from tis.common.metrics.tracking import error_vectors, orientation_at
 from tis.common.records import ORIENTATIONS, TRUTH
 from tis.common.scenario import Scenario
 from tis.deploy.logs.read.load import Ints, RunLogs

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tis.common.channels import Direction
 from tis.common.errors import DataError
 from tis.common.records import CONTROL, ControlNote
-from tis.common.runtime.trace_files import load_traces
+from tis.common.runtime.scenario_files import load_traces
 from tis.common.scenario.network import Buffer, NetworkPart, Rule
 from tis.common.scenario.network.conditions import Change
 from tis.common.scenario.network.pipeline import Pipeline

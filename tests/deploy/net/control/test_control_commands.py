@@ -11,7 +11,7 @@ from tests.common.runtime.live_zenoh import a_router
 from tests.deploy.commands import call
 from tests.netem.bridge.controlled_bridge import Running, running_bridge
 from tis.common.errors import InputError
-from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from tis.common.scenario.control import Acknowledgement, EmulatorState
 from tis.common.scenario.network.pipeline import Pipeline

@@ -13,7 +13,7 @@ from tests.common.runtime.live_zenoh import a_router
 from tests.deploy.commands import call_in_one_line
 from tis.common.node import Arrival, Emission
 from tis.common.runtime.emulator_client import EmulatorAddress
-from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.process import free_endpoints
 from tis.common.stop_messages import LATCH, EmergencyStop, ReleaseRule
 from tis.deploy.net.control import stop_line
 from tis.deploy.view.steering import Steering

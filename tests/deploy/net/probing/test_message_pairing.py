@@ -5,8 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.common.clocks.wrong_clock import WrongClock, exchange, exchanges
-from tis.common.clocks.exchange import Exchanges
-from tis.common.clocks.fit import fit_clock
+from tis.common.clocks import Exchanges, fit_clock
 from tis.deploy.net.probing.message_pairing import FOREIGN, WARMING_UP, last_received, pair
 
 MS = 1_000_000

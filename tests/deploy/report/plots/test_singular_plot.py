@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from tis.common.scenario.patient import Identification
+from tis.common.scenario.identification import Identification
 from tis.deploy.report.plots.singular_plot import singular_figure
 
 MODEL: dict[str, Any] = {

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from tis.common.scenario.requirements import REQUIREMENTS
+from tis.common.scenario.limits import REQUIREMENTS
 from tis.deploy.report.tables.brief import MAX_LINES, brief
 
 

@@ -22,7 +22,7 @@ from tests.deploy.report.hand_made import (
     write_run,
 )
 from tests.patient_side.arm_models import static_model
-from tis.common.scenario.requirements import REQUIREMENTS
+from tis.common.scenario.limits import REQUIREMENTS
 from tis.deploy.logs.read.load import load_run
 from tis.deploy.report.summary import build_summary
 from tis.deploy.report.tables.terminal import drop_reasons, print_summary

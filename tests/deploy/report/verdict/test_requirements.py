@@ -7,8 +7,7 @@ import pytest
 
 from tis.common.channels import Direction
 from tis.common.metrics.verdict import SetVerdict
-from tis.common.scenario.limits import Limits
-from tis.common.scenario.requirements import REQUIREMENTS, Metric
+from tis.common.scenario.limits import REQUIREMENTS, Limits, Metric
 from tis.deploy.report.verdict.requirements import Measured, verdicts
 
 Run = dict[tuple[Metric, Direction | None], Measured]
