@@ -18,18 +18,19 @@ from from_code import (
     study_fields,
     summary_keys,
 )
-from from_code.sources import NOTEBOOKS
+from from_code.sources import NOTEBOOKS, network_page
 
 PAGES: dict[str, Callable[[], str]] = {
     "reference/commands": commands.page,
     "reference/scenario": scenario_fields.page,
     "reference/hosts": hosts_fields.page,
     "reference/study": study_fields.page,
+    "reference/network": network_page,
     "reference/summary": summary_keys.page,
     "reference/logs": log_topics.page,
     "reference/exit_codes": exit_codes.page,
     "reference/api": api.page,
-    **{f"how_to/{name}": partial(notebook.page, name) for name in NOTEBOOKS},
+    **{f"testbed/{name}": partial(notebook.page, name) for name in NOTEBOOKS},
 }
 """The maker of each page, by the page's name below ``docs/`` without ``.md``; git ignores these files."""
 
