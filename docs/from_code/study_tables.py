@@ -1,6 +1,6 @@
 """Measured tables of the studies: JSON in ``docs/studies``, which the build puts into the studies' pages.
 
-A study's command writes a whole page. `python docs/from_code/study_tables.py PAGE...` then moves the page's tables into
+A study's command writes a whole page. `python docs/from_code/study_tables.py PAGE...` then moves its tables into
 ``docs/studies/NAME.json`` and leaves a link to each.
 """
 
