@@ -59,7 +59,7 @@ def compare(
     ] = None,
     as_json: JsonOption = False,
     page: Annotated[
-        Path | None, typer.Option(help="Compute and write the page on estimators instead, as docs/estimators.md.")
+        Path | None, typer.Option(help="Compute and write the page that compares the estimators instead.")
     ] = None,
     definitions: Annotated[
         bool,

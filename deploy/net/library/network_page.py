@@ -1,4 +1,4 @@
-"""Page ``docs/network.md``: syntax and control of a network, with tables generated from the models."""
+"""Page on networks: syntax and control of a network, with tables generated from the models."""
 
 import json
 from typing import Any, Final
@@ -88,8 +88,8 @@ def _requests() -> str:
 
 _HEAD: Final = """# Networks: how they are written, and changed while they run
 
-Made by `tis net stages --out docs/network.md`; the tables are read off the models that check a scenario, the examples
-are run by a test.
+The tables are read off the models that check a scenario, the examples are run by a test. `tis net stages --out
+PAGE.md` writes this page.
 
 ## A network
 

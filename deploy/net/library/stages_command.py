@@ -24,7 +24,7 @@ def print_stages(name: str | None, out: Console) -> int:
                 table.add_row(section.name if place == 0 else "", kind.name, escape(_brief(kind)))
         out.print(table)
         out.print(
-            "Stages act from the top down to ordering. `tis net stages NAME` explains one, docs/network.md all."
+            "Stages act from the top down to ordering. `tis net stages NAME` explains one, `--out PAGE.md` all."
         )
         return EXIT_OK
     if name not in found:
@@ -43,7 +43,7 @@ def print_stages(name: str | None, out: Console) -> int:
 
 
 def write_page(target: Path, out: Console) -> int:
-    """Write docs/network.md; raises `DataError`."""
+    """Write the reference as a page; raises `DataError`."""
     folder.write(target, network_page())
     out.print(escape(str(target)), soft_wrap=True)
     return EXIT_OK

@@ -214,7 +214,7 @@ def test_a_store_is_named_by_the_file_and_a_scenario_lies_beside_it(
 def test_the_study_of_the_manual_runs_in_a_small_form(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: None, without_figures: None
 ) -> None:
-    text = (ROOT / "docs" / "how_to" / "compare_estimators.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "testbed" / "compare_estimators.md").read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     (found,) = re.findall(r"```yaml\n(# (\S+)\n.*?)```", text, re.DOTALL)
     Path(found[1]).write_text(found[0])

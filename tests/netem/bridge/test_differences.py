@@ -22,7 +22,7 @@ from tis.netem.build import build_links
 
 pytestmark = pytest.mark.live
 
-_PAGE = Path(__file__).resolve().parents[3] / "docs" / "explanations" / "emulator_transparency.md"
+_PAGE = Path(__file__).resolve().parents[3] / "docs" / "emulator" / "transparency.md"
 _ATTEMPTS = 3
 _ROW = re.compile(r"^\| `(\w+)` \|", re.MULTILINE)
 
