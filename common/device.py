@@ -77,7 +77,7 @@ def decode_pose_stamped(payload: bytes) -> StampedPose:
 
     Notes
     -----
-    Oracle: bytes written by hand, and the rosbags package, tests/common/devices/test_pose_stamped.
+    Oracle: bytes written by hand, and the rosbags package, tests/common/test_device.
     """
     try:
         (representation,) = struct.unpack_from(">H", payload)

@@ -67,7 +67,7 @@ class PlannedPacket(NamedTuple):
 class SendPlan:
     """Copy c of sample k is due ``c * spacing_ns`` after its sample instant; at equal instants fresh samples first.
 
-    Oracle: all instants sorted, tests/surgeon_side/test_send_plan.
+    Oracle: all instants sorted, tests/common/test_ticker.
     """
 
     rate_hz: int

@@ -105,7 +105,7 @@ def parse_trace(text: str, where: str) -> Trace:
     """Return the trace of a CSV text; ``where`` names it.
 
     Raises `DataError` with the first faults, line by line, and the number of the others. Oracle: `render_trace`, and
-    bad texts (tests/common/test_trace_text).
+    bad texts (tests/common/test_trace).
     """
     parser = _Parser(where)
     # counted first: a text of empty lines takes many times its size as a list
@@ -235,7 +235,7 @@ def parse_opportunities(text: str, where: str) -> OpportunityTrace:
     """Return the opportunities of a text; ``where`` names it.
 
     Raises `DataError` with the first faults and the number of the others. Oracle: mahimahi's rules, line by line,
-    tests/common/test_opportunity_text.
+    tests/common/test_trace.
     """
     n_lines = text.count("\n") + 1
     if n_lines > _MAX_OPPORTUNITIES:

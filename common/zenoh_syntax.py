@@ -20,7 +20,7 @@ _MAX_PORT: Final = 65_535
 def endpoint_fault(endpoint: str) -> str | None:
     """Return the rule that an endpoint breaks, None for one that Zenoh accepts.
 
-    Unreachable hosts and missing protocols show only when a session opens. Oracle: Zenoh, test_endpoint.
+    Unreachable hosts and missing protocols show only when a session opens. Oracle: Zenoh, test_zenoh_syntax.
     """
     form = _FORM.fullmatch(endpoint)
     if form is None:
@@ -48,7 +48,7 @@ def port_of(endpoint: str) -> int | None:
 def is_local(endpoint: str) -> bool:
     """Tell whether only programs on this host reach a listener on this endpoint.
 
-    A name is one of this host only if it is ``localhost``. Oracle: literals, test_endpoint.
+    A name is one of this host only if it is ``localhost``. Oracle: literals, test_zenoh_syntax.
     """
     form = _FORM.fullmatch(endpoint)
     if form is None:
@@ -80,7 +80,7 @@ _SPECIAL: Final = frozenset("*$#?")
 def key_expression_fault(text: str) -> str | None:
     """Return the rule that a key expression breaks, None for one that Zenoh accepts and makes canonical.
 
-    ``$*$*``, a synonym of ``$*``, is refused because it can crash Zenoh 1.10. Oracle: Zenoh, test_key_expression.
+    ``$*$*``, a synonym of ``$*``, is refused because it can crash Zenoh 1.10. Oracle: Zenoh, test_zenoh_syntax.
     """
     chunks = text.split("/")
     if not all(chunks):
@@ -98,7 +98,7 @@ def _is_wrong(chunk: str) -> bool:
 
 
 def key_matches(expression: str, key: str) -> bool:
-    """Tell whether a key expression holds a key that has no wildcard. Oracle: Zenoh, test_key_expression."""
+    """Tell whether a key expression holds a key that has no wildcard. Oracle: Zenoh, test_zenoh_syntax."""
     if expression == key:
         return True
     if _WHOLE_CHUNKS[0] not in expression:
@@ -122,7 +122,7 @@ def _chunks_match(expression: list[str], key: list[str]) -> bool:
 
 
 class KeySet:
-    """Keys by name, and those that an expression with wildcards holds. Oracle: Zenoh, tests/common/test_key_set."""
+    """Keys by name, and those that an expression with wildcards holds. Oracle: Zenoh, test_zenoh_syntax."""
 
     def __init__(self, keys: Iterable[str] = ()) -> None:
         every = frozenset(keys)

@@ -62,7 +62,7 @@ def turned(by: Turn, vector: Vector) -> Vector:
 class DeviceMapping:
     """Follows the device of one hand. `move` takes the poses of one tick; `poses` tells where master and arm are.
 
-    Oracle: the formula evaluated at once over random movements, tests/surgeon_side/live/test_live.
+    Oracle: the formula evaluated at once over random movements, tests/surgeon_side/test_live.
     """
 
     source: LiveSource
@@ -159,7 +159,7 @@ class LiveMotion:
     """Follows one device for each hand; a device that is silent holds its last pose, and that is logged.
 
     Until its first pose a hand rests in its place. Truth is known with each sample, none ahead. Oracle: arrivals with
-    literal instants, tests/surgeon_side/live/test_live.
+    literal instants, tests/surgeon_side/test_live.
     """
 
     def __init__(self, source: LiveSource, rate_hz: int) -> None:

@@ -22,7 +22,7 @@ from tis.common.runtime.clock import WallClock, monotonic_ns
 from tis.common.runtime.control import ControlKeys
 from tis.common.runtime.loop import LateRecorder
 from tis.common.runtime.status import Status
-from tis.common.runtime.zenoh_session import urgent_publisher
+from tis.common.runtime.zenoh_session import publisher_of
 from tis.common.units import NS_PER_S
 
 _TABLES: Final = ("/proc/self/net/tcp", "/proc/self/net/tcp6")
@@ -118,14 +118,14 @@ class Beats:
         self._heard: deque[Beat] = deque(maxlen=_MAX_WAITING)
         self._keys = keys
         heard_by = () if is_witness else sessions.values()
-        self._own = [urgent_publisher(session, keys.beat(side)) for session in heard_by]
+        self._own = [publisher_of(session, keys.beat(side)) for session in heard_by]
         self._relays: dict[Side, zenoh.Publisher] = {}
         self._held: list[Any] = []
         for network, session in sessions.items():
             home: Side | None = None
             for away in sessions.keys() - {network}:
                 home = SIDE_ON[network]
-                self._relays[home] = urgent_publisher(sessions[away], keys.beat(home))
+                self._relays[home] = publisher_of(sessions[away], keys.beat(home))
             self._held.append(
                 session.declare_subscriber(keys.beats, self._receiver(home), allowed_origin=zenoh.Locality.REMOTE)
             )

@@ -28,7 +28,7 @@ def command_line(words: Sequence[str] | None = None) -> str:
     """Return the command as it was typed, ``words`` or else this process's, with ``...`` in place of secrets.
 
     Left out are the value of each ``--cfg``, as a setting of Zenoh may hold a password, and keys in an endpoint.
-    Oracle: literals, test_command_line.
+    Oracle: literals, test_process.
     """
     return shlex.join(["tis", *_without_secrets(sys.argv[1:] if words is None else words)])
 
@@ -60,7 +60,7 @@ def child_environment() -> dict[str, str]:
 
     A module there that has the name of one of ours or of a library would replace it. The testbed's own folder is not
     put on the path either: in a checkout it holds packages of common names. Oracle:
-    `tests/common/runtime/test_child_process`, children in folders with packages of those names.
+    `tests/common/runtime/test_process`, children in folders with packages of those names.
     """
     return {**os.environ, "PYTHONSAFEPATH": "1"}
 

@@ -15,9 +15,9 @@ import numpy as np
 from mcap.exceptions import McapError
 from mcap.records import Chunk
 
-from tests.common.devices.test_pose_stamped import BY_HAND as POSE_STAMPED
 from tests.common.runtime.recordings.tables import movement, write_csv, write_parquet
 from tests.common.sources.trials import rows_of, text_of
+from tests.common.test_device import BY_HAND as POSE_STAMPED
 from tests.deploy.logs.hostile_files import channel, chunk, message, packed
 from tests.deploy.net.fitting.test_captures import frame
 from tests.deploy.recordings_import.foreign_files import STORE, json_mcap, ros_mcap, ros_messages

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from tis.common.channels import release_key, stop_key, stopped_key
 from tis.common.errors import Fault, PeerError
 from tis.common.runtime.emulator_client import EmulatorAddress
-from tis.common.runtime.zenoh_session import urgent_publisher
+from tis.common.runtime.zenoh_session import publisher_of
 from tis.common.stop_messages import LATCH, EmergencyStop, StopState
 
 TIME_OUT_S: Final = 3.0
@@ -38,8 +38,8 @@ class StopLine:
         self._awaited = 0
         self._heard: Final[queue.SimpleQueue[StopState]] = queue.SimpleQueue()
         self._answers = session.declare_subscriber(self._key, self._hear)
-        self._stops = urgent_publisher(session, stop_key(address.prefix))
-        self._releases = urgent_publisher(session, release_key(address.prefix))
+        self._stops = publisher_of(session, stop_key(address.prefix))
+        self._releases = publisher_of(session, release_key(address.prefix))
 
     def ask(self, request: EmergencyStop) -> Answer:
         """Send a request until the patient answers it; raises `PeerError` when it does not.

@@ -1,14 +1,29 @@
+"""Files of any size, read up to a limit."""
+
 import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tis.common.errors import DataError
-from tis.common.runtime.scenario_files import load_traces, trace_attachments
+from tis.common.errors import DataError, InputError
+from tis.common.runtime.scenario_files import load_traces, read_limited, read_scenario, trace_attachments
 from tis.common.scenario.network import NetworkPart
 from tis.common.scenario.network.pipeline import Stages
 from tis.common.trace import OpportunityTrace
+
+
+def test_a_file_up_to_the_limit_is_read(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"abc")
+    assert read_limited(tmp_path / "a", 3) == b"abc"
+    with pytest.raises(OSError, match="it has more than 2 bytes"):
+        read_limited(tmp_path / "a", 2)
+
+
+def test_an_endless_device_is_refused() -> None:
+    with pytest.raises(InputError, match="/dev/zero: cannot be read: it has more than 4000000 bytes"):
+        read_scenario(Path("/dev/zero"))
+
 
 GOOD = "sent_s,delay_ms\n0,1\n"
 
