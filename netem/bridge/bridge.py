@@ -19,6 +19,8 @@ from tis.netem.link.packet import MAX_COPIED_BYTES, Due
 
 _MAX_ENCODINGS: Final = 256
 _encodings: dict[str, zenoh.Encoding] = {}
+_MAX_PUBLISHERS: Final = 4096
+_REMOTE: Final = zenoh.Locality.REMOTE
 
 
 class Kept:
@@ -76,9 +78,6 @@ def _encoding(name: str) -> zenoh.Encoding:
         found = _encodings[name] = zenoh.Encoding(name)
     return found
 
-
-_MAX_PUBLISHERS: Final = 4096
-_REMOTE: Final = zenoh.Locality.REMOTE
 
 _Quality = tuple[str, str, bool, bool]
 

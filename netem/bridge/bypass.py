@@ -28,6 +28,10 @@ _N_PROBES: Final = 5
 _PAUSE_S: Final = 0.05
 _OPPOSITE: Final[dict[Network, Network]] = {"west": "east", "east": "west"}
 _REMOTE: Final = zenoh.Locality.REMOTE
+_PERIOD_S: Final = 5.0
+_LISTEN_S: Final = 1.0
+_REMINDER_S: Final = 60.0
+_REMEDY: Final = "let them be clients (mode: client), or set scouting/multicast/enabled to false"
 
 
 class Watch:
@@ -137,12 +141,6 @@ def _text(leak: str, origin: Network) -> str:
     if leak == "past":
         return f"messages from {origin} reach the other network past netem"
     return f"another netem joins the two networks: messages from {origin} would go round in circles"
-
-
-_PERIOD_S: Final = 5.0
-_LISTEN_S: Final = 1.0
-_REMINDER_S: Final = 60.0
-_REMEDY: Final = "let them be clients (mode: client), or set scouting/multicast/enabled to false"
 
 
 class Scouting:

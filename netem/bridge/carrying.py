@@ -33,6 +33,12 @@ _SEGMENT_BYTES: Final = 1448
 _CHUNK_BYTES: Final = 65_536
 _ENDPOINT: Final = re.compile(r"(tcp|tls)/(\[[^\]]+\]|[^/:]+):(\d+)([?#].*)?")
 _KEYS: Final = ("**",)
+_RULE: Final = "needs messages: a stream of bytes (--carry tcp) loses, copies, alters and reorders nothing"
+_MESSAGES: Final = ("loss", "duplicate", "corrupt", "reorder")
+_DEFAULT_BYTES: Final = 4_000_000
+_PACKET_BYTES: Final = 1500
+_UNBOUNDED: Final = TailDrop(kind="tail_drop", max_packets=1_000_000_000, max_bytes=None)
+_ROOMY: Final = Buffer(max_packets=10_000_000, max_mb=1_000_000)
 
 
 class Ends(NamedTuple):
@@ -150,14 +156,6 @@ def _bytes_carried(counters: Mapping[str, int]) -> str:
     return f"{counters['carry.connections']} connections, {carried}; each packet above is a piece of a stream" + (
         f"; {unanswered} connections found nobody at the other end" if unanswered else ""
     )
-
-
-_RULE: Final = "needs messages: a stream of bytes (--carry tcp) loses, copies, alters and reorders nothing"
-_MESSAGES: Final = ("loss", "duplicate", "corrupt", "reorder")
-_DEFAULT_BYTES: Final = 4_000_000
-_PACKET_BYTES: Final = 1500
-_UNBOUNDED: Final = TailDrop(kind="tail_drop", max_packets=1_000_000_000, max_bytes=None)
-_ROOMY: Final = Buffer(max_packets=10_000_000, max_mb=1_000_000)
 
 
 def stream_network(network: NetworkPart, where: str) -> NetworkPart:

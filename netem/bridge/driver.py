@@ -28,6 +28,13 @@ _N_SLEEPS: Final = 100
 _SLEEP_NS: Final = 500_000
 _PUNCTUAL_SHARE: Final = 0.9
 _MAX_LEAD_NS: Final = 150_000
+P = ParamSpec("P")
+T = TypeVar("T")
+_NEVER_NS: Final = 1 << 62
+_IDLE_NS: Final = 2_000_000
+_AHEAD_NS: Final = 20_000  # packets are taken from the link this early, so that the search does not delay them
+_LAST_SENDS_S: Final = 0.5
+_SEND_S: Final = 0.001
 
 
 class Alarm:
@@ -76,16 +83,6 @@ def _oversleep_ns(alarm: int) -> int:
     due_ns = time.monotonic_ns() + _SLEEP_NS
     select.select((alarm,), (), (), _SLEEP_NS * 1e-9)
     return time.monotonic_ns() - due_ns
-
-
-P = ParamSpec("P")
-T = TypeVar("T")
-
-_NEVER_NS: Final = 1 << 62
-_IDLE_NS: Final = 2_000_000
-_AHEAD_NS: Final = 20_000  # packets are taken from the link this early, so that the search does not delay them
-_LAST_SENDS_S: Final = 0.5
-_SEND_S: Final = 0.001
 
 
 class Driver:

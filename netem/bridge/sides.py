@@ -22,6 +22,7 @@ ClientMode = Literal["client", "peer"]
 _PAUSE_S: Final = 0.2
 _ENDS: Final = "--west, --east, --connect-west and --connect-east"
 _SCOUTING: Final = ("scouting/multicast/address", "scouting/multicast/interface")
+_MAX_PATH_BYTES: Final = 100  # of a Unix socket and the lock file beside it; Linux accepts 107
 
 
 @dataclass(frozen=True)
@@ -131,8 +132,6 @@ def _plain(endpoint: str) -> str:
     bare = endpoint.partition("?")[0].partition("#")[0]
     return bare.replace("localhost", "127.0.0.1").replace("[::1]", "127.0.0.1").lower()
 
-
-_MAX_PATH_BYTES: Final = 100  # of a Unix socket and the lock file beside it; Linux accepts 107
 
 PrivateEndpoints = Mapping[Network, str]
 

@@ -26,6 +26,12 @@ from tis.common.errors import Fault, PeerError
 
 _TURN_S: Final = 0.5
 _STANDSTILL_S: Final = 8.0
+_PATIENCE_S: Final = 6.0
+_GLANCE_S: Final = 0.1
+_ENDING: Final = frozenset((signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+_TIMEOUT_S: Final = 3.0
+_CLOSING_S: Final = 3.0
+_UNUSED_KEY: Final = "@tis/netem/nobody"
 
 
 @dataclass(slots=True, eq=False)
@@ -148,11 +154,6 @@ class SerialExecutor:
                 return
 
 
-_PATIENCE_S: Final = 6.0
-_GLANCE_S: Final = 0.1
-_ENDING: Final = frozenset((signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
-
-
 class Deadline:
     """The end of the process ``patience_s`` after SIGINT, SIGTERM, SIGHUP or `begin`, unless the block ends before.
 
@@ -212,11 +213,6 @@ class Deadline:
                 )
                 self._leave(PeerError.exit_code)
                 return
-
-
-_TIMEOUT_S: Final = 3.0
-_CLOSING_S: Final = 3.0
-_UNUSED_KEY: Final = "@tis/netem/nobody"
 
 
 def is_answered(session: zenoh.Session, timeout_s: float = _TIMEOUT_S) -> bool:

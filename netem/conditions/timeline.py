@@ -22,6 +22,10 @@ from tis.netem.draws.grid import CELL_NS, LAST_CELL, nearest_cell
 STAGES: Final = (*Stages.model_fields, "ordering")
 """The fields of a pipeline that a change may replace."""
 
+MAX_ADDED: Final = 1000
+_MODULATIONS: Final = frozenset({"outage", "stall", "scale_rate", "scale_delay", "add_delay_ms", "add_p_loss"})
+"""The fields of a change that act on top of a pipeline, whatever its stages are."""
+
 
 @dataclass(frozen=True)
 class Window:
@@ -97,11 +101,6 @@ class Window:
         if self.ramp == 0:
             return 1.0
         return min(1.0, (cell - self.begin) / self.ramp, (self.end - cell) / self.ramp)
-
-
-MAX_ADDED: Final = 1000
-_MODULATIONS: Final = frozenset({"outage", "stall", "scale_rate", "scale_delay", "add_delay_ms", "add_p_loss"})
-"""The fields of a change that act on top of a pipeline, whatever its stages are."""
 
 
 class Segment(NamedTuple):

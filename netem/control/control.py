@@ -26,6 +26,7 @@ from tis.netem.link.rules import RuleTable
 _MAX_OPERATION: Final = 40
 _MAX_REASON: Final = 1000
 _WHERE: Final = "control"
+_NOTHING: Final = EmulatorState(running=False)
 
 
 class Control:
@@ -126,9 +127,6 @@ def _held(entries: Sequence[TimelineEntry]) -> tuple[Held, ...]:
             for direction in directions_of(entry.direction)
         ]
     return tuple(held)
-
-
-_NOTHING: Final = EmulatorState(running=False)
 
 
 class Snapshot(NamedTuple):

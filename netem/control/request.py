@@ -44,6 +44,8 @@ _WHERE: Final = "control"
 
 
 Adapt = Callable[[Change], Change]
+MAX_BYTES: Final = 64 * 1024
+_MAX_DEPTH: Final = 20
 
 
 class Request(NamedTuple):
@@ -227,10 +229,6 @@ def _shortened(payload: bytes) -> str:
 def _clean(text: str) -> str:
     """Return text that JSON can carry: without unpaired surrogates."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
-
-
-MAX_BYTES: Final = 64 * 1024
-_MAX_DEPTH: Final = 20
 
 
 def parse_request(payload: bytes) -> Any:

@@ -21,6 +21,12 @@ Floats = NDArray[np.float64]
 
 
 Drawn = TypeVar("Drawn", covariant=True)
+_MAX_KEPT: Final = 4  # so that packets about the edge of two blocks, and duplicates, do not redraw
+_SHIFT: Final = BLOCK.bit_length() - 1
+_MASK: Final = BLOCK - 1
+BLOCKS_PER_SEGMENT: Final = 16
+_MAX_KEPT_STATES: Final = 64
+S = TypeVar("S")
 
 
 class Blocks(Protocol[Drawn]):
@@ -62,10 +68,6 @@ class SelectionBlocks:
             return np.zeros(BLOCK, dtype=np.bool_)
         return np.asarray(self._stream.uniforms(number * BLOCK, BLOCK) < self._p)
 
-
-_MAX_KEPT: Final = 4  # so that packets about the edge of two blocks, and duplicates, do not redraw
-_SHIFT: Final = BLOCK.bit_length() - 1
-_MASK: Final = BLOCK - 1
 
 DeferredDraw = Callable[[], None]
 """A draw that can wait for an idle moment."""
@@ -122,12 +124,6 @@ class Column:
                 del self._kept[next(iter(self._kept))]
             self._kept[number] = block
         return block
-
-
-BLOCKS_PER_SEGMENT: Final = 16
-_MAX_KEPT_STATES: Final = 64
-
-S = TypeVar("S")
 
 
 class SegmentedPath(Generic[S]):

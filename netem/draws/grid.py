@@ -23,6 +23,7 @@ LAST_CELL: Final = (2**63 - 1) // CELL_NS
 """The end of a stretch without an end; its edge in ns still fits an int64."""
 
 _HALF_NS: Final = CELL_NS // 2
+_MAX_KEPT_CHUNKS: Final = 4
 
 
 class Stretch(NamedTuple):
@@ -70,8 +71,6 @@ def mean_cells(begin_ns: int, length_ns: int, every_ns: int) -> float:
     behind_ns = (begin_ns + length_ns + _HALF_NS) % lattice_ns
     return (length_ns + before_ns - behind_ns) / CELL_NS
 
-
-_MAX_KEPT_CHUNKS: Final = 4
 
 Cells = NDArray[np.int64]
 Draw = Callable[[int, int], tuple[Cells, NDArray[np.integer]]]

@@ -27,6 +27,8 @@ from tis.netem.stages.loss import expected_loss
 _GRID: Final = 4000
 _COARSE_GRID: Final = 200
 _NOTHING_ARRIVES: Final = (float("nan"), float("nan"), float("nan"), float("nan"))
+_BY_NAME: Final = ("duplicate", "corrupt", "reorder")
+_BIT_RATES: Final = ((1e6, "Gbit/s"), (1e3, "Mbit/s"))
 
 
 class DirectionFigures(NamedTuple):
@@ -141,10 +143,6 @@ def _delays(arriving: list[tuple[float, _Regime]]) -> tuple[float, float, float,
     upto = np.cumsum(np.repeat(weights / n, n)[order])
     p50, p99 = (float(values[order[np.searchsorted(upto, share)]]) for share in (0.5, 0.99))
     return mean, std, p50, p99
-
-
-_BY_NAME: Final = ("duplicate", "corrupt", "reorder")
-_BIT_RATES: Final = ((1e6, "Gbit/s"), (1e3, "Mbit/s"))
 
 
 def direction_label(direction: Direction) -> str:

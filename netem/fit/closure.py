@@ -23,6 +23,23 @@ _NEVER_NS: Final = 2**62
 _FEW: Final = 2.0
 """Standard errors of the replays' mean that are added to the tolerance."""
 
+LAGS_S: Final = (0.1, 1.0, 10.0)
+_QUANTILES: Final = (5, 50, 95, 99)
+_HIGH_LOSS: Final = 0.2
+_MIN_PAIRS: Final = 30
+_NEAR: Final = 2
+_RESOLVED_MS: Final = 1e-6
+LOSS: Final = "loss, %"
+MEAN: Final = "mean delay, ms"
+QUANTILES: Final = tuple(f"p{q}, ms" for q in _QUANTILES)
+BESIDE: Final = "delay beside losses, ms"
+LONGEST: Final = "longest run of losses"
+HIGH: Final = "seconds above 20 % loss"
+AUTOCORRELATIONS: Final = tuple(f"autocorrelation at {lag:g} s" for lag in LAGS_S)
+NAMES: Final = (LOSS, MEAN, *QUANTILES, *AUTOCORRELATIONS, BESIDE, LONGEST, HIGH)
+CENTRES: Final = frozenset((LOSS, MEAN, *QUANTILES))
+"""Mean and quantiles, which a replay must reproduce to 10 %; the others vary from replay to replay."""
+
 
 class Closure(NamedTuple):
     """One statistic of the record and of its replays: their mean, and the ends of their middle 95 %.
@@ -135,25 +152,6 @@ def _severity(name: str, record: float, of: Floats) -> float:
     side = high - middle if record > high else middle - low
     beyond = record - high if record > high else low - record
     return 1.0 + float(beyond) / max(float(side), 0.02 * abs(record), 1e-9)
-
-
-LAGS_S: Final = (0.1, 1.0, 10.0)
-_QUANTILES: Final = (5, 50, 95, 99)
-_HIGH_LOSS: Final = 0.2
-_MIN_PAIRS: Final = 30
-_NEAR: Final = 2
-_RESOLVED_MS: Final = 1e-6
-
-LOSS: Final = "loss, %"
-MEAN: Final = "mean delay, ms"
-QUANTILES: Final = tuple(f"p{q}, ms" for q in _QUANTILES)
-BESIDE: Final = "delay beside losses, ms"
-LONGEST: Final = "longest run of losses"
-HIGH: Final = "seconds above 20 % loss"
-AUTOCORRELATIONS: Final = tuple(f"autocorrelation at {lag:g} s" for lag in LAGS_S)
-NAMES: Final = (LOSS, MEAN, *QUANTILES, *AUTOCORRELATIONS, BESIDE, LONGEST, HIGH)
-CENTRES: Final = frozenset((LOSS, MEAN, *QUANTILES))
-"""Mean and quantiles, which a replay must reproduce to 10 %; the others vary from replay to replay."""
 
 
 def statistics_of(sent_ns: NDArray[np.int64], delay_ns: NDArray[np.int64]) -> Floats:

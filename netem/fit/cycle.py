@@ -24,6 +24,12 @@ _MIN_SCORE: Final = 0.1
 _NEARLY: Final = 0.85
 _TREND_S: Final = 2.0
 _MIN_PART_S: Final = 0.01
+_MAX_PARTS: Final = 30
+_MIN_GAIN: Final = 20.0
+_FEWEST_MEANS: Final = 5
+_CERTAIN: Final = 4.0
+_NOTICED: Final = 0.2
+_NOTICED_LOSS: Final = 0.005
 
 
 class Cycle(NamedTuple):
@@ -133,14 +139,6 @@ def _refined(channel: Floats, width_s: float, period_s: float) -> float:
     # the middle of those that are nearly as good
     good = tried[values >= values.max() * 0.995]
     return float(good.mean())
-
-
-_MAX_PARTS: Final = 30
-_MIN_GAIN: Final = 20.0
-_FEWEST_MEANS: Final = 5
-_CERTAIN: Final = 4.0
-_NOTICED: Final = 0.2
-_NOTICED_LOSS: Final = 0.005
 
 
 class Parts(NamedTuple):

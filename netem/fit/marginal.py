@@ -21,6 +21,7 @@ _KS_MARGIN: Final = 0.01
 _MAX_KS: Final = 0.03
 _KS_POINT: Final = 1.628  # Kolmogorov's distribution at 1 %
 _DIGITS: Final = 6
+_ALWAYS: Final = (0.5, 0.9, 0.99, 0.999)
 
 
 class Candidate(NamedTuple):
@@ -135,9 +136,6 @@ def _rounded(stage: dict[str, Any]) -> dict[str, Any]:
         *others, _ = rounded["weights"]
         rounded["weights"] = [*others, round(1 - sum(others), _DIGITS + 2)]
     return rounded
-
-
-_ALWAYS: Final = (0.5, 0.9, 0.99, 0.999)
 
 
 class QuantileTable(NamedTuple):

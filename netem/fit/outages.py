@@ -25,6 +25,13 @@ _ERRORS: Final = 2.0
 _CONSTANT: Final = 0.1
 _DIGITS: Final = 6
 _ENOUGH: Final = 4
+_MIN_STALLS: Final = 4
+_MIN_STALL_S: Final = 0.04
+_MIN_WAITING: Final = 3
+_USUAL: Final = 0.99
+_RATIO: Final = 2.0
+_OWN: Final = 0.5
+_TOGETHER: Final = 0.7
 
 
 class FoundOutages(NamedTuple):
@@ -126,15 +133,6 @@ def _span(x: Floats) -> dict[str, float]:
 
 def _rounded(value: float) -> float:
     return float(f"{value:.{_DIGITS}g}")
-
-
-_MIN_STALLS: Final = 4
-_MIN_STALL_S: Final = 0.04
-_MIN_WAITING: Final = 3
-_USUAL: Final = 0.99
-_RATIO: Final = 2.0
-_OWN: Final = 0.5
-_TOGETHER: Final = 0.7
 
 
 class FoundStalls(NamedTuple):

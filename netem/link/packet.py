@@ -14,6 +14,7 @@ MAX_COPIED_BYTES: Final = 16_384
 
 _COPIED_BYTES: Final = 1_000
 _SHARED_BYTES: Final = 10_000
+MARKS: Final = frozenset(("query", "reply", "end", "token"))
 
 
 def held_bytes(n_bytes: int, copied: bool = True) -> int:
@@ -24,9 +25,6 @@ def held_bytes(n_bytes: int, copied: bool = True) -> int:
     the growth of a process (resident set) with thousands of messages held (tests/netem/bridge/test_memory).
     """
     return n_bytes + (_COPIED_BYTES if copied and n_bytes <= MAX_COPIED_BYTES else _SHARED_BYTES)
-
-
-MARKS: Final = frozenset(("query", "reply", "end", "token"))
 
 
 class Flow:

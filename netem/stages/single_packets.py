@@ -15,6 +15,8 @@ from tis.common.streams import Address
 from tis.common.units import ms_to_ns
 from tis.netem.draws.blocks import BLOCK, Floats, SelectionBlocks
 
+_BITS_PER_BYTE: Final = 8
+
 
 def duplicated(part: Duplicate | None, address: Address) -> SelectionBlocks:
     """Return the selection of duplicated packets (oracle: binomial, tests/netem/stages/test_duplication)."""
@@ -39,9 +41,6 @@ def skipped_ns(part: Reorder | None, delay_ns: NDArray[np.int64], skips: NDArray
         return np.zeros_like(delay_ns)
     skipped = delay_ns if part.early_ms is None else np.minimum(delay_ns, ms_to_ns(part.early_ms))
     return np.where(skips, skipped, 0)
-
-
-_BITS_PER_BYTE: Final = 8
 
 
 def corrupted(part: Corrupt | None, address: Address) -> SelectionBlocks:

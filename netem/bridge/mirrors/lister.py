@@ -32,6 +32,12 @@ _POLL_S: Final = 0.001
 _PROCESSING_S: Final = 0.003
 _TIMEOUT_S: Final = 1.0
 _CHUNK: Final = 1 << 16
+_PAUSE_S: Final = 0.1
+_PAUSE_RATIO: Final = 20  # pause over processor time of a reading: bounds the load of many queryables
+_MAX_PAUSE_S: Final = 0.5
+_MAX_READ_S: Final = 0.5
+_ANSWER_S: Final = 2.0
+_UNUSED_KEY: Final = "@tis/netem/nobody"
 
 
 class Valve:
@@ -162,13 +168,6 @@ def _connect_to(address: str | tuple[str, int]) -> socket.socket:
         raise
     return router
 
-
-_PAUSE_S: Final = 0.1
-_PAUSE_RATIO: Final = 20  # pause over processor time of a reading: bounds the load of many queryables
-_MAX_PAUSE_S: Final = 0.5
-_MAX_READ_S: Final = 0.5
-_ANSWER_S: Final = 2.0
-_UNUSED_KEY: Final = "@tis/netem/nobody"
 
 Closed = Callable[[], AbstractContextManager[None]]
 

@@ -30,6 +30,8 @@ _PAUSE_S: Final = 0.1
 _MAX_PAUSE_S: Final = 2.0
 _SILENCE_S: Final = 3.0
 _MAX_BYTES: Final = 1 << 16
+_CHUNK: Final = "4f1c-netem-sample"
+_DEPTH: Final = 5
 
 
 class Listing:
@@ -159,10 +161,6 @@ def _lines(pipe: int) -> Iterator[bytes]:
         if lines:
             timeout_s = _TIMEOUT_S
         yield from lines
-
-
-_CHUNK: Final = "4f1c-netem-sample"
-_DEPTH: Final = 5
 
 
 class Listed(Protocol):

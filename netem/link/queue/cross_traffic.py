@@ -13,9 +13,9 @@ from tis.common.streams import Address
 from tis.common.units import NS_PER_S
 from tis.netem.draws.blocks import BLOCK
 from tis.netem.draws.grid import CELL_NS, CELLS_PER_S, RenewalPath, alternating, geometric_cells
+from tis.netem.link.queue.transmission import NS_PER_BYTE_AT_1_KBIT_S
 
 _STAGE: Final = "cross"
-_NS_PER_BYTE_AT_1_KBIT_S: Final = 8_000_000
 
 
 class CrossTraffic:
@@ -29,7 +29,7 @@ class CrossTraffic:
         self.part: Final = part
         self.n_bytes: Final = part.message_bytes
         self._address: Final = address
-        self._gap_ns = Fraction(self.n_bytes * _NS_PER_BYTE_AT_1_KBIT_S) / Fraction(str(part.kbit_s))
+        self._gap_ns = Fraction(self.n_bytes * NS_PER_BYTE_AT_1_KBIT_S) / Fraction(str(part.kbit_s))
         self._phase_ns = int(address.stream(f"{_STAGE}/phase").uniform(0) * self._gap_ns)
         self._path = _on_off(part, address) if isinstance(part, OnOffCross) else None
         self.skip_to(from_ns)

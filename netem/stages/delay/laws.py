@@ -19,6 +19,7 @@ _SHARES: Final = _WEIGHTS / 2.0
 # dense towards both ends, where quantile functions have their singularities
 _HALVINGS: Final = 0.5 ** np.arange(50, 0, -1)
 _MAX_U: Final = 1.0 - 2.0**-53
+MIN_STD_NS: Final = 1e-6  # delays are rounded to 1 ns: less is no spread, and would overflow the ratios below
 
 
 class Delay(ABC):
@@ -54,8 +55,6 @@ class Delay(ABC):
         values = f(self.quantile_ns(u.ravel())).reshape(u.shape)
         return float(((values * _SHARES).sum(axis=1) * widths).sum())
 
-
-MIN_STD_NS: Final = 1e-6  # delays are rounded to 1 ns: less is no spread, and would overflow the ratios below
 
 OwnLaw = network.ConstantDelay | network.UniformDelay | network.NormalDelay | network.QuantileDelay
 
