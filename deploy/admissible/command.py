@@ -18,7 +18,7 @@ from tis.deploy.admissible.study import Study
 from tis.deploy.compare.cells.store import Store
 from tis.deploy.compare.engine.choice import workers_of
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.messages import print_json, print_warnings
+from tis.deploy.shell.guard import print_json, print_warnings
 from tis.deploy.shell.outputs import check_outputs
 
 _SHOWN_WARNINGS: Final = 6

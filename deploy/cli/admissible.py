@@ -6,8 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from tis.deploy.cli.group import Commands
-from tis.deploy.cli.options import JobsOption, JsonOption, ScenarioArg, SchedulerOption, SeedOption, SetOption
+from tis.deploy.cli.group import Commands, JobsOption, JsonOption, ScenarioArg, SchedulerOption, SeedOption, SetOption
 from tis.deploy.shell.guard import ERR, guarded, words_to
 
 app = Commands("Studies")

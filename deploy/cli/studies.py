@@ -6,8 +6,15 @@ from typing import Annotated, Any
 import typer
 
 from tis.common.errors import Fault, InputError
-from tis.deploy.cli.group import Commands
-from tis.deploy.cli.options import JobsOption, JsonOption, OptionalScenarioArg, SchedulerOption, SeedOption, SetOption
+from tis.deploy.cli.group import (
+    Commands,
+    JobsOption,
+    JsonOption,
+    OptionalScenarioArg,
+    SchedulerOption,
+    SeedOption,
+    SetOption,
+)
 from tis.deploy.shell.guard import ERR, OUT, guarded, words_to
 
 app = Commands("Studies")

@@ -14,7 +14,7 @@ from tis.deploy.compare.engine.workers import Workers
 from tis.deploy.compare.plan import Plan
 from tis.deploy.compare.results import tables
 from tis.deploy.compare.results.files import check_files, files_of, results_of, write_files
-from tis.deploy.shell.messages import print_faults, print_json, print_warnings
+from tis.deploy.shell.guard import print_faults, print_json, print_warnings
 from tis.deploy.shell.progress import PhaseProgress
 
 _SHOWN_WARNINGS: Final = 5

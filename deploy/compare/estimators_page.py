@@ -25,7 +25,7 @@ from tis.deploy.compare.results.rows import report as build_report
 from tis.deploy.paper.printed import ROWS
 from tis.deploy.report.tables.numbers import number
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.messages import print_faults
+from tis.deploy.shell.guard import print_faults
 from tis.deploy.shell.outputs import check_outputs
 
 _FEW_TICKS: Final = 30

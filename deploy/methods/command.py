@@ -23,7 +23,7 @@ from tis.deploy.methods.measures.trials import Trials, find_trials
 from tis.deploy.methods.page import page_text
 from tis.deploy.methods.verdicts import verdicts
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.messages import print_faults
+from tis.deploy.shell.guard import print_faults
 from tis.deploy.shell.outputs import check_outputs
 from tis.deploy.shell.progress import PhaseProgress
 

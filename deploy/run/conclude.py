@@ -21,7 +21,7 @@ from tis.deploy.report.command import write_report
 from tis.deploy.report.summary import build_summary
 from tis.deploy.report.tables.terminal import print_summary
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.messages import print_json
+from tis.deploy.shell.guard import print_json
 from tis.patient_side.statespace import ArmModel
 
 

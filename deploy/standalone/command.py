@@ -25,7 +25,7 @@ from tis.deploy.report.tables.terminal import delays_view, drop_reasons
 from tis.deploy.report.verdict.verdict_text import FIDELITY_STYLES, fidelity_text
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.extras import can_report
-from tis.deploy.shell.messages import print_json
+from tis.deploy.shell.guard import print_json
 from tis.deploy.standalone.standalone_run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
 from tis.deploy.tools.info import log_states, print_damage, print_files, states_as_data
 from tis.netem.bridge.standalone import network_yaml

@@ -14,7 +14,7 @@ from tis.deploy.compare.study import Study
 from tis.deploy.export.columns import columns_of, table_meaning
 from tis.deploy.hosts.hosts_file import HostsFile, LocalHost, NamespaceHost, SshHost
 from tis.deploy.logs import limits
-from tis.deploy.net.library.network_page import network_page as network_page
+from tis.deploy.net.library.stage_reference import network_page as network_page
 from tis.deploy.run.conclude import Outputs
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.virtual import run_virtual

@@ -27,7 +27,7 @@ from tis.deploy.compare.definitions.velocity_inputs import INPUTS, Inputs, leave
 from tis.deploy.compare.engine.workers import Workers
 from tis.deploy.compare.plan import Plan
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.messages import print_faults, print_json
+from tis.deploy.shell.guard import print_faults, print_json
 from tis.deploy.shell.outputs import check_outputs
 
 _ALLOWED: Final = ("settings", "duration_s")

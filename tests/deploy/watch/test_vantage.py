@@ -9,8 +9,7 @@ from tests.common.runtime.live_zenoh import a_router, soon
 from tis.common.runtime.clock_watch import ClockServer
 from tis.common.runtime.control import ControlKeys
 from tis.common.runtime.process import free_endpoints
-from tis.deploy.watch.observer import Observer
-from tis.deploy.watch.observer_path import Vantage
+from tis.deploy.watch.observer import Observer, Vantage
 
 pytestmark = pytest.mark.live
 

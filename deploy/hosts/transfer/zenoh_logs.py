@@ -1,26 +1,30 @@
-"""A run folder offered over Zenoh, read only: a list of its logs, and their bytes in chunks.
+"""Logs over Zenoh: a run folder offered read only, and the offer as a source of a collection."""
 
-Each offer has a number of its own in its keys, ``tis/@logs/NUMBER/here``, ``.../list`` and ``.../read``; no wildcard
-of an application matches them. Queries may come from anybody who is let in: sizes and names are checked, and a queue
-of limited length takes them out of Zenoh's callbacks.
-"""
-
+import asyncio
 import contextlib
 import queue
+import re
 import secrets
 import threading
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
 
 import zenoh
-from pydantic import Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
-from tis.common.errors import TisError
+from tis.common.errors import Fault, PeerError, TisError
 from tis.common.scenario.base import Part
-from tis.deploy.hosts.protocol import ListAnswer
-from tis.deploy.hosts.transfer.offered_logs import LogName, offered_logs, read_range
+from tis.deploy.hosts.protocol import ListAnswer, printable
+from tis.deploy.hosts.transfer.offered_logs import LogName, OfferedLog, offered_logs, read_range
+
+# A run folder offered over Zenoh, read only: a list of its logs, and their bytes in chunks.
+#
+# Each offer has a number of its own in its keys, ``tis/@logs/NUMBER/here``, ``.../list`` and ``.../read``; no
+# wildcard of an application matches them. Queries may come from anybody who is let in: sizes and names are checked,
+# and a queue of limited length takes them out of Zenoh's callbacks.
 
 CHUNK_BYTES: Final = 256 * 1024
 MAX_QUERY_BYTES: Final = 16_384
@@ -113,3 +117,64 @@ class ZenohOffer:
         if not self._was_asked:
             self._was_asked = True
             self._told("a collector reads the logs")
+
+
+_LIST_S: Final = 600.0
+"""A source reads every byte of its logs for their SHA-256 before it answers."""
+_READ_S: Final = 30.0
+_HERE_S: Final = 5.0
+_MAX_LIST_BYTES: Final = 100_000
+_MAX_OFFERS: Final = 32
+_NUMBER: Final = re.compile(r"[0-9a-f]{16}")
+
+
+def offers(session: zenoh.Session, place: str) -> list["ZenohLogs"]:
+    """Return the offers that a session reaches, by number."""
+    found: set[str] = set()
+    for reply in session.get(key_of("*", "here"), timeout=_HERE_S):
+        number = str(reply.ok.key_expr).split("/")[2] if reply.ok is not None else ""
+        if _NUMBER.fullmatch(number) and len(found) < _MAX_OFFERS:
+            found.add(number)
+    return [ZenohLogs(session, number, f"{place} ({number[:4]})") for number in sorted(found)]
+
+
+@dataclass(frozen=True)
+class ZenohLogs:
+    """The logs of one offer."""
+
+    session: zenoh.Session
+    number: str
+    place: str
+
+    async def offered(self, parts: Mapping[str, int]) -> list[OfferedLog]:
+        """Return the logs; raises `PeerError`."""
+        payload = await self._ask("list", ListQuery(parts=dict(parts)), _LIST_S, _MAX_LIST_BYTES)
+        try:
+            return list(ListAnswer.model_validate_json(payload).logs)
+        except ValidationError:
+            raise PeerError(Fault(self.place, "", "its answer is not of this version of tis")) from None
+
+    async def read(self, name: str, begin: int, end: int) -> AsyncIterator[bytes]:
+        """Yield the bytes of a log; raises `PeerError`."""
+        while begin < end:
+            until = min(end, begin + CHUNK_BYTES)
+            block = await self._ask("read", ReadQuery(name=name, begin=begin, end=until), _READ_S, until - begin)
+            if not block:
+                return
+            begin += len(block)
+            yield block
+
+    async def _ask(self, operation: str, query: BaseModel, wait_s: float, max_bytes: int) -> bytes:
+        return await asyncio.to_thread(self._ask_now, operation, query, wait_s, max_bytes)
+
+    def _ask_now(self, operation: str, query: BaseModel, wait_s: float, max_bytes: int) -> bytes:
+        key, reason = key_of(self.number, operation), "does not answer"
+        for reply in self.session.get(key, payload=query.model_dump_json(), timeout=wait_s):
+            if reply.ok is None:
+                assert reply.err is not None
+                reason = printable(reply.err.payload.to_bytes()[:2000].decode("utf-8", "replace"))
+            elif str(reply.ok.key_expr) != key or len(reply.ok.payload) > max_bytes:
+                reason = "answers what it was not asked"
+            else:
+                return reply.ok.payload.to_bytes()
+        raise PeerError(Fault(self.place, "", reason))
