@@ -21,13 +21,10 @@ from tis.common.scenario.reading import build_scenario
 from tis.common.sources.trajectory import Recording
 from tis.common.units import NS_PER_S
 from tis.deploy.compare.cells.forecasts import forecast_sums, record_forecasts
-from tis.deploy.compare.cells.kept_log import KeptLog, NoLog
-from tis.deploy.compare.cells.measured_estimator import MeasuredEstimator, measure_estimators
-from tis.deploy.compare.cells.measured_method import measure_methods
-from tis.deploy.compare.cells.score import hand_sums, logged_ages_ns, traffic
+from tis.deploy.compare.cells.measured import MeasuredEstimator, measure_estimators, measure_methods
 from tis.deploy.compare.cells.shared_parts import SharedParts
-from tis.deploy.compare.cells.unlogged import is_plain, run_unlogged
-from tis.deploy.compare.cells.wrist_sums import wrist_sums
+from tis.deploy.compare.cells.sums import hand_sums, logged_ages_ns, traffic, wrist_sums
+from tis.deploy.compare.cells.twins import KeptLog, NoLog, is_plain, run_unlogged
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.report.measures.estimation.tracking import track_of_hand
 from tis.deploy.report.verdict.invalidity import why_unscored

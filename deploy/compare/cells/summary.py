@@ -16,7 +16,7 @@ from tis.deploy.run.twin import build_sides, drive
 def summary_of_twin(scenario: Scenario, recording: Recording) -> dict[str, float | None]:
     """Run a twin with logs in memory; return the numbers of its summary.
 
-    Oracle: the figures of a cell's sums, tests/deploy/admissible/test_figures.
+    Oracle: the figures of a cell's sums, tests/deploy/studies/admissible/test_figures.
     """
     nodes, models, _ = build_sides(scenario, recording=recording)
     memories: dict[Side, MemoryLog] = {side: MemoryLog(side) for side in nodes}

@@ -1,4 +1,4 @@
-"""A literal summary; its figures are held against those of sums in tests/deploy/admissible/test_figures."""
+"""A literal summary; its figures are held against those of sums in tests/deploy/studies/admissible/test_figures."""
 
 from tis.deploy.compare.cells.summary import flat
 

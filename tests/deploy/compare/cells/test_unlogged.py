@@ -10,7 +10,7 @@ from tis.common.runtime.recordings import load_recording
 from tis.common.scenario import Scenario
 from tis.deploy.compare.cells.cell import Cell, logged_scores, run_cell, unlogged_scores
 from tis.deploy.compare.cells.shared_parts import SharedParts
-from tis.deploy.compare.cells.unlogged import is_plain, run_unlogged
+from tis.deploy.compare.cells.twins import is_plain, run_unlogged
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.memory import MemoryLog
 from tis.deploy.report.measures.estimation.tracking import track_of_hand
