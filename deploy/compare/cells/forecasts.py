@@ -13,21 +13,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.metrics.tracking import SETTLING_NS
+from tis.common.scenario import Scenario
 from tis.common.sources.trajectory import Recording
 from tis.common.units import sample_index, sample_instant_ns
-from tis.deploy.compare.cells.measured import MeasuredEstimator
+from tis.deploy.compare.cells.measured import MeasuredEstimator, measure_estimators
+from tis.deploy.compare.cells.unlogged import NoLog
+from tis.deploy.run.twin import build_sides, drive
 from tis.patient_side.estimators.protocol import Estimate
 from tis.patient_side.node import PatientNode
 from tis.patient_side.playout import Playout
 
-# Sums of the errors of forecasts, a sum for each number of samples ahead: every definition of an error follows.
-
 Array = NDArray[np.float64]
+
+ORIGIN_EVERY: Final = 3
+"""Samples between two origins of forecasts: 10 origins/s at 30 samples/s."""
+
+_NONE: Final = np.full(3, np.nan)
 
 
 @dataclass(frozen=True)
 class ErrorSums:
-    """Sums over ``n`` forecasts of 1, 2, ... H samples ahead, in m and m^2.
+    """Sums over ``n`` forecasts of 1, 2, ... H samples ahead, in m and m^2: every definition of an error follows.
 
     ``distance_m`` (H,) sums the 3D distances, ``absolute_m`` and ``squares_m2`` (H, 3) the errors of each axis.
     """
@@ -72,12 +78,6 @@ class ErrorSums:
         }
 
 
-ORIGIN_EVERY: Final = 3
-"""Samples between two origins of forecasts: 10 origins/s at 30 samples/s."""
-
-_NONE: Final = np.full(3, np.nan)
-
-
 class ForecastRecorder:
     """Wrapper that passes every step through, and records the forecasts from every third sample."""
 
@@ -107,6 +107,17 @@ class ForecastRecorder:
             position = self.measured.inner.step(state, playout, instant_ns)[1].position_m
             found.append(_NONE if position is None else position)
         return np.array(found)
+
+
+def forecasts_of_twin(scenario: Scenario, recording: Recording, n_ahead: int) -> dict[str, dict[str, Any]]:
+    """Run a twin; return the sums of the forecasts of so many samples after the newest."""
+    nodes, _, _ = build_sides(scenario, recording=recording)
+    patient = nodes["patient"]
+    assert isinstance(patient, PatientNode)
+    measure_estimators(patient)
+    recorders = record_forecasts(patient, n_ahead)
+    drive(scenario, nodes, {side: NoLog() for side in nodes})
+    return forecast_sums(recording, recorders)
 
 
 def record_forecasts(patient: PatientNode, n_ahead: int) -> list[dict[str, ForecastRecorder]]:

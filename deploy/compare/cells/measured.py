@@ -1,6 +1,10 @@
-"""Orientation method wrapper that records its estimates, covariances and CPU times, one entry per tick."""
+"""Wrappers of estimators and orientation methods that record what a log does not keep: covariances and CPU times.
+
+CPU time of the thread, because comparisons use all cores and waiting for one is not a property of an estimator.
+"""
 
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,11 +16,7 @@ from tis.patient_side.orientation.protocol import WristEstimate, WristMethod
 from tis.patient_side.playout import Playout, SourceBuffer
 from tis.patient_side.statespace import Array
 
-# Estimator wrapper that records the values a log does not keep: full covariance and CPU time of a step.
-#
-# CPU time of the thread, because comparisons use all cores and waiting for one is not a property of an estimator.
-
-_NO_POSITION = np.full((3, 3), np.nan)
+_NO_COVARIANCE = np.full((3, 3), np.nan)
 
 
 class MeasuredEstimator:
@@ -45,7 +45,7 @@ class MeasuredEstimator:
         except Exception as error:
             raise RuntimeError(f"{self.name} at {now_ns * 1e-9:.3f} s: {type(error).__name__}: {error}") from error
         self.steps_ns.append(time.thread_time_ns() - begun_ns)
-        self._covariances.append(_NO_POSITION if estimate.covariance_m2 is None else estimate.covariance_m2)
+        self._covariances.append(_NO_COVARIANCE if estimate.covariance_m2 is None else estimate.covariance_m2)
         return state, estimate
 
 
@@ -63,11 +63,8 @@ def measure_estimators(patient: PatientNode) -> list[dict[str, MeasuredEstimator
     return watched
 
 
-_NO_ORIENTATION, _NO_COVARIANCE = np.full(4, np.nan), np.full((3, 3), np.nan)
-
-
 class MeasuredMethod:
-    """Wrapper that passes everything through unchanged."""
+    """Wrapper that passes everything through unchanged and records one estimate per tick."""
 
     def __init__(self, method: WristMethod) -> None:
         self.inner = method
@@ -86,24 +83,22 @@ class MeasuredMethod:
     @property
     def orientation(self) -> Array:
         """Return the orientations (T, 4), NaN for none."""
-        found = [_NO_ORIENTATION if each.orientation is None else each.orientation for each in self._estimates]
-        return np.array(found, dtype=float).reshape(-1, 4)
+        return _filled([each.orientation for each in self._estimates], 4)
 
     @property
     def covariances_rad2(self) -> Array:
         """Return the covariances (T, 3, 3), NaN for none."""
-        found = [_NO_COVARIANCE if each.covariance_rad2 is None else each.covariance_rad2 for each in self._estimates]
-        return np.array(found, dtype=float).reshape(-1, 3, 3)
+        return _filled([each.covariance_rad2 for each in self._estimates], 3, 3)
 
     @property
     def gripper_rad(self) -> Array:
         """Return the gripper's angles (T,), NaN for none."""
-        return _numbers([each.gripper_rad for each in self._estimates])
+        return _filled([each.gripper_rad for each in self._estimates])
 
     @property
     def gripper_variances_rad2(self) -> Array:
         """Return the variances (T,) of the gripper's angles, NaN for none."""
-        return _numbers([each.gripper_variance_rad2 for each in self._estimates])
+        return _filled([each.gripper_variance_rad2 for each in self._estimates])
 
 
 def measure_methods(patient: PatientNode) -> list[dict[str, MeasuredMethod]]:
@@ -116,5 +111,7 @@ def measure_methods(patient: PatientNode) -> list[dict[str, MeasuredMethod]]:
     return watched
 
 
-def _numbers(found: list[float | None]) -> Array:
-    return np.array([np.nan if value is None else value for value in found], dtype=float)
+def _filled(found: Sequence[Any], *shape: int) -> Array:
+    """Return the values (T, *shape), NaN for None."""
+    nothing = np.full(shape, np.nan)
+    return np.array([nothing if value is None else value for value in found], dtype=float).reshape(-1, *shape)

@@ -1,65 +1,29 @@
-"""Sums of one twin's errors of orientation and gripper, which add up over trials as those of positions do."""
+"""Sums of one twin's errors: all pooled scores are functions of sums and histograms, which add up over trials."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from math import ceil, floor, log
+from math import ceil, log
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.channels import Hand
 from tis.common.metrics.consistency import CHI2_3_95
 from tis.common.metrics.orientation import error_vectors, orientation_at
-from tis.common.records import COUNTERS, FRESH, SENT_BYTES, SENT_PACKETS
 from tis.common.sources.trajectory import HandRecording, Recording
 from tis.common.units import NS_PER_MS, sample_instant_ns
 from tis.deploy.compare.cells.measured import MeasuredEstimator, MeasuredMethod
-from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.report.measures.estimation.tracking import HandTrack
 from tis.patient_side.statespace import ArmModel, Array
 
-# Sums of one twin's errors: all pooled scores are functions of sums, which add up over trials.
-
-# Histograms in bins of equal ratio: small and, unlike percentiles, additive over runs.
-
 Histogram = dict[str, int]
-"""Bin number (text, as JSON keys are) -> count; bin b holds the values from 1.001^b to 1.001^(b + 1)."""
+"""Bins of equal ratio: number (text, as JSON keys are) -> count; bin b holds 1.001^b to 1.001^(b + 1)."""
 
 _WIDTH = log(1.001)
 ERROR_WIDTH = log(1.01)
 """Width of the bins of errors, 1 %: there are three times as many values as of a step's time."""
-
-
-def histogram(values: NDArray[np.int64], width: float = _WIDTH) -> Histogram:
-    """Count values (N,), durations in ns or errors in nm; those below 1 count as 1. ``width``: a bin's, in logs."""
-    bins = Counter(floor(log(max(value, 1)) / width) for value in values.tolist())
-    return {str(number): bins[number] for number in sorted(bins)}
-
-
-def merged(histograms: Iterable[Mapping[str, int]]) -> Histogram:
-    """Return the sum of the histograms."""
-    total: Counter[str] = Counter()
-    for one in histograms:
-        total.update(one)
-    return dict(total)
-
-
-def percentile(counts: Mapping[str, int], percent: int, width: float = _WIDTH) -> float | None:
-    """Return the nearest-rank percentile within half a bin (0.05 %, of errors 0.5 %), None without values.
-
-    100 is the largest value. Oracle: `tis.common.metrics.percentiles`.
-    """
-    n = sum(counts.values())
-    rank = max(ceil(percent * n / 100), 1)
-    seen = 0
-    for number in sorted(map(int, counts)):
-        seen += counts[str(number)]
-        if seen >= rank:
-            return float(np.exp((number + 0.5) * width))  # the geometric middle of the bin
-    return None
-
-
+CHI2_1_95: Final = 3.841458820694124
+"""95 % quantile of chi squared with one degree of freedom."""
 AGE_EDGES_MS: Final = (0, 20, 40, 60, 80, 100, 150, 200, 300, 400, 500, 700, 1000, 1500, 2000, 3000, 5000)
 """The bins of error against age; the last one is open."""
 
@@ -133,28 +97,6 @@ def covered(errors_m: Array, covariances_m2: Array) -> tuple[int, int]:
     return int(np.count_nonzero(distances.sum(axis=1) <= CHI2_3_95)), int(np.count_nonzero(known))
 
 
-def traffic(logs: RunLogs) -> dict[str, int]:
-    """Return packets and bytes sent by the surgeon's side, all keys together."""
-    counts = {row["name"]: row["value"] for row in logs.of("surgeon", COUNTERS)}
-    return {
-        what: sum(value for name, value in counts.items() if name.startswith(f"{what}."))
-        for what in (SENT_PACKETS, SENT_BYTES)
-    }
-
-
-def logged_ages_ns(logs: RunLogs, hand: Hand, t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the age at each tick (T,): its instant minus that of the freshest sample; 0 before the first."""
-    fresh = [row for row in logs.of("patient", FRESH) if row["hand"] == hand]
-    ticks = np.array([row["tick"] for row in fresh], dtype=np.int64)
-    sample_ns = np.array([row["sample_ns"] for row in fresh], dtype=np.int64)
-    latest = np.searchsorted(ticks, np.arange(len(t_ns)), side="right") - 1
-    return np.where(latest >= 0, t_ns - np.append(sample_ns, 0)[latest], 0)
-
-
-CHI2_1_95: Final = 3.841458820694124
-"""95 % quantile of chi squared with one degree of freedom."""
-
-
 def wrist_sums(
     track: HandTrack, recording: Recording, hand: HandRecording, methods: Mapping[str, MeasuredMethod]
 ) -> dict[str, Any]:
@@ -195,3 +137,36 @@ def wrist_sums(
 def _errors(method: MeasuredMethod, track: HandTrack, truth: Array, truth_rad: Array) -> tuple[Array, Array]:
     """Return the errors of orientation (T, 3) and gripper (T,) at the scored ticks."""
     return error_vectors(method.orientation[track.scored], truth), truth_rad - method.gripper_rad[track.scored]
+
+
+def histogram(values: NDArray[np.int64], width: float = _WIDTH) -> Histogram:
+    """Count values (N,), durations in ns or errors in nm; those below 1 count as 1. ``width``: a bin's, in logs."""
+    if not len(values):
+        return {}
+    bins = np.floor(np.log(np.maximum(values, 1)) / width).astype(np.int64)
+    first = int(bins.min())
+    counts = np.bincount(bins - first)
+    return {str(first + i): int(counts[i]) for i in np.flatnonzero(counts).tolist()}
+
+
+def merged(histograms: Iterable[Mapping[str, int]]) -> Histogram:
+    """Return the sum of the histograms."""
+    total: Counter[str] = Counter()
+    for one in histograms:
+        total.update(one)
+    return dict(total)
+
+
+def percentile(counts: Mapping[str, int], percent: int, width: float = _WIDTH) -> float | None:
+    """Return the nearest-rank percentile within half a bin (0.05 %, of errors 0.5 %), None without values.
+
+    100 is the largest value. Oracle: `tis.common.metrics.percentiles`.
+    """
+    n = sum(counts.values())
+    rank = max(ceil(percent * n / 100), 1)
+    seen = 0
+    for number in sorted(map(int, counts)):
+        seen += counts[str(number)]
+        if seen >= rank:
+            return float(np.exp((number + 0.5) * width))  # the geometric middle of the bin
+    return None
