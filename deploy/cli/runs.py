@@ -24,7 +24,7 @@ from tis.deploy.cli.group import (
     VerboseOption,
 )
 from tis.deploy.cli.net_control import EndpointOption, PrefixOption
-from tis.deploy.shell.guard import ERR, OUT, guarded, print_faults, print_warnings, words_to
+from tis.deploy.shell.guard import ERR, OUT, guarded, print_faults, print_json, print_warnings, words_to
 
 app = Commands("Run")
 
@@ -131,9 +131,27 @@ def replay(run_dir: RunDirArg) -> int:
     return EXIT_OK if found.identical else EXIT_INVALID_RUN
 
 
+def _print_schema(wanted: bool) -> None:
+    if wanted:
+        from tis.deploy.report.summary import Summary
+
+        print_json(Summary.model_json_schema())
+        raise typer.Exit
+
+
 @app.command()
 @guarded
-def summarize(run_dir: RunDirArg, verbose: VerboseOption = False, as_json: JsonOption = False) -> int:
+def summarize(
+    run_dir: RunDirArg,
+    verbose: VerboseOption = False,
+    as_json: JsonOption = False,
+    schema: Annotated[  # noqa: ARG001  # its callback does the work
+        bool,
+        typer.Option(
+            "--schema", is_eager=True, callback=_print_schema, help="Print the JSON schema of summary.json and exit."
+        ),
+    ] = False,
+) -> int:
     """Compute a run's summary from its logs: after gathering them from several hosts, or after an aborted run."""
     from tis.deploy.run.conclude import Outputs, conclude_again
     from tis.deploy.standalone.command import summarize as summarize_netem

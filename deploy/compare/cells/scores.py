@@ -21,8 +21,8 @@ from tis.deploy.compare.cells.sums import hand_sums, wrist_sums
 from tis.deploy.compare.cells.unlogged import Scored, is_plain, run_unlogged
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.memory import MemoryLog
-from tis.deploy.report.measures.estimation.tracking import track_of_hand
-from tis.deploy.report.verdict.invalidity import why_unscored
+from tis.deploy.report.subjects.tracking import track_of_hand
+from tis.deploy.report.validity import why_unscored
 from tis.deploy.run.twin import build_sides, drive
 from tis.netem.build import build_netem
 from tis.patient_side.build import build_patient
@@ -163,7 +163,7 @@ def summary_of_twin(scenario: Scenario, recording: Recording) -> dict[str, float
 
     Oracle: the figures of a cell's sums, tests/deploy/studies/admissible/test_figures.
     """
-    from tis.deploy.report.summary import build_summary  # late: it loads the report
+    from tis.deploy.report.summarise import build_summary  # late: it loads the report
 
     nodes, models, _ = build_sides(scenario, recording=recording)
     memories: dict[Side, MemoryLog] = {side: MemoryLog(side) for side in nodes}

@@ -13,7 +13,7 @@ from tis.common.metrics.tracking import error_vectors, orientation_at
 from tis.common.sources.trajectory import HandRecording, Recording
 from tis.common.units import NS_PER_MS, sample_instant_ns
 from tis.deploy.compare.cells.measured import MeasuredEstimator, MeasuredMethod
-from tis.deploy.report.measures.estimation.tracking import HandTrack
+from tis.deploy.report.subjects.tracking import HandTrack
 from tis.patient_side.statespace import ArmModel, Array
 
 Histogram = dict[str, int]

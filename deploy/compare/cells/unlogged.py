@@ -27,7 +27,7 @@ from tis.common.scenario import Scenario
 from tis.common.sources.trajectory import HandRecording, Recording
 from tis.common.ticker import SendPlan
 from tis.common.units import ms_to_ns, sample_instant_ns
-from tis.deploy.report.measures.estimation.tracking import HandTrack
+from tis.deploy.report.subjects.tracking import HandTrack
 from tis.netem.link.ledger import NoLedger
 from tis.netem.link.link import Link
 from tis.patient_side.hand import PatientHand, bounded

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure, SubFigure
 
 from tis.deploy.compare.results.pooled import band_words
 from tis.deploy.compare.results.report import numeric_axes
-from tis.deploy.report.palette import look_of
+from tis.deploy.present.palette import look_of
 from tis.deploy.report.publication.matplotlib_figures import STYLE
 
 # Matplotlib figure of a comparison: errors against each numeric axis, with bands over people.

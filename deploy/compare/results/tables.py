@@ -11,8 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tis.deploy.compare.results.pooled import interval_note
-from tis.deploy.report.measures.estimation.own_estimators import labelled
-from tis.deploy.report.tables.numbers import broken_name, number
+from tis.deploy.present.numbers import broken_name, number
 from tis.patient_side.provenance import IN_SAMPLE
 
 # Tables of a comparison's orientation methods: degrees beside hold's, the gripper likewise.
@@ -246,7 +245,7 @@ def _title(about: dict[str, Any]) -> str:
 def _cells(row: dict[str, Any]) -> list[str]:
     interval = None if row["estimator"] == "hold" else row["ratio_to_hold_interval_95"]
     return [
-        labelled(row["estimator"], {"failed": row.get("faulty_steps")}),
+        f"{row['estimator']} *" if row.get("faulty_steps") else row["estimator"],
         *(_percent(value) for value in row["r2_pct"]),
         _brief(row["rmse_3d_mm"]),
         _short(row["ratio_to_hold"], 3),

@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tis.deploy.compare.results.tables import csv_text
-from tis.deploy.report.tables.numbers import number
+from tis.deploy.present.numbers import number
 from tis.deploy.studies.admissible.criterion import Limit
 
 Rows = Iterable[Sequence[str]]

@@ -19,7 +19,7 @@ from tis.deploy.compare.results import tables
 from tis.deploy.compare.results.pooled import ENOUGH_PEOPLE, interval_note
 from tis.deploy.compare.results.report import report as build_report
 from tis.deploy.compare.results.tables import TURN_CAPTION, TURN_HEAD, orientation_cells, orientation_ratios
-from tis.deploy.report.tables.numbers import number
+from tis.deploy.present.numbers import number
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.guard import print_faults
 from tis.deploy.shell.outputs import check_outputs

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
-from tis.deploy.report.tables.numbers import number
+from tis.deploy.present.numbers import number
 from tis.deploy.studies.methods.claims import CLAIMS, FAMILY_TITLES, Feature, largest_growth, worst_loss, worst_noise
 
 # Tables of the comparison, one of each measure: a row for each method.

@@ -8,7 +8,7 @@ Everything else cannot be told apart. The best of all is sought among the method
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, Literal
 
-from tis.deploy.report.tables.numbers import number
+from tis.deploy.present.numbers import number
 from tis.deploy.studies.methods.claims import (
     CLAIMS,
     FAMILY_TITLES,

@@ -17,7 +17,7 @@ from tis.common.scenario.reading import build_scenario
 from tis.common.sources.trajectory import Recording
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.memory import MemoryLog
-from tis.deploy.report.measures.estimation.tracking import accuracy_of_hand
+from tis.deploy.report.subjects.accuracy import accuracy_of_hand
 from tis.deploy.run.twin import drive
 from tis.deploy.shell.progress import PhaseProgress
 from tis.deploy.studies.paper.printed import BLOCK_ROWS, ORDER, ROWS, TRAIN_SAMPLES, PaperRow
@@ -132,7 +132,8 @@ def run_cell(cell: Cell, trial: Trial, models: bytes) -> dict[str, Any]:
     logs = {side: MemoryLog(side) for side in nodes}
     drive(scenario, nodes, logs)
     run_logs = RunLogs(Path(), {side: log.log for side, log in logs.items()})
-    return accuracy_of_hand(run_logs, scenario, model.hand, model)
+    scores = accuracy_of_hand(run_logs, scenario, model.hand, model)
+    return {name: one.as_json() for name, one in scores.items()}
 
 
 @cache

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tis.common.runtime.recordings import load_recording
-from tis.deploy.report.palette import TRUTH, look_of
+from tis.deploy.present.palette import TRUTH, look_of
 from tis.deploy.report.publication.matplotlib_figures import STYLE
 from tis.deploy.studies.paper.cells import PAIRINGS, Pairing, Results, scenario_of
 from tis.deploy.studies.paper.page import nearest_simulation

@@ -6,7 +6,7 @@ import pytest
 
 from tis.common.channels import Direction
 from tis.common.scenario.estimator_names import EstimatorName
-from tis.deploy.report.palette import AXIS, DIRECTIONS, INK, PAPER, RED, SERIES, SOFT, TONES, Tone, look_of
+from tis.deploy.present.palette import AXIS, DIRECTIONS, INK, PAPER, RED, SERIES, SOFT, TONES, Tone, look_of
 
 
 def _luminance(colour: str) -> float:

@@ -13,8 +13,8 @@ from tis.deploy.compare.cells.scores import unlogged_scores
 from tis.deploy.compare.cells.sums import wrist_sums
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.memory import MemoryLog
-from tis.deploy.report.measures.estimation.tracking import HandTrack
-from tis.deploy.report.summary import build_summary
+from tis.deploy.report.subjects.tracking import HandTrack
+from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, drive
 from tis.patient_side.orientation.protocol import WristEstimate

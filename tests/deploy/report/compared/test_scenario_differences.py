@@ -1,7 +1,7 @@
 """What differs between scenarios, and what is said of it."""
 
 from tests.deploy.report.hand_made import a_scenario
-from tis.deploy.report.compared.scenario_differences import scenario_differences
+from tis.deploy.report.compared import scenario_differences
 
 DELAY = {"forward": {"delay": {"kind": "constant", "delay_ms": 40}}}
 

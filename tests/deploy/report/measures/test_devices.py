@@ -4,8 +4,8 @@ from typing import Any
 from tests.deploy.report.hand_made import MS, a_scenario, counter, write_run
 from tis.common.devices.records import DEVICES, DeviceNote
 from tis.common.node import Record
-from tis.deploy.report.measures.devices import device_texts, devices_summary, is_foreign
-from tis.deploy.report.summary import source_label
+from tis.deploy.report.subjects.devices import device_texts, devices_summary, is_foreign
+from tis.deploy.report.subjects.identification import source_label
 
 LIVE: dict[str, Any] = {
     "source": {"kind": "live", "hands": ["left", "right"]},
@@ -32,7 +32,7 @@ def test_what_devices_and_arms_sent_and_what_was_not_used_of_it(tmp_path: Path) 
     assert (left["poses"], left["first_s"], left["silences"], left["silent_s"]) == (90, 0.4, 2, 1.5)
     assert {reason: n for reason, n in left["refused"].items() if n} == {"not_finite": 3, "jump": 1}
     assert found["external_arms"]["left"]["poses"] == 7
-    assert device_texts(found) == [
+    assert device_texts(found["devices"], found["external_arms"]) == [
         "the device of the left hand was silent 2 times, for 1.5 s in all: its last pose held",
         "not used of the messages of the device of the left hand: 3 with numbers that are not finite, 1 that jumped, "
         "which were not followed",
@@ -44,7 +44,7 @@ def test_what_devices_and_arms_sent_and_what_was_not_used_of_it(tmp_path: Path) 
 def test_a_scenario_without_either_has_no_such_figures(tmp_path: Path) -> None:
     logs = write_run(tmp_path, surgeon=[], patient=[])
     assert devices_summary(logs, a_scenario()) == {}
-    assert device_texts({}) == []
+    assert device_texts({}, {}) == []
 
 
 def test_a_foreign_surgeon_has_its_device_to_itself(tmp_path: Path) -> None:

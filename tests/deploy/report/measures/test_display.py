@@ -11,8 +11,7 @@ import pytest
 from tests.log_reader import LogReader
 from tis.common.scenario import reading
 from tis.deploy.logs.read.load import load_run
-from tis.deploy.report.measures.display import display_summary, displayed
-from tis.deploy.report.tables.display_table import display_rows, display_table, display_views
+from tis.deploy.report.subjects.display import display_markup, display_summary, display_tables, displayed
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
 
@@ -51,6 +50,7 @@ def _point(value: dict[str, float]) -> tuple[float, ...]:
 
 def test_errors_are_those_of_the_messages(run_dir: Path) -> None:
     found = display_summary(load_run(run_dir), {"left": None})["left"]
+    assert found is not None
     displays = _records(run_dir / "surgeon.mcap", "tis/PSM2/predicted_cp")
     arm_m = {row["tick"]: _point(row["position_m"]) for row in _records(run_dir / "patient.mcap", "/tis/plant")}
     fresh = _records(run_dir / "patient.mcap", "/tis/fresh")
@@ -94,15 +94,16 @@ def test_the_displays_of_two_twins_are_the_same_bytes(run_dir: Path, tmp_path: P
 def test_a_log_without_displays_has_no_figures(run_dir: Path) -> None:
     logs = load_run(run_dir, wanted=("/tis/plant",))
     assert display_summary(logs, {"left": None}) == {"left": None}
-    assert display_table({"left": None}) == ""
-    assert display_views({"left": None}) == []
+    assert display_markup({"left": None}) == ""
+    assert display_tables({"left": None}) == []
 
 
 def test_tables_show_what_the_summary_holds(run_dir: Path) -> None:
     found = display_summary(load_run(run_dir), {"left": None})["left"]
-    feedback, predicted = display_rows(found)
+    assert found is not None
+    (table,) = display_tables({"left": found})
+    feedback, predicted = table.texts()
     assert feedback[0] == "delayed feedback"
     assert float(predicted[1]) == pytest.approx(found["predicted_mm"]["at_effect"]["rms"], abs=6e-4)
     assert float(feedback[-1]) == pytest.approx(found["feedback_mm"]["now"]["rms"], rel=0.01)
-    assert "predicted arm" in display_table({"left": found})
-    assert len(display_views({"left": found})) == 1
+    assert "predicted arm" in display_markup({"left": found})

@@ -7,8 +7,8 @@ import pytest
 from tests.deploy.report.hand_made import COMMAND, a_scenario, counter, tick, write_run
 from tis.common.records import SENT_BYTES, SENT_PACKETS
 from tis.deploy.logs.read.load import load_run
-from tis.deploy.report.measures.duration import active_duration_s
-from tis.deploy.report.summary import build_summary
+from tis.deploy.report.subjects.ticks import active_duration_s
+from tis.deploy.report.summarise import build_summary
 
 
 def test_what_was_sent_in_8_of_20_s_is_60_a_second(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -26,9 +25,10 @@ from tis.deploy.logs.coverage import FOREVER
 from tis.deploy.logs.log_paths import recovered_name
 from tis.deploy.logs.read.load import RunLogs, load_run
 from tis.deploy.logs.recover import recover
-from tis.deploy.report.link_summary import link_summary
-from tis.deploy.report.measures.log_gaps import LogGaps
-from tis.deploy.report.measures.network.one_way import OneWay
+from tis.deploy.report.subjects.logs import LogGaps
+from tis.deploy.report.subjects.measured_values import OneWay
+from tis.deploy.report.subjects.network.link_figures import Link
+from tis.deploy.report.subjects.network.link_summary import link_summary
 
 S = 1_000_000_000
 N = 10
@@ -60,7 +60,7 @@ def _run(path: Path, damaged: Side, n_whole: int) -> RunLogs:
     return load_run(path)
 
 
-def _link(logs: RunLogs, direction: Direction) -> dict[str, Any]:
+def _link(logs: RunLogs, direction: Direction) -> Link:
     link, problems = link_summary(logs, direction, a_scenario())
     assert problems == []
     return link

@@ -22,9 +22,9 @@ from tis.common.host_records import CLOCK, PROCESSORS, ClockNote, ProcessorNote
 from tis.common.node import Record
 from tis.deploy.logs.read.load import RunLogs, load_run
 from tis.deploy.logs.read.side_columns import SideLog
-from tis.deploy.report.link_summary import link_summary
-from tis.deploy.report.measures.processors import processors_summary, shares_of
-from tis.deploy.report.summary import build_summary
+from tis.deploy.report.subjects.network.link_summary import link_summary
+from tis.deploy.report.subjects.processors import processors_summary, shares_of
+from tis.deploy.report.summarise import build_summary
 
 S = 1_000_000_000
 
@@ -41,10 +41,11 @@ def noted(own_s: float, busy_s: float, idle_s: float, steal_s: float | None = 0)
 def test_sides_of_one_host_are_not_other_programs_to_each_other(tmp_path: Path) -> None:
     logs = write_run(tmp_path, [noted(1, 8, 12)], [noted(2, 8, 12)], [noted(3, 8, 12)])
     found = processors_summary(logs)
-    json.dumps(found, allow_nan=False)
-    for side, own_pct in (("surgeon", 10), ("netem", 20), ("patient", 30)):
-        assert found[side]["own_pct"] == pytest.approx(own_pct)
-        assert (found[side]["testbed_pct"], found[side]["others_pct"]) == (pytest.approx(30), pytest.approx(10))
+    for each, own_pct in zip(found.values(), (10, 20, 30), strict=True):
+        assert each is not None
+        json.dumps(each.as_json(), allow_nan=False)
+        assert each.own_pct == pytest.approx(own_pct)
+        assert [each.testbed_pct, each.others_pct] == pytest.approx([30, 10])
 
 
 def test_sides_of_other_hosts_have_other_processors(tmp_path: Path) -> None:
@@ -54,7 +55,7 @@ def test_sides_of_other_hosts_have_other_processors(tmp_path: Path) -> None:
     write_log(tmp_path, "netem", [noted(2, 8, 12)])
     write_log(tmp_path, "patient", [Record(CLOCK, 0, near), noted(3, 8, 12)])
     found = processors_summary(load_run(tmp_path))
-    assert [found[side]["testbed_pct"] for side in found] == pytest.approx([5, 25, 25])
+    assert [each and each.testbed_pct for each in found.values()] == pytest.approx([5, 25, 25])
 
 
 def test_old_logs_and_virtual_time_have_none(tmp_path: Path) -> None:
@@ -67,7 +68,9 @@ def test_where_a_side_was_cut_short_nobody_can_tell_its_work_from_others(tmp_pat
     cut_log(tmp_path, "patient", [ONE_CLOCK, tick(0, 0, 1), noted(3, 8, 8, 4)], 2)
     found = processors_summary(load_run(tmp_path))
     assert found["patient"] is None
-    assert (found["netem"]["others_pct"], found["netem"]["steal_pct"]) == (None, pytest.approx(20))
+    assert found["netem"] is not None
+    assert found["netem"].others_pct is None
+    assert found["netem"].steal_pct == pytest.approx(20)
 
 
 def test_a_standalone_netem_has_no_mates(tmp_path: Path) -> None:

@@ -14,9 +14,7 @@ from tis.common.messages import Pose, SampledPose
 from tis.common.records import SENT_BYTES, SENT_PACKETS
 from tis.common.scenario.surgeon import MAX_COPY_DELAY_MS
 from tis.deploy.logs.read.load import load_run
-from tis.deploy.report.measures.network.traffic import surgeon_traffic
-from tis.deploy.report.measures.redundancy import alone_bytes, is_redundant, redundancy
-from tis.deploy.report.tables.redundancy_rows import redundancy_rows, redundancy_text, sample_loss_text
+from tis.deploy.report.subjects.redundancy import alone_bytes, redundancy, redundancy_table, surgeon_traffic
 from tis.patient_side.horizon import HORIZON_S
 
 ARMS: dict[Hand, Arm] = {"left": "PSM2"}
@@ -59,7 +57,7 @@ def test_a_run_by_hand(tmp_path: Path) -> None:
     price = found["price"]
     assert (price["packets_per_s"], price["packets_per_s_once"]) == (24, 12)
     assert price["bytes_per_s"] == 2 * 2 * 3000
-    assert sample_loss_text(found) == "every sample arrived"
+    assert found.loss_text == "every sample arrived"
 
 
 _TRAFFIC = ((SENT_PACKETS, 6), (SENT_BYTES, 3000))
@@ -68,17 +66,17 @@ _TRAFFIC = ((SENT_PACKETS, 6), (SENT_BYTES, 3000))
 def test_of_missing_logs_nothing_is_known_but_what_was_asked_for(tmp_path: Path) -> None:
     found = redundancy(load_run(tmp_path), a_scenario(surgeon={"copies": 3}), {}, {})
     assert found["copies"] == 3
-    assert set(found["price"].values()) | set(found["lost"].values()) == {None}
+    assert {value for _, value in (*found.price, *found.lost)} == {None}
     assert found["age_ms"]["mean"] is found["age_once_ms"]["mean"] is None
-    assert sample_loss_text(found) is None
-    assert len(redundancy_rows(found)) == 6
+    assert found.loss_text is None
+    assert len(redundancy_table(found).rows) == 6
 
 
 def test_who_sends_once_has_no_rows(tmp_path: Path) -> None:
     found = redundancy(load_run(tmp_path), a_scenario(surgeon={"copy_spacing_ms": 8}), {}, {})
-    assert not is_redundant(found)
-    assert redundancy_rows(found) == []
-    assert redundancy_text(found) == "each sample once"
+    assert not found.is_used
+    assert redundancy_table(found).rows == []
+    assert str(found) == "each sample once"
 
 
 @settings(max_examples=25)

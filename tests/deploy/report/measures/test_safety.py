@@ -12,12 +12,11 @@ from tis.common.records import COUNTERS
 from tis.common.safety_records import STOPS, StopNote
 from tis.common.scenario import reading
 from tis.deploy.logs.read.load import load_run
-from tis.deploy.report.measures.estimation.tracking import track_of_hand
-from tis.deploy.report.measures.safety import safety_summary, set_points
-from tis.deploy.report.plots.hand_view import hand_view
-from tis.deploy.report.plots.plot_style import time_range
-from tis.deploy.report.plots.safety_plot import safety_figure
-from tis.deploy.report.tables.run_warnings import run_warnings
+from tis.deploy.present.plot_style import time_range
+from tis.deploy.report.plots.errors import safety_figure
+from tis.deploy.report.run_view import hand_view
+from tis.deploy.report.subjects.safety import safety_summary, set_points, stop_texts
+from tis.deploy.report.subjects.tracking import track_of_hand
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
 from tis.deploy.shell import run_dir as folder
@@ -47,6 +46,7 @@ def _messages(path: Path, ending: str) -> list[dict[str, object]]:
 def test_the_figures_are_those_of_the_messages(run_dir: Path) -> None:
     logs, scenario = load_run(run_dir), folder.read_scenario(run_dir)
     found = safety_summary(logs, scenario, {"left": track_of_hand(logs, scenario, "left")})["left"]
+    assert found is not None
     points = _messages(run_dir / "patient.mcap", "/servo_cp")
     estimates = {
         row["tick"]: row["position_m"] for row in _messages(run_dir / "patient.mcap", "estimates/innovations_kf")
@@ -82,6 +82,7 @@ def test_an_arm_stopped_before_its_first_set_point_counts_the_stop(run_dir: Path
     logs.sides["patient"].rows = {topic: found for topic, found in rows.items() if not topic.endswith("servo_cp")}
     logs.sides["patient"].rows[STOPS] = [{"at_ns": 5, "stop": True, "reason": ""}]  # as a log of before holds it
     found = safety_summary(logs, scenario, {"left": track_of_hand(logs, scenario, "left")})["left"]
+    assert found is not None
     assert (found["emergency_stops"], set(found["time_s"].values()), found["rmse_3d_mm"]) == (1, {0.0}, None)
     assert (found["shaped_ticks"], found["largest_step_mm"]) == (0, None)
 
@@ -108,10 +109,11 @@ def test_requests_are_counted_by_what_came_of_them(run_dir: Path) -> None:
         {"name": "stop_requests_refused", "value": 3}, {"name": "stop_requests_flooded", "value": 29_000},
     ]  # fmt: skip
     left = safety_summary(logs, scenario, {"left": track_of_hand(logs, scenario, "left")})["left"]
+    assert left is not None
     names = ("emergency_stops", "releases", "releases_by_others", "stop_requests_refused", "stop_requests_flooded")
     assert [left[name] for name in names] == [1, 2, 1, 3, 29_000]
     stood_s = left["time_s"]["safe"]
-    assert run_warnings({"safety": {"left": left, "right": None}}) == [
+    assert stop_texts({"left": left, "right": None}) == [
         f"an emergency stop stopped the arms, which stood still for {stood_s:.1f} s: the errors count that time",
         "a release came without the stop's token (patient.safety.release says who may)",
         "the patient refused 3 requests to stop or to release (reasons in the log)",

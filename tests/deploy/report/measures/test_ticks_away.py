@@ -3,7 +3,7 @@
 import numpy as np
 
 from tis.deploy.logs.coverage import Coverage
-from tis.deploy.report.measures.ticks_away import TicksAway, ticks_away
+from tis.deploy.report.subjects.ticks import TicksAway, ticks_away
 
 S = 1_000_000_000
 

@@ -11,19 +11,19 @@ from rich.console import Console
 from tests.common.clocks.wrong_clock import WrongClock
 from tests.deploy.hold_only import HOLD
 from tests.deploy.report.other_hosts import MONOTONIC_NS, as_run, run_apart
+from tests.deploy.report.partial import summary_of
 from tis.common.channels import Side
 from tis.common.metrics.percentiles import summarise
 from tis.common.records import ESTIMATES, TRUTH
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.read.load import aligned
 from tis.deploy.logs.read.memory import MemoryLog
-from tis.deploy.report.measures.estimation.tracking import track_of_hand
-from tis.deploy.report.measures.latency import ages_of_hand
-from tis.deploy.report.measures.uncertainty import not_resolvable
-from tis.deploy.report.summary import build_summary
-from tis.deploy.report.tables.answer import answer
-from tis.deploy.report.tables.numbers import figure
-from tis.deploy.report.tables.terminal import print_summary
+from tis.deploy.report.answer import answer
+from tis.deploy.report.subjects.age import ages_of_hand
+from tis.deploy.report.subjects.clocks import not_resolvable
+from tis.deploy.report.subjects.tracking import track_of_hand
+from tis.deploy.report.summarise import build_summary
+from tis.deploy.report.terminal import print_summary
 from tis.deploy.run.resolve import resolve
 from tis.patient_side.statespace import ArmModel
 
@@ -70,13 +70,13 @@ def test_one_way_figures_of_hosts_apart_come_back_within_their_uncertainty(apart
         ahead_ms = (MONOTONIC_NS + clock.offset_ns) / NS_PER_MS
         # at run time 0 by the side's own clock, whose stamps the drift stretches
         assert clocks[side]["offset_ms"] == pytest.approx(ahead_ms + clock.offset_ns / NS_PER_MS, abs=0.5)
-    assert re.fullmatch(r"20\.\d\d \u00b1 0\.\d\d ms", figure(summary, "latency_ms.network", "p50", " ms"))
+    assert re.fullmatch(r"20\.\d\d \u00b1 0\.\d\d ms", summary_of(summary).text("latency_ms.network", "p50", " ms"))
     assert re.search(r"\+ network \(sent to received\) +(20\.\d\d +|19\.\d\d +){4}0\.\d\d\n", _seen(summary))
 
 
 def _seen(summary: dict[str, Any]) -> str:
     out = io.StringIO()
-    print_summary(summary, Console(file=out, width=120), verbose=True)
+    print_summary(summary_of(summary), Console(file=out, width=120), verbose=True)
     return "\n".join(line.rstrip() for line in out.getvalue().splitlines()) + "\n"
 
 
@@ -141,7 +141,7 @@ def test_two_sides_on_one_host_know_their_latencies_exactly() -> None:
     assert set(summary["uncertainty_ms"]["latency_ms.network"].values()) == {0}
     # by the hosts' clock 20 ms last 1 us less; the fit knows the drift to some ppm
     assert summary["latency_ms"]["network"]["p50"] == pytest.approx(DELAY_MS, abs=1e-3)
-    assert figure(summary, "latency_ms.network", "p50") == "20.00"
+    assert summary_of(summary).text("latency_ms.network", "p50") == "20.00"
 
 
 def test_a_figure_that_the_clocks_drown_is_not_resolvable() -> None:
@@ -150,13 +150,15 @@ def test_a_figure_that_the_clocks_drown_is_not_resolvable() -> None:
     logs, models = run_apart(scenario, CLOCKS, APART, way_ns=50_000_000)
     summary = build_summary(aligned(as_run(logs)), scenario, models, "live", 0, "")
     assert "latency_ms.network.p50" in summary["not_resolvable"]
-    assert figure(summary, "latency_ms.network", "p50", " ms") == "not resolvable"
+    assert summary_of(summary).text("latency_ms.network", "p50", " ms") == "not resolvable"
     assert summary["latency_ms"]["network"]["p50"] is not None
     seen = _seen(summary)
     says = "the latency of the estimates is not resolvable, the clocks are uncertain by \u00b1 "
     assert says in " ".join(seen.split())
     assert re.search(r"\+ network \(sent to received\) +\? +\? +\? +\? +\d", seen)
-    assert "The latency of the estimates is not resolvable, the clocks are uncertain by" in answer(summary, scenario)
+    assert "The latency of the estimates is not resolvable, the clocks are uncertain by" in answer(
+        summary_of(summary), scenario
+    )
     assert summary["latency_ms"]["round_trip"]["p50"] == pytest.approx(56, abs=3)  # one clock: known as ever
 
 
@@ -173,8 +175,10 @@ def test_how_a_figure_reads() -> None:
     summary: dict[str, Any] = {"latency_ms": {"network": {"p50": 12.414, "p99": 0.05, "max": None}}}
     bounds = {"latency_ms.network": {"p50": 0.08, "p99": 0.08, "max": None}}
     whole = deepcopy(summary) | {"uncertainty_ms": bounds}
-    assert figure(whole, "latency_ms.network", "p50", " ms") == "12.41 \u00b1 0.08 ms"
-    assert figure(whole, "latency_ms.network", "p99", " ms") == "not resolvable"
-    assert figure(whole, "latency_ms.network", "max") == "-"
-    assert figure(summary, "latency_ms.network", "p50") == "12.41"
-    assert not_resolvable(summary, bounds) == ["latency_ms.network.p99"]
+    assert summary_of(whole).text("latency_ms.network", "p50", " ms") == "12.41 \u00b1 0.08 ms"
+    assert summary_of(whole).text("latency_ms.network", "p99", " ms") == "not resolvable"
+    assert summary_of(whole).text("latency_ms.network", "max") == "-"
+    assert summary_of(summary).text("latency_ms.network", "p50") == "12.41"
+    assert not_resolvable({"latency_ms.network": summary["latency_ms"]["network"]}, bounds) == [
+        "latency_ms.network.p99"
+    ]

@@ -25,19 +25,21 @@ from tests.deploy.report.hand_made import (
     write_run,
 )
 from tests.deploy.report.outline import Outline
+from tests.deploy.report.partial import summary_of
 from tests.patient_side.arm_models import static_model
 from tis.common.channels import Side
 from tis.common.scenario import Scenario
 from tis.deploy.logs.read.clocks import SideClock
 from tis.deploy.logs.read.load import RunLogs, load_run
-from tis.deploy.report.page import html_page
-from tis.deploy.report.page.html import report_html
-from tis.deploy.report.palette import TONES, look_of
+from tis.deploy.present import page as shell
+from tis.deploy.present.numbers import number
+from tis.deploy.present.page import nonbreaking_units
+from tis.deploy.present.palette import TONES, look_of
+from tis.deploy.report.answer import answer
+from tis.deploy.report.contents import report_html
 from tis.deploy.report.run_view import RunView, arms_of
-from tis.deploy.report.summary import build_summary
-from tis.deploy.report.tables.answer import answer
-from tis.deploy.report.tables.html_tables import nonbreaking_units
-from tis.deploy.report.tables.numbers import number
+from tis.deploy.report.summarise import MeasuredRun, build_summary
+from tis.deploy.report.summary import Summary
 from tis.deploy.run.conclude import Ending, Outputs, conclude
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
@@ -91,7 +93,7 @@ def test_the_file_needs_nothing_else_and_is_small(finished: Path) -> None:
     assert "http" not in policy
     css = re.findall(r"<style>(.*?)</style>", page, re.DOTALL)
     assert len(css) == 1
-    scripts = [Path(html_page.__file__).with_name(name).read_text() for name in ("page.js", "camera.js")]
+    scripts = [shell.text_of(name) for name in shell.SCRIPTS]
     script = "".join(scripts)
     assert script in page
     for fetching in ("@import", "url(", "fetch(", "XMLHttpRequest", "import(", "http:", "https:", "//cdn"):
@@ -101,7 +103,7 @@ def test_the_file_needs_nothing_else_and_is_small(finished: Path) -> None:
 
 def test_the_answer_comes_first_and_then_what_it_rests_on(finished: Path) -> None:
     summary, text = _summary_of(finished), _page(finished).text
-    words = nonbreaking_units(answer(summary, resolve("lossy", LOSSY, None, DURATION_S)))
+    words = nonbreaking_units(answer(Summary.model_validate(summary), resolve("lossy", LOSSY, None, DURATION_S)))
     parts = [
         "lossy", "valid measurement", "synthetic movement", "seed 7", "8 s",
         words, "How late", "How lossy", "How accurate", "the scenario's limits",
@@ -221,7 +223,11 @@ def test_a_synthetic_source_is_named_in_every_part_that_shows_the_movement(finis
 def _report(logs: RunLogs, scenario: Scenario, summary: dict[str, Any] | None = None) -> str:
     if summary is None:
         summary = build_summary(logs, scenario, (MODEL,), "live", None, "tis run x.yaml")
-    return report_html(RunView(logs, scenario, summary, arms_of(scenario, {}), {}))
+    return _page_of(logs, scenario, Summary.model_validate(summary), {})
+
+
+def _page_of(logs: RunLogs, scenario: Scenario, summary: Any, versions: dict[str, str | None]) -> str:
+    return report_html(RunView(MeasuredRun(logs, scenario, arms_of(scenario, {})), summary, versions))
 
 
 def _a_run() -> dict[Side, list[Any]]:
@@ -295,11 +301,11 @@ def test_names_and_texts_of_a_run_cannot_become_markup(tmp_path: Path) -> None:
     summary["verdicts"][0] |= {"title": evil, "line": evil, "source": evil}
     summary["clocks"] = {evil: SideClock(discipline=None).summary() | {"kind": evil}}
     summary["links"]["forward"]["dropped_by"] = {evil: 1}
-    page = report_html(RunView(logs, scenario, summary, arms_of(scenario, {}), {evil: evil}))
+    page = _page_of(logs, scenario, summary_of(summary), {evil: evil})
     assert "alert(1)" in page
     assert "<script>alert" not in page
     assert "<b x=" not in page
-    harmless = report_html(RunView(logs, a_scenario(), build_summary(logs, scenario, (MODEL,), "", None, ""), {}, {}))
+    harmless = _report(logs, a_scenario(), build_summary(logs, scenario, (MODEL,), "", None, ""))
     assert Outline(page).tags.count("script") == Outline(harmless).tags.count("script")
 
 

@@ -5,8 +5,8 @@ import re
 import pytest
 
 from tests.deploy.report.outline import Outline
-from tis.deploy.report.page.network_picture import STATES, DirectionFigures, LinkState, network_picture
-from tis.deploy.report.palette import GREEN
+from tis.deploy.present.palette import GREEN
+from tis.deploy.report.network_picture import STATES, DirectionFigures, LinkState, network_picture
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tis.common.metrics.latency import latency_parts
-from tis.deploy.report.plots.budget_bar import budget_bar, budget_ms
+from tis.deploy.report.subjects.latency import budget_bar, budget_ms
 
 MS = 1_000_000
 

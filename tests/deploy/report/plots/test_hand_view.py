@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.deploy.report.hand_made import COMMAND, a_scenario, estimate, fresh, message, tick, truth, write_run
-from tis.deploy.report.plots.hand_view import MAX_TICKS, hand_view
+from tis.deploy.report.run_view import MAX_TICKS, hand_view
 
 
 def test_errors_are_distances_and_ages_are_those_of_the_ticks(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from tests.deploy.report.hand_made import ARM, COMMAND, ESTIMATED, crossing, fate, release, write_run
-from tis.deploy.report.plots.packets import link_columns
+from tis.deploy.report.subjects.network.key_figures import link_columns
 
 
 def test_delays_are_decided_and_realised_and_the_lost_are_apart(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tis.deploy.report.plots.thinning import distribution, evenly, evenly_and_largest, worst
+from tis.deploy.present.thinning import distribution, evenly, evenly_and_largest, worst
 
 VALUES = st.lists(st.floats(-1e6, 1e6) | st.just(float("nan")), max_size=200)
 NUMBERS = st.lists(st.floats(0, 1e6), max_size=200)

@@ -5,7 +5,13 @@ from typing import Any
 import pytest
 
 from tests.deploy.report.hand_made import a_scenario
-from tis.deploy.report.tables.answer import answer
+from tests.deploy.report.partial import summary_of
+from tis.common.scenario import Scenario
+from tis.deploy.report import answer as module
+
+
+def answer(summary: dict[str, Any], scenario: Scenario) -> str:
+    return module.answer(summary_of(summary), scenario)
 
 
 def _entry(rmse_3d_mm: float | None, ratio: float | None) -> dict[str, Any]:

@@ -4,9 +4,12 @@ import copy
 from typing import Any
 
 import pytest
+from rich.text import Text
 
+from tests.deploy.report.partial import summary_of
 from tis.common.scenario.limits import REQUIREMENTS
-from tis.deploy.report.tables.brief import MAX_LINES, brief
+from tis.deploy.report import terminal as module
+from tis.deploy.report.terminal import MAX_LINES
 
 
 def _statistics(p50: float, p99: float) -> dict[str, float]:
@@ -25,9 +28,14 @@ def _verdict(name: Any, outcome: str, limit_ms: float) -> dict[str, Any]:
     return {"name": name, "title": REQUIREMENTS[name].title, "outcome": outcome, "findings": [finding]}
 
 
+def brief(summary: dict[str, Any], warnings: list[str], width: int) -> Text:
+    return module.brief(summary_of(summary), warnings, width)
+
+
 @pytest.fixture
 def summary() -> dict[str, Any]:
     return {
+        "uncertainty_ms": {},
         "scenario": "default",
         "mode": "live",
         "source": "synthetic surgeon, left hand",
@@ -44,7 +52,7 @@ def summary() -> dict[str, Any]:
             "end_to_end": _statistics(60.9, 69.4),
         },
         "links": {"forward": _link(1.25), "feedback": _link(0.0)},
-        "redundancy": {"scheme": None},
+        "redundancy": {"copies": 1, "history": 0, "lost": {"samples_pct": None}},
         "accuracy": {
             "hold": {"rmse_3d_mm": 2.0, "ratio_to_hold": 1.0, "n_scored": 508},
             "innovations_kf": {"rmse_3d_mm": 0.5, "ratio_to_hold": 0.25},
@@ -54,11 +62,6 @@ def summary() -> dict[str, Any]:
         "surgeon_ticks": {"count": 600, "missed": 2},
         "verdicts": [_verdict("haptics", "missed", 2.0), _verdict("felt_delay", "met", 100.0)],
     }
-
-
-@pytest.fixture(autouse=True)
-def without_redundancy(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tis.deploy.report.tables.brief.sample_loss_text", lambda _: None)
 
 
 def test_the_figures_stand_in_their_order(summary: dict[str, Any]) -> None:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from tis.deploy.report.tables.hanging_indent import HangingIndent
+from tis.deploy.report.terminal import HangingIndent
 
 WORDS = st.lists(st.text("abc(),0", min_size=1, max_size=8), min_size=1, max_size=30).map(" ".join)
 

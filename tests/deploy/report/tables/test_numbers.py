@@ -2,8 +2,7 @@
 
 import pytest
 
-from tis.deploy.report.tables.numbers import heads
-from tis.deploy.report.verdict.amounts import percentile_name, statistic_name
+from tis.deploy.present.numbers import heads, percentile_name, statistic_name
 
 
 def test_the_summarys_names_become_words() -> None:

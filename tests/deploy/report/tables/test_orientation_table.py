@@ -1,14 +1,14 @@
 from typing import Any
 
-from rich.console import Console, Group
+from rich.console import Console
 
-from tis.deploy.report.tables.orientation_table import orientation_table
-from tis.deploy.report.tables.terminal import orientation_views
+from tests.deploy.report.partial import part
+from tis.deploy.report.subjects.orientation import AngleScores, orientation_page_table, orientation_table
 
 
-def scores(rms: float | None, ratio: float | None, coverage: list[float] | None = None) -> dict[str, Any]:
+def scores(rms: float | None, ratio: float | None, coverage: list[float] | None = None) -> Any:
     entry = {"rms": rms, "p95": rms, "max": rms, "ratio_to_hold": ratio, "step_us": {"p50": 61.25, "p99": 90.0}}
-    return entry if coverage is None else entry | {"nees": {"coverage_pct": coverage}}
+    return part(AngleScores, entry if coverage is None else entry | {"nees": {"coverage_pct": coverage}})
 
 
 TURNS = {
@@ -20,21 +20,20 @@ GRIPPERS = {"hold": scores(0.2, 1.0), "tangent_ls": scores(0.05, 0.25, [95.0])}
 
 
 def test_the_page_shows_degrees_beside_holds_and_marks_the_active_method() -> None:
-    page = orientation_table(TURNS, GRIPPERS, "left hand", "tangent_ls")
+    page = orientation_page_table(TURNS, GRIPPERS, "left hand", "tangent_ls").html()
     for text in ("2.50", "63", "95.00", "0.050", "25", "61.25"):
         assert text in page
     assert "unscored" not in page
     assert page.count("class=") >= 1
-    assert orientation_table({}, {}, "left hand", "hold") == ""
+    assert not orientation_page_table({}, {}, "left hand", "hold").rows
 
 
 def test_a_terminal_of_80_columns_shows_every_figure_whole() -> None:
-    summary = {"orientation_deg": {"left": TURNS, "right": {}}, "gripper_rad": {"left": GRIPPERS, "right": {}}}
     console = Console(width=80, record=True)
-    console.print(Group(*orientation_views(summary)))
+    console.print(orientation_table(TURNS, GRIPPERS, "left").terminal())
+    assert not orientation_table({}, {}, "right").rows
     text = console.export_text()
     assert "left hand" in text
-    assert "right hand" not in text
     assert "…" not in text
     (line,) = [line.split() for line in text.splitlines() if "tangent_ls" in line]
     assert line == ["tangent_ls", "2.50", "63", "2.50", "2.50", "95.00", "0.050", "25"]

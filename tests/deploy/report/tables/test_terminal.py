@@ -21,16 +21,18 @@ from tests.deploy.report.hand_made import (
     truth,
     write_run,
 )
+from tests.deploy.report.partial import summary_of
 from tests.patient_side.arm_models import static_model
 from tis.common.scenario.limits import REQUIREMENTS
 from tis.deploy.logs.read.load import load_run
-from tis.deploy.report.summary import build_summary
-from tis.deploy.report.tables.terminal import drop_reasons, print_summary
+from tis.deploy.report.subjects.network.link_tables import drop_reasons
+from tis.deploy.report.summarise import build_summary
+from tis.deploy.report.terminal import print_summary
 
 
 def _seen(summary: dict[str, Any], width: int = 80) -> str:
     out = io.StringIO()
-    print_summary(summary, Console(file=out, width=width), verbose=True)
+    print_summary(summary_of(summary), Console(file=out, width=width), verbose=True)
     return out.getvalue()
 
 
@@ -212,7 +214,8 @@ def test_a_fit_that_is_not_all_is_not_shown_as_all(summary: dict[str, Any]) -> N
 
 def test_reasons_stand_with_their_direction_and_nothing_without_any() -> None:
     forward, feedback = {"dropped_by": {"loss": 3, "queue_full": 709}}, {"dropped_by": {"late": 2}}
-    assert drop_reasons({"forward": forward, "feedback": feedback}) == (
+    assert drop_reasons(summary_of({"links": {"forward": forward, "feedback": feedback}}).links) == (
         " (forward: 3 loss, 709 queue_full; feedback: 2 late)"
     )
-    assert drop_reasons({"forward": {"dropped_by": {}}, "feedback": {"dropped_by": None}}) == ""
+    none = {"dropped_by": dict[str, int]()}
+    assert drop_reasons(summary_of({"links": {"forward": none, "feedback": none}}).links) == ""

@@ -2,14 +2,8 @@
 
 import pytest
 
-from tis.deploy.report.verdict.amounts import (
-    limit_text,
-    needed_count,
-    needed_time,
-    plain_number,
-    rounded_count,
-    rounded_span,
-)
+from tis.deploy.present.numbers import rounded_count, rounded_span, significant
+from tis.deploy.report.subjects.requirements import limit_text, needed_count, needed_time
 
 
 @pytest.mark.parametrize(
@@ -58,7 +52,7 @@ def test_the_rate_is_that_of_what_was_met() -> None:
     [(0, "0"), (1e-5, "0.00001"), (0.1234, "0.123"), (69.04, "69"), (999.7, "1000"), (29_957.4, "29957")],
 )
 def test_a_number_is_plain(value: float, said: str) -> None:
-    assert plain_number(value) == said
+    assert significant(value) == said
 
 
 def test_a_limit_is_said_as_it_was_given() -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from tis.common.metrics.processor_shares import ProcessorShares
-from tis.deploy.report.verdict.contention import contention_clause
+from tis.deploy.report.subjects.processors import contention_clause
 
 CALM = ProcessorShares(
     wall_ns=10**10, processors="0-1", own=0.1, testbed=0.05, others=0.05, steal=0.0, idle=0.9, iowait=0.0,

@@ -11,7 +11,7 @@ from tests.deploy.report.hand_made import COMMAND, MS, a_scenario, counter, fate
 from tis.common.node import Record
 from tis.common.records import CONTROL, FATES, RELEASES, ControlNote, FateBatch, Outcome, ReleaseBatch
 from tis.common.scenario import Scenario
-from tis.deploy.report.link_summary import link_summary
+from tis.deploy.report.subjects.network.link_summary import link_summary
 from tis.netem.expected.simulate import Simulated, simulate
 
 PIPELINE: dict[str, Any] = {
@@ -60,7 +60,7 @@ def _logged(drawn: Simulated, error_ns: int = 0) -> list[Record]:
 def _verdict(tmp_path: Path, asked: Scenario, netem: list[Record], n: int) -> dict[str, Any]:
     sent = [message(COMMAND, k, 10 * k) for k in range(n)]
     link, _ = link_summary(write_run(tmp_path, sent, netem), "forward", asked)
-    verdict: dict[str, Any] = link["keys"][COMMAND]["verdict"]
+    verdict: dict[str, Any] = link["keys"][COMMAND]["verdict"].as_json()
     unplanned = [text for text in verdict["violations"] if text.startswith("unplanned")]
     verdict["violations"] = [text for text in verdict["violations"] if text not in unplanned]  # nobody received here
     return verdict
@@ -262,7 +262,7 @@ def test_a_key_that_no_rule_lets_pass_must_be_refused(tmp_path: Path) -> None:
 
 def test_a_link_that_carried_nothing_has_no_verdict(tmp_path: Path) -> None:
     link, problems = link_summary(write_run(tmp_path), "forward", _scenario())
-    assert link["verdict"] == {
+    assert link["verdict"].as_json() == {
         "faithful": None,
         "violations": [],
         "not_decidable": [],

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from tis.common.channels import Direction
-from tis.common.metrics.verdict import SetVerdict
 from tis.common.scenario.limits import REQUIREMENTS, Limits, Metric
-from tis.deploy.report.verdict.requirements import Measured, verdicts
+from tis.deploy.report.subjects.requirements import Measured, SetVerdict, verdicts
 
 Run = dict[tuple[Metric, Direction | None], Measured]
 
@@ -30,7 +29,7 @@ def a_run(one_way_ms: float, n: int = 1000) -> Run:
 
 
 def by_name(found: list[SetVerdict]) -> dict[str, SetVerdict]:
-    json.dumps(found, allow_nan=False)  # it goes into the summary
+    json.dumps([one.as_json() for one in found], allow_nan=False)  # it goes into the summary
     return {verdict["name"]: verdict for verdict in found}
 
 

@@ -4,13 +4,19 @@ from typing import Any
 
 import pytest
 
-from tis.deploy.report.tables.network_tables import fidelity_list
-from tis.deploy.report.verdict.verdict_text import fidelity_text, validity_text
+from tests.deploy.report.partial import part, summary_of
+from tis.deploy.report.subjects.network.link_figures import LinkVerdict
+from tis.deploy.report.subjects.network.link_tables import fidelity_list
+from tis.deploy.report.validity import validity_text
 
 
-def _summary(valid: bool, forward: bool | None, feedback: bool | None) -> dict[str, object]:
+def _summary(valid: bool, forward: bool | None, feedback: bool | None) -> Any:
     links = {"forward": {"verdict": {"faithful": forward}}, "feedback": {"verdict": {"faithful": feedback}}}
-    return {"valid": valid, "links": links}
+    return summary_of({"valid": valid, "links": links})
+
+
+def _list(links: dict[str, Any], *request: str) -> str:
+    return fidelity_list(summary_of({"links": links}).links, *request)
 
 
 @pytest.mark.parametrize("forward", [True, None])
@@ -33,10 +39,6 @@ def test_a_valid_run_of_another_network_says_what_its_figures_hold_for(
 
 def test_what_is_not_valid_announces_its_problems_whatever_the_network_was() -> None:
     assert validity_text(_summary(False, False, True)) == "This run is not a valid measurement:"
-
-
-def test_a_summary_without_verdicts_on_links_has_none_to_speak_of() -> None:
-    assert validity_text({"valid": True, "links": {"forward": {}}}) == "This run is a valid measurement."
 
 
 def test_of_logs_that_were_lost_since_it_says_what_was() -> None:
@@ -62,24 +64,20 @@ def test_of_logs_that_were_lost_since_it_says_what_was() -> None:
 def test_what_could_not_be_judged_stands_beside_faithful(
     faithful: bool | None, undecided: dict[str, int | None], words: str
 ) -> None:
-    assert fidelity_text({"faithful": faithful, "undecided": undecided}, "the scenario") == words
-
-
-def test_a_summary_without_what_was_left_open_is_read_too() -> None:
-    assert fidelity_text({"faithful": True}, "the requested network") == "faithful to the requested network"
+    assert part(LinkVerdict, {"faithful": faithful, "undecided": undecided}).text("the scenario") == words
 
 
 def test_without_a_scenario_none_is_named() -> None:
     verdict: dict[str, Any] = {"violations": [], "warnings": [], "not_decidable": [], "undecided": {}}
     for faithful in (True, False, None):
         links = {"forward": {"verdict": verdict | {"faithful": faithful}}}
-        assert "that the scenario requests." in fidelity_list(links)
-        assert "scenario" not in fidelity_list(links, "was requested")
+        assert "that the scenario requests." in _list(links)
+        assert "scenario" not in _list(links, "was requested")
 
 
 def test_the_report_s_green_word_has_it_too() -> None:
     verdict = {"faithful": True, "violations": [], "warnings": [], "not_decidable": [], "undecided": {"loss": 450}}
-    markup = fidelity_list({"forward": {"verdict": verdict}})
+    markup = _list({"forward": {"verdict": verdict}})
     assert '<strong class="good">faithful in what could be judged</strong>' in markup
     assert ", as far as this run can show (loss: not decidable with 450 messages)." in markup
-    assert "as far as" not in fidelity_list({"forward": {"verdict": verdict | {"undecided": {}}}})
+    assert "as far as" not in _list({"forward": {"verdict": verdict | {"undecided": {}}}})

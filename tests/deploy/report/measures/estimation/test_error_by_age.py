@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tests.deploy.report.hand_made import COMMAND, a_scenario, estimate, fresh, message, tick, truth, write_run
-from tis.deploy.report.measures.estimation.error_by_age import MAX_BINS, MIN_TICKS, error_by_age, errors_by_age
-from tis.deploy.report.measures.estimation.tracking import track_of_hand
+from tis.deploy.report.subjects.tracking import MAX_BINS, MIN_TICKS, error_by_age, errors_by_age, track_of_hand
 
 
 def test_each_age_has_the_rmse_of_its_ticks() -> None:

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from tests.deploy.report.hand_made import ARM, COMMAND, a_scenario, message, tick, write_run
-from tis.deploy.report.measures.estimation.freshness import age_of_information_ms, freshest_arrivals, tick_modes
+from tis.deploy.report.subjects.age import age_of_information_ms, freshest_arrivals, tick_modes
 
 PERIOD_MS = 1000 / 30
 

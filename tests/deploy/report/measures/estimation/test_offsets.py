@@ -3,8 +3,8 @@ import json
 import numpy as np
 import pytest
 
-from tis.deploy.report.measures.estimation.offsets import MAX_TICKS, actuation_ms, offsets
-from tis.deploy.report.measures.estimation.tracking import Array, HandTrack
+from tis.deploy.report.subjects.accuracy import MAX_TICKS, actuation_ms, offsets
+from tis.deploy.report.subjects.tracking import Array, HandTrack
 
 
 def movement(t_s: Array) -> Array:
@@ -21,7 +21,7 @@ def a_track(n: int = 300, **late_s: float) -> HandTrack:
 
 def test_a_late_estimator_is_late_and_right() -> None:
     found = offsets([a_track(hold=0.1)], "hold", 30)
-    json.dumps(found, allow_nan=False)
+    json.dumps(found.as_json(), allow_nan=False)
     assert found["time_ms"]["p50"] == pytest.approx(100)
     assert found["value_mm"]["p50"] < 0.1
     assert found["n"] == 300

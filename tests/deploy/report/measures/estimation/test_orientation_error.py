@@ -8,9 +8,14 @@ from tis.common.messages import Quaternion, Vector3
 from tis.common.node import Record
 from tis.common.records import ORIENTATIONS, TRUTH, OrientationNote, TruthRow
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.report.measures.estimation.orientation_error import gripper_rad, orientation_by_age, orientation_deg
-from tis.deploy.report.measures.estimation.tracking import HandTrack, track_of_hand
-from tis.deploy.report.measures.estimation.wrist_track import WristTrack, wrist_track
+from tis.deploy.report.subjects.orientation import (
+    WristTrack,
+    gripper_rad,
+    orientation_by_age,
+    orientation_deg,
+    wrist_track,
+)
+from tis.deploy.report.subjects.tracking import HandTrack, track_of_hand
 
 
 def turning(k: int, gripper: float | None = 0.0) -> Record:
@@ -64,7 +69,7 @@ def test_errors_of_a_turning_arm_are_degrees_by_hand(tmp_path: Path) -> None:
     assert found["hold"]["rms"] == pytest.approx(hold_rms, abs=1e-6)
     assert found["hold"]["max"] == pytest.approx(36, abs=1e-6)
     assert found["hold"]["ratio_to_hold"] == pytest.approx(1.0)
-    assert "nees" not in found["hold"]
+    assert "nees" not in found["hold"].as_json()
     assert found["tangent_ls"]["rms"] == pytest.approx(2.5, abs=1e-6)
     assert found["tangent_ls"]["ratio_to_hold"] == pytest.approx(2.5 / hold_rms, rel=1e-6)
     # squares about z: 0, 1, 0 and 16/9 of the stated 3 degrees

@@ -20,7 +20,7 @@ from tests.patient_side.arm_models import static_model
 from tis.common.messages import Vector3
 from tis.common.node import Record
 from tis.common.records import PLANT, EstimateNote, PlantNote
-from tis.deploy.report.measures.estimation.tracking import accuracy_of_hand
+from tis.deploy.report.subjects.accuracy import accuracy_of_hand
 
 MODEL = static_model()  # its output range is 0.1 m on every axis
 # The arm moves 1 mm in x every 100 ms; y and z stand still.
@@ -148,4 +148,4 @@ def test_nees_is_against_truth_nis_where_the_arms_samples_reached_the_patient(tm
     assert nees["mean"] == [pytest.approx(5 / 3), 0, 0]
     assert nis["mean"] == [pytest.approx(5 / 2), 0, 0]
     assert nees["coverage_pct"][0] == pytest.approx(200 / 3)
-    assert "nees" not in accuracy["hold"]
+    assert "nees" not in accuracy["hold"].as_json()

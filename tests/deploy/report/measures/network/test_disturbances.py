@@ -7,7 +7,7 @@ import pytest
 
 from tis.common.records import ControlNote
 from tis.deploy.logs.read.load import RunLogs, load_run
-from tis.deploy.report.measures.network.disturbances import Disturbance, disturbances, disturbances_text
+from tis.deploy.report.subjects.network.disturbances import Disturbance, disturbances, disturbances_text
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
 

@@ -2,7 +2,7 @@ from pathlib import Path
 
 from tests.deploy.report.hand_made import ARM, COMMAND, MS, answer, message, write_log, write_run
 from tis.deploy.logs.read.load import load_run
-from tis.deploy.report.measures.network.one_way import OneWay
+from tis.deploy.report.subjects.measured_values import OneWay
 
 
 def test_delays_variation_and_losses_of_two_keys(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from tis.common.records import CONTROL, ControlNote
 from tis.common.scenario import Scenario
 from tis.deploy.logs.read.batches import DELIVER, Fates
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.report.measures.network.requested import Requested
+from tis.deploy.report.subjects.network.requested import Requested
 from tis.netem.conditions.conditions import Conditions
 from tis.netem.expected.simulate import simulate
 

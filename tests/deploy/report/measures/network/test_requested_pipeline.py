@@ -5,7 +5,7 @@ import pytest
 
 from tis.common.scenario.network import NetworkPart
 from tis.common.trace import Trace
-from tis.deploy.report.measures.network.requested_pipeline import requested_pipeline
+from tis.deploy.report.subjects.network.requested_pipeline import requested_pipeline
 from tis.netem.expected.simulate import simulate
 
 N = 200_000

@@ -12,10 +12,14 @@ from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.trace import LOST, Trace
 from tis.deploy.logs.read.batches import link_fates
 from tis.deploy.logs.read.load import RunLogs, load_run
-from tis.deploy.report.measures.network.requested import Requested
-from tis.deploy.report.measures.network.requested_pipeline import requested_pipeline
-from tis.deploy.report.measures.network.trace_playback import delay_moments_ns, p_loss, with_played_rows
-from tis.deploy.report.summary import build_summary
+from tis.deploy.report.subjects.network.requested import Requested
+from tis.deploy.report.subjects.network.requested_pipeline import (
+    delay_moments_ns,
+    p_loss,
+    requested_pipeline,
+    with_played_rows,
+)
+from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
 from tis.netem.expected.simulate import simulate

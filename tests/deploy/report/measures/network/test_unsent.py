@@ -5,7 +5,7 @@ from pathlib import Path
 from tests.deploy.report.hand_made import COMMAND, cut_log, fate, message, write_log, write_run
 from tis.common.node import Record
 from tis.deploy.logs.read.load import load_run
-from tis.deploy.report.measures.network.unsent import Unsent, unsent, unsent_problem
+from tis.deploy.report.subjects.network.link_books import Unsent, unsent, unsent_problem
 
 MS = 1_000_000
 
