@@ -13,8 +13,9 @@ from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, GET_REPORT, DataErro
 from tis.deploy.logs.read.load import load_run
 from tis.deploy.logs.read.recorded import mode_of, models_in, scenario_in
 from tis.deploy.present.palette import SERIES
+from tis.deploy.report.measured_run import MeasuredRun
 from tis.deploy.report.run_view import RunView
-from tis.deploy.report.summarise import MeasuredRun, summary_of
+from tis.deploy.report.summarise import summary_of
 from tis.deploy.report.summary import readable, summary_in
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.extras import can_report

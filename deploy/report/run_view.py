@@ -14,12 +14,12 @@ from tis.common.scenario import Scenario
 from tis.common.units import MM_PER_M, NS_PER_S
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.present.thinning import Indices, column, evenly, worst
+from tis.deploy.report.measured_run import MeasuredRun
 from tis.deploy.report.subjects.age import ages_at_ms
 from tis.deploy.report.subjects.identification import IdentifiedModel
 from tis.deploy.report.subjects.network.disturbances import Disturbance, disturbances
 from tis.deploy.report.subjects.orientation import wrist_track
 from tis.deploy.report.subjects.tracking import Array, HandTrack, track_of_hand
-from tis.deploy.report.summarise import MeasuredRun
 from tis.deploy.report.summary import Summary
 
 MAX_TICKS = 3000
@@ -78,9 +78,12 @@ class HandView:
         return f" Of {self.n_ticks} ticks {len(self.kept)} are drawn, the worst of each stretch among them."
 
 
-def hand_view(logs: RunLogs, scenario: Scenario, hand: Hand, title: str) -> HandView:
-    """Return one hand's view as far as its logs reach (oracle: logs written by hand, test_hand_view)."""
-    track = replace(track_of_hand(logs, scenario, hand), stds={})  # large, and no figure draws them
+def hand_view(logs: RunLogs, scenario: Scenario, hand: Hand, title: str, known: HandTrack | None = None) -> HandView:
+    """Return one hand's view as far as its logs reach, by its track if that is known.
+
+    Oracle: logs written by hand, test_hand_view.
+    """
+    track = track_of_hand(logs, scenario, hand) if known is None else known
     errors_mm = {
         name: MM_PER_M * np.linalg.norm(position_m - track.truth_m, axis=1)
         for name, position_m in track.estimates.items()
@@ -149,7 +152,9 @@ class RunView:
         """Return the view of each hand."""
         origin = ", synthetic" if self.synthetic else ""
         return {
-            hand: hand_view(self.logs, self.scenario, hand, f"{hand} hand ({arm}{origin})")
+            hand: hand_view(
+                self.logs, self.scenario, hand, f"{hand} hand ({arm}{origin})", self.measured.tracks[hand]
+            )
             for hand, arm in self.measured.arms.items()
         }
 

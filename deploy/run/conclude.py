@@ -18,8 +18,9 @@ from tis.deploy.logs.merge_run import Opening, can_merge, clocks_of, print_merge
 from tis.deploy.logs.read.load import RunLogs, load_run
 from tis.deploy.logs.read.recorded import mode_of, models_in, origins_in, scenario_in
 from tis.deploy.report.command import write_report
+from tis.deploy.report.measured_run import MeasuredRun
 from tis.deploy.report.run_view import RunView
-from tis.deploy.report.summarise import MeasuredRun, summary_of
+from tis.deploy.report.summarise import summary_of
 from tis.deploy.report.terminal import print_summary
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.guard import print_json

@@ -114,7 +114,7 @@ def age_of_information_ms(logs: RunLogs, arrivals: Sequence[Arrivals]) -> AgeOfI
 
     None where the patient's log has a gap, as arrivals in it are unknown, or where a side was away and that time is
     left out. Oracle: a saw-tooth computed by hand,
-    test_freshness.
+    test_age.
     """
     covered = logs.coverage("patient")
     if logs.left_out or (covered is not None and any(until_ns != FOREVER for _, until_ns in covered.unknown)):
@@ -136,7 +136,7 @@ def tick_modes(logs: RunLogs, scenario: Scenario, arrivals: Sequence[Arrivals]) 
     ``age_when_used_ms`` is the age of a sample at the due instant of the first estimate that can use it, without
     computing time: in `free` at the scenario's phase, in `phase_locked` at the best constant phase in hindsight, in
     `on_arrival` at the arrival. ``saves_ms`` is the mean gain over `free`. ``shifts`` counts the phase changes in
-    this run; ``line`` is the summary in words. Oracle: constant delays, test_freshness.
+    this run; ``line`` is the summary in words. Oracle: constant delays, test_age.
     """
     patient, rate_hz = scenario.patient, scenario.rate_hz
     phase_ns = ms_to_ns(patient.tick_phase_ms)

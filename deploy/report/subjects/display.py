@@ -102,7 +102,7 @@ def display_summary(logs: RunLogs, hands: Mapping[Hand, Any]) -> dict[Hand, Disp
     """Return by hand the errors of feedback and prediction in mm, from 2 s after the first display on.
 
     A command that never took effect, as it was sent in the last moments, is left out of ``at_effect``. Oracle: arms
-    of known motion, computed by hand (tests/deploy/report/measures/test_display).
+    of known motion, computed by hand (tests/deploy/report/subjects/test_display).
     """
     found: dict[Hand, DisplayFigures | None] = {}
     for hand in hands:

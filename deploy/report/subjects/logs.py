@@ -51,7 +51,7 @@ class LogGaps:
 
     A message is affected when it was sent during a gap of one of the logs, or so shortly before that it may have been
     in flight then: within the longest delay of the direction. Complete logs have no gaps. Oracle: logs with gaps at
-    known places, tests/deploy/report/measures/test_log_gaps.
+    known places, tests/deploy/report/subjects/test_log_gaps.
     """
 
     def __init__(self, gaps: Iterable[tuple[tuple[Span, ...], int]]) -> None:

@@ -76,7 +76,7 @@ COUNTED: Final[dict[str, str]] = {
     "age": "ticks",
     "rmse_3d": "ticks",
 }
-"""Unit of counting of each metric of `tis.common.scenario.requirements`: it has one value for each."""
+"""Unit of counting of each metric of `tis.common.scenario.limits`: it has one value for each."""
 
 
 def limit_text(value: float, unit: str) -> str:
@@ -133,7 +133,7 @@ def verdicts(
     """Return the verdict on each set of requirements, the scenario's own limits first.
 
     ``over_s`` is the duration of the measurement, None if unknown. A metric without an entry in ``measured`` is not
-    decidable. Oracle: runs written by hand, tests/deploy/report/verdict/test_requirements.
+    decidable. Oracle: runs written by hand, tests/deploy/report/subjects/test_requirements.
     """
     found = []
     own = limits.requirements()

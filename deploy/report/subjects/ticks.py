@@ -79,7 +79,7 @@ def ticks_away(tick: Ints, coverage: Coverage, rate_hz: int, n_ticks: int) -> Ti
 def active_duration_s(logs: RunLogs, side: Side, scenario: Scenario) -> float:
     """Return how long a side ticked, in s; the planned duration where its log does not tell.
 
-    Oracle: logs with a known number of ticks, tests/deploy/report/measures/test_duration.
+    Oracle: logs with a known number of ticks, tests/deploy/report/subjects/test_duration.
     """
     ticks = logs.columns(side, TICKS).column("tick")
     n = int(ticks.max(initial=-1)) + 1

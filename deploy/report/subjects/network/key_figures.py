@@ -148,7 +148,7 @@ class KeyFigures(NamedTuple):
 
     @classmethod
     def of(cls, books: KeyBooks) -> Self:
-        """Measure one key (oracle: a few packets computed by hand, tests/deploy/report/test_link_summary)."""
+        """Measure one key (oracle: a few packets computed by hand, test_link_summary)."""
         fates, releases = books.fates, books.releases
         out = releases.departure == RELEASED
         delivered = fates.outcome == DELIVER
@@ -298,7 +298,7 @@ def first_copies(left: Releases) -> Releases:
     """Return, of packets in order of leaving, the first one of each message, in the same order.
 
     A restarted sender uses a number again, so a message is named by number and instant of offering (oracle: a few
-    messages by hand, tests/deploy/report/test_link_summary).
+    messages by hand, tests/deploy/report/subjects/network/test_link_summary).
     """
     if not left.copy_index.any():
         return left

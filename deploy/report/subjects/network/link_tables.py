@@ -184,7 +184,7 @@ class DelayRows(NamedTuple):
 
 
 def delay_rows(links: Mapping[Direction, Link]) -> DelayRows:
-    """Return the rows of both directions (oracle: literal summaries, tests/deploy/report/tables/test_delay_rows).
+    """Return the rows of both directions (oracle: literal summaries, test_delay_rows).
 
     The keys of a direction have rows of their own when their pipelines differ, as no request applies to them all. The
     busiest key of each request comes first; keys that do not fit are counted.

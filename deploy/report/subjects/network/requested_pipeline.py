@@ -104,7 +104,7 @@ class RequestedPipeline:
     def delay_ms(self) -> Summary:
         """Return the requested delay under the names of measured delays; None where there is no closed form.
 
-        Oracle: long simulations, tests/deploy/report/measures/network/test_requested_pipeline.
+        Oracle: long simulations, tests/deploy/report/subjects/network/test_requested_pipeline.
         """
         quantiles = {
             f"p{p:g}": value for p, value in zip(TAIL, self.quantiles_ms([p / 100 for p in TAIL]), strict=True)

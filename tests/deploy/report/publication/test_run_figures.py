@@ -11,9 +11,9 @@ from tests.deploy.report.partial import summary_of
 from tis.deploy.cli.main import app
 from tis.deploy.logs.read.load import load_run
 from tis.deploy.report.command import read_run
+from tis.deploy.report.measured_run import MeasuredRun
 from tis.deploy.report.publication.run_figures import COLUMN_IN, paper_figures
 from tis.deploy.report.run_view import RunView
-from tis.deploy.report.summarise import MeasuredRun
 
 STARTS = {"svg": b"<?xml", "pdf": b"%PDF", "png": b"\x89PNG"}
 NAMES = ("position", "error", "error_by_age", "latency_cdf", "delay", "delay_cdf", "loss_runs")

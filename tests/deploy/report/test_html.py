@@ -37,8 +37,9 @@ from tis.deploy.present.page import nonbreaking_units
 from tis.deploy.present.palette import TONES, look_of
 from tis.deploy.report.answer import answer
 from tis.deploy.report.contents import report_html
+from tis.deploy.report.measured_run import MeasuredRun
 from tis.deploy.report.run_view import RunView, arms_of
-from tis.deploy.report.summarise import MeasuredRun, build_summary
+from tis.deploy.report.summarise import build_summary
 from tis.deploy.report.summary import Summary
 from tis.deploy.run.conclude import Ending, Outputs, conclude
 from tis.deploy.run.resolve import resolve
