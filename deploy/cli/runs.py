@@ -6,11 +6,10 @@ from typing import Annotated
 import typer
 
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK
-from tis.common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
-from tis.deploy.cli.group import Commands
-from tis.deploy.cli.net_control import EndpointOption, PrefixOption
-from tis.deploy.cli.options import (
+from tis.common.runtime.side_cli import CfgOption, ConfigOption, InsecureOption
+from tis.deploy.cli.group import (
     AddressOption,
+    Commands,
     DurationOption,
     HostOption,
     JsonOption,
@@ -24,8 +23,8 @@ from tis.deploy.cli.options import (
     SetOption,
     VerboseOption,
 )
-from tis.deploy.shell.guard import ERR, OUT, guarded, words_to
-from tis.deploy.shell.messages import print_faults, print_json, print_warnings
+from tis.deploy.cli.net_control import EndpointOption, PrefixOption
+from tis.deploy.shell.guard import ERR, OUT, guarded, print_faults, print_json, print_warnings, words_to
 
 app = Commands("Run")
 
@@ -86,8 +85,7 @@ def view(
 ) -> int:
     """Open a live page on a present or future run: movement, delays, losses and the network's controls."""
     from tis.common.runtime.zenoh_session import ZenohOptions
-    from tis.deploy.view.attach import attach_page
-    from tis.deploy.view.page_process import PageAddress
+    from tis.deploy.view.page_process import PageAddress, attach_page
 
     page, zenoh = PageAddress(address, port, tuple(hosts or ())), ZenohOptions(config=config, cfg=tuple(cfg or ()))
     return attach_page((west, east), prefix, zenoh, page, wait_s, ERR)

@@ -8,7 +8,7 @@ from typing import Self, get_args
 from tis.common.channels import Arm, Direction, Hand
 from tis.common.metrics.latency import Instants, LatencyParts
 from tis.common.scenario import Scenario
-from tis.common.scenario.requirements import Metric
+from tis.common.scenario.limits import Metric
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.report.subjects.age import ages_ns
 from tis.deploy.report.subjects.latency import (

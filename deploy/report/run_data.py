@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tis.common.channels import Direction, Hand, Side
 from tis.common.errors import DataError, Fault, InputError
-from tis.common.metrics.orientation import angles_deg
+from tis.common.metrics.tracking import angles_deg
 from tis.common.records import TICKS, TRUTH
 from tis.common.scenario import Scenario
 from tis.common.units import MM_PER_M

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from tis.common.channels import FOLLOWER, Arm, Hand
-from tis.common.metrics.orientation import angles_deg
+from tis.common.metrics.tracking import angles_deg
 from tis.common.scenario import Scenario
 from tis.common.units import MM_PER_M, NS_PER_S
 from tis.deploy.logs.read.load import RunLogs

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Final
 from pydantic import BaseModel, ConfigDict, Field
 
 from tis.common.channels import Direction, Hand, Side
-from tis.common.clocks.uncertainty import is_resolvable
+from tis.common.metrics.percentiles import is_resolvable
 from tis.deploy.present.numbers import number, rounded_up
 
 Statistics = dict[str, float | None]

@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from tis.common.channels import Side
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK
-from tis.common.runtime.command_line import command_line
+from tis.common.runtime.process import command_line
 from tis.common.scenario import Scenario
 from tis.common.sources.provenance import MODEL_FILES
 from tis.deploy.logs.background_merge import Merging, merging
@@ -23,7 +23,7 @@ from tis.deploy.report.run_view import RunView
 from tis.deploy.report.summarise import summary_of
 from tis.deploy.report.terminal import print_summary
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.messages import print_json
+from tis.deploy.shell.guard import print_json
 from tis.patient_side.statespace import ArmModel
 
 

@@ -9,10 +9,9 @@ from rich.markup import escape
 from rich.text import Text
 
 from tis.common.channels import Direction, Side
-from tis.common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, Fault, InputError
-from tis.common.extras import GET_REPORT
+from tis.common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, GET_REPORT, Fault, InputError
 from tis.common.records import COUNTERS
-from tis.common.runtime.command_line import command_line
+from tis.common.runtime.process import command_line
 from tis.common.scenario.network import NetworkPart
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.read.batches import link_fates, link_releases
@@ -26,11 +25,11 @@ from tis.deploy.report.subjects.processors import ProcessorFigures, processors_s
 from tis.deploy.report.terminal import HangingIndent, verdict_view
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.extras import can_report
-from tis.deploy.shell.messages import print_json
+from tis.deploy.shell.guard import print_json
 from tis.deploy.standalone.standalone_run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
 from tis.deploy.tools.info import log_states, print_damage, print_files, states_as_data
 from tis.netem.bridge.standalone import network_yaml
-from tis.netem.expected.synopsis import direction_label
+from tis.netem.expected.figures import direction_label
 
 KIND: Final = "standalone netem"
 _COUNTS: Final = ("offered", "copied", "released", "dropped", "held_at_end")

@@ -22,7 +22,7 @@ from tis.deploy.logs.read.recorded import scenario_in
 from tis.deploy.report.summary import Summary, readable, summary_in
 from tis.deploy.report.terminal import print_summary
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.messages import print_faults, print_json
+from tis.deploy.shell.guard import print_faults, print_json
 
 _PART: Final = re.compile(rf"({'|'.join(get_args(Side))})(?:_([0-9]+))?\.mcap")
 

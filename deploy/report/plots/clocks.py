@@ -9,7 +9,7 @@ from bokeh.models.tools import HoverTool
 from bokeh.plotting import figure
 
 from tis.common.channels import Side
-from tis.common.clocks.model import PPM
+from tis.common.clocks import PPM
 from tis.common.units import NS_PER_S, NS_PER_US
 from tis.deploy.logs.read.clocks import RunClocks, SideClock
 from tis.deploy.present import plot_style as style

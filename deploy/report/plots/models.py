@@ -10,7 +10,7 @@ from bokeh.models.ranges import DataRange1d, Range1d
 from bokeh.models.tools import HoverTool
 from numpy.typing import NDArray
 
-from tis.common.scenario.patient import Identification, is_model_file
+from tis.common.scenario.identification import Identification, is_model_file
 from tis.deploy.present import plot_style as style
 from tis.deploy.present.numbers import number
 from tis.deploy.present.palette import AXIS, BLUE, PALE, VERMILION, VIOLET, Tone

@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.channels import Arm, Hand, hand_channels
-from tis.common.metrics.age_of_information import age_of_information
+from tis.common.metrics.age_of_information import Arrivals, Ints, age_of_information, ages_when_used_ns, best_phase
 from tis.common.metrics.latency import Instants
 from tis.common.metrics.percentiles import Summary, summarise
-from tis.common.metrics.tick_phase import Arrivals, Ints, ages_when_used_ns, best_phase
 from tis.common.records import FRESH, PHASES
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_MS, ms_to_ns

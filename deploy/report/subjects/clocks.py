@@ -6,9 +6,8 @@ from typing import Any, Final, get_args
 import numpy as np
 
 from tis.common.channels import Hand
-from tis.common.clocks.exchange import Ints
-from tis.common.clocks.uncertainty import is_resolvable, uncertainties
-from tis.common.metrics.percentiles import Summary
+from tis.common.clocks import Ints
+from tis.common.metrics.percentiles import Summary, is_resolvable, uncertainties
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.read.clocks import sender_of
 from tis.deploy.logs.read.load import RunLogs

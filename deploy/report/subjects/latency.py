@@ -7,8 +7,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from tis.common.channels import Arm, Hand, Side, hand_channels
-from tis.common.clocks.uncertainty import is_resolvable
 from tis.common.metrics.latency import Instants, LatencyParts, latency_parts, round_trip_ns
+from tis.common.metrics.percentiles import is_resolvable
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.message_columns import MessageColumns

@@ -11,7 +11,7 @@ from tis.common.channels import Direction
 from tis.common.metrics.delay_variation import packet_delay_variation_ns
 from tis.common.metrics.latency import Instants, LatencyParts
 from tis.common.scenario import Scenario
-from tis.common.scenario.requirements import Metric
+from tis.common.scenario.limits import Metric
 from tis.common.units import MM_PER_M, NS_PER_MS
 from tis.deploy.logs.read.load import Ints, RunLogs
 from tis.deploy.logs.read.message_columns import MessageColumns

@@ -11,8 +11,8 @@ from pydantic import Field
 
 from tis.common.channels import Hand
 from tis.common.metrics.consistency import consistency, normalised_squares
-from tis.common.metrics.orientation import angles_deg, error_vectors, orientation_at
 from tis.common.metrics.percentiles import summarise
+from tis.common.metrics.tracking import angles_deg, error_vectors, orientation_at
 from tis.common.records import ORIENTATIONS, TRUTH
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_US

@@ -7,9 +7,9 @@ import numpy as np
 
 from tis.common.channels import Arm, Hand, hand_channels
 from tis.common.header import HEADER_BYTES
-from tis.common.metrics.delivery import Flags, PlannedSamples, ages_at_ns
+from tis.common.metrics.age_of_information import Arrivals, ages_at_ns
+from tis.common.metrics.delivery import Flags, PlannedSamples
 from tis.common.metrics.percentiles import Summary, summarise
-from tis.common.metrics.tick_phase import Arrivals
 from tis.common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_MS

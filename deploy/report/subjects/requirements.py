@@ -18,8 +18,7 @@ from tis.common.metrics.verdict import (
     judge_percentile,
     judge_rms,
 )
-from tis.common.scenario.limits import Limits
-from tis.common.scenario.requirements import REQUIREMENTS, Metric, Requirement
+from tis.common.scenario.limits import REQUIREMENTS, Limits, Metric, Requirement
 from tis.deploy.present.numbers import percentile_name, rounded_count, rounded_span, significant
 from tis.deploy.report.section import Section, means
 
@@ -77,7 +76,7 @@ COUNTED: Final[dict[str, str]] = {
     "age": "ticks",
     "rmse_3d": "ticks",
 }
-"""Unit of counting of each metric of `tis.common.scenario.requirements`: it has one value for each."""
+"""Unit of counting of each metric of `tis.common.scenario.limits`: it has one value for each."""
 
 
 def limit_text(value: float, unit: str) -> str:

@@ -6,7 +6,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from tis.common.channels import Side
-from tis.common.metrics.timing import tick_summary
+from tis.common.metrics.latency import tick_summary
 from tis.common.records import TICKS
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_S

@@ -17,7 +17,7 @@ from tests.deploy.report.hand_made import ARM, COMMAND, ESTIMATED, MS, a_scenari
 from tests.log_reader import LogReader, cut
 from tests.nodes import a_pose
 from tis.common.channels import Side
-from tis.common.clocks.model import ClockModel
+from tis.common.clocks import ClockModel
 from tis.common.messages import Quaternion, Vector3
 from tis.common.node import Record
 from tis.common.records import (

@@ -7,7 +7,7 @@ import pytest
 from rich.text import Text
 
 from tests.deploy.report.partial import summary_of
-from tis.common.scenario.requirements import REQUIREMENTS
+from tis.common.scenario.limits import REQUIREMENTS
 from tis.deploy.report import terminal as module
 from tis.deploy.report.terminal import MAX_LINES
 

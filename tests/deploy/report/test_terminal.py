@@ -23,7 +23,7 @@ from tests.deploy.report.hand_made import (
 )
 from tests.deploy.report.partial import summary_of
 from tests.patient_side.arm_models import static_model
-from tis.common.scenario.requirements import REQUIREMENTS
+from tis.common.scenario.limits import REQUIREMENTS
 from tis.deploy.logs.read.load import load_run
 from tis.deploy.report.subjects.network.link_tables import drop_reasons
 from tis.deploy.report.summarise import build_summary

@@ -17,7 +17,7 @@ from tis.common.scenario.patient import PatientPart
 from tis.common.scenario.reading import build_scenario
 from tis.common.scenario.source import JigsawsSource, SyntheticSource
 from tis.common.sources.calibration import RECORDED_SUTURING
-from tis.common.sources.jigsaws_text import trial_text
+from tis.common.sources.jigsaws import trial_text
 from tis.common.sources.synthetic import synthesise
 from tis.deploy.cli.main import app
 from tis.deploy.compare.plan import Request, make_plan

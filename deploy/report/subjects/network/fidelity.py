@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from tis.common.metrics.delay_variation import first_arrivals, is_reordered
 from tis.common.metrics.fidelity import batch_inflation, half_life_inflation, is_decidable, mean_margin, share_bounds
-from tis.common.metrics.ordering import first_arrivals, is_reordered
 from tis.common.metrics.percentiles import summarise
 from tis.common.metrics.processor_shares import ProcessorShares
 from tis.common.units import NS_PER_MS, NS_PER_S, NS_PER_US
@@ -21,7 +21,7 @@ from tis.deploy.report.subjects.network.link_figures import LinkVerdict
 from tis.deploy.report.subjects.network.requested import Expected, Requested, Stretch
 from tis.deploy.report.subjects.processors import contention_clause
 from tis.netem.conditions.conditions import FOREVER_NS
-from tis.netem.link.full_buffer import DROPPED_NEW, DROPPED_OLDEST, full_buffer
+from tis.netem.link.ledger import DROPPED_NEW, DROPPED_OLDEST, full_buffer
 
 _MIN_DRAWS: Final = 30
 _ERROR_NS: Final = NS_PER_MS

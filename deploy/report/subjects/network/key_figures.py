@@ -9,16 +9,17 @@ from numpy.typing import NDArray
 
 from tis.common.channels import Direction
 from tis.common.metrics.delay_variation import (
+    first_arrivals,
     inter_packet_delay_variation_ns,
+    n_reordering,
     packet_delay_variation_ns,
+    reordering_extents,
     rtp_jitter_ns,
 )
-from tis.common.metrics.gilbert_fit import fit_gilbert, loss_interval
-from tis.common.metrics.loss import KeyAccount, KeyPackets, Transmissions, account
-from tis.common.metrics.loss_runs import loss_runs
-from tis.common.metrics.ordering import first_arrivals, n_reordering, reordering_extents
+from tis.common.metrics.delivery import KeyAccount, KeyPackets, Transmissions, account
+from tis.common.metrics.latency import lateness_us
+from tis.common.metrics.loss import fit_gilbert, loss_interval, loss_runs
 from tis.common.metrics.percentiles import TAIL, summarise
-from tis.common.metrics.timing import lateness_us
 from tis.common.units import NS_PER_MS, NS_PER_S, NS_PER_US
 from tis.deploy.logs.read.batches import (
     DELIVER,

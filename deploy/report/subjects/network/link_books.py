@@ -7,7 +7,7 @@ from typing import Final, NamedTuple, TypeVar, get_args
 import numpy as np
 
 from tis.common.channels import Direction, Side
-from tis.common.metrics.loss import without
+from tis.common.metrics.delivery import without
 from tis.common.records import COUNTERS, REJECTED
 from tis.common.safety_records import QUARANTINE
 from tis.common.units import NS_PER_S

@@ -6,8 +6,7 @@ from typing import Any, Final
 import numpy as np
 
 from tis.common.channels import Direction
-from tis.common.metrics.percentiles import TAIL
-from tis.common.metrics.queue_depth import queue_depth
+from tis.common.metrics.percentiles import TAIL, queue_depth
 from tis.common.records import CONTROL, QUEUES
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.read.load import RunLogs

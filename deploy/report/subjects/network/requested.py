@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tis.common.channels import Direction
 from tis.common.errors import DataError
 from tis.common.records import CONTROL, ControlNote
-from tis.common.runtime.trace_files import load_traces
+from tis.common.runtime.scenario_files import load_traces
 from tis.common.scenario.network import Buffer, NetworkPart, Rule
 from tis.common.scenario.network.conditions import Change
 from tis.common.scenario.network.pipeline import Pipeline
@@ -24,8 +24,8 @@ from tis.deploy.report.subjects.network.requested_pipeline import (
     with_played_rows,
 )
 from tis.netem.conditions.conditions import FOREVER_NS, Condition, Conditions, Span, merged
-from tis.netem.control.changed_conditions import ChangedConditions, changed_conditions
-from tis.netem.link.flow import flow_key
+from tis.netem.control.replay import ChangedConditions, changed_conditions
+from tis.netem.link.packet import flow_key
 from tis.netem.link.rules import RuleTable, compile_rules
 
 Floats = NDArray[np.float64]

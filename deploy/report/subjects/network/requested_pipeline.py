@@ -16,10 +16,10 @@ from tis.common.streams import Address, Stream
 from tis.common.trace import LOST, Trace
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.read.load import Ints
+from tis.netem.draws.grid import row_of_cell, row_of_packet
 from tis.netem.stages.delay import LatencyModel, latency_of
 from tis.netem.stages.delay.trace import row_delays_ns
 from tis.netem.stages.loss import ExpectedLoss, expected_loss, loss_blocks
-from tis.netem.stages.trace_rows import row_of_cell, row_of_packet
 
 _N_DRAWS: Final = 40_000
 _N_BLOCKS: Final = 64

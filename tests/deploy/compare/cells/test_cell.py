@@ -10,8 +10,8 @@ from tis.common.channels import Side
 from tis.common.scenario import Scenario
 from tis.deploy.compare.cells import cell as cell_module
 from tis.deploy.compare.cells.cell import Training, run_cell, train, with_models
-from tis.deploy.compare.cells.histogram import percentile
-from tis.deploy.compare.cells.measured_estimator import MeasuredEstimator
+from tis.deploy.compare.cells.measured import MeasuredEstimator
+from tis.deploy.compare.cells.sums import percentile
 from tis.deploy.compare.plan import Request, make_plan
 from tis.deploy.compare.results.pooled import pooled
 from tis.deploy.logs.read.load import RunLogs

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from tests.deploy.report.partial import part
-from tis.common.scenario.patient import Identification
+from tis.common.scenario.identification import Identification
 from tis.deploy.report.plots.models import singular_figure
 from tis.deploy.report.subjects.identification import IdentifiedModel
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tis.common.channels import Direction
-from tis.common.scenario.limits import Limits
-from tis.common.scenario.requirements import REQUIREMENTS, Metric
+from tis.common.scenario.limits import REQUIREMENTS, Limits, Metric
 from tis.deploy.report.subjects.requirements import Measured, SetVerdict, verdicts
 
 Run = dict[tuple[Metric, Direction | None], Measured]
