@@ -30,13 +30,7 @@ from tis.deploy.report.section import (
     statistics,
     with_uncertainty,
 )
-from tis.deploy.report.subjects.accuracy import (
-    Scores,
-    accuracy_of_track,
-    actuation_ms,
-    pooled_accuracy,
-    with_failures,
-)
+from tis.deploy.report.subjects.accuracy import Scores, accuracy_of_track, pooled_accuracy, with_failures
 from tis.deploy.report.subjects.age import (
     TICK_MODES,
     AgeOfInformation,
@@ -62,6 +56,7 @@ from tis.deploy.report.subjects.latency import (
 )
 from tis.deploy.report.subjects.logs import LogState, log_states
 from tis.deploy.report.subjects.network.link_figures import Link
+from tis.deploy.report.subjects.offsets import actuation_ms
 from tis.deploy.report.subjects.orientation import (
     AngleScores,
     gripper_rad,

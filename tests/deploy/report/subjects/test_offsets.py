@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from tis.deploy.report.subjects.accuracy import MAX_TICKS, actuation_ms, offsets
+from tis.deploy.report.subjects.offsets import MAX_TICKS, actuation_ms, offsets
 from tis.deploy.report.subjects.tracking import Array, HandTrack
 
 
