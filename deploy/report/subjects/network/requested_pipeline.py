@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -20,6 +21,8 @@ from tis.netem.draws.grid import row_of_cell, row_of_packet
 from tis.netem.stages.delay import LatencyModel, latency_of
 from tis.netem.stages.delay.trace import row_delays_ns
 from tis.netem.stages.loss import ExpectedLoss, expected_loss, loss_blocks
+
+Floats = NDArray[np.float64]
 
 _N_DRAWS: Final = 40_000
 _N_BLOCKS: Final = 64
@@ -150,11 +153,18 @@ def requested_pipeline(pipeline: Pipeline, traces: Mapping[str, Trace]) -> Reque
 
 
 def _draws(latency: LatencyModel) -> np.ndarray:
+    return latency.sample(*_uniforms()).astype(np.float64)
+
+
+@cache
+def _uniforms() -> tuple[Floats, Floats]:
+    """Return the uniforms of the draws, the same for every run: drawn once."""
     u, v = (Stream.named(0, f"report/{what}").uniforms(0, _N_DRAWS) for what in ("delay", "jitter"))
-    return latency.sample(u, v).astype(np.float64)
+    for one in (u, v):
+        one.flags.writeable = False
+    return u, v
 
 
-Floats = NDArray[np.float64]
 _BY_ROW: Final = "packet"
 
 
