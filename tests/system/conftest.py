@@ -28,7 +28,7 @@ _ROOT = Path(__file__).resolve().parents[2]
 
 
 _ENVIRONMENT = {"COLUMNS": "200", "PYTHONFAULTHANDLER": "1"}
-_SIDES = ("surgeon_side", "netem", "patient_side")
+_SIDES = ("tis.surgeon_side", "tis.netem", "tis.patient_side")
 
 
 @dataclass

@@ -15,7 +15,7 @@ from tis.common.records import TICKS
 pytestmark = pytest.mark.live
 SLOW = pytest.mark.slow
 PATIENCE_S = 20.0  # what is promised is 3 s on a machine of its own; the runs below are longer
-MODULES = {"surgeon": "surgeon_side", "netem": "netem", "patient": "patient_side"}
+MODULES = {"surgeon": "tis.surgeon_side", "netem": "tis.netem", "patient": "tis.patient_side"}
 
 
 def gone(pids: list[int], within_s: float) -> bool:

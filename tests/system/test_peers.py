@@ -63,7 +63,7 @@ def test_a_side_that_stands_still_or_blocks_is_told_and_is_not_dead(
     names = ("--set", "estimators=[hold, 'slow_filter:factory']", "--set", "active_estimator=slow_filter:factory")
     tis = start("run", "default", "--duration-s", "17", *names)
     tis.await_log("surgeon")
-    for module in ("patient_side", "netem"):
+    for module in ("tis.patient_side", "tis.netem"):
         victim = tis.child(module)
         os.kill(victim, signal.SIGSTOP)
         time.sleep(3)
