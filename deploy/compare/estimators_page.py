@@ -1,4 +1,4 @@
-"""Page ``docs/research/estimators.md``: a repeatable comparison, and the purpose of each estimator.
+"""Page ``docs/estimators.md``: a repeatable comparison, and the purpose of each estimator.
 
 No figure is typed by hand: each comes from a request whose command is printed beside it.
 """
@@ -214,12 +214,12 @@ def _largest(values: Sequence[float | None]) -> str:
 _HEADER: Final = """# The estimators, compared
 
 The patient's side must know where the arm is *now*, and has only samples that are late, out of order, or lost.
-This page compares what the estimators make of the same arrivals, and shows what sending every sample several times
-buys. `tis compare --page` writes it; the command above a table computes its figures. The movement is synthetic, so
-anybody can repeat it; where `TIS_JIGSAWS` names recorded trials, the same is done on those: constant delay and
-adaptation on all trials, all else on the last trial of each person, each estimated with models of the *other* people.
-`paper` and `paper_as_printed` go by the paper's own identification; [paper.md](paper.md) computes the paper's tables
-again.
+This page says what each estimator makes of them, how they compare on the same arrivals, and what sending every
+sample several times buys. It is written by `tis compare --page docs/estimators.md`; every figure comes from the
+command above its table. The movement is synthetic, so anybody can repeat it; where `TIS_JIGSAWS` names recorded
+trials, the same is done on those: constant delay and adaptation on all trials, all else on the last trial of each
+person. Each trial is estimated with models of the *other* people. `paper` and `paper_as_printed` go by the paper's
+own identification; [paper.md](paper.md) computes the paper's tables again.
 
 ## What each is good for"""
 

@@ -1,4 +1,4 @@
-"""Sections of ``docs/research/estimators.md``: requests and their explanations."""
+"""Sections of ``docs/estimators.md``: requests and their explanations."""
 
 import os
 import shlex

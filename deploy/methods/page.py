@@ -1,4 +1,4 @@
-"""Page of the comparison: every figure is computed, only the paper's words are typed."""
+"""Page of the comparison, as ``docs/methods.md``: every figure is computed, only the paper's words are typed."""
 
 from collections.abc import Mapping
 from typing import Any, Final

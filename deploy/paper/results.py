@@ -1,4 +1,4 @@
-"""Results behind `docs/research/paper.md`: axes of its tables and computed values of their cells."""
+"""Results behind `docs/paper.md`: axes of its tables and computed values of their cells."""
 
 from dataclasses import dataclass
 from typing import Any, Final

@@ -1,11 +1,11 @@
-"""Page ``docs/research/definitions.md``; no figure of ours in it is typed by hand."""
+"""Page ``docs/explanations/definitions.md``; no figure of ours in it is typed by hand."""
 
 from typing import Any, Final
 
 from tis.deploy.compare.definitions import tables
 from tis.deploy.compare.definitions.splits import NAMES
 
-COMMAND: Final = "tis compare --definitions --page docs/research/definitions.md"
+COMMAND: Final = "tis compare --definitions --page docs/explanations/definitions.md"
 
 
 def page_text(report: dict[str, Any]) -> str:
