@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from tis.common.errors import DataError, Fault
 from tis.common.records import FATES
-from tis.common.runtime.trace_files import load_traces
+from tis.common.runtime.scenario_files import load_traces
 from tis.common.scenario.faults import faults
 from tis.common.scenario.network import NetworkPart, Rule
 from tis.common.yaml_text import load_yaml
@@ -20,7 +20,7 @@ from tis.deploy.logs.read.load import RunLogs, load_side
 from tis.deploy.logs.read.side_columns import SideLog
 from tis.deploy.shell import run_dir as folder
 from tis.netem.bridge.keys import crossing_keys
-from tis.netem.expected.synopsis import synopsis
+from tis.netem.expected.figures import synopsis
 
 NETWORK_FILE: Final = folder.NETWORK_FILE
 LOG: Final = "netem.mcap"

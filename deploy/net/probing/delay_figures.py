@@ -10,14 +10,13 @@ from tis.common.metrics.delay_variation import (
     packet_delay_variation_ns,
     rtp_jitter_ns,
 )
-from tis.common.metrics.gilbert_fit import GilbertFit, fit_gilbert
-from tis.common.metrics.loss_runs import loss_runs
+from tis.common.metrics.loss import GilbertFit, fit_gilbert, loss_runs
 from tis.common.metrics.percentiles import TAIL, Summary, summarise
 from tis.common.trace import Trace
 from tis.common.units import NS_PER_MS
 from tis.netem.fit.direction import steady_reason
 from tis.netem.fit.half_life import HalfLife, fit_half_life
-from tis.netem.fit.measuring import measuring_adds
+from tis.netem.fit.record import measuring_adds
 
 Nanoseconds = NDArray[np.int64]
 

@@ -16,11 +16,11 @@ import zenoh
 from tis.common.errors import Fault, PeerError
 from tis.common.header import Header
 from tis.common.runtime.clock import monotonic_ns
-from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.scheduling import sharpen_timers
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
 from tis.deploy.net.probing.receiving_end import LocalReceivingEnd
-from tis.netem.fit.measuring import Spread
+from tis.netem.fit.record import Spread
 
 _RATE_HZ: Final = 50  # high enough for a p99 after seconds, low enough not to disturb the probe
 _MIN_MESSAGES: Final = 30

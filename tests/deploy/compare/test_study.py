@@ -14,11 +14,10 @@ from tests.deploy.commands import call
 from tis.common.errors import DataError, InputError
 from tis.common.yaml_text import load_yaml
 from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.command import plan_of_study_file
 from tis.deploy.compare.grid import parse_sweep
-from tis.deploy.compare.options import plan_of_study_file
 from tis.deploy.compare.plan import MAX_TWINS, Plan, Request, make_plan
-from tis.deploy.compare.study import Study
-from tis.deploy.compare.study_plan import plan_study, read_study
+from tis.deploy.compare.study import Study, plan_study, read_study
 
 ROOT = Path(__file__).resolve().parents[3]
 DELAY = "network.forward.delay.delay_ms"

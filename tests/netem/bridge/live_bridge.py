@@ -13,7 +13,7 @@ from tests.common.runtime.live_zenoh import a_client
 from tis.common.channels import Network
 from tis.common.node import Record
 from tis.common.runtime.clock import WallClock
-from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from tis.common.scenario.network import NetworkPart
 from tis.netem.bridge.applications import Applications
@@ -21,7 +21,7 @@ from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.driver import Driver
 from tis.netem.bridge.keys import crossing_keys
 from tis.netem.bridge.mirrors.queries import QueryTargetName
-from tis.netem.bridge.private_endpoints import lister_config
+from tis.netem.bridge.sides import lister_config
 from tis.netem.build import build_links
 
 _ENDLESS_NS = 1 << 62

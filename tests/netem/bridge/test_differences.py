@@ -12,12 +12,11 @@ from tests.common.runtime.live_zenoh import a_client, a_router
 from tests.netem.bridge.live_bridge import a_bridge, bridging, delays, driving
 from tests.netem.bridge.scenarios import SCENARIOS, Between, crosses_after, outcomes
 from tis.common.channels import Network
-from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.process import free_endpoints
 from tis.common.scenario.network import NetworkPart
-from tis.netem.bridge.carry.carrying import ends_of
-from tis.netem.bridge.carry.proxy import Proxy
-from tis.netem.bridge.carry.stream_network import backlog_bytes, stream_network
+from tis.netem.bridge.carrying import backlog_bytes, ends_of, stream_network
 from tis.netem.bridge.driver import Driver
+from tis.netem.bridge.proxy import Proxy
 from tis.netem.bridge.sides import Place
 from tis.netem.build import build_links
 

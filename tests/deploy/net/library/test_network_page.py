@@ -12,8 +12,7 @@ from tests.netem.making import link
 from tis.common.channels import Direction
 from tis.common.scenario.control import Operation
 from tis.common.scenario.network import NetworkPart
-from tis.deploy.net.library.network_page import EXAMPLE, REQUESTS, network_page
-from tis.deploy.net.library.stage_reference import sections
+from tis.deploy.net.library.stage_reference import EXAMPLE, REQUESTS, network_page, sections
 from tis.netem.control.control import Control
 from tis.netem.link.link import Link
 
