@@ -24,7 +24,6 @@ def page_text(report: dict[str, Any]) -> str:
         _PUBLISHED,
         tables.published_markdown(report),
         *(_said(entry) for entry in report["published"]),
-        _CODE,
     ]
     return "\n\n".join(blocks) + "\n"
 
@@ -78,6 +77,3 @@ _PUBLISHED: Final = f"""The rows are those of the first table that the text allo
 largest of our figures in these rows. A figure is *comparable* when its text leaves one row and nothing else open.
 Only abstracts and opening pages could be read, not the full papers: what they leave open may be closed further on.
 One below the range of `{NAMES[1]}` is smaller than ours under every reading that its text allows."""
-
-_CODE: Final = """**In the code.** `deploy/studies/definitions/` (`readings.py`, `splits.py`, `velocity_inputs.py`,
-`published.py`), `deploy/compare/cells/forecasts.py`."""
