@@ -24,7 +24,6 @@ def page_text(report: dict[str, Any]) -> str:
         _PUBLISHED,
         tables.published_markdown(report),
         *(_said(entry) for entry in report["published"]),
-        _CODE,
     ]
     return "\n\n".join(blocks) + "\n"
 
@@ -45,12 +44,12 @@ def _said(entry: dict[str, Any]) -> str:
 
 _HEADER: Final = f"""# Definitions side by side
 
-**Context.** Several publications give the error of forecasts on JIGSAWS in mm. "2.71 mm at 1 s" can be many things: a
+Several publications give the error of forecasts on JIGSAWS in mm. "2.71 mm at 1 s" can be many things: a
 3D distance or the error of an axis, a root mean square or a mean, at the horizon or over all steps up to it. On the
 same forecasts these differ by more than estimators do.
 
-**Decision: our figures under every reading that a published text allows**, in one table, so that a reader sees which
-comparisons are fair. This page is written by
+This page shows our figures under every reading that a published text allows, so that a reader sees which comparisons
+are fair. This page is written by
 `{COMMAND}`;
 `TIS_JIGSAWS` names the trials. It takes some 5 minutes of processor time. The same without the page prints the
 tables, as data with `--json`:"""
@@ -78,6 +77,3 @@ _PUBLISHED: Final = f"""The rows are those of the first table that the text allo
 largest of our figures in these rows. A figure is *comparable* when its text leaves one row and nothing else open.
 Only abstracts and opening pages could be read, not the full papers: what they leave open may be closed further on.
 One below the range of `{NAMES[1]}` is smaller than ours under every reading that its text allows."""
-
-_CODE: Final = """**In the code.** `deploy/studies/definitions/` (`readings.py`, `splits.py`, `velocity_inputs.py`,
-`published.py`), `deploy/compare/cells/forecasts.py`."""

@@ -1,4 +1,4 @@
-"""Results behind `docs/paper.md`: axes of its tables and computed values of their cells."""
+"""Results behind `docs/research/paper.md`: axes of its tables and computed values of their cells."""
 
 import os
 from collections.abc import Sequence

@@ -298,7 +298,7 @@ TIS_JIGSAWS=/path/to/jigsaws tis paper --task {trial.task} --trial {trial.name} 
 ```
 
 It also draws the paper's plots, x, y and z over time and the singular values, as SVG and PDF into `runs/paper` (another
-folder with `--folder`; they need `pip install 'tis-testbed[report]'`). They show a recorded trial, which may not be
+folder with `--folder`; they need the extra `report`). They show a recorded trial, which may not be
 redistributed, so they are not in the manual. `tis paper --methods` measures its comparison of methods:
 [methods.md](methods.md).
 
