@@ -14,8 +14,7 @@ from tis.common.channels import Direction
 from tis.common.node import Record
 from tis.common.runtime.clock import Clock
 from tis.common.runtime.loop import LateRecorder
-from tis.common.runtime.scheduling import let_zenoh_wait, sharpen_timers
-from tis.common.runtime.side import settle
+from tis.common.runtime.scheduling import let_zenoh_wait, settle, sharpen_timers
 from tis.netem.bridge.alarm import Alarm, measure_lead_ns
 from tis.netem.bridge.standstill import Pulse
 from tis.netem.link.ledger import last_records
@@ -52,7 +51,7 @@ class Driver:
         self._records: list[Record] = []
 
     def settle(self, privileged: bool = True) -> None:
-        """Tune this process for punctual releases, as `tis.common.runtime.side.settle`; it comes before `start`."""
+        """Tune this process for punctual releases, as `tis.common.runtime.scheduling.settle`; it comes before `start`."""
         settle(privileged)
         let_zenoh_wait()
         self.alarm.lead_ns = measure_lead_ns()
