@@ -37,14 +37,13 @@ from tis.netem.bridge.applications import Applications
 from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.command import netem_command
 from tis.netem.bridge.control import attach
-from tis.netem.bridge.deadline import Deadline
 from tis.netem.bridge.emergency import EmergencyLine
 from tis.netem.bridge.keys import crossing_keys
 from tis.netem.bridge.overhead import warn_of_overhead
 from tis.netem.bridge.sides import lease_s
-from tis.netem.bridge.tally import WatchedLog
+from tis.netem.bridge.standstill import Deadline
+from tis.netem.bridge.tally import BufferWatch, WatchedLog
 from tis.netem.build import build_netem
-from tis.netem.link.full_buffer import BufferWatch
 
 _LEAD_NS: Final = 150 * NS_PER_MS
 _GLANCE_S: Final = 0.5

@@ -7,10 +7,8 @@ import typer
 from rich.markup import escape
 
 from tis.common.errors import EXIT_OK, Fault, InputError
-from tis.deploy.cli.group import Commands
-from tis.deploy.cli.options import DurationOption, OptionalScenarioArg, ScenarioArg, SeedOption, SetOption
-from tis.deploy.shell.guard import ERR, OUT, guarded
-from tis.deploy.shell.messages import print_warnings
+from tis.deploy.cli.group import Commands, DurationOption, OptionalScenarioArg, ScenarioArg, SeedOption, SetOption
+from tis.deploy.shell.guard import ERR, OUT, guarded, print_warnings
 
 app = Commands("Scenarios and data")
 

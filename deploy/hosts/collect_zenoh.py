@@ -23,8 +23,7 @@ from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_clien
 from tis.deploy.hosts.collect import collection_folder, told_on
 from tis.deploy.hosts.transfer.fetch import Collection
 from tis.deploy.hosts.transfer.offered_logs import log_names
-from tis.deploy.hosts.transfer.zenoh_offer import ZenohOffer
-from tis.deploy.hosts.transfer.zenoh_source import offers
+from tis.deploy.hosts.transfer.zenoh_logs import ZenohOffer, offers
 from tis.deploy.run.conclude import Outputs, conclude_again
 
 _WHO: Final = "tis collect"

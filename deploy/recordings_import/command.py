@@ -28,7 +28,7 @@ from tis.deploy.recordings_import.mcap_file import read_mcap
 from tis.deploy.recordings_import.one_clock import Rows, on_one_clock
 from tis.deploy.recordings_import.ros import read_bag
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.messages import print_warnings
+from tis.deploy.shell.guard import print_warnings
 
 # Tables of imported recordings: canonical columns, as CSV or Parquet, and their metadata.
 

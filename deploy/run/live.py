@@ -16,8 +16,8 @@ from tis.common.scenario import Scenario, check_foreign_surgeon
 from tis.common.scenario.identification import is_model_file
 from tis.deploy.run.progress import RunProgress
 from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.guard import print_faults
 from tis.deploy.shell.launch import endpoints_of, launch
-from tis.deploy.shell.messages import print_faults
 from tis.deploy.shell.outcome import Event
 from tis.deploy.view.page_process import PageAddress, PageProcess, page_beside
 from tis.deploy.view.page_text import RunOutput

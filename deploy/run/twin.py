@@ -23,7 +23,7 @@ from tis.common.sources.provenance import RECORDING_FILE, dump_played
 from tis.common.sources.trajectory import Recording
 from tis.deploy.shell import run_dir as folder
 from tis.netem.build import build_netem
-from tis.netem.control.notes import with_live_changes
+from tis.netem.control.replay import with_live_changes
 from tis.patient_side.build import build_patient
 from tis.patient_side.models import factories, model_attachment, models_for, origins, own_estimators
 from tis.patient_side.plant.extra import check_plant

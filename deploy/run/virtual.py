@@ -19,7 +19,7 @@ from tis.deploy.run.conclude import EVERYTHING, Ending, Outputs, conclude
 from tis.deploy.run.consistency import FateComparison, compare_fates
 from tis.deploy.run.twin import build_sides, refuse_in_virtual_time, run_twin
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.messages import print_faults, print_warnings
+from tis.deploy.shell.guard import print_faults, print_warnings
 
 _MAX_SET_ASIDE_SHARE: Final = 0.05
 

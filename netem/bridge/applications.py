@@ -10,14 +10,12 @@ import zenoh
 from tis.common.channels import Direction, Network
 from tis.common.errors import Fault
 from tis.netem.bridge.bridge import Bridge
-from tis.netem.bridge.bypass import Watch
+from tis.netem.bridge.bypass import Scouting, Watch
 from tis.netem.bridge.keys import CrossingKeys
-from tis.netem.bridge.mirrors.deadlock import end_process
 from tis.netem.bridge.mirrors.queries import TIME_OUT_S, Queries, QueryTargetName
 from tis.netem.bridge.mirrors.queryables import Queryables
 from tis.netem.bridge.mirrors.tokens import Tokens
-from tis.netem.bridge.scouting import Scouting
-from tis.netem.bridge.standstill import Pulse, StandstillWatch
+from tis.netem.bridge.standstill import Pulse, StandstillWatch, end_process
 
 _STEP_S: Final = 0.02
 _STEPS_PER_EXPIRY: Final = 25

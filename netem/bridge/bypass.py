@@ -1,13 +1,17 @@
-"""Detection of a bypass or a loop around the bridge, with two kinds of probes.
+"""Detection of ways around the bridge: bypasses and loops, by probes and by multicast scouting.
 
 A ``past`` probe is forwarded by nobody: if it arrives on the other network, it came by a bypass. A ``round`` probe is
 forwarded by every netem: if it arrives, it came through another netem, and messages would circulate forever.
+
+An application with Zenoh's default settings is a peer. It scouts by multicast and connects to all that answer,
+in addition to its configured endpoints. That traffic does not cross netem, and probes do not detect it.
 """
 
 import json
 import secrets
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, suppress
 from typing import Any, Final, Literal
 
 import zenoh
@@ -24,6 +28,10 @@ _N_PROBES: Final = 5
 _PAUSE_S: Final = 0.05
 _OPPOSITE: Final[dict[Network, Network]] = {"west": "east", "east": "west"}
 _REMOTE: Final = zenoh.Locality.REMOTE
+_PERIOD_S: Final = 5.0
+_LISTEN_S: Final = 1.0
+_REMINDER_S: Final = 60.0
+_REMEDY: Final = "let them be clients (mode: client), or set scouting/multicast/enabled to false"
 
 
 class Watch:
@@ -43,7 +51,7 @@ class Watch:
         self._leaks: dict[tuple[Leak, Network], bool] = {}
         self._unreported: list[Network] = []
         self._forwards = False
-        self._held: list[Any] = []
+        self._held = ExitStack()
         for network in sessions:
             self._listen(network, "past", f"{PROBES}/past/{self._id}/*")
             self._listen(network, "round", f"{PROBES}/round/*/*")
@@ -75,13 +83,12 @@ class Watch:
 
     def close(self) -> None:
         """Stop listening."""
-        for declaration in self._held:
-            declaration.undeclare()
-        self._held.clear()
+        self._held.close()
 
     def _listen(self, network: Network, leak: Leak, expression: str) -> None:
         receiver = self._receiver(leak, network)
-        self._held.append(self._sessions[network].declare_subscriber(expression, receiver, allowed_origin=_REMOTE))
+        subscriber = self._sessions[network].declare_subscriber(expression, receiver, allowed_origin=_REMOTE)
+        self._held.callback(subscriber.undeclare)
 
     def _texts(self) -> list[str]:
         """Return the leaks found; a bypass delivers both kinds of probes, so it takes precedence over a loop."""
@@ -134,3 +141,88 @@ def _text(leak: str, origin: Network) -> str:
     if leak == "past":
         return f"messages from {origin} reach the other network past netem"
     return f"another netem joins the two networks: messages from {origin} would go round in circles"
+
+
+class Scouting:
+    """A search every 5 s, for 1 s, for members of both networks that answer to multicast scouting.
+
+    ``on_leak`` gets a bypass, once. ``on_danger`` gets it again every minute while it lasts, and also the case that
+    the routers of both networks answer, which applications with default settings would join. Call `step` and `close`
+    from one thread.
+    """
+
+    def __init__(
+        self,
+        sessions: Mapping[Network, zenoh.Session],
+        config: zenoh.Config,
+        on_leak: Callable[[str], None],
+        on_danger: Callable[[str], None],
+    ) -> None:
+        self._sessions = sessions
+        self._config = config
+        self._on_leak = on_leak
+        self._on_danger = on_danger
+        self._found: dict[str, str] = {}
+        self._scout: Any = None
+        self._next_s = 0.0
+        self._warned_s: dict[str, float] = {}
+
+    def step(self, now_s: float) -> None:
+        """Begin a search, or judge its result, when it is due; ``now_s`` is monotonic."""
+        if now_s < self._next_s:
+            return
+        if self._scout is None:
+            self._begin()
+            self._next_s = now_s + _LISTEN_S
+        else:
+            self.close()
+            self._judge(now_s)
+            self._next_s = now_s + _PERIOD_S - _LISTEN_S
+
+    def close(self) -> None:
+        """Stop the search."""
+        if self._scout is not None:
+            self._scout.stop()
+            self._scout = None
+
+    def _begin(self) -> None:
+        self._found = found = {}
+
+        def note(hello: zenoh.Hello) -> None:
+            found[str(hello.zid)] = str(hello.whatami)
+
+        with suppress(zenoh.ZError):  # a host without multicast has no bypass by it
+            self._scout = zenoh.scout(note, what="peer|router", config=self._config)  # type: ignore[arg-type]
+
+    def _judge(self, now_s: float) -> None:
+        """Report a bypass or a danger, by the kinds of members of each network that answered."""
+        kinds = {
+            network: {self._found[zid] for zid in _members(session) if zid in self._found}
+            for network, session in self._sessions.items()
+        }
+        if not all(kinds.values()):
+            return
+        if "peer" in set.union(*kinds.values()):
+            text = f"applications of both networks find each other past netem by multicast scouting: {_REMEDY}"
+            self._report(text, now_s, self._on_leak)
+        else:
+            text = (
+                "the routers of both networks answer to multicast scouting: applications with Zenoh's default "
+                f"settings would join both, past netem; {_REMEDY}"
+            )
+            self._report(text, now_s, self._on_danger)
+
+    def _report(self, text: str, now_s: float, at_first: Callable[[str], None]) -> None:
+        warned_s = self._warned_s.get(text)
+        if warned_s is None:
+            at_first(text)
+        elif now_s - warned_s < _REMINDER_S:
+            return
+        else:
+            self._on_danger(text)
+        self._warned_s[text] = now_s
+
+
+def _members(session: zenoh.Session) -> set[str]:
+    """Return the members of a network to which netem is connected."""
+    return {str(zid) for zid in (*session.info.peers_zid(), *session.info.routers_zid())}

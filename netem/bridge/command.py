@@ -1,8 +1,7 @@
 """The command ``tis netem``: a scenario's emulator, or one between any two Zenoh networks."""
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -24,7 +23,6 @@ from tis.common.zenoh_syntax import endpoint_faults
 
 if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, not for the help
     from tis.common.runtime.side_cli import RunSide
-    from tis.common.runtime.zenoh_session import ZenohOptions
     from tis.common.scenario import reading
     from tis.common.scenario.network import NetworkPart
     from tis.netem.bridge.mirrors.queries import QueryTargetName
@@ -104,20 +102,6 @@ LogOption = Annotated[bool | None, _alone("--log/--no-log", help="Log every pack
 PrefixOption = Annotated[str, _alone(help="First chunk of the keys as tis/netem/control.")]
 
 
-@dataclass(frozen=True)
-class CommandLine:
-    """The options of an emulator between any two networks, as typed."""
-
-    keys: Sequence[str]
-    places: Mapping[str, Many]
-    network: str | None
-    profile: str | None
-    settings: Sequence[str]
-    unmatched: str | None
-    run_dir: Path | None
-    log: bool | None
-
-
 def netem_command(
     run_side: "RunSide",
     locate: Callable[[str], Path] = Path,
@@ -163,19 +147,32 @@ def netem_command(
         """Run the emulator: of a scenario, for a host of its own, or between any two Zenoh networks."""
         keys = words or []
         places = {"--west": west, "--east": east, "--connect-west": connect_west, "--connect-east": connect_east}
-        typed = CommandLine(keys, places, network, profile, settings or [], unmatched, run_dir, log)
 
         def run() -> int:
             from tis.common.runtime.zenoh_session import ZenohOptions
+            from tis.netem.bridge.chosen_network import read_network
+            from tis.netem.bridge.sides import Place
+            from tis.netem.bridge.standalone import Standalone
 
-            options = ZenohOptions(connect or (), listen or (), config, cfg or (), insecure)
-            where, part = _network_of(typed, options, mode, locate, profiles)
-            target = _query_target(query_target)
-            asked = _standalone(typed, options, where, part)
-            asked = replace(
-                asked, seed=seed, mode="peer" if mode == "peer" else "client", duration_s=duration_s, wait_s=wait_s,
-                query_time_out_s=query_time_out_s, query_target=target, prefix=prefix,
-                carry=_carriage(carry, control), control=control,
+            if connect or listen:
+                rule = "must not stand beside --west, --east, --connect-west and --connect-east"
+                raise InputError(Fault("netem", "--connect, --listen", rule))
+            _refuse(endpoint_faults("netem", {option: given or () for option, given in places.items()}))
+            if mode not in ("client", "peer"):
+                raise InputError(Fault("netem", "--mode", "must be client or peer", mode))
+            file = None if network is None else locate(network)
+            where, part = read_network(file, profile, settings or [], unmatched, profiles)
+            asked = Standalone(
+                places={
+                    "west": Place(tuple(west or ()), tuple(connect_west or ())),
+                    "east": Place(tuple(east or ()), tuple(connect_east or ())),
+                },
+                network=part, keys=keys or ("**",), where=where, seed=seed,
+                zenoh=ZenohOptions(connect or (), listen or (), config, cfg or (), insecure),
+                mode="peer" if mode == "peer" else "client", duration_s=duration_s, wait_s=wait_s,
+                log_dir=_log_folder(run_dir, log), query_time_out_s=query_time_out_s,
+                query_target=_query_target(query_target), prefix=prefix, carry=_carriage(carry, control),
+                control=control,
             )  # fmt: skip
             return _run(asked, keys, locate, profiles, close_folder)
 
@@ -190,26 +187,17 @@ def netem_command(
     return command
 
 
-def _network_of(
-    typed: CommandLine,
-    options: "ZenohOptions",
-    mode: str,
-    locate: Callable[[str], Path],
-    profiles: "reading.Profiles | None",
-) -> "tuple[str, NetworkPart]":
-    """Return where the network comes from and the network; raises `InputError` when an option cannot be used."""
-    if options.connect or options.listen:
-        flags = "--west, --east, --connect-west and --connect-east"
-        raise InputError(Fault("netem", "--connect, --listen", f"must not stand beside {flags}"))
-    from tis.netem.bridge.chosen_network import read_network
-
-    found = endpoint_faults("netem", {option: given or () for option, given in typed.places.items()})
+def _refuse(found: Sequence[Fault]) -> None:
     if found:
         raise InputError(found)
-    if mode not in ("client", "peer"):
-        raise InputError(Fault("netem", "--mode", "must be client or peer", mode))
-    file = None if typed.network is None else locate(typed.network)
-    return read_network(file, typed.profile, list(typed.settings), typed.unmatched, profiles)
+
+
+def _log_folder(run_dir: Path | None, log: bool | None) -> Path | None:
+    """Return the folder of the log, None without one: between any two networks it has to be asked for."""
+    from tis.common.runtime.scenario_files import RUNS, run_folder
+
+    folder = run_folder(RUNS, "netem") if run_dir is None else run_dir
+    return folder if (run_dir is not None if log is None else log) else None
 
 
 def _carriage(name: str, control: str | None) -> "Carriage":
@@ -217,9 +205,7 @@ def _carriage(name: str, control: str | None) -> "Carriage":
         raise InputError(Fault("netem", "--carry", "must be messages or tcp", name))
     if name == "messages" and control is not None:
         raise InputError(Fault("netem", "--control", "needs --carry tcp: else both networks answer", control))
-    found = endpoint_faults("netem", {"--control": [] if control is None else [control]})
-    if found:
-        raise InputError(found)
+    _refuse(endpoint_faults("netem", {"--control": [] if control is None else [control]}))
     return "tcp" if name == "tcp" else "messages"
 
 
@@ -230,28 +216,6 @@ def _query_target(name: str) -> "QueryTargetName":
         if target == name:
             return target
     raise InputError(Fault("netem", "--query-target", f"must be {', '.join(TARGETS)}", name))
-
-
-def _standalone(typed: CommandLine, options: "ZenohOptions", where: str, network: "NetworkPart") -> "Standalone":
-    """Return the emulator between the two networks that was typed."""
-    from tis.common.runtime.scenario_files import RUNS, run_folder
-    from tis.netem.bridge.sides import Place
-    from tis.netem.bridge.standalone import Standalone
-
-    given = {option: tuple(endpoints or ()) for option, endpoints in typed.places.items()}
-    folder = run_folder(RUNS, "netem") if typed.run_dir is None else typed.run_dir
-    logs = typed.run_dir is not None if typed.log is None else typed.log
-    return Standalone(
-        places={
-            "west": Place(given["--west"], given["--connect-west"]),
-            "east": Place(given["--east"], given["--connect-east"]),
-        },
-        network=network,
-        keys=typed.keys or ("**",),
-        where=where,
-        zenoh=options,
-        log_dir=folder if logs else None,
-    )
 
 
 def _run(
@@ -266,7 +230,7 @@ def _run(
     from tis.netem.bridge.standalone import run_standalone
 
     if asked.carry == "tcp":
-        from tis.netem.bridge.carry.carrying import run_carrying as run_standalone
+        from tis.netem.bridge.carrying import run_carrying as run_standalone
 
     status = Status("netem", as_events=False)
     for word in words:

@@ -10,6 +10,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from typing import Any, Final, NamedTuple
 
 import zenoh
@@ -28,10 +29,8 @@ from tis.common.scenario.control import (
 )
 from tis.common.scenario.reading import Profiles
 from tis.netem.bridge.driver import Driver
-from tis.netem.control.bounded_json import MAX_BYTES
-from tis.netem.control.control import Control
-from tis.netem.control.request import Adapt
-from tis.netem.control.state import Snapshot, describe, snapshot
+from tis.netem.control.control import Control, Snapshot, describe, snapshot
+from tis.netem.control.request import MAX_BYTES, Adapt
 
 _MAX_WAITING: Final = 64
 _PAUSE_S: Final = 0.001
@@ -73,23 +72,21 @@ class BridgeControl:
         self._waiting: queue.Queue[_Incoming] = queue.Queue(_MAX_WAITING)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._serve, name="control", daemon=True)
-        self._held: list[Any] = []
+        self._held = ExitStack()
 
     def open(self) -> None:
         """Begin to answer; requests before the bridge's `start` are refused."""
         keys = f"{self._prefix}*"
         self._thread.start()
         for network, session in self._sessions.items():
-            self._held.append(
-                session.declare_queryable(keys, self._query_receiver(network), complete=False, allowed_origin=_REMOTE)
-            )
-            self._held.append(session.declare_subscriber(keys, self._put_receiver(network), allowed_origin=_REMOTE))
+            asked, put = self._query_receiver(network), self._put_receiver(network)
+            queryable = session.declare_queryable(keys, asked, complete=False, allowed_origin=_REMOTE)
+            self._held.callback(queryable.undeclare)
+            self._held.callback(session.declare_subscriber(keys, put, allowed_origin=_REMOTE).undeclare)
 
     def close(self) -> None:
         """Stop answering; a second call does nothing."""
-        for declaration in self._held:
-            declaration.undeclare()
-        self._held.clear()
+        self._held.close()
         self._over.set()
         if self._thread.ident is not None:
             self._thread.join(_MAX_CLOSE_S)
@@ -103,24 +100,18 @@ class BridgeControl:
         own = {"control.flooded": self.n_flooded, "control.unanswered": self.n_unanswered}
         return self.control.counters() | own
 
-    def _query_receiver(self, network: Network) -> Any:
+    def _query_receiver(self, network: Network) -> Callable[[zenoh.Query], None]:
         def receive(query: zenoh.Query) -> None:
-            try:
-                self._take(network, str(query.key_expr), query.payload, query)
-            except BaseException as error:
-                self._bridge.failed(error)
+            self._take(network, str(query.key_expr), query.payload, query)
 
-        return receive
+        return self._bridge.guarded(receive)
 
-    def _put_receiver(self, network: Network) -> Any:
+    def _put_receiver(self, network: Network) -> Callable[[zenoh.Sample], None]:
         def receive(sample: zenoh.Sample) -> None:
-            try:
-                if sample.kind == zenoh.SampleKind.PUT:
-                    self._take(network, str(sample.key_expr), sample.payload, None)
-            except BaseException as error:
-                self._bridge.failed(error)
+            if sample.kind == zenoh.SampleKind.PUT:
+                self._take(network, str(sample.key_expr), sample.payload, None)
 
-        return receive
+        return self._bridge.guarded(receive)
 
     def _take(self, network: Network, key: str, payload: zenoh.ZBytes | None, query: zenoh.Query | None) -> None:
         if key == EVERY_STATE and query is not None:

@@ -1,33 +1,87 @@
 """The driver of two links in real time: packets are offered by callbacks and leave at their release instants.
 
 Packets that are not delayed leave from the callback that offers them, which saves a change of threads. One thread
-sends the others at their release instants (`tis.netem.bridge.alarm`). The driver of the same links in virtual time is
-`tis.netem.node`.
+sends the others at their release instants, for which it sleeps until shortly before one and then polls the clock. The
+driver of the same links in virtual time is `tis.netem.node`.
 """
 
+import os
+import select
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, TypeVar
+from typing import Any, Final, ParamSpec, TypeVar
 
 from tis.common.channels import Direction
 from tis.common.node import Record
 from tis.common.runtime.clock import Clock
 from tis.common.runtime.loop import LateRecorder
 from tis.common.runtime.scheduling import let_zenoh_wait, settle, sharpen_timers
-from tis.netem.bridge.alarm import Alarm, measure_lead_ns
 from tis.netem.bridge.standstill import Pulse
 from tis.netem.link.ledger import last_records
 from tis.netem.link.link import Link
 from tis.netem.link.packet import Due, Fate
 
+_MAX_SLEEP_S: Final = 0.5
+_N_SLEEPS: Final = 100
+_SLEEP_NS: Final = 500_000
+_PUNCTUAL_SHARE: Final = 0.9
+_MAX_LEAD_NS: Final = 150_000
+P = ParamSpec("P")
 T = TypeVar("T")
-
 _NEVER_NS: Final = 1 << 62
 _IDLE_NS: Final = 2_000_000
 _AHEAD_NS: Final = 20_000  # packets are taken from the link this early, so that the search does not delay them
 _LAST_SENDS_S: Final = 0.5
 _SEND_S: Final = 0.001
+
+
+class Alarm:
+    """A sleep for one thread, which any other thread, a callback or a signal handler may end.
+
+    ``lead_ns`` is the time by which it wakes early, to poll the clock for the rest (`measure_lead_ns`).
+    """
+
+    def __init__(self) -> None:
+        self.lead_ns = 0
+        self._rings = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+
+    def ring(self) -> None:
+        """End the sleep, or the next one."""
+        os.eventfd_write(self._rings, 1)
+
+    def sleep(self, clock: Clock, until_ns: int) -> None:
+        """Sleep until run time ``until_ns`` or a ring, at most half a second."""
+        asleep_s = (until_ns - clock.now_ns() - self.lead_ns) * 1e-9
+        if asleep_s > 0:
+            if select.select((self._rings,), (), (), min(asleep_s, _MAX_SLEEP_S))[0]:
+                os.eventfd_read(self._rings)
+                return
+            if asleep_s > _MAX_SLEEP_S:
+                return
+        while clock.now_ns() < until_ns:
+            time.sleep(0)  # yields the interpreter lock to callbacks
+
+
+def measure_lead_ns() -> int:
+    """Measure for a twentieth of a second how late this machine wakes a thread; return the 90th percentile, in ns.
+
+    A thread that sleeps that much less and polls the clock for the rest is punctual nine times in ten. The result is
+    bounded, since polling costs processor time.
+    """
+    sharpen_timers()
+    alarm = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+    try:
+        late_ns = sorted(_oversleep_ns(alarm) for _ in range(_N_SLEEPS))
+    finally:
+        os.close(alarm)
+    return min(_MAX_LEAD_NS, max(0, late_ns[int(_PUNCTUAL_SHARE * _N_SLEEPS)]))
+
+
+def _oversleep_ns(alarm: int) -> int:
+    due_ns = time.monotonic_ns() + _SLEEP_NS
+    select.select((alarm,), (), (), _SLEEP_NS * 1e-9)
+    return time.monotonic_ns() - due_ns
 
 
 class Driver:
@@ -51,7 +105,7 @@ class Driver:
         self._records: list[Record] = []
 
     def settle(self, privileged: bool = True) -> None:
-        """Tune this process for punctual releases, as `tis.common.runtime.scheduling.settle`; it comes before `start`."""
+        """Tune this process for punctual releases, by `scheduling.settle`; it comes before `start`."""
         settle(privileged)
         let_zenoh_wait()
         self.alarm.lead_ns = measure_lead_ns()
@@ -136,6 +190,17 @@ class Driver:
         """Keep the exception of a callback, and end `run`."""
         self.error = error
         self.wake()
+
+    def guarded(self, callback: Callable[P, None]) -> Callable[P, None]:
+        """Return a callback whose exception is kept: Zenoh would swallow it."""
+
+        def call(*args: P.args, **named: P.kwargs) -> None:
+            try:
+                callback(*args, **named)
+            except BaseException as error:
+                self.failed(error)
+
+        return call
 
     def run(self, recorder: LateRecorder, until_ns: int, stopped: Callable[[], bool]) -> None:
         """Release packets at their instants until run time ``until_ns`` or until ``stopped``; then end the log."""

@@ -1,5 +1,10 @@
-"""The two sessions of the bridge: each listens as a router, or connects to an existing network."""
+"""The two sessions of the bridge: each listens as a router, or connects to an existing network.
 
+netem's own routers accept its own clients on private endpoints: Unix sockets in a folder that only its user can
+enter, so that a client connects even where the endpoints for applications require certificates.
+"""
+
+import tempfile
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
@@ -17,6 +22,7 @@ ClientMode = Literal["client", "peer"]
 _PAUSE_S: Final = 0.2
 _ENDS: Final = "--west, --east, --connect-west and --connect-east"
 _SCOUTING: Final = ("scouting/multicast/address", "scouting/multicast/interface")
+_MAX_PATH_BYTES: Final = 100  # of a Unix socket and the lock file beside it; Linux accepts 107
 
 
 @dataclass(frozen=True)
@@ -125,3 +131,44 @@ def _plain(endpoint: str) -> str:
     """Return an endpoint without parameters and with the numeric loopback address."""
     bare = endpoint.partition("?")[0].partition("#")[0]
     return bare.replace("localhost", "127.0.0.1").replace("[::1]", "127.0.0.1").lower()
+
+
+PrivateEndpoints = Mapping[Network, str]
+
+
+def open_private_endpoints(
+    stack: ExitStack, places: Mapping[Network, Place], options: ZenohOptions
+) -> PrivateEndpoints:
+    """Return a private endpoint for each network in which netem listens, if possible; ``stack`` removes them."""
+    protocols = configure("client", options).get_json("transport/link/protocols")
+    if protocols != "null" and "unixsock-stream" not in protocols:
+        return {}
+    folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="tis-netem-", ignore_cleanup_errors=True))
+    paths = {network: f"{folder}/{network}" for network, place in places.items() if place.listen}
+    return {
+        network: f"unixsock-stream/{path}" for network, path in paths.items() if len(path.encode()) <= _MAX_PATH_BYTES
+    }
+
+
+def lister_configs(
+    places: Mapping[Network, Place],
+    options: ZenohOptions,
+    private: PrivateEndpoints,
+    sessions: Mapping[Network, zenoh.Session],
+) -> dict[Network, zenoh.Config]:
+    """Return the configuration of a client that lists the queryables of a network, for each network with a router.
+
+    Without a private endpoint the client connects as applications do.
+    """
+    configs: dict[Network, zenoh.Config] = {}
+    for network, place in places.items():
+        connect = (private[network],) if network in private else place.listen or place.connect
+        if place.listen or sessions[network].info.routers_zid():
+            configs[network] = lister_config(replace(options, connect=connect))
+    return configs
+
+
+def lister_config(options: ZenohOptions) -> zenoh.Config:
+    """Return the configuration of a client that reads its own admin space."""
+    own = (*options.cfg, "listen/endpoints:[]", "adminspace/enabled:true")
+    return configure("client", replace(options, listen=(), cfg=own))

@@ -34,17 +34,25 @@ from tis.netem.bridge.applications import Applications
 from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.bypass import refuse_one_router
 from tis.netem.bridge.control import attach
-from tis.netem.bridge.deadline import Deadline
 from tis.netem.bridge.driver import Driver
 from tis.netem.bridge.keys import CrossingKeys, crossing_keys
 from tis.netem.bridge.mirrors.queries import TIME_OUT_S, QueryTargetName
 from tis.netem.bridge.overhead import warn_of_overhead
-from tis.netem.bridge.private_endpoints import lister_configs, open_private_endpoints
-from tis.netem.bridge.sides import ClientMode, Place, check_options, check_places, lease_s, open_sides, scout_config
-from tis.netem.bridge.tally import Tally, table
+from tis.netem.bridge.sides import (
+    ClientMode,
+    Place,
+    check_options,
+    check_places,
+    lease_s,
+    lister_configs,
+    open_private_endpoints,
+    open_sides,
+    scout_config,
+)
+from tis.netem.bridge.standstill import Deadline
+from tis.netem.bridge.tally import BufferWatch, Tally, table
 from tis.netem.build import build_links
-from tis.netem.expected.synopsis import synopsis
-from tis.netem.link.full_buffer import BufferWatch
+from tis.netem.expected.figures import synopsis
 
 _ENDLESS_NS: Final = 1 << 62
 _EVERYTHING: Final = ("**",)

@@ -1,4 +1,7 @@
-"""The final summary of a bridge: packets by direction and their release errors."""
+"""The watch over a bridge's log: release errors and full buffers while it is written, and the summary at the end.
+
+Drops by a full buffer are not part of the configured network, so the user is warned at once.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
@@ -10,9 +13,10 @@ from tis.common.channels import DESTINATION, Direction
 from tis.common.node import Record
 from tis.common.records import RELEASES, ReleaseBatch
 from tis.common.runtime.recorder import FileLog
-from tis.netem.expected.synopsis import direction_label
-from tis.netem.link.full_buffer import DROPPED_NEW, DROPPED_OLDEST
-from tis.netem.link.link import DROPS
+from tis.common.scenario.network import Buffer
+from tis.netem.expected.figures import direction_label
+from tis.netem.link.ledger import DROPPED_NEW, DROPPED_OLDEST, DROPS, full_buffer
+from tis.netem.link.link import Link
 
 _PER_OCTAVE: Final = 32
 _BINS: Final = 48 * _PER_OCTAVE
@@ -85,6 +89,24 @@ class WatchedLog:
         self._look()
         if self._log is not None:
             self._log.close()
+
+
+class BufferWatch:
+    """A warning for each direction, once, after a full buffer has dropped messages; any thread may call `look`."""
+
+    def __init__(self, links: Mapping[Direction, Link], buffer: Buffer, warn: Callable[[str], None]) -> None:
+        self._left: dict[Direction, Link] = dict(links)
+        self._buffer = buffer
+        self._warn = warn
+
+    def look(self) -> None:
+        """Warn of the directions in which the first drop has occurred."""
+        for direction, link in list(self._left.items()):
+            if link.dropped[DROPPED_NEW] or link.dropped[DROPPED_OLDEST]:
+                del self._left[direction]
+                full = full_buffer(self._buffer, link.most_held)
+                rule = "it drops messages, which is not part of the configured network"
+                self._warn(f"{direction_label(direction)}: {full}: {rule}")
 
 
 class Tally(WatchedLog):

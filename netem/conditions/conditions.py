@@ -6,7 +6,7 @@ offered; packets in flight are not affected, except that a rate and a stall hold
 (`tis.netem.link.queue.queues`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Final, NamedTuple, Self
 
 from tis.common.channels import Direction
@@ -16,8 +16,7 @@ from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.units import ms_to_ns
 from tis.netem.conditions.outage import Outage, outages_of
 from tis.netem.conditions.states import NO_STATE, StatePath
-from tis.netem.conditions.timeline import Segment, Timeline
-from tis.netem.conditions.window import STAGES
+from tis.netem.conditions.timeline import STAGES, Segment, Timeline
 from tis.netem.draws.grid import CELL_NS, LAST_CELL, cell_of
 
 FOREVER_NS: Final = LAST_CELL * CELL_NS
@@ -125,7 +124,7 @@ class Conditions:
         """Make the next draws ahead of their use; call it in an idle moment. Cheap when they exist already."""
         cell = cell_of(now_ns)
         for process in self._outages:
-            process.prepare(cell)
+            process.path.prepare(cell)
         if self._states is not None:
             self._states.prepare(cell)
 
@@ -165,19 +164,10 @@ class Conditions:
         while cell * CELL_NS < until_ns:
             found = self._find(cell)
             cell = found.end
-            span = Span(
-                found.begin * CELL_NS,
-                min(cell * CELL_NS, until_ns),
-                self._state_name(found.state),
-                found.outage,
-                not found.segment.is_empty,
-                found.stall,
-            )
-            if spans and spans[-1][2:] == span[2:]:
-                spans[-1] = spans[-1]._replace(end_ns=span.end_ns)
-            else:
-                spans.append(span)
-        return spans
+            begin_ns, end_ns = found.begin * CELL_NS, min(cell * CELL_NS, until_ns)
+            state, changed = self._state_name(found.state), not found.segment.is_empty
+            spans.append(Span(begin_ns, end_ns, state, found.outage, changed, found.stall))
+        return joined(spans)
 
     def _find(self, cell: int) -> _Found:
         segment = self._timeline.at(cell)
@@ -190,7 +180,7 @@ class Conditions:
                 outage = outage or self._state_changes[state].outage
                 stall = stall or self._state_changes[state].stall
         for process in self._outages:
-            stretch = process.at(cell)
+            stretch = process.path.at(cell)
             begin, end = max(begin, stretch.begin), min(end, stretch.end)
             if stretch.value == 1:
                 outage, stall = outage or not process.stalls, stall or process.stalls
@@ -244,6 +234,17 @@ class Conditions:
         if len(self._tuples) >= _MAX_KEPT:  # there is no bound on changes that are added during the run
             self._tuples.clear()
         return self._tuples.setdefault(change, (change,))
+
+
+def joined(spans: Iterable[Span]) -> list[Span]:
+    """Return spans of which neighbours that are alike are one."""
+    found: list[Span] = []
+    for span in spans:
+        if found and found[-1][2:] == span[2:]:
+            found[-1] = found[-1]._replace(end_ns=span.end_ns)
+        else:
+            found.append(span)
+    return found
 
 
 def merged(pipeline: Pipeline, changes: Sequence[Change]) -> Pipeline:

@@ -8,23 +8,16 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.scenario.network.conditions import (
-    CycleStates,
-    MarkovState,
-    MarkovStates,
-    ScriptedStates,
-    States,
-)
+from tis.common.scenario.network.conditions import CycleStates, MarkovState, MarkovStates, ScriptedStates, States
 from tis.common.streams import Stream
 from tis.common.units import s_to_ns
+from tis.netem.draws import grid
 from tis.netem.draws.blocks import BLOCK, Floats
-from tis.netem.draws.grid import CELL_NS, LAST_CELL, Path, Stretch, deciding_ns, mean_cells, nearest_cell
+from tis.netem.draws.grid import Cells, Path, RenewalPath, Stretch
 from tis.netem.draws.markov import MarkovChain
-from tis.netem.draws.renewal import Cells, RenewalPath, geometric_cells
 
 NO_STATE: Final = -1
 _LABEL: Final = "both/*/states"
-_CELLS_PER_S: Final = 1000.0
 
 
 class StatePath:
@@ -52,8 +45,7 @@ class StatePath:
 
     def prepare(self, cell: int) -> None:
         """Make the draws after ``cell`` ahead of their use."""
-        if isinstance(self._path, RenewalPath):
-            self._path.prepare(cell)
+        self._path.prepare(cell)
 
 
 def state_shares(states: States) -> dict[str, float]:
@@ -68,8 +60,8 @@ def state_shares(states: States) -> dict[str, float]:
     if isinstance(states, CycleStates):
         cycle = _Cycle(states)
         edges_ns = [edge_ns - cycle.offset_ns for edge_ns in (0, *cycle.ends_ns)]
-        lengths = [mean_cells(begin_ns, end_ns - begin_ns, cycle.every_ns) for begin_ns, end_ns in pairwise(edges_ns)]
-        return _by_name(names, [length * CELL_NS / cycle.every_ns for length in lengths])
+        lengths = [grid.mean_cells(begin, end - begin, cycle.every_ns) for begin, end in pairwise(edges_ns)]
+        return _by_name(names, [length * grid.CELL_NS / cycle.every_ns for length in lengths])
     means = np.array([state.mean_s for state in states.states])
     return _by_name(names, _shares_of_time(_transition(states.states), means).tolist())
 
@@ -100,12 +92,12 @@ def _stays(
     Stay 0 is in the first state.
     """
     chain = MarkovChain(_transition(states))
-    means = np.array([state.mean_s * _CELLS_PER_S for state in states])
+    means = np.array([state.mean_s * grid.CELLS_PER_S for state in states])
 
     def draw(number: int, before: int) -> tuple[Cells, NDArray[np.integer]]:
         u = stream.uniforms(number * BLOCK, BLOCK)
         path = np.append([0], chain.walk(u[2::2], 0)) if number == 0 else chain.walk(u[0::2], before)
-        return geometric_cells(u[1::2], means[path]), path
+        return grid.geometric_cells(u[1::2], means[path]), path
 
     return draw
 
@@ -132,12 +124,12 @@ def _p_ends_in(transition: Floats, transient: NDArray[np.intp], members: NDArray
     return float(np.linalg.solve(np.eye(len(transient)) - stays, enters)[0])  # state 0 is the first transient one
 
 
-class _Always:
+class _Always(Path):
     def at(self, cell: int) -> Stretch:  # noqa: ARG002
-        return Stretch(0, LAST_CELL, 0)
+        return Stretch(0, grid.LAST_CELL, 0)
 
 
-class _Cycle:
+class _Cycle(Path):
     """A cycle of states; each nominal edge moves to its nearest cell by itself, so rounding does not accumulate."""
 
     def __init__(self, states: CycleStates) -> None:
@@ -146,18 +138,18 @@ class _Cycle:
         self.offset_ns = s_to_ns(states.offset_s)
 
     def at(self, cell: int) -> Stretch:
-        since_ns = deciding_ns(cell) + self.offset_ns
+        since_ns = grid.deciding_ns(cell) + self.offset_ns
         into_ns = since_ns % self.every_ns
         zero_ns = since_ns - into_ns - self.offset_ns
         index = next(i for i, end_ns in enumerate(self.ends_ns) if into_ns < end_ns)
         begin_ns = zero_ns + (self.ends_ns[index - 1] if index else 0)
-        return Stretch(max(0, nearest_cell(begin_ns)), nearest_cell(zero_ns + self.ends_ns[index]), index)
+        return Stretch(max(0, grid.nearest_cell(begin_ns)), grid.nearest_cell(zero_ns + self.ends_ns[index]), index)
 
 
-class _Script:
+class _Script(Path):
     def __init__(self, states: ScriptedStates) -> None:
         names = [state.name for state in states.states]
-        self._edges = [0, *(nearest_cell(s_to_ns(step.at_s)) for step in states.steps), LAST_CELL]
+        self._edges = [0, *(grid.nearest_cell(s_to_ns(step.at_s)) for step in states.steps), grid.LAST_CELL]
         self._values = [NO_STATE, *(names.index(step.state) for step in states.steps)]
 
     def at(self, cell: int) -> Stretch:

@@ -1,8 +1,12 @@
-"""Reading of a request: from bytes to valid changes, or the reasons of its refusal. Nothing is changed."""
+"""Reading of a request: from bytes to valid changes, or the reasons of its refusal. Nothing is changed.
 
+The bytes are not trusted: JSON has a bounded size and depth, unique keys and no NaN.
+"""
+
+import json
 from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
-from typing import Any, Final, NamedTuple, get_args
+from typing import Any, Final, NamedTuple, NoReturn, get_args
 
 from pydantic import ValidationError
 
@@ -28,7 +32,6 @@ from tis.common.scenario.reading import Profiles
 from tis.common.streams import Address
 from tis.common.trace import OpportunityTrace, Trace
 from tis.netem.conditions.conditions import merged
-from tis.netem.control.bounded_json import parse_request, too_large
 from tis.netem.link.link import Link
 from tis.netem.stages.pipeline_draws import Draws
 
@@ -41,6 +44,8 @@ _WHERE: Final = "control"
 
 
 Adapt = Callable[[Change], Change]
+MAX_BYTES: Final = 64 * 1024
+_MAX_DEPTH: Final = 20
 
 
 class Request(NamedTuple):
@@ -224,3 +229,54 @@ def _shortened(payload: bytes) -> str:
 def _clean(text: str) -> str:
     """Return text that JSON can carry: without unpaired surrogates."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def parse_request(payload: bytes) -> Any:
+    """Return the value of a request's JSON; raises `InputError` with the reason, and no other error."""
+    if len(payload) > MAX_BYTES:
+        raise too_large(len(payload))
+    try:
+        value = json.loads(payload.decode("utf-8"), object_pairs_hook=_mapping, parse_constant=_refuse_constant)
+    except UnicodeDecodeError as error:
+        raise InputError(Fault(_WHERE, "", f"must be UTF-8; byte {error.start} is not")) from None
+    except json.JSONDecodeError as error:
+        raise InputError(Fault(_WHERE, "", f"must be JSON: {error.msg} at character {error.pos}")) from None
+    except RecursionError:
+        raise _too_deep() from None
+    except ValueError as error:  # an integer of thousands of digits, or a duplicate key
+        reason, _, _ = str(error).partition(";")
+        raise InputError(Fault(_WHERE, "", f"must be JSON: {reason}")) from None
+    _check_depth(value)
+    return value
+
+
+def too_large(n_bytes: int) -> InputError:
+    """Return the error for a request of ``n_bytes``, which need not be read."""
+    return InputError(Fault(_WHERE, "", f"must have at most {MAX_BYTES} bytes", n_bytes))
+
+
+def _mapping(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ValueError(f"key {key[:80]!r} stands twice")
+        found[key] = value
+    return found
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is no number")
+
+
+def _check_depth(value: Any) -> None:
+    level, depth = [value], 0
+    while level:
+        depth += 1
+        if depth > _MAX_DEPTH:
+            raise _too_deep()
+        below = (item.values() if isinstance(item, dict) else item for item in level if isinstance(item, dict | list))
+        level = [item for items in below for item in items]
+
+
+def _too_deep() -> InputError:
+    return InputError(Fault(_WHERE, "", f"must be nested at most {_MAX_DEPTH} levels deep"))

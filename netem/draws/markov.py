@@ -12,6 +12,8 @@ States = NDArray[np.uint8]
 
 _MAX_STATES: Final = 255
 _ROW_SUM_TOLERANCE: Final = 1e-9
+_STRIDE: Final = 64
+_INDICES: Final = np.arange(BLOCK, dtype=np.int32)
 
 
 class MarkovChain:
@@ -75,9 +77,6 @@ class MarkovChain:
         return _walk_many(u, self._cumulated, state)
 
 
-_STRIDE: Final = 64
-
-
 def _walk_many(u: Floats, cumulated: Floats, state: int) -> States:
     """Walk a chain of n states: stretches of 64 steps in parallel, each from every state, then joined.
 
@@ -106,9 +105,6 @@ def _walk_many(u: Floats, cumulated: Floats, state: int) -> States:
         state = ends[state]
     taken = np.arange(n_stretches) * n_states + begins
     return np.ascontiguousarray(reached[:, taken].T).reshape(-1)[: len(u)]
-
-
-_INDICES: Final = np.arange(BLOCK, dtype=np.int32)
 
 
 def _walk_two(u: Floats, stays_0: float, returns_0: float, state: int) -> States:

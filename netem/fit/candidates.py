@@ -18,8 +18,8 @@ from tis.netem.fit.half_life import fit_half_life
 from tis.netem.fit.joint_states import FittedState, JointStates, change_of, earlier
 from tis.netem.fit.loss_chain import Bools
 from tis.netem.fit.marginal import MarginalName
+from tis.netem.fit.outages import find_stalls
 from tis.netem.fit.record import DirectionRecord
-from tis.netem.fit.stalls import find_stalls
 from tis.netem.fit.switching import fit_switching, successors
 
 REPLAYS: Final = 100

@@ -15,10 +15,8 @@ from tis.netem.fit.half_life import HalfLife, fit_half_life
 from tis.netem.fit.joint_states import JointStates
 from tis.netem.fit.loss_chain import Bools, loss_stage
 from tis.netem.fit.marginal import Marginal, MarginalName, fit_marginal
-from tis.netem.fit.measuring import Spread
-from tis.netem.fit.outage_runs import FoundOutages, find_outages
-from tis.netem.fit.record import DirectionRecord
-from tis.netem.fit.stalls import FoundStalls
+from tis.netem.fit.outages import FoundOutages, FoundStalls, find_outages
+from tis.netem.fit.record import DirectionRecord, Spread
 
 _MIN_OVERTAKEN: Final = 1e-3
 MIN_RECEIVED: Final = 30

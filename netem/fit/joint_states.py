@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tis.common.channels import Direction
 from tis.common.units import NS_PER_MS
 from tis.netem.fit.loss_chain import loss_stage
-from tis.netem.fit.quantile_table import quantile_table
+from tis.netem.fit.marginal import quantile_table
 
 _ALWAYS: Final = 0.98
 _CERTAIN: Final = 3.0
@@ -68,12 +68,7 @@ def change_of(delay_ns: NDArray[np.int64], in_base_ns: NDArray[np.int64]) -> dic
         return change
     if alike and more > 0:
         return {**change, "add_delay_ms": float(f"{more:.4g}")}
-    table = quantile_table(delay_ns[~lost], _TOLERANCE)
-    points = [
-        {"p": float(f"{p:.6g}"), "delay_ms": float(f"{delay / NS_PER_MS:.6g}")}
-        for p, delay in zip(table.p, table.delay_ns, strict=True)
-    ]
-    return {**change, "delay": {"kind": "quantiles", "points": points}}
+    return {**change, "delay": quantile_table(delay_ns[~lost], _TOLERANCE).stage(6)}
 
 
 def earlier(change: dict[str, Any], by_ms: float) -> dict[str, Any]:

@@ -1,5 +1,7 @@
-"""The marginal distribution of delays: the best family, or quantiles if no family is close enough."""
+"""The marginal distribution of delays: the best family, or a table of few quantiles if no family is close enough."""
 
+import heapq
+from itertools import pairwise
 from math import log, sqrt
 from typing import Any, Final, Literal, NamedTuple
 
@@ -9,7 +11,6 @@ from numpy.typing import NDArray
 from tis.common.units import NS_PER_MS
 from tis.netem.draws.blocks import Floats
 from tis.netem.fit.families import FAMILIES, Fitted
-from tis.netem.fit.quantile_table import quantile_table
 
 MarginalName = Literal[
     "constant", "uniform", "normal", "lognormal", "exponential", "gamma", "pareto", "hyperexponential", "quantiles"
@@ -20,6 +21,7 @@ _KS_MARGIN: Final = 0.01
 _MAX_KS: Final = 0.03
 _KS_POINT: Final = 1.628  # Kolmogorov's distribution at 1 %
 _DIGITS: Final = 6
+_ALWAYS: Final = (0.5, 0.9, 0.99, 0.999)
 
 
 class Candidate(NamedTuple):
@@ -109,13 +111,9 @@ def _constant(ordered_ns: NDArray[np.int64]) -> Candidate:
 
 def _quantiles(ordered_ns: NDArray[np.int64]) -> Candidate:
     table = quantile_table(ordered_ns)
-    points = [
-        {"p": float(f"{p:.9g}"), "delay_ms": float(f"{delay / NS_PER_MS:.9g}")}
-        for p, delay in zip(table.p, table.delay_ns, strict=True)
-    ]
     values, upto = _steps(ordered_ns.astype(np.float64), np.linspace(0, 1, len(ordered_ns)))
     ks = float(np.max(np.abs(np.interp(values, *_steps(table.delay_ns, table.p)) - upto)))
-    return Candidate("quantiles", {"kind": "quantiles", "points": points}, ks, None)
+    return Candidate("quantiles", table.stage(9), ks, None)
 
 
 def _steps(delay_ns: Floats, p: Floats) -> tuple[Floats, Floats]:
@@ -138,3 +136,67 @@ def _rounded(stage: dict[str, Any]) -> dict[str, Any]:
         *others, _ = rounded["weights"]
         rounded["weights"] = [*others, round(1 - sum(others), _DIGITS + 2)]
     return rounded
+
+
+class QuantileTable(NamedTuple):
+    """Points of a distribution function: shares ``p`` (K,) from 0 to 1, strictly ascending, and ``delay_ns`` (K,)."""
+
+    p: Floats
+    delay_ns: Floats
+
+    def stage(self, digits: int) -> dict[str, Any]:
+        """Return the table as a scenario's ``delay``, in ms with so many significant digits."""
+        points = [
+            {"p": float(f"{p:.{digits}g}"), "delay_ms": float(f"{delay_ns / NS_PER_MS:.{digits}g}")}
+            for p, delay_ns in zip(self.p, self.delay_ns, strict=True)
+        ]
+        return {"kind": "quantiles", "points": points}
+
+
+def quantile_table(delay_ns: NDArray[np.int64], tolerance: float = 0.005, most: int = 200) -> QuantileTable:
+    """Return a small table of quantiles, found by a greedy search, within a distance of the sample.
+
+    Parameters
+    ----------
+    delay_ns
+        (N,) delays, N >= 2, in any order.
+    tolerance
+        Bound on the distance between the sample and the table as distributions, in standard deviations of the
+        sample: the 2-Wasserstein distance, the root mean square difference of the quantile functions. Mean and
+        standard deviation differ by no more than that.
+    most
+        Maximum number of points; the distance may then be larger.
+
+    Notes
+    -----
+    The sample's quantile function joins the ordered values at p = i / (N - 1) (definition 7 of Hyndman and Fan), and
+    the table interpolates linearly. Starting from the ends and from p50, p90, p99 and p99.9, the interval with the
+    largest squared error is split where the deviation from the straight line is largest. Oracle: the distance
+    computed on a grid, tests/netem/fit/test_quantile_table.
+    """
+    ordered = np.sort(delay_ns).astype(np.float64)
+    last = len(ordered) - 1
+    knots = sorted({0, last, *(round(p * last) for p in _ALWAYS)})
+    stretches = [(*_worst(ordered, low, high), low, high) for low, high in pairwise(knots)]
+    heapq.heapify(stretches)
+    missed = -sum(stretch[0] for stretch in stretches)
+    allowed = (tolerance * float(ordered.std())) ** 2 * len(ordered)
+    while missed > allowed and len(knots) < most:
+        error, split, low, high = heapq.heappop(stretches)
+        if error == 0:
+            break
+        missed += error
+        knots.append(split)
+        for left, right in ((low, split), (split, high)):
+            part = (*_worst(ordered, left, right), left, right)
+            missed -= part[0]
+            heapq.heappush(stretches, part)
+    places = np.array(sorted(knots))
+    return QuantileTable(places / last, ordered[places])
+
+
+def _worst(ordered: Floats, low: int, high: int) -> tuple[float, int]:
+    """Return minus the squared error of the line from ``low`` to ``high``, and the place of the largest deviation."""
+    values = ordered[low : high + 1]
+    off = values - np.linspace(values[0], values[-1], len(values))
+    return -float(off @ off), low + int(np.abs(off).argmax())

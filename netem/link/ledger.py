@@ -1,13 +1,35 @@
 """The ledger of a link: every decision and every departure, packet by packet, in batches for the log."""
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Final
+from operator import itemgetter
+from typing import Any, Final
 
 from tis.common.channels import Direction
 from tis.common.node import Record
-from tis.common.records import COUNTERS, FATES, QUEUES, RELEASES, CounterNote, FateBatch, QueueNote, ReleaseBatch
+from tis.common.records import (
+    COUNTERS,
+    FATES,
+    QUEUES,
+    RELEASES,
+    CounterNote,
+    Departure,
+    FateBatch,
+    Outcome,
+    QueueNote,
+    ReleaseBatch,
+)
+from tis.common.scenario.network import Buffer
 from tis.common.units import NS_PER_MS
 from tis.netem.link.packet import Due, Fate
+
+DROPS: Final = ("loss", "outage", "refused", "overflow", "queue_full", "late", "codel", "evicted")
+"""The causes of drops."""
+
+DROPPED_NEW: Final[Outcome] = "overflow"
+"""The outcome of a message that finds no room."""
+
+DROPPED_OLDEST: Final[Departure] = "evicted"
+"""The departure of the message held longest, under the policy that drops it."""
 
 _CLOSE_EVERY_NS: Final = 200 * NS_PER_MS
 _QUEUE_EVERY_NS: Final = 10 * NS_PER_MS
@@ -102,7 +124,7 @@ class Ledger:
                     (seq, 0, offered_ns, offered_ns, released_ns, "released", 0)
                     for seq, offered_ns, released_ns, _ in rows
                 )
-                fates[flow].sort(key=_offered_ns)
+                fates[flow].sort(key=itemgetter(1))  # the instant of offering
                 releases[flow].sort(key=_gone_ns)
             records = [Record(FATES, now_ns, self._fate_batch(flow, rows)) for flow, rows in fates.items()]
             records += [Record(RELEASES, now_ns, self._release_batch(flow, rows)) for flow, rows in releases.items()]
@@ -129,17 +151,10 @@ class Ledger:
 class NoLedger(Ledger):
     """The ledger of a link that nobody looks into: it enters nothing."""
 
-    def decided(self, name: str, fate: Fate, offered_ns: int, n_bytes: int) -> None:
-        """Do nothing."""
+    def _ignore(self, *_: Any, **__: Any) -> None:
+        pass
 
-    def left(self, due: Due, released_ns: int) -> None:
-        """Do nothing."""
-
-    def crossed(self, name: str, seq: int, foreign: bool, offered_ns: int, released_ns: int, n_bytes: int) -> None:
-        """Do nothing."""
-
-    def queue_depth(self, now_ns: int, n_packets: int, n_bytes: int) -> None:
-        """Do nothing."""
+    decided = left = crossed = queue_depth = _ignore
 
 
 def last_records(ledgers: Iterable[Ledger], counters: Mapping[str, int], now_ns: int) -> list[Record]:
@@ -149,11 +164,18 @@ def last_records(ledgers: Iterable[Ledger], counters: Mapping[str, int], now_ns:
     return records + [Record(COUNTERS, now_ns, note) for note in notes]
 
 
-def _offered_ns(row: _FateRow) -> int:
-    return row[1]
-
-
 def _gone_ns(row: _ReleaseRow) -> int:
     """Return the instant at which a packet left, or was due to leave when it was dropped."""
     _, _, offered_ns, release_ns, released_ns, _, queued_ns = row
     return released_ns or max(release_ns, offered_ns + queued_ns)
+
+
+def full_buffer(buffer: Buffer, most_held: int | None) -> str:
+    """Return the bound that was reached, as ``buffer of 20 MB full``.
+
+    ``most_held`` is the largest number of messages held at a time; None if unknown, then both bounds are named.
+    """
+    packets, size = f"{buffer.max_packets} messages", f"{buffer.max_mb:g} MB"
+    if most_held is None:
+        return f"buffer of {size} or {packets} full"
+    return f"buffer of {packets if most_held >= buffer.max_packets else size} full"

@@ -11,20 +11,15 @@ from tis.common.scenario.network import Buffer
 from tis.common.streams import Address
 from tis.common.trace import Trace
 from tis.netem.conditions.conditions import Condition, Conditions
-from tis.netem.draws.column import DeferredDraw
-from tis.netem.link.flow import Flow, flow_key
-from tis.netem.link.ledger import Ledger
-from tis.netem.link.memory import held_bytes
-from tis.netem.link.packet import Due, Fate, Held
+from tis.netem.draws.blocks import DeferredDraw
+from tis.netem.link.ledger import DROPS, Ledger
+from tis.netem.link.packet import Due, Fate, Flow, Held, flow_key, held_bytes
 from tis.netem.link.queue.queues import Queues
 from tis.netem.link.queue.transmission import Service
 from tis.netem.link.rules import LINK, RuleTable
-from tis.netem.stages.corruption import flip_bits
 from tis.netem.stages.impairment import Impairment
+from tis.netem.stages.single_packets import flip_bits
 
-DROPS: Final = (
-    "loss", "outage", "refused", "overflow", "queue_full", "late", "codel", "evicted",
-)  # fmt: skip
 MAX_FLOWS: Final = 20_000
 _BYTES_PER_MB: Final = 1_000_000
 
@@ -48,7 +43,7 @@ class Link:
     traces
         Recorded networks, by the path that a pipeline names.
     buffer
-        Bound on the packets held and on their memory (`tis.netem.link.memory`); beyond it packets are dropped.
+        Bound on the packets held and on their memory (`tis.netem.link.packet`); beyond it packets are dropped.
 
     Attributes
     ----------

@@ -1,10 +1,78 @@
-"""A packet on a link: its fate, its state while it is held, and its departure."""
+"""A packet on a link: its flow, its fate, its state and its memory while it is held, and its departure."""
 
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
+from tis.common.header import header_numbers
 from tis.common.records import Departure, Outcome
-from tis.netem.link.flow import Flow
-from tis.netem.link.memory import held_bytes
+from tis.common.scenario.network.conditions import Change
+from tis.common.scenario.network.pipeline import Ordering as OrderingName
+from tis.netem.stages.impairment import Impairment
+from tis.netem.stages.ordering import Ordering, build_ordering
+
+MAX_COPIED_BYTES: Final = 16_384
+"""Payload up to which the live emulator copies a message that waits."""
+
+_COPIED_BYTES: Final = 1_000
+_SHARED_BYTES: Final = 10_000
+MARKS: Final = frozenset(("query", "reply", "end", "token"))
+
+
+def held_bytes(n_bytes: int, copied: bool = True) -> int:
+    """Return the memory of a held message with ``n_bytes`` of payload and attachment, so that buffers bound memory.
+
+    Not ``copied``, as queries, replies and large messages, it also keeps the buffer in which Zenoh received it. The
+    emulator in virtual time holds messages without a buffer, but must decide as the live one does. The figures are
+    the growth of a process (resident set) with thousands of messages held (tests/netem/bridge/test_memory).
+    """
+    return n_bytes + (_COPIED_BYTES if copied and n_bytes <= MAX_COPIED_BYTES else _SHARED_BYTES)
+
+
+class Flow:
+    """The state of one name. Without an ``impairment`` its packets are refused; ``is_open``: no stage holds them.
+
+    ``n_queued`` of its packets wait for a rate, the last one in the queue of the group ``queue``; ``latest_ns`` is
+    the latest release instant so far.
+    """
+
+    __slots__ = (
+        "changes", "group", "impairment", "is_copied", "is_open", "latest_ns", "n_queued", "n_unnumbered", "name",
+        "ordering", "orderings", "queue",
+    )  # fmt: skip
+
+    def __init__(self, name: str, impairment: Impairment | None, group: str) -> None:
+        self.name = name
+        self.impairment = impairment
+        self.group = group
+        self.is_open = impairment is not None and impairment.is_open
+        self.is_copied = flow_key(name) == name  # queries and replies keep Zenoh's objects
+        self.n_unnumbered = 0
+        self.n_queued = 0
+        self.latest_ns = 0
+        self.queue = group
+        self.changes: tuple[Change, ...] = ()
+        self.orderings: dict[OrderingName, Ordering] = {}
+        self.ordering = self.ordered("reorder" if impairment is None else impairment.ordering)
+
+    def number(self, attachment: bytes, run_id: int | None) -> tuple[int, bool]:
+        """Return a packet's sequence number, and whether it is foreign: without the run's header, and numbered here.
+
+        ``run_id`` None stands for any run.
+        """
+        numbers = header_numbers(attachment)
+        if numbers is not None and (run_id is None or numbers[2] == run_id):
+            return numbers[0], False
+        self.n_unnumbered += 1
+        return self.n_unnumbered - 1, True
+
+    def ordered(self, name: OrderingName) -> Ordering:
+        """Return the ordering of that name, with its memory of this flow."""
+        return self.orderings.setdefault(name, build_ordering(name))
+
+
+def flow_key(name: str) -> str:
+    """Return the key of a flow's name: queries, replies and tokens have a mark and a space before the key."""
+    mark, _, key = name.partition(" ")
+    return key if mark in MARKS else name
 
 
 class Fate(NamedTuple):

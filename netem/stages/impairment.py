@@ -13,8 +13,7 @@ from tis.common.streams import Address
 from tis.common.trace import Trace
 from tis.common.units import NS_PER_MS
 from tis.netem.conditions.conditions import Condition, merged
-from tis.netem.draws.blocks import BLOCK
-from tis.netem.draws.column import Column, DeferredDraw
+from tis.netem.draws.blocks import BLOCK, Column, DeferredDraw
 from tis.netem.stages.pipeline_draws import Draw, Draws, ManyDraws
 
 _NEUTRAL: Final = 1.0

@@ -14,13 +14,10 @@ from numpy.typing import NDArray
 from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.streams import Address, Stream
 from tis.common.trace import Trace
-from tis.netem.draws.blocks import BLOCK, LossBlocks
-from tis.netem.draws.column import Column, DeferredDraw
-from tis.netem.stages.corruption import corrupted, n_flipped
+from tis.netem.draws.blocks import BLOCK, Column, DeferredDraw, LossBlocks
 from tis.netem.stages.delay import delay_blocks
-from tis.netem.stages.duplication import duplicated
 from tis.netem.stages.loss import loss_blocks
-from tis.netem.stages.reordering import reordered, skipped_ns
+from tis.netem.stages.single_packets import corrupted, duplicated, n_flipped, reordered, skipped_ns
 
 _MAX_AT_ONCE: Final = 1 << 22  # parts of messages whose probabilities are in memory together
 

@@ -19,7 +19,7 @@ from tis.common.scenario.network import NetworkPart
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.netem.bridge.control import BridgeControl
 from tis.netem.build import build_links
-from tis.netem.control.changed_conditions import changed_conditions
+from tis.netem.control.replay import changed_conditions
 from tis.netem.link.link import Link
 
 T = TypeVar("T")

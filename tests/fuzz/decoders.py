@@ -77,7 +77,7 @@ from tis.deploy.logs.recover import recover
 from tis.deploy.net.fitting.captures import parse_capture
 from tis.deploy.net.fitting.round_trips import parse_round_trips
 from tis.deploy.net.library.profiles import SHIPPED, build_profile
-from tis.deploy.net.probing.far_keys import Batch
+from tis.deploy.net.probing.reflector import Batch
 from tis.deploy.recordings_import.found import Wanted as Foreign
 from tis.deploy.recordings_import.mcap_file import read_mcap
 from tis.deploy.recordings_import.one_clock import on_one_clock

@@ -65,7 +65,7 @@ def packet(
 
 
 def is_out(outage: Outage, now_ns: int) -> bool:
-    return outage.at(cell_of(now_ns)).value == 1
+    return outage.path.at(cell_of(now_ns)).value == 1
 
 
 def state_at(path: StatePath, now_ns: int) -> tuple[str | None, int]:

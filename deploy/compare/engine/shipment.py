@@ -26,8 +26,7 @@ from tis.common.scenario.identification import is_model_file
 from tis.common.scenario.reading import build_scenario
 from tis.common.scenario.source import RecordedSource
 from tis.deploy.compare.cells.cell import Cell
-from tis.deploy.compare.cells.digests import value_digest
-from tis.deploy.compare.cells.identity import dump
+from tis.deploy.compare.cells.identity import dump, value_digest
 from tis.deploy.compare.engine.workers import Computed, Failure, Result, Unit, perform
 
 _MODEL: Final = "model.json"

@@ -33,9 +33,8 @@ from tis.deploy.logs.read.load import Ints, RunLogs, load_parts
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.standalone.standalone_run import NETWORK_FILE
 from tis.netem.conditions.conditions import Span
-from tis.netem.control.changed_conditions import changed_conditions
-from tis.netem.fit.measuring import NOTHING_ADDED
-from tis.netem.fit.record import DirectionRecord, Flips
+from tis.netem.control.replay import changed_conditions
+from tis.netem.fit.record import NOTHING_ADDED, DirectionRecord, Flips
 
 # Fates and departures of one direction in netem's log, joined packet by packet.
 

@@ -16,7 +16,7 @@ from tis.common.trace import Trace
 from tis.common.units import NS_PER_MS
 from tis.netem.fit.direction import steady_reason
 from tis.netem.fit.half_life import HalfLife, fit_half_life
-from tis.netem.fit.measuring import measuring_adds
+from tis.netem.fit.record import measuring_adds
 
 Nanoseconds = NDArray[np.int64]
 

@@ -20,7 +20,7 @@ from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.scheduling import sharpen_timers
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
 from tis.deploy.net.probing.receiving_end import LocalReceivingEnd
-from tis.netem.fit.measuring import Spread
+from tis.netem.fit.record import Spread
 
 _RATE_HZ: Final = 50  # high enough for a p99 after seconds, low enough not to disturb the probe
 _MIN_MESSAGES: Final = 30

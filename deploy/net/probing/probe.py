@@ -17,8 +17,7 @@ from tis.common.header import Header
 from tis.common.runtime.clock import monotonic_ns
 from tis.common.runtime.scheduling import sharpen_timers
 from tis.common.units import NS_PER_S, s_to_ns
-from tis.deploy.net.probing.message_pairing import Paired, last_received, pair
-from tis.deploy.net.probing.receiving_end import WARM_UP, ReceivingEnd
+from tis.deploy.net.probing.receiving_end import WARM_UP, Paired, ReceivingEnd, last_received, pair
 
 _WARM_UP_EVERY_S: Final = 0.05
 _SETTLE_S: Final = 0.2

@@ -13,6 +13,8 @@ question or end finishes the query, and only the replies of the cache are lost.
 import threading
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
 from typing import Final, Literal
 
 import zenoh
@@ -123,18 +125,21 @@ class Queries:
             question.drop()
 
 
+@dataclass(eq=False)
 class _Question:
     """A query, and the state of its replies."""
 
-    def __init__(self, queries: Queries, direction: Direction, key: str, query: zenoh.Query) -> None:
-        self.queries: Final = queries
-        self.direction: Final = direction
-        self.key: Final = key
-        self.query: Final = query
-        self._holds_back = is_advanced(key)
-        self._asked_s = -1.0
-        self._n_crossing = 0
-        self._ended = False
+    queries: Final[Queries]
+    direction: Final[Direction]
+    key: Final[str]
+    query: Final[zenoh.Query]
+    _asked_s: float = -1.0
+    _n_crossing: int = 0
+    _ended: bool = False
+
+    @property
+    def _holds_back(self) -> bool:
+        return is_advanced(self.key)
 
     def forward(self, due: Due) -> None:
         """Query the other side. A second copy is ignored, since Zenoh numbers its requests."""
@@ -142,11 +147,12 @@ class _Question:
             return
         self._asked_s = time.monotonic()
         queries, query, payload, stack = self.queries, self.query, self.query.payload, self.query.timestamp_stack
+        guarded = queries.bridge.guarded
         try:
             queries.sessions[DESTINATION[self.direction]].get(
                 zenoh.Selector(self.key, query.parameters),
                 # direct: an extra thread would cost more than the query
-                zenoh.handlers.Callback(self._reply, self._end, indirect=False),
+                zenoh.handlers.Callback(guarded(self._reply), guarded(self._end), indirect=False),
                 target=zenoh.QueryTarget.ALL if self._holds_back else queries.target,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 accept_replies=query.accepts_replies(),
@@ -185,37 +191,51 @@ class _Question:
             self.finish()
 
     def _reply(self, reply: zenoh.Reply) -> None:
-        try:
-            sample, error = reply.ok, reply.err
-            if sample is not None:
-                answer: _Reply = _Sample(self, sample)
-                if sample.source_info is not None:
-                    self.queries.has_lost_a_source = True
-                name, attachment, payload = str(sample.key_expr), _bytes(sample.attachment), sample.payload
-            elif error is None or self._is_own_time_out(error):
-                return
-            else:
-                answer = _Error(self, error)
-                name, attachment, payload = self.key, b"", error.payload
-            with self.queries.lock:
-                self._n_crossing += 1
-            back = OPPOSITE[self.direction]
-            fate = self.queries.bridge.offer(back, f"reply {name}", attachment, len(payload), answer)
-            if fate is None or fate.outcome != "deliver":
-                answer.drop()
-        except BaseException as error:
-            self.queries.bridge.failed(error)
+        sample, error = reply.ok, reply.err
+        if sample is not None:
+            answer = _Reply(self, partial(self._send_sample, sample))
+            if sample.source_info is not None:
+                self.queries.has_lost_a_source = True
+            name, attachment, payload = str(sample.key_expr), _bytes(sample.attachment), sample.payload
+        elif error is None or self._is_own_time_out(error):
+            return
+        else:
+            answer = _Reply(self, partial(self._send_error, error))
+            name, attachment, payload = self.key, b"", error.payload
+        with self.queries.lock:
+            self._n_crossing += 1
+        fate = self.queries.bridge.offer(OPPOSITE[self.direction], f"reply {name}", attachment, len(payload), answer)
+        if fate is None or fate.outcome != "deliver":
+            answer.drop()
+
+    def _send_sample(self, sample: zenoh.Sample, due: Due) -> None:
+        """Reply with a put or a delete of the other side."""
+        queries, query = self.queries, self.query
+        stamp = queries.stamps.stamp(self.key, sample)
+        if sample.kind == zenoh.SampleKind.DELETE:
+            query.reply_del(sample.key_expr, express=sample.express, attachment=sample.attachment, timestamp=stamp)
+            return
+        query.reply(
+            sample.key_expr,
+            queries.bridge.payload(OPPOSITE[self.direction], due, sample.payload),
+            encoding=sample.encoding,
+            express=sample.express,
+            attachment=sample.attachment,
+            timestamp=stamp,
+        )
+
+    def _send_error(self, error: zenoh.ReplyError, due: Due) -> None:
+        """Reply with an error of the other side."""
+        payload = self.queries.bridge.payload(OPPOSITE[self.direction], due, error.payload)
+        self.query.reply_err(payload, encoding=error.encoding)
 
     def _end(self) -> None:
-        try:
-            end = _End(self)
-            fate = self.queries.bridge.offer(OPPOSITE[self.direction], f"end {self.key}", b"", 0, end)
-            if fate is None or fate.outcome == "refused":
-                self.finish()
-            elif fate.outcome != "deliver":
-                end.drop()
-        except BaseException as error:
-            self.queries.bridge.failed(error)
+        end = _End(self)
+        fate = self.queries.bridge.offer(OPPOSITE[self.direction], f"end {self.key}", b"", 0, end)
+        if fate is None or fate.outcome == "refused":
+            self.finish()
+        elif fate.outcome != "deliver":
+            end.drop()
 
     def lost_end(self) -> None:
         """Handle a lost end: the querier waits for its time-out, unless it holds back messages."""
@@ -228,15 +248,16 @@ class _Question:
         return waited_s >= self.queries.time_out_s - 0.1 and error.payload.to_bytes() == _TIMED_OUT
 
 
+@dataclass
 class _Reply:
-    """A reply that crosses back."""
+    """A reply that crosses back; ``send`` replies on the querier's side."""
 
-    def __init__(self, question: _Question) -> None:
-        self.question: Final = question
-        self._left = False
+    question: Final[_Question]
+    send: Final[Callable[[Due], None]]
+    left: bool = False
 
     def forward(self, due: Due) -> None:
-        """Reply on the querier's side; a second copy of a reply is a second reply."""
+        """Reply; a second copy of a reply is a second reply."""
         try:
             self.send(due)
             self.question.queries.n_replies += 1
@@ -246,67 +267,23 @@ class _Reply:
 
     def drop(self) -> None:
         """Count it as arrived or lost, once."""
-        if not self._left:
-            self._left = True
+        if not self.left:
+            self.left = True
             self.question.arrived(end=False)
 
-    def send(self, due: Due) -> None:
-        raise NotImplementedError
 
-
-class _Sample(_Reply):
-    """A put or delete as a reply."""
-
-    def __init__(self, question: _Question, sample: zenoh.Sample) -> None:
-        super().__init__(question)
-        self._sample = sample
-
-    def send(self, due: Due) -> None:
-        sample, query = self._sample, self.question.query
-        if sample.kind == zenoh.SampleKind.DELETE:
-            query.reply_del(
-                sample.key_expr, express=sample.express, attachment=sample.attachment, timestamp=self._stamp()
-            )
-            return
-        back = OPPOSITE[self.question.direction]
-        query.reply(
-            sample.key_expr,
-            self.question.queries.bridge.payload(back, due, sample.payload),
-            encoding=sample.encoding,
-            express=sample.express,
-            attachment=sample.attachment,
-            timestamp=self._stamp(),
-        )
-
-    def _stamp(self) -> zenoh.Timestamp | None:
-        return self.question.queries.stamps.stamp(self.question.key, self._sample)
-
-
-class _Error(_Reply):
-    """An error as a reply."""
-
-    def __init__(self, question: _Question, error: zenoh.ReplyError) -> None:
-        super().__init__(question)
-        self._error = error
-
-    def send(self, due: Due) -> None:
-        back = OPPOSITE[self.question.direction]
-        payload = self.question.queries.bridge.payload(back, due, self._error.payload)
-        self.question.query.reply_err(payload, encoding=self._error.encoding)
-
-
+@dataclass(frozen=True)
 class _End:
     """The end of the replies, which crosses back."""
 
-    def __init__(self, question: _Question) -> None:
-        self._question = question
+    question: _Question
 
     def forward(self, due: Due) -> None:  # noqa: ARG002
-        self._question.arrived(end=True)
+        self.question.arrived(end=True)
 
     def drop(self) -> None:
         """Handle its loss."""
-        self._question.lost_end()
+        self.question.lost_end()
 
 
 def _bytes(attachment: zenoh.ZBytes | None) -> bytes:

@@ -2,7 +2,7 @@
 
 Zenoh's routing depends on them: a query without a queryable ends at once, one for complete queryables only (ROS 2
 services) finds them, and the nearest complete one is queried first. A client of the network's router lists them
-(`tis.netem.bridge.mirrors.listing`), and `tis.netem.bridge.mirrors.ownership` removes our own mirrors.
+(`tis.netem.bridge.mirrors.listing`), and `tis.netem.bridge.mirrors.listing` removes our own mirrors.
 
 Without a list, because there is no router or its access control hides queryables, one incomplete queryable represents
 all. The same holds for keys with chunks that begin with ``@`` (the caches of advanced publishers).
@@ -11,6 +11,8 @@ all. The same holds for keys with chunks that begin with ``@`` (the caches of ad
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 import zenoh
@@ -19,10 +21,9 @@ from tis.common.channels import DESTINATION, OPPOSITE, ORIGIN, Direction, Networ
 from tis.common.scenario.control import control_prefix
 from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.keys import is_private
-from tis.netem.bridge.mirrors.deadlock import end_process, is_answered, is_deadlocked, router_deadlock
-from tis.netem.bridge.mirrors.listing import Listing
-from tis.netem.bridge.mirrors.ownership import owned_by_others, sample
+from tis.netem.bridge.mirrors.listing import Listing, owned_by_others, sample
 from tis.netem.bridge.mirrors.queries import Queries
+from tis.netem.bridge.standstill import end_process, is_answered, is_deadlocked, router_deadlock
 
 _PAUSE_S: Final = 0.1
 _PAUSE_RATIO: Final = 20  # pause over processor time of a step: bounds the load of many queryables
@@ -61,15 +62,15 @@ class _Listed:
             querier.undeclare()  # type: ignore[no-untyped-call]
 
 
+@dataclass(eq=False)
 class _Mirror:
     """A queryable in the origin that represents one of the destination, or all if it is not ``listed``."""
 
-    def __init__(self, within: zenoh.KeyExpr, expr: zenoh.KeyExpr, listed: bool, complete: bool) -> None:
-        self.within: Final = within
-        self.expr: Final = expr
-        self.listed: Final = listed
-        self.complete: Final = complete
-        self.queryable: Any = None
+    within: Final[zenoh.KeyExpr]
+    expr: Final[zenoh.KeyExpr]
+    listed: Final[bool]
+    complete: Final[bool]
+    queryable: Any = None
 
     @property
     def rank(self) -> tuple[bool, str]:
@@ -221,12 +222,7 @@ class Queryables:
             self._declare(direction, _Mirror(one.within, one.expr, listed=True, complete=one.is_complete))
 
     def _declare(self, direction: Direction, mirror: _Mirror) -> None:
-        def take(query: zenoh.Query) -> None:
-            try:
-                self._take(direction, mirror, query)
-            except BaseException as error:
-                self._bridge.failed(error)
-
+        take = self._bridge.guarded(partial(self._take, direction, mirror))
         session = self._sessions[ORIGIN[direction]]
         mirror.queryable = session.declare_queryable(
             mirror.expr, take, complete=mirror.complete, allowed_origin=_REMOTE

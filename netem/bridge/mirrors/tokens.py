@@ -10,13 +10,15 @@ closed their connection. They return after the outage.
 
 import time
 from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
 from typing import Any, Final
 
 import zenoh
 
 from tis.common.channels import DESTINATION, OPPOSITE, ORIGIN, Direction, Network
 from tis.netem.bridge.bridge import Bridge
-from tis.netem.bridge.executor import SerialExecutor
+from tis.netem.bridge.standstill import SerialExecutor
 from tis.netem.link.packet import Due
 
 _MIN_RETRY_S: Final = 0.2
@@ -26,14 +28,12 @@ _RECENT_S: Final = 2.0
 _STEP_S: Final = 0.02
 
 
+@dataclass(slots=True)
 class _Retry:
     """The instant of the next attempt to send a change."""
 
-    __slots__ = ("at_s", "pause_s")
-
-    def __init__(self, now_s: float) -> None:
-        self.at_s = now_s
-        self.pause_s = 0.0
+    at_s: float = 0.0
+    pause_s: float = 0.0
 
 
 class _DirectionState:
@@ -80,7 +80,7 @@ class Tokens:
         self._out_since_s: float | None = None
         self._cut = False
         self._closed = False
-        self._held: list[Any] = []
+        self._held = ExitStack()
 
     def watch(self, direction: Direction, expression: str) -> None:
         """Let the tokens that match ``expression`` cross in ``direction``, including existing ones."""
@@ -92,7 +92,7 @@ class Tokens:
         liveliness = self._sessions[ORIGIN[direction]].liveliness()
         # direct: the binding's own thread would have a bounded channel before it, on which Zenoh waits
         handler = zenoh.handlers.Callback(take, indirect=False)
-        self._held.append(liveliness.declare_subscriber(expression, handler, history=True))
+        self._held.callback(liveliness.declare_subscriber(expression, handler, history=True).undeclare)
 
     def start(self) -> None:
         """Begin to mirror."""
@@ -105,9 +105,7 @@ class Tokens:
 
     def close(self) -> None:
         """Stop watching and withdraw every mirror."""
-        for declaration in self._held:
-            declaration.undeclare()
-        self._held.clear()
+        self._held.close()
         self.executor.post(self._end)
         self.executor.close()
 
@@ -193,7 +191,7 @@ class Tokens:
             self.lost(direction, key, number)
 
     def _schedule(self, state: _DirectionState, key: str, pause_s: float) -> None:
-        retry = state.retries.setdefault(key, _Retry(0.0))
+        retry = state.retries.setdefault(key, _Retry())
         if pause_s > 0.0:
             self.n_retries += 1
             retry.pause_s = min(_MAX_RETRY_S, max(pause_s, 2.0 * retry.pause_s))
@@ -249,20 +247,20 @@ class Tokens:
         self._withdraw_all()
 
 
+@dataclass(frozen=True)
 class _Change:
     """A change of a token that crosses the link."""
 
-    def __init__(self, tokens: Tokens, direction: Direction, key: str, number: int, alive: bool) -> None:
-        self._tokens = tokens
-        self._direction: Direction = direction
-        self._key = key
-        self._number = number
-        self._alive = alive
+    tokens: Tokens
+    direction: Direction
+    key: str
+    number: int
+    alive: bool
 
     def forward(self, due: Due) -> None:  # noqa: ARG002
         """Have the mirror declared or withdrawn."""
-        self._tokens.executor.post(lambda: self._tokens.apply(self._direction, self._key, self._number, self._alive))
+        self.tokens.executor.post(lambda: self.tokens.apply(self.direction, self.key, self.number, self.alive))
 
     def drop(self) -> None:
         """Schedule it to be sent again."""
-        self._tokens.executor.post(lambda: self._tokens.lost(self._direction, self._key, self._number))
+        self.tokens.executor.post(lambda: self.tokens.lost(self.direction, self.key, self.number))

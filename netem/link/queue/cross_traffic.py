@@ -3,6 +3,7 @@
 from bisect import bisect_left
 from collections.abc import Iterator
 from fractions import Fraction
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -11,12 +12,10 @@ from tis.common.scenario.network.capacity import Cross, OnOffCross, PoissonCross
 from tis.common.streams import Address
 from tis.common.units import NS_PER_S
 from tis.netem.draws.blocks import BLOCK
-from tis.netem.draws.grid import CELL_NS
-from tis.netem.draws.renewal import PER_CHUNK, Cells, RenewalPath, geometric_cells
+from tis.netem.draws.grid import CELL_NS, CELLS_PER_S, RenewalPath, alternating, geometric_cells
+from tis.netem.link.queue.transmission import NS_PER_BYTE_AT_1_KBIT_S
 
 _STAGE: Final = "cross"
-_CELLS_PER_S: Final = 1000.0
-_NS_PER_BYTE_AT_1_KBIT_S: Final = 8_000_000
 
 
 class CrossTraffic:
@@ -30,7 +29,7 @@ class CrossTraffic:
         self.part: Final = part
         self.n_bytes: Final = part.message_bytes
         self._address: Final = address
-        self._gap_ns = Fraction(self.n_bytes * _NS_PER_BYTE_AT_1_KBIT_S) / Fraction(str(part.kbit_s))
+        self._gap_ns = Fraction(self.n_bytes * NS_PER_BYTE_AT_1_KBIT_S) / Fraction(str(part.kbit_s))
         self._phase_ns = int(address.stream(f"{_STAGE}/phase").uniform(0) * self._gap_ns)
         self._path = _on_off(part, address) if isinstance(part, OnOffCross) else None
         self.skip_to(from_ns)
@@ -87,15 +86,6 @@ def _while_on(path: RenewalPath, instants: list[int]) -> Iterator[int]:
 
 
 def _on_off(part: OnOffCross, address: Address) -> RenewalPath:
-    """Return the path of a source that begins off: uniform 2k decides the time off before time on k, 2k + 1 that."""
-    stream = address.stream(f"{_STAGE}/on_off")
-    values = np.tile(np.array([0, 1], np.int64), PER_CHUNK)
-
-    def draw(number: int, _: int) -> tuple[Cells, Cells]:
-        u = stream.uniforms(number * BLOCK, BLOCK)
-        lengths = np.empty(BLOCK, np.int64)
-        lengths[0::2] = geometric_cells(u[0::2], part.mean_off_s * _CELLS_PER_S)
-        lengths[1::2] = geometric_cells(u[1::2], part.mean_on_s * _CELLS_PER_S)
-        return lengths, values
-
-    return RenewalPath(draw)
+    """Return the path of a source that begins off."""
+    off, on = (partial(geometric_cells, mean=mean_s * CELLS_PER_S) for mean_s in (part.mean_off_s, part.mean_on_s))
+    return alternating(address.stream(f"{_STAGE}/on_off"), off, on)

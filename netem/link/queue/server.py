@@ -14,11 +14,12 @@ from tis.netem.link.queue.codel import CoDel
 from tis.netem.link.queue.cross_traffic import CrossTraffic
 from tis.netem.link.queue.transmission import Service, transmission_of
 
-# Tail drop: a message that finds the queue full is dropped on arrival.
+MEMORY_NS: Final = 10 * NS_PER_S
+"""The time for which the traffic of others is followed back, once a queue had no message of its own for longer."""
 
 
 class TailDrop(NamedTuple):
-    """The bounds of a queue, also of one that CoDel manages."""
+    """The bounds of a queue, also of one that CoDel manages; a message that finds it full is dropped on arrival."""
 
     max_packets: int
     max_bytes: int | None = None
@@ -36,8 +37,6 @@ class TailDrop(NamedTuple):
 
 
 _UNBOUNDED: Final = TailDrop(1 << 62)
-MEMORY_NS: Final = 10 * NS_PER_S
-"""The time for which the traffic of others is followed back, once a queue had no message of its own for longer."""
 
 
 class Departed(NamedTuple):

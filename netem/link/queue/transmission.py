@@ -11,15 +11,99 @@ from numpy.typing import NDArray
 from tis.common.scenario.network.capacity import Capacity, RecordedRate
 from tis.common.trace import Trace
 
-# Transmission at recorded opportunities, as mahimahi's link has them.
+NS_PER_BYTE_AT_1_KBIT_S: Final = 8_000_000
+NEVER_NS: Final = 1 << 62
+_LEAST_KBIT_S: Final = 0.001
+_DECIMALS: Final = 3
+
+
+class Service(NamedTuple):
+    """The terms on which a queue is served: its capacity times ``scale``; None: no limit. In a stall, not at all."""
+
+    capacity: Capacity | None
+    scale: float = 1.0
+    stall: bool = False
+
+    @property
+    def is_needed(self) -> bool:
+        """Tell whether a message may have to wait."""
+        return self.stall or self.capacity is not None
+
+    def equals(self, other: "Service") -> bool:
+        """Tell whether the terms are the same; capacities are compared as objects, which is quick."""
+        return self.capacity is other.capacity and self[1:] == other[1:]
+
+
+class Transmission(Protocol):
+    """Messages that are sent one after the other; instants are whole ns and do not decrease."""
+
+    free_ns: int
+    """The instant at which everything has been sent."""
+
+    def send(self, n_bytes: int, ready_ns: int) -> int:
+        """Send a message that is ready at ``ready_ns``, after the earlier ones; return the new ``free_ns``."""
+        ...
+
+    def left(self, now_ns: int) -> Fraction:
+        """Return the bytes that are left at ``now_ns``."""
+        ...
+
+    def resume(self, left: Fraction, now_ns: int) -> None:
+        """Send the bytes that another transmission left at ``now_ns``."""
+        ...
+
+
+class Line:
+    """A line in exact arithmetic: the fraction of a nanosecond lost by rounding an end up is carried over.
+
+    So n successive bytes take ``n * 8e6 / kbit_s`` ns, rounded up once, for any division into messages and for any
+    number of changes of the bit rate (oracle: fractions, tests/netem/link/queue/test_line and
+    tests/netem/link/test_changing_rate). The bit rate is the exact value of its decimal notation; None: no time.
+    """
+
+    __slots__ = ("_numerator", "_spare", "_unit", "free_ns")
+
+    def __init__(self, kbit_s: float | None) -> None:
+        self._numerator, self._unit = _per_byte(kbit_s)
+        self.free_ns = 0
+        """The first whole nanosecond at which everything has been sent."""
+        self._spare = 0  # in 1/unit ns, 0 to unit - 1: how much earlier than ``free_ns`` the line is free
+
+    def send(self, n_bytes: int, ready_ns: int) -> int:
+        """Send a message that is ready at ``ready_ns``, after the earlier ones; return the new ``free_ns``."""
+        begin_ns, spare = (self.free_ns, self._spare) if ready_ns < self.free_ns else (ready_ns, 0)
+        whole, self._spare = divmod(spare - n_bytes * self._numerator, self._unit)
+        self.free_ns = begin_ns - whole
+        return self.free_ns
+
+    def left(self, now_ns: int) -> Fraction:
+        """Return the bytes that are left at ``now_ns``, exactly."""
+        if self.free_ns <= now_ns:
+            return Fraction(0)
+        return Fraction((self.free_ns - now_ns) * self._unit - self._spare, self._numerator)
+
+    def resume(self, left: Fraction, now_ns: int) -> None:
+        """Send the bytes that another transmission left at ``now_ns``."""
+        # The bytes left are a fraction with the old numerator as denominator, so the unit becomes finer. Instants of
+        # changes are whole ns, so it does not become finer than all numerators of a busy period together require.
+        self._numerator, self._unit = self._numerator * left.denominator, self._unit * left.denominator
+        whole, self._spare = divmod(int(-left * self._numerator), self._unit)
+        self.free_ns = now_ns - whole
+
+
+def _per_byte(kbit_s: float | None) -> tuple[int, int]:
+    """Return the ns per byte as numerator and denominator."""
+    if kbit_s is None:
+        return 0, 1
+    return (NS_PER_BYTE_AT_1_KBIT_S / Fraction(str(kbit_s))).as_integer_ratio()
 
 
 class Opportunities:
-    """A transmission that sends some bytes at each instant of a recording, and nothing between them.
+    """A transmission that sends some bytes at each instant of a recording, and nothing between them, as mahimahi's.
 
     The rest of an opportunity goes to the next messages that waited for it; what nobody waited for is lost. A message
-    that becomes ready at an opportunity waits for the next one. The recording repeats from its last instant on, as in
-    mahimahi. Oracle: a loop over single opportunities, tests/netem/link/queue/test_opportunities.
+    that becomes ready at an opportunity waits for the next one. The recording repeats from its last instant on, as
+    there. Oracle: a loop over single opportunities, tests/netem/link/queue/test_opportunities.
 
     ``at_ns`` (N,) does not descend, its last element is positive; ``n_bytes`` is what each opportunity sends.
     """
@@ -65,97 +149,6 @@ class Opportunities:
     def _instant_ns(self, number: int) -> int:
         round_number, index = divmod(number, len(self._at_ns))
         return round_number * self._at_ns[-1] + self._at_ns[index]
-
-
-# Serialisation at a bit rate, in whole nanoseconds without drift.
-
-_NS_PER_BYTE_AT_1_KBIT_S: Final = 8_000_000
-
-
-class Line:
-    """A line in exact arithmetic: the fraction of a nanosecond lost by rounding an end up is carried over.
-
-    So n successive bytes take ``n * 8e6 / kbit_s`` ns, rounded up once, for any division into messages and for any
-    number of changes of the bit rate (oracle: fractions, tests/netem/link/queue/test_line and
-    tests/netem/link/test_changing_rate). The bit rate is the exact value of its decimal notation; None: no time.
-    """
-
-    __slots__ = ("_numerator", "_spare", "_unit", "free_ns")
-
-    def __init__(self, kbit_s: float | None) -> None:
-        self._numerator, self._unit = _per_byte(kbit_s)
-        self.free_ns = 0
-        """The first whole nanosecond at which everything has been sent."""
-        self._spare = 0  # in 1/unit ns, 0 to unit - 1: how much earlier than ``free_ns`` the line is free
-
-    def send(self, n_bytes: int, ready_ns: int) -> int:
-        """Send a message that is ready at ``ready_ns``, after the earlier ones; return the new ``free_ns``."""
-        begin_ns, spare = (self.free_ns, self._spare) if ready_ns < self.free_ns else (ready_ns, 0)
-        whole, self._spare = divmod(spare - n_bytes * self._numerator, self._unit)
-        self.free_ns = begin_ns - whole
-        return self.free_ns
-
-    def left(self, now_ns: int) -> Fraction:
-        """Return the bytes that are left at ``now_ns``, exactly."""
-        if self.free_ns <= now_ns:
-            return Fraction(0)
-        return Fraction((self.free_ns - now_ns) * self._unit - self._spare, self._numerator)
-
-    def resume(self, left: Fraction, now_ns: int) -> None:
-        """Send the bytes that another transmission left at ``now_ns``."""
-        # The bytes left are a fraction with the old numerator as denominator, so the unit becomes finer. Instants of
-        # changes are whole ns, so it does not become finer than all numerators of a busy period together require.
-        self._numerator, self._unit = self._numerator * left.denominator, self._unit * left.denominator
-        whole, self._spare = divmod(int(-left * self._numerator), self._unit)
-        self.free_ns = now_ns - whole
-
-
-def _per_byte(kbit_s: float | None) -> tuple[int, int]:
-    """Return the ns per byte as numerator and denominator."""
-    if kbit_s is None:
-        return 0, 1
-    return (_NS_PER_BYTE_AT_1_KBIT_S / Fraction(str(kbit_s))).as_integer_ratio()
-
-
-NEVER_NS: Final = 1 << 62
-_LEAST_KBIT_S: Final = 0.001
-_DECIMALS: Final = 3
-
-
-class Service(NamedTuple):
-    """The terms on which a queue is served: its capacity times ``scale``; None: no limit. In a stall, not at all."""
-
-    capacity: Capacity | None
-    scale: float = 1.0
-    stall: bool = False
-
-    @property
-    def is_needed(self) -> bool:
-        """Tell whether a message may have to wait."""
-        return self.stall or self.capacity is not None
-
-    def equals(self, other: "Service") -> bool:
-        """Tell whether the terms are the same; capacities are compared as objects, which is quick."""
-        return self.capacity is other.capacity and self[1:] == other[1:]
-
-
-class Transmission(Protocol):
-    """Messages that are sent one after the other; instants are whole ns and do not decrease."""
-
-    free_ns: int
-    """The instant at which everything has been sent."""
-
-    def send(self, n_bytes: int, ready_ns: int) -> int:
-        """Send a message that is ready at ``ready_ns``, after the earlier ones; return the new ``free_ns``."""
-        ...
-
-    def left(self, now_ns: int) -> Fraction:
-        """Return the bytes that are left at ``now_ns``."""
-        ...
-
-    def resume(self, left: Fraction, now_ns: int) -> None:
-        """Send the bytes that another transmission left at ``now_ns``."""
-        ...
 
 
 class Standstill:

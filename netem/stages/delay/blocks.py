@@ -1,6 +1,6 @@
 """Blocks of delays for one key: independent, correlated in time, or recorded."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,12 +9,30 @@ from tis.common.scenario.network import delay as network
 from tis.common.scenario.network.pipeline import Stages
 from tis.common.streams import Address
 from tis.common.trace import Trace
-from tis.netem.draws.blocks import BLOCK, Counts, DelayBlocks
+from tis.netem.draws.blocks import BLOCK, Counts, DelayBlocks, Floats
 from tis.netem.draws.correlation import ScorePath, uniforms
-from tis.netem.stages.delay.build import latency_of
-from tis.netem.stages.delay.latency import LatencyModel
-from tis.netem.stages.delay.trace import row_delays_ns
-from tis.netem.stages.trace_rows import row_of_cell, row_of_packet
+from tis.netem.draws.grid import rows_of_block
+from tis.netem.stages.delay.latency import LatencyModel, build_jitter
+from tis.netem.stages.delay.laws import ConstantDelay, Delay, own_law
+from tis.netem.stages.delay.shifted import ShiftedLaw, shifted_law
+from tis.netem.stages.delay.trace import EmpiricalDelay, row_delays_ns
+
+
+def latency_of(stages: Stages, traces: Mapping[str, Trace]) -> LatencyModel:
+    """Return the delay and jitter of stages; without a delay stage it is 0.
+
+    ``traces`` has every trace that the stages name, by the path as written.
+    """
+    return LatencyModel(_law(stages, traces), None if stages.jitter is None else build_jitter(stages.jitter))
+
+
+def _law(stages: Stages, traces: Mapping[str, Trace]) -> Delay:
+    part = stages.delay
+    if part is None:
+        return ConstantDelay(0.0)
+    if isinstance(part, network.TraceDelay):
+        return EmpiricalDelay.of_trace(part, traces[part.path], stages.loss)
+    return shifted_law(part) if isinstance(part, ShiftedLaw) else own_law(part)
 
 
 def delay_blocks(stages: Stages, address: Address, traces: Mapping[str, Trace]) -> DelayBlocks:
@@ -26,43 +44,41 @@ def delay_blocks(stages: Stages, address: Address, traces: Mapping[str, Trace]) 
     if isinstance(stages.delay, network.TraceDelay):
         return TraceBlocks(model, stages.delay, traces[stages.delay.path], address)
     if stages.correlation is not None:
-        return CorrelatedBlocks(model, stages.correlation, address)
-    return IndependentBlocks(model, address)
+        return _correlated(model, stages.correlation, address)
+    return _independent(model, address)
 
 
-class IndependentBlocks:
-    """Independent delays, one draw per packet."""
+class DrawnBlocks:
+    """Delays drawn from the uniforms of delay and jitter, one draw per packet or per cell of run time."""
 
-    counts: Counts = "packet"
-
-    def __init__(self, model: LatencyModel, address: Address) -> None:
-        self._model = model
-        self._delay, self._jitter = address.stream("delay"), address.stream("jitter")
+    def __init__(
+        self, model: LatencyModel, counts: Counts, delay: Callable[[int], Floats], jitter: Callable[[int], Floats]
+    ) -> None:
+        self.counts = counts
+        self._model, self._delay, self._jitter = model, delay, jitter
 
     def block(self, number: int) -> NDArray[np.int64]:
         """Return delays in ns, (BLOCK,). Oracle: scipy.stats, tests/netem/stages/delay/test_blocks."""
-        u_delay = self._delay.uniforms(number * BLOCK, BLOCK)
-        u_jitter = u_delay if self._model.jitter is None else self._jitter.uniforms(number * BLOCK, BLOCK)
-        return self._model.sample(u_delay, u_jitter)
+        u_delay = self._delay(number)
+        return self._model.sample(u_delay, u_delay if self._model.jitter is None else self._jitter(number))
 
 
-class CorrelatedBlocks:
-    """Delay and jitter follow one path each over run time; all packets of a cell have the same delay."""
+def _independent(model: LatencyModel, address: Address) -> DrawnBlocks:
+    delay, jitter = address.stream("delay"), address.stream("jitter")
+    return DrawnBlocks(
+        model,
+        "packet",
+        lambda number: delay.uniforms(number * BLOCK, BLOCK),
+        lambda number: jitter.uniforms(number * BLOCK, BLOCK),
+    )
 
-    counts: Counts = "cell"
 
-    def __init__(self, model: LatencyModel, part: network.Correlation, address: Address) -> None:
-        self._model = model
-        self._delay, self._jitter = ScorePath(part, address, "delay"), ScorePath(part, address, "jitter")
-
-    def block(self, number: int) -> NDArray[np.int64]:
-        """Return delays in ns, (BLOCK,).
-
-        Oracle: scipy.stats on distant cells, tests/netem/stages/delay/test_blocks.
-        """
-        u_delay = uniforms(self._delay.block(number))
-        u_jitter = u_delay if self._model.jitter is None else uniforms(self._jitter.block(number))
-        return self._model.sample(u_delay, u_jitter)
+def _correlated(model: LatencyModel, part: network.Correlation, address: Address) -> DrawnBlocks:
+    """Return blocks in which delay and jitter follow one path each over run time, so that a cell has one delay."""
+    delay, jitter = ScorePath(part, address, "delay"), ScorePath(part, address, "jitter")
+    return DrawnBlocks(
+        model, "cell", lambda number: uniforms(delay.block(number)), lambda number: uniforms(jitter.block(number))
+    )
 
 
 class TraceBlocks:
@@ -77,7 +93,5 @@ class TraceBlocks:
 
     def block(self, number: int) -> NDArray[np.int64]:
         """Return delays in ns, (BLOCK,). Oracle: a loop over the rows, tests/netem/stages/delay/test_trace."""
-        index = np.arange(number * BLOCK, (number + 1) * BLOCK)
-        by_packet = self.counts == "packet"
-        rows = row_of_packet(len(self._delays_ns), index) if by_packet else row_of_cell(self._trace, index)
+        rows = rows_of_block(self._trace, self.counts, number)
         return self._model.with_jitter(self._delays_ns[rows], self._jitter.uniforms(number * BLOCK, BLOCK))

@@ -13,13 +13,13 @@ import numpy as np
 from tis.common.scenario.network import delay as network
 from tis.common.scenario.network.loss import Loss
 from tis.common.trace import Trace
-from tis.common.units import NS_PER_MS
 from tis.netem.draws.blocks import Floats
-from tis.netem.stages.trace_rows import span_ns
+from tis.netem.draws.grid import cells_of_rows
+from tis.netem.stages.delay.laws import Delay
 
 
 @dataclass(frozen=True, eq=False)
-class EmpiricalDelay:
+class EmpiricalDelay(Delay):
     """A discrete distribution: ``delays_ns`` (N,) ascend strictly, ``shares`` (N,) are its distribution function."""
 
     delays_ns: Floats
@@ -31,7 +31,7 @@ class EmpiricalDelay:
 
         Each row counts once, or by its duration. Where the loss is the same trace's, lost rows carry no packet.
         """
-        weights = np.ones(len(trace.sent_ns)) if part.advance == "packet" else _cells_of_rows(trace)
+        weights = np.ones(len(trace.sent_ns)) if part.advance == "packet" else cells_of_rows(trace).astype(np.float64)
         if loss is not None and loss.kind == "trace" and (loss.path, loss.advance) == (part.path, part.advance):
             weights = np.where(trace.delay_ns >= 0, weights, 0.0)
         if not weights.any():  # no packet arrives
@@ -71,10 +71,3 @@ def row_delays_ns(trace: Trace) -> Floats:
         return np.zeros(len(trace.delay_ns))
     last = np.searchsorted(received, np.arange(len(trace.delay_ns)), side="right") - 1  # -1 wraps to the trace's end
     return trace.delay_ns[received[last]].astype(np.float64)
-
-
-def _cells_of_rows(trace: Trace) -> Floats:
-    """Return the number of cells of the period in which each row holds, (N,). Oracle: `row_of_cell`."""
-    # the first cell that begins at the row or later
-    first_cells = -(-(trace.sent_ns - trace.sent_ns[0]) // NS_PER_MS)
-    return np.asarray(np.diff(first_cells, append=span_ns(trace) // NS_PER_MS), np.float64)

@@ -6,16 +6,17 @@ K = floor(X), X Pareto II with the parameters of the chain's state: K packets ar
 one is received. K is often 0. So the stream is a sequence of cycles of K + 1 packets, each with a received last one.
 """
 
+from dataclasses import dataclass
+from functools import cached_property
 from math import log
-from typing import Final, Literal, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from tis.common.scenario.network import loss as network
 from tis.common.streams import Address
-from tis.netem.draws.blocks import BLOCK, Floats
+from tis.netem.draws.blocks import BLOCK, Floats, SegmentedPath
 from tis.netem.draws.markov import MarkovChain
-from tis.netem.draws.segments import SegmentedPath
 from tis.netem.stages.loss.expected_loss import ExpectedLoss
 from tis.netem.stages.loss.lomax import MAX_RUN, FlooredLomax
 
@@ -30,23 +31,78 @@ class _Place(NamedTuple):
     in_cycle: bool
 
 
-class GilbertParetoBlocks:
+@dataclass(frozen=True)
+class GilbertPareto:
+    """The process of a scenario's loss stage."""
+
+    part: network.GilbertParetoLoss
+
+    @cached_property
+    def chain(self) -> MarkovChain:
+        """Return the hidden chain; state 1 is bad."""
+        p, r = self.part.p_bad, self.part.p_good
+        return MarkovChain(np.array([[1.0 - p, p], [r, 1.0 - r]]))
+
+    @cached_property
+    def laws(self) -> tuple[FlooredLomax, FlooredLomax]:
+        """Return the laws of K in good and in bad."""
+        good, bad = self.part.good, self.part.bad
+        return FlooredLomax(good.shape, good.scale), FlooredLomax(bad.shape, bad.scale)
+
+    @cached_property
+    def cycles(self) -> Floats:
+        """Return the share of cycles drawn in good and in bad, (2,): the chain observed at the draws only.
+
+        Between two draws the chain takes K + 1 steps, which leave x ** (K + 1) of its memory, x = 1 - p - r. So it
+        moves to bad with probability pi_bad (1 - E[x ** (K + 1)]), K as in good, and back likewise; summation by
+        parts gives 1 - E[x ** (K + 1)] = (1 - x) sum_{k >= 0} P(K >= k) x ** k.
+        """
+        x = 1.0 - self.part.p_bad - self.part.p_good
+        in_good, in_bad = (_discounted(law, x) for law in self.laws)
+        to_good, to_bad = self.chain.stationary * np.array([in_bad, in_good])
+        shares: Floats = np.array([to_good, to_bad]) / (to_good + to_bad)
+        return shares
+
+    def blocks(self, address: Address) -> "GilbertParetoBlocks":
+        """Return the loss blocks of one key."""
+        return GilbertParetoBlocks(self, address)
+
+    def expected(self, n_packets: int) -> ExpectedLoss:
+        """Return E[K] / (1 + E[K]) and E[K | K > 0] over the cycles.
+
+        Of n packets none is lost if the first one ends a cycle, and n - 1 cycles with K = 0 follow: the chain takes
+        one step with each. Oracle: a walk by packets, tests/netem/stages/loss.
+        """
+        cycles = self.cycles
+        mean = float(cycles @ [law.mean for law in self.laws])
+        if n_packets > 1:
+            none = np.array([1.0 - law.at_least(1) for law in self.laws])
+            steps = none[:, None] * self.chain.transition
+
+            def survival(n: int) -> float:
+                return float(cycles @ np.linalg.matrix_power(steps, n - 2) @ none) / (1.0 + mean)
+
+            return ExpectedLoss.of_survivals(survival(n_packets), survival(2 * n_packets))
+        p_some = float(cycles @ [law.at_least(1) for law in self.laws])
+        return ExpectedLoss(mean / (1.0 + mean), mean / p_some)
+
+
+def _discounted(law: FlooredLomax, x: float) -> float:
+    """Return sum_{k >= 0} P(K >= k) x ** k, -1 <= x <= 1."""
+    n_terms = MAX_RUN if abs(x) == 1 else min(MAX_RUN, 2 + int(log(_NEGLIGIBLE) / log(max(abs(x), _NEGLIGIBLE))))
+    k = np.arange(n_terms)
+    return float(np.sum((1.0 + k / law.scale) ** -law.shape * x**k))
+
+
+class GilbertParetoBlocks(SegmentedPath[_Place]):
     """The losses of one key, probabilities 0 and 1; segments begin in equilibrium."""
 
-    counts: Literal["packet"] = "packet"
-
-    def __init__(self, part: network.GilbertParetoLoss, address: Address) -> None:
-        self._chain = _chain(part)
-        self._laws = _laws(part)
-        self._cycles = _shares_of_cycles(part)
+    def __init__(self, loss: GilbertPareto, address: Address) -> None:
+        super().__init__(self._enter, self._walk)
+        self._chain, self._laws, self._cycles = loss.chain, loss.laws, loss.cycles
         self._steps = address.stream("loss_state")
         self._lengths = address.stream("loss_run")
         self._starts = address.stream("loss_start")
-        self._path = SegmentedPath(self._enter, self._walk)
-
-    def block(self, number: int) -> Floats:
-        """Return probabilities, (BLOCK,)."""
-        return self._path.block(number)
 
     def _enter(self, segment: int) -> _Place:
         u_drawn, u_length, u_position, u_state = (float(u) for u in self._starts.uniforms(4 * segment, 4))
@@ -72,52 +128,3 @@ class GilbertParetoBlocks:
                 values[at:end] = 1.0
                 free = end + 1
         return values, _Place(int(states[-1]), max(0, end - BLOCK), free > BLOCK)
-
-
-def expected(part: network.GilbertParetoLoss, n_packets: int = 1) -> ExpectedLoss:
-    """Return E[K] / (1 + E[K]) and E[K | K > 0] over the cycles.
-
-    Of n packets none is lost if the first one ends a cycle, and n - 1 cycles with K = 0 follow: the chain takes one
-    step with each. Oracle: a walk by packets, tests/netem/stages/loss.
-    """
-    cycles = _shares_of_cycles(part)
-    mean = float(cycles @ [law.mean for law in _laws(part)])
-    if n_packets > 1:
-        none = np.array([1.0 - law.at_least(1) for law in _laws(part)])
-        steps = none[:, None] * _chain(part).transition
-
-        def survival(n: int) -> float:
-            return float(cycles @ np.linalg.matrix_power(steps, n - 2) @ none) / (1.0 + mean)
-
-        return ExpectedLoss.of_survivals(survival(n_packets), survival(2 * n_packets))
-    p_some = float(cycles @ [law.at_least(1) for law in _laws(part)])
-    return ExpectedLoss(mean / (1.0 + mean), mean / p_some)
-
-
-def _shares_of_cycles(part: network.GilbertParetoLoss) -> Floats:
-    """Return the share of cycles drawn in good and in bad, (2,): the chain observed at the draws only.
-
-    Between two draws the chain takes K + 1 steps, which leave x ** (K + 1) of its memory, x = 1 - p - r. So it moves
-    to bad with probability pi_bad (1 - E[x ** (K + 1)]), K as in good, and back likewise; summation by parts gives 1
-    - E[x ** (K + 1)] = (1 - x) sum_{k >= 0} P(K >= k) x ** k.
-    """
-    x = 1.0 - part.p_bad - part.p_good
-    in_good, in_bad = (_discounted(law, x) for law in _laws(part))
-    to_good, to_bad = _chain(part).stationary * np.array([in_bad, in_good])
-    shares: Floats = np.array([to_good, to_bad]) / (to_good + to_bad)
-    return shares
-
-
-def _discounted(law: FlooredLomax, x: float) -> float:
-    """Return sum_{k >= 0} P(K >= k) x ** k, -1 <= x <= 1."""
-    n_terms = MAX_RUN if abs(x) == 1 else min(MAX_RUN, 2 + int(log(_NEGLIGIBLE) / log(max(abs(x), _NEGLIGIBLE))))
-    k = np.arange(n_terms)
-    return float(np.sum((1.0 + k / law.scale) ** -law.shape * x**k))
-
-
-def _chain(part: network.GilbertParetoLoss) -> MarkovChain:
-    return MarkovChain(np.array([[1.0 - part.p_bad, part.p_bad], [part.p_good, 1.0 - part.p_good]]))
-
-
-def _laws(part: network.GilbertParetoLoss) -> tuple[FlooredLomax, FlooredLomax]:
-    return FlooredLomax(part.good.shape, part.good.scale), FlooredLomax(part.bad.shape, part.bad.scale)

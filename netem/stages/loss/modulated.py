@@ -1,14 +1,12 @@
 """Losses with a probability that depends on the state of a Markov chain with one step per packet."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from tis.common.streams import Address
-from tis.netem.draws.blocks import BLOCK, Floats
+from tis.netem.draws.blocks import BLOCK, Floats, SegmentedPath
 from tis.netem.draws.markov import MarkovChain
-from tis.netem.draws.segments import SegmentedPath
 from tis.netem.stages.loss.expected_loss import ExpectedLoss
 
 
@@ -50,21 +48,15 @@ def _geometric_sum(A: Floats, n: int) -> Floats:
     return whole + np.linalg.matrix_power(A, n - 1) if n % 2 else whole
 
 
-class ModulatedBlocks:
+class ModulatedBlocks(SegmentedPath[int]):
     """The losses of one key: the loss probability of the chain's state at each packet."""
 
-    counts: Literal["packet"] = "packet"
-
     def __init__(self, loss: ModulatedLoss, address: Address) -> None:
+        super().__init__(self._enter, self._walk)
         self._chain = loss.chain
         self._p_loss = np.array(loss.p_loss)
         self._steps = address.stream("loss_state")
         self._starts = address.stream("loss_start")
-        self._path = SegmentedPath(self._enter, self._walk)
-
-    def block(self, number: int) -> Floats:
-        """Return probabilities, (BLOCK,)."""
-        return self._path.block(number)
 
     def _enter(self, segment: int) -> int:
         return self._chain.draw(self._starts.uniform(segment))

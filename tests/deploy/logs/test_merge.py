@@ -44,7 +44,7 @@ from tis.deploy.logs.topics import RunTopics
 from tis.deploy.logs.viewer.draw_log import line
 from tis.deploy.logs.viewer.draw_poses import Truth
 from tis.deploy.logs.viewer.drawn import Records
-from tis.deploy.report.measures.estimation.tracking import track_of_hand
+from tis.deploy.report.subjects.tracking import track_of_hand
 
 SIDES: tuple[Side, ...] = ("surgeon", "netem", "patient")
 Decoded = dict[str, list[tuple[int, int, Any]]]

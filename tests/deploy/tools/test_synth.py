@@ -22,7 +22,7 @@ from tis.common.sources.synthetic import synthesise
 from tis.deploy.cli.main import app
 from tis.deploy.compare.plan import Request, make_plan
 from tis.deploy.logs.read.load import load_run
-from tis.deploy.report.summary import build_summary
+from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.twin import build_sides, run_twin
 from tis.deploy.shell.run_dir import create
 from tis.deploy.tools import synth

@@ -21,7 +21,7 @@ from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.driver import Driver
 from tis.netem.bridge.keys import crossing_keys
 from tis.netem.bridge.mirrors.queries import QueryTargetName
-from tis.netem.bridge.private_endpoints import lister_config
+from tis.netem.bridge.sides import lister_config
 from tis.netem.build import build_links
 
 _ENDLESS_NS = 1 << 62

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.live
 _STUCK = """
 import ctypes, signal, sys, time
 from tis.common.runtime.process import Interrupt
-from tis.netem.bridge.deadline import Deadline
+from tis.netem.bridge.standstill import Deadline
 libc, lock = ctypes.CDLL(None), ctypes.create_string_buffer(64)
 def stick():
     libc.pthread_mutex_lock(lock)

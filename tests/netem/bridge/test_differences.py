@@ -14,16 +14,15 @@ from tests.netem.bridge.scenarios import SCENARIOS, Between, crosses_after, outc
 from tis.common.channels import Network
 from tis.common.runtime.process import free_endpoints
 from tis.common.scenario.network import NetworkPart
-from tis.netem.bridge.carry.carrying import ends_of
-from tis.netem.bridge.carry.proxy import Proxy
-from tis.netem.bridge.carry.stream_network import backlog_bytes, stream_network
+from tis.netem.bridge.carrying import backlog_bytes, ends_of, stream_network
 from tis.netem.bridge.driver import Driver
+from tis.netem.bridge.proxy import Proxy
 from tis.netem.bridge.sides import Place
 from tis.netem.build import build_links
 
 pytestmark = pytest.mark.live
 
-_PAGE = Path(__file__).resolve().parents[3] / "docs" / "explanations" / "emulator_transparency.md"
+_PAGE = Path(__file__).resolve().parents[3] / "docs" / "emulator" / "transparency.md"
 _ATTEMPTS = 3
 _ROW = re.compile(r"^\| `(\w+)` \|", re.MULTILINE)
 

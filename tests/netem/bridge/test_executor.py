@@ -2,7 +2,7 @@
 
 import threading
 
-from tis.netem.bridge.executor import SerialExecutor
+from tis.netem.bridge.standstill import SerialExecutor
 
 
 def executor(errors: list[BaseException]) -> SerialExecutor:

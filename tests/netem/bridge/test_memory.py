@@ -7,7 +7,7 @@ import pytest
 
 from tests.common.runtime.live_zenoh import settle, soon
 from tests.netem.bridge.live_bridge import Bridged, a_bridge, delays
-from tis.netem.bridge.parcel import Kept, Parcel
+from tis.netem.bridge.bridge import Kept, Parcel
 
 pytestmark = pytest.mark.live
 

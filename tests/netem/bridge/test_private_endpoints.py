@@ -9,8 +9,7 @@ import pytest
 
 from tis.common.channels import Network
 from tis.common.runtime.zenoh_session import ZenohOptions
-from tis.netem.bridge.private_endpoints import lister_config, open_private_endpoints
-from tis.netem.bridge.sides import Place
+from tis.netem.bridge.sides import Place, lister_config, open_private_endpoints
 
 _PLACES: dict[Network, Place] = {
     "west": Place(listen=("tcp/127.0.0.1:1",)),

@@ -39,7 +39,7 @@ def _edges_ns(outage: Outage, n: int) -> list[int]:
     edges_ns: list[int] = []
     now_ns = 0
     while len(edges_ns) < n:
-        now_ns = outage.at(cell_of(now_ns)).end * CELL_NS
+        now_ns = outage.path.at(cell_of(now_ns)).end * CELL_NS
         edges_ns.append(now_ns)
     return edges_ns
 
@@ -73,7 +73,7 @@ def test_periodic_agrees_with_a_table_of_cells(every_us: int, data: st.DataObjec
     outage = _outage(raw)
     for cell, expected in enumerate(table):
         assert is_out(outage, cell * MS) == is_out(outage, cell * MS + MS - 1) == expected
-        stretch = outage.at(cell)
+        stretch = outage.path.at(cell)
         assert stretch.begin <= cell < stretch.end
         assert len(set(table[stretch.begin : stretch.end])) == 1
 
@@ -104,11 +104,11 @@ def test_random_ones_agree_with_one_walk_in_order(raw: dict[str, Any]) -> None:
     n_cells = 60_000  # several chunks
     table = _table(raw, "forward/*/outage/3", 7, n_cells)
     outage = _outage(raw | {"direction": "forward"}, seed=7, index=3)
-    assert [outage.at(cell).value == 1 for cell in range(n_cells)] == table
+    assert [outage.path.at(cell).value == 1 for cell in range(n_cells)] == table
     shuffled = _outage(raw | {"direction": "forward"}, seed=7, index=3)
     for cell in (Stream.named(0, "order").uniforms(0, 2000) * n_cells).astype(int).tolist():
         assert is_out(shuffled, cell * MS + 17) == table[cell]
-        assert shuffled.at(cell) == outage.at(cell)
+        assert shuffled.path.at(cell) == outage.path.at(cell)
 
 
 def test_outages_are_memoryless_in_between_and_as_long_as_asked() -> None:
@@ -187,7 +187,7 @@ def test_share_of_periodic_ones_counted_in_cells(every_s: float, for_s: float, f
     outage = _outage(raw)
     begin = 8000
     superperiod = round(every_s * 1e4)  # ten periods of these are whole ms
-    counted = sum(outage.at(cell).value for cell in range(begin, begin + superperiod))
+    counted = sum(outage.path.at(cell).value for cell in range(begin, begin + superperiod))
     assert outage_share(_part(**raw)) == pytest.approx(counted / superperiod, abs=1e-12)
 
 

@@ -5,7 +5,7 @@ import pytest
 from pydantic import ValidationError
 
 from tis.common.scenario.network.conditions import TimelineEntry
-from tis.netem.conditions.window import Window
+from tis.netem.conditions.timeline import Window
 from tis.netem.draws.grid import LAST_CELL
 
 

@@ -11,9 +11,8 @@ from tis.common.channels import Direction
 from tis.common.records import FATES, ControlNote, FateBatch
 from tis.common.zenoh_syntax import KeySet
 from tis.netem.conditions.conditions import Condition
-from tis.netem.control.changed_conditions import changed_conditions
 from tis.netem.control.control import Control
-from tis.netem.control.notes import changes_from_notes, with_live_changes
+from tis.netem.control.replay import changed_conditions, changes_from_notes, with_live_changes
 from tis.netem.link.link import Link
 from tis.netem.node import NetemNode
 

@@ -4,8 +4,7 @@ from typing import Any, get_args
 from tests.netem.making import link, offer, packet
 from tis.common.channels import Direction
 from tis.common.scenario.control import EmulatorState
-from tis.netem.control.control import Control
-from tis.netem.control.state import describe, snapshot
+from tis.netem.control.control import Control, describe, snapshot
 from tis.netem.link.link import Link
 
 MS = 1_000_000

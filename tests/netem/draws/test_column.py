@@ -2,8 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tis.netem.draws.blocks import BLOCK
-from tis.netem.draws.column import Column
+from tis.netem.draws.blocks import BLOCK, Column
 
 
 def _squares(number: int) -> np.ndarray:

@@ -3,8 +3,7 @@ import pytest
 from scipy.stats import chisquare
 
 from tis.common.streams import Stream
-from tis.netem.draws.grid import Stretch
-from tis.netem.draws.renewal import Cells, RenewalPath, geometric_cells
+from tis.netem.draws.grid import Cells, RenewalPath, Stretch, geometric_cells
 
 
 def _three_a_chunk(number: int, before: int) -> tuple[Cells, Cells]:

@@ -2,8 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tis.netem.draws.blocks import BLOCK, Floats
-from tis.netem.draws.segments import SegmentedPath
+from tis.netem.draws.blocks import BLOCK, Floats, SegmentedPath
 
 
 class Counting:

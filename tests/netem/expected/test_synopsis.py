@@ -6,8 +6,7 @@ import pytest
 
 from tis.common.scenario.network import NetworkPart
 from tis.deploy.net.library.profiles import find_profile
-from tis.netem.expected.figures import direction_figures
-from tis.netem.expected.synopsis import synopsis
+from tis.netem.expected.figures import direction_figures, synopsis
 
 SLOW: Final = {"delay": {"kind": "constant", "delay_ms": 40}}
 STATES: Final = {

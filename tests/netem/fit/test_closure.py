@@ -5,8 +5,7 @@ import pytest
 
 from tis.common.scenario.network import NetworkPart
 from tis.common.trace import LOST, Trace
-from tis.netem.fit.closure import closures, replay, replays
-from tis.netem.fit.statistics import NAMES
+from tis.netem.fit.closure import NAMES, closures, replay, replays
 
 MS = 1_000_000
 NETWORK = {

@@ -9,8 +9,7 @@ from pydantic import TypeAdapter
 from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.trace import LOST, Trace
 from tis.netem.fit.direction import MIN_RECEIVED, DirectionFit, fit_direction
-from tis.netem.fit.measuring import NOTHING_ADDED, Spread
-from tis.netem.fit.record import DirectionRecord, Flips
+from tis.netem.fit.record import NOTHING_ADDED, DirectionRecord, Flips, Spread
 
 US, MS = 1_000, 1_000_000
 

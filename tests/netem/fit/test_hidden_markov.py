@@ -6,7 +6,7 @@ from math import log
 import numpy as np
 import pytest
 
-from tis.netem.fit.hidden_markov import smooth
+from tis.netem.fit.switching import smooth
 
 
 @pytest.mark.parametrize(("n", "k"), [(1, 2), (2, 2), (5, 2), (7, 3), (10, 2)])

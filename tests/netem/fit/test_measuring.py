@@ -6,7 +6,7 @@ import pytest
 from tis.common.errors import DataError
 from tis.common.trace import LOST, Trace
 from tis.netem.fit.direction import steady_reason
-from tis.netem.fit.measuring import MEASURING_ADDS, NOTHING_ADDED, Spread, measuring_adds
+from tis.netem.fit.record import MEASURING_ADDS, NOTHING_ADDED, Spread, measuring_adds
 
 US, MS = 1_000, 1_000_000
 

@@ -8,7 +8,7 @@ from pydantic import TypeAdapter
 
 from tis.common.scenario.network.conditions import Outages
 from tis.common.trace import LOST, Trace
-from tis.netem.fit.outage_runs import find_outages
+from tis.netem.fit.outages import find_outages
 
 MS = 1_000_000
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from tis.netem.fit.quantile_table import QuantileTable, quantile_table
+from tis.netem.fit.marginal import QuantileTable, quantile_table
 
 
 def sample(name: str, n: int = 20_000) -> np.ndarray:

@@ -5,7 +5,7 @@ import pytest
 
 from tests.netem.fit.synthetic_records import Parameters, record
 from tis.common.trace import LOST, Trace
-from tis.netem.fit.stalls import find_stalls
+from tis.netem.fit.outages import find_stalls
 
 RATE_HZ = 100
 

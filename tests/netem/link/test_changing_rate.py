@@ -15,7 +15,7 @@ from tests.netem.making import KEY, link, packet
 from tis.common.node import Emission
 from tis.common.records import ControlNote
 from tis.common.scenario.network.conditions import TimelineEntry
-from tis.netem.control.notes import apply_entries, entries_json, with_live_changes
+from tis.netem.control.replay import apply_entries, entries_json, with_live_changes
 from tis.netem.link.link import Link
 from tis.netem.link.packet import Due
 from tis.netem.node import NetemNode

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tests.netem.link.test_changing_rate import driven, released_ns
 from tests.netem.making import KEY, link
 from tis.common.scenario.control import OutageRequest
-from tis.netem.control.notes import apply_entries
+from tis.netem.control.replay import apply_entries
 
 MS = 1_000_000
 S = 1_000 * MS

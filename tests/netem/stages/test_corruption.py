@@ -8,7 +8,7 @@ from scipy.stats import binomtest, chisquare
 
 from tis.common.scenario.network.pipeline import Corrupt
 from tis.common.streams import Address
-from tis.netem.stages.corruption import corrupted, flip_bits, n_flipped
+from tis.netem.stages.single_packets import corrupted, flip_bits, n_flipped
 
 ADDRESS = Address(7, "forward", "tis/MTML/measured_cp")
 SEQS = st.integers(0, 2**32)

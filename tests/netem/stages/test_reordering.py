@@ -6,7 +6,7 @@ from scipy.stats import binomtest
 
 from tis.common.scenario.network.pipeline import Reorder
 from tis.common.streams import Address
-from tis.netem.stages.reordering import reordered, skipped_ns
+from tis.netem.stages.single_packets import reordered, skipped_ns
 
 ADDRESS = Address(7, "forward", "tis/MTML/measured_cp")
 DELAYS = np.array([0, 1, 2_499_999, 2_500_000, 2_500_001, 9_000_000, 9_000_000])

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from tests.common.clocks.wrong_clock import WrongClock, exchange, exchanges
 from tis.common.clocks import Exchanges, fit_clock
-from tis.deploy.net.probing.message_pairing import FOREIGN, WARMING_UP, last_received, pair
+from tis.deploy.net.probing.receiving_end import FOREIGN, WARMING_UP, last_received, pair
 
 MS = 1_000_000
 S = 1_000_000_000

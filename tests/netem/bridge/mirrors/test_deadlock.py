@@ -11,13 +11,13 @@ import zenoh
 
 from tests.common.runtime.live_zenoh import a_network
 from tis.common.errors import PeerError
-from tis.netem.bridge.mirrors.deadlock import is_deadlocked
+from tis.netem.bridge.standstill import is_deadlocked
 
 pytestmark = pytest.mark.live
 
 _ENDING = """
 import threading
-from tis.netem.bridge.mirrors.deadlock import end_process, router_deadlock
+from tis.netem.bridge.standstill import end_process, router_deadlock
 class Bridge:
     def failed(self, error):
         print("ended", flush=True)

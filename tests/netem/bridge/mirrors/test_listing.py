@@ -16,7 +16,7 @@ from tis.common.channels import Network
 from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions
 from tis.netem.bridge.mirrors.listing import Listing
-from tis.netem.bridge.private_endpoints import lister_config
+from tis.netem.bridge.sides import lister_config
 
 pytestmark = pytest.mark.live
 

@@ -7,7 +7,7 @@ import zenoh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tis.netem.bridge.mirrors.ownership import owned_by_others, sample
+from tis.netem.bridge.mirrors.listing import owned_by_others, sample
 
 _EXPRESSIONS = ("**", "a/**", "a/*", "a/b", "a/b/c", "*/b", "b", "a$*/b", "**/c", "a/*/c")
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import pytest
 
 from tests.common.runtime.live_zenoh import soon
-from tis.netem.bridge.mirrors.valve import Valve, valve_to
+from tis.netem.bridge.mirrors.lister import Valve, valve_to
 
 pytestmark = pytest.mark.live
 

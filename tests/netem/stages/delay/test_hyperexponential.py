@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tis.netem.stages.delay.hyperexponential import Hyperexponential
+from tis.netem.stages.delay.shifted import Hyperexponential
 
 
 def _bisected(law: Hyperexponential, p: float) -> float:

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tis.netem.stages.delay.jitter import Jitter, NormalJitter, UniformJitter
+from tis.netem.stages.delay.latency import Jitter, NormalJitter, UniformJitter
 
 JITTERS = [NormalJitter(2e6), UniformJitter(3e6)]
 

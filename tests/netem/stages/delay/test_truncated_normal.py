@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from tis.netem.stages.delay.truncated_normal import cdf_above, moments_above, quantile_above
+from tis.netem.stages.delay.laws import cdf_above, moments_above, quantile_above
 
 
 @given(mean=st.floats(0, 1e9), std=st.floats(1e-3, 1e9), below=st.floats(0, 1e9))

@@ -9,8 +9,8 @@ from tests.netem.stages.loss.making import HERE, make
 from tis.common.trace import Trace
 from tis.common.units import NS_PER_MS
 from tis.netem.draws.blocks import BLOCK
+from tis.netem.draws.grid import span_ns
 from tis.netem.stages.loss import ExpectedLoss, expected_loss, loss_blocks
-from tis.netem.stages.trace_rows import span_ns
 
 
 def trace_of(rows: str, sent_ms: list[float] | None = None) -> Trace:

@@ -1,0 +1,184 @@
+"""Replay of live control: the changes of a run, read from its log and applied again to links or to conditions."""
+
+import json
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+from pydantic_core import from_json
+
+from tis.common.channels import Direction
+from tis.common.errors import DataError, Fault
+from tis.common.node import Arrival, Output, Record
+from tis.common.records import CONTROL, ControlNote
+from tis.common.scenario.control import CLEARING
+from tis.common.scenario.network import NetworkPart
+from tis.common.scenario.network.conditions import TimelineEntry
+from tis.netem.conditions.conditions import Condition, Conditions, Span, joined
+from tis.netem.link.link import Link
+from tis.netem.node import NetemNode
+
+
+class LiveChange(NamedTuple):
+    """The effect of one accepted request at ``at_ns``: earlier entries ``cleared``, then ``entries`` added."""
+
+    at_ns: int
+    entries: tuple[TimelineEntry, ...]
+    cleared: bool
+
+
+def entries_json(entries: Sequence[TimelineEntry]) -> str:
+    """Return entries as a JSON list for `changes_from_notes`; unset fields are left out."""
+    return json.dumps([entry.model_dump(mode="json", exclude_unset=True) for entry in entries]) if entries else ""
+
+
+def changes_from_notes(notes: Iterable[ControlNote]) -> list[LiveChange]:
+    """Return the accepted changes in the order of application (oracle: the live links, test_notes).
+
+    Raises `DataError` for a note without entries of a timeline.
+    """
+    return [
+        LiveChange(note.at_ns, _entries(note.added or "[]"), note.operation in CLEARING)
+        for note in notes
+        if note.accepted
+    ]
+
+
+def _entries(text: str) -> tuple[TimelineEntry, ...]:
+    try:
+        return tuple(TimelineEntry.model_validate(entry) for entry in from_json(text))
+    except (ValueError, TypeError):
+        raise DataError(Fault(CONTROL, "added", "must be a JSON list of timeline entries", text)) from None
+
+
+def apply_entries(
+    links: Mapping[Direction, Link], entries: Sequence[TimelineEntry], cleared: bool, now_ns: int
+) -> int:
+    """Apply a request's changes to both links; return the instant from which the first one holds."""
+    begins_ns: list[int] = []
+    for link in links.values():
+        link.catch_up(now_ns)  # earlier conditions may be forgotten
+        begins_ns += change_conditions(link.conditions, link.direction, entries, cleared, now_ns)
+        link.condition(now_ns)  # which also ends the link's cached one
+    return min(begins_ns, default=now_ns)
+
+
+def change_conditions(
+    conditions: Conditions, direction: Direction, entries: Sequence[TimelineEntry], cleared: bool, now_ns: int
+) -> list[int]:
+    """Apply a request's changes to the conditions of one direction; return the instants from which they hold.
+
+    An entry without an end supersedes earlier added entries without an end.
+    """
+    begins_ns = [conditions.clear_added(now_ns)] if cleared else []
+    for entry in entries:
+        if entry.direction in (direction, "both"):
+            conditions.supersede(entry, now_ns)
+            begins_ns.append(conditions.add(entry, now_ns))
+    return begins_ns
+
+
+class ChangedNode(NetemNode):
+    """The emulator in virtual time with a live run's changes at the same run times; it logs them too.
+
+    A change holds from the next ms, so it is enough to apply it before the first later packet, and before that ms
+    where packets wait for a rate, which may change.
+    """
+
+    def __init__(self, node: NetemNode, notes: Iterable[ControlNote]) -> None:
+        links = {link.direction: link for link in node.links.values()}
+        super().__init__(**links, local=node.local)
+        self._waiting = deque(sorted((note for note in notes if note.accepted), key=lambda note: note.at_ns))
+        self._by_direction = links
+
+    def receive(self, arrival: Arrival) -> Sequence[Output]:
+        """Apply the changes of earlier instants, then decide the packet's fate."""
+        return [*self._apply(arrival.recv_ns), *super().receive(arrival)]
+
+    def wake(self, now_ns: int) -> Sequence[Output]:
+        """Apply the changes until now, then release packets."""
+        return [*self._apply(now_ns + 1), *super().wake(now_ns)]
+
+    def next_wake_ns(self) -> int | None:
+        """Return the next release, or the next change before it; None while nothing is held."""
+        next_ns = super().next_wake_ns()
+        return next_ns if next_ns is None or not self._waiting else min(next_ns, self._waiting[0].at_ns)
+
+    def _apply(self, before_ns: int) -> list[Output]:
+        """Apply the changes before an instant; return their records."""
+        logged: list[Output] = []
+        while self._waiting and self._waiting[0].at_ns < before_ns:
+            note = self._waiting.popleft()
+            (change,) = changes_from_notes([note])
+            apply_entries(self._by_direction, change.entries, change.cleared, change.at_ns)
+            logged.append(Record(CONTROL, note.at_ns, note))
+        return logged
+
+    def finish(self, now_ns: int) -> Sequence[Record]:
+        """Return the last records, including changes after the last packet."""
+        late = [Record(CONTROL, note.at_ns, note) for note in self._waiting]
+        return [*late, *super().finish(now_ns)]
+
+
+def with_live_changes(node: NetemNode, notes: Sequence[ControlNote]) -> NetemNode:
+    """Return an emulator in its initial state that applies the accepted changes, if there are any."""
+    return ChangedNode(node, notes) if any(note.accepted for note in notes) else node
+
+
+def changed_conditions(
+    network: NetworkPart, direction: Direction, seed: int, notes: Iterable[ControlNote]
+) -> "Conditions | ChangedConditions":
+    """Return the conditions of one direction, with the changes accepted during the run."""
+    changes = changes_from_notes(notes)
+    if not changes:
+        return Conditions.of(network, direction, seed)
+    return ChangedConditions(network, direction, seed, changes)
+
+
+class ChangedConditions:
+    """`Conditions` with changes applied at their run times; cheap for instants in ascending order.
+
+    A live emulator forgets entries that have ended, so an earlier instant needs a new start.
+    """
+
+    is_constant = False
+
+    def __init__(self, network: NetworkPart, direction: Direction, seed: int, changes: Iterable[LiveChange]) -> None:
+        self._network = network
+        self._seed = seed
+        self._direction: Direction = direction
+        self._changes = sorted(changes, key=lambda change: change.at_ns)
+        self._begin()
+
+    def at(self, now_ns: int) -> Condition:
+        """Return the condition at ``now_ns``, until the next change at most (oracle: live links, test_notes)."""
+        if self._n_applied and now_ns <= self._changes[self._n_applied - 1].at_ns:
+            self._begin()
+        while self._n_applied < len(self._changes) and self._changes[self._n_applied].at_ns < now_ns:
+            self._apply(self._changes[self._n_applied])
+        condition = self._conditions.at(now_ns)
+        if self._n_applied < len(self._changes):
+            return condition._replace(until_ns=min(condition.until_ns, self._changes[self._n_applied].at_ns + 1))
+        return condition
+
+    def spans(self, until_ns: int) -> list[Span]:
+        """Return the spans from 0 until ``until_ns``, without gaps; an edge may lie where a change was requested."""
+        self._begin()
+        spans: list[Span] = []
+        begin_ns = 0
+        for change in [*self._changes, None]:
+            end_ns = until_ns if change is None else min(until_ns, max(0, change.at_ns))
+            news = [span for span in self._conditions.spans(end_ns) if span.end_ns > begin_ns]
+            spans += [span._replace(begin_ns=max(begin_ns, span.begin_ns)) for span in news]
+            begin_ns = end_ns
+            if change is not None:
+                self._apply(change)
+        return joined(spans)
+
+    def _begin(self) -> None:
+        self._conditions = Conditions.of(self._network, self._direction, self._seed)
+        self._n_applied = 0
+
+    def _apply(self, change: LiveChange) -> None:
+        change_conditions(self._conditions, self._direction, change.entries, change.cleared, change.at_ns)
+        self._n_applied += 1

@@ -1,0 +1,79 @@
+from typing import Any
+
+import pytest
+
+from tis.common.errors import InputError
+from tis.common.scenario.network import NetworkPart
+from tis.common.scenario.network.conditions import Change
+from tis.netem.bridge.carrying import backlog_bytes, has_rate, stream_change, stream_network
+
+RULE = "needs messages: a stream of bytes (--carry tcp) loses, copies, alters and reorders nothing"
+
+
+def _network(**parts: Any) -> NetworkPart:
+    return NetworkPart.model_validate(parts)
+
+
+def _refused(network: NetworkPart) -> list[str]:
+    with pytest.raises(InputError) as error:
+        stream_network(network, "bad.yaml")
+    return [str(fault) for fault in error.value.faults]
+
+
+def test_what_needs_messages_is_refused_by_name_and_all_at_once() -> None:
+    network = _network(
+        forward={
+            "loss": {"kind": "bernoulli", "p_loss": 0.1}, "duplicate": {"p_duplicate": 0.1},
+            "corrupt": {"p_corrupt": 0.1}, "delay": {"kind": "constant", "delay_ms": 3}, "ordering": "reorder",
+            "reorder": {"p_reorder": 0.1}, "rate": {"kbit_s": 100, "queue": {"kind": "codel"}},
+        },
+        rules=[{"key": "a/**", "direction": "both", "pipeline": {}}],
+        timeline=[{"at_s": 1, "set": {"add_p_loss": 0.5}}],
+        states={"kind": "cycle", "states": [
+            {"name": "one", "for_s": 1, "feedback": {"loss": {"kind": "bernoulli", "p_loss": 1}}},
+        ]},
+    )  # fmt: skip
+    assert _refused(network) == [
+        "bad.yaml: rules: cannot be told apart in a stream of bytes (--carry tcp)",
+        *(f"bad.yaml: forward.{name}: {RULE}" for name in ("loss", "duplicate", "corrupt", "reorder", "ordering")),
+        f"bad.yaml: forward.rate.queue: {RULE}",
+        f"bad.yaml: timeline.0.set.add_p_loss: {RULE}",
+        f"bad.yaml: states.states.0.feedback.loss: {RULE}",
+    ]
+
+
+def test_an_outage_becomes_a_stall_wherever_it_stands() -> None:
+    network = _network(
+        outages=[{"kind": "periodic", "every_s": 2, "for_s": 1}],
+        timeline=[{"at_s": 1, "set": {"outage": True}}, {"at_s": 2, "set": {"scale_delay": 2}}],
+        states={"kind": "cycle", "states": [{"name": "down", "for_s": 1, "forward": {"outage": True}}]},
+    )
+    found = stream_network(network, "x")
+    assert [part.effect for part in found.outages] == ["stall"]
+    assert [(entry.set.outage, entry.set.stall) for entry in found.timeline] == [(False, True), (False, False)]
+    assert found.states is not None
+    down = found.states.states[0].forward
+    assert (down.outage, down.stall) == (False, True)
+
+
+def test_a_queue_drops_nothing_and_its_bound_holds_the_sender_back() -> None:
+    queue = {"kind": "tail_drop", "max_packets": 10, "max_bytes": 9_000}
+    network = _network(
+        forward={"rate": {"kbit_s": 100, "queue": queue}}, feedback={"delay": {"kind": "constant", "delay_ms": 1}}
+    )
+    found = stream_network(network, "x")
+    rate = found.forward.rate
+    assert rate is not None
+    assert not isinstance(rate, str)
+    assert (rate.queue.max_packets, rate.queue.max_bytes) == (1_000_000_000, None)
+    assert backlog_bytes(network) == {"forward": 9_000, "feedback": 4_000_000}
+    assert (has_rate(network), has_rate(_network())) == (True, False)
+
+
+def test_a_live_change_is_refused_or_adapted() -> None:
+    with pytest.raises(InputError, match=r"control: change\.add_p_loss: needs messages"):
+        stream_change(Change(add_p_loss=0.1))
+    outage = stream_change(Change(outage=True))
+    assert (outage.outage, outage.stall) == (False, True)
+    plain = Change(scale_delay=2)
+    assert stream_change(plain) is plain
