@@ -23,7 +23,8 @@ from tis.common.runtime.meeting import Meeting, ScenarioExchange, new_meeting
 from tis.common.runtime.memory import share_arenas
 from tis.common.runtime.peer_watch import Beats, PeerWatch
 from tis.common.runtime.process import Interrupt
-from tis.common.runtime.side import Membership, NodeWork, Prepared, drive, settle
+from tis.common.runtime.scheduling import settle
+from tis.common.runtime.side import Membership, NodeWork, Prepared, drive
 from tis.common.runtime.side_log import SideOptions, continued, earlier_part, open_log
 from tis.common.runtime.status import Status
 from tis.common.runtime.zenoh_bus import ZenohBus

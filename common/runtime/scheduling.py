@@ -1,12 +1,17 @@
-"""Scheduling of this process's threads by the kernel: when they wake, and which of them goes first (Linux)."""
+"""Scheduling of this process's threads, by the kernel (Linux) and by Python: when they wake, and which goes first."""
 
 import contextlib
 import ctypes
+import gc
 import os
+import sys
 from pathlib import Path
 from typing import Final
 
+from tis.common.runtime.memory import keep_heap_level
+
 _PR_SET_TIMERSLACK: Final = 29
+_SWITCH_S: Final = 0.0001  # between threads that want the interpreter: a fiftieth of Python's default
 _BEHIND, _PRIORITY = 1, 2
 _THREADS: Final = Path("/proc/self/task")
 _ZENOH: Final = (b"rx-", b"tx-")
@@ -62,3 +67,18 @@ def let_zenoh_wait() -> None:
                 is_zenoh = (thread / "comm").read_bytes().startswith(_ZENOH)
                 if is_zenoh and os.sched_getscheduler(int(thread.name)) == os.SCHED_OTHER:
                     os.sched_setscheduler(int(thread.name), os.SCHED_BATCH, os.sched_param(0))
+
+
+def settle(privileged: bool = True) -> None:
+    """Tune this process for real time; it takes a while, so it comes before the side reports to be ready.
+
+    ``privileged``: also by means that the system grants to privileged users only.
+    """
+    sharpen_timers()
+    if privileged:
+        request_real_time()
+    sys.setswitchinterval(_SWITCH_S)
+    gc.collect()
+    gc.freeze()
+    gc.disable()  # the loop creates no cycles, and a full collection would stall it for milliseconds
+    keep_heap_level()

@@ -1,8 +1,6 @@
 """Life cycle of a side's process: prepare, meet the others, agree on an epoch, run, end cleanly."""
 
-import gc
 import os
-import sys
 import threading
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -24,16 +22,13 @@ from tis.common.runtime.inbox import Inbox
 from tis.common.runtime.log_parts import CLOCK_FILE, PartClock
 from tis.common.runtime.loop import LateRecorder, Recorder, Seat, run
 from tis.common.runtime.meeting import Meeting
-from tis.common.runtime.memory import keep_heap_level
 from tis.common.runtime.peer_watch import BEAT_EVERY_S, PeerWatch, tell
 from tis.common.runtime.processor_watch import ProcessorWatch
 from tis.common.runtime.recorder import MAX_WAITING_BYTES, FileLog, ThreadedRecorder, TicksOnly, recorder_for
-from tis.common.runtime.scheduling import request_real_time, sharpen_timers
 from tis.common.runtime.status import Status
 from tis.common.runtime.zenoh_bus import ZenohBus
 from tis.common.scenario import Scenario
 
-_SWITCH_S: Final = 0.0001
 _LOOKS_PER_PROGRESS: Final = 3
 _AnyRecorder = ThreadedRecorder | TicksOnly
 _ENDING_NS: Final = 200_000_000
@@ -58,21 +53,6 @@ class Membership:
     epoch: Epoch
     clock: WallClock
     joined_ns: int | None = None
-
-
-def settle(privileged: bool = True) -> None:
-    """Tune this process for real time; it takes a while, so it comes before the side reports to be ready.
-
-    ``privileged``: also by means that the system grants to privileged users only.
-    """
-    sharpen_timers()
-    if privileged:
-        request_real_time()
-    sys.setswitchinterval(_SWITCH_S)
-    gc.collect()
-    gc.freeze()
-    gc.disable()  # the loop creates no cycles, and a full collection would stall it for milliseconds
-    keep_heap_level()
 
 
 class Work(Protocol):

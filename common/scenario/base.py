@@ -35,6 +35,7 @@ def obeys(fault_of: Callable[[str], str | None]) -> AfterValidator:
     """Return the check of a text by ``fault_of``, which returns the rule that it breaks, None for a sound one."""
 
     def checked(value: str) -> str:
+        """Return the text; raises `ValueError` with the rule that it breaks."""
         refuse(filter(None, [fault_of(value)]))
         return value
 
@@ -45,6 +46,7 @@ def distinct(what: str) -> AfterValidator:
     """Return the check that a list names each ``what`` at most once."""
 
     def checked(values: tuple[Any, ...]) -> tuple[Any, ...]:
+        """Return the list; raises `ValueError` where it repeats an item."""
         if len(set(values)) != len(values):
             raise ValueError(f"must name each {what} at most once")
         return values

@@ -91,6 +91,7 @@ def movement_statistics(position_m: Array, rate_hz: int) -> dict[str, float]:
     tip_mm = MM_PER_M * position_m
 
     def moved_mm2(lag: int) -> Array:
+        """Return the squared distances between rows ``lag`` apart."""
         return np.asarray(np.sum((tip_mm[lag:] - tip_mm[:-lag]) ** 2, axis=1))
 
     return _statistics(moved_mm2, np.gradient(tip_mm, 1.0 / rate_hz, axis=0), rate_hz, _MOVEMENT)
@@ -105,6 +106,7 @@ def turning_statistics(orientation: Array, rate_hz: int) -> dict[str, float]:
     rotations = scipy.spatial.transform.Rotation.from_quat(orientation)
 
     def turned_deg2(lag: int) -> Array:
+        """Return the squared angles between rows ``lag`` apart."""
         return np.asarray(np.degrees((rotations[:-lag].inv() * rotations[lag:]).magnitude()) ** 2)
 
     velocity = np.degrees((rotations[:-2].inv() * rotations[2:]).as_rotvec()) * rate_hz / 2.0
@@ -113,6 +115,7 @@ def turning_statistics(orientation: Array, rate_hz: int) -> dict[str, float]:
 
 def _statistics(squares: Callable[[int], Array], velocity: Array, rate_hz: int, names: _Names) -> dict[str, float]:
     """Return the statistics of a path from its squared changes over a number of rows, and its velocity (N, 3)."""
+    # The order of the figures is that of the recorded ones.
     speed = np.linalg.norm(velocity, axis=1)
     acceleration = np.linalg.norm(np.gradient(velocity, 1.0 / rate_hz, axis=0), axis=1)
     unit, found = names.unit, dict[str, float]()

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from tis.common.runtime.clock import WallClock
 from tis.common.runtime.mcap_log import McapLog
 from tis.common.runtime.recorder import ThreadedRecorder
-from tis.common.runtime.scheduling import let_zenoh_wait
-from tis.common.runtime.side import settle
+from tis.common.runtime.scheduling import let_zenoh_wait, settle
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, merge_acceptor
 from tis.common.scenario.network import NetworkPart
 from tis.common.units import NS_PER_S

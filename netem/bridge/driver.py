@@ -16,8 +16,7 @@ from tis.common.channels import Direction
 from tis.common.node import Record
 from tis.common.runtime.clock import Clock
 from tis.common.runtime.loop import LateRecorder
-from tis.common.runtime.scheduling import let_zenoh_wait, sharpen_timers
-from tis.common.runtime.side import settle
+from tis.common.runtime.scheduling import let_zenoh_wait, settle, sharpen_timers
 from tis.netem.bridge.standstill import Pulse
 from tis.netem.link.ledger import last_records
 from tis.netem.link.link import Link
@@ -106,7 +105,7 @@ class Driver:
         self._records: list[Record] = []
 
     def settle(self, privileged: bool = True) -> None:
-        """Tune this process for punctual releases, as `tis.common.runtime.side.settle`; it comes before `start`."""
+        """Tune this process for punctual releases, by `scheduling.settle`; it comes before `start`."""
         settle(privileged)
         let_zenoh_wait()
         self.alarm.lead_ns = measure_lead_ns()

@@ -186,6 +186,7 @@ def load_trials(scenario: Scenario, recording: Recording, trials: Sequence[str])
     """
     source = scenario.source
     assert isinstance(source, RecordedSource)
+    # A damaged trial costs its rows only; the faults of all are told together.
     faults: list[Fault] = []
     recordings = []
     for trial in trials:
