@@ -106,7 +106,7 @@ def local_keys(session: str, network: Network) -> frozenset[str]:
 
 
 def arm_key(session: str, arm: Arm) -> str:
-    """Return the key on which a program that moves an arm tells where it is: `tis.common.devices.pose.DevicePose`."""
+    """Return the key on which a program that moves an arm tells where it is: `tis.common.device.DevicePose`."""
     return f"{session}/{arm}/{EXTERNAL}"
 
 

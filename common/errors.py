@@ -1,4 +1,4 @@
-"""User-facing errors: ``where: field: rule (got value)``, all faults of an input at once.
+"""User-facing errors: ``where: field: rule (got value)``, all faults of an input at once; and the exit codes.
 
 Network events (lost, late, undecodable, missed tick) are counted values and never errors.
 """
@@ -10,6 +10,8 @@ from typing import ClassVar, Final
 _NO_VALUE: Final = object()  # None is a value that a field can have
 _MAX_VALUE_CHARS = 80
 _MAX_REASON_CHARS = 200
+MAX_SHOWN: Final = 5
+"""Faults of a kind that are shown."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,14 @@ class Fault:
         if len(value) > _MAX_VALUE_CHARS:
             value = value[: _MAX_VALUE_CHARS - 3] + "..."
         return f"{head} (got {value})"
+
+
+def capped(found: Sequence[Fault], count: int, where: str, rule: str, what: str = "rows") -> list[Fault]:
+    """Return the first `MAX_SHOWN` faults of a kind, and one that counts the other rows, or ``what`` they are."""
+    shown = list(found[:MAX_SHOWN])
+    if count > len(shown):
+        shown.append(Fault(where, f"and {count - len(shown)} more {what}", rule))
+    return shown
 
 
 def one_line(error: BaseException) -> str:
@@ -71,3 +81,14 @@ EXIT_INVALID_RUN = 5
 EXIT_LOSSY_RECOVERY = 3
 EXIT_BUG = 70
 EXIT_INTERRUPTED = 130
+
+
+GET_REPORT: Final = "pip install 'tis-testbed[report]'"
+GET_PARQUET: Final = "pip install 'tis-testbed[parquet]'"
+GET_ROSBAG: Final = "pip install 'tis-testbed[rosbag]'"
+GET_HOSTS: Final = "pip install 'tis-testbed[hosts]'"
+GET_CLUSTER: Final = "pip install 'tis-testbed[cluster]'"
+GET_DEVICE: Final = "pip install 'tis-testbed[device]'"
+GET_LEARNED: Final = "pip install 'tis-testbed[learned]'"
+GET_SIM: Final = "pip install 'tis-testbed[sim]'"
+GET_DYNAMICS: Final = "pip install 'tis-testbed[dynamics]'"

@@ -12,28 +12,26 @@ import typer
 import zenoh
 
 from tis.common.channels import SIDE_ON, Network, Side
-from tis.common.endpoint import port_of
 from tis.common.errors import EXIT_INTERRUPTED, Fault, InputError, PeerError
 from tis.common.refusal import MEANING
 from tis.common.runtime.clock import WallClock, monotonic_ns
-from tis.common.runtime.clock_server import ClockServer
+from tis.common.runtime.clock_watch import ClockServer
 from tis.common.runtime.control import ControlKeys, Epoch, Presence, boot_digest
 from tis.common.runtime.credentials import credentials, refuse_plain
-from tis.common.runtime.interrupt import Interrupt
-from tis.common.runtime.meeting import Meeting, new_meeting
+from tis.common.runtime.meeting import Meeting, ScenarioExchange, new_meeting
 from tis.common.runtime.memory import share_arenas
 from tis.common.runtime.peer_watch import Beats, PeerWatch
-from tis.common.runtime.process_end import run_to_end
-from tis.common.runtime.scenario_exchange import ScenarioExchange
+from tis.common.runtime.process import Interrupt, run_to_end
+from tis.common.runtime.scenario_files import load_traces, trace_attachments
 from tis.common.runtime.side import Membership, drive
 from tis.common.runtime.side_cli import endpoints_for
 from tis.common.runtime.side_log import SideOptions, continued, earlier_part, open_log
 from tis.common.runtime.status import Status
-from tis.common.runtime.trace_files import load_traces, trace_attachments
 from tis.common.runtime.zenoh_log import ROUTER_LEVELS, RefusalCounter, ZenohLog
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, lease_ms, merge_acceptor, open_router
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_MS
+from tis.common.zenoh_syntax import port_of
 from tis.netem.bridge.access import access_control
 from tis.netem.bridge.applications import Applications
 from tis.netem.bridge.bridge import Bridge
@@ -135,7 +133,7 @@ def _open_routers(
     sessions: dict[Network, zenoh.Session] = {}
     for network, endpoint in endpoints.items():
         config = configure("router", replace(options, listen=[endpoint]))
-        devices = scenario.source.all_keys if scenario.source.kind == "live" and network == "west" else ()
+        devices = scenario.source.device_keys if network == "west" else ()
         releasers = scenario.patient.safety.releasers
         rights = access_control(scenario.security, scenario.session, network, devices, releasers)
         config.insert_json5("access_control", json.dumps(rights))

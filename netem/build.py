@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 
 from tis.common.channels import Direction, keys_of, local_keys
-from tis.common.key_set import KeySet
 from tis.common.scenario import Scenario
 from tis.common.scenario.network import NetworkPart
 from tis.common.trace import Trace
+from tis.common.zenoh_syntax import KeySet
 from tis.netem.conditions.conditions import Conditions
 from tis.netem.link.link import Link
 from tis.netem.link.rules import RuleTable, compile_rules
@@ -30,9 +30,8 @@ def build_netem(scenario: Scenario, traces: Mapping[str, Trace] | None = None, w
 
 def staying_keys(scenario: Scenario) -> KeySet:
     """Return the keys that stay on their network: set points, predictions, poses of devices and external arms."""
-    devices = scenario.source.all_keys if scenario.source.kind == "live" else ()
     session = scenario.session
-    return KeySet((*local_keys(session, "west"), *local_keys(session, "east"), *devices))
+    return KeySet((*local_keys(session, "west"), *local_keys(session, "east"), *scenario.source.device_keys))
 
 
 def build_links(

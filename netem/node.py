@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence
 
 from tis.common.channels import DESTINATION, ORIGIN, Network
-from tis.common.key_set import NO_KEYS, KeySet
 from tis.common.node import Arrival, Emission, Output, Record
+from tis.common.zenoh_syntax import NO_KEYS, KeySet
 from tis.netem.link.ledger import last_records
 from tis.netem.link.link import Link
 from tis.netem.link.packet import Due

@@ -6,13 +6,13 @@ from dataclasses import replace
 import typer
 
 from tis.common.runtime.client_side import run_client_side
-from tis.common.runtime.code_origin import USER_CODE_FILE, dump_origins
-from tis.common.runtime.movements import load_movement
-from tis.common.runtime.process_end import run_to_end
+from tis.common.runtime.process import run_to_end
+from tis.common.runtime.recordings import load_movement
 from tis.common.runtime.side import Prepared
 from tis.common.runtime.side_cli import endpoints_for, side_command
 from tis.common.runtime.side_log import SideOptions
 from tis.common.runtime.status import Status
+from tis.common.runtime.user_code import USER_CODE_FILE, dump_origins
 from tis.common.scenario import Scenario
 from tis.common.sources.provenance import RECORDING_FILE, dump_played
 from tis.patient_side.build import build_patient

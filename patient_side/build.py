@@ -6,9 +6,8 @@ from tis.common.channels import HandChannels, hand_channels
 from tis.common.errors import DataError, Fault
 from tis.common.scenario import Scenario
 from tis.common.scenario.estimator_names import is_learned
-from tis.common.send_plan import SendPlan
 from tis.common.sources.trajectory import Recording
-from tis.common.ticker import Ticker
+from tis.common.ticker import SendPlan, Ticker
 from tis.common.units import ms_to_ns
 from tis.patient_side.estimators.guarded import NO_FACTORIES, Factories
 from tis.patient_side.estimators.protocol import Estimator

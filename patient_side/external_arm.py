@@ -7,7 +7,7 @@ from typing import Any, Final, get_args
 import numpy as np
 
 from tis.common.channels import Arm, Hand, arm_key
-from tis.common.devices.gate import DeviceGate, DeviceSample, from_json
+from tis.common.device import DeviceGate, DeviceSample, from_json
 from tis.common.devices.records import DEVICES, DeviceEvent, DeviceNote, Refusal
 from tis.common.node import Arrival, Record
 from tis.patient_side.hand import PatientHand

@@ -4,13 +4,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from tis.common.errors import DataError, Fault
-from tis.common.runtime.code_origin import Origin
-from tis.common.runtime.limited_file import read_limited
-from tis.common.runtime.movements import training_rows_for
-from tis.common.runtime.user_code import UserCode, load_user_code
+from tis.common.runtime.recordings import load_training
+from tis.common.runtime.scenario_files import read_limited
+from tis.common.runtime.user_code import Origin, UserCode, load_user_code
 from tis.common.scenario import Scenario
 from tis.common.scenario.estimator_names import is_user_defined
-from tis.common.scenario.patient import is_model_file
+from tis.common.scenario.identification import is_model_file
 from tis.common.sources.provenance import MODEL_FILES
 from tis.common.sources.trajectory import Recording
 from tis.patient_side.estimators.guarded import Factories
@@ -45,7 +44,7 @@ def models_for(scenario: Scenario, recording: Recording) -> tuple[ArmModel, ...]
     train = scenario.identification.train
     if is_model_file(train):
         return choose_models(scenario, read_models(Path(train)), train, recording)
-    return identify_models(scenario, recording, training_rows_for(scenario, recording))
+    return identify_models(scenario, recording, load_training(scenario, recording))
 
 
 def own_estimators(scenario: Scenario) -> dict[str, UserCode]:

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from tis.common.channels import Hand
-from tis.common.metrics.tick_phase import Arrivals, best_phase
+from tis.common.metrics.age_of_information import Arrivals, best_phase
 from tis.common.units import NS_PER_S
 
 WINDOW: Final = 128

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from tis.common.scenario import Scenario
-from tis.common.scenario.patient import Identification, is_model_file
+from tis.common.scenario.identification import Identification, is_model_file
 from tis.common.sources.provenance import RecordedRows, played_rows
 from tis.common.sources.trajectory import Recording
 from tis.patient_side.statespace import ArmModel

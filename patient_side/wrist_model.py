@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from tis.common.scenario.orientation import OrientationMethod
+from tis.common.scenario.patient import OrientationMethod
 from tis.patient_side.direct_model import Array, DirectModel
 
 

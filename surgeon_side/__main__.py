@@ -5,14 +5,13 @@ from dataclasses import replace
 import typer
 
 from tis.common.runtime.client_side import run_client_side
-from tis.common.runtime.movements import load_movement
-from tis.common.runtime.process_end import run_to_end
+from tis.common.runtime.process import run_to_end
+from tis.common.runtime.recordings import load_movement
 from tis.common.runtime.side import Prepared
 from tis.common.runtime.side_cli import endpoints_for, side_command
 from tis.common.runtime.side_log import SideOptions
 from tis.common.runtime.status import Status
-from tis.common.scenario import Scenario
-from tis.common.scenario.live_rules import check_foreign_surgeon
+from tis.common.scenario import Scenario, check_foreign_surgeon
 from tis.common.sources.provenance import RECORDING_FILE, dump_played
 from tis.surgeon_side.build import build_surgeon, build_witness
 
@@ -29,8 +28,7 @@ def run_surgeon(scenario: Scenario, options: SideOptions, status: Status) -> int
         played = {RECORDING_FILE: dump_played(recording, scenario.n_samples).encode()}
         warnings = [*recording.warnings, *scenario.surgeon.warnings()]
         node = build_witness(scenario, recording) if options.witness else build_surgeon(scenario, recording)
-        devices = scenario.source.all_keys if scenario.source.kind == "live" else ()
-        return Prepared(node, played, warnings, devices)
+        return Prepared(node, played, warnings, scenario.source.device_keys)
 
     return run_client_side("surgeon", "west", scenario, options, prepare, status)
 

@@ -6,7 +6,7 @@ from tis.common.sources.trajectory import Recording
 from tis.common.ticker import Ticker
 from tis.common.units import MM_PER_M, ms_to_ns
 from tis.surgeon_side.commanded_arm import Servo
-from tis.surgeon_side.live.motion import LiveMotion
+from tis.surgeon_side.live import LiveMotion
 from tis.surgeon_side.motion import Motion, RecordedMotion
 from tis.surgeon_side.node import Redundancy, SurgeonNode
 from tis.surgeon_side.witness import WitnessNode

@@ -5,73 +5,19 @@ from dataclasses import dataclass, field
 from math import atan2, sqrt
 from typing import Final, NamedTuple
 
-from tis.common.channels import Channel, HandChannels, Network
+from tis.common.channels import Network
 from tis.common.header import HEADER_BYTES, Header
 from tis.common.intake import Intake
-from tis.common.messages import FeedbackPose, Pose, Vector3
+from tis.common.messages import Vector3
 from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.peer_life import NO_ALARMS, Alarm
 from tis.common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
-from tis.common.send_plan import SendPlan
 from tis.common.sources.sensor_noise import SensorNoise
-from tis.common.ticker import Ticker
+from tis.common.ticker import SendPlan, Ticker
 from tis.common.units import sample_instant_ns
-from tis.surgeon_side.commanded_arm import CommandedArm, Servo
-from tis.surgeon_side.motion import Motion
-from tis.surgeon_side.predictive_display import PredictiveDisplay
-from tis.surgeon_side.samples import SampleMessage, Samples
-
-# The surgeon's displays, one for each arm: from poses sent and received to messages with the predicted pose.
-
-MAX_RATE_HZ: Final = 120
-"""Pictures a second of a display: no screen shows more, and each costs a tick of 1 kHz a part of its time."""
-
-
-class Displays:
-    """Displays of all arms of a session. What they show is published on the surgeon's network only, and logged.
-
-    They show every tick, or at fast rates every n-th, at most `MAX_RATE_HZ` a second.
-    """
-
-    def __init__(self, session: str, hands: Sequence[HandChannels], rate_hz: int, servo: Servo | None) -> None:
-        self._by_command: dict[str, tuple[PredictiveDisplay, Channel, str]] = {}
-        self._by_feedback: dict[str, PredictiveDisplay] = {}
-        self._every = -(-rate_hz // MAX_RATE_HZ)
-        for channels in hands:
-            display = PredictiveDisplay(channels.hand, CommandedArm(rate_hz, servo))
-            predicted = channels.predicted
-            self._by_command[channels.arm.key(session)] = (display, predicted, predicted.key(session))
-            self._by_feedback[channels.measured.key(session)] = display
-
-    @property
-    def keys(self) -> Sequence[str]:
-        """Keys of the predicted poses."""
-        return [key for _, _, key in self._by_command.values()]
-
-    def feedback(self, key: str, pose: Pose, recv_ns: int) -> None:
-        """Take an answer of the patient; only the arm's measured pose is displayed."""
-        display = self._by_feedback.get(key)
-        if display is not None and isinstance(pose, FeedbackPose):
-            display.feedback(pose, recv_ns)
-
-    def sampled(self, tick: int, messages: Sequence[SampleMessage]) -> Sequence[Emission]:
-        """Take the commands of a tick; return the displays at that instant."""
-        shown = []
-        for message in messages:
-            if message.key in self._by_command:
-                display, channel, key = self._by_command[message.key]
-                display.command(tick, message.message)
-                predicted = display.show(tick, message.message) if tick % self._every == 0 else None
-                if predicted is not None:
-                    shown.append(_emission(channel, key, tick, predicted.model_dump_json().encode()))
-        return shown
-
-
-def _emission(channel: Channel, key: str, tick: int, payload: bytes) -> Emission:
-    def on_sent(sent_ns: int) -> Sequence[Record]:
-        return (Record(key, sent_ns, payload, channel.payload, sent_ns, tick),)
-
-    return Emission("west", key, payload, Header(tick), on_sent)
+from tis.surgeon_side.commanded_arm import Servo
+from tis.surgeon_side.motion import Motion, SampleMessage, Samples
+from tis.surgeon_side.predictive_display import Displays
 
 
 class Redundancy(NamedTuple):
@@ -102,6 +48,17 @@ class Traffic:
 
     n_packets: int = 0
     n_bytes: int = 0
+
+    def add(self, payload: bytes) -> None:
+        """Count a packet with this payload."""
+        self.n_packets += 1
+        self.n_bytes += len(payload) + HEADER_BYTES
+
+
+def traffic_counters(traffic: Mapping[str, Traffic]) -> dict[str, int]:
+    """Return the counters of the traffic on each key."""
+    packets = {f"{SENT_PACKETS}.{key}": entry.n_packets for key, entry in traffic.items()}
+    return packets | {f"{SENT_BYTES}.{key}": entry.n_bytes for key, entry in traffic.items()}
 
 
 @dataclass
@@ -227,8 +184,6 @@ class SurgeonNode:
 
     def counters(self) -> dict[str, int]:
         """Return the numbers of messages by fate, of missed ticks and copies, and the traffic of each key."""
-        traffic = {f"{SENT_PACKETS}.{key}": entry.n_packets for key, entry in self.traffic.items()}
-        traffic |= {f"{SENT_BYTES}.{key}": entry.n_bytes for key, entry in self.traffic.items()}
         return {
             "sent": self.n_sent,
             "received": self.intake.n_accepted,
@@ -240,7 +195,7 @@ class SurgeonNode:
             "ticks_missed": self.ticker.n_missed,
             "copies_missed": self.n_copies_missed,
             **self.motion.counters(),
-            **traffic,
+            **traffic_counters(self.traffic),
         }
 
     def _emission(self, message: SampleMessage, seq: int) -> Emission:
@@ -248,9 +203,7 @@ class SurgeonNode:
 
         def on_sent(sent_ns: int) -> Sequence[Record]:
             self.n_sent += 1
-            traffic = self.traffic[key]
-            traffic.n_packets += 1
-            traffic.n_bytes += len(content) + HEADER_BYTES
+            self.traffic[key].add(content)
             return (Record(key, sent_ns, content, channel.payload, sent_ns, seq),)
 
         return Emission("west", key, content, Header(seq), on_sent)

@@ -10,10 +10,13 @@ from dataclasses import dataclass, field
 from math import exp, inf
 from typing import Final, NamedTuple
 
-from tis.common.channels import Hand
+from tis.common.channels import Channel, Hand, HandChannels
+from tis.common.header import Header
 from tis.common.messages import MAX_SIZE, FeedbackPose, Pose, PredictedPose, Vector3, position_m
+from tis.common.node import Emission, Record
 from tis.common.units import NS_PER_MS, NS_PER_S
-from tis.surgeon_side.commanded_arm import CommandedArm, Place
+from tis.surgeon_side.commanded_arm import CommandedArm, Place, Servo
+from tis.surgeon_side.motion import SampleMessage
 
 _SHARES: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
 """An estimator at the patient makes up for a part of the delay: shares of a sample's age at the tick."""
@@ -155,3 +158,54 @@ class PredictiveDisplay:
             command_ns=self.shown.command_ns,
             round_trip_ns=self.shown.recv_ns - self.shown.command_ns,
         )
+
+
+MAX_RATE_HZ: Final = 120
+"""Pictures a second of a display: no screen shows more, and each costs a tick of 1 kHz a part of its time."""
+
+
+class Displays:
+    """Displays of all arms of a session. What they show is published on the surgeon's network only, and logged.
+
+    They show every tick, or at fast rates every n-th, at most `MAX_RATE_HZ` a second.
+    """
+
+    def __init__(self, session: str, hands: Sequence[HandChannels], rate_hz: int, servo: Servo | None) -> None:
+        self._by_command: dict[str, tuple[PredictiveDisplay, Channel, str]] = {}
+        self._by_feedback: dict[str, PredictiveDisplay] = {}
+        self._every = -(-rate_hz // MAX_RATE_HZ)
+        for channels in hands:
+            display = PredictiveDisplay(channels.hand, CommandedArm(rate_hz, servo))
+            predicted = channels.predicted
+            self._by_command[channels.arm.key(session)] = (display, predicted, predicted.key(session))
+            self._by_feedback[channels.measured.key(session)] = display
+
+    @property
+    def keys(self) -> Sequence[str]:
+        """Keys of the predicted poses."""
+        return [key for _, _, key in self._by_command.values()]
+
+    def feedback(self, key: str, pose: Pose, recv_ns: int) -> None:
+        """Take an answer of the patient; only the arm's measured pose is displayed."""
+        display = self._by_feedback.get(key)
+        if display is not None and isinstance(pose, FeedbackPose):
+            display.feedback(pose, recv_ns)
+
+    def sampled(self, tick: int, messages: Sequence[SampleMessage]) -> Sequence[Emission]:
+        """Take the commands of a tick; return the displays at that instant."""
+        shown = []
+        for message in messages:
+            if message.key in self._by_command:
+                display, channel, key = self._by_command[message.key]
+                display.command(tick, message.message)
+                predicted = display.show(tick, message.message) if tick % self._every == 0 else None
+                if predicted is not None:
+                    shown.append(_emission(channel, key, tick, predicted.model_dump_json().encode()))
+        return shown
+
+
+def _emission(channel: Channel, key: str, tick: int, payload: bytes) -> Emission:
+    def on_sent(sent_ns: int) -> Sequence[Record]:
+        return (Record(key, sent_ns, payload, channel.payload, sent_ns, tick),)
+
+    return Emission("west", key, payload, Header(tick), on_sent)

@@ -11,14 +11,13 @@ from typing import Final
 
 from tis.common.channels import HandChannels, Network
 from tis.common.devices.records import FOREIGN_SURGEON
-from tis.common.header import HEADER_BYTES
 from tis.common.intake import Accepted, Intake
 from tis.common.messages import Pose, Vector3
 from tis.common.node import Arrival, Record
 from tis.common.peer_life import NO_ALARMS, Alarm
-from tis.common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
+from tis.common.records import COUNTERS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
 from tis.common.units import sample_index, sample_instant_ns
-from tis.surgeon_side.node import Traffic, rotation_vector
+from tis.surgeon_side.node import Traffic, rotation_vector, traffic_counters
 
 _MAX_GAP: Final = 10_000
 """Missed ticks that one message can reveal: five minutes at 30 Hz. Beyond, a sample number is no evidence."""
@@ -90,9 +89,7 @@ class WitnessNode:
         accepted, records = self.samples.take(arrival)
         if accepted is None:
             return records
-        traffic = self.traffic[arrival.key]
-        traffic.n_packets += 1
-        traffic.n_bytes += len(arrival.payload) + HEADER_BYTES
+        self.traffic[arrival.key].add(arrival.payload)
         header = accepted.header
         sent = Record(
             arrival.key, header.sent_ns, arrival.payload, accepted.channel.payload, header.sent_ns, header.seq
@@ -108,8 +105,6 @@ class WitnessNode:
 
     def counters(self) -> dict[str, int]:
         """Return the counters that a surgeon of ours has, as far as they can be known from outside."""
-        traffic = {f"{SENT_PACKETS}.{key}": entry.n_packets for key, entry in self.traffic.items()}
-        traffic |= {f"{SENT_BYTES}.{key}": entry.n_bytes for key, entry in self.traffic.items()}
         both = (self.answers, self.samples)
         return {
             FOREIGN_SURGEON: 1,
@@ -121,7 +116,7 @@ class WitnessNode:
             "rejected": sum(intake.n_rejected for intake in both),
             "ticks": self._k,
             "ticks_missed": self.n_missed,
-            **traffic,
+            **traffic_counters(self.traffic),
         }
 
     def _ticks(self, key: str, accepted: Accepted) -> list[Record]:

@@ -14,7 +14,7 @@ import pytest
 
 from tis.common.channels import Hand
 from tis.common.scenario.estimator_names import is_user_defined
-from tis.common.scenario.patient import Identification
+from tis.common.scenario.identification import Identification
 from tis.common.sources.trajectory import Recording
 from tis.deploy.tools import identify
 from tis.patient_side import build

@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from tis.common.metrics.fidelity import batch_inflation
-from tis.common.metrics.gilbert_fit import loss_interval
+from tis.common.metrics.loss import loss_interval
 
 Array = NDArray[np.float64]
 

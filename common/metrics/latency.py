@@ -1,4 +1,4 @@
-"""Latency of the patient's estimates and its parts. All instants in ns of run time."""
+"""Latency of the patient's estimates and its parts, and the machine's punctuality. Instants in ns of run time."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.metrics.percentiles import Summary, summarise
-from tis.common.units import NS_PER_MS
+from tis.common.units import NS_PER_MS, NS_PER_US
 
 Instants = NDArray[np.int64]
 
@@ -57,3 +57,27 @@ def latency_ms(parts: LatencyParts, beside: Mapping[str, Instants]) -> dict[str,
     """Return the summary's ``latency_ms``: percentiles of each part and of the durations ``beside``, both in ns."""
     named = {**parts._asdict(), **beside}
     return {name: summarise(values / NS_PER_MS) for name, values in named.items()}
+
+
+def lateness_us(due_ns: Instants, done_ns: Instants) -> Summary:
+    """Return p50, p95, p99 and max of ``done - due`` in us; both (N,), in ns of run time.
+
+    For ticks this is the lateness (begin - t_k), for an emulator's packets the release error (left - decided).
+    """
+    return summarise((done_ns - due_ns) / NS_PER_US)
+
+
+def tick_summary(
+    rate_hz: int, due_ns: Instants, begin_ns: Instants, missed: NDArray[np.bool_]
+) -> dict[str, int | Summary]:
+    """Return the summary's ``ticks``; the arrays (T,) hold every tick, including the missed ones.
+
+    A tick is missed when it did not begin before the next one was due. It is counted but has no lateness.
+    """
+    begun = ~missed
+    return {
+        "rate_hz": rate_hz,
+        "count": len(due_ns),
+        "missed": int(np.count_nonzero(missed)),
+        "lateness_us": lateness_us(due_ns[begun], begin_ns[begun]),
+    }

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.metrics.fidelity import batch_inflation, gilbert_inflation, share_bounds
-from tis.common.metrics.loss_runs import loss_runs
+from tis.common.metrics.loss import loss_runs
 from tis.common.metrics.percentiles import summarise
 
 Outcome = Literal["met", "missed", "not_decidable"]

@@ -10,8 +10,8 @@ import struct
 import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType, TracebackType
-from typing import Final, Self
+from types import MappingProxyType
+from typing import Final, NamedTuple, Self
 
 from pydantic import BaseModel
 
@@ -26,6 +26,18 @@ _HEAD: Final = struct.Struct("<QII")  # number of the record, bytes of its paylo
 _SLOT_BYTES: Final = 2048
 _N_SLOTS: Final = 2
 """Of each topic, written in turn: a process that is killed while it writes one leaves the other."""
+
+
+class RememberingRecorder(NamedTuple):
+    """A recorder that also keeps what outlives a kill."""
+
+    recorder: Recorder
+    memory: "ArmMemory"
+
+    def record(self, record: Record) -> None:
+        """Log one record, and keep it if it is of a topic of the memory."""
+        self.memory.keep(record)
+        self.recorder.record(record)
 
 
 class ArmMemory:
@@ -77,9 +89,7 @@ class ArmMemory:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._page is not None:
             self._page.close()
 
@@ -117,15 +127,3 @@ def _newest(content: bytes) -> bytes | None:
         if number > highest and len(data) == n_bytes and zlib.crc32(data) == crc:
             newest, highest = data, number
     return newest
-
-
-class RememberingRecorder:
-    """A recorder that also keeps what outlives a kill."""
-
-    def __init__(self, recorder: Recorder, memory: ArmMemory) -> None:
-        self._recorder, self._memory = recorder, memory
-
-    def record(self, record: Record) -> None:
-        """Log one record, and keep it if it is of a topic of the memory."""
-        self._memory.keep(record)
-        self._recorder.record(record)

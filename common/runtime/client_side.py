@@ -10,7 +10,6 @@ from typing import Final, Literal
 import zenoh
 
 from tis.common.channels import Network, Side
-from tis.common.endpoint import port_of
 from tis.common.errors import EXIT_INTERRUPTED, Fault, PeerError
 from tis.common.runtime.arm_memory import MEMORY_FILE, RESUMED_FILE, ArmMemory, dump_resumed, remembered
 from tis.common.runtime.clock import WallClock
@@ -18,13 +17,12 @@ from tis.common.runtime.clock_watch import ClockWatch
 from tis.common.runtime.control import Epoch, Presence
 from tis.common.runtime.credentials import credentials, refuse_plain
 from tis.common.runtime.inbox import Inbox
-from tis.common.runtime.interrupt import Interrupt
 from tis.common.runtime.log_parts import EarlierPart
 from tis.common.runtime.mcap_log import McapLog
-from tis.common.runtime.meeting import Meeting, new_meeting
+from tis.common.runtime.meeting import Meeting, ScenarioExchange, new_meeting
 from tis.common.runtime.memory import share_arenas
 from tis.common.runtime.peer_watch import Beats, PeerWatch
-from tis.common.runtime.scenario_exchange import ScenarioExchange
+from tis.common.runtime.process import Interrupt
 from tis.common.runtime.side import Membership, NodeWork, Prepared, drive, settle
 from tis.common.runtime.side_log import SideOptions, continued, earlier_part, open_log
 from tis.common.runtime.status import Status
@@ -32,6 +30,7 @@ from tis.common.runtime.zenoh_bus import ZenohBus
 from tis.common.runtime.zenoh_log import CLIENT_LEVELS, ConnectionTrouble, ZenohLog
 from tis.common.runtime.zenoh_session import bypasses, configure, lease_ms, open_client
 from tis.common.scenario import Scenario
+from tis.common.zenoh_syntax import port_of
 
 _POLL_S: Final = 0.5
 _COARSE_CLOCK_NS: Final = 1_000_000

@@ -1,20 +1,76 @@
-"""Comparison of a host's clock with the reference clock, for a side netem's, before and throughout the run."""
+"""A host's clock beside the reference clock, for a side netem's: its server, exchanges before and throughout a run.
 
+netem's server answers directly on each network, outside its links; that of a probe's far end answers along the
+probe's path. The state of the host's own clock discipline is read by adjtimex.
+"""
+
+import contextlib
+import ctypes
 import json
+import queue
+import sys
 import threading
 from collections import deque
-from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Iterable
+from typing import Any, Final, NamedTuple, Self
 
 import zenoh
 
-from tis.common.clocks.exchange import Exchanges, Stamps
-from tis.common.clocks.offset import ClockReading, read_clock
+from tis.common.clocks import ClockReading, Exchanges, Stamps, read_clock
 from tis.common.errors import Fault, PeerError
-from tis.common.host_records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
+from tis.common.host_records import CLOCK, EXCHANGES, ClockNote, DisciplineNote, ExchangeNote
 from tis.common.node import Record
 from tis.common.runtime.clock import WallClock, boot_id, monotonic_ns
 from tis.common.runtime.loop import Recorder
+
+_MAX_PENDING: Final = 256
+
+
+class ClockServer:
+    """Answers clock queries with the instants at which each was received and replied to.
+
+    The callback only stamps; a separate thread replies, and its delay cancels out between the two stamps. Queries
+    beyond the queue's length are not answered.
+    """
+
+    def __init__(self, sessions: Iterable[zenoh.Session], key: str) -> None:
+        self._key = key
+        self._boot_id = boot_id()
+        self._pending: queue.Queue[tuple[int, zenoh.Query] | None] = queue.Queue(_MAX_PENDING)
+        self._thread = threading.Thread(target=self._serve, name="clock", daemon=True)
+        self._held: list[Any] = [
+            session.declare_queryable(self._key, zenoh.handlers.Callback(self._take, indirect=False), complete=True)
+            for session in sessions
+        ]
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop answering; a second call does nothing."""
+        for declaration in self._held:
+            declaration.undeclare()
+        self._held.clear()
+        if self._thread.is_alive():
+            self._pending.put(None)
+            self._thread.join()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _take(self, query: zenoh.Query) -> None:
+        received_ns = monotonic_ns()
+        with contextlib.suppress(queue.Full):
+            self._pending.put_nowait((received_ns, query))
+
+    def _serve(self) -> None:
+        while (pending := self._pending.get()) is not None:
+            received_ns, query = pending
+            with contextlib.suppress(zenoh.ZError), query:  # the client may be gone
+                reading = {"boot_id": self._boot_id, "received_ns": received_ns, "replied_ns": monotonic_ns()}
+                query.reply(self._key, json.dumps(reading), express=True)
+
 
 _N_FIRST: Final = 20  # exchanges when the clocks first meet
 _N_BURST: Final = 4  # exchanges per round after that: the shortest round trip counts
@@ -168,3 +224,42 @@ def _read(asked_ns: int, answered_ns: int, reply: Any) -> _Answer | None:
 def _in_order(stamps: Stamps) -> bool:
     """Tell whether all stamps can be of one clock; two time namespaces have equal boot ids but different clocks."""
     return list(stamps) == sorted(stamps)
+
+
+_STA_UNSYNC: Final = 0x0040
+_TIME_ERROR: Final = 5
+_SCALED_PPM: Final = 1 << 16
+
+
+class _Timex(ctypes.Structure):
+    """``struct timex`` of <sys/timex.h>."""
+
+    _fields_ = (
+        ("modes", ctypes.c_uint),
+        *((name, ctypes.c_long) for name in ("offset", "freq", "maxerror", "esterror")),
+        ("status", ctypes.c_int),
+        *((name, ctypes.c_long) for name in ("constant", "precision", "tolerance", "seconds", "fraction", "tick")),
+        *((name, ctypes.c_long) for name in ("ppsfreq", "jitter")),
+        ("shift", ctypes.c_int),
+        *((name, ctypes.c_long) for name in ("stabil", "jitcnt", "calcnt", "errcnt", "stbcnt")),
+        ("tai", ctypes.c_int),
+        ("padding", ctypes.c_int * 11),
+    )
+
+
+def read_discipline(at_ns: int) -> DisciplineNote | None:
+    """Return the state of the clock discipline, read at run time ``at_ns``; None where it is not available."""
+    call = getattr(ctypes.CDLL(None), "adjtimex", None) if sys.platform.startswith("linux") else None
+    if call is None:
+        return None
+    timex = _Timex(modes=0)  # 0: read only, which needs no privilege
+    state = call(ctypes.byref(timex))
+    if state < 0:
+        return None
+    return DisciplineNote(
+        at_ns=at_ns,
+        synchronised=state != _TIME_ERROR and not timex.status & _STA_UNSYNC,
+        estimated_error_us=timex.esterror,
+        maximum_error_us=timex.maxerror,
+        frequency_ppm=timex.freq / _SCALED_PPM,
+    )

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from tis.common.endpoint import is_tls
 from tis.common.errors import Fault, InputError
 from tis.common.scenario.security import Mtls, NoSecurity, Password
+from tis.common.zenoh_syntax import is_tls
 
 CA_FILE: Final = "ca.pem"
 CERTIFICATE_FILE: Final = "cert.pem"

@@ -1,11 +1,15 @@
-"""The one loop that drives nodes, live, in virtual time and in replay."""
+"""The one loop that drives nodes, live, in virtual time and in replay; and the bus of virtual time."""
 
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
+from tis.common.channels import Network
+from tis.common.header import Header
 from tis.common.node import Arrival, Emission, Node, Output, Record
-from tis.common.runtime.clock import Clock
+from tis.common.runtime.clock import Clock, VirtualClock
+from tis.common.zenoh_syntax import key_matches
 
 
 class Delivery(NamedTuple):
@@ -96,3 +100,42 @@ def _carry_out(outputs: Iterable[Output], index: int, seat: Seat, bus: Bus) -> N
         else:
             for record in output.on_sent(bus.send(index, output)):
                 seat.recorder.record(record)
+
+
+@dataclass
+class VirtualBus:
+    """A bus for several nodes; as live, a node does not receive its own messages."""
+
+    nodes: Sequence[Node]
+    clock: VirtualClock
+    _queue: deque[Delivery] = field(default_factory=deque, repr=False)
+    _routes: dict[tuple[int, Network, str], tuple[int, ...]] = field(default_factory=dict, repr=False)
+
+    def send(self, seat: int, emission: Emission) -> int:
+        """Deliver to every other node that listens on the emission's network and key."""
+        now_ns = self.clock.now_ns()
+        attachment = emission.attachment
+        if isinstance(attachment, Header):
+            attachment = attachment._replace(sent_ns=now_ns).pack()
+        arrival = Arrival(emission.network, emission.key, emission.payload, attachment, now_ns)
+        for other in self._route(seat, emission.network, emission.key):
+            self._queue.append(Delivery(other, arrival))
+        return now_ns
+
+    def wait(self, deadline_ns: int) -> Delivery | None:
+        """Return the next arrival, or advance the clock to the deadline and return None."""
+        if self._queue:
+            return self._queue.popleft()
+        self.clock.advance(deadline_ns)
+        return None
+
+    def _route(self, sender: int, network: Network, key: str) -> tuple[int, ...]:
+        address = (sender, network, key)
+        if address not in self._routes:
+            self._routes[address] = tuple(
+                seat
+                for seat, node in enumerate(self.nodes)
+                if seat != sender
+                and any(place == network and key_matches(expression, key) for place, expression in node.listens())
+            )
+        return self._routes[address]

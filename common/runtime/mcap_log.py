@@ -9,7 +9,6 @@ import errno
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Final, Self
 
 import numpy as np
@@ -17,9 +16,8 @@ from pydantic import BaseModel
 
 from tis.common.errors import DataError, Fault
 from tis.common.node import Record
-from tis.common.runtime.chunk_writer import ChunkWriter
+from tis.common.runtime.chunk_writer import MESSAGE_HEAD_BYTES, QUICK, THOROUGH, ChunkWriter, encode_message
 from tis.common.runtime.json_schema import flat_schema
-from tis.common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES, QUICK, THOROUGH, encode_message
 from tis.common.units import NS_PER_S
 
 _CHUNK_BYTES: Final = 128 * 1024
@@ -117,9 +115,7 @@ class McapLog:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: object, *_: object) -> None:
         self.close()
         if kind is not None and not self._channels and not self._keep_void:
             self._path.unlink(missing_ok=True)

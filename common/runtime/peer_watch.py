@@ -1,9 +1,14 @@
-"""Signs of life between the sides: beats are sent, heard and judged off the hot path."""
+"""Signs of life between the sides: beats are sent, heard and judged off the hot path.
 
+A neighbour's silence is told by the health of its TCP connections, as Linux reports it.
+"""
+
+import socket
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import Any, Final, get_args
 
 import zenoh
@@ -17,8 +22,7 @@ from tis.common.runtime.clock import WallClock, monotonic_ns
 from tis.common.runtime.control import ControlKeys
 from tis.common.runtime.loop import LateRecorder
 from tis.common.runtime.status import Status
-from tis.common.runtime.tcp_health import is_retransmitting
-from tis.common.runtime.zenoh_session import urgent_publisher
+from tis.common.runtime.zenoh_session import publisher_of
 from tis.common.units import NS_PER_S
 
 BEAT_EVERY_S: Final = BEAT_EVERY_NS / NS_PER_S
@@ -41,14 +45,14 @@ class Beats:
         self._heard: deque[Beat] = deque(maxlen=_MAX_WAITING)
         self._keys = keys
         heard_by = () if is_witness else sessions.values()
-        self._own = [urgent_publisher(session, keys.beat(side)) for session in heard_by]
+        self._own = [publisher_of(session, keys.beat(side)) for session in heard_by]
         self._relays: dict[Side, zenoh.Publisher] = {}
         self._held: list[Any] = []
         for network, session in sessions.items():
             home: Side | None = None
             for away in sessions.keys() - {network}:
                 home = SIDE_ON[network]
-                self._relays[home] = urgent_publisher(sessions[away], keys.beat(home))
+                self._relays[home] = publisher_of(sessions[away], keys.beat(home))
             self._held.append(
                 session.declare_subscriber(keys.beats, self._receiver(home), allowed_origin=zenoh.Locality.REMOTE)
             )
@@ -226,3 +230,78 @@ def tell(changes: Sequence[Change], recorder: LateRecorder, status: Status, ends
         recorder.record(Record(PEERS, change.at_ns, note))
         if not (ends and change.event == "left"):  # the end of the run says it
             status.warning(described(change, status.side))
+
+
+# The health of this process's TCP connections, as Linux reports it: bytes that nobody acknowledges.
+
+_TABLES: Final = ("/proc/self/net/tcp", "/proc/self/net/tcp6")
+_ESTABLISHED: Final = "01"
+_RETRANSMITTING: Final = "01"
+_MIN_RETRANSMITS: Final = 1
+_IPV4_BYTES: Final = 4
+_DISCARD_PORT: Final = 9
+
+
+def is_retransmitting(ports: set[int]) -> bool | None:
+    """Tell whether a connection of this process with one of these ports, here or there, sends again and again.
+
+    A host whose process stands still still acknowledges; a network that carries nothing does not. None: not known, as
+    where no such connection is TCP. Oracle: a namespace whose link is taken down, tests/system/test_peers.
+    """
+    try:
+        own = set(_own_sockets())
+    except OSError:
+        return None
+    rows = [row for table in _TABLES for row in _rows(table)]
+    ours = [
+        row for row in rows if row[9] in own and row[3] == _ESTABLISHED and ports & {_port(row[1]), _port(row[2])}
+    ]
+    if not ours:
+        return None
+    return any(_is_stuck(row) for row in ours)
+
+
+def _is_stuck(row: list[str]) -> bool:
+    """Tell whether bytes are sent again, or cannot be sent as the way to the other host is gone."""
+    timer = row[5].partition(":")[0]
+    waiting_bytes = int(row[4].partition(":")[0], 16)
+    if timer == _RETRANSMITTING:
+        return int(row[6], 16) >= _MIN_RETRANSMITS
+    return waiting_bytes > 0 and not _has_route(row[2])
+
+
+def _has_route(address: str) -> bool:
+    """Tell whether this host knows a way to an address of the table, such as 0201090A:1D17; nothing is sent."""
+    words = bytes.fromhex(address.partition(":")[0])
+    packed = b"".join(words[i : i + 4][::-1] for i in range(0, len(words), 4))  # words of the host's byte order
+    family = socket.AF_INET if len(packed) == _IPV4_BYTES else socket.AF_INET6
+    try:
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            probe.connect((socket.inet_ntop(family, packed), _DISCARD_PORT))
+    except OSError:
+        return False
+    return True
+
+
+def _rows(table: str) -> Iterator[list[str]]:
+    try:
+        lines = Path(table).read_text(encoding="ascii").splitlines()[1:]
+    except OSError:  # a host without IPv6 has one table
+        return
+    for line in lines:
+        yield line.split()
+
+
+def _port(address: str) -> int:
+    return int(address.rpartition(":")[2], 16)
+
+
+def _own_sockets() -> Iterator[str]:
+    """Yield the inodes of this process's sockets."""
+    for name in Path("/proc/self/fd").iterdir():
+        try:
+            target = str(name.readlink())
+        except OSError:
+            continue
+        if target.startswith("socket:["):
+            yield target[8:-1]

@@ -1,6 +1,13 @@
-"""Logging off the hot path: the loop queues records, one thread writes them."""
+"""Logging off the hot path: the loop queues records, one thread writes them.
+
+``TIS_RECORD=ticks`` in the environment of a side's process, a test instrument for the cost of recording, replaces the
+recorder by one that keeps this side's ticks and drops everything else. During the run nothing is written and there is
+no writing thread; at the end the ticks are written, which show the side's punctuality. It serves `tis bench
+recording`; the log does not describe a run.
+"""
 
 import contextlib
+import os
 import queue
 import threading
 import time
@@ -12,7 +19,7 @@ from pydantic import BaseModel
 
 from tis.common.channels import is_set_point
 from tis.common.node import Record
-from tis.common.records import COUNTERS, ESTIMATES, FRESH, ORIENTATIONS, PLANT, UNRECORDED, CounterNote
+from tis.common.records import COUNTERS, ESTIMATES, FRESH, ORIENTATIONS, PLANT, TICKS, UNRECORDED, CounterNote
 from tis.common.runtime.loop import Recorder
 from tis.common.runtime.memory import LevelHeap
 from tis.common.runtime.scheduling import stand_behind
@@ -195,3 +202,48 @@ class ThreadedRecorder:
 def is_recomputable(topic: str) -> bool:
     """Tell whether a replay of the arrivals computes the records of a topic again."""
     return topic.startswith((f"{ESTIMATES}/", f"{ORIENTATIONS}/")) or topic in _RECOMPUTABLE or is_set_point(topic)
+
+
+RECORD_VARIABLE: Final = "TIS_RECORD"
+TICKS_ONLY: Final = "ticks"
+
+
+class TicksOnly:
+    """Same interface as `ThreadedRecorder`; ``n_dropped`` counts dropped records, a batch as one."""
+
+    waiting_bytes = 0
+
+    def __init__(self, log: Log) -> None:
+        self.error: OSError | None = None
+        self.n_dropped = 0
+        self._log = log
+        self.unrecorded: dict[str, int] = {}
+        self._kept: list[Record] = []
+
+    def record(self, record: Record) -> None:
+        """Keep a tick in memory, drop anything else."""
+        if record.topic == TICKS:
+            self._kept.append(record)
+        else:
+            self.n_dropped += 1
+
+    def record_later(self, _: Callable[[], Iterable[Record]]) -> None:
+        """Drop the records."""
+        self.n_dropped += 1
+
+    def keep_up(self) -> None:
+        """Do nothing: there is no writing thread."""
+
+    def close(self) -> None:
+        """Write the ticks and close the log."""
+        try:
+            for record in self._kept:
+                self._log.record(record)
+            self._log.close()
+        except OSError as error:
+            self.error = error
+
+
+def recorder_for(log: Log, on_error: Callable[[OSError], None]) -> ThreadedRecorder | TicksOnly:
+    """Return the recorder of a log: the complete one, unless the environment requests ticks only."""
+    return TicksOnly(log) if os.environ.get(RECORD_VARIABLE) == TICKS_ONLY else ThreadedRecorder(log, on_error)

@@ -18,8 +18,7 @@ from tis.common.peer_life import Alarm
 from tis.common.records import COUNTERS, CounterNote
 from tis.common.runtime.arm_memory import ArmMemory
 from tis.common.runtime.clock import Clock, WallClock
-from tis.common.runtime.clock_discipline import read_discipline
-from tis.common.runtime.clock_watch import ClockWatch
+from tis.common.runtime.clock_watch import ClockWatch, read_discipline
 from tis.common.runtime.control import Epoch, boot_digest
 from tis.common.runtime.inbox import Inbox
 from tis.common.runtime.log_parts import CLOCK_FILE, PartClock
@@ -28,10 +27,9 @@ from tis.common.runtime.meeting import Meeting
 from tis.common.runtime.memory import keep_heap_level
 from tis.common.runtime.peer_watch import BEAT_EVERY_S, PeerWatch, tell
 from tis.common.runtime.processor_watch import ProcessorWatch
-from tis.common.runtime.recorder import MAX_WAITING_BYTES, FileLog, ThreadedRecorder
+from tis.common.runtime.recorder import MAX_WAITING_BYTES, FileLog, ThreadedRecorder, TicksOnly, recorder_for
 from tis.common.runtime.scheduling import request_real_time, sharpen_timers
 from tis.common.runtime.status import Status
-from tis.common.runtime.ticks_only import TicksOnly, recorder_for
 from tis.common.runtime.zenoh_bus import ZenohBus
 from tis.common.scenario import Scenario
 

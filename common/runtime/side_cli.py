@@ -1,4 +1,7 @@
-"""The command line of one side, the same for `python -m tis.surgeon_side` and `tis surgeon`."""
+"""The command line of one side, the same for `python -m tis.surgeon_side` and `tis surgeon`, and options for Zenoh.
+
+Zenoh's options, ``-c FILE --cfg KEY:VALUE --insecure``, are common to all commands that connect.
+"""
 
 import ctypes
 import os
@@ -11,8 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from tis.common.errors import Fault, InputError
-from tis.common.runtime.guard import guarded_exit_code
-from tis.common.runtime.zenoh_cli import CfgOption, ConfigOption, insecure_option
+from tis.common.runtime.process import guarded_exit_code
 
 if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, not for the help
     from tis.common.channels import Side
@@ -21,6 +23,23 @@ if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, n
     from tis.common.scenario import Scenario, reading
 
     RunSide = Callable[[Scenario, SideOptions, Status], int]
+
+ConfigOption = Annotated[Path | None, typer.Option("--config", "-c", help="Zenoh configuration file (JSON5).")]
+CfgOption = Annotated[
+    list[str] | None, typer.Option("--cfg", help="Zenoh setting KEY:VALUE, VALUE in JSON5; overrides --config.")
+]
+
+
+def insecure_option(listens: bool = True) -> Any:
+    """Return the option that lets everybody connect; hidden where nothing listens."""
+    return typer.Option(
+        "--insecure",
+        hidden=not listens,
+        help="Listen beyond loopback although anybody may connect: no certificates, no users.",
+    )
+
+
+InsecureOption = Annotated[bool, insecure_option()]
 
 ConnectOption = Annotated[
     list[str] | None, typer.Option("--connect", "-e", help="Zenoh endpoint to connect to; overrides hosts.")
@@ -80,7 +99,7 @@ def side_command(
             from tis.common.runtime.clock import monotonic_ns
             from tis.common.runtime.recordings import located
             from tis.common.runtime.recordings.whole_run import build_whole
-            from tis.common.runtime.scenario_file import read_scenario
+            from tis.common.runtime.scenario_files import read_scenario
             from tis.common.runtime.side_log import SideOptions
             from tis.common.runtime.zenoh_session import ZenohOptions
 

@@ -12,6 +12,7 @@ from tis.common.node import Arrival, Emission, Node
 from tis.common.runtime.clock import Clock
 from tis.common.runtime.inbox import Inbox
 from tis.common.runtime.loop import Delivery
+from tis.common.runtime.zenoh_session import publisher_of
 
 MAX_FOREIGN_WAITING: Final = 1000
 """Messages of one device or arm of others that may wait for the loop: a second at 1 kHz."""
@@ -77,16 +78,7 @@ class ZenohBus:
         return sent_ns
 
     def _declare(self, network: Network, key: str) -> zenoh.Publisher:
-        publisher = self.sessions[network].declare_publisher(
-            key,
-            encoding=zenoh.Encoding.APPLICATION_JSON,
-            congestion_control=zenoh.CongestionControl.DROP,
-            reliability=zenoh.Reliability.RELIABLE,
-            priority=zenoh.Priority.REAL_TIME,
-            express=False,
-            allowed_destination=zenoh.Locality.REMOTE,
-        )
-        self._publishers[network, key] = publisher
+        publisher = self._publishers[network, key] = publisher_of(self.sessions[network], key, express=False)
         return publisher
 
     def wait(self, deadline_ns: int) -> Delivery | None:

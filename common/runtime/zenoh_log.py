@@ -11,7 +11,6 @@ import threading
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
-from types import TracebackType
 from typing import Final, Self, get_args
 
 import zenoh
@@ -60,9 +59,7 @@ class ZenohLog:
         zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Give standard output back and wait for the last lines."""
         with suppress(OSError, ValueError):  # a reader that has gone away
             sys.stdout.close()

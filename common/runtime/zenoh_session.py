@@ -12,8 +12,8 @@ from typing import Any, Final, Literal
 
 import zenoh
 
-from tis.common.endpoint import endpoint_faults, is_local, is_tls
 from tis.common.errors import Fault, InputError, PeerError
+from tis.common.zenoh_syntax import endpoint_faults, is_local, is_tls
 
 _LEASE: Final = "transport/link/tx/lease"
 _LEASE_MS: Final = 2000
@@ -178,15 +178,18 @@ def bypasses(session: zenoh.Session) -> list[str]:
     return faults
 
 
-def urgent_publisher(session: zenoh.Session, key: str) -> zenoh.Publisher:
-    """Return a publisher of control messages: JSON at the highest priority, at once, dropped by a full queue."""
+def publisher_of(session: zenoh.Session, key: str, express: bool = True) -> zenoh.Publisher:
+    """Return a publisher of JSON at the highest priority: reliable, but dropped by a full queue, without blocking.
+
+    ``express``: each message is sent at once, as a batch of its own, as those of the control plane are.
+    """
     return session.declare_publisher(
         key,
         encoding=zenoh.Encoding.APPLICATION_JSON,
         congestion_control=zenoh.CongestionControl.DROP,
         reliability=zenoh.Reliability.RELIABLE,
         priority=zenoh.Priority.REAL_TIME,
-        express=True,
+        express=express,
         allowed_destination=zenoh.Locality.REMOTE,
     )
 

@@ -3,21 +3,21 @@
 from collections.abc import Mapping
 from typing import Annotated, Final, Literal, Self
 
-from pydantic import AfterValidator, Discriminator, Field, StringConstraints, Tag, WithJsonSchema, model_validator
+from pydantic import Discriminator, Field, StringConstraints, Tag, WithJsonSchema, model_validator
 
-from tis.common.channels import Side
-from tis.common.endpoint import endpoint_fault, is_local, is_tls
-from tis.common.scenario.base import NonNegative, Part, Positive, RuleText
+from tis.common.errors import Fault, InputError
+from tis.common.scenario.base import NonNegative, Part, Positive, RuleText, obeys, refuse
 from tis.common.scenario.estimator_names import AnyEstimatorName
+from tis.common.scenario.identification import Estimators, Identification
 from tis.common.scenario.limits import Limits
-from tis.common.scenario.live_rules import live_rules
 from tis.common.scenario.network import NetworkPart, Rule
 from tis.common.scenario.network.pipeline import Pipeline
-from tis.common.scenario.patient import Estimators, Identification, PatientPart
+from tis.common.scenario.patient import PatientPart
 from tis.common.scenario.security import NoSecurity, Security
 from tis.common.scenario.source import Source
 from tis.common.scenario.surgeon import MAX_MB_PER_S, MAX_PACKETS_PER_S, SurgeonPart
 from tis.common.units import s_to_ns
+from tis.common.zenoh_syntax import endpoint_fault, is_local, is_tls
 
 _MAX_SAMPLES = 5_000_000  # a synthetic movement is held in memory
 
@@ -45,14 +45,7 @@ KeyChunk = Annotated[
 ]
 
 
-def _endpoint(value: str) -> str:
-    fault = endpoint_fault(value)
-    if fault is not None:
-        raise ValueError(fault)
-    return value
-
-
-Endpoint = Annotated[str, AfterValidator(_endpoint)]
+Endpoint = Annotated[str, obeys(endpoint_fault)]
 
 
 class Hosts(Part):
@@ -156,20 +149,16 @@ class Scenario(Part):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        source = self.source.kind
         n_packets = self.surgeon.packets_per_s(self.rate_hz, len(self.source.hands))
         mb = self.surgeon.mb_per_s(self.rate_hz, len(self.source.hands))
         rules = {
             f"active_estimator must be one of estimators ({', '.join(self.estimators)})": (
                 self.active_estimator in self.estimators
             ),
-            "rate_hz must be 30, the rate at which JIGSAWS trials were recorded": (
-                source != "jigsaws" or self.rate_hz == 30
+            **self.source.rules(self.session, self.rate_hz, self.identification.train, self.patient.plant.kind),
+            "patient.safety.enabled must be true with an external plant, which follows the set points": (
+                self.patient.plant.kind != "external" or self.patient.safety.enabled
             ),
-            "identification.train must be own_head or a model file: a synthetic source has no other subjects": (
-                source != "synthetic" or self.identification.train != "others"
-            ),
-            **live_rules(self.session, self.source, self.patient, self.identification.train),
             "duration_s must contain at least one sample at rate_hz": self.n_samples >= 1,
             f"duration_s must contain at most {_MAX_SAMPLES} samples at rate_hz": self.n_samples <= _MAX_SAMPLES,
             "patient.tick_phase_ms must be less than one period of rate_hz": (
@@ -189,15 +178,24 @@ class Scenario(Part):
             f"surgeon.copies and surgeon.history must give at most {MAX_MB_PER_S} MB a second at this rate_hz and "
             f"number of hands (about {mb:.0f})": mb <= MAX_MB_PER_S,
         }
-        broken = [rule for rule, holds in rules.items() if not holds]
-        if broken:
-            raise ValueError("\n".join(broken))
+        refuse(rule for rule, holds in rules.items() if not holds)
         return self
 
     @property
     def n_samples(self) -> int:
         """Number of samples that the surgeon sends, and of the patient's ticks."""
         return int(self.duration_s * self.rate_hz + 1e-9)  # 0.3 s at 10 Hz is 2.9999999999999996 in floats
+
+    def first_row(self) -> int:
+        """Return the row that becomes sample 0; raises `InputError` when training rows would be scored."""
+        identification, start = self.identification, self.source.start
+        first = identification.train_samples if identification.train == "own_head" else 0
+        if start == "auto":
+            return first
+        if start < first:
+            rule = f"must be auto or at least train_samples = {first}, since own_head trains on the rows before"
+            raise InputError(Fault(f"scenario {self.name}", "source.start", rule, start))
+        return start
 
     @property
     def end_ns(self) -> int:
@@ -231,4 +229,20 @@ class Scenario(Part):
         return self.on_peer_loss or ("continue" if side_alone else "end")
 
 
-__all__ = ["AUTO", "Scenario", "Side"]
+def virtual_time_faults(where: str, source: Source, patient: PatientPart) -> list[Fault]:
+    """Return the faults of a scenario that cannot run in virtual time: its movement or its arm is made elsewhere."""
+    faults = []
+    if source.kind == "live":
+        rule = "must be recorded or synthetic in virtual time: nothing tells what a live device would do"
+        faults.append(Fault(where, "source.kind", rule, source.kind))
+    if patient.plant.kind == "external":
+        rule = "must be replay, servo or mujoco in virtual time: an external arm moves in real time only"
+        faults.append(Fault(where, "patient.plant.kind", rule, patient.plant.kind))
+    return faults
+
+
+def check_foreign_surgeon(where: str, source: Source) -> None:
+    """Raise `InputError` where another program cannot be the surgeon: the source would tell another movement."""
+    if source.kind != "live":
+        rule = "must be live with a foreign surgeon: only then nothing is expected of its movement"
+        raise InputError(Fault(where, "source.kind", rule, source.kind))

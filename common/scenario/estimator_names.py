@@ -7,7 +7,9 @@ import difflib
 import re
 from typing import Annotated, Final, Literal, TypeGuard, get_args
 
-from pydantic import AfterValidator, WithJsonSchema
+from pydantic import WithJsonSchema
+
+from tis.common.scenario.base import obeys
 
 EstimatorName = Literal[
     "hold",
@@ -79,16 +81,9 @@ def fault_of(name: str) -> str | None:
     return f"no such estimator; there are {', '.join(NAMES)}, and module:factory for a user-defined one"
 
 
-def _known(name: str) -> str:
-    fault = fault_of(name)
-    if fault is not None:
-        raise ValueError(fault)
-    return name
-
-
 AnyEstimatorName = Annotated[
     str,
-    AfterValidator(_known),
+    obeys(fault_of),
     WithJsonSchema(
         {
             "anyOf": [

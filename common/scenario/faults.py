@@ -4,13 +4,46 @@ import difflib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
-from typing import Any, Final, NamedTuple, get_args, get_origin
+from types import NoneType, UnionType
+from typing import Annotated, Any, Final, NamedTuple, TypeGuard, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from tis.common.errors import Fault
-from tis.common.scenario.annotations import bare, is_model, variants
+
+
+def variants(annotation: Any) -> dict[str, type[BaseModel]]:
+    """Return the alternative models of a field by their ``kind``, or by class name where they have none."""
+    is_union = get_origin(annotation) in (Union, UnionType)
+    members = [bare(member) for member in (get_args(annotation) if is_union else (annotation,))]
+    named: dict[str, type[BaseModel]] = {}
+    for member in members:
+        if is_model(member) and "kind" in member.model_fields:
+            named |= dict.fromkeys(get_args(member.model_fields["kind"].annotation), member)
+        elif is_model(member) and is_union:
+            named[member.__name__] = member
+    return named
+
+
+def bare(annotation: Any) -> Any:
+    """Return an annotation without ``Annotated`` and ``| None``."""
+    while True:
+        if get_origin(annotation) is Annotated:
+            annotation = get_args(annotation)[0]
+            continue
+        if get_origin(annotation) in (Union, UnionType):
+            members = [member for member in get_args(annotation) if member is not NoneType]
+            if len(members) == 1:
+                annotation = members[0]
+                continue
+        return annotation
+
+
+def is_model(annotation: Any) -> TypeGuard[type[BaseModel]]:
+    """Tell whether an annotation is a model."""
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
+
 
 # Hints for a key that was written in the wrong place: the places where the format has it.
 

@@ -1,12 +1,120 @@
-"""Limits that a run is judged by, beside the usual requirements: user-defined ones, or those of one application."""
+"""Limits that a run is judged by: user-defined ones, or the published network requirements of one application.
 
-from typing import Final, Self
+The requirements are data: each set with its source and its interpretation.
+"""
+
+from typing import Final, Literal, NamedTuple, Self
 
 from pydantic import Field
 
 from tis.common.channels import Direction
 from tis.common.scenario.base import NonNegative, Part, Positive
-from tis.common.scenario.requirements import P99, REQUIREMENTS, Application, Metric, Requirement
+
+Metric = Literal["one_way", "end_to_end", "round_trip", "network_round_trip", "pdv", "age", "loss", "rmse_3d"]
+Application = Literal[
+    "haptics",
+    "haptics_highly_dynamic",
+    "haptics_dynamic",
+    "haptics_fixed",
+    "augmented_reality",
+    "immersive_reality",
+    "tactile_internet",
+    "round_trip_1_ms",
+    "remote_laparoscopy",
+    "felt_delay",
+    "telehaptics",
+]
+
+P99: Final = 99.0
+"""Percentile applied where a source names none: a maximum would depend on the length of the measurement."""
+
+
+class Requirement(NamedTuple):
+    """An upper limit, in ms, for `loss` in % and for `rmse_3d` in mm; on a percentile unless that is None.
+
+    ``one_way``, ``network_round_trip`` and ``pdv`` concern the network alone; ``end_to_end`` and ``round_trip``
+    include the wait for the patient's tick. One that is not ``binding``, the strict end of a range, does not decide.
+    """
+
+    metric: Metric
+    limit: float
+    direction: Direction | None = None
+    percentile: float | None = P99
+    binding: bool = True
+
+
+class RequirementSet(NamedTuple):
+    """Requirements of one application, and the statement of their source."""
+
+    title: str
+    source: str
+    requirements: tuple[Requirement, ...]
+
+
+def _both_ways(metric: Metric, limit: float, binding: bool = True) -> tuple[Requirement, ...]:
+    percentile = None if metric == "loss" else P99
+    return tuple(Requirement(metric, limit, way, percentile, binding) for way in ("forward", "feedback"))
+
+
+def _table_row(
+    title: str, limit_ms: float, loss_pct: float, words: str, strict_ms: float | None = None
+) -> RequirementSet:
+    """Return a table row: the delay applies to the network, each way, and to the end-to-end latency.
+
+    Of a range the larger delay decides; ``strict_ms`` is its smaller end.
+    """
+    strict = () if strict_ms is None else _both_ways("one_way", strict_ms, binding=False)
+    delays = (*_both_ways("one_way", limit_ms), Requirement("end_to_end", limit_ms))
+    return RequirementSet(title, words, (*delays, *_both_ways("loss", loss_pct), *strict))
+
+
+_PAPER: Final = "the paper's table of requirements"
+_CASES: Final = f"{_PAPER}, cases of haptics by how the remote side moves"
+
+REQUIREMENTS: Final[dict[Application, RequirementSet]] = {
+    "haptics": _table_row("haptics (paper)", 2.0, 0.1, f"{_PAPER}: 0.5-2 ms, 99.9 %", 0.5),
+    "haptics_highly_dynamic": _table_row(
+        "highly dynamic haptics (paper)", 0.5, 0.1, f"{_CASES}: highly dynamic 0.5 ms, 99.9 %"
+    ),
+    "haptics_dynamic": _table_row("dynamic haptics (paper)", 5.0, 0.1, f"{_CASES}: dynamic 5 ms, 99.9 %"),
+    "haptics_fixed": _table_row("fixed haptics (paper)", 50.0, 0.1, f"{_CASES}: fixed 50 ms, 99.9 %"),
+    "augmented_reality": _table_row(
+        "augmented reality video (paper)", 2.0, 0.001, f"{_PAPER}, video: 0.5-2 ms, 99.999 %", 0.5
+    ),
+    "immersive_reality": _table_row(
+        "immersive 3D audio (paper)", 2.0, 0.1, f"{_PAPER}, 3D audio: 0.5-2 ms, 99.9 %", 0.5
+    ),
+    "tactile_internet": _table_row(
+        "Tactile Internet", 10.0, 1e-5, "the usual statement for the Tactile Internet: 1-10 ms, 99.99999 %", 1.0
+    ),
+    "round_trip_1_ms": RequirementSet(
+        "1 ms round trip (paper)",
+        "the paper's introduction, of the Tactile Internet: an end-to-end round-trip latency of 1 ms; ticks included",
+        (Requirement("round_trip", 1.0),),
+    ),
+    "remote_laparoscopy": RequirementSet(
+        "remote laparoscopy",
+        "requirements for remote laparoscopy: downlink below 50 ms, round trip at most 100 ms, jitter at most "
+        "5-10 ms; no reliability stated. Downlink is read as towards the patient, jitter as PDV of RFC 5481",
+        (
+            Requirement("one_way", 50.0, "forward"),
+            Requirement("network_round_trip", 100.0),
+            *_both_ways("pdv", 10.0),
+            *_both_ways("pdv", 5.0, binding=False),
+        ),
+    ),
+    "felt_delay": RequirementSet(
+        "what surgeons accept",
+        "people accept at most 100 ms; read as from a movement to the sight of its effect, ticks included",
+        (Requirement("round_trip", 100.0),),
+    ),
+    "telehaptics": RequirementSet(
+        "telehaptics",
+        "telehaptics: at most 10 % loss and 10 ms jitter; jitter is read as PDV of RFC 5481",
+        (*_both_ways("loss", 10.0), *_both_ways("pdv", 10.0)),
+    ),
+}
+
 
 _METRIC_OF: Final[dict[str, Metric]] = {
     "end_to_end_p99_ms": "end_to_end",

@@ -2,12 +2,13 @@
 
 from typing import Annotated, Final, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from tis.common.channels import CONTROL, Hand
-from tis.common.key_expression import key_expression_fault
-from tis.common.scenario.base import Milliseconds, Part, Positive
+from tis.common.scenario.base import AnySource, Milliseconds, Part, Positive, obeys
+from tis.common.scenario.identification import is_model_file
 from tis.common.units import MM_PER_M
+from tis.common.zenoh_syntax import key_expression_fault
 
 Millimetres = Annotated[float, Field(ge=-100_000, le=100_000)]
 PlaceMm = tuple[Millimetres, Millimetres, Millimetres]
@@ -17,28 +18,14 @@ Degrees = Annotated[float, Field(ge=-360, le=360)]
 _MAX_KEY_CHARS: Final = 200
 
 
-def _plain_key(key: str) -> str:
-    fault = key_expression_fault(key)
-    if fault is not None:
-        raise ValueError(fault)
-    if "*" in key or len(key) > _MAX_KEY_CHARS:
-        raise ValueError(f"must be one Zenoh key, without *, of at most {_MAX_KEY_CHARS} characters")
-    if CONTROL in key.split("/"):
-        raise ValueError(f"must not contain the chunk {CONTROL}, which is the testbed's own")
-    return key
-
-
-def _ros2_key(key: str) -> str:
+def _ros2_key_fault(key: str) -> str | None:
     """Check a topic's key expression in rmw_zenoh, whose last chunks (type name and hash) may be wildcards."""
-    fault = key_expression_fault(key)
-    if fault is not None:
-        raise ValueError(fault)
     if len(key) > _MAX_KEY_CHARS or CONTROL in key.split("/"):
-        raise ValueError(f"must have at most {_MAX_KEY_CHARS} characters and no chunk {CONTROL}")
-    return key
+        return f"must have at most {_MAX_KEY_CHARS} characters and no chunk {CONTROL}"
+    return None
 
 
-DeviceKey = Annotated[str, AfterValidator(_ros2_key)]
+DeviceKey = Annotated[str, obeys(key_expression_fault), obeys(_ros2_key_fault)]
 
 
 class DeviceKeys(Part):
@@ -64,7 +51,7 @@ class LivePlaces(Part):
         return x / MM_PER_M, y / MM_PER_M, z / MM_PER_M
 
 
-class LiveSource(Part):
+class LiveSource(AnySource):
     """Poses of an operator's device that arrive while the run goes on.
 
     With the device's position d, its position d0 at the beginning (``origin: first``) or 0 (``origin: zero``) and the
@@ -119,13 +106,17 @@ class LiveSource(Part):
             raise ValueError("hands must name each hand at most once")
         if self.keys.left == self.keys.right:
             raise ValueError("keys must differ: each hand has a device of its own")
-        if self.encoding == "json":
-            for key in (self.keys.left, self.keys.right):
-                _plain_key(key)
+        if self.encoding == "json" and any("*" in key for key in (self.keys.left, self.keys.right)):
+            raise ValueError(f"must be one Zenoh key, without *, of at most {_MAX_KEY_CHARS} characters")
         return self
 
     @property
-    def all_keys(self) -> tuple[str, ...]:
+    def label(self) -> str:
+        """Return what moves."""
+        return "live device"
+
+    @property
+    def device_keys(self) -> tuple[str, ...]:
         """Return the key expressions of the devices of all hands."""
         return tuple(self.keys.of(hand) for hand in self.hands)
 
@@ -134,7 +125,17 @@ class LiveSource(Part):
         """Return 0: the movement begins with the run, there are no rows before it."""
         return 0
 
-    @property
-    def synthetic(self) -> bool:
-        """Return False: a person moves the device, or a program of the user's."""
-        return False
+    def rules(self, session: str, rate_hz: int, train: str, plant: str) -> dict[str, bool]:  # noqa: ARG002
+        """Return the rules of a movement that nobody has recorded: of the arm, the training and the keys."""
+        first = {key.split("/")[0] for key in self.device_keys}
+        return {
+            "patient.plant.kind must not be replay with a live source: there is no recorded arm to replay": (
+                plant != "replay"
+            ),
+            "identification.train must be synthetic or a model file with a live source, which has no training rows": (
+                train == "synthetic" or is_model_file(train)
+            ),
+            f"source.keys must not begin with {session}/, the run's own keys, which cross the network": (
+                not first & {session, "*", "**"}
+            ),
+        }

@@ -1,24 +1,85 @@
-"""The patient's side of a scenario: its ticks, its plant, identification and estimators."""
+"""The patient's side of a scenario: its ticks, its plant, and the methods for orientation and gripper."""
 
-from collections.abc import Sequence
-from typing import Annotated, Literal, Self
+from math import pi
+from typing import Annotated, Final, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from tis.common.errors import Fault, InputError
-from tis.common.scenario.base import Milliseconds, NonNegative, Part, Positive, RuleText
-from tis.common.scenario.estimator_names import AnyEstimatorName, LearnedName, each_once, is_learned
-from tis.common.scenario.learning import Learning
-from tis.common.scenario.orientation import Orientation
+from tis.common.scenario.base import Milliseconds, NonNegative, Part, Positive, distinct
 from tis.common.scenario.safety import Gate, Safety
-from tis.common.scenario.simulated_arm import MujocoPlant
 from tis.common.units import MM_PER_M
 
-OrderRule = Literal["auto", "energy", "gap", "criterion", "validation"]
-Order = Annotated[
-    Annotated[int, Field(ge=0, strict=True)] | OrderRule,
-    RuleText("must be an integer >= 0 or one of auto, energy, gap, criterion, validation"),
-]
+OrientationMethod = Literal["hold", "constant_rate", "tangent_ls"]
+
+
+class Orientation(Part):
+    """Estimation of the arm's orientation and of its gripper's angle; the position estimators do not depend on it."""
+
+    methods: Annotated[tuple[OrientationMethod, ...], Field(min_length=1), distinct("method")] = Field(
+        ("hold", "constant_rate", "tangent_ls"),
+        description="Methods that run side by side; hold always runs. hold: orientation and gripper of the newest "
+        "sample; constant_rate: they go on at their last rate, which is damped; tangent_ls: least squares on the "
+        "past, a regression for each horizon, in the tangent space at the newest orientation.",
+    )
+    active: OrientationMethod = Field(
+        "tangent_ls", description="The method whose orientation and gripper the answers and set points carry."
+    )
+
+    @model_validator(mode="after")
+    def _runs(self) -> Self:
+        if self.active not in (*self.methods, "hold"):
+            raise ValueError("active must be one of methods, or hold")
+        return self
+
+    @property
+    def in_order(self) -> tuple[OrientationMethod, ...]:
+        """Return the methods that run, the active one first."""
+        return tuple(dict.fromkeys((self.active, *self.methods, "hold")))
+
+
+STEPS_A_RADIAN: Final = 3
+"""Least number of physics steps in 1 / (2 pi) of the position loop's period, so that the loop stays stable."""
+
+
+class MujocoPlant(Part):
+    """An arm with the joints of a da Vinci instrument arm that executes the set points, simulated by MuJoCo."""
+
+    kind: Literal["mujoco"] = Field(
+        description="mujoco: a simulated arm with joints, driven by the set points through its inverse kinematics; "
+        "needs the extra sim on the patient's host."
+    )
+    bandwidth_hz: Positive = Field(
+        10.0, le=100, description="Natural frequency of each joint's position loop at the home pose, in Hz."
+    )
+    damping: Positive = Field(1.0, le=10, description="Damping ratio of the position loops; 1: critically damped.")
+    physics_hz: int = Field(500, ge=100, le=5000, strict=True, description="Rate of the physics, in Hz.")
+    friction: NonNegative = Field(
+        1.0, le=10, description="Friction of the joints, as a multiple of that of the model; 0: none."
+    )
+    encoder_noise_mrad: NonNegative = Field(
+        0.0, le=50, description="Standard deviation of the noise on each measured joint angle, in mrad."
+    )
+    encoder_noise_mm: NonNegative = Field(
+        0.0, le=10, description="Standard deviation of the noise on the measured insertion, in mm."
+    )
+    insertion_mm: float = Field(
+        120.0,
+        ge=50,
+        le=200,
+        description="Insertion of the instrument at the first set point, which becomes the arm's home, in mm.",
+    )
+
+    @model_validator(mode="after")
+    def _stable(self) -> Self:
+        most_hz = self.physics_hz / (2.0 * pi * STEPS_A_RADIAN)
+        if self.bandwidth_hz > most_hz:
+            raise ValueError(f"bandwidth_hz must be at most {most_hz:.1f} at this physics_hz")
+        return self
+
+    @property
+    def insertion_m(self) -> float:
+        """`insertion_mm` in m."""
+        return self.insertion_mm / MM_PER_M
 
 
 class ReplayPlant(Part):
@@ -77,143 +138,3 @@ class PatientPart(Part):
     )
     gate: Gate = Field(Gate(), description="Limits of the samples that the patient uses.")
     safety: Safety = Field(Safety(), description="Limits of the set point that drives the arm.")
-
-
-def _position_and_more(inputs: tuple[str, ...]) -> tuple[str, ...]:
-    if "position" not in inputs or len(set(inputs)) != len(inputs):
-        raise ValueError("must contain position, and each input at most once")
-    return inputs
-
-
-def is_model_file(train: str) -> bool:
-    """Tell whether ``identification.train`` is the path of a model file."""
-    return train.endswith((".json", ".safetensors"))
-
-
-def _model_file_or_name(train: str) -> str:
-    if train not in ("own_head", "others", "synthetic") and not is_model_file(train):
-        raise ValueError(
-            "must be own_head, others, synthetic or the path of a model file ending in .json or .safetensors"
-        )
-    return train
-
-
-LinearMethod = Literal["moesp", "pi_moesp", "n4sid", "cva", "arx", "moesp_paper", "narx"]
-
-
-class Identification(Part):
-    """Identification of the arm's model before the run."""
-
-    method: Literal[LinearMethod, LearnedName] = Field(
-        "moesp",
-        description="Method of identification. moesp: past-output MOESP; pi_moesp: MOESP with past inputs as "
-        "instruments, for coloured noise; n4sid: oblique projection; cva: canonical variates; arx: least squares. "
-        "All of these estimate D and x0. moesp_paper: the paper's Algorithm 2, as printed. narx: a polynomial NARX "
-        "model, in `tis identify` only. gpr, srlsmf, srlsmf_l1, transformer, informer, cnn: moesp, and the model of "
-        "the estimator of that name is trained.",
-    )
-    inputs: Annotated[tuple[Literal["position", "velocity"], ...], AfterValidator(_position_and_more)] = Field(
-        ("position",),
-        description="Inputs of the model, taken from the commands: position, and in `tis identify` also velocity, "
-        "the linear velocity columns of JIGSAWS, which look ahead.",
-    )
-    allow_lookahead: bool = Field(
-        False, strict=True, description="true: inputs may depend on later frames, as smoothed velocities do."
-    )
-    train: Annotated[str, AfterValidator(_model_file_or_name)] = Field(
-        "own_head",
-        description="Training data. own_head: the first train_samples rows of the same trial; others: all trials of "
-        "the same task by other subjects, for a table the tables of other people beside it; synthetic: a synthetic "
-        "hand in the places of a live source, no data needed; or the path of a model file written by `tis identify`.",
-    )
-    train_samples: int = Field(
-        1240, strict=True, ge=60, description="Number of training rows at the trial's beginning, for own_head."
-    )
-    block_rows: int = Field(
-        10,
-        strict=True,
-        ge=2,
-        le=100,
-        description="Number of block rows of the Hankel matrices, for past and future each (moesp_paper: in all); "
-        "arx: maximum number of lags.",
-    )
-    order: Order = Field(
-        "auto",
-        description="Number of states (arx: lags), or the rule that chooses it. energy: 85 % of the sum of singular "
-        "values; gap: the largest ratio of successive singular values; criterion: an information criterion; "
-        "validation: the prediction of held-back rows; auto: validation, for moesp_paper energy. 0: a static gain.",
-    )
-    # The paper calls both "small positive constants" and gives no value. The filter's gain depends on their ratio
-    # only (except for P = I at the start), and nothing in the paper sets one above the other.
-    epsilon_q: Positive = Field(
-        1e-3,
-        le=1e6,
-        description="moesp_paper: initial process noise covariance Q = epsilon_q I, in normalised units squared.",
-    )
-    epsilon_r: Positive = Field(
-        1e-3,
-        le=1e6,
-        description="moesp_paper: initial measurement noise covariance R = epsilon_r I, in normalised units squared.",
-    )
-
-    sensor_noise_mm: Annotated[float, Field(ge=0, le=100)] = Field(
-        0.0,
-        description="Standard deviation of an error that is added to each axis of the positions in the training "
-        "rows, of command and arm, in mm, as `surgeon.sensor_noise_mm` adds it to what is sent.",
-    )
-    learning: Learning = Field(Learning(), description="Training of learned methods.")
-
-    @model_validator(mode="after")
-    def _no_future(self) -> Self:
-        if self.looks_ahead and not self.allow_lookahead:
-            raise ValueError(
-                "inputs must not contain velocity, whose columns look ahead (they are smoothed over later frames), "
-                "unless allow_lookahead is true"
-            )
-        return self
-
-    @property
-    def linear_method(self) -> str:
-        """Return the method of the linear model, which learned methods need, too."""
-        return "moesp" if is_learned(self.method) else self.method
-
-    @property
-    def sensor_noise_m(self) -> float:
-        """`sensor_noise_mm` in m."""
-        return self.sensor_noise_mm / MM_PER_M
-
-    @property
-    def looks_ahead(self) -> bool:
-        """True when an input depends on later frames."""
-        return "velocity" in self.inputs
-
-    def check_for_live_runs(self, estimators: Sequence[str]) -> None:
-        """Raise `InputError` when these settings do not work in a live run with the ``estimators``.
-
-        Nobody waits for minutes of training at the beginning of a run.
-        """
-        self.check_for_runs()
-        untrained = [] if is_model_file(self.train) else [name for name in estimators if is_learned(name)]
-        if untrained:
-            rule = (
-                f"must be a model file in a live run with {' and '.join(untrained)}, as training takes minutes: "
-                f"`tis identify --set identification.method={untrained[0]} --out FILE.safetensors`"
-            )
-            raise InputError(Fault("identification", "train", rule, self.train))
-
-    def check_for_runs(self) -> None:
-        """Raise `InputError` when these settings work in `tis identify` only; a model file works everywhere."""
-        if is_model_file(self.train):
-            return
-        faults = []
-        if self.method == "narx":
-            rule = "must not be narx in a run, whose filters need a linear model; narx works in tis identify only"
-            faults.append(Fault("identification", "method", rule))
-        if self.looks_ahead:
-            rule = "must be position in a run, whose filters receive no velocity; velocity works in tis identify only"
-            faults.append(Fault("identification", "inputs", rule))
-        if faults:
-            raise InputError(faults)
-
-
-Estimators = Annotated[tuple[AnyEstimatorName, ...], Field(min_length=1), AfterValidator(each_once)]

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, StringConstraints, model_validator
 
-from tis.common.scenario.base import Part, RuleText
+from tis.common.scenario.base import Part, RuleText, refuse
 from tis.common.scenario.network import NetworkPart
 
 Basis = Literal["measured", "fitted", "judgement"]
@@ -81,8 +81,7 @@ class Profile(Part):
             for source in self.sources
             if paths and all(number.source != source for number in self.numbers)
         ]
-        if faults:
-            raise ValueError("\n".join(dict.fromkeys(faults)))
+        refuse(dict.fromkeys(faults))
         return self
 
     def partial(self) -> dict[str, Any]:

@@ -4,8 +4,17 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, StringConstraints, model_serializer
 
-from tis.common.scenario.base import NonNegative, Part, Positive, Probability, RuleText
-from tis.common.scenario.hands import HANDS_MEANING, START_MEANING, Hands, Start
+from tis.common.scenario.base import (
+    HANDS_MEANING,
+    START_MEANING,
+    AnySource,
+    Hands,
+    NonNegative,
+    Positive,
+    Probability,
+    RuleText,
+    Start,
+)
 from tis.common.scenario.live_source import LiveSource
 from tis.common.scenario.table_source import TableSource
 
@@ -23,7 +32,7 @@ def is_synthetic(trial: str) -> bool:
     return trial[0] in SYNTHETIC_SUBJECTS
 
 
-class JigsawsSource(Part):
+class JigsawsSource(AnySource):
     """A recorded trial of JIGSAWS, in the folder layout of the original distribution."""
 
     kind: Literal["jigsaws"] = Field(description="jigsaws: a recorded trial.")
@@ -47,12 +56,22 @@ class JigsawsSource(Part):
         """Tell whether `tis synth` wrote the trial."""
         return is_synthetic(self.trial)
 
+    @property
+    def label(self) -> str:
+        """Return the trial's task and name, and whether a person moved."""
+        return f"{'synthetic' if self.synthetic else 'recorded'} {self.task} {self.trial}"
+
+    def rules(self, session: str, rate_hz: int, train: str, plant: str) -> dict[str, bool]:
+        """Return the rule of the recorder's rate, and those of every recorded movement."""
+        rule = "rate_hz must be 30, the rate at which JIGSAWS trials were recorded"
+        return {rule: rate_hz == 30, **super().rules(session, rate_hz, train, plant)}
+
 
 NULL_IS_A_VALUE: Final = ("recorder_hz",)
 """Fields for which null is a value other than the default, and is therefore written to files."""
 
 
-class SyntheticSource(Part):
+class SyntheticSource(AnySource):
     """A synthetic surgeon whose default speeds are those of recorded suturing; not a recording of a person."""
 
     kind: Literal["synthetic"] = Field(description="synthetic: computed movements, no data needed.")
@@ -112,6 +131,16 @@ class SyntheticSource(Part):
     def synthetic(self) -> bool:
         """Return True."""
         return True
+
+    @property
+    def label(self) -> str:
+        """Return what moves."""
+        return "synthetic surgeon"
+
+    def rules(self, session: str, rate_hz: int, train: str, plant: str) -> dict[str, bool]:
+        """Return the rule of the training: there is one person only."""
+        rule = "identification.train must be own_head or a model file: a synthetic source has no other subjects"
+        return {rule: train != "others", **super().rules(session, rate_hz, train, plant)}
 
 
 RecordedSource = JigsawsSource | TableSource

@@ -2,13 +2,23 @@
 
 from collections.abc import Mapping
 from itertools import pairwise
+from pathlib import PurePath
 from typing import Annotated, Final, Literal, Self
 
 from pydantic import Discriminator, Field, StringConstraints, Tag, model_validator
 
 from tis.common.channels import FOLLOWER, Arm, Hand
-from tis.common.scenario.base import Part, Positive, RuleText
-from tis.common.scenario.hands import HANDS_MEANING, START_MEANING, Hands, Start
+from tis.common.scenario.base import (
+    HANDS_MEANING,
+    START_MEANING,
+    AnySource,
+    Hands,
+    Part,
+    Positive,
+    RuleText,
+    Start,
+    refuse,
+)
 
 TABLE_SUFFIXES: Final = (".csv", ".parquet")
 
@@ -82,8 +92,7 @@ class PoseColumns(Part):
             faults.append("euler_axes must be one to three of xyz or of XYZ, neighbours different, like xyz or ZYX")
         if self.euler is not None and len(self.euler) != len(axes):
             faults.append(f"euler must name a column for each of euler_axes ({axes})")
-        if faults:
-            raise ValueError("\n".join(faults))
+        refuse(faults)
         return self
 
 
@@ -146,7 +155,7 @@ class TableColumns(Part):
     right: HandColumns | None = Field(None, description="Columns of the right hand. Not given: MTMR and PSM1.")
 
 
-class TableSource(Part):
+class TableSource(AnySource):
     """A recording in a table: a row per sample, numbers in named columns."""
 
     kind: Literal["table"] = Field(description="table: a recording in a CSV or Parquet file, of any columns.")
@@ -182,9 +191,9 @@ class TableSource(Part):
     start: Start = Field("auto", description=START_MEANING)
 
     @property
-    def synthetic(self) -> bool:
-        """Return False: a table says nothing of its origin."""
-        return False
+    def label(self) -> str:
+        """Return the name of the table, and of the task if it is given."""
+        return f"table {'' if self.task is None else f'{self.task} '}{PurePath(self.path).stem}"
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -194,8 +203,7 @@ class TableSource(Part):
         arms = [self.hand(hand).arm_of(hand) for hand in self.hands]
         if len(set(arms)) < len(arms):
             faults.append(f"both hands must not drive {arms[0]}: set columns.left.drives or columns.right.drives")
-        if faults:
-            raise ValueError("\n".join(faults))
+        refuse(faults)
         return self
 
     def hand(self, hand: Hand) -> HandColumns:

@@ -4,7 +4,7 @@ The recorded figures are aggregates; no single trial can be recovered from them.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
@@ -62,11 +62,23 @@ TOLERANCE: Final = 0.25
 """Largest relative deviation of a statistic of the synthetic surgeon from the recorded one."""
 
 _HOLD_MS: Final = (33, 100, 200, 500, 1000)
-_SLOW_MM_PER_S: Final = 2.0
-_SLOW_DEG_PER_S: Final = 5.0
 _PERCENTILES: Final = (50, 90, 99)
 _BANDS_HZ: Final = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 _WINDOW_S: Final = 17.0
+
+
+class _Names(NamedTuple):
+    """Words of the statistics' names, and the speed below which a tip counts as slow."""
+
+    unit: str
+    speed: str
+    power: str
+    acceleration: str
+    slow: float
+
+
+_MOVEMENT: Final = _Names("mm", "speed", "velocity power", "acceleration", 2.0)
+_TURNING: Final = _Names("deg", "angular speed", "angular power", "angular acceleration", 5.0)
 
 
 def movement_statistics(position_m: Array, rate_hz: int) -> dict[str, float]:
@@ -77,23 +89,11 @@ def movement_statistics(position_m: Array, rate_hz: int) -> dict[str, float]:
     1967), summed over the axes, without the mean, its cumulative sum interpolated. Oracle: a circle.
     """
     tip_mm = MM_PER_M * position_m
-    velocity = np.gradient(tip_mm, 1.0 / rate_hz, axis=0)
-    speed = np.linalg.norm(velocity, axis=1)
-    acceleration = np.linalg.norm(np.gradient(velocity, 1.0 / rate_hz, axis=0), axis=1)
-    found: dict[str, float] = {}
-    for hold_ms in _HOLD_MS:
-        lag = round(hold_ms * rate_hz / 1000)
-        moved_mm = tip_mm[lag:] - tip_mm[:-lag]
-        found[f"hold-last error at {hold_ms} ms, mm"] = float(np.sqrt(np.mean(np.sum(moved_mm**2, axis=1))))
-    for percent in _PERCENTILES:
-        found[f"speed p{percent}, mm/s"] = float(np.percentile(speed, percent))
-    found["speed rms, mm/s"] = float(np.sqrt(np.mean(speed**2)))
-    found["time slower than 2 mm/s, share"] = float(np.mean(speed < _SLOW_MM_PER_S))
-    for band_hz, share in _power_shares(velocity, rate_hz).items():
-        found[f"velocity power up to {band_hz:g} Hz, share"] = share
-    for percent in _PERCENTILES:
-        found[f"acceleration p{percent}, mm/s2"] = float(np.percentile(acceleration, percent))
-    return found
+
+    def moved_mm2(lag: int) -> Array:
+        return np.asarray(np.sum((tip_mm[lag:] - tip_mm[:-lag]) ** 2, axis=1))
+
+    return _statistics(moved_mm2, np.gradient(tip_mm, 1.0 / rate_hz, axis=0), rate_hz, _MOVEMENT)
 
 
 def turning_statistics(orientation: Array, rate_hz: int) -> dict[str, float]:
@@ -103,22 +103,30 @@ def turning_statistics(orientation: Array, rate_hz: int) -> dict[str, float]:
     at constant speed.
     """
     rotations = scipy.spatial.transform.Rotation.from_quat(orientation)
-    found: dict[str, float] = {}
-    for hold_ms in _HOLD_MS:
-        lag = round(hold_ms * rate_hz / 1000)
-        turned_deg = np.degrees((rotations[:-lag].inv() * rotations[lag:]).magnitude())
-        found[f"hold-last error at {hold_ms} ms, deg"] = float(np.sqrt(np.mean(turned_deg**2)))
+
+    def turned_deg2(lag: int) -> Array:
+        return np.asarray(np.degrees((rotations[:-lag].inv() * rotations[lag:]).magnitude()) ** 2)
+
     velocity = np.degrees((rotations[:-2].inv() * rotations[2:]).as_rotvec()) * rate_hz / 2.0
+    return _statistics(turned_deg2, velocity, rate_hz, _TURNING)
+
+
+def _statistics(squares: Callable[[int], Array], velocity: Array, rate_hz: int, names: _Names) -> dict[str, float]:
+    """Return the statistics of a path from its squared changes over a number of rows, and its velocity (N, 3)."""
     speed = np.linalg.norm(velocity, axis=1)
     acceleration = np.linalg.norm(np.gradient(velocity, 1.0 / rate_hz, axis=0), axis=1)
+    unit, found = names.unit, dict[str, float]()
+    for hold_ms in _HOLD_MS:
+        changes = squares(round(hold_ms * rate_hz / 1000))
+        found[f"hold-last error at {hold_ms} ms, {unit}"] = float(np.sqrt(np.mean(changes)))
     for percent in _PERCENTILES:
-        found[f"angular speed p{percent}, deg/s"] = float(np.percentile(speed, percent))
-    found["angular speed rms, deg/s"] = float(np.sqrt(np.mean(speed**2)))
-    found["time slower than 5 deg/s, share"] = float(np.mean(speed < _SLOW_DEG_PER_S))
+        found[f"{names.speed} p{percent}, {unit}/s"] = float(np.percentile(speed, percent))
+    found[f"{names.speed} rms, {unit}/s"] = float(np.sqrt(np.mean(speed**2)))
+    found[f"time slower than {names.slow:g} {unit}/s, share"] = float(np.mean(speed < names.slow))
     for band_hz, share in _power_shares(velocity, rate_hz).items():
-        found[f"angular power up to {band_hz:g} Hz, share"] = share
+        found[f"{names.power} up to {band_hz:g} Hz, share"] = share
     for percent in _PERCENTILES:
-        found[f"angular acceleration p{percent}, deg/s2"] = float(np.percentile(acceleration, percent))
+        found[f"{names.acceleration} p{percent}, {unit}/s2"] = float(np.percentile(acceleration, percent))
     return found
 
 

@@ -1,4 +1,4 @@
-"""Parser of JIGSAWS trials: text of 76 columns, one line per sample at 30 Hz, to poses of masters and arms.
+"""JIGSAWS trials as text, parsed and written: 76 columns, one line per sample at 30 Hz, poses of masters and arms.
 
 The columns are those of the data set's description (Gao et al., "JHU-ISI Gesture and Skill Assessment Working Set",
 M2CAI 2014). The velocity columns are smoothed over later frames, so they look ahead; only an identification with
@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 import scipy
 
-from tis.common.errors import DataError, Fault
-from tis.common.sources.hemisphere import one_hemisphere
-from tis.common.sources.trajectory import Array, PoseTrack
+from tis.common.channels import MASTER
+from tis.common.errors import MAX_SHOWN, DataError, Fault, capped
+from tis.common.sources.trajectory import Array, PoseTrack, Recording, not_rotations, one_hemisphere
 
 RATE_HZ: Final = 30
 N_COLUMNS: Final = 76
@@ -28,9 +28,7 @@ _MAX_LINES: Final = 120_000  # an hour has 108 000
 _MAX_LINE_CHARS: Final = 10_000  # 76 numbers take some 1200
 _LINE_ENDS: Final = "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"
 _MAX_DIAGNOSED: Final = 10_000  # lines in which faults are counted; a real trial has fewer
-_MAX_SHOWN: Final = 5  # faults of a kind
 _COLUMNS_RULE: Final = f"must have {N_COLUMNS} columns"
-_ROTATION_TOLERANCE: Final = 0.01  # the masters' matrices miss orthogonality by up to 0.0013
 
 
 @dataclass(frozen=True)
@@ -93,18 +91,16 @@ def pose_track(rows: Array, device: str, where: str) -> PoseTrack:
     and Rodrigues' formula in the tests.
     """
     columns = COLUMNS[device]
-    # A rotation matrix is orthogonal, up to the rounding of the file, and has determinant +1.
     matrices = rows[:, columns.rotation].reshape(-1, 3, 3)
-    departure = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    bad = np.flatnonzero((departure > _ROTATION_TOLERANCE) | (np.linalg.det(matrices) < 0))
+    bad = not_rotations(matrices)
     if bad.size:
         place = f"columns {columns.rotation.start + 1}-{columns.rotation.stop} ({device})"
         rule = "must be a rotation matrix"
         found = [
             Fault(where, f"line {i + 1}, {place}", rule, [float(v) for v in matrices[i].ravel()])
-            for i in bad[:_MAX_SHOWN]
+            for i in bad[:MAX_SHOWN]
         ]
-        raise DataError(_capped(found, len(bad), where, rule))
+        raise DataError(capped(found, len(bad), where, rule, "lines"))
     return PoseTrack(
         position_m=position_m(rows, device),
         orientation=one_hemisphere(scipy.spatial.transform.Rotation.from_matrix(matrices).as_quat()),
@@ -147,7 +143,7 @@ def _diagnose(lines: Sequence[str], where: str) -> list[Fault]:
     if not lines:
         return [Fault(where, "", f"is empty, must have lines of {N_COLUMNS} numbers")]
     widths = {len(line.split()) for line in lines}
-    if len(lines) > _MAX_SHOWN and len(widths) == 1 and N_COLUMNS not in widths:  # another layout, not damaged lines
+    if len(lines) > MAX_SHOWN and len(widths) == 1 and N_COLUMNS not in widths:  # another layout, not damaged lines
         return [Fault(where, f"all {len(lines)} lines", _COLUMNS_RULE + _separators(lines), widths.pop())]
     kinds: dict[str, list[Fault]] = {rule: [] for rule in (_COLUMNS_RULE, "must be a number", "must be finite")}
     of_columns, of_text, of_finite = kinds.values()
@@ -163,7 +159,7 @@ def _diagnose(lines: Sequence[str], where: str) -> list[Fault]:
                 rest = f" and {len(columns) - 1} more" if len(columns) > 1 else ""
                 place = f"line {number}, column {columns[0] + 1}{rest}"
                 found.append(Fault(where, place, rule, tokens[columns[0]]))
-    faults = [f for rule, found in kinds.items() for f in _capped(found, len(found), where, rule)]
+    faults = [f for rule, found in kinds.items() for f in capped(found, len(found), where, rule, "lines")]
     if len(lines) < MIN_ROWS:
         faults.append(Fault(where, "", f"must have at least {MIN_ROWS} rows", len(lines)))
     return faults
@@ -176,9 +172,34 @@ def _separators(lines: Sequence[str]) -> str:
     return f", separated by spaces and not by {' and '.join(marks)}" if marks else ""
 
 
-def _capped(found: Sequence[Fault], count: int, where: str, rule: str) -> list[Fault]:
-    """Return the first faults of a kind, and one that counts the other lines."""
-    shown = list(found[:_MAX_SHOWN])
-    if count > len(shown):
-        shown.append(Fault(where, f"and {count - len(shown)} more lines", rule))
-    return shown
+_LINE: Final = " ".join(["%15.8f"] * N_COLUMNS) + "\n"
+
+
+def trial_text(recording: Recording) -> str:
+    """Return the text of a recording of both hands at 30 Hz, all its rows; raises `ValueError` for others.
+
+    SI units to 8 decimals. Linear and angular velocities are central differences of neighbouring rows (one-sided at
+    the ends), the angular ones in the frame of the positions; like those of the recordings they depend on later rows.
+    Oracle: `jigsaws.parse_trial` and `pose_track`; velocities of a steady screw motion.
+    """
+    if recording.rate_hz != RATE_HZ or len(recording.hands) != len(MASTER):
+        raise ValueError(f"a JIGSAWS trial has both hands at {RATE_HZ} Hz")
+    rows = np.zeros((len(recording), N_COLUMNS))
+    for hand in recording.hands:
+        _fill(rows, MASTER[hand.hand], hand.command)
+        _fill(rows, hand.arm, hand.follower)
+    return "".join(_LINE % tuple(row) for row in rows.tolist())
+
+
+def _fill(rows: Array, device: str, track: PoseTrack) -> None:
+    columns = COLUMNS[device]
+    turned = scipy.spatial.transform.Rotation.from_quat(track.orientation)
+    after = np.minimum(np.arange(len(track)) + 1, len(track) - 1)
+    before = np.maximum(np.arange(len(track)) - 1, 0)
+    per_s = RATE_HZ / (after - before)[:, np.newaxis]
+    linear = columns.rotation.stop
+    rows[:, columns.position] = track.position_m
+    rows[:, columns.rotation] = turned.as_matrix().reshape(-1, 9)
+    rows[:, linear : linear + 3] = (track.position_m[after] - track.position_m[before]) * per_s
+    rows[:, linear + 3 : linear + 6] = (turned[after] * turned[before].inv()).as_rotvec() * per_s
+    rows[:, columns.gripper] = track.gripper_rad

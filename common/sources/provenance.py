@@ -14,9 +14,9 @@ from tis.common.scenario.source import SyntheticSource
 from tis.common.sources.trajectory import Array, Recording
 
 RECORDING_FILE: Final = "recording.json"
+"""Attachment of the surgeon's and the patient's log that describes the recording that each has read."""
 MODEL_FILES: Final = ("model.json", "model.safetensors")
 """Names of the models' file in a run folder or log: without and with weights of learned methods."""
-"""Attachment of the surgeon's and the patient's log that describes the recording that each has read."""
 
 _MAX_NAMED: Final = 6
 

@@ -19,10 +19,8 @@ import scipy
 
 from tis.common.channels import FOLLOWER, MASTER, Hand
 from tis.common.scenario.source import SyntheticSource
-from tis.common.sources.minimum_jerk import Movements
-from tis.common.sources.reaching import Timing, about_the_centre, directions, reaching, timing_of
+from tis.common.sources.hand_movements import Band, Movements, reaching, timing_of, turning, turning_tremor, wander
 from tis.common.sources.trajectory import Array, HandRecording, PoseTrack, Recording
-from tis.common.sources.wander import Band, wander
 from tis.common.streams import Stream
 from tis.common.units import MM_PER_M
 
@@ -40,7 +38,7 @@ PRESSED_S: Final = 1.0
 _STRETCH_S: Final = 2.0 * EASE_S + PRESSED_S
 _LOST_S: Final = EASE_S + PRESSED_S  # each of the two easings costs half of its duration
 _AWAY_MM: Final = 40.0
-_FIRST_BATCH_clutch: Final = 16
+_FIRST_CLUTCHES: Final = 16
 
 
 @dataclass(frozen=True)
@@ -52,7 +50,7 @@ class Clutch:
     @classmethod
     def pressed(cls, per_min: float, stream: Stream, until_s: float) -> "Clutch":
         """Return clutch actions until after ``until_s``, ``per_min`` (0 to 37, exclusive), with exponential gaps."""
-        n_stretches = _FIRST_BATCH_clutch
+        n_stretches = _FIRST_CLUTCHES
         while True:
             gap_s = -(60.0 / per_min - _STRETCH_S) * np.log(stream.uniforms(0, n_stretches))
             onset_s = np.cumsum(gap_s + _STRETCH_S) - _STRETCH_S
@@ -82,43 +80,6 @@ def _eased(phase: Array) -> Array:
     return np.asarray(phase**4 * (2.5 + phase * (-3.0 + phase)))
 
 
-# Turning of a hand: each reach also turns it, about a random axis, by an angle that grows with the reach's length.
-#
-# The constants were fitted to the aggregate statistics of recorded suturing that `tis.common.sources.calibration`
-# holds.
-
-USUAL_TURN_DEG: Final = 19.0
-_ANGLE_SPREAD: Final = 1.1  # standard deviation of the logarithm
-_WITH_LENGTH: Final = 0.9  # correlation of the logarithms of angle and length
-_DURATION_SHARE: Final = 0.9  # of the reach's; the turn is in its middle
-_HALF_SPACE_RAD: Final = 0.7
-_TREMOR_RAD: Final = 0.0011  # per axis, where movements turn by the usual angle
-_TREMOR_HZ: Final[Band] = (3.5, 12.0)
-
-
-def turning(source: SyntheticSource, timing: Timing, draws: Stream) -> Movements:
-    """Return rotation vectors in rad: a turn for each reach of ``timing``, of median angle ``turn_deg``.
-
-    Angles are lognormal, axes isotropic. The hand stays near its middle orientation, as it stays near the centre of
-    its place. Oracle: the statistics of recorded suturing.
-    """
-    n_movements = len(timing.onset_s)
-    drawn = draws.uniforms(0, 4 * n_movements).reshape(n_movements, 4)
-    own = np.sqrt(1.0 - _WITH_LENGTH**2) * scipy.special.ndtri(drawn[:, 3])
-    median_rad = np.radians(source.turn_deg)
-    angle_rad = median_rad * np.exp(_ANGLE_SPREAD * (_WITH_LENGTH * timing.length_score + own))
-    half_space_rad = max(_HALF_SPACE_RAD, 1.5 * median_rad)
-    steps_rad = angle_rad[:, np.newaxis] * directions(drawn)
-    targets_rad = about_the_centre(steps_rad, half_space_rad * drawn[:, 2], half_space_rad)
-    onset_s = timing.onset_s + 0.5 * (1.0 - _DURATION_SHARE) * timing.duration_s
-    return Movements(onset_s, _DURATION_SHARE * timing.duration_s, targets_rad)
-
-
-def turning_tremor(source: SyntheticSource, stream: Stream, t_s: Array) -> Array:
-    """Return the trembling of the orientation at times (N,) as rotation vectors (N, 3) in rad."""
-    return wander(stream, t_s, _TREMOR_HZ, _TREMOR_RAD * source.turn_deg / USUAL_TURN_DEG)
-
-
 # An arm that follows its command as a second-order servo: ``x'' = w^2 (u - x) - 2 zeta w x'``.
 
 GRID_HZ: Final = 1000
@@ -141,9 +102,6 @@ def servo(path: Callable[[Array], Array], t_s: Array, bandwidth_hz: float, dampi
     at_rest = scipy.signal.lfilter_zi(numerator, denominator)[:, None] * command[0]
     followed, _ = scipy.signal.lfilter(numerator, denominator, command, axis=0, zi=at_rest)
     return np.stack([np.interp(t_s, grid_s, axis) for axis in followed.T], axis=1)
-
-
-# The recorder of JIGSAWS: rows that show its latest sample, one or two samples apart.
 
 
 def latest_sample_s(t_s: Array, recorder_hz: float, phase: float) -> Array:

@@ -1,6 +1,7 @@
 """Recorded movements in memory: commands of masters and poses of arms, row by row at a fixed rate."""
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +9,8 @@ from numpy.typing import NDArray
 from tis.common.channels import Arm, Hand, HandChannels, hand_channels
 
 Array = NDArray[np.float64]
+
+_ROTATION_TOLERANCE: Final = 0.01  # matrices of JIGSAWS miss orthogonality by up to 0.0013
 
 
 @dataclass(frozen=True)
@@ -80,3 +83,23 @@ class Recording:
         """Return the first ``n_rows`` rows: the training part of ``own_head``."""
         hands = tuple(hand.rows(0, n_rows) for hand in self.hands)
         return replace(self, hands=hands, start=0)
+
+
+def one_hemisphere(quaternions: Array) -> Array:
+    """Return the same rotations (N, 4), x y z w, with signs such that each is nearest to the one before it.
+
+    The first has w >= 0. Oracle: half-angle quaternions, test_jigsaws.
+    """
+    # The sign of a row is the product of all sign changes up to it.
+    turns = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1.0, 1.0)
+    first = -1.0 if quaternions[0, 3] < 0 else 1.0
+    return quaternions * (first * np.concatenate([[1.0], np.cumprod(turns)]))[:, np.newaxis]
+
+
+def not_rotations(matrices: Array) -> NDArray[np.int64]:
+    """Return the indices of matrices (N, 3, 3) that are no rotations, within the rounding of a file.
+
+    A rotation matrix is orthogonal and has determinant +1.
+    """
+    departure = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    return np.flatnonzero(~(departure <= _ROTATION_TOLERANCE) | (np.linalg.det(matrices) < 0))

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from tis.common.runtime.recordings import load_recording
-from tis.deploy.compare.cells.cell import logged_scores, unlogged_scores
+from tis.deploy.compare.cells.scores import logged_scores, unlogged_scores
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
 from tis.patient_side.build import identify_models

@@ -18,7 +18,7 @@ from rich.table import Table
 
 from tis.common.errors import EXIT_OK
 from tis.common.scenario.estimator_names import EstimatorName
-from tis.common.scenario.patient import Identification
+from tis.common.scenario.identification import Identification
 from tis.common.scenario.source import SyntheticSource
 from tis.common.sources.synthetic import synthesise
 from tis.common.streams import Stream

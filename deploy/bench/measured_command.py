@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from tis.common.runtime.child_process import child_environment
+from tis.common.runtime.process import child_environment
 
 _LOOK_EVERY_S: Final = 0.05
 _MB: Final = 1e-6

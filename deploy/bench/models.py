@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import NDArray
 from rich.console import Console
 
-from tis.common.metrics.gilbert_fit import fit_gilbert
+from tis.common.metrics.loss import fit_gilbert
 from tis.common.scenario.network import NetworkPart
 from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.streams import Stream

@@ -1,6 +1,6 @@
 """Benchmark of recording (`tis bench recording`): its effect on the punctuality of a live run at 1 kHz.
 
-The scenario ``kilohertz`` runs live, alternately with and without recording (`tis.common.runtime.ticks_only`), so
+The scenario ``kilohertz`` runs live, alternately with and without recording (`tis.common.runtime.recorder`), so
 that other load of the machine affects both equally. The loops of the sides make the same records in both cases.
 """
 
@@ -19,9 +19,9 @@ from rich.table import Table
 
 from tis.common.channels import Side
 from tis.common.errors import EXIT_OK, DataError, Fault
-from tis.common.metrics.timing import tick_summary
+from tis.common.metrics.latency import tick_summary
 from tis.common.records import TICKS
-from tis.common.runtime.ticks_only import RECORD_VARIABLE, TICKS_ONLY
+from tis.common.runtime.recorder import RECORD_VARIABLE, TICKS_ONLY
 from tis.common.scenario import Scenario
 from tis.deploy.logs.read.load import load_run
 from tis.deploy.run.resolve import resolve

@@ -22,7 +22,7 @@ from tis.common.host_records import PROCESSORS
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.read.load import load_run
-from tis.deploy.report.measures.latency import sample_latency, used_samples
+from tis.deploy.report.subjects.latency import sample_latency, used_samples
 from tis.deploy.run.resolve import resolve
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.launch import launch

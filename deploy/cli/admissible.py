@@ -6,8 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from tis.deploy.cli.group import Commands
-from tis.deploy.cli.options import JobsOption, JsonOption, ScenarioArg, SchedulerOption, SeedOption, SetOption
+from tis.deploy.cli.group import Commands, JobsOption, JsonOption, ScenarioArg, SchedulerOption, SeedOption, SetOption
 from tis.deploy.shell.guard import ERR, guarded, words_to
 
 app = Commands("Studies")
@@ -90,7 +89,7 @@ def admissible(
     profiles of the library placed in it; and the least redundancy that helps
     those outside.
     """
-    from tis.deploy.admissible.command import admissible as find_admissible
+    from tis.deploy.studies.admissible.command import admissible as find_admissible
 
     given: dict[str, Any] = {"scenario": scenario, "limits": limits, "over": over, "estimators": estimators}
     given |= {"trials": trials, "people": people, "n_seeds": n_seeds, "settings": settings, "seed": seed}

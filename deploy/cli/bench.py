@@ -7,8 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from tis.common.errors import EXIT_OK, Fault, InputError
-from tis.common.extras import GET_HOSTS
+from tis.common.errors import EXIT_OK, GET_HOSTS, Fault, InputError
 from tis.deploy.cli.group import Commands
 from tis.deploy.shell.extras import can_certify
 from tis.deploy.shell.guard import OUT, guarded

@@ -8,13 +8,10 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from tis.common.errors import EXIT_OK, DataError, Fault, InputError
-from tis.common.extras import GET_HOSTS
-from tis.deploy.cli.group import Commands
-from tis.deploy.cli.options import JsonOption
+from tis.common.errors import EXIT_OK, GET_HOSTS, DataError, Fault, InputError
+from tis.deploy.cli.group import Commands, JsonOption
 from tis.deploy.shell.extras import can_certify
-from tis.deploy.shell.guard import ERR, OUT, guarded, words_to
-from tis.deploy.shell.messages import print_json
+from tis.deploy.shell.guard import ERR, OUT, guarded, print_json, words_to
 
 if TYPE_CHECKING:
     from tis.deploy.tools.certificates import Certificate

@@ -5,9 +5,8 @@ from typing import Annotated
 
 import typer
 
-from tis.common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
-from tis.deploy.cli.group import Commands
-from tis.deploy.cli.options import JsonOption, MergeOption, ReportOption, RunDirOption, VerboseOption
+from tis.common.runtime.side_cli import CfgOption, ConfigOption, InsecureOption
+from tis.deploy.cli.group import Commands, JsonOption, MergeOption, ReportOption, RunDirOption, VerboseOption
 from tis.deploy.shell.guard import ERR, guarded, words_to
 
 app = Commands("Run on several hosts")
@@ -86,7 +85,7 @@ def collect(
     one of them collects: tis collect --listen ENDPOINT --run-dir RUN_DIR.
     """
     from tis.common.runtime.zenoh_session import ZenohOptions
-    from tis.deploy.hosts.collect_options import Asked, check_options
+    from tis.deploy.hosts.collect import Asked, check_options
     from tis.deploy.run.conclude import Outputs
 
     asked = Asked(tuple(sources or ()), offer, tuple(connect or ()), tuple(listen or ()), run)

@@ -6,8 +6,7 @@ from typing import Annotated
 import typer
 
 from tis.common.errors import Fault, InputError
-from tis.deploy.cli.group import Commands
-from tis.deploy.cli.options import JsonOption, RunDirArg, VerboseOption
+from tis.deploy.cli.group import Commands, JsonOption, RunDirArg, VerboseOption
 from tis.deploy.shell.guard import ERR, OUT, guarded, words_to
 
 app = Commands("Look at runs")

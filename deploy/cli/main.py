@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 import typer
 
-from tis.common.runtime.process_end import run_to_end
+from tis.common.runtime.process import run_to_end
 from tis.deploy.cli import (
     admissible,
     bench,
@@ -20,8 +20,7 @@ from tis.deploy.cli import (
     studies,
 )
 from tis.deploy.cli.group import Commands
-from tis.deploy.shell.guard import OUT
-from tis.deploy.shell.version import version_text
+from tis.deploy.shell.guard import OUT, version_text
 
 app = Commands(no_args_is_help=True)
 

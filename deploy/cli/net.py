@@ -6,10 +6,9 @@ from typing import Annotated, Any, get_args
 import typer
 
 from tis.common.errors import DataError, Fault, InputError
-from tis.common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
-from tis.deploy.cli.group import Commands
+from tis.common.runtime.side_cli import CfgOption, ConfigOption, InsecureOption
+from tis.deploy.cli.group import Commands, JsonOption
 from tis.deploy.cli.net_control import app as control_app
-from tis.deploy.cli.options import JsonOption
 from tis.deploy.shell.guard import ERR, OUT, guarded
 
 app = Commands(
@@ -33,7 +32,7 @@ def profiles(
     as_json: JsonOption = False,
 ) -> int:
     """List the profile library with the figures of its models, or show one profile with its sources."""
-    from tis.deploy.net.library.library_command import list_profiles, show_profile
+    from tis.deploy.net.library.commands import list_profiles, show_profile
 
     return list_profiles(OUT, as_json) if name is None else show_profile(name, OUT, as_json)
 
@@ -49,7 +48,7 @@ def stages(
     ] = None,
 ) -> int:
     """List the stages of a network with their kinds and parameters, and the sections that change them over time."""
-    from tis.deploy.net.library.stages_command import print_stages, write_page
+    from tis.deploy.net.library.commands import print_stages, write_page
 
     return print_stages(name, OUT) if out is None else write_page(out, OUT)
 
@@ -149,7 +148,7 @@ def reflect(
     Each arrival is stamped by this host's own clock, which needs no synchronisation.
     """
     from tis.common.runtime.zenoh_session import ZenohOptions
-    from tis.deploy.net.probing.reflect_command import run_reflector
+    from tis.deploy.net.probing.reflector import run_reflector
 
     return run_reflector(connect, listen, ZenohOptions((), (), config, cfg or (), insecure), key, wait_s, ERR)
 
@@ -192,8 +191,8 @@ def fit(
     The fit replays itself: printed are mean, quantiles, autocorrelation, the longest run of losses and the seconds
     above 20 % loss of the record, beside those of the replays. What does not close is warned of by name.
     """
+    from tis.deploy.net.fitting.command import fit_and_print
     from tis.deploy.net.fitting.fit import Ways
-    from tis.deploy.net.fitting.fit_command import fit_and_print
     from tis.netem.fit.marginal import MarginalName
 
     for option, value, allowed in (

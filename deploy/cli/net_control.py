@@ -5,9 +5,8 @@ from typing import Annotated
 import typer
 
 from tis.common.errors import Fault, InputError
-from tis.common.runtime.zenoh_cli import CfgOption, ConfigOption
-from tis.deploy.cli.group import Commands
-from tis.deploy.cli.options import JsonOption
+from tis.common.runtime.side_cli import CfgOption, ConfigOption
+from tis.deploy.cli.group import Commands, JsonOption
 from tis.deploy.shell.guard import OUT, guarded
 
 app = Commands()
@@ -36,7 +35,7 @@ def show(
 ) -> int:
     """Show the current state of a running emulator in both directions."""
     from tis.common.runtime.emulator_client import emulator_address
-    from tis.deploy.net.control.control_commands import show as show_state
+    from tis.deploy.net.control.commands import show as show_state
 
     return show_state(emulator_address(connect, prefix, config, cfg), OUT, as_json)
 
@@ -89,8 +88,7 @@ def set_(
     profile must be without outages, states, timeline and rules.
     """
     from tis.common.runtime.emulator_client import emulator_address
-    from tis.deploy.net.control.change import seconds
-    from tis.deploy.net.control.control_commands import set_change, set_profile
+    from tis.deploy.net.control.commands import seconds, set_change, set_profile
 
     address = emulator_address(connect, prefix, config, cfg)
     given = bool(settings or yaml_text)
@@ -132,8 +130,7 @@ def outage(
     With --stall they wait, and leave together at the end.
     """
     from tis.common.runtime.emulator_client import emulator_address
-    from tis.deploy.net.control.change import seconds
-    from tis.deploy.net.control.control_commands import check_direction, request
+    from tis.deploy.net.control.commands import check_direction, request, seconds
 
     check_direction(direction)
     content = {"direction": direction, "for_ms": seconds(length, "LENGTH") * 1000}
@@ -152,6 +149,6 @@ def reset(
 ) -> int:
     """End all changes of a running emulator: the scenario's own network applies again."""
     from tis.common.runtime.emulator_client import emulator_address
-    from tis.deploy.net.control.control_commands import request
+    from tis.deploy.net.control.commands import request
 
     return request(emulator_address(connect, prefix, config, cfg), "reset", {}, OUT, as_json)

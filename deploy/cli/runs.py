@@ -6,11 +6,10 @@ from typing import Annotated
 import typer
 
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK
-from tis.common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
-from tis.deploy.cli.group import Commands
-from tis.deploy.cli.net_control import EndpointOption, PrefixOption
-from tis.deploy.cli.options import (
+from tis.common.runtime.side_cli import CfgOption, ConfigOption, InsecureOption
+from tis.deploy.cli.group import (
     AddressOption,
+    Commands,
     DurationOption,
     HostOption,
     JsonOption,
@@ -24,8 +23,8 @@ from tis.deploy.cli.options import (
     SetOption,
     VerboseOption,
 )
-from tis.deploy.shell.guard import ERR, OUT, guarded, words_to
-from tis.deploy.shell.messages import print_faults, print_warnings
+from tis.deploy.cli.net_control import EndpointOption, PrefixOption
+from tis.deploy.shell.guard import ERR, OUT, guarded, print_faults, print_json, print_warnings, words_to
 
 app = Commands("Run")
 
@@ -86,8 +85,7 @@ def view(
 ) -> int:
     """Open a live page on a present or future run: movement, delays, losses and the network's controls."""
     from tis.common.runtime.zenoh_session import ZenohOptions
-    from tis.deploy.view.attach import attach_page
-    from tis.deploy.view.page_process import PageAddress
+    from tis.deploy.view.page_process import PageAddress, attach_page
 
     page, zenoh = PageAddress(address, port, tuple(hosts or ())), ZenohOptions(config=config, cfg=tuple(cfg or ()))
     return attach_page((west, east), prefix, zenoh, page, wait_s, ERR)
@@ -133,9 +131,27 @@ def replay(run_dir: RunDirArg) -> int:
     return EXIT_OK if found.identical else EXIT_INVALID_RUN
 
 
+def _print_schema(wanted: bool) -> None:
+    if wanted:
+        from tis.deploy.report.summary import Summary
+
+        print_json(Summary.model_json_schema())
+        raise typer.Exit
+
+
 @app.command()
 @guarded
-def summarize(run_dir: RunDirArg, verbose: VerboseOption = False, as_json: JsonOption = False) -> int:
+def summarize(
+    run_dir: RunDirArg,
+    verbose: VerboseOption = False,
+    as_json: JsonOption = False,
+    schema: Annotated[  # noqa: ARG001  # its callback does the work
+        bool,
+        typer.Option(
+            "--schema", is_eager=True, callback=_print_schema, help="Print the JSON schema of summary.json and exit."
+        ),
+    ] = False,
+) -> int:
     """Compute a run's summary from its logs: after gathering them from several hosts, or after an aborted run."""
     from tis.deploy.run.conclude import Outputs, conclude_again
     from tis.deploy.standalone.command import summarize as summarize_netem

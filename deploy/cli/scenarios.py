@@ -7,10 +7,8 @@ import typer
 from rich.markup import escape
 
 from tis.common.errors import EXIT_OK, Fault, InputError
-from tis.deploy.cli.group import Commands
-from tis.deploy.cli.options import DurationOption, OptionalScenarioArg, ScenarioArg, SeedOption, SetOption
-from tis.deploy.shell.guard import ERR, OUT, guarded
-from tis.deploy.shell.messages import print_warnings
+from tis.deploy.cli.group import Commands, DurationOption, OptionalScenarioArg, ScenarioArg, SeedOption, SetOption
+from tis.deploy.shell.guard import ERR, OUT, guarded, print_warnings
 
 app = Commands("Scenarios and data")
 
@@ -44,7 +42,7 @@ def validate(
     if schema:
         print(reading.schema_json())  # noqa: T201
         return EXIT_OK
-    from tis.common.runtime.trace_files import load_traces
+    from tis.common.runtime.scenario_files import load_traces
     from tis.netem.build import build_netem
 
     if scenario is None:
@@ -127,7 +125,7 @@ def synth(
     On trials of several people, tis compare trains the models of each person
     on the others.
     """
-    from tis.common.runtime.command_line import command_line
+    from tis.common.runtime.process import command_line
     from tis.deploy.run.resolve import resolve
     from tis.deploy.tools.synth import print_calibration, write_trials
 

@@ -56,7 +56,7 @@ def _side_of(side: "Side", module: str) -> "RunSide":
 
 def _surgeon(scenario: "Scenario", options: "SideOptions", status: "Status") -> int:
     """Run the surgeon's side, with its device beside it."""
-    from tis.deploy.device.beside import device_beside
+    from tis.deploy.device.command import device_beside
 
     with device_beside(scenario, options):
         return _side_of("surgeon", "tis.surgeon_side.__main__")(scenario, options, status)

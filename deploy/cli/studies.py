@@ -4,10 +4,18 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.markup import escape
 
 from tis.common.errors import Fault, InputError
-from tis.deploy.cli.group import Commands
-from tis.deploy.cli.options import JobsOption, JsonOption, OptionalScenarioArg, SchedulerOption, SeedOption, SetOption
+from tis.deploy.cli.group import (
+    Commands,
+    JobsOption,
+    JsonOption,
+    OptionalScenarioArg,
+    SchedulerOption,
+    SeedOption,
+    SetOption,
+)
 from tis.deploy.shell.guard import ERR, OUT, guarded, words_to
 
 app = Commands("Studies")
@@ -59,7 +67,7 @@ def compare(
     ] = None,
     as_json: JsonOption = False,
     page: Annotated[
-        Path | None, typer.Option(help="Compute and write the page on estimators instead, as docs/estimators.md.")
+        Path | None, typer.Option(help="Compute and write the page that compares the estimators instead.")
     ] = None,
     definitions: Annotated[
         bool,
@@ -78,12 +86,26 @@ def compare(
     file. To train on the first rows of each trial instead:
     --set identification.train=own_head.
     """
-    from tis.deploy.compare.options import compare_or_page
+    from tis.deploy.compare.engine.compute import workers_of
 
     given: dict[str, Any] = {"scenario": scenario, "estimators": estimators, "trials": trials, "n_seeds": seeds}
     given |= {"study": study, "people": people, "sweeps": sweeps, "zipped": zipped or None, "settings": settings}
     given |= {"seed": seed, "duration_s": duration_s}
-    return compare_or_page(given, definitions, page, out_dir, as_json, jobs, scheduler, words_to(as_json), ERR)
+    out = words_to(as_json)
+    workers = workers_of(jobs, scheduler, lambda text: ERR.print(escape(text), style="dim", soft_wrap=True))
+    if definitions:
+        from tis.deploy.studies.definitions.command import compare_definitions
+
+        return compare_definitions(given, page, out_dir, as_json, workers, out, ERR)
+    if page is not None:
+        from tis.deploy.studies.estimators.page import write_page
+
+        if as_json or any(value is not None for value in given.values()):
+            raise InputError(Fault("tis compare", "--page", "must be given without a scenario or other options"))
+        return write_page(page, out_dir, workers, out, ERR)
+    from tis.deploy.compare.command import compare_given
+
+    return compare_given(given, out_dir, as_json, workers, out, ERR)
 
 
 @app.command()
@@ -126,12 +148,12 @@ def paper(
     Methods" becomes a measured figure: on JIGSAWS, or without recordings on a
     synthetic population.
     """
-    from tis.deploy.paper.cells import Trial
-    from tis.deploy.paper.command import write_paper
     from tis.deploy.shell.run_dir import page_file
+    from tis.deploy.studies.paper.cells import Trial
+    from tis.deploy.studies.paper.command import write_paper
 
     if methods:
-        from tis.deploy.methods.command import Options, write_methods
+        from tis.deploy.studies.methods.command import Options, write_methods
 
         page, place = out or page_file("methods.md"), folder or Path("runs") / "methods"
         return write_methods(Options(path, task, seed, estimators, page, place, quick, jobs), OUT, ERR)

@@ -1,22 +1,28 @@
 """Command `tis compare`: computes missing cells, pools the scores and writes the results."""
 
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from rich.console import Console
 from rich.markup import escape
 
-from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError
-from tis.common.runtime.command_line import command_line
+from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError
+from tis.common.runtime.process import command_line
 from tis.deploy.compare.cells.store import Store
 from tis.deploy.compare.engine.compute import Outcome, compute
 from tis.deploy.compare.engine.workers import Workers
-from tis.deploy.compare.plan import Plan
+from tis.deploy.compare.grid import COMMAND, parse_sweep
+from tis.deploy.compare.plan import Plan, Request, make_plan, names_given, read_all
 from tis.deploy.compare.results import tables
 from tis.deploy.compare.results.files import check_files, files_of, results_of, write_files
-from tis.deploy.shell.messages import print_faults, print_json, print_warnings
+from tis.deploy.compare.study import plan_study, read_study
+from tis.deploy.shell.guard import print_faults, print_json, print_warnings
 from tis.deploy.shell.progress import PhaseProgress
+from tis.deploy.shell.shipped_scenarios import shipped_names
 
+_OF_THE_STUDY: Final = {"scenario": "SCENARIO", "settings": "--set", "sweeps": "--sweep", "zipped": "--zip"}
+"""Options that a study file takes the place of, by their name among those given."""
 _SHOWN_WARNINGS: Final = 5
 _SHOWN_UNSCORED: Final = 5
 
@@ -91,3 +97,68 @@ def _print_notices(plan: Plan, outcome: Outcome, report: dict[str, Any], err: Co
     n_more = len(report["unscored"]) - _SHOWN_UNSCORED
     if n_more > 0:
         print_faults(err, f"and {n_more} more twins without a scored tick")
+
+
+def compare_given(
+    given: dict[str, Any], out_dir: Path | None, as_json: bool, workers: Workers, out: Console, err: Console
+) -> int:
+    """Run the comparison that the options give; return the exit code.
+
+    Raises `InputError`, `DataError` and `PeerError`.
+    """
+    if given["study"] is not None:
+        file: Path = given["study"]
+        plan = plan_of_study_file(file, given)
+        return compare(plan, out_dir or Path("runs") / "compare" / file.stem, as_json, workers, out, err)
+    if given["scenario"] is None:
+        names = ", ".join(shipped_names())
+        raise InputError(Fault(COMMAND, "SCENARIO", f"is required: a file, or one of {names}; or --study FILE"))
+    return compare(plan_of(given), out_dir, as_json, workers, out, err)
+
+
+def plan_of(given: Mapping[str, Any]) -> Plan:
+    """Return the plan given by the options; raises `InputError` and `DataError`.
+
+    All faults come at once: an unreadable option is skipped while the others are checked.
+    """
+    faults: list[Fault] = []
+    request = Request(
+        scenario=given["scenario"],
+        settings=tuple(given["settings"] or ()),
+        **_chosen(given, faults),
+        sweeps=tuple(read_all(parse_sweep, given["sweeps"], faults)),
+        zipped=bool(given["zipped"]),
+    )
+    return _planned(lambda: make_plan(request), faults)
+
+
+def plan_of_study_file(file: Path, given: Mapping[str, Any]) -> Plan:
+    """Return the plan of a study file; options that say which part of it is computed override it.
+
+    Raises `InputError` and `DataError`.
+    """
+    faults = [
+        Fault(COMMAND, option, f"must be given without --study: {file} says it")
+        for name, option in _OF_THE_STUDY.items()
+        if given[name] is not None
+    ]
+    overrides = {name: value for name, value in _chosen(given, faults).items() if value is not None}
+    return _planned(lambda: plan_study(*read_study(file), overrides), faults)
+
+
+def _chosen(given: Mapping[str, Any], faults: list[Fault]) -> dict[str, Any]:
+    """Return the fields of a `Request` that say which part is computed; appends what is wrong to ``faults``."""
+    return names_given(COMMAND, given, faults) | {name: given[name] for name in ("n_seeds", "seed", "duration_s")}
+
+
+def _planned(plan_it: Callable[[], Plan], faults: Sequence[Fault]) -> Plan:
+    """Return the plan; raises `InputError` with its faults and these, and `DataError`."""
+    try:
+        plan = plan_it()
+    except (InputError, DataError) as error:
+        if not faults and isinstance(error, DataError):
+            raise
+        raise InputError([*faults, *error.faults]) from None
+    if faults:
+        raise InputError(faults)
+    return plan

@@ -9,15 +9,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import Console
 
-from tis.common.errors import DataError, Fault, InputError
-from tis.common.extras import GET_PARQUET, GET_REPORT
+from tis.common.errors import GET_PARQUET, GET_REPORT, DataError, Fault, InputError
 from tis.deploy.compare.cells.store import Store
-from tis.deploy.compare.engine.choice import workers_of
-from tis.deploy.compare.engine.compute import compute
-from tis.deploy.compare.results.files import Results, figures_of, files_of, results_of, write_files
-from tis.deploy.compare.results.tidy import arrow
-from tis.deploy.compare.study import Study
-from tis.deploy.compare.study_plan import plan_study
+from tis.deploy.compare.engine.compute import compute, workers_of
+from tis.deploy.compare.results.files import Results, arrow, figures_of, files_of, results_of, write_files
+from tis.deploy.compare.study import Study, plan_study
 from tis.deploy.shell.guard import ERR
 from tis.deploy.shell.progress import PhaseProgress
 

@@ -9,8 +9,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from tis.common.errors import Fault, InputError
-from tis.deploy.compare.choices import COMMAND
 
+COMMAND: Final = "tis compare"
 _RANGE: Final = re.compile(r"(?P<first>[^:]+?)\.\.(?P<last>[^:]+):(?P<count>\d+)(?P<log>:log)?")
 MAX_VALUES: Final = 10_000
 _ONE_FOLDER: Final = "cannot be swept, as the trials are those of one source: compare twice"

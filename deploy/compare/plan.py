@@ -1,27 +1,28 @@
 """Plan of a comparison: trainings and cells of a request, with all its faults found before any computation."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, TypeVar
 
 from tis.common.errors import DataError, Fault, InputError
-from tis.common.runtime.recordings import list_trials, trial_file, whole_recording
+from tis.common.runtime.recordings import list_trials, no_trials, own_trial, person_of, trial_file, whole_recording
 from tis.common.runtime.user_code import load_user_code
-from tis.common.scenario import Scenario
-from tis.common.scenario.estimator_names import is_user_defined
-from tis.common.scenario.live_rules import virtual_time_faults
-from tis.common.scenario.patient import is_model_file
+from tis.common.scenario import Scenario, virtual_time_faults
+from tis.common.scenario.estimator_names import fault_of, is_user_defined
+from tis.common.scenario.identification import is_model_file
 from tis.common.scenario.reading import apply_settings, build_scenario
 from tis.common.scenario.source import RecordedSource, Source
 from tis.common.scenario.table_source import TableSource
 from tis.deploy.compare.cells.cell import Cell, Training, first_row
 from tis.deploy.compare.cells.identity import cell_of, dump, training_of, trial_facts
-from tis.deploy.compare.choices import COMMAND, estimator_faults, folder_faults, people_of, trial_faults, trials_of
-from tis.deploy.compare.grid import Point, Sweep, grid_faults, points_of
+from tis.deploy.compare.grid import COMMAND, Point, Sweep, grid_faults, points_of
 from tis.deploy.run.resolve import resolve
+
+Value = TypeVar("Value")
 
 DEFAULT_SYNTHETIC_SEEDS: Final = 5
 MAX_SEEDS: Final = 1_000_000
@@ -230,3 +231,78 @@ def _trained_on(cells: Sequence[Cell]) -> str:
 
 def _with_hold(names: Sequence[str]) -> tuple[str, ...]:
     return (*names, *(() if "hold" in names else ("hold",)))
+
+
+def names_given(command: str, given: Mapping[str, Any], faults: list[Fault]) -> dict[str, Any]:
+    """Return estimators, trials and people by name, None for an option that is not given or invalid."""
+
+    def names(option: str, text: str) -> tuple[str, ...]:
+        found = tuple(name.strip() for name in text.split(","))
+        if not all(found):
+            raise InputError(Fault(command, option, "must be names, separated by commas", text))
+        return found
+
+    lists = {name: [] if given[name] is None else [given[name]] for name in ("estimators", "trials", "people")}
+    found = {name: read_all(partial(names, f"--{name}"), texts, faults) for name, texts in lists.items()}
+    return {name: each[0] if each else None for name, each in found.items()}
+
+
+def read_all(read: Callable[[str], Value], texts: Iterable[str] | None, faults: list[Fault]) -> list[Value]:
+    """Return the parsed texts of an option; appends the faults of the others to ``faults``."""
+    found = []
+    for text in texts or ():
+        try:
+            found.append(read(text))
+        except InputError as error:
+            faults += error.faults
+    return found
+
+
+def estimator_faults(names: Sequence[str] | None) -> list[Fault]:
+    """Return a fault for each name that cannot be an estimator's, judged by the text alone."""
+    found = ((name, fault_of(name)) for name in names or ())
+    return [Fault(COMMAND, "--estimators", fault, name) for name, fault in found if fault is not None]
+
+
+def trial_faults(source: Source, trials: Sequence[str] | None, people: Sequence[str] | None) -> list[Fault]:
+    """Return the faults of the named trials and people; `folder_faults` covers a folder without trials."""
+    named = {"--trials": trials, "--people": people}
+    if not isinstance(source, RecordedSource):
+        rule = "requires recordings: for a synthetic source use --seeds"
+        return [Fault(COMMAND, option, rule) for option, names in named.items() if names is not None]
+    found = list_trials(source)
+    if not found:
+        return []
+    faults = []
+    task = f"{source.task} " if source.kind == "jigsaws" else ""
+    for option, kind, available in (("--trials", "trial", found), ("--people", "person", people_of(source, found))):
+        rule = f"no such {task}{kind}; there are {', '.join(available)}"
+        faults += [Fault(COMMAND, option, rule, name) for name in named[option] or () if name not in available]
+    if trials is not None and people is not None:
+        faults.append(Fault(COMMAND, "--people", "must be given without --trials"))
+    return faults
+
+
+def people_of(source: RecordedSource, trials: Sequence[str]) -> list[str]:
+    """Return the people of recorded trials, each once."""
+    return list(dict.fromkeys(person_of(source, trial) for trial in trials))
+
+
+def folder_faults(source: Source) -> list[Fault]:
+    """Return a fault if the source is a folder of trials without any trial, or a table that is not there."""
+    if not isinstance(source, RecordedSource):
+        return []
+    found = list_trials(source)
+    lacks = not found or (source.kind == "table" and own_trial(source) not in found)
+    return [no_trials(source)] if lacks else []
+
+
+def trials_of(source: RecordedSource, trials: Sequence[str] | None, people: Sequence[str] | None) -> tuple[str, ...]:
+    """Return the named trials, each once, or those of the named people.
+
+    Without either: all in the task's folder, of a table itself, as a folder of tables need not hold one task.
+    """
+    if people is not None:
+        return tuple(trial for trial in list_trials(source) if person_of(source, trial) in people)
+    everything = list_trials(source) if source.kind == "jigsaws" else [own_trial(source)]
+    return tuple(dict.fromkeys(everything if trials is None else trials))

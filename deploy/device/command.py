@@ -1,17 +1,56 @@
 """Command `tis device`: the mouse or a gamepad of this host, as the device of a live source."""
 
+import subprocess
+import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Final, get_args
 
 import zenoh
 
-from tis.common.errors import EXIT_OK, Fault, PeerError
+from tis.common.errors import EXIT_OK, Fault, InputError, PeerError
 from tis.common.runtime.control import ControlKeys
-from tis.common.runtime.interrupt import Interrupt
+from tis.common.runtime.process import Interrupt, child_environment
+from tis.common.runtime.side_cli import endpoints_for
+from tis.common.runtime.side_log import SideOptions
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client
+from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_S
 from tis.deploy.device.inputs import COMMAND, Inputs, Kind, close_inputs, open_inputs
+
+_END_S: Final = 5.0
+
+
+@contextmanager
+def device_beside(scenario: Scenario, options: SideOptions) -> Iterator[None]:
+    """Run the device that the options name, if any, until the end of the block; raises `InputError`.
+
+    What it lacks (extra, display, gamepad, a live source) is said before anything is started.
+    """
+    if options.device is None:
+        yield
+        return
+    source, kind = scenario.source, options.device
+    if source.kind != "live":
+        rule = "needs a scenario whose source is live"
+        raise InputError(Fault(f"scenario {scenario.name}", "source.kind", rule, source.kind))
+    assert kind in get_args(Kind)
+    close_inputs(open_inputs(kind))  # type: ignore[arg-type]
+    connect = options.zenoh.connect or endpoints_for(scenario, "surgeon", "west")
+    command = [sys.executable, "-m", "tis.deploy.cli.main", "device", kind, "--key", source.keys.of(source.hands[0])]
+    command += ["--session", scenario.session, *(word for one in connect for word in ("--connect", one))]
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, env=child_environment())
+    try:
+        yield
+    finally:
+        process.terminate()
+        try:
+            process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
 
 
 def run_device(

@@ -4,10 +4,9 @@ import os
 from collections.abc import Callable
 from typing import Any, Final, Literal
 
-from tis.common.errors import Fault, InputError
-from tis.common.extras import GET_DEVICE
-from tis.surgeon_side.devices import gamepad, mouse
-from tis.surgeon_side.devices.handle import Handle
+from tis.common.errors import GET_DEVICE, Fault, InputError
+from tis.surgeon_side import devices
+from tis.surgeon_side.devices import Handle
 
 Kind = Literal["mouse", "gamepad"]
 COMMAND: Final = "tis device"
@@ -17,7 +16,7 @@ _TEXT: Final = {
     "mouse": "move: x, y   wheel: depth   left button: gripper   right button: clutch   Esc: end",
     "gamepad": "left stick: x, y   right stick: depth   right trigger: gripper   A: clutch   Esc: end",
 }
-_BUTTONS: Final[dict[int, mouse.Button]] = {1: "left", 3: "right"}
+_BUTTONS: Final[dict[int, devices.Button]] = {1: "left", 3: "right"}
 _LEFT_X, _LEFT_Y, _RIGHT_Y, _TRIGGER, _CLUTCH = 0, 1, 4, 5, 0
 
 
@@ -35,7 +34,7 @@ class Inputs:
         for event in self._pygame.event.get():
             self._take(event)
         if self._pad is not None:
-            self.handle = gamepad.after(self.handle, _sticks(self._pad), dt_ns)
+            self.handle = devices.moved_by_sticks(self.handle, _sticks(self._pad), dt_ns)
         return self.handle
 
     def _take(self, event: Any) -> None:
@@ -45,12 +44,12 @@ class Inputs:
         if self._kind != "mouse":
             return
         if event.type == pygame.MOUSEMOTION:
-            self.handle = mouse.after(self.handle, mouse.Moved(*event.rel))
+            self.handle = devices.moved_by_mouse(self.handle, devices.Moved(*event.rel))
         elif event.type == pygame.MOUSEWHEEL:
-            self.handle = mouse.after(self.handle, mouse.Turned(event.y))
+            self.handle = devices.moved_by_mouse(self.handle, devices.Turned(event.y))
         elif event.type in (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP) and event.button in _BUTTONS:
             is_down = event.type == pygame.MOUSEBUTTONDOWN
-            self.handle = mouse.after(self.handle, mouse.Pressed(_BUTTONS[event.button], is_down))
+            self.handle = devices.moved_by_mouse(self.handle, devices.Pressed(_BUTTONS[event.button], is_down))
 
 
 def open_inputs(kind: Kind, load: Callable[[], Any] | None = None) -> Inputs:
@@ -89,10 +88,10 @@ def _first_gamepad(pygame: Any) -> Any:
     return pygame.joystick.Joystick(0)
 
 
-def _sticks(pad: Any) -> gamepad.Sticks:
+def _sticks(pad: Any) -> devices.Sticks:
     """Return the state of a gamepad; axes and buttons that it lacks are at rest."""
     axes = [pad.get_axis(i) for i in range(pad.get_numaxes())] + [0.0] * (_TRIGGER + 1)
     # a trigger rests at -1 and is pulled to 1; some drivers tell 0 until it is first touched
     trigger = (axes[_TRIGGER] + 1.0) / 2.0 if pad.get_numaxes() > _TRIGGER and axes[_TRIGGER] else 0.0
     clutch = bool(pad.get_numbuttons() > _CLUTCH and pad.get_button(_CLUTCH))
-    return gamepad.Sticks(axes[_LEFT_X], axes[_LEFT_Y], axes[_RIGHT_Y], trigger, clutch)
+    return devices.Sticks(axes[_LEFT_X], axes[_LEFT_Y], axes[_RIGHT_Y], trigger, clutch)

@@ -18,10 +18,9 @@ from pydantic import ValidationError
 from tis.common.channels import FOLLOWER, Channel, Hand, Side
 from tis.common.errors import DataError, Fault, InputError
 from tis.common.messages import Pose, position_m
-from tis.common.runtime.mcap_chunks import by_channel
+from tis.common.runtime.chunk_writer import by_channel
 from tis.common.scenario import Scenario
-from tis.common.sources.jigsaws import MIN_ROWS, RATE_HZ
-from tis.common.sources.jigsaws_text import trial_text
+from tis.common.sources.jigsaws import MIN_ROWS, RATE_HZ, trial_text
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.blocks import Block

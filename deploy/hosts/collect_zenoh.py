@@ -17,14 +17,13 @@ from rich.console import Console
 
 from tis.common.channels import Side
 from tis.common.errors import EXIT_OK, DataError, Fault, PeerError
-from tis.common.runtime.interrupt import Interrupt
-from tis.common.runtime.scenario_file import run_folder
+from tis.common.runtime.process import Interrupt
+from tis.common.runtime.scenario_files import run_folder
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router, visitor
 from tis.deploy.hosts.collect import collection_folder, told_on
 from tis.deploy.hosts.transfer.fetch import Collection
 from tis.deploy.hosts.transfer.offered_logs import log_names
-from tis.deploy.hosts.transfer.zenoh_offer import ZenohOffer
-from tis.deploy.hosts.transfer.zenoh_source import offers
+from tis.deploy.hosts.transfer.zenoh_logs import ZenohOffer, offers
 from tis.deploy.run.conclude import Outputs, conclude_again
 
 _WHO: Final = "tis collect"

@@ -12,15 +12,14 @@ from dataclasses import replace
 from typing import Final, get_args
 
 from tis.common.channels import Side
-from tis.common.errors import Fault, InputError, PeerError, TisError
-from tis.common.extras import GET_HOSTS
-from tis.common.runtime.clock_skew import SKEW_VARIABLE
+from tis.common.errors import GET_HOSTS, Fault, InputError, PeerError, TisError
+from tis.common.runtime.clock import SKEW_VARIABLE
 from tis.common.scenario import reading
 from tis.deploy.hosts.host import Host, RemoteProcess, SideHost
 from tis.deploy.hosts.hosts_file import LocalHost, NamespaceHost, Plan
 from tis.deploy.hosts.protocol import CheckAnswer, CheckRequest, printable
 from tis.deploy.shell.extras import can_ssh
-from tis.deploy.shell.version import version_text
+from tis.deploy.shell.guard import version_text
 
 # Hosts on this machine: a network namespace, or the machine itself.
 

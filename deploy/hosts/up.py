@@ -11,13 +11,11 @@ from rich.console import Console
 
 from tis.common.channels import Side
 from tis.common.errors import EXIT_INTERRUPTED, EXIT_OK, TisError
-from tis.common.runtime.command_line import command_line
-from tis.common.runtime.interrupt import Interrupt
-from tis.common.runtime.scenario_file import RUNS, run_folder
+from tis.common.runtime.process import Interrupt, command_line
+from tis.common.runtime.scenario_files import RUNS, run_folder
 from tis.common.scenario import reading
-from tis.deploy.hosts.collect import told_on
+from tis.deploy.hosts.collect import gather_logs, told_on
 from tis.deploy.hosts.connections import connect_and_check, hosts_of
-from tis.deploy.hosts.gather import gather_logs
 from tis.deploy.hosts.host import SideHost
 from tis.deploy.hosts.hosts_file import Plan, read_plan
 from tis.deploy.hosts.panel import PanelState
@@ -26,7 +24,7 @@ from tis.deploy.hosts.protocol import RunRequest
 from tis.deploy.hosts.side_watch import SideWatch
 from tis.deploy.run.conclude import Ending, Outputs, conclude
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.messages import print_faults
+from tis.deploy.shell.guard import print_faults
 from tis.deploy.shell.outcome import Outcome, SideEnd, outcome_of
 
 # The three sides together: all run until all have ended, and an end that ends the others.

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from tis.common.channels import Side
-from tis.common.clocks.model import SHARED, ClockModel
+from tis.common.clocks import SHARED, ClockModel
 
 Clocks = Mapping[Side, ClockModel]
 

@@ -16,7 +16,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Schema
 
-from tis.common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES, RECORD_HEAD, Ints
+from tis.common.runtime.chunk_writer import MESSAGE_HEAD_BYTES, RECORD_HEAD, Ints
 from tis.deploy.logs.limits import MAX_CHUNK_BYTES, MAX_CHUNK_RECORDS
 from tis.deploy.logs.record_content import RecordContent, SpentError
 

@@ -7,8 +7,8 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.clocks.model import ClockModel
-from tis.common.runtime.mcap_chunks import Ints
+from tis.common.clocks import ClockModel
+from tis.common.runtime.chunk_writer import Ints
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.deploy.logs.log_file import LogFile
 

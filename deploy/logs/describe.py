@@ -12,11 +12,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from tis.common.errors import EXIT_OK, DataError
-from tis.common.runtime.mcap_chunks import by_channel
+from tis.common.runtime.chunk_writer import by_channel
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.coverage import RECOVERED, damage_text
 from tis.deploy.logs.log_file import LogFile
-from tis.deploy.shell.messages import print_json
+from tis.deploy.shell.guard import print_json
 
 _MAX_CHARS: Final = 1000  # of a name or of metadata; the table of topics becomes slow with more
 _A_DATE_NS: Final = 10**17  # three years: later stamps count from 1970, not from the begin of a run

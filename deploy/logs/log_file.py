@@ -14,7 +14,7 @@ from mcap.records import Attachment, Channel, Chunk, Footer, Header, Metadata, S
 from mcap.writer import MCAP0_MAGIC
 
 from tis.common.errors import DataError, Fault
-from tis.common.runtime.mcap_chunks import RECORD_HEAD
+from tis.common.runtime.chunk_writer import RECORD_HEAD
 from tis.deploy.logs.blocks import Block, Parsed, parse_records, unpack_chunk
 from tis.deploy.logs.limits import (
     MAX_ATTACHMENTS,

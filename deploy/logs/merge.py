@@ -16,9 +16,8 @@ from mcap.records import Channel, Schema
 
 from tis.common.channels import Side
 from tis.common.errors import DataError, Fault
-from tis.common.runtime.chunk_writer import ChunkWriter
+from tis.common.runtime.chunk_writer import QUICK, THOROUGH, ChunkWriter, by_channel, encode_message
 from tis.common.runtime.json_schema import flat_schema
-from tis.common.runtime.mcap_chunks import QUICK, THOROUGH, by_channel, encode_message
 from tis.common.sources.provenance import MODEL_FILES
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.alignment import Clocks

@@ -11,9 +11,9 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
 from tis.common.channels import Direction, Side, direction_of
-from tis.common.clocks.model import ClockModel
+from tis.common.clocks import ClockModel
 from tis.common.errors import DataError, Fault
-from tis.common.runtime.mcap_chunks import Ints
+from tis.common.runtime.chunk_writer import Ints
 from tis.deploy.logs.alignment import Clocks, clock_of
 from tis.deploy.logs.blocks import FIELDS, OF_FIELDS, Block
 from tis.deploy.logs.log_file import LogFile

@@ -5,7 +5,7 @@ from typing import BinaryIO
 
 from mcap.writer import MCAP0_MAGIC
 
-from tis.common.runtime.mcap_chunks import RECORD_HEAD
+from tis.common.runtime.chunk_writer import RECORD_HEAD
 
 
 def record_heads(file: BinaryIO, n_bytes: int) -> Iterator[tuple[int, int]]:

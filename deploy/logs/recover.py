@@ -9,8 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
-from tis.common.runtime.chunk_writer import ChunkWriter
-from tis.common.runtime.mcap_chunks import encode_message
+from tis.common.runtime.chunk_writer import ChunkWriter, encode_message
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.blocks import Block
 from tis.deploy.logs.coverage import FOREVER, RECOVERED, Span, lost_bytes_of, recovery_metadata, spans

@@ -1,1 +1,1 @@
-"""How results are shown: tables with five renderers, and numbers as text. It knows nothing of what it shows."""
+"""Presentation of results: tables with five renderers, numbers as text, colours, pages and figures."""

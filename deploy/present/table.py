@@ -165,9 +165,8 @@ class Table:
             )
             body.append(f'<tr{chosen}><th scope="row">{_markup(heading)}</th>{values}</tr>')
         caption = f"<caption>{escape(self.title)}</caption>" if self.title else ""
-        note = (
-            f'<p class="note">{_markup(self.note)}{"" if self.note.endswith(".") else "."}</p>' if self.note else ""
-        )
+        words = escape(self.note.removesuffix("."), quote=False)
+        note = f'<p class="note">{words}.</p>' if words else ""
         return (
             f'<div class="wide" role="region" tabindex="0" aria-label="{escape(self.title)}"><table>{caption}'
             f"<thead><tr>{columns}</tr></thead><tbody>{''.join(body)}</tbody></table></div>{note}"

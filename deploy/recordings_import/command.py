@@ -14,14 +14,13 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from tis.common.errors import EXIT_OK, DataError, Fault, InputError
-from tis.common.extras import GET_PARQUET
-from tis.common.runtime.limited_file import read_limited
+from tis.common.errors import EXIT_OK, GET_PARQUET, DataError, Fault, InputError
 from tis.common.runtime.recordings.table_file import METADATA
+from tis.common.runtime.scenario_files import read_limited
 from tis.common.scenario.source import is_synthetic
 from tis.common.sources.jigsaws import MAX_TRIAL_BYTES, RATE_HZ, parse_trial, pose_track
 from tis.common.sources.plausibility import anomalies
-from tis.common.sources.table.layout import TIME, canonical_names
+from tis.common.sources.table_columns import TIME, canonical_names
 from tis.common.units import NS_PER_S
 from tis.deploy.recordings_import.found import DEVICES, MASTERS, Array, Found, Stream, Wanted
 from tis.deploy.recordings_import.lerobot import INFO, read_lerobot
@@ -29,7 +28,7 @@ from tis.deploy.recordings_import.mcap_file import read_mcap
 from tis.deploy.recordings_import.one_clock import Rows, on_one_clock
 from tis.deploy.recordings_import.ros import read_bag
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.messages import print_warnings
+from tis.deploy.shell.guard import print_warnings
 
 # Tables of imported recordings: canonical columns, as CSV or Parquet, and their metadata.
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tis.common.channels import MASTER
 from tis.common.errors import DataError, Fault
-from tis.common.sources.table.limits import MAX_ROWS
+from tis.common.sources.table_columns import MAX_ROWS
 
 Ints = NDArray[np.int64]
 Array = NDArray[np.float64]

@@ -7,8 +7,8 @@ import numpy as np
 
 from tis.common.errors import DataError, Fault
 from tis.common.scenario.table_source import PoseColumns, PoseUnits
-from tis.common.sources.table.layout import DeviceLayout
-from tis.common.sources.table.poses import finite_faults, pose_track
+from tis.common.sources.table_columns import DeviceLayout
+from tis.common.sources.table_poses import finite_faults, pose_track
 from tis.deploy.recordings_import.found import Array, Ints, Jaw, Rows, Stream
 
 _NAMES: Final = ("x", "y", "z", "qx", "qy", "qz", "qw")

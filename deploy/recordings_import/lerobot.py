@@ -8,13 +8,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from tis.common.errors import DataError, Fault, InputError
-from tis.common.extras import GET_PARQUET
-from tis.common.runtime.limited_file import read_limited
+from tis.common.errors import GET_PARQUET, DataError, Fault, InputError
+from tis.common.runtime.scenario_files import read_limited
 from tis.common.scenario.table_source import PoseColumns, PoseUnits
-from tis.common.sources.table.layout import DeviceLayout
-from tis.common.sources.table.limits import MAX_ROWS, MAX_VALUES
-from tis.common.sources.table.poses import finite_faults, pose_track
+from tis.common.sources.table_columns import MAX_ROWS, MAX_VALUES, DeviceLayout
+from tis.common.sources.table_poses import finite_faults, pose_track
 from tis.common.units import NS_PER_S
 from tis.deploy.recordings_import.found import Array, Found, Ints, Stream, Wanted
 from tis.deploy.recordings_import.lerobot_names import Elements, elements_of, names_in

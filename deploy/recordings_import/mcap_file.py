@@ -7,7 +7,7 @@ from typing import Any, Final
 from mcap.records import Channel
 
 from tis.common.errors import DataError, Fault
-from tis.common.runtime.mcap_chunks import by_channel
+from tis.common.runtime.chunk_writer import by_channel
 from tis.deploy.logs.describe import Described, describe
 from tis.deploy.logs.json_rows import UNREADABLE, json_value
 from tis.deploy.logs.log_file import LogFile

@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 
 from tis.common.errors import DataError, Fault
-from tis.common.sources.table.limits import MAX_ROWS, MIN_ROWS
-from tis.common.sources.table.row_clock import resampled
+from tis.common.sources.table_columns import MAX_ROWS, MIN_ROWS
+from tis.common.sources.table_poses import resampled
 from tis.common.sources.trajectory import PoseTrack
 from tis.common.units import NS_PER_S
 from tis.deploy.recordings_import.found import MASTERS, Array, Found, Ints, Jaw, Stream

@@ -5,8 +5,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
-from tis.common.errors import DataError, Fault, InputError
-from tis.common.extras import GET_ROSBAG
+from tis.common.errors import GET_ROSBAG, DataError, Fault, InputError
 from tis.deploy.logs.json_rows import UNREADABLE
 from tis.deploy.recordings_import.choice import chosen, listing
 from tis.deploy.recordings_import.found import Found, Rows, Topic, Wanted

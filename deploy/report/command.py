@@ -1,26 +1,24 @@
 """`tis report`: pages and figures of run folders, of one run or of several."""
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from rich.console import Console
 from rich.markup import escape
 
-from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault, InputError, TisError
-from tis.common.extras import GET_REPORT
-from tis.common.scenario import Scenario
-from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, GET_REPORT, DataError, Fault, InputError, TisError
+from tis.deploy.logs.read.load import load_run
 from tis.deploy.logs.read.recorded import mode_of, models_in, scenario_in
-from tis.deploy.report.palette import SERIES
-from tis.deploy.report.run_view import RunView, run_view
-from tis.deploy.report.summary import build_summary
-from tis.deploy.report.summary_version import check_version, readable
+from tis.deploy.present.palette import SERIES
+from tis.deploy.report.measured_run import MeasuredRun
+from tis.deploy.report.run_view import RunView
+from tis.deploy.report.summarise import summary_of
+from tis.deploy.report.summary import readable, summary_in
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.extras import can_report
-from tis.patient_side.statespace import ArmModel
 
 COMPARED_FILE: Final = Path("compare.html")
 _PAGES: Final = (".html", ".htm")
@@ -36,28 +34,21 @@ def report_again(run_dir: Path, out: Console) -> int:
     run = read_run(run_dir)
     if not run.logs.sides:
         raise DataError(Fault(str(run_dir), "", "holds no log, so there is nothing to report"))
-    manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}
     with readable(run_dir / folder.SUMMARY_FILE):
-        line = write_report(run.logs, run.scenario, run.models, run.summary, manifest)
+        line = write_report(run)
     out.print(escape(line), soft_wrap=True)
     return _print_problems(run.logs.problems(), out)
 
 
-def write_report(
-    logs: RunLogs,
-    scenario: Scenario,
-    models: Sequence[ArmModel],
-    summary: dict[str, Any],
-    manifest: Mapping[str, Any],
-) -> str:
+def write_report(run: RunView) -> str:
     """Write the report; return a line with its path, or with the command that installs Bokeh."""
     if not can_report():
         return f"No report was written, since Bokeh is not installed: {GET_REPORT}"
     # imported late, as Bokeh loads slowly
-    from tis.deploy.report.page.html import report_html
+    from tis.deploy.report.contents import report_html
 
-    path = logs.run_dir / folder.REPORT_FILE
-    folder.write(path, report_html(run_view(logs, scenario, models, summary, manifest)))
+    path = run.logs.run_dir / folder.REPORT_FILE
+    folder.write(path, report_html(run))
     return f"Report: {path}"
 
 
@@ -86,7 +77,7 @@ def compare_runs(run_dirs: Sequence[Path], page: Path | None, out: Console) -> i
     if faults:
         raise DataError(faults)
     # imported late, as Bokeh loads slowly
-    from tis.deploy.report.compared.compared_html import compared_html
+    from tis.deploy.report.compared import compared_html
 
     replaced = " (replaced)" if path.exists() else ""
     with readable(path):
@@ -145,16 +136,16 @@ def read_run(run_dir: Path) -> RunView:
     """
     logs = load_run(run_dir)
     scenario = folder.read_scenario(run_dir, scenario_in(logs))
-    models = models_in(logs)
-    summary = folder.read_json(run_dir / folder.SUMMARY_FILE)
-    if summary is None or not set(logs.problems()) <= set(folder.texts_in(summary.get("problems"))):
+    run = MeasuredRun.of(logs, scenario, models_in(logs))
+    before = folder.read_json(run_dir / folder.SUMMARY_FILE)
+    if before is None or not set(logs.problems()) <= set(folder.texts_in(before.get("problems"))):
         # logs were lost or damaged since: the figures would describe data that no longer exist
-        before = summary or {}
-        summary = build_summary(logs, scenario, models, mode_of(logs), before.get("exit"), before.get("command", ""))
+        about = before or {}
+        summary = summary_of(run, mode_of(logs), about.get("exit"), about.get("command", ""))
     else:
-        check_version(summary, run_dir / folder.SUMMARY_FILE, scenario)
+        summary = summary_in(before, run_dir / folder.SUMMARY_FILE)
     manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}
-    return run_view(logs, scenario, models, summary, manifest)
+    return RunView.of(run, summary, manifest)
 
 
 def _check_comparison(run_dirs: Sequence[Path], page: Path) -> None:

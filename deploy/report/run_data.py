@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tis.common.channels import Direction, Hand, Side
 from tis.common.errors import DataError, Fault, InputError
-from tis.common.metrics.orientation import angles_deg
+from tis.common.metrics.tracking import angles_deg
 from tis.common.records import TICKS, TRUTH
 from tis.common.scenario import Scenario
 from tis.common.units import MM_PER_M
@@ -20,18 +20,17 @@ from tis.deploy.logs.read.batches import OUTCOMES, Fates, Releases, link_fates, 
 from tis.deploy.logs.read.load import Ints, RunLogs, load_run
 from tis.deploy.logs.read.message_columns import MessageColumns
 from tis.deploy.logs.read.recorded import scenario_in
-from tis.deploy.report.measures.estimation.tracking import HandTrack, track_of_hand
-from tis.deploy.report.measures.estimation.wrist_track import WristTrack, wrist_track
-from tis.deploy.report.measures.key_figures import KeyFigures
-from tis.deploy.report.measures.latency import ages_of_hand
-from tis.deploy.report.measures.network.link_books import link_books
+from tis.deploy.report.subjects.age import ages_of_hand
+from tis.deploy.report.subjects.network.key_figures import KeyFigures
+from tis.deploy.report.subjects.network.link_books import link_books
+from tis.deploy.report.subjects.orientation import WristTrack, wrist_track
+from tis.deploy.report.subjects.tracking import HandTrack, track_of_hand
 from tis.deploy.shell import run_dir as folder
 
 Floats = NDArray[np.float64]
 K = TypeVar("K")
 V = TypeVar("V")
 Flags = NDArray[np.bool_]
-
 _DIRECTIONS: Final[tuple[Direction, ...]] = get_args(Direction)
 
 

@@ -1,26 +1,135 @@
-"""The view of a run that all its reports share."""
+"""A run as its page and its figures show it."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+from bokeh.models import ColumnDataSource
 
 from tis.common.channels import FOLLOWER, Arm, Hand
+from tis.common.metrics.tracking import angles_deg
 from tis.common.scenario import Scenario
+from tis.common.units import MM_PER_M, NS_PER_S
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.report.plots.hand_view import HandView, hand_view
-from tis.patient_side.statespace import ArmModel
+from tis.deploy.present.thinning import Indices, column, evenly, worst
+from tis.deploy.report.measured_run import MeasuredRun
+from tis.deploy.report.subjects.age import ages_at_ms
+from tis.deploy.report.subjects.identification import IdentifiedModel
+from tis.deploy.report.subjects.network.disturbances import Disturbance, disturbances
+from tis.deploy.report.subjects.orientation import wrist_track
+from tis.deploy.report.subjects.tracking import Array, HandTrack, track_of_hand
+from tis.deploy.report.summary import Summary
+
+MAX_TICKS = 3000
+"""Ticks that are drawn, more than a screen has columns; longer runs are thinned to the worst and evenly spaced."""
+
+
+@dataclass(frozen=True)
+class HandView:
+    """The data to draw of one hand; ``active`` is the estimator that the patient acts on.
+
+    ``errors_mm`` are the estimators' distances to the truth (T,), ``age_ms`` (T,) is the age of the freshest sample,
+    NaN for unknown. ``kept`` are the ticks that are drawn. ``turns_deg`` are the angles (T,) of the orientation
+    methods to the truth, ``active_orientation`` the method that the answers carry.
+    """
+
+    hand: Hand
+    title: str
+    track: HandTrack
+    active: str
+    errors_mm: dict[str, Array]
+    age_ms: Array
+    kept: Indices
+    active_orientation: str
+    turns_deg: dict[str, Array]
+
+    @cached_property
+    def source(self) -> "ColumnDataSource":
+        """Return the data source of all figures of the hand, so that the page holds it once.
+
+        Columns ``t`` in s, ``age`` in ms, for each name ``NAME x`` to ``NAME z`` and ``NAME error`` in mm, and for
+        each orientation method ``NAME turn`` in degrees.
+        """
+        from bokeh.models import ColumnDataSource
+
+        kept, track = self.kept, self.track
+        data = {"t": column(track.t_ns[kept] / NS_PER_S), "age": column(self.age_ms[kept])}
+        for name, position_m in self.lines_m.items():
+            data |= {f"{name} {axis}": column(MM_PER_M * position_m[kept, i]) for i, axis in enumerate("xyz")}
+        data |= {f"{name} error": column(error_mm[kept]) for name, error_mm in self.errors_mm.items()}
+        return ColumnDataSource(data | {f"{n} turn": column(deg[kept]) for n, deg in self.turns_deg.items()})
+
+    @property
+    def lines_m(self) -> dict[str, Array]:
+        """Return the positions (T, 3) by name, the truth first."""
+        return {"truth": self.track.truth_m, **self.track.estimates}
+
+    @property
+    def n_ticks(self) -> int:
+        """Return the number of ticks, drawn or not."""
+        return len(self.track.t_ns)
+
+    def thinning_note(self) -> str:
+        """Return a sentence on ticks that are not drawn, "" when all are."""
+        if len(self.kept) == self.n_ticks:
+            return ""
+        return f" Of {self.n_ticks} ticks {len(self.kept)} are drawn, the worst of each stretch among them."
+
+
+def hand_view(logs: RunLogs, scenario: Scenario, hand: Hand, title: str, known: HandTrack | None = None) -> HandView:
+    """Return one hand's view as far as its logs reach, by its track if that is known.
+
+    Oracle: logs written by hand, test_hand_view.
+    """
+    track = track_of_hand(logs, scenario, hand) if known is None else known
+    errors_mm = {
+        name: MM_PER_M * np.linalg.norm(position_m - track.truth_m, axis=1)
+        for name, position_m in track.estimates.items()
+    }
+    turns_rad = wrist_track(logs, scenario, track, hand).turn_rad
+    turns_deg = {name: angles_deg(error_rad) for name, error_rad in turns_rad.items()}
+    kept = _kept(errors_mm, len(track.t_ns))
+    active, turning = scenario.active_estimator, scenario.patient.orientation.active
+    return HandView(
+        hand, title, track, active, errors_mm, ages_at_ms(logs, hand, track.t_ns), kept, turning, turns_deg
+    )
+
+
+def _kept(errors_mm: dict[str, Array], n: int) -> Indices:
+    if n <= MAX_TICKS or not errors_mm:
+        return evenly(n, MAX_TICKS)
+    # one selection for all estimators, so that all lines share a source
+    largest_mm = np.fmax.reduce(list(errors_mm.values()))
+    return np.union1d(evenly(n, MAX_TICKS // 2), worst(largest_mm, MAX_TICKS // 2))
 
 
 @dataclass(frozen=True)
 class RunView:
-    """The logs, the summary and the scenario of a run, and the arm of each hand."""
+    """A run, its summary, and the versions of the packages that it used."""
 
-    logs: RunLogs
-    scenario: Scenario
-    summary: dict[str, Any]
-    arms: dict[Hand, Arm]
+    measured: MeasuredRun
+    summary: Summary
     versions: dict[str, str | None]
-    models: Sequence[ArmModel] = field(default=())
+
+    @classmethod
+    def of(cls, run: MeasuredRun, summary: Summary, manifest: Mapping[str, Any]) -> Self:
+        """Return the view of a run, with the versions in its manifest."""
+        arms = arms_of(run.scenario, run.arms)
+        found = manifest.get("versions")
+        versions = {"python": manifest.get("python"), **found} if isinstance(found, dict) else {}
+        return cls(run if arms == run.arms else replace(run, arms=arms), summary, versions)
+
+    @property
+    def logs(self) -> RunLogs:
+        """Return the logs."""
+        return self.measured.logs
+
+    @property
+    def scenario(self) -> Scenario:
+        """Return the scenario."""
+        return self.measured.scenario
 
     @property
     def synthetic(self) -> bool:
@@ -32,26 +141,29 @@ class RunView:
         """Return the mark beside the title of each section that shows the movement."""
         return "synthetic" if self.synthetic else ""
 
-    def hands(self) -> list[HandView]:
+    @property
+    def models(self) -> dict[Hand, IdentifiedModel]:
+        """Return the figures of the identified model of each hand."""
+        single = self.summary.identification
+        return self.summary.identification_by_hand or ({self.scenario.source.hands[0]: single} if single else {})
+
+    @cached_property
+    def hands(self) -> dict[Hand, HandView]:
         """Return the view of each hand."""
         origin = ", synthetic" if self.synthetic else ""
-        return [hand_view(self.logs, self.scenario, h, f"{h} hand ({arm}{origin})") for h, arm in self.arms.items()]
+        return {
+            hand: hand_view(
+                self.logs, self.scenario, hand, f"{hand} hand ({arm}{origin})", self.measured.tracks[hand]
+            )
+            for hand, arm in self.measured.arms.items()
+        }
+
+    @cached_property
+    def disturbances(self) -> list[Disturbance]:
+        """Return what disturbed the network while the run lasted."""
+        return disturbances(self.logs, self.scenario)
 
 
 def arms_of(scenario: Scenario, found: dict[Hand, Arm]) -> dict[Hand, Arm]:
     """Return the arm of each hand of the scenario: the identified one, else its usual follower."""
     return {hand: found.get(hand, FOLLOWER[hand]) for hand in scenario.source.hands}
-
-
-def run_view(
-    logs: RunLogs,
-    scenario: Scenario,
-    models: Sequence[ArmModel],
-    summary: dict[str, Any],
-    manifest: Mapping[str, Any],
-) -> RunView:
-    """Return the view of a run, with the versions in its manifest."""
-    arms = arms_of(scenario, {model.hand: model.arm for model in models})
-    found = manifest.get("versions")
-    versions = {"python": manifest.get("python"), **found} if isinstance(found, dict) else {}
-    return RunView(logs, scenario, summary, arms, versions, models)

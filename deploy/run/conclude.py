@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from tis.common.channels import Side
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK
-from tis.common.runtime.command_line import command_line
+from tis.common.runtime.process import command_line
 from tis.common.scenario import Scenario
 from tis.common.sources.provenance import MODEL_FILES
 from tis.deploy.logs.background_merge import Merging, merging
@@ -18,10 +18,12 @@ from tis.deploy.logs.merge_run import Opening, can_merge, clocks_of, print_merge
 from tis.deploy.logs.read.load import RunLogs, load_run
 from tis.deploy.logs.read.recorded import mode_of, models_in, origins_in, scenario_in
 from tis.deploy.report.command import write_report
-from tis.deploy.report.summary import build_summary
-from tis.deploy.report.tables.terminal import print_summary
+from tis.deploy.report.measured_run import MeasuredRun
+from tis.deploy.report.run_view import RunView
+from tis.deploy.report.summarise import summary_of
+from tis.deploy.report.terminal import print_summary
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.messages import print_json
+from tis.deploy.shell.guard import print_json
 from tis.patient_side.statespace import ArmModel
 
 
@@ -71,24 +73,25 @@ def _summarise(
     under_way: Merging | None,
 ) -> int:  # fmt: skip
     run_dir = logs.run_dir
-    summary = build_summary(logs, scenario, models, ending.mode, ending.exit_code, ending.command)
-    folder.write_json(run_dir / folder.SUMMARY_FILE, summary)
+    run = MeasuredRun.of(logs, scenario, models)
+    summary = summary_of(run, ending.mode, ending.exit_code, ending.command)
+    folder.write_json(run_dir / folder.SUMMARY_FILE, summary.as_json())
     clocks = logs.clocks.hosts()
     own = {name: asdict(origin) for name, origin in origins_in(logs).items()}
     manifest = folder.manifest(run_dir, ending.command, ending.mode, ending.exit_codes, clocks, own)
     folder.write_json(run_dir / folder.MANIFEST_FILE, manifest)
     print_summary(summary, out, verbose=outputs.verbose)
     if outputs.as_json:
-        print_json(summary | {"run_dir": str(run_dir)})
+        print_json(summary.as_json() | {"run_dir": str(run_dir)})
     out.print(escape(f"The run lies in {run_dir}; all tables: tis info -v {run_dir}"), soft_wrap=True)
     if under_way is not None:
         under_way.concluded()
-    written = write_report(logs, scenario, models, summary, manifest) if outputs.report else None
+    written = write_report(RunView.of(run, summary, manifest)) if outputs.report else None
     if under_way is not None:
         print_merged(run_dir, under_way.merged(), out)
     if written is not None:
         out.print(escape(written), soft_wrap=True)
-    return EXIT_OK if summary["valid"] else EXIT_INVALID_RUN
+    return EXIT_OK if summary.valid else EXIT_INVALID_RUN
 
 
 def conclude_again(run_dir: Path, out: Console, outputs: Outputs = EVERYTHING) -> int:

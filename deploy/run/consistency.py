@@ -15,7 +15,7 @@ from tis.common.streams import Address
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.read.batches import DELIVER, OUTCOMES, Fates, by_key, link_fates
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.report.measures.network.requested import Requested
+from tis.deploy.report.subjects.network.requested import Requested
 from tis.netem.conditions.conditions import merged
 from tis.netem.stages.impairment import Impairment
 from tis.netem.stages.pipeline_draws import Draw

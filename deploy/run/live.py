@@ -7,19 +7,17 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from tis.common.errors import EXIT_OK
-from tis.common.runtime.command_line import command_line
 from tis.common.runtime.credentials import credentials, own_client
+from tis.common.runtime.process import command_line
 from tis.common.runtime.recordings import check_recording
-from tis.common.runtime.scenario_file import RUNS, run_folder
-from tis.common.runtime.trace_files import load_traces
+from tis.common.runtime.scenario_files import RUNS, load_traces, run_folder
 from tis.common.runtime.zenoh_session import ZenohOptions
-from tis.common.scenario import Scenario
-from tis.common.scenario.live_rules import check_foreign_surgeon
-from tis.common.scenario.patient import is_model_file
+from tis.common.scenario import Scenario, check_foreign_surgeon
+from tis.common.scenario.identification import is_model_file
 from tis.deploy.run.progress import RunProgress
 from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.guard import print_faults
 from tis.deploy.shell.launch import endpoints_of, launch
-from tis.deploy.shell.messages import print_faults
 from tis.deploy.shell.outcome import Event
 from tis.deploy.view.page_process import PageAddress, PageProcess, page_beside
 from tis.deploy.view.page_text import RunOutput

@@ -17,9 +17,9 @@ from tis.common.messages import Pose, Quaternion, Vector3
 from tis.common.node import Arrival, Emission, Record
 from tis.common.records import COUNTERS, ESTIMATES, ORIENTATIONS, PROMPT, TICKS, UNRECORDED
 from tis.common.runtime.arm_memory import RESUMED_FILE, parse_resumed
-from tis.common.runtime.code_origin import USER_CODE_FILE, Origin, parse_origins
 from tis.common.runtime.log_parts import part_clock
 from tis.common.runtime.loop import Delivery, Seat, run
+from tis.common.runtime.user_code import USER_CODE_FILE, Origin, parse_origins
 from tis.common.safety_records import QUARANTINE, STOPS, QuarantineNote, StopNote
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_S

@@ -9,18 +9,16 @@ from tis.common.errors import InputError
 from tis.common.node import Node
 from tis.common.records import ControlNote
 from tis.common.runtime.clock import VirtualClock
-from tis.common.runtime.code_origin import USER_CODE_FILE, dump_origins
-from tis.common.runtime.loop import Recorder, Seat, run
+from tis.common.runtime.loop import Recorder, Seat, VirtualBus, run
 from tis.common.runtime.mcap_log import McapLog
 from tis.common.runtime.memory import without_collector
 from tis.common.runtime.recorder import FLUSH_EVERY_NS
 from tis.common.runtime.recordings import load_recording
+from tis.common.runtime.scenario_files import load_traces, trace_attachments
 from tis.common.runtime.side_log import LOG_VERSION
-from tis.common.runtime.trace_files import load_traces, trace_attachments
-from tis.common.runtime.virtual_bus import VirtualBus
-from tis.common.scenario import Scenario
+from tis.common.runtime.user_code import USER_CODE_FILE, dump_origins
+from tis.common.scenario import Scenario, virtual_time_faults
 from tis.common.scenario import reading as scenario_io
-from tis.common.scenario.live_rules import virtual_time_faults
 from tis.common.sources.provenance import RECORDING_FILE, dump_played
 from tis.common.sources.trajectory import Recording
 from tis.deploy.shell import run_dir as folder

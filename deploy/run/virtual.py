@@ -9,9 +9,9 @@ from rich.markup import escape
 
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK, Fault, InputError
 from tis.common.records import CONTROL, ControlNote
-from tis.common.runtime.command_line import command_line
+from tis.common.runtime.process import command_line
 from tis.common.runtime.recordings import load_recording
-from tis.common.runtime.scenario_file import RUNS, run_folder
+from tis.common.runtime.scenario_files import RUNS, run_folder
 from tis.common.scenario import Scenario
 from tis.common.scenario.reading import digest
 from tis.deploy.logs.read.load import load_run
@@ -19,7 +19,7 @@ from tis.deploy.run.conclude import EVERYTHING, Ending, Outputs, conclude
 from tis.deploy.run.consistency import FateComparison, compare_fates
 from tis.deploy.run.twin import build_sides, refuse_in_virtual_time, run_twin
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.messages import print_faults, print_warnings
+from tis.deploy.shell.guard import print_faults, print_warnings
 
 _MAX_SET_ASIDE_SHARE: Final = 0.05
 

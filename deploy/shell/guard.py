@@ -1,15 +1,40 @@
-"""The consoles of the command line, and the guard around its commands."""
+"""The consoles of the command line, what is printed to them, and the guard around its commands."""
 
+import json
 from collections.abc import Callable, Sequence
 from functools import wraps
-from typing import Final, ParamSpec
+from importlib.metadata import version
+from typing import Any, Final, ParamSpec
 
 import typer
 from rich.console import Console
 from rich.markup import escape
 
 from tis.common.errors import Fault
-from tis.common.runtime.guard import guarded_exit_code, line_of
+from tis.common.runtime.process import guarded_exit_code, line_of
+
+
+def version_text() -> str:
+    """Return both versions, as `tis --version` prints them."""
+    return f"tis {version('tis-testbed')}, eclipse-zenoh {version('eclipse-zenoh')}"
+
+
+def print_warnings(err: Console, *texts: str) -> None:
+    """Print a yellow line for each warning."""
+    for text in texts:
+        err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
+
+
+def print_faults(err: Console, *texts: str) -> None:
+    """Print a red line for each fault."""
+    for text in texts:
+        err.print(escape(f"tis: {text}"), style="red", soft_wrap=True)
+
+
+def print_json(data: Any) -> None:
+    """Print data to standard output, for other programs."""
+    print(json.dumps(data, indent=1, allow_nan=False))  # noqa: T201
+
 
 # without emoji: they would replace a part of a name such as module:X:
 OUT: Final = Console(highlight=False, emoji=False)

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from tis.common.errors import DataError, Fault
 from tis.common.records import FATES
-from tis.common.runtime.trace_files import load_traces
+from tis.common.runtime.scenario_files import load_traces
 from tis.common.scenario.faults import faults
 from tis.common.scenario.network import NetworkPart, Rule
 from tis.common.yaml_text import load_yaml

@@ -9,16 +9,15 @@ from rich.markup import escape
 from rich.table import Table
 
 from tis.common.channels import Hand
-from tis.common.errors import EXIT_OK, DataError, Fault, InputError
-from tis.common.extras import GET_REPORT
+from tis.common.errors import EXIT_OK, GET_REPORT, DataError, Fault, InputError
 from tis.common.runtime.recordings import load_recording, load_training
 from tis.common.scenario import Scenario
 from tis.common.scenario.estimator_names import LearnedName, is_learned
-from tis.common.scenario.patient import Identification, is_model_file
+from tis.common.scenario.identification import Identification, is_model_file
 from tis.common.sources.provenance import in_words
 from tis.common.sources.trajectory import Recording
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.messages import print_warnings
+from tis.deploy.shell.guard import print_warnings
 from tis.deploy.shell.outputs import check_outputs, unwritable
 from tis.patient_side.estimators.static_gain import dc_gain
 from tis.patient_side.identification.fit_narx import NarxStudy, fit_narx, n_terms

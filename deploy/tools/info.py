@@ -19,10 +19,10 @@ from tis.deploy.logs.log_file import truncated_start
 from tis.deploy.logs.log_paths import log_file, recovered_name, recovery_of
 from tis.deploy.logs.read.load import RunLogs, check_written_by_tis, load_run
 from tis.deploy.logs.read.recorded import scenario_in
-from tis.deploy.report.summary_version import check_version, readable
-from tis.deploy.report.tables.terminal import print_summary
+from tis.deploy.report.summary import Summary, readable, summary_in
+from tis.deploy.report.terminal import print_summary
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.messages import print_faults, print_json
+from tis.deploy.shell.guard import print_faults, print_json
 
 _PART: Final = re.compile(rf"({'|'.join(get_args(Side))})(?:_([0-9]+))?\.mcap")
 
@@ -53,11 +53,12 @@ def print_info(run_dir: Path, out: Console, err: Console, verbose: bool = False,
         if not any(state and state.damage for state in states.values()):
             raise
         logs, recorded = RunLogs(run_dir), None
-    scenario = folder.read_scenario(run_dir, recorded)
-    summary = folder.read_json(run_dir / folder.SUMMARY_FILE)
-    if summary is not None:
+    folder.read_scenario(run_dir, recorded)
+    content = folder.read_json(run_dir / folder.SUMMARY_FILE)
+    summary: Summary | None = None
+    if content is not None:
         try:
-            check_version(summary, run_dir / folder.SUMMARY_FILE, scenario)
+            summary = summary_in(content, run_dir / folder.SUMMARY_FILE)
         except DataError as error:
             print_faults(err, str(error))
             print_files(run_dir, states, out)
@@ -70,7 +71,7 @@ def print_info(run_dir: Path, out: Console, err: Console, verbose: bool = False,
             soft_wrap=True,
         )
     else:
-        if code != EXIT_OK and not (logs.sides and set(problems) <= set(folder.texts_in(summary["problems"]))):
+        if code != EXIT_OK and not (logs.sides and set(problems) <= set(summary.problems)):
             text = "summary.json is older than this damage: it describes the intact logs; see tis summarize"
             out.print(text, style="yellow", soft_wrap=True)
             since = _damage_summary(states)
@@ -79,7 +80,7 @@ def print_info(run_dir: Path, out: Console, err: Console, verbose: bool = False,
         out.file.write(shown.get())
     print_files(run_dir, states, out)
     if as_json:
-        print_json({"run_dir": str(run_dir), "summary": summary, "logs": states_as_data(states)})
+        print_json({"run_dir": str(run_dir), "summary": content, "logs": states_as_data(states)})
     return code
 
 

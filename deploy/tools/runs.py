@@ -11,9 +11,9 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from tis.common.errors import EXIT_OK, DataError, Fault, InputError
-from tis.deploy.report.tables.numbers import number
+from tis.deploy.present.numbers import number
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.messages import print_json
+from tis.deploy.shell.guard import print_json
 
 Listed = dict[str, Any]
 

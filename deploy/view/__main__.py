@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from tis.common.errors import EXIT_BUG, EXIT_OK, TisError
-from tis.common.runtime.interrupt import Interrupt
+from tis.common.runtime.process import Interrupt
 from tis.deploy.view.page_text import RunOutput
 from tis.deploy.view.server import ViewOptions, serve
 

@@ -14,7 +14,7 @@ from tis.common.channels import FOLLOWER, MASTER, Hand
 from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S
 from tis.deploy.watch.book import LiveBook
 from tis.deploy.watch.crossings import Crossing
-from tis.deploy.watch.trail import Trail
+from tis.deploy.watch.motion import Trail
 from tis.deploy.watch.watched_streams import StreamName
 
 Columns = dict[str, list[float]]

@@ -16,10 +16,10 @@ from bokeh.models.widgets.markups import Div
 from tis.common.channels import Direction, Side
 from tis.common.scenario.control import EmulatorState
 from tis.common.units import NS_PER_S
-from tis.deploy.report.page import html_page
-from tis.deploy.report.page.network_picture import DirectionFigures, network_picture
-from tis.deploy.report.palette import AMBER, GREEN, RED, SLATE, TONES, Tone
-from tis.deploy.report.plots.plot_style import THEME
+from tis.deploy.present import page as shell
+from tis.deploy.present.palette import AMBER, GREEN, RED, SLATE, TONES, Tone
+from tis.deploy.present.plot_style import THEME
+from tis.deploy.report.network_picture import DirectionFigures, network_picture
 from tis.deploy.report.plots.scene_3d import live_camera_controls
 from tis.deploy.view.controls import Controls
 from tis.deploy.view.feed import SHOWN_S, Feed
@@ -113,7 +113,6 @@ FRAME_MS: Final = 200
 _TEXT_EVERY: Final = 2
 _STATE_EVERY: Final = 5
 _HERE: Final = Path(__file__).parent
-_REPORT: Final = Path(html_page.__file__).parent
 _OVER: Final = "over"
 _REPORTED: Final = "reported"
 _LOST: Final = (
@@ -231,8 +230,8 @@ def pages(
 ) -> Callable[[Document], None]:
     """Return the function that fills a new document for each browser."""
     template = (_HERE / "page.html").read_text(encoding="utf-8")
-    styles = (_REPORT / "tones.css", _HERE / "page.css", _HERE / "drive" / "drive.css")
-    scripts = (_HERE / "page.js", _REPORT / "page.js", _REPORT / "camera.js", _HERE / "drive" / "drive.js")
+    styles = (shell.HERE / "tones.css", _HERE / "page.css", _HERE / "drive" / "drive.css")
+    scripts = (_HERE / "page.js", shell.HERE / "page.js", shell.HERE / "camera.js", _HERE / "drive" / "drive.js")
     tones: dict[str, Tone] = {
         "truth": TRUTH,
         "estimate": ESTIMATE,

@@ -12,10 +12,9 @@ from typing import Any, Final
 
 from rich.console import Console
 
-from tis.common.errors import Fault, InputError, PeerError
-from tis.common.extras import GET_REPORT
-from tis.common.runtime.child_process import child_environment
-from tis.common.runtime.zenoh_session import ZenohOptions
+from tis.common.errors import EXIT_INTERRUPTED, EXIT_OK, GET_REPORT, Fault, InputError, PeerError
+from tis.common.runtime.process import Interrupt, child_environment
+from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario import Scenario
 from tis.deploy.shell.extras import can_report
 from tis.deploy.view.drive.device import Device, device_of
@@ -133,3 +132,31 @@ def _end(process: "subprocess.Popen[str]") -> list[str]:
         process.kill()
         process.wait()
     return [str(fault) for line in process.stdout for fault in json.loads(line).get("faults", [])]
+
+
+_POLL_S = 0.2
+
+
+def attach_page(
+    endpoints: tuple[str, str], prefix: str, zenoh: ZenohOptions, at: PageAddress, wait_s: float | None, err: Console
+) -> int:  # fmt: skip
+    """Serve the page until the end of the run, or until Ctrl-C; return the exit code.
+
+    Raises `InputError` without Bokeh, for an unusable address or invalid Zenoh options, `PeerError` when netem does
+    not answer.
+    """
+    configure("client", zenoh)
+    interrupt = Interrupt()
+    with interrupt.installed(), page_process("tis view", at, endpoints, prefix, wait_s, zenoh=zenoh) as page:
+        announce(page.url, err)
+        while page.process.poll() is None and not interrupt.requested:
+            try:
+                page.process.wait(_POLL_S)
+            except subprocess.TimeoutExpired:
+                continue
+    if page.faults:
+        raise PeerError([Fault("", "", fault) for fault in page.faults])
+    if interrupt.requested:
+        return EXIT_INTERRUPTED
+    err.print("the run is over")
+    return EXIT_OK

@@ -6,13 +6,12 @@ from types import MappingProxyType
 from typing import Final, NamedTuple, get_args
 
 from tis.common.channels import Side
-from tis.common.clocks.offset import UNKNOWN_DRIFT_PPM
+from tis.common.clocks import UNKNOWN_DRIFT_PPM
 from tis.common.peer_life import NO_ALARMS, TEXTS, Alarm
 from tis.common.scenario.control import DirectionState, EmulatorState
 from tis.common.units import NS_PER_S
 from tis.deploy.watch.live_figures import LiveFigures
-from tis.deploy.watch.observer import Attendance
-from tis.deploy.watch.observer_path import Vantage
+from tis.deploy.watch.observer import Attendance, Vantage
 from tis.deploy.watch.safety import Stretch
 
 _NO_VALUE: Final = "–"

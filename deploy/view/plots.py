@@ -6,7 +6,7 @@ from typing import Any, Final
 from bokeh.models import BasicTicker, ColumnDataSource, Range1d
 from bokeh.plotting import figure
 
-from tis.deploy.report.palette import BLUE, DIRECTIONS, INK, PAPER, RED, VIOLET, Tone, look_of
+from tis.deploy.present.palette import BLUE, DIRECTIONS, INK, PAPER, RED, VIOLET, Tone, look_of
 from tis.deploy.report.plots.scene_3d import ScenePath, scene
 from tis.deploy.view.feed import MASTER_COLUMNS, SHOWN_S, TRACK_COLUMNS, Columns, Frame
 from tis.deploy.watch.watched_streams import StreamName

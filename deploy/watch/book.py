@@ -16,9 +16,8 @@ from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.deploy.watch.crossings import Crossing, Crossings
 from tis.deploy.watch.displays import Displays
 from tis.deploy.watch.live_figures import LiveFigures, live_figures
-from tis.deploy.watch.motion import ArmMotion, Place, TrackRow
+from tis.deploy.watch.motion import ArmMotion, Place, TrackRow, Trail
 from tis.deploy.watch.safety import SafetyStates
-from tis.deploy.watch.trail import Trail
 from tis.deploy.watch.watched_streams import STREAM_OF, Stream, StreamName, watched_streams
 from tis.patient_side.rotations import unit
 

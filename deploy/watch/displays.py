@@ -8,8 +8,7 @@ from pydantic import ValidationError
 from tis.common.channels import FOLLOWER, Channel, HandChannels, Network, hand_channels
 from tis.common.messages import FeedbackPose, PredictedPose, position_m
 from tis.common.units import MM_PER_M, NS_PER_S
-from tis.deploy.watch.motion import Place
-from tis.deploy.watch.trail import Trail
+from tis.deploy.watch.motion import Place, Trail
 
 _MAX_ROWS: Final = 4000
 _MAX_AHEAD_NS: Final = 10 * NS_PER_S

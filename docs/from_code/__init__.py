@@ -1,4 +1,4 @@
-"""Generated pages of the manual: a Sphinx extension that reads them off the product's code before each build."""
+"""Generated pages of the manual, read off the product's code, and the studies' tables: a Sphinx extension."""
 
 from collections.abc import Callable
 from functools import partial
@@ -16,20 +16,22 @@ from from_code import (
     notebook,
     scenario_fields,
     study_fields,
+    study_tables,
     summary_keys,
 )
-from from_code.sources import NOTEBOOKS
+from from_code.sources import NOTEBOOKS, network_page
 
 PAGES: dict[str, Callable[[], str]] = {
     "reference/commands": commands.page,
     "reference/scenario": scenario_fields.page,
     "reference/hosts": hosts_fields.page,
     "reference/study": study_fields.page,
+    "reference/network": network_page,
     "reference/summary": summary_keys.page,
     "reference/logs": log_topics.page,
     "reference/exit_codes": exit_codes.page,
     "reference/api": api.page,
-    **{f"how_to/{name}": partial(notebook.page, name) for name in NOTEBOOKS},
+    **{f"testbed/{name}": partial(notebook.page, name) for name in NOTEBOOKS},
 }
 """The maker of each page, by the page's name below ``docs/`` without ``.md``; git ignores these files."""
 
@@ -43,7 +45,12 @@ def write_pages(docs: Path) -> None:
             path.write_text(text, encoding="utf-8")
 
 
+def _with_tables(_: Sphinx, __: str, source: list[str]) -> None:
+    source[0] = study_tables.put_in(source[0], study_tables.tables_of)
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Register the pages with Sphinx."""
+    """Register the pages and the tables with Sphinx."""
     app.connect("builder-inited", lambda app: write_pages(Path(app.srcdir)))
+    app.connect("source-read", _with_tables)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

@@ -8,7 +8,7 @@ _HEAD = """# Hosts file
 
 A hosts file is a YAML file for `tis up` and `tis collect`: `scenario`, a scenario file relative to it or the name of
 a shipped scenario, and a host for each of `surgeon`, `netem` and `patient`. How it is used:
-[start a run on several hosts](../how_to/start_hosts.md).
+[runs on several hosts](../testbed/hosts.md).
 """
 
 

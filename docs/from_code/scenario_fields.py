@@ -16,7 +16,7 @@ complete scenario. Fields marked *required* must be given; all others have a def
 Shipped scenarios: {shipped}.
 """
 _NETWORK = "NetworkPart"
-"""The part that has a page of its own, ../network.md, which is read off the same models."""
+"""The part that has a page of its own, network.md, which is read off the same models."""
 
 _MAX_CHOICE = 8
 """Names that the column of the values holds; a longer choice goes with the meaning."""
@@ -103,7 +103,7 @@ def _long_choice(of: Schema, parts: Schema) -> list[str]:
 def _values(of: Schema, parts: Schema) -> str:
     """Return what may stand in a field: a type with its range, or the names to choose from."""
     if _NETWORK in _references(of):
-        return "[network](../network.md)"
+        return "[network](network.md)"
     if "$ref" in of:
         name = str(of["$ref"]).rpartition("/")[2]
         return "part" if "properties" in parts[name] else _values(parts[name], parts)

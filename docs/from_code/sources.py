@@ -14,9 +14,8 @@ from tis.deploy.compare.study import Study
 from tis.deploy.export.columns import columns_of, table_meaning
 from tis.deploy.hosts.hosts_file import HostsFile, LocalHost, NamespaceHost, SshHost
 from tis.deploy.logs import limits
-from tis.deploy.run.conclude import Outputs
-from tis.deploy.run.resolve import resolve
-from tis.deploy.run.virtual import run_virtual
+from tis.deploy.net.library.stage_reference import network_page as network_page
+from tis.deploy.report.summary import Summary
 from tis.deploy.shell.run_dir import MAX_JSON_BYTES
 from tis.deploy.shell.shipped_scenarios import shipped_names
 from tis.patient_side.identification.model_io import MAX_MODEL_BYTES
@@ -53,17 +52,15 @@ __all__ = [
     "ROOT",
     "SIDE_PACKAGES",
     "HostsFile",
-    "Outputs",
     "Part",
     "Scenario",
     "Study",
+    "Summary",
     "app",
     "channels",
     "columns_of",
     "errors",
     "limits",
-    "resolve",
-    "run_virtual",
     "shipped_names",
     "table_meaning",
 ]  # fmt: skip

@@ -6,7 +6,7 @@ from from_code.sources import Study
 _HEAD = """# Study file
 
 A study file is a YAML file for `tis compare --study`; in Python, `tis.deploy.compare.Study` has the same fields. How
-it is used: [compare estimators](../how_to/compare_estimators.md#studies).
+it is used: [compare estimators](../testbed/compare_estimators.md#studies).
 """
 
 

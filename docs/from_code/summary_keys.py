@@ -1,139 +1,71 @@
-"""Page of ``summary.json``: the keys of a twin's summary, and their meaning.
+"""Page of ``summary.json``: its keys and their meaning, from the JSON schema of its models."""
 
-The words are in ``summary_keys.yaml``, by section and path. A key without words, or words without a key, fail the
-build; the keys that only live runs have are held against one by ``tests/docs/test_summary_keys.py``.
-"""
-
-import json
-import re
-import tempfile
-from collections.abc import Mapping
-from io import StringIO
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any, Final
 
-import yaml
-from rich.console import Console
-
 from from_code.markdown import code, prose, table, unit_of
-from from_code.sources import Outputs, resolve, run_virtual
-
-WORDS: Final = Path(__file__).with_name("summary_keys.yaml")
-_SETTINGS: Final = ("estimators=[hold,innovations_kf]", "identification.order=2")  # what takes least time
-_DURATION_S: Final = 6.0
-_STATISTICS: Final = frozenset({"mean", "std", "rms", "last", "p50", "p90", "p95", "p99", "p99.9", "max"})
-_MARK: Final = re.compile(r"\[(live|two hands|own|device|arm)\] ")
-_WHERE: Final = {
-    "live": "Live runs",
-    "two hands": "Two hands",
-    "own": "Own estimators",
-    "device": "Devices of others",
-    "arm": "Arms that execute",
-}
-_NAMES: Final = {
-    "links": "DIRECTION", "links.DIRECTION.dropped_by": "REASON", "accuracy": "ESTIMATOR", "error_by_age": "HAND",
-    "error_by_age.HAND": "ESTIMATOR", "orientation_deg": "HAND", "orientation_deg.HAND": "METHOD",
-    "gripper_rad": "HAND", "gripper_rad.HAND": "METHOD", "orientation_by_age": "HAND",
-    "orientation_by_age.HAND": "METHOD", "surgeon_traffic": "KEY", "own_estimators": "NAME",
-    "quarantined": "KIND", "refused": "KIND", "rejected": "SIDE", "logs": "SIDE", "processors": "SIDE",
-    "devices": "HAND", "devices.HAND.refused": "REASON", "external_arms": "HAND",
-    "external_arms.HAND.refused": "REASON", "clocks": "SIDE", "safety": "HAND", "safety.HAND.time_s": "MODE",
-    "display": "HAND",
-}  # fmt: skip
-"""Kind of thing that the keys of a mapping name, by the mapping's path."""
-
-_WHOLE: Final = (
-    "links.DIRECTION.keys", "links.DIRECTION.conditions.states_s", "links.DIRECTION.verdict.undecided",
-    "accuracy_by_hand", "identification_by_hand", "uncertainty_ms", "clocks.SIDE.discipline",
-    "orientation_deg.HAND.METHOD.nees", "gripper_rad.HAND.METHOD.nees",
-    "own_estimators.NAME.beside", "own_estimators.NAME.first_fault",
-)  # fmt: skip
-"""Mappings that are explained as a whole."""
+from from_code.sources import Summary
 
 _HEAD: Final = """# summary.json
 
-The figures of a run. The keys are an interface: they keep their meaning from version to version. The tables are made
-from the summary of a twin. Capitals stand for names: of a direction (`forward`, `feedback`), a hand, an estimator, a
-side, a key. *Statistics* are an object with the keys listed. `null` stands for a figure that cannot be known, such as
-one of a log that is missing.
+The figures of a run. The keys are an interface: they keep their meaning from version to version. `tis summarize
+--schema` prints the JSON schema that these tables are made from. Capitals stand for names: of a direction (`forward`,
+`feedback`), a hand, an estimator, a side, a key. *Statistics* are an object with the keys listed. `null` stands for a
+figure that cannot be known, such as one of a log that is missing; an *optional* key is absent where a run has no such
+thing.
 """
+_TYPES: Final = {"integer": "integer", "number": "number", "string": "text", "boolean": "boolean", "null": "null"}
+_HEADS: Final = ("key", "type", "unit", "meaning")
 
-Types = dict[str, set[str]]
+Schema = dict[str, Any]
 
 
 def page() -> str:
-    """Return the page; raises `LookupError` when keys and words differ."""
-    sections: Mapping[str, Mapping[str, str]] = yaml.safe_load(WORDS.read_text(encoding="utf-8"))
-    found = types_of(_summary())
-    differences = (
-        undescribed(found) | {path for path, text in words().items() if not _MARK.match(text)} - found.keys()
-    )
-    if differences:
-        raise LookupError(f"summary.json and {WORDS.name} differ in {', '.join(sorted(differences))}")
-    parts = [_HEAD]
-    for title, of in sections.items():
-        rows = (_row(path, text, found.get(path, set())) for path, text in of.items())
-        parts += [f"## {title}", "", table(("key", "type", "unit", "meaning"), rows), ""]
+    """Return the page: the run's own keys, then a section for each key that holds others."""
+    schema = Summary.model_json_schema()
+    rows = {name: list(_rows(schema, part, name)) for name, part in schema["properties"].items()}
+    parts = [_HEAD, "## The run", "", table(_HEADS, [found[0] for found in rows.values() if len(found) == 1]), ""]
+    for name, found in rows.items():
+        if len(found) > 1:
+            parts += [f"## {name}", "", found[0][3], "", table(_HEADS, found[1:]), ""]
     return "\n".join(parts)
 
 
-def words() -> dict[str, str]:
-    """Return the explanation of each path."""
-    sections = yaml.safe_load(WORDS.read_text(encoding="utf-8"))
-    return {path: text for of in sections.values() for path, text in of.items()}
-
-
-def undescribed(found: Types) -> set[str]:
-    """Return the paths that no words explain."""
-    return found.keys() - words().keys()
-
-
-def types_of(summary: Mapping[str, Any]) -> Types:
-    """Return the types met at each path of a summary."""
-    found: Types = {}
-    _collect(summary, "", found)
-    return found
-
-
-def _collect(value: Any, path: str, found: Types) -> None:
-    is_mapping = isinstance(value, Mapping) and path not in _WHOLE
-    if is_mapping and value and not value.keys() <= _STATISTICS:
-        for key, below in value.items():
-            _collect(below, f"{path}.{_NAMES.get(path, key)}".removeprefix("."), found)
-    elif isinstance(value, list) and value and isinstance(value[0], Mapping):
-        for one in value:
-            _collect(one, f"{path}[]", found)
-    elif not (is_mapping and not value and path not in words()):
-        found.setdefault(path, set()).add(_type(value))
-
-
-def _type(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return f"statistics: {', '.join(value)}" if value and value.keys() <= _STATISTICS else "object"
-    if isinstance(value, list):
-        return f"list of {_type(value[0])}" if value else "list"
-    return {bool: "boolean", int: "integer", float: "number", str: "text"}.get(type(value), "null")
-
-
-def _row(path: str, text: str, types: set[str]) -> tuple[str, str, str, str]:
-    mark = _MARK.match(text)
-    only = f"{_WHERE[mark[1]]}. " if mark else ""
-    longer = {one for one in types if one.startswith("list of ")}
-    shown = " or ".join(sorted(types - {"list"} if longer else types))
+def _rows(schema: Schema, part: Schema, path: str) -> Iterator[tuple[str, str, str, str]]:
+    """Yield the row of a key, and those of the keys below it."""
+    below, further, kinds = _below(schema, part)
+    optional = "optional " if "default" in part else ""
     last = path.rpartition(".")[2]
     unit = unit_of(last) or next((unit_of(one) for one in reversed(path.split(".")[:-1]) if unit_of(one)), "")
-    return (
-        code(path),
-        shown,
-        "" if shown in ("text", "boolean", "integer") and not unit_of(last) else unit,
-        only + prose(text[mark.end() :] if mark else text),
-    )
+    shown = optional + " or ".join(kinds)
+    wordy = not {"number", "list"} & {word for kind in kinds for word in kind.replace(":", " ").split()}
+    unit = "" if wordy and not unit_of(last) and "statistics" not in shown else unit
+    yield code(path), shown, unit, prose(part.get("description") or (below or {}).get("description", ""))
+    # the figures of a link are those of its keys again
+    if below is not None and not path.endswith(".KEY"):
+        for name, one in below["properties"].items():
+            yield from _rows(schema, one, f"{path}{further}.{name}")
 
 
-def _summary() -> dict[str, Any]:
-    with tempfile.TemporaryDirectory() as folder:
-        run_dir, quiet = Path(folder) / "run", Console(file=StringIO())
-        scenario = resolve("default", _SETTINGS, None, _DURATION_S)
-        run_virtual(scenario, run_dir, None, quiet, quiet, Outputs(report=False, merge=False))
-        summary: dict[str, Any] = json.loads((run_dir / "summary.json").read_text(encoding="utf-8"))
-    return summary
+def _below(schema: Schema, part: Schema, further: str = "") -> tuple[Schema | None, str, list[str]]:
+    """Return the object below a key, the names on the way to it, and the types of the key."""
+    if "$ref" in part:
+        found = schema["$defs"][part["$ref"].rpartition("/")[2]]
+        return found, further, ["object"]
+    if "anyOf" in part:
+        each = [_below(schema, one, further) for one in part["anyOf"]]
+        inner = next((one for one in each if one[0] is not None), each[0])
+        return inner[0], inner[1], list(dict.fromkeys(kind for one in each for kind in one[2]))
+    if part.get("type") == "array":
+        found, names, kinds = _below(schema, part["items"], f"{further}[]")
+        return found, names, [f"list of {kinds[0]}" if kinds[0] != "object" else "list"]
+    if part.get("type") == "object":
+        if "required" in part:
+            return None, further, [f"statistics: {', '.join(part['required'])}"]
+        values = part.get("additionalProperties")
+        if not isinstance(values, dict):
+            return None, further, ["object"]
+        name = part.get("propertyNames", {}).get("description", "NAME")
+        found, names, _ = _below(schema, values, f"{further}.{name}")
+        return found, names, ["object"]
+    return None, further, [_TYPES.get(part.get("type", ""), "text")]

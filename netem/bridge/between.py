@@ -24,9 +24,8 @@ from pathlib import Path
 from typing import IO, Any, Final, Literal
 
 from tis.common.errors import Fault, InputError, PeerError
-from tis.common.runtime.child_process import child_environment
 from tis.common.runtime.emulator_client import EmulatorAddress, connected
-from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.process import child_environment, free_endpoints
 from tis.common.units import NS_PER_S
 
 Ways = Literal["forward", "feedback", "both"]

@@ -10,8 +10,8 @@ from typing import Any, Final
 import zenoh
 
 from tis.common.channels import DESTINATION, ORIGIN, Direction, Network
-from tis.common.key_set import KeySet
 from tis.common.peer_life import NO_ALARMS, Alarm
+from tis.common.zenoh_syntax import KeySet
 from tis.netem.bridge.driver import Driver
 from tis.netem.bridge.keys import is_private
 from tis.netem.link.link import Link

@@ -11,9 +11,9 @@ from typing import Any, Final, NamedTuple, get_args
 
 from tis.common.channels import Direction, Network
 from tis.common.errors import EXIT_OK, Fault, InputError, PeerError
-from tis.common.runtime.interrupt import Interrupt
+from tis.common.runtime.process import Interrupt
+from tis.common.runtime.scenario_files import load_traces
 from tis.common.runtime.status import Status
-from tis.common.runtime.trace_files import load_traces
 from tis.common.runtime.zenoh_session import configure, open_router
 from tis.common.scenario.network import Buffer, NetworkPart
 from tis.common.scenario.network.capacity import CoDel, Rate, RecordedRate, TailDrop

@@ -7,11 +7,19 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from tis.common.endpoint import endpoint_faults
 from tis.common.errors import EXIT_INTERRUPTED, Fault, InputError
-from tis.common.runtime.guard import guarded_exit_code, line_of
-from tis.common.runtime.side_cli import AloneOption, ChildOption, ConnectOption, WaitOption, side_command
-from tis.common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
+from tis.common.runtime.process import guarded_exit_code, line_of
+from tis.common.runtime.side_cli import (
+    AloneOption,
+    CfgOption,
+    ChildOption,
+    ConfigOption,
+    ConnectOption,
+    InsecureOption,
+    WaitOption,
+    side_command,
+)
+from tis.common.zenoh_syntax import endpoint_faults
 
 if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, not for the help
     from tis.common.runtime.side_cli import RunSide
@@ -186,7 +194,7 @@ def _refuse(found: Sequence[Fault]) -> None:
 
 def _log_folder(run_dir: Path | None, log: bool | None) -> Path | None:
     """Return the folder of the log, None without one: between any two networks it has to be asked for."""
-    from tis.common.runtime.scenario_file import RUNS, run_folder
+    from tis.common.runtime.scenario_files import RUNS, run_folder
 
     folder = run_folder(RUNS, "netem") if run_dir is None else run_dir
     return folder if (run_dir is not None if log is None else log) else None

@@ -7,7 +7,7 @@ from typing import Any, Final
 import zenoh
 
 from tis.common.channels import Network, release_key, stop_key, stopped_key
-from tis.common.runtime.zenoh_session import urgent_publisher
+from tis.common.runtime.zenoh_session import publisher_of
 
 _MAX_BYTES: Final = 4096
 
@@ -36,7 +36,7 @@ class EmergencyLine:
         return {"emergency_messages": self.n_passed}
 
     def _open(self, origin: zenoh.Session, destination: zenoh.Session, key: str) -> None:
-        publisher = urgent_publisher(destination, key)
+        publisher = publisher_of(destination, key)
 
         def pass_on(sample: zenoh.Sample) -> None:
             is_ours = sample.kind == zenoh.SampleKind.PUT and str(sample.key_expr) == key

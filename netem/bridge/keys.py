@@ -8,7 +8,7 @@ import zenoh
 
 from tis.common.channels import CONTROL
 from tis.common.errors import Fault, InputError
-from tis.common.key_expression import key_expression_fault
+from tis.common.zenoh_syntax import key_expression_fault
 
 PROBES: Final = f"{CONTROL}/netem"
 """The prefix of the bridge's own probes; ``**`` never matches a chunk that begins with ``@``."""

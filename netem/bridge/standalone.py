@@ -17,15 +17,14 @@ import zenoh
 from tis.common.channels import Network
 from tis.common.errors import EXIT_INTERRUPTED, EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError, PeerError
 from tis.common.runtime.clock import WallClock
-from tis.common.runtime.command_line import command_line
-from tis.common.runtime.interrupt import Interrupt
 from tis.common.runtime.mcap_log import McapLog
 from tis.common.runtime.memory import share_arenas
+from tis.common.runtime.process import Interrupt, command_line
 from tis.common.runtime.processor_watch import ProcessorWatch
 from tis.common.runtime.recorder import ThreadedRecorder
+from tis.common.runtime.scenario_files import load_traces, trace_attachments
 from tis.common.runtime.side_log import LOG_VERSION
 from tis.common.runtime.status import Status
-from tis.common.runtime.trace_files import load_traces, trace_attachments
 from tis.common.runtime.zenoh_session import ZenohOptions, merge_acceptor
 from tis.common.scenario.network import NetworkPart
 from tis.common.scenario.reading import Profiles

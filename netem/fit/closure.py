@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.metrics.loss_runs import loss_runs
+from tis.common.metrics.loss import loss_runs
 from tis.common.scenario.network import NetworkPart
 from tis.common.trace import LOST, Trace
 from tis.common.units import NS_PER_MS, NS_PER_S

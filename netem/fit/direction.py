@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.channels import Direction
-from tis.common.metrics.gilbert_fit import GilbertFit, fit_gilbert
+from tis.common.metrics.loss import GilbertFit, fit_gilbert
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.netem.fit.backlogs import Backlogs
 from tis.netem.fit.closure import Closure

@@ -6,8 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from tis.common.errors import DataError, Fault, InputError
-from tis.common.extras import GET_DYNAMICS
+from tis.common.errors import GET_DYNAMICS, DataError, Fault, InputError
 from tis.patient_side.dynamics.base_parameters import BaseParameters
 from tis.patient_side.dynamics.parameters import N_OF_LINK, PER_LINK, pseudo_inertia
 from tis.patient_side.plant.arm_geometry import N_JOINTS

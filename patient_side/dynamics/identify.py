@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.scenario.simulated_arm import MujocoPlant
+from tis.common.scenario.patient import MujocoPlant
 from tis.common.streams import Stream
 from tis.patient_side.dynamics.base_parameters import BaseParameters, base_parameters
 from tis.patient_side.dynamics.consistent_fit import consistent_fit

@@ -19,7 +19,7 @@ class Estimator(Protocol):
     It is causal, as it reads only the playout buffer, that is, what has arrived by the tick. It keeps everything that
     changes in its state, so that a step may be repeated, or computed and discarded: ``step`` changes neither
     ``state`` nor the buffer. A user-defined estimator, ``module:factory`` in a scenario, needs `initial` and `step`
-    only (docs/how_to/own_estimator.md).
+    only (docs/testbed/own_estimator.md).
 
     Examples
     --------

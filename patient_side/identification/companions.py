@@ -7,7 +7,7 @@ from typing import Final, TypeVar, get_args
 
 from tis.common.errors import DataError
 from tis.common.scenario.estimator_names import EstimatorName, LearnedName, is_user_defined
-from tis.common.scenario.patient import Identification
+from tis.common.scenario.identification import Identification
 from tis.patient_side.completion_model import CompletionModel
 from tis.patient_side.direct_model import DirectModel
 from tis.patient_side.identification.dataset import TrainingSet

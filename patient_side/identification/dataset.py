@@ -12,7 +12,7 @@ import numpy as np
 
 from tis.common.channels import Arm, Hand
 from tis.common.errors import DataError, Fault
-from tis.common.sources.jumps import stretches
+from tis.common.sources.plausibility import stretches
 from tis.common.sources.trajectory import HandRecording, Recording
 from tis.patient_side.identification.trials import Trial, finite_faults
 from tis.patient_side.statespace import Array

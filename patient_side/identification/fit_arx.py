@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tis.common.scenario.patient import Order
+from tis.common.scenario.identification import Order
 from tis.patient_side.identification.arx import ArxFactor, check_lags, fit_lags
 from tis.patient_side.identification.dataset import TrainingSet
 from tis.patient_side.identification.fitted import Fitted

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tis.common.errors import DataError, Fault
-from tis.common.scenario.patient import Identification
+from tis.common.scenario.identification import Identification
 from tis.patient_side.identification.dataset import TrainingSet
 from tis.patient_side.identification.fitted import Fitted
 from tis.patient_side.identification.moesp_paper import PaperSubspace, paper_model, paper_subspace

@@ -9,7 +9,7 @@ import numpy as np
 
 from tis.common.channels import Hand
 from tis.common.errors import DataError, Fault
-from tis.common.scenario.patient import Identification
+from tis.common.scenario.identification import Identification
 from tis.common.sources.trajectory import Recording
 from tis.patient_side.identification.arx import check_lags
 from tis.patient_side.identification.breakdown import breakdown_as_fault

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from functools import partial
 
-from tis.common.scenario.patient import Order
+from tis.common.scenario.identification import Order
 from tis.patient_side.identification.dataset import TrainingSet
 from tis.patient_side.identification.fitted import Fitted
 from tis.patient_side.identification.noise import arx_residuals, estimate_noise

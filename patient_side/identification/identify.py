@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from tis.common.channels import Hand
-from tis.common.scenario.patient import Identification
+from tis.common.scenario.identification import Identification
 from tis.common.sources.provenance import training_rows
 from tis.common.sources.trajectory import Recording
 from tis.patient_side.identification.breakdown import breakdown_as_fault, explain_repeats

@@ -7,7 +7,7 @@ from math import log
 import numpy as np
 
 from tis.common.errors import DataError, Fault
-from tis.common.scenario.patient import Order
+from tis.common.scenario.identification import Order
 from tis.patient_side.identification.noise import estimate_noise, innovations
 from tis.patient_side.identification.stability import STABLE_BELOW
 from tis.patient_side.identification.trials import Trial

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple, Protocol
 
-from tis.common.scenario.orientation import OrientationMethod
+from tis.common.scenario.patient import OrientationMethod
 from tis.patient_side.playout import SourceBuffer
 from tis.patient_side.statespace import Array
 

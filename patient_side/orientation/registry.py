@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
 from typing import Final
 
-from tis.common.scenario.orientation import OrientationMethod
+from tis.common.scenario.patient import OrientationMethod
 from tis.patient_side.orientation.constant_rate import ConstantRate
 from tis.patient_side.orientation.hold import Hold
 from tis.patient_side.orientation.protocol import WristMethod

@@ -5,8 +5,8 @@ import numpy as np
 from tis.common.channels import Arm
 from tis.common.errors import Fault, InputError
 from tis.common.scenario import Scenario
+from tis.common.scenario.patient import MujocoPlant
 from tis.common.scenario.patient import Plant as PlantPart
-from tis.common.scenario.simulated_arm import MujocoPlant
 from tis.common.sources.trajectory import HandRecording, Recording
 from tis.common.streams import Stream
 from tis.common.units import MM_PER_M

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tis.common.scenario.simulated_arm import MujocoPlant
+from tis.common.scenario.patient import MujocoPlant
 from tis.patient_side.plant.arm_geometry import INSERTION, N_JOINTS
 from tis.patient_side.plant.arm_links import VISCOUS
 from tis.patient_side.plant.extra import check_simulator

@@ -1,7 +1,7 @@
 """The gate in front of the estimators: a sample that the surgeon cannot have sent, or no arm can make, is not used.
 
 The surgeon's packets are known in advance but for their content: each sample has its instant and its sequence numbers
-(`tis.common.send_plan`). So a forged packet must take the number of a true one. Its content must continue the
+(`tis.common.ticker`). So a forged packet must take the number of a true one. Its content must continue the
 movement of the whole pose.
 """
 
@@ -12,7 +12,7 @@ from typing import Final, Literal, NamedTuple
 
 from tis.common.messages import Pose, components, position_m
 from tis.common.scenario.safety import Gate
-from tis.common.send_plan import SendPlan
+from tis.common.ticker import SendPlan
 from tis.common.units import NS_PER_MS, NS_PER_S, ms_to_ns, sample_index, sample_instant_ns
 from tis.patient_side.rotations import Quaternion, is_orientation, turn_to
 from tis.patient_side.safety.set_point import STILL, Place, Vector, minus

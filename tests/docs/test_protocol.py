@@ -10,17 +10,15 @@ import pytest
 from pydantic import ValidationError
 
 from tis.common.channels import Hand, arm_key, hand_channels, release_key, stop_key, stopped_key
-from tis.common.clocks.exchange import Exchanges
-from tis.common.devices.gate import MAX_PER_TICK
-from tis.common.devices.pose import MAX_BUTTONS, MAX_DEVICE_BYTES, DevicePose
-from tis.common.devices.pose_stamped import decode_pose_stamped
+from tis.common.clocks import Exchanges
+from tis.common.device import MAX_BUTTONS, MAX_DEVICE_BYTES, MAX_PER_TICK, DevicePose, decode_pose_stamped
 from tis.common.devices.records import Refusal
 from tis.common.header import Header
 from tis.common.messages import MAX_SIZE, FeedbackPose, Message, SafetyMode, SampledPose, SetPoint
 from tis.common.peer_life import BEAT_EVERY_NS, Beat
 from tis.common.runtime.control import ControlKeys, Epoch
 from tis.common.scenario import Scenario
-from tis.common.scenario.agreement import agreed_fields
+from tis.common.scenario.reading import agreed_fields
 from tis.common.stop_messages import (
     LATCH,
     MAX_IN_FORCE,

@@ -7,9 +7,8 @@ from typing import Any, Final, get_args
 
 from tests.fuzz.hostile import OTHERS, Raw, an_extreme, bytes_of, damaged, odd_fields, places, put, value_at
 from tis.common.channels import Direction
-from tis.common.opportunity_text import parse_opportunities
 from tis.common.scenario.control import ACKNOWLEDGED, SCHEMA, STATE
-from tis.common.trace_text import parse_trace
+from tis.common.trace import parse_opportunities, parse_trace
 
 WAYS: Final[tuple[Direction, ...]] = get_args(Direction)
 _BORDERS_TEXT: Final = (

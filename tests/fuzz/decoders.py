@@ -15,9 +15,9 @@ import numpy as np
 from mcap.exceptions import McapError
 from mcap.records import Chunk
 
-from tests.common.devices.test_pose_stamped import BY_HAND as POSE_STAMPED
 from tests.common.runtime.recordings.tables import movement, write_csv, write_parquet
 from tests.common.sources.trials import rows_of, text_of
+from tests.common.test_device import BY_HAND as POSE_STAMPED
 from tests.deploy.logs.hostile_files import channel, chunk, message, packed
 from tests.deploy.net.fitting.test_captures import frame
 from tests.deploy.recordings_import.foreign_files import STORE, json_mcap, ros_mcap, ros_messages
@@ -27,9 +27,8 @@ from tests.netem.control.test_control import a_control
 from tests.patient_side.identification.test_model_io import model
 from tests.patient_side.learned.models import learned_model
 from tis.common.channels import hand_channels
-from tis.common.clocks.exchange import Exchanges
-from tis.common.clocks.fit import fit_clock
-from tis.common.devices.gate import DeviceGate, from_json, from_ros2
+from tis.common.clocks import Exchanges, fit_clock
+from tis.common.device import DeviceGate, from_json, from_ros2
 from tis.common.errors import TisError
 from tis.common.header import Header
 from tis.common.host_records import CLOCK, PROCESSORS, ClockNote, ProcessorNote
@@ -50,11 +49,11 @@ from tis.common.records import (
 )
 from tis.common.refusal import refusal_in, trouble_in
 from tis.common.runtime.clock_watch import _read as read_reading
-from tis.common.runtime.code_origin import Origin, dump_origins, parse_origins
 from tis.common.runtime.control import ControlKeys, Epoch, Roster
 from tis.common.runtime.credentials import credentials
 from tis.common.runtime.mcap_log import McapLog
-from tis.common.runtime.recordings.table_recording import table_recording
+from tis.common.runtime.recordings.table import table_recording
+from tis.common.runtime.user_code import Origin, dump_origins, parse_origins
 from tis.common.safety_records import StopsInForceNote
 from tis.common.scenario.live_source import LiveSource
 from tis.common.scenario.reading import build_scenario, parse_yaml
@@ -63,12 +62,10 @@ from tis.common.scenario.table_source import TableSource
 from tis.common.sources.jigsaws import COLUMNS, parse_trial
 from tis.common.sources.jigsaws import pose_track as trial_track
 from tis.common.sources.provenance import parse_played
-from tis.common.sources.table.layout import layout_of
-from tis.common.sources.table.poses import finite_faults, pose_track
-from tis.common.sources.table.row_clock import played, row_clock
-from tis.common.sources.table.text import read_columns, split_table
+from tis.common.sources.table_columns import layout_of, read_columns, split_table
+from tis.common.sources.table_poses import finite_faults, played, pose_track, row_clock
 from tis.common.stop_messages import EmergencyStop, lock_of
-from tis.common.trace_text import parse_trace
+from tis.common.trace import parse_trace
 from tis.deploy.compare.grid import grid_faults
 from tis.deploy.compare.study import Study
 from tis.deploy.logs.blocks import parse_records, unpack_chunk
@@ -80,7 +77,7 @@ from tis.deploy.logs.recover import recover
 from tis.deploy.net.fitting.captures import parse_capture
 from tis.deploy.net.fitting.round_trips import parse_round_trips
 from tis.deploy.net.library.profiles import SHIPPED, build_profile
-from tis.deploy.net.probing.far_keys import Batch
+from tis.deploy.net.probing.reflector import Batch
 from tis.deploy.recordings_import.found import Wanted as Foreign
 from tis.deploy.recordings_import.mcap_file import read_mcap
 from tis.deploy.recordings_import.one_clock import on_one_clock
@@ -92,7 +89,7 @@ from tis.deploy.tools.runs import Wanted, list_runs
 from tis.netem.control.control import Control
 from tis.patient_side.identification.model_io import dump_models, parse_models
 from tis.patient_side.safety.emergency_stop import EmergencyStops
-from tis.surgeon_side.live.mapping import Mapping
+from tis.surgeon_side.live import DeviceMapping
 
 _ROW = hand_channels("left", "PSM2")
 _FOLDER = scratch_folder()
@@ -184,7 +181,7 @@ def _study(data: bytes) -> None:
 def _device(data: bytes) -> None:
     """Follow a device that sends this twice, in either encoding."""
     for decode in (from_json, from_ros2):
-        gate, mapping = DeviceGate(decode, 10**9), Mapping(LiveSource(kind="live"), "left")
+        gate, mapping = DeviceGate(decode, 10**9), DeviceMapping(LiveSource(kind="live"), "left")
         for _ in range(2):
             gate.take(1, data)
         samples = gate.drain()

@@ -5,8 +5,8 @@ import pytest
 from tis.common.errors import InputError, PeerError
 from tis.common.runtime.clock import monotonic_ns
 from tis.common.runtime.control import Epoch, boot_digest
-from tis.common.runtime.interrupt import Interrupt
 from tis.common.runtime.meeting import Meeting, new_meeting
+from tis.common.runtime.process import Interrupt
 from tis.common.runtime.side_log import SideOptions
 from tis.common.runtime.status import Status
 from tis.common.runtime.zenoh_session import ZenohOptions

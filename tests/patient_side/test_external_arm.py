@@ -6,7 +6,7 @@ from tis.common.devices.records import DeviceNote
 from tis.common.messages import FeedbackPose
 from tis.common.node import Arrival, Emission, Record
 from tis.common.records import PLANT, PlantNote
-from tis.common.runtime.movements import load_movement
+from tis.common.runtime.recordings import load_movement
 from tis.deploy.run.resolve import resolve
 from tis.patient_side.build import build_patient
 from tis.patient_side.external_arm import ExternalArm

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 from tests.patient_side.arm_models import static_model
 from tis.common.scenario import Scenario
-from tis.common.scenario.patient import Identification
+from tis.common.scenario.identification import Identification
 from tis.common.scenario.reading import build_scenario
 from tis.common.sources.provenance import RecordedRows
 from tis.patient_side.provenance import in_sample, without_effect

@@ -10,7 +10,7 @@ from tests.nodes import LEFT, Stamp, an_arrival
 from tis.common.messages import FeedbackPose, Pose, Quaternion, SetPoint, Vector3
 from tis.common.node import Emission, Output, Record
 from tis.common.records import ORIENTATIONS, OrientationNote, PromptNote
-from tis.common.scenario.orientation import OrientationMethod
+from tis.common.scenario.patient import OrientationMethod
 from tis.common.scenario.safety import Safety
 from tis.common.ticker import Ticker
 from tis.patient_side.estimators.hold import Hold

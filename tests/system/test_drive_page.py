@@ -13,7 +13,7 @@ from tests.system.conftest import HOLD, Start
 from tests.system.test_view_page import url_of
 from tis.common.records import COUNTERS, PLANT
 from tis.deploy.logs.read.load import load_run
-from tis.deploy.report.measures.display import displayed
+from tis.deploy.report.subjects.display import displayed
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

@@ -21,7 +21,7 @@ from tis.common.channels import direction_of
 from tis.common.host_records import CLOCK
 from tis.common.metrics.percentiles import summarise
 from tis.deploy.logs.read.load import load_run, load_side
-from tis.deploy.report.measures.latency import used_samples
+from tis.deploy.report.subjects.latency import used_samples
 
 pytestmark = pytest.mark.live
 __all__ = ["hosts"]

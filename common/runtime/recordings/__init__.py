@@ -1,42 +1,107 @@
-"""Loading of the recordings that a scenario names; only this package reads trials and tables."""
+"""Recordings and made movements that a scenario's source names; only this package reads trials and tables.
 
-from collections.abc import Sequence
+Each kind of files is a module with the functions of `Files`, registered in `_FILES`.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, Final, Protocol
 
+import tis.common.runtime.recordings.jigsaws as jigsaws
+import tis.common.runtime.recordings.table as table
 from tis.common.errors import DataError, Fault, InputError
-from tis.common.runtime.recordings.jigsaws_recording import (
-    HEAD_ROWS,
-    JIGSAWS_VARIABLE,
-    folder,
-    jigsaws_recording,
-    other_subjects,
-    root,
-    training_trial,
-)
-from tis.common.runtime.recordings.run_length import first_row, too_short
-from tis.common.runtime.recordings.table_recording import table_recording
-from tis.common.runtime.recordings.trials import list_trials, no_trials, own_trial, person_of, trial_file
+from tis.common.runtime.recordings.jigsaws import JIGSAWS_VARIABLE as JIGSAWS_VARIABLE
 from tis.common.scenario import Scenario
 from tis.common.scenario.live_source import LiveSource
-from tis.common.scenario.source import JigsawsSource, RecordedSource, SyntheticSource
-from tis.common.scenario.table_source import TableSource
+from tis.common.scenario.source import RecordedSource, SyntheticSource
+from tis.common.sources.live import synthetic_training, unmade_movement
 from tis.common.sources.provenance import digest_of_synthetic
 from tis.common.sources.sensor_noise import with_noise
 from tis.common.sources.synthetic import synthesise
 from tis.common.sources.trajectory import Recording
 
 
+class Files(Protocol):
+    """One kind of recorded source: where its trials lie, and how they are read."""
+
+    def located(self, source: Any) -> str:
+        """Return the absolute path of the recordings."""
+
+    def trials(self, source: Any) -> list[str]:
+        """Return the names of the trials in the source's folder, in order."""
+
+    def own_trial(self, source: Any) -> str:
+        """Return the name of the trial that the source plays."""
+
+    def trial_file(self, source: Any, trial: str) -> Path:
+        """Return the path of a trial's file, which need not exist."""
+
+    def person_of(self, source: Any, trial: str) -> str:
+        """Return who moves in a trial."""
+
+    def no_trials(self, source: Any) -> Fault:
+        """Return the fault to report where `trials` finds none."""
+
+    def no_others(self, source: Any) -> str:
+        """Return what is missing where nobody else moves in the folder."""
+
+    def whole(self, scenario: Scenario, source: Any, start: int) -> Recording:
+        """Return all of the source's own trial; raises `DataError`, or `InputError` for inputs that it lacks."""
+
+    def training(self, scenario: Scenario, source: Any, recording: Recording, trial: str) -> Recording:
+        """Return a trial as training data, paired as ``recording``; raises `DataError`."""
+
+
+_FILES: Final[Mapping[str, Files]] = {"jigsaws": jigsaws, "table": table}
+"""The kinds of recorded sources, by ``source.kind``."""
+
+
+def trial_file(source: RecordedSource, trial: str) -> Path:
+    """Return the path of a trial's file, which need not exist. A trial has a name like D002, or that of its file."""
+    return _FILES[source.kind].trial_file(source, trial)
+
+
+def own_trial(source: RecordedSource) -> str:
+    """Return the name of the trial that the source plays."""
+    return _FILES[source.kind].own_trial(source)
+
+
+def list_trials(source: RecordedSource) -> list[str]:
+    """Return the names of the trials in the source's folder, in order."""
+    return _FILES[source.kind].trials(source)
+
+
+def person_of(source: RecordedSource, trial: str) -> str:
+    """Return who moves in a trial."""
+    return _FILES[source.kind].person_of(source, trial)
+
+
+def no_trials(source: RecordedSource) -> Fault:
+    """Return the fault to report where `list_trials` finds none."""
+    return _FILES[source.kind].no_trials(source)
+
+
+def trials_of_others(source: RecordedSource) -> list[str]:
+    """Return the trials of the source's folder in which other people move."""
+    own = person_of(source, own_trial(source))
+    return [trial for trial in list_trials(source) if person_of(source, trial) != own]
+
+
 def located(scenario: Scenario) -> Scenario:
     """Return the scenario with the absolute path of its recordings, so that the log names the files that are read."""
     source = scenario.source
-    if isinstance(source, TableSource):
-        path = str(Path(source.path).absolute())
-    elif isinstance(source, JigsawsSource) and source.path is None:
-        path = str(root(source))
-    else:
+    if not isinstance(source, RecordedSource):
         return scenario
+    path = _FILES[source.kind].located(source)
     return scenario.model_copy(update={"source": source.model_copy(update={"path": path})})
+
+
+def load_movement(scenario: Scenario) -> Recording:
+    """Return what `load_recording` does, and of a live source its hands without rows; raises as `load_recording`."""
+    source = scenario.source
+    return unmade_movement(source, scenario.rate_hz) if source.kind == "live" else load_recording(scenario)
 
 
 def load_recording(scenario: Scenario) -> Recording:
@@ -46,8 +111,7 @@ def load_recording(scenario: Scenario) -> Recording:
     when the run would begin within its training rows, `DataError` when the recording is missing, damaged or too
     short. Oracle: recordings that the tests write.
     """
-    start = first_row(scenario)
-    source = scenario.source
+    start, source = scenario.first_row(), scenario.source
     if isinstance(source, SyntheticSource):
         digest = digest_of_synthetic(source, scenario.seed, scenario.rate_hz)
         n_rows = start + scenario.n_samples + 1
@@ -56,22 +120,31 @@ def load_recording(scenario: Scenario) -> Recording:
         rule = "must be recorded or synthetic here: a live movement is known only while it is made"
         raise InputError(Fault(f"scenario {scenario.name}", "source.kind", rule, source.kind))
     recording = whole_recording(scenario, source, start)
-    fault = too_short(scenario, Path(recording.file or ""), len(recording))
+    fault = _too_short(scenario, start, recording)
     if fault is not None:
         raise DataError(fault)
     return recording
 
 
 def whole_recording(scenario: Scenario, source: RecordedSource, start: int) -> Recording:
-    """Return all of the recording in the source's own file, whatever the run's duration; raises `DataError`."""
-    if isinstance(source, JigsawsSource):
-        return jigsaws_recording(scenario, source, start)
-    own_head = scenario.identification.train == "own_head"
-    head_rows = scenario.identification.train_samples if own_head else HEAD_ROWS
-    if scenario.identification.looks_ahead:
-        rule = "must be position: a table has no columns of velocities"
-        raise InputError(Fault(f"scenario {scenario.name}", "identification.inputs", rule))
-    return table_recording(source, Path(source.path), scenario.rate_hz, head_rows, start)
+    """Return all of the recording in the source's own file, whatever the run's duration; raises as `Files.whole`."""
+    return _FILES[source.kind].whole(scenario, source, start)
+
+
+def _too_short(scenario: Scenario, start: int, recording: Recording) -> Fault | None:
+    """Return the fault of a recording with fewer rows than the run needs: its samples, and one for truth."""
+    n_rows, needed = len(recording), start + scenario.n_samples + 1
+    if n_rows >= needed:
+        return None
+    longest = n_rows - start - 1
+    if longest < 1:
+        advice = "it is too short for any duration_s with this start and these training rows"
+    else:
+        # rounded down, or the suggested value would be too long as well
+        seconds = math.floor(1000 * longest / scenario.rate_hz) / 1000
+        advice = f"duration_s can be at most {seconds:.3f}, or auto to play all of it"
+    parts = f"{start} before the start + {scenario.n_samples} samples of {scenario.duration_s:g} s + 1"
+    return Fault(recording.file or "", "", f"must have {needed} rows ({parts}); {advice}", n_rows)
 
 
 def check_recording(scenario: Scenario) -> None:
@@ -80,47 +153,29 @@ def check_recording(scenario: Scenario) -> None:
         load_recording(scenario)
 
 
-def load_training(scenario: Scenario, recording: Recording) -> list[Recording]:
+def load_training(scenario: Scenario, recording: Recording) -> Sequence[Recording]:
     """Return the training data of the arm's model; none for a model file, which the caller reads.
 
     ``own_head``: the first ``train_samples`` rows of ``recording``. ``others``: all trials of the same task by other
     subjects in the folder, both hands (which are pooled), with the same pairing as the run's; for a table, the tables
-    of other people beside it, with its columns and hands. Damaged ones are left out; the first recording names them
-    in ``left_out``. Raises `DataError` when there are none, or only damaged ones.
+    of other people beside it, with its columns and hands. ``synthetic``: rows of the synthetic hand in the places of
+    a live source. Damaged trials are left out; the first recording names them in ``left_out``. Raises `DataError`
+    when there are none, or only damaged ones.
     """
-    train = scenario.identification.train
-    if train == "own_head":
-        head = recording.head(scenario.identification.train_samples)
-        return [with_noise(head, scenario.identification.sensor_noise_m, scenario.seed)]
-    source = scenario.source
-    if train != "others" or not isinstance(source, RecordedSource):
+    identification, source = scenario.identification, scenario.source
+    if identification.train == "own_head":
+        return [_noisy(scenario, recording.head(identification.train_samples))]
+    if identification.train == "synthetic" and isinstance(source, LiveSource):
+        made = synthetic_training(source, scenario.seed, scenario.rate_hz, identification.train_samples)
+        return [_noisy(scenario, made)]
+    if identification.train != "others" or not isinstance(source, RecordedSource):
         return []
     others = trials_of_others(source)
     if not others:
-        raise DataError(_no_others(scenario, source))
+        found = ", ".join(list_trials(source)[:20]) or "no trial"
+        rule = f"{_FILES[source.kind].no_others(source)}; found: {found}"
+        raise DataError(Fault(f"scenario {scenario.name}", "identification.train: others", rule))
     return load_trials(scenario, recording, others)
-
-
-def trials_of_others(source: RecordedSource) -> list[str]:
-    """Return the trials of the source's folder in which other people move."""
-    trials = list_trials(source)
-    if isinstance(source, JigsawsSource):
-        return other_subjects(source, trials)
-    own = person_of(source, Path(source.path).name)
-    return [trial for trial in trials if person_of(source, trial) != own]
-
-
-def _no_others(scenario: Scenario, source: RecordedSource) -> Fault:
-    found = ", ".join(list_trials(source)[:20]) or "no trial"
-    if isinstance(source, JigsawsSource):
-        rule = f"needs {source.task} trials of other subjects than {source.trial[0]} in {folder(source)}"
-    else:
-        own, there = person_of(source, Path(source.path).name), Path(source.path).parent
-        rule = (
-            f"needs tables of other people than {own} in {there} (a table's person is in its metadata, or its name "
-            "up to the first _); own_head trains on the recording's own first rows, a model file on none"
-        )
-    return Fault(f"scenario {scenario.name}", "identification.train: others", f"{rule}; found: {found}")
 
 
 def load_trials(scenario: Scenario, recording: Recording, trials: Sequence[str]) -> list[Recording]:
@@ -135,11 +190,7 @@ def load_trials(scenario: Scenario, recording: Recording, trials: Sequence[str])
     recordings = []
     for trial in trials:
         try:
-            if isinstance(source, JigsawsSource):
-                clean = training_trial(scenario, source, recording, trial)
-            else:
-                clean = table_recording(source, trial_file(source, trial), scenario.rate_hz, HEAD_ROWS, 0)
-            recordings.append(with_noise(clean, scenario.identification.sensor_noise_m, scenario.seed))
+            recordings.append(_noisy(scenario, _FILES[source.kind].training(scenario, source, recording, trial)))
         except DataError as error:
             faults += error.faults
     if not recordings:
@@ -148,18 +199,5 @@ def load_trials(scenario: Scenario, recording: Recording, trials: Sequence[str])
     return [replace(recordings[0], left_out=left_out), *recordings[1:]]
 
 
-__all__ = [
-    "JIGSAWS_VARIABLE",
-    "check_recording",
-    "list_trials",
-    "load_recording",
-    "load_training",
-    "load_trials",
-    "located",
-    "no_trials",
-    "own_trial",
-    "person_of",
-    "trial_file",
-    "trials_of_others",
-    "whole_recording",
-]
+def _noisy(scenario: Scenario, training: Recording) -> Recording:
+    return with_noise(training, scenario.identification.sensor_noise_m, scenario.seed)

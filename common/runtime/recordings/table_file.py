@@ -9,18 +9,19 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
-from tis.common.errors import DataError, Fault
-from tis.common.extras import GET_PARQUET
-from tis.common.runtime.limited_file import read_limited
-from tis.common.sources.table.limits import (
+from tis.common.errors import GET_PARQUET, DataError, Fault
+from tis.common.runtime.scenario_files import read_limited
+from tis.common.sources.table_columns import (
     MAX_COLUMNS,
     MAX_ROWS,
     MAX_TABLE_BYTES,
     MAX_TEXT_BYTES,
     MAX_VALUES,
     MIN_ROWS,
+    TableText,
+    read_columns,
+    split_table,
 )
-from tis.common.sources.table.text import TableText, read_columns, split_table
 from tis.common.sources.trajectory import Array
 
 METADATA: Final = b"tis"
@@ -60,7 +61,7 @@ def open_table(path: Path) -> TableFile:
     where = str(path)
     try:
         if path.suffix.lower() == ".csv":
-            return _Csv(where, split_table(_text(path), where))
+            return _Csv(where, split_table(_decoded(path), where))
         if find_spec("pyarrow") is None:
             raise DataError(Fault(where, "", f"needs pyarrow: {GET_PARQUET}"))
         if path.stat().st_size > MAX_TABLE_BYTES:
@@ -72,7 +73,7 @@ def open_table(path: Path) -> TableFile:
         raise DataError(Fault(where, "", f"cannot be read: {error.strerror or error}")) from None
 
 
-def _text(path: Path) -> str:
+def _decoded(path: Path) -> str:
     content = read_limited(path, MAX_TEXT_BYTES)
     encoding = next((name for mark, name in _BYTE_ORDER_MARKS if content.startswith(mark)), "utf-8")
     try:
@@ -129,7 +130,7 @@ class _Parquet:
                 if n_read > n_rows:
                     raise DataError(Fault(self.where, "", f"holds more rows than the {n_rows} that it states"))
                 for name in wanted:
-                    parts[name].append(_numbers(batch.column(name), name in units))
+                    parts[name].append(_plain(batch.column(name), name in units))
         except (pa.ArrowException, OSError, MemoryError) as error:
             raise DataError(Fault(self.where, "", f"is damaged: {_short(error)}")) from None
         if n_read < MIN_ROWS:
@@ -169,7 +170,7 @@ def _opened_parquet(path: Path) -> TableFile:
     return _Parquet(str(path), file)
 
 
-def _numbers(column: Any, is_date: bool) -> Any:
+def _plain(column: Any, is_date: bool) -> Any:
     import pyarrow as pa
 
     if is_date:

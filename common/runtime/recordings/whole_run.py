@@ -5,12 +5,10 @@ must agree.
 """
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Final
 
 from tis.common.errors import DataError, Fault, InputError
 from tis.common.runtime.recordings import own_trial, trial_file, whole_recording
-from tis.common.runtime.recordings.run_length import first_row, longest_s
 from tis.common.scenario import AUTO, Scenario, reading
 from tis.common.scenario.source import RecordedSource
 
@@ -37,7 +35,7 @@ def whole_run(scenario: Scenario, where: str) -> Scenario:
     if not isinstance(source, RecordedSource):
         rule = f"must be a number of seconds: auto plays all of a recording, and a {source.kind} movement has no end"
         raise InputError(Fault(where, "duration_s", rule, AUTO))
-    start = first_row(scenario)
+    start = scenario.first_row()
     try:
         recording = whole_recording(scenario, source, start)
     except DataError as error:
@@ -48,9 +46,13 @@ def whole_run(scenario: Scenario, where: str) -> Scenario:
             "prints on a host that has it"
         )
         raise DataError([*error.faults, Fault(where, "duration_s", rule)]) from None
-    seconds = longest_s(scenario, Path(recording.file or ""), len(recording))
+    longest = len(recording) - start - 1
+    if longest < 1:
+        rows = f"{recording.file} has {len(recording)} rows, and the run begins at row {start}"
+        rule = f"auto finds no row to play: {rows}"
+        raise InputError(Fault(f"scenario {scenario.name}", "duration_s", rule))
     raw = scenario.model_dump(mode="json", exclude_none=True)
-    return reading.build_scenario({**raw, "duration_s": seconds}, where)
+    return reading.build_scenario({**raw, "duration_s": longest / scenario.rate_hz}, where)
 
 
 def build_whole(raw: Mapping[str, Any], where: str, profiles: reading.Profiles | None = None) -> Scenario:

@@ -2,22 +2,14 @@
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, StringConstraints, field_validator
+from pydantic import Field, StringConstraints, field_validator
 
-from tis.common.key_expression import key_expression_fault
-from tis.common.scenario.base import Part
+from tis.common.scenario.base import Part, obeys
 from tis.common.scenario.network.conditions import BothOr, Outages, States, TimelineEntry
 from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.zenoh_syntax import key_expression_fault
 
-
-def _key_expression(value: str) -> str:
-    fault = key_expression_fault(value)
-    if fault is not None:
-        raise ValueError(fault)
-    return value
-
-
-KeyExpression = Annotated[str, StringConstraints(min_length=1), AfterValidator(_key_expression)]
+KeyExpression = Annotated[str, StringConstraints(min_length=1), obeys(key_expression_fault)]
 
 
 class Rule(Part):

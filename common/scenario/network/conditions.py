@@ -4,13 +4,14 @@ All of them act in run time, on a grid of 1 ms, on all keys of a direction toget
 offered while they hold; messages in flight are unaffected, but a rate holds from its instant on for all that waits.
 """
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Annotated, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
 from tis.common.channels import Direction
-from tis.common.scenario.base import Milliseconds, NonNegative, Part, Positive, Probability
+from tis.common.scenario.base import Milliseconds, NonNegative, Part, Positive, Probability, refuse
 from tis.common.scenario.network.pipeline import Ordering, Stages
 from tis.common.units import NS_PER_MS, s_to_ns
 
@@ -64,8 +65,7 @@ class Change(Stages):
             faults.append("correlation and a trace exclude each other: a trace has its own")
         if self.reorder is not None and self.ordering != "reorder":
             faults.append("reorder needs ordering: reorder")
-        if faults:
-            raise ValueError("\n".join(faults))
+        refuse(faults)
         return self
 
 
@@ -181,6 +181,14 @@ class TimedState(State):
     for_s: Seconds = Field(description="Duration of the state, in s.")
 
 
+def _state_faults(states: Sequence[State], named: set[str], field: str) -> list[str]:
+    """Return the faults of states with equal names, and of names in ``field`` that no state has."""
+    names = [state.name for state in states]
+    faults = ["names of states must differ"] if len(set(names)) < len(names) else []
+    unknown = sorted(named - set(names))
+    return faults + [f"{field} must name states ({', '.join(names)}), not {name}" for name in unknown]
+
+
 class MarkovStates(Part):
     """States that follow each other at random, for both directions together."""
 
@@ -191,12 +199,7 @@ class MarkovStates(Part):
 
     @model_validator(mode="after")
     def _known(self) -> Self:
-        names = [state.name for state in self.states]
-        faults = ["names of states must differ"] if len(set(names)) < len(names) else []
-        unknown = sorted({after.to for state in self.states for after in state.next} - set(names))
-        faults += [f"next must name states ({', '.join(names)}), not {name}" for name in unknown]
-        if faults:
-            raise ValueError("\n".join(faults))
+        refuse(_state_faults(self.states, {after.to for state in self.states for after in state.next}, "next"))
         return self
 
 
@@ -226,15 +229,11 @@ class ScriptedStates(Part):
 
     @model_validator(mode="after")
     def _known(self) -> Self:
-        names = [state.name for state in self.states]
-        faults = ["names of states must differ"] if len(set(names)) < len(names) else []
-        unknown = sorted({step.state for step in self.steps} - set(names))
-        faults += [f"steps must name states ({', '.join(names)}), not {name}" for name in unknown]
+        faults = _state_faults(self.states, {step.state for step in self.steps}, "steps")
         at_ns = [s_to_ns(step.at_s) for step in self.steps]
         if any(after - before < NS_PER_MS for before, after in pairwise(at_ns)):
             faults.append("steps must ascend in at_s, by at least 0.001")
-        if faults:
-            raise ValueError("\n".join(faults))
+        refuse(faults)
         return self
 
 

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from tis.common.scenario.base import Milliseconds, Part, Probability
+from tis.common.scenario.base import Advance, Milliseconds, Part, Probability, TraceFile, refuse
 
 _WEIGHT_SUM_TOLERANCE: float = 1e-6
 
@@ -140,8 +140,7 @@ class QuantileDelay(Part):
             faults.append("points must begin at p = 0 and end at p = 1")
         if any(b.p <= a.p or b.delay_ms < a.delay_ms for a, b in pairwise(self.points)):
             faults.append("points must have strictly ascending p and no descending delay_ms")
-        if faults:
-            raise ValueError("\n".join(faults))
+        refuse(faults)
         return self
 
 
@@ -149,10 +148,8 @@ class TraceDelay(Part):
     """The delays of a recorded trace in their order; rows of lost messages are skipped."""
 
     kind: Literal["trace"] = Field(description="trace: the delays of a recorded trace.")
-    path: str = Field(min_length=1, description="CSV file in the format of `tis net probe`.")
-    advance: Literal["packet", "time"] = Field(
-        "packet", description="packet: each message uses the next row; time: the row at its run time."
-    )
+    path: TraceFile
+    advance: Advance = "packet"
 
 
 class NormalJitter(Part):

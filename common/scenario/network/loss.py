@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from tis.common.scenario.base import Part, Probability
+from tis.common.scenario.base import Advance, Part, Probability, TraceFile, refuse
 
 Segment = Annotated[int, Field(strict=True, ge=64, le=1_000_000)]
 _MIN_P: float = 1e-9  # rarer transitions would not occur in any run
@@ -88,8 +88,7 @@ class FourStateLoss(_Loss):
             faults.append(f"p31 must be at least {_MIN_P:g}, or a burst never ends")
         if self.p23 < _MIN_P and self.p32 > 0:
             faults.append(f"p23 must be at least {_MIN_P:g} where p32 is greater than 0")
-        if faults:
-            raise ValueError("\n".join(faults))
+        refuse(faults)
         return self
 
 
@@ -137,10 +136,8 @@ class TraceLoss(Part):
     """The losses of a recorded trace, row by row."""
 
     kind: Literal["trace"] = Field(description="trace: the losses of a recorded trace.")
-    path: str = Field(min_length=1, description="CSV file in the format of `tis net probe`.")
-    advance: Literal["packet", "time"] = Field(
-        "packet", description="packet: each message uses the next row; time: the row at its run time."
-    )
+    path: TraceFile
+    advance: Advance = "packet"
 
 
 Loss = Annotated[

@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from tis.common.scenario.base import Milliseconds, Part, Probability
+from tis.common.scenario.base import Milliseconds, Part, Probability, refuse
 from tis.common.scenario.network.capacity import RateOrLink
 from tis.common.scenario.network.delay import Correlation, Delay, Jitter
 from tis.common.scenario.network.loss import Loss
@@ -86,7 +86,5 @@ class Pipeline(Stages):
             "reorder needs a delay": self.reorder is None or self.delay is not None,
             "reorder needs ordering: reorder": self.reorder is None or self.ordering == "reorder",
         }
-        broken = [rule for rule, holds in rules.items() if not holds]
-        if broken:
-            raise ValueError("\n".join(broken))
+        refuse(rule for rule, holds in rules.items() if not holds)
         return self

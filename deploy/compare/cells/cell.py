@@ -3,71 +3,28 @@
 Both are plain values that can be passed to another process; their results are plain JSON.
 """
 
-import contextlib
-import gc
 import time
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
-from tis.common.channels import FOLLOWER, ORIGIN, Hand, Side
+from tis.common.channels import FOLLOWER
 from tis.common.runtime.recordings import load_recording, load_training, load_trials
-from tis.common.runtime.trace_files import load_traces
 from tis.common.scenario import Scenario
 from tis.common.scenario.reading import build_scenario
-from tis.common.sources.trajectory import Recording
-from tis.common.units import NS_PER_S
-from tis.deploy.compare.cells.forecasts import forecast_sums, record_forecasts
-from tis.deploy.compare.cells.kept_log import KeptLog, NoLog
-from tis.deploy.compare.cells.measured_estimator import MeasuredEstimator, measure_estimators
-from tis.deploy.compare.cells.measured_method import measure_methods
-from tis.deploy.compare.cells.score import hand_sums, logged_ages_ns, traffic
-from tis.deploy.compare.cells.shared_parts import SharedParts
-from tis.deploy.compare.cells.unlogged import is_plain, run_unlogged
-from tis.deploy.compare.cells.wrist_sums import wrist_sums
-from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.report.measures.estimation.tracking import track_of_hand
-from tis.deploy.report.verdict.invalidity import why_unscored
-from tis.deploy.run.twin import build_sides, drive
-from tis.netem.build import build_netem
-from tis.patient_side.build import build_patient, identify_models
-from tis.patient_side.estimators.guarded import Guarded, check_own
+from tis.deploy.compare.cells.forecasts import forecasts_of_twin
+from tis.deploy.compare.cells.scores import PARTS, own_faults, scores_of_twin, summary_of_twin
+from tis.patient_side.build import identify_models
+from tis.patient_side.estimators.guarded import check_own
 from tis.patient_side.identification.model_io import dump_models
 from tis.patient_side.models import factories, own_estimators, read_models
-from tis.patient_side.node import PatientNode
 from tis.patient_side.provenance import warnings_at_start
-
-# CPU time of identification by estimator, measured while the models of all estimators are identified once.
-#
-# An estimator alone needs the chosen model and the model beside it that is its own; the parts are measured and added,
-# so that no model is identified a second time for its time.
 
 _MODEL_OF: Final = {"paper_as_printed": "paper", "adaptive_kf": "innovations_kf"}
 """Estimators that may share the model fitted for another one."""
-
-
-class FitTimes:
-    """CPU time of the process in the fits for single estimators: networks are trained by several threads."""
-
-    def __init__(self) -> None:
-        self.fits_s: defaultdict[str, float] = defaultdict(float)
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Add the time of the context to the estimator's, also where the fit fails."""
-        begun_s = time.process_time()
-        try:
-            yield
-        finally:
-            self.fits_s[name] += time.process_time() - begun_s
-
-    def alone_s(self, name: str, all_s: float) -> float:
-        """Return the time for one estimator alone, of ``all_s`` that the identification took for all of them."""
-        own = name if name in self.fits_s else _MODEL_OF.get(name, name)
-        return all_s - sum(self.fits_s.values()) + self.fits_s.get(own, 0.0)
 
 
 @dataclass(frozen=True)
@@ -110,6 +67,31 @@ class Cell:
         return f"{self.trial}, seed {self.scenario.seed}{at}"
 
 
+class FitTimes:
+    """CPU time of the process in the fits for single estimators: networks are trained by several threads.
+
+    The models of all estimators are identified once. An estimator alone needs the chosen model and the one beside it
+    that is its own, so the parts are measured and added, and no model is identified a second time for its time.
+    """
+
+    def __init__(self) -> None:
+        self.fits_s: defaultdict[str, float] = defaultdict(float)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Add the time of the context to the estimator's, also where the fit fails."""
+        begun_s = time.process_time()
+        try:
+            yield
+        finally:
+            self.fits_s[name] += time.process_time() - begun_s
+
+    def alone_s(self, name: str, all_s: float) -> float:
+        """Return the time for one estimator alone, of ``all_s`` that the identification took for all of them."""
+        own = name if name in self.fits_s else _MODEL_OF.get(name, name)
+        return all_s - sum(self.fits_s.values()) + self.fits_s.get(own, 0.0)
+
+
 def train(training: Training) -> tuple[dict[str, Any], bytes]:
     """Identify the models; return CPU time and warnings, and the content of the model file.
 
@@ -127,9 +109,8 @@ def train(training: Training) -> tuple[dict[str, Any], bytes]:
     check_own(factories(own), models)
     # A user-defined estimator gets all models, and which of them it uses is unknown.
     timed = [name for name in scenario.estimators if name not in own] if training.timed else []
-    times_s = {name: watch.alone_s(name, all_s) for name in timed}
     about = {
-        "train_s": times_s,
+        "train_s": {name: watch.alone_s(name, all_s) for name in timed},
         "process_s": all_s,  # all threads of the process, some of which may do other work
         "n_rows": sum(len(rows) for rows in trainings),
         "models": [
@@ -141,25 +122,18 @@ def train(training: Training) -> tuple[dict[str, Any], bytes]:
     return about, dump_models(models)
 
 
-_PARTS: Final = SharedParts()
-
-
 def run_cell(cell: Cell, model_file: Path | None) -> dict[str, Any]:
     """Run the twin and return its sums by hand, or the reason why no tick was scored. Raises `DataError`.
 
     Where the scenario allows it, nothing is logged. With ``n_ahead`` they are the sums of forecasts.
     """
     scenario = cell.scenario if model_file is None else with_models(cell.scenario, model_file)
-    recording = _PARTS.recording(scenario)
+    recording = PARTS.recording(scenario)
     if cell.is_summarised:
-        from tis.deploy.compare.cells.summary import summary_of_twin  # late: it loads the report
-
         return {"trial": cell.trial, "summary": summary_of_twin(scenario, recording)}
     if cell.n_ahead:
-        return {"trial": cell.trial, "forecasts": _forecasts(scenario, recording, cell.n_ahead)}
-    scores = unlogged_scores(scenario, recording) if is_plain(scenario) else None
-    if scores is None or scores.unscored is not None:  # the logs say why no tick is scored
-        scores = logged_scores(scenario, recording)
+        return {"trial": cell.trial, "forecasts": forecasts_of_twin(scenario, recording, cell.n_ahead)}
+    scores = scores_of_twin(scenario, recording)
     return {
         "trial": cell.trial,
         "seed": scenario.seed,
@@ -170,93 +144,6 @@ def run_cell(cell: Cell, model_file: Path | None) -> dict[str, Any]:
         "warnings": list(scores.warnings),
         "own_faults": own_faults(scores.watched),
     }
-
-
-class Scores(NamedTuple):
-    """Sums of each hand, the surgeon's traffic, why no tick is scored (None: some are), and measured estimators."""
-
-    hands: dict[Hand, dict[str, Any]]
-    traffic: dict[str, int]
-    unscored: str | None
-    warnings: Sequence[str]
-    watched: Sequence[Mapping[str, MeasuredEstimator]]
-
-
-def unlogged_scores(scenario: Scenario, recording: Recording) -> Scores:
-    """Return the scores of a twin that keeps no records."""
-    own = factories(own_estimators(scenario))
-    models = _PARTS.models(scenario, recording)
-    link = build_netem(scenario, load_traces(scenario.network)).links[ORIGIN["forward"]]
-    patient = build_patient(scenario, models, recording, own=own, build=_PARTS.estimator)
-    watched, turning = measure_estimators(patient), measure_methods(patient)
-    samples = _PARTS.samples(scenario, recording)
-    with _uncollected():
-        found = run_unlogged(scenario, recording, samples, link, patient)
-    recorded = {hand.hand: hand for hand in recording.hands}
-    hands = {}
-    for model, measured, methods in zip(models, watched, turning, strict=True):
-        track, part = found.tracks[model.hand], recorded[model.hand]
-        hands[model.hand] = hand_sums(track, found.ages_ns[model.hand], model, measured)
-        hands[model.hand]["orientation"] = wrist_sums(track, recording, part, methods)
-    unscored = None if any(sums["n_scored"] for sums in hands.values()) else "no tick is scored"
-    return Scores(hands, found.traffic, unscored, warnings_at_start(scenario, recording, models), watched)
-
-
-def logged_scores(scenario: Scenario, recording: Recording) -> Scores:
-    """Return the scores of a twin with logs in memory."""
-    nodes, models, warnings = build_sides(scenario, recording=recording)
-    patient = nodes["patient"]
-    assert isinstance(patient, PatientNode)
-    watched, turning = measure_estimators(patient), measure_methods(patient)
-    memories: dict[Side, KeptLog] = {side: KeptLog(side) for side in nodes}
-    with _uncollected():
-        drive(scenario, nodes, memories)
-    logs = RunLogs(Path(), {side: memory.log for side, memory in memories.items()})
-    hands, recorded = {}, {hand.hand: hand for hand in recording.hands}
-    for model, measured, methods in zip(models, watched, turning, strict=True):
-        track = track_of_hand(logs, scenario, model.hand)
-        hands[model.hand] = hand_sums(track, logged_ages_ns(logs, model.hand, track.t_ns), model, measured)
-        hands[model.hand]["orientation"] = wrist_sums(track, recording, recorded[model.hand], methods)
-    unscored = None if any(sums["n_scored"] for sums in hands.values()) else why_unscored(logs, scenario)
-    return Scores(hands, traffic(logs), unscored, warnings, watched)
-
-
-def _forecasts(scenario: Scenario, recording: Recording, n_ahead: int) -> dict[str, dict[str, Any]]:
-    """Return the sums of the forecasts of so many samples after the newest."""
-    nodes, _, _ = build_sides(scenario, recording=recording)
-    patient = nodes["patient"]
-    assert isinstance(patient, PatientNode)
-    measure_estimators(patient)
-    recorders = record_forecasts(patient, n_ahead)
-    with _uncollected():
-        drive(scenario, nodes, {side: NoLog() for side in nodes})
-    return forecast_sums(recording, recorders)
-
-
-@contextlib.contextmanager
-def _uncollected() -> Iterator[None]:
-    """Collect no garbage, as in a live run: collections must not count as time of a step."""
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.enable()
-
-
-def own_faults(watched: Sequence[Mapping[str, MeasuredEstimator]]) -> dict[str, dict[str, Any]]:
-    """Return failed steps, all steps and the first failure of each user-defined estimator that failed."""
-    found: dict[str, dict[str, Any]] = {}
-    for measured in watched:
-        for name, estimator in measured.items():
-            guarded = estimator.inner
-            if isinstance(guarded, Guarded) and guarded.first is not None:
-                t_ns, reason = guarded.first
-                entry = found.setdefault(
-                    name, {"n_faults": 0, "n_steps": 0, "first": f"{t_ns / NS_PER_S:.3f} s: {reason}"}
-                )
-                entry["n_faults"] += guarded.n_faults
-                entry["n_steps"] += guarded.n_steps
-    return found
 
 
 def with_models(scenario: Scenario, model_file: Path) -> Scenario:

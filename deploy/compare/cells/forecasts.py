@@ -5,24 +5,77 @@ is discarded, is the estimate that it would give there if everything were late b
 the forecasts over all horizons. Oracle: twins with these delays, in the tests.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tis.common.metrics.tracking import SETTLING_NS
+from tis.common.scenario import Scenario
 from tis.common.sources.trajectory import Recording
 from tis.common.units import sample_index, sample_instant_ns
-from tis.deploy.compare.cells.error_sums import Array, ErrorSums
-from tis.deploy.compare.cells.measured_estimator import MeasuredEstimator
+from tis.deploy.compare.cells.measured import MeasuredEstimator, measure_estimators
+from tis.deploy.compare.cells.unlogged import NoLog
+from tis.deploy.run.twin import build_sides, drive
 from tis.patient_side.estimators.protocol import Estimate
 from tis.patient_side.node import PatientNode
 from tis.patient_side.playout import Playout
+
+Array = NDArray[np.float64]
 
 ORIGIN_EVERY: Final = 3
 """Samples between two origins of forecasts: 10 origins/s at 30 samples/s."""
 
 _NONE: Final = np.full(3, np.nan)
+
+
+@dataclass(frozen=True)
+class ErrorSums:
+    """Sums over ``n`` forecasts of 1, 2, ... H samples ahead, in m and m^2: every definition of an error follows.
+
+    ``distance_m`` (H,) sums the 3D distances, ``absolute_m`` and ``squares_m2`` (H, 3) the errors of each axis.
+    """
+
+    n: int
+    distance_m: Array
+    absolute_m: Array
+    squares_m2: Array
+
+    @classmethod
+    def of(cls, errors_m: Array) -> "ErrorSums":
+        """Return the sums of errors (N, H, 3) in m. Oracle: values by hand in the tests."""
+        squares = errors_m**2
+        distances = np.sqrt(squares.sum(axis=2)).sum(axis=0)
+        return cls(len(errors_m), distances, np.abs(errors_m).sum(axis=0), squares.sum(axis=0))
+
+    @classmethod
+    def total(cls, parts: Iterable["ErrorSums"]) -> "ErrorSums | None":
+        """Return the sums over all parts, None without a part."""
+        found = list(parts)
+        if not found:
+            return None
+        return cls(
+            sum(part.n for part in found),
+            np.sum([part.distance_m for part in found], axis=0),
+            np.sum([part.absolute_m for part in found], axis=0),
+            np.sum([part.squares_m2 for part in found], axis=0),
+        )
+
+    @classmethod
+    def from_json(cls, raw: dict[str, Any]) -> "ErrorSums":
+        """Return the sums that `to_json` wrote."""
+        return cls(raw["n"], *(np.array(raw[name]) for name in ("distance_m", "absolute_m", "squares_m2")))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the sums as JSON values."""
+        return {
+            "n": self.n,
+            "distance_m": self.distance_m.tolist(),
+            "absolute_m": self.absolute_m.tolist(),
+            "squares_m2": self.squares_m2.tolist(),
+        }
 
 
 class ForecastRecorder:
@@ -54,6 +107,17 @@ class ForecastRecorder:
             position = self.measured.inner.step(state, playout, instant_ns)[1].position_m
             found.append(_NONE if position is None else position)
         return np.array(found)
+
+
+def forecasts_of_twin(scenario: Scenario, recording: Recording, n_ahead: int) -> dict[str, dict[str, Any]]:
+    """Run a twin; return the sums of the forecasts of so many samples after the newest."""
+    nodes, _, _ = build_sides(scenario, recording=recording)
+    patient = nodes["patient"]
+    assert isinstance(patient, PatientNode)
+    measure_estimators(patient)
+    recorders = record_forecasts(patient, n_ahead)
+    drive(scenario, nodes, {side: NoLog() for side in nodes})
+    return forecast_sums(recording, recorders)
 
 
 def record_forecasts(patient: PatientNode, n_ahead: int) -> list[dict[str, ForecastRecorder]]:

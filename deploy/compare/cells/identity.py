@@ -1,26 +1,34 @@
-"""Identity of a training and a cell: the digest of everything that decides their results."""
+"""Identity of a training and a cell: the digest of everything that decides their results.
 
-from collections.abc import Mapping, Sequence
+That is the scenario, the content of each file that is read, and the software.
+"""
+
+import hashlib
+import importlib.metadata
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+import tis
+from tis.common.errors import DataError, Fault
 from tis.common.runtime.recordings import own_trial, person_of, trial_file, trials_of_others
-from tis.common.runtime.trace_files import trace_paths
+from tis.common.runtime.scenario_files import trace_paths
 from tis.common.runtime.user_code import UserCode
 from tis.common.scenario import Scenario
-from tis.common.scenario.patient import is_model_file
+from tis.common.scenario.identification import is_model_file
 from tis.common.scenario.source import RecordedSource
 from tis.deploy.compare.cells.cell import Cell, Training
-from tis.deploy.compare.cells.digests import (
-    content_digest,
-    file_digest,
-    software_digest,
-    summary_digest,
-    value_digest,
-)
 
+_ROOT: Final = Path(tis.__file__).parent
+_ALL_OF: Final = ("common", "surgeon_side", "netem", "patient_side")
+_CELL: Final = "deploy/compare/cells/cell.py"
+_SUMMARY: Final = "deploy/report/summary.py"
+_IMPORT: Final = re.compile(r"^from tis\.(deploy[\w.]*) import (\([^)]*\)|.+)", re.MULTILINE)
+_LIBRARIES: Final = ("numpy", "scipy", "filterpy", "pydantic")
 _IRRELEVANT_FIELDS: Final = ("name", "limits", "hosts", "security", "on_peer_loss", "peer_timeout_s", "on_log_loss")
 """Fields of a scenario without influence on a twin."""
 
@@ -103,3 +111,63 @@ def trial_facts(file: Path) -> TrialFile:
 def _read_facts(file: Path, mtime_ns: int, n_bytes: int) -> TrialFile:  # noqa: ARG001  cache keys: they change with the file
     content = file.read_bytes()
     return TrialFile(content_digest(content), sum(1 for line in content.splitlines() if line.strip()))
+
+
+def value_digest(value: Any) -> str:
+    """Return 16 hex digits of a JSON value, independent of the order of its keys."""
+    return hashlib.blake2b(json.dumps(value, sort_keys=True).encode(), digest_size=8).hexdigest()
+
+
+def content_digest(content: bytes) -> str:
+    """Return 16 hex digits of bytes."""
+    return hashlib.blake2b(content, digest_size=8).hexdigest()
+
+
+def file_digest(file: Path) -> str:
+    """Return 16 hex digits of a file's content, which is read again only after a change; raises `DataError`."""
+    try:
+        found = file.stat()
+        if not file.is_file():
+            raise DataError(Fault(str(file), "", "must be a file"))
+        return _digest_of(file, found.st_mtime_ns, found.st_size)
+    except (OSError, ValueError) as error:  # ValueError: an impossible path
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise DataError(Fault(str(file), "", f"cannot be read: {reason}")) from None
+
+
+@cache
+def _digest_of(file: Path, mtime_ns: int, n_bytes: int) -> str:  # noqa: ARG001  cache keys: they change with the file
+    return content_digest(file.read_bytes())
+
+
+@cache
+def software_digest() -> str:
+    """Return 16 hex digits of all code behind a twin and its scores, and of the libraries' versions."""
+    # In a checkout the packages are links, which ** does not follow below their parent.
+    files = {str(file.relative_to(_ROOT)) for package in _ALL_OF for file in (_ROOT / package).glob("**/*.py")}
+    versions = {name: importlib.metadata.version(name) for name in _LIBRARIES}
+    return value_digest([_contents(files | _imported(_CELL)), versions])
+
+
+@cache
+def summary_digest() -> str:
+    """Return 16 hex digits of the code that turns a twin's logs into a summary."""
+    return value_digest(_contents(_imported(_SUMMARY)))
+
+
+def _imported(file: str) -> set[str]:
+    """Return a file of `tis.deploy` and those that it imports when it is loaded, and so on."""
+    found: set[str] = set()
+    new = [file]
+    while new:
+        found.add(one := new.pop())
+        for module, names in _IMPORT.findall((_ROOT / one).read_text(encoding="utf-8")):
+            place = module.replace(".", "/")
+            each = (f"{place}.py", *(f"{place}/{name}.py" for name in re.findall(r"\w+", names)))
+            new += [path for path in each if path not in found and (_ROOT / path).is_file()]
+    return found
+
+
+def _contents(files: Iterable[str]) -> dict[str, str]:
+    """Return the digest of each file, by its path."""
+    return {path: content_digest((_ROOT / path).read_bytes()) for path in sorted(files)}

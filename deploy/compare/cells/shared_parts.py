@@ -13,7 +13,7 @@ from typing import Any, Final
 from tis.common.runtime.recordings import load_recording, own_trial, trial_file
 from tis.common.scenario import Scenario
 from tis.common.scenario.estimator_names import is_built_in
-from tis.common.scenario.patient import is_model_file
+from tis.common.scenario.identification import is_model_file
 from tis.common.scenario.source import RecordedSource
 from tis.common.sources.trajectory import Recording
 from tis.patient_side.build import choose_models
@@ -23,8 +23,7 @@ from tis.patient_side.estimators.registry import build_any
 from tis.patient_side.models import models_for, read_models
 from tis.patient_side.statespace import ArmModel
 from tis.surgeon_side.build import sensor_noise
-from tis.surgeon_side.motion import RecordedMotion
-from tis.surgeon_side.samples import SampleMessage, Samples
+from tis.surgeon_side.motion import RecordedMotion, SampleMessage, Samples
 
 _N_KEPT: Final = 8
 _N_SAMPLES_KEPT: Final = 2

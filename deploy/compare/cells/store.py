@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from tis.common.errors import DataError, Fault
-from tis.deploy.compare.cells.digests import content_digest
+from tis.deploy.compare.cells.identity import content_digest
 from tis.deploy.shell import run_dir as folder
 from tis.patient_side.identification.model_tensors import is_tensor_file
 

@@ -1,34 +1,38 @@
 """A twin that nobody looks into: the same samples, fates and estimates as a logged one, without records and messages.
 
-The surgeon's samples, the link and the patient's hands are those of the nodes. What the nodes do besides is left out:
-no message is written to bytes and read again, nothing is answered, the arm does not move, and no packet is noted.
-That takes a fraction of the time (`tis bench cells`). Oracle: the logged twin, test_unlogged.
+The loop is that of every run, and the surgeon's samples, the link and the patient's gates and hands are those of its
+nodes. What the nodes do besides is left out: no message is written to bytes and read again, nothing is answered, the
+arm does not move, and no packet is noted. That takes a fraction of the time (`tis bench cells`). Oracle: the logged
+twin, test_unlogged.
 
 The arm's movement and flipped bits need all of that; such a scenario is not `is_plain`.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.channels import Hand
+from tis.common.channels import Hand, Network
 from tis.common.header import HEADER_BYTES, Header
 from tis.common.intake import Accepted
 from tis.common.metrics.tracking import scored_ticks, truth_at
+from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.records import SENT_BYTES, SENT_PACKETS
+from tis.common.runtime.clock import VirtualClock
+from tis.common.runtime.loop import Delivery, Seat, run
 from tis.common.scenario import Scenario
-from tis.common.send_plan import SendPlan
 from tis.common.sources.trajectory import HandRecording, Recording
+from tis.common.ticker import SendPlan
 from tis.common.units import ms_to_ns, sample_instant_ns
-from tis.deploy.report.measures.estimation.tracking import HandTrack
+from tis.deploy.report.subjects.tracking import HandTrack
 from tis.netem.link.ledger import NoLedger
 from tis.netem.link.link import Link
 from tis.patient_side.hand import PatientHand, bounded
 from tis.patient_side.node import PatientNode
-from tis.surgeon_side.samples import SampleMessage
+from tis.surgeon_side.motion import SampleMessage
 
 Ints = NDArray[np.int64]
 Take = Callable[[int], list[SampleMessage]]
@@ -37,32 +41,21 @@ Take = Callable[[int], list[SampleMessage]]
 _NOTHING: Final = (float("nan"),) * 3
 
 
-class Arrived(NamedTuple):
-    """A packet that crossed the network: when it arrives, its sequence number, and the message."""
+class Scored(NamedTuple):
+    """The track of one hand, and its freshest sample's age at each tick (T,), 0 before one."""
 
-    recv_ns: int
-    seq: int
-    message: SampleMessage
-
-
-@dataclass
-class _Watched:
-    """What scores need of a hand, by tick: instants, sample instant of the freshest sample (-1: none), estimates."""
-
-    t_ns: list[int] = field(default_factory=list)
-    fresh_ns: list[int] = field(default_factory=list)
-    estimates: list[list[tuple[float, float, float]]] = field(default_factory=list)
+    track: HandTrack
+    ages_ns: Ints
 
 
 class Unlogged(NamedTuple):
-    """The results of a twin: the track of each hand, and its freshest sample's age at each tick (T,), 0 before one.
+    """The results of a twin, by hand.
 
     ``traffic`` are the surgeon's packets and bytes; ``arrived`` are recv_ns, key and sequence number of all packets
     that were admitted.
     """
 
-    tracks: dict[Hand, HandTrack]
-    ages_ns: dict[Hand, Ints]
+    scored: dict[Hand, Scored]
     traffic: dict[str, int]
     arrived: list[tuple[int, str, int]]
 
@@ -84,85 +77,146 @@ def run_unlogged(
 ) -> Unlogged:
     """Send all samples through the link, and step the estimators at each tick with what has arrived by then."""
     link.ledger = NoLedger(link.direction)
-    traffic = {SENT_PACKETS: 0, SENT_BYTES: 0}
-    watched = [_Watched(estimates=[[] for _ in hand.estimators]) for hand in patient.hands]
-    seen: dict[tuple[str, int], int] = {}
-    packets = _crossing(scenario, samples, link, traffic)
-    ticker, packet = patient.ticker, next(packets, None)
-    while (t_ns := ticker.next_due_ns()) is not None and t_ns < scenario.end_ns:
-        while packet is not None and packet.recv_ns <= t_ns:
-            _receive(patient, packet, seen)
-            packet = next(packets, None)
-        k = ticker.begin()
-        for hand, its in zip(patient.hands, watched, strict=True):
-            _tick(hand, t_ns, its)
-        shift = None if patient.phase_lock is None else patient.phase_lock.decide(k, ticker.phase_ns)
-        if shift is not None:
-            ticker.phase_ns = shift.phase_ns
-    # What is sent or arrives after the last tick counts as traffic.
-    while packet is not None:
-        _receive(patient, packet, seen)
-        packet = next(packets, None)
-    first_ns = min(seen.values(), default=None)
+    estimating = _Estimating(patient)
+    sending = _Sending(scenario, samples, link, estimating)
+    time, log = _Time(), NoLog()
+    run([Seat(sending, log), Seat(estimating, log)], time, time, scenario.end_ns)
+    first_ns = min(estimating.seen.values(), default=None)
     recorded = {hand.hand: hand for hand in recording.hands}
-    tracks, ages = {}, {}
-    for hand, its in zip(patient.hands, watched, strict=True):
+    scored = {}
+    for hand, its in zip(patient.hands, estimating.watched, strict=True):
         of_hand, names = hand.channels.hand, [estimator.name for estimator in hand.estimators]
-        tracks[of_hand] = _track(its, names, scenario, recording, recorded[of_hand], first_ns)
-        ages[of_hand] = _ages_ns(its)
-    return Unlogged(
-        tracks,
-        ages,
-        traffic,
-        [(recv_ns, key, seq) for (key, seq), recv_ns in seen.items()],
-    )
+        track = _track(its, names, scenario, recording, recorded[of_hand], first_ns)
+        scored[of_hand] = Scored(track, _ages_ns(its))
+    arrived = [(recv_ns, key, seq) for (key, seq), recv_ns in estimating.seen.items()]
+    return Unlogged(scored, sending.traffic, arrived)
 
 
-def _crossing(scenario: Scenario, take: Take, link: Link, traffic: dict[str, int]) -> Iterator[Arrived]:
-    """Yield the packets in the order of their arrival, as the surgeon's node sends them and the emulator's passes."""
-    part = scenario.surgeon
-    plan = SendPlan(scenario.rate_hz, scenario.n_samples, part.copies, ms_to_ns(part.copy_spacing_ms))
-    to_repeat: dict[int, list[SampleMessage]] = {}
-    while (due_ns := plan.next_due_ns()) is not None and due_ns < scenario.end_ns:
-        while (next_ns := link.next_release_ns()) is not None and next_ns < due_ns:
-            yield from _left(link, next_ns)
-        packet = plan.pop()
-        if packet.copy == 0:
-            messages = take(packet.k)
-            if part.copies > 1:
-                to_repeat[packet.k] = messages
+class NoLog:
+    """Keeps nothing, for twins whose results are no part of a log."""
+
+    def record(self, record: Record) -> None:
+        """Drop a record."""
+
+
+class _Time(VirtualClock):
+    """Virtual time, and a bus on which no message is under way."""
+
+    def send(self, seat: int, emission: Emission) -> int:
+        raise NotImplementedError
+
+    def wait(self, deadline_ns: int) -> Delivery | None:
+        self._now_ns = deadline_ns
+        return None
+
+
+class _Silent:
+    """A node that sends no message and keeps no record: it only wakes."""
+
+    name: Final = "unlogged"
+
+    def listens(self) -> Sequence[tuple[Network, str]]:
+        return ()
+
+    publishes = listens
+
+    def receive(self, arrival: Arrival) -> Sequence[Output]:  # noqa: ARG002  nothing arrives
+        return ()
+
+    def finish(self, now_ns: int) -> Sequence[Record]:  # noqa: ARG002  nothing is kept
+        return ()
+
+    def counters(self) -> dict[str, int]:
+        return {}
+
+
+class _Sending(_Silent):
+    """The surgeon's samples and the forward link; what the link releases has arrived, as on a virtual bus."""
+
+    def __init__(self, scenario: Scenario, take: Take, link: Link, patient: "_Estimating") -> None:
+        part = scenario.surgeon
+        self.traffic = {SENT_PACKETS: 0, SENT_BYTES: 0}
+        self._plan = SendPlan(scenario.rate_hz, scenario.n_samples, part.copies, ms_to_ns(part.copy_spacing_ms))
+        self._last_copy = part.copies - 1
+        self._take, self._link, self._patient = take, link, patient
+        self._to_repeat: dict[int, list[SampleMessage]] = {}
+
+    def next_wake_ns(self) -> int | None:
+        due_ns, release_ns = self._plan.next_due_ns(), self._link.next_release_ns()
+        return release_ns if due_ns is None or (release_ns is not None and release_ns < due_ns) else due_ns
+
+    def wake(self, now_ns: int) -> Sequence[Output]:
+        if self._plan.next_due_ns() == now_ns:
+            self._send(now_ns)
         else:
-            last = packet.copy == part.copies - 1
-            messages = to_repeat.pop(packet.k) if last else to_repeat[packet.k]
-        attachment = Header(packet.seq, due_ns).pack()
+            self._release(now_ns)
+        return ()
+
+    def _send(self, now_ns: int) -> None:
+        packet = self._plan.pop()
+        if packet.copy == 0:
+            messages = self._take(packet.k)
+            if self._last_copy > 0:
+                self._to_repeat[packet.k] = messages
+        else:
+            last = packet.copy == self._last_copy
+            messages = self._to_repeat.pop(packet.k) if last else self._to_repeat[packet.k]
+        attachment = Header(packet.seq, now_ns).pack()
+        link, traffic = self._link, self.traffic
         for message in messages:
             n_bytes = len(message.content)
             traffic[SENT_PACKETS] += 1
             traffic[SENT_BYTES] += n_bytes + HEADER_BYTES
-            link.offer(message.key, attachment, n_bytes, due_ns, message)
+            link.offer(message.key, attachment, n_bytes, now_ns, message)
             next_ns = link.next_release_ns()
-            if next_ns is not None and next_ns <= due_ns:
-                yield from _left(link, due_ns)
-    while (next_ns := link.next_release_ns()) is not None and next_ns < scenario.end_ns:
-        yield from _left(link, next_ns)
+            if next_ns is not None and next_ns <= now_ns:
+                self._release(now_ns)
+
+    def _release(self, now_ns: int) -> None:
+        for due in self._link.release(now_ns):
+            if due.departure == "released":
+                self._patient.take(due.item, due.seq, now_ns)
 
 
-def _left(link: Link, now_ns: int) -> list[Arrived]:
-    """Return what leaves the link now."""
-    return [Arrived(now_ns, due.seq, due.item) for due in link.release(now_ns) if due.departure == "released"]
+@dataclass
+class _Watched:
+    """What scores need of a hand, by tick: instants, sample instant of the freshest sample (-1: none), estimates."""
+
+    t_ns: list[int] = field(default_factory=list)
+    fresh_ns: list[int] = field(default_factory=list)
+    estimates: list[list[tuple[float, float, float]]] = field(default_factory=list)
 
 
-def _receive(patient: PatientNode, packet: Arrived, seen: dict[tuple[str, int], int]) -> None:
-    """Give a packet to the patient's gates, and what they admit to the hand; a second copy is not used."""
-    recv_ns, seq, message = packet
-    key = message.key
-    if (key, seq) in seen:
-        return
-    accepted = Accepted(message.channel, Header(seq), message.message, duplicate=False)
-    admitted = patient.gated.admitted(accepted, key, recv_ns)
-    if isinstance(admitted, Accepted):
-        seen[key, seq] = recv_ns
-        patient.insert(key, admitted, recv_ns)
+class _Estimating(_Silent):
+    """The patient's gates, hands and ticks."""
+
+    def __init__(self, patient: PatientNode) -> None:
+        self.watched = [_Watched(estimates=[[] for _ in hand.estimators]) for hand in patient.hands]
+        self.seen: dict[tuple[str, int], int] = {}
+        """When a packet arrived that was admitted, by its key and sequence number."""
+        self._patient = patient
+        self.next_wake_ns = patient.ticker.next_due_ns
+
+    def take(self, message: SampleMessage, seq: int, recv_ns: int) -> None:
+        """Give a packet to the patient's gates, and what they admit to the hand; a second copy is not used."""
+        key = message.key
+        if (key, seq) in self.seen:
+            return
+        accepted = Accepted(message.channel, Header(seq), message.message, duplicate=False)
+        admitted = self._patient.gated.admitted(accepted, key, recv_ns)
+        if isinstance(admitted, Accepted):
+            self.seen[key, seq] = recv_ns
+            self._patient.insert(key, admitted, recv_ns)
+
+    def wake(self, now_ns: int) -> Sequence[Output]:
+        patient, ticker = self._patient, self._patient.ticker
+        k = ticker.begin()
+        for hand, its in zip(patient.hands, self.watched, strict=True):
+            _tick(hand, now_ns, its)
+        shift = None if patient.phase_lock is None else patient.phase_lock.decide(k, ticker.phase_ns)
+        if shift is not None:
+            ticker.phase_ns = shift.phase_ns
+        return ()
 
 
 def _tick(hand: PatientHand, t_ns: int, watched: _Watched) -> None:

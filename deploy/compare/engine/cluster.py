@@ -4,23 +4,84 @@ A file that units read is a task of its own, whose result is the file's content:
 needs it once, and again where a worker was lost. Units and files are named by their digests.
 """
 
+import asyncio
 import contextlib
 import importlib.metadata
+import logging
 import pickle
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future
+from concurrent.futures import CancelledError, Future, wait
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, NamedTuple, Self
 
-from tis.common.errors import DataError, Fault, PeerError
+from tis.common.errors import GET_CLUSTER, DataError, Fault, InputError, PeerError
 from tis.deploy.compare.cells.cell import Cell
-from tis.deploy.compare.cells.digests import file_digest, software_digest
-from tis.deploy.compare.engine.connection import CONNECT_S, LOST, OPTION, connect
+from tis.deploy.compare.cells.identity import file_digest, software_digest
 from tis.deploy.compare.engine.shipment import own_code, perform_away, shipment_of, shipped_files
 from tis.deploy.compare.engine.workers import AHEAD, Failure, Result, Unit, first_done
+
+# Connection of a client to a Dask scheduler.
+
+OPTION: Final = "--scheduler"
+CONNECT_S: Final = 10
+LOST: Final = (OSError, asyncio.TimeoutError, TimeoutError, CancelledError)
+"""Errors of a client whose scheduler is gone; Dask's `CommClosedError` is an `OSError`."""
+
+
+def connect(address: str) -> Any:
+    """Return a Dask client of the scheduler at ``address``.
+
+    Raises `InputError` for an impossible address or without Dask, and `PeerError` where no scheduler answers.
+    """
+    try:
+        import distributed
+    except ModuleNotFoundError:
+        raise InputError(Fault(OPTION, "", f"needs Dask: {GET_CLUSTER}", address)) from None
+    # Dask's own lines on a lost connection would stand between ours.
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    try:
+        return _within(2 * CONNECT_S, lambda: _client(distributed.Client, address))
+    except LOST as error:
+        rule = f"no Dask scheduler answers within {CONNECT_S} s"
+        raise PeerError(Fault(OPTION, "", rule, address)) from error
+    except (ValueError, TypeError) as error:
+        rule = "must be the address of a Dask scheduler, tcp://HOST:8786"
+        raise InputError(Fault(OPTION, "", rule, address)) from error
+    except Exception as error:  # whatever Dask makes of another program's answer
+        rule = f"what answers there is no Dask scheduler: {type(error).__name__}"
+        raise PeerError(Fault(OPTION, "", rule, address)) from error
+
+
+def _client(make: Any, address: str) -> Any:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # mismatched versions: they are compared afterwards
+        return make(address, timeout=CONNECT_S, set_as_default=False)
+
+
+def _within(seconds: float, call: Callable[[], Any]) -> Any:
+    """Return what a call returns; raises what it raises, and `TimeoutError` where it takes too long.
+
+    Dask's own timeout ends no handshake with a program that waits for more.
+    """
+    answer: Future[Any] = Future()
+
+    def answered() -> None:
+        try:
+            answer.set_result(call())
+        except BaseException as error:
+            answer.set_exception(error)
+
+    threading.Thread(target=answered, daemon=True).start()
+    done, _ = wait([answer], seconds)
+    if not done:
+        raise TimeoutError(f"no answer within {seconds} s")
+    return answer.result()
+
 
 # Software of a cluster's hosts, compared with the client's: only equal software gives equal results.
 
@@ -81,7 +142,7 @@ def _question() -> Callable[[], str]:
 
     def ask() -> str:
         try:
-            from tis.deploy.compare.cells.digests import software_digest
+            from tis.deploy.compare.cells.identity import software_digest
 
             return software_digest()
         except Exception as error:

@@ -17,18 +17,16 @@ from threading import Lock
 from typing import Any, Final
 
 from tis.common.errors import InputError
-from tis.common.runtime.code_origin import Origin
 from tis.common.runtime.recordings import list_trials, own_trial, trial_file
-from tis.common.runtime.trace_files import trace_paths
-from tis.common.runtime.user_code import UserCode, load_user_code
+from tis.common.runtime.scenario_files import trace_paths
+from tis.common.runtime.user_code import Origin, UserCode, load_user_code
 from tis.common.scenario import Scenario
 from tis.common.scenario.estimator_names import is_user_defined
-from tis.common.scenario.patient import is_model_file
+from tis.common.scenario.identification import is_model_file
 from tis.common.scenario.reading import build_scenario
 from tis.common.scenario.source import RecordedSource
 from tis.deploy.compare.cells.cell import Cell
-from tis.deploy.compare.cells.digests import value_digest
-from tis.deploy.compare.cells.identity import dump
+from tis.deploy.compare.cells.identity import dump, value_digest
 from tis.deploy.compare.engine.workers import Computed, Failure, Result, Unit, perform
 
 _MODEL: Final = "model.json"

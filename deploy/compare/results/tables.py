@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from rich import box
@@ -10,11 +10,97 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from tis.deploy.compare.results.orientation_tables import CAPTION, HEAD, orientation_cells, orientation_ratios
-from tis.deploy.compare.results.people import interval_note
-from tis.deploy.report.measures.estimation.own_estimators import labelled
-from tis.deploy.report.tables.numbers import broken_name, number
+from tis.deploy.compare.results.pooled import interval_note
+from tis.deploy.present.numbers import broken_name, number
 from tis.patient_side.provenance import IN_SAMPLE
+
+# Tables of a comparison's orientation methods: degrees beside hold's, the gripper likewise.
+
+TURN_HEAD: Final = ("orientation", "deg", "ratio", "95 %", "cover", "gripper rad", "ratio", "cover", "\u00b5s", "p99")
+TURN_CAPTION: Final = (
+    "deg: RMS of the angle between estimated and true orientation; gripper: RMS of its angle; each with its ratio to "
+    "hold's and the per cent of the errors within the stated 95 % region"
+)
+
+
+def orientation_cells(row: Mapping[str, Any]) -> list[str]:
+    """Return a method's row of the table."""
+    interval = None if row["method"] == "hold" else row["ratio_to_hold_interval_95"]
+    return [
+        row["method"],
+        _digits(row["rms_deg"], 2),
+        _digits(row["ratio_to_hold"], 3),
+        "-" if interval is None else f"{interval[0]:.2f}-{interval[1]:.2f}",
+        _digits(row["coverage_pct"], 1),
+        _digits(row["gripper_rms_rad"], 4),
+        _digits(row["gripper_ratio_to_hold"], 3),
+        _digits(row["gripper_coverage_pct"], 1),
+        *(_digits(row["step_us"][name], 1) for name in ("p50", "p99")),
+    ]
+
+
+def orientation_ratios(report: Mapping[str, Any], degrees: bool = True) -> tuple[list[str], list[list[str]]]:
+    """Return the head and the rows of ratios to hold, and of ``degrees``: methods against settings."""
+    settings = [about["setting"] for about in report["settings"] if about["n_cells"]]
+    known = {(row["method"], row["setting"]): row for row in report["orientation"]}
+    rows = []
+    for name in dict.fromkeys(row["method"] for row in report["orientation"]):
+        found = [known.get((name, setting)) for setting in settings]
+        rows.append([name, *(_turn_cell(row, degrees) for row in found)])
+    head = "orientation, deg (ratio)" if degrees else "orientation"
+    return [head, *(str(setting) for setting in settings)], rows
+
+
+def _turn_cell(row: Mapping[str, Any] | None, degrees: bool) -> str:
+    ratio = "-" if row is None else _digits(row["ratio_to_hold"], 3)
+    return ratio if row is None or not degrees else f"{_digits(row['rms_deg'], 2)} ({ratio})"
+
+
+def _digits(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+# The ratios of a comparison as a LaTeX table, for papers: `booktabs`, numbers with their intervals.
+
+_COMMANDS: Final = {
+    "\\": r"\textbackslash{}",
+    "^": r"\textasciicircum{}",
+    "~": r"\textasciitilde{}",
+    "×": r"$\times$",
+    "µ": r"$\mu$",
+    "²": r"$^2$",
+}
+_SPECIAL: Final = str.maketrans({**{char: f"\\{char}" for char in "&%$#_{}"}, **_COMMANDS})
+
+
+def latex_table(report: dict[str, Any]) -> str:
+    """Return a ``tabular`` of the ratios to hold, the command in a comment above it."""
+    head, rows = ratios(report)
+    # A command that is longer than a line stays a comment.
+    command = " ".join(report["command"].split())
+    n_text = len(report["axes"]) if len(report["axes"]) > 1 else 1
+    about = (f"% {command}", "% RMSE in 3D over that of hold, with 95 % bootstrap intervals over people")
+    return tabular(head, rows, *about, n_text=n_text)
+
+
+def tabular(head: Sequence[str], rows: Sequence[Sequence[str]], *comments: str, n_text: int = 1) -> str:
+    """Return a ``tabular`` in the style of `booktabs`, comments above it; the first ``n_text`` columns are texts."""
+    lines = [
+        *comments,
+        rf"\begin{{tabular}}{{{'l' * n_text}{'r' * (len(head) - n_text)}}}",
+        r"\toprule",
+        _line(head),
+        r"\midrule",
+        *map(_line, rows),
+        r"\bottomrule",
+        r"\end{tabular}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _line(cells: Sequence[str]) -> str:
+    return " & ".join(cell.translate(_SPECIAL) for cell in cells) + r" \\"
+
 
 Rows = Sequence[dict[str, Any]]
 
@@ -47,9 +133,9 @@ def view(report: dict[str, Any]) -> RenderableType:
         ]
         parts += [Text(f"\n{_title(about)}"), _table(_HEAD, cells)]
         if about["setting"] in turning:
-            parts.append(_table(HEAD, map(orientation_cells, turning[about["setting"]])))
+            parts.append(_table(TURN_HEAD, map(orientation_cells, turning[about["setting"]])))
     many = f"table.md has a table of each of {len(settings)} settings."
-    caption = f"{_CAPTION}. {CAPTION}" if len(settings) <= _MAX_SHOWN else many
+    caption = f"{_CAPTION}. {TURN_CAPTION}" if len(settings) <= _MAX_SHOWN else many
     parts += [Text(f"\n{note}", style="dim") for note in (caption, *_notes(report))]
     if len(settings) > 1:
         parts += [Text(f"\nRatio to hold, by {report['sweep']}"), _table(*ratios(report, intervals=False))]
@@ -107,12 +193,12 @@ def markdown(report: dict[str, Any]) -> str:
         rows = [_wide_cells(row) for row in of_setting[about["setting"]]]
         blocks += [f"**{_title(about)}**", markdown_table((*_HEAD[:5], _NORMALIZED, *_HEAD[5:]), rows)]
         if about["setting"] in turning:
-            blocks.append(markdown_table(HEAD, map(orientation_cells, turning[about["setting"]])))
+            blocks.append(markdown_table(TURN_HEAD, map(orientation_cells, turning[about["setting"]])))
     if len(settings) > 1:
         blocks += [f"**Ratio to hold, by `{report['sweep']}`**", markdown_table(*ratios(report))]
         if report["orientation"]:
             blocks.append(markdown_table(*orientation_ratios(report, degrees=False)))
-    blocks.append(f"{_CAPTION}; {_NORMALIZED}: RMSE in units of the training rows' range. {CAPTION}.")
+    blocks.append(f"{_CAPTION}; {_NORMALIZED}: RMSE in units of the training rows' range. {TURN_CAPTION}.")
     blocks += _notes(report)
     return "\n\n".join(blocks) + "\n"
 
@@ -159,7 +245,7 @@ def _title(about: dict[str, Any]) -> str:
 def _cells(row: dict[str, Any]) -> list[str]:
     interval = None if row["estimator"] == "hold" else row["ratio_to_hold_interval_95"]
     return [
-        labelled(row["estimator"], {"failed": row.get("faulty_steps")}),
+        f"{row['estimator']} *" if row.get("faulty_steps") else row["estimator"],
         *(_percent(value) for value in row["r2_pct"]),
         _brief(row["rmse_3d_mm"]),
         _short(row["ratio_to_hold"], 3),

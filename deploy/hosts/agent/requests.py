@@ -1,13 +1,19 @@
-"""Execution of one request on a host."""
+"""Execution of one request on a host, and the faults of what a side would read there."""
 
 import os
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO, Final
 
 from tis.common.channels import Side
 from tis.common.errors import EXIT_OK, DataError, Fault, TisError
+from tis.common.runtime.credentials import credentials
+from tis.common.runtime.recordings import check_recording, located
+from tis.common.runtime.scenario_files import load_traces
+from tis.common.scenario import Scenario
+from tis.common.scenario.identification import is_model_file
 from tis.deploy.hosts.protocol import (
     MAX_REQUEST_BYTES,
     CheckAnswer,
@@ -22,7 +28,44 @@ from tis.deploy.hosts.protocol import (
     request_of,
 )
 from tis.deploy.hosts.transfer.offered_logs import offered_logs, read_range
-from tis.deploy.shell.version import version_text
+from tis.deploy.shell.guard import version_text
+from tis.patient_side.models import own_estimators, read_models
+from tis.patient_side.plant.extra import check_plant
+
+
+def input_faults(side: Side, scenario: Scenario) -> list[Fault]:
+    """Return the faults of the current folder and of the files that a side needs of a scenario.
+
+    Certificates and passwords, recordings, model, traces and own estimators, each only where this side reads it.
+    """
+    found = _unwritable(Path.cwd())
+    steps: list[Callable[[], object]] = [lambda: credentials(scenario.security, side)]
+    if side == "netem":
+        steps.append(lambda: load_traces(scenario.network))
+    else:
+        steps.append(lambda: check_recording(located(scenario)))
+    if side == "patient":
+        identification = scenario.identification
+        steps.append(lambda: identification.check_for_live_runs(scenario.estimators))
+        steps.append(lambda: own_estimators(scenario))
+        steps.append(lambda: check_plant(scenario))
+        if is_model_file(scenario.identification.train):
+            steps.append(lambda: read_models(Path(scenario.identification.train)))
+    for step in steps:
+        try:
+            step()
+        except TisError as error:
+            found += error.faults
+    return found
+
+
+def _unwritable(folder: Path) -> list[Fault]:
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return []
+    except OSError as error:
+        return [Fault(str(folder), "", f"cannot be written: {error.strerror or os.strerror(error.errno or 0)}")]
+
 
 _RUNS: Final = "runs"
 
@@ -83,7 +126,7 @@ def _faults(request: CheckRequest) -> list[Fault]:
     def inputs() -> None:
         # Late, as in `obey`: what a scenario needs takes a second to import, and most requests do not.
         from tis.common.scenario import reading
-        from tis.deploy.hosts.agent.input_faults import input_faults
+        from tis.deploy.hosts.agent.requests import input_faults
 
         scenario = reading.build_scenario(reading.parse_yaml(request.scenario, "scenario"), "scenario")
         found.extend(input_faults(request.side, scenario))

@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import IO, Any, Final
 
 from tis.common.errors import EXIT_OK, DataError, Fault
-from tis.common.runtime.child_process import child_environment
-from tis.common.runtime.interrupt import Interrupt
+from tis.common.runtime.process import Interrupt, child_environment
 from tis.deploy.hosts.protocol import INTERRUPT, MAX_LINE_BYTES, MAX_SILENCE_S, RunRequest, line_of
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.launch import MODULES

@@ -7,9 +7,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from tis.common.channels import PREDICTED, SERVO, Side, direction_of
-from tis.common.clocks.exchange import Exchanges, Ints
-from tis.common.clocks.fit import fit_clock
-from tis.common.clocks.model import PPM, SHARED, ClockModel
+from tis.common.clocks import PPM, SHARED, ClockModel, Exchanges, Ints, fit_clock
 from tis.common.devices.records import DEVICES
 from tis.common.errors import DataError, Fault
 from tis.common.host_records import CLOCK, DISCIPLINE, EXCHANGES, PROCESSORS

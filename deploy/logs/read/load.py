@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from tis.common.channels import Direction, Side, direction_of
 from tis.common.errors import DataError, Fault
 from tis.common.records import COUNTERS
+from tis.common.runtime.chunk_writer import by_channel
 from tis.common.runtime.log_parts import PartClock, part_clock
-from tis.common.runtime.mcap_chunks import by_channel
 from tis.common.runtime.memory import release_large_arrays, without_collector
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.blocks import Block

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import from_json
 
-from tis.common.clocks.model import ClockModel
+from tis.common.clocks import ClockModel
 from tis.deploy.logs.blocks import Block
 from tis.deploy.logs.read.compact_ints import CompactInts
 from tis.deploy.logs.read.payload_instants import NO_INSTANT, payload_instants

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from tis.common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES
+from tis.common.runtime.chunk_writer import MESSAGE_HEAD_BYTES
 from tis.deploy.logs.blocks import Block
 from tis.deploy.logs.json_rows import Row, checked_number, json_value
 

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 
 from tis.common.errors import DataError, Fault
-from tis.common.runtime.code_origin import USER_CODE_FILE, Origin, parse_origins
 from tis.common.runtime.log_parts import part_clock
+from tis.common.runtime.user_code import USER_CODE_FILE, Origin, parse_origins
 from tis.common.sources.provenance import MODEL_FILES
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.shell import run_dir as folder

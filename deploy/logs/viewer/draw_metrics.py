@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.channels import Direction, Hand
-from tis.common.clocks.model import ClockModel
-from tis.common.runtime.mcap_chunks import Ints
+from tis.common.clocks import ClockModel
+from tis.common.runtime.chunk_writer import Ints
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.json_rows import json_row, json_rows
 from tis.deploy.logs.topics import AGE, DELAY, RunTopics

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tis.common.channels import Hand
-from tis.common.metrics.orientation import orientation_at
-from tis.common.runtime.mcap_chunks import Ints
+from tis.common.metrics.tracking import orientation_at
+from tis.common.runtime.chunk_writer import Ints
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.deploy.logs.json_rows import json_row, json_rows
 from tis.deploy.logs.topics import ERROR, ESTIMATE, PATH, TRANSFORMS, TRUTH_NAME, RunTopics

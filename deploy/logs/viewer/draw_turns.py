@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from tis.common.channels import Hand
-from tis.common.metrics.orientation import angles_deg, error_vectors
+from tis.common.metrics.tracking import angles_deg, error_vectors
 from tis.deploy.logs.json_rows import json_row
 from tis.deploy.logs.topics import TURN_ERROR, RunTopics
 from tis.deploy.logs.viewer.derived_records import TurnErrorSample

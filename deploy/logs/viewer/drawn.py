@@ -6,7 +6,7 @@ from typing import Final, NamedTuple, Protocol, overload
 import numpy as np
 from pydantic import BaseModel
 
-from tis.common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES, Ints
+from tis.common.runtime.chunk_writer import MESSAGE_HEAD_BYTES, Ints
 
 DRAWN_HZ: Final = 100
 """Highest rate of drawn messages; faster streams are thinned, the logs' own records never."""

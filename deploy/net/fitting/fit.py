@@ -6,8 +6,7 @@ from typing import Any, Final, Literal
 
 from tis.common.channels import Direction
 from tis.common.errors import DataError, Fault
-from tis.common.runtime.limited_file import read_limited
-from tis.common.runtime.trace_files import load_traces
+from tis.common.runtime.scenario_files import load_traces, read_limited
 from tis.common.scenario.network.delay import TraceDelay
 from tis.common.scenario.profile import Profile
 from tis.common.trace import Trace

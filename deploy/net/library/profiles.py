@@ -9,7 +9,7 @@ import yaml
 from pydantic import ValidationError
 
 from tis.common.errors import Fault, InputError
-from tis.common.runtime.scenario_file import read_scenario
+from tis.common.runtime.scenario_files import read_scenario
 from tis.common.scenario.faults import faults
 from tis.common.scenario.profile import Profile
 

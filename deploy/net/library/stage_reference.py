@@ -1,11 +1,14 @@
 """Reference of a network's sections, kinds and parameters, generated from the models."""
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from tis.common.scenario.network import NetworkPart
 from tis.common.scenario.network.conditions import Change
 from tis.common.scenario.network.pipeline import Pipeline
+from tis.netem.build import build_links
+from tis.netem.control.control import Control
 
 _WHOLE: Final = {"Pipeline": "stages", "Change": "stages and more"}
 """Parts with a separate section; elsewhere only their name is shown."""
@@ -137,3 +140,135 @@ def _plain(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:,.10g}" if isinstance(value, int | float) else str(value)
+
+
+# Page on networks: syntax and control of a network, with tables generated from the models.
+
+EXAMPLE: Final = """\
+forward:                      # west to east; in a scenario all this stands below `network:`
+  loss: {kind: burst, p_loss: 0.01, mean_burst: 3}
+  delay: {kind: gamma, shift_ms: 20, mean_ms: 12, std_ms: 4}
+  correlation: {half_life_s: 0.5}
+feedback:                     # east to west
+  delay: {kind: constant, delay_ms: 25}
+rules:                        # keys with a pipeline of their own; the most specific rule wins
+  - {key: demo/video/**, direction: forward, pipeline: {rate: {kbit_s: 2000, queue: {kind: codel}}}}
+  - {key: demo/alarm, direction: both, pipeline: {}}       # nothing happens to it
+outages:                      # half a second every 30 s, both ways
+  - {kind: periodic, every_s: 30, for_s: 0.5}
+states:                       # conditions that change delay, loss and rate together
+  kind: markov
+  states:
+    - {name: good, mean_s: 20, next: [{to: bad}]}
+    - {name: bad, mean_s: 2, next: [{to: good}], forward: {scale_delay: 3, add_p_loss: 0.1}}
+timeline:                     # after a minute, for 20 s, 100 ms more, in ramps of 5 s
+  - {at_s: 60, for_s: 20, ramp_s: 5, direction: forward, set: {add_delay_ms: 100}}
+"""
+REQUESTS: Final[tuple[tuple[str, Any], ...]] = (
+    (
+        "set",
+        {
+            "direction": "forward",
+            "change": {"delay": {"kind": "constant", "delay_ms": 80}, "add_p_loss": 0.05},
+            "for_s": 10,
+            "id": "a",
+        },
+    ),
+    ("outage", {"direction": "both", "for_ms": 500}),
+    ("profile", {"profile": "mine", "network": {"forward": {"delay": {"kind": "constant", "delay_ms": 40}}}}),
+    ("reset", {}),
+)
+"""Requests that a running emulator accepts, whatever its network."""
+
+_NOW_NS: Final = 2_000_400_000
+
+
+def network_page() -> str:
+    """Return the page (oracle: the file in the repository and its examples, test_network_page)."""
+    parts = [
+        _HEAD,
+        "```yaml",
+        EXAMPLE.rstrip(),
+        "```",
+        _TABLES,
+        *map(_table, sections()),
+        _CONTROL,
+        _requests(),
+        _REST,
+    ]
+    return "\n".join(parts)
+
+
+def _table(section: Section) -> str:
+    lines = [f"### {section.name}", "", section.meaning, ""]
+    lines += ["| kind | parameter | values | default | meaning |", "|---|---|---|---|---|"]
+    explained: set[Parameter] = set()
+    for kind in section.kinds:
+        for place, one in enumerate(kind.parameters):
+            name = f"`{kind.name}`" if kind.name and place == 0 else ""
+            default = "required" if one.required else one.default
+            meaning = "as above" if one in explained else one.meaning.replace("|", "\\|")
+            lines.append(f"| {name} | `{one.name}` | {one.values} | {default} | {meaning} |")
+            explained.add(one)
+    return "\n".join([*lines, ""])
+
+
+def _requests() -> str:
+    operation, request = REQUESTS[0]
+    links = build_links(NetworkPart(), ["**"], 0, {}, "docs")
+    answer, _ = Control(links).handle(operation, json.dumps(request).encode(), _NOW_NS)
+    lines = ["```", *(f"tis/netem/control/{name:8} {json.dumps(one)}" for name, one in REQUESTS), "```", ""]
+    lines += [f"The answer to the first, at {_NOW_NS * 1e-9:.4f} s of run time:", "", "```"]
+    return "\n".join([*lines, answer.model_dump_json(exclude_none=True, exclude_defaults=True), "```"])
+
+
+_HEAD: Final = """# Networks: how they are written, and changed while they run
+
+The tables are read off the models that check a scenario, the examples are run by a test. `tis net stages --out
+PAGE.md` writes this page.
+
+## A network
+
+A network has two directions. `forward` is west to east (surgeon to patient), `feedback` east to west. Each has a
+pipeline of stages, all optional, that act in the order of the tables below. All numbers are one way; times are in the
+unit that the name ends with; probabilities lie between 0 and 1.
+"""
+_TABLES: Final = """
+`tis netem --west EP --east EP --scenario-network FILE.yaml 'demo/**'` runs it between any two Zenoh networks; in a
+scenario it stands below `network:`. `--set forward.delay.delay_ms=80` changes one value, `--set forward.loss=null`
+takes a stage away, and a stage's `kind` may be left out where the parameters tell it. In `tis run`, `twin` and
+`validate` the same begins with `network.`, which `tis netem` takes, too; in `tis net set` the direction stands before
+it (`tis net set forward delay.delay_ms=80`).
+
+## What can be set
+
+`tis net stages` prints the same. `a.b` is a value within a value, `a[].b` within each item of a list.
+"""
+_CONTROL: Final = """## Control while it runs
+
+`tis net show|set|outage|reset` do what any Zenoh application can do on the keys `tis/netem/control/...` of either
+network (`tis` is the scenario's `session`, or `tis netem --prefix`). These keys do not cross netem.
+
+| key | get | put |
+|---|---|---|
+| `.../state` | what holds now in both directions, with all counters | - |
+| `.../schema` | the JSON Schema of the requests below | - |
+| `.../set`, `.../outage`, `.../profile`, `.../reset` | does what its payload asks for; the reply says what came of \
+it | the same; the answer is put on `.../acknowledged` |
+
+Payloads are JSON:
+"""
+_REST: Final = """
+- A request is done as a whole or refused as a whole, with `reasons`. `id`, at most 100 characters, comes back.
+- `set` takes what a `change` of the tables above may hold, for one direction or both; or a list of up to 32 such
+  requests, which begin together. It holds from the next ms on, or from `at_s` of run time; for `for_s`, or for good.
+  `ramp_s` lets factors and additions grow and shrink.
+- What is set for good takes the place of what was set for good before. What is set for a while comes on top: the
+  later stage wins, factors multiply (`scale_delay` 2 and then 3 are 6 while both last), additions add.
+- `profile` ends all that was asked for before and lets both directions be those of a network: of the one given, or of
+  the library's profile of that name (`tis run`'s emulator has no library; `tis net set --profile` brings its own).
+  A network with `outages`, `states`, `timeline` or `rules` is refused: start with it. A trace must be one that the
+  network named at the start.
+- `reset` ends all that was asked for. Messages in flight are not touched, except that a rate holds at once for what
+  waits. All of it is logged.
+"""

@@ -10,8 +10,7 @@ from tis.common.metrics.delay_variation import (
     packet_delay_variation_ns,
     rtp_jitter_ns,
 )
-from tis.common.metrics.gilbert_fit import GilbertFit, fit_gilbert
-from tis.common.metrics.loss_runs import loss_runs
+from tis.common.metrics.loss import GilbertFit, fit_gilbert, loss_runs
 from tis.common.metrics.percentiles import TAIL, Summary, summarise
 from tis.common.trace import Trace
 from tis.common.units import NS_PER_MS

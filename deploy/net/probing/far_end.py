@@ -7,17 +7,15 @@ from typing import Final
 
 import zenoh
 
-from tis.common.clocks.exchange import Exchanges, Stamps
-from tis.common.clocks.fit import fit_clock
-from tis.common.clocks.model import SHARED, ClockModel
+from tis.common.clocks import SHARED, ClockModel, Exchanges, Stamps, fit_clock
 from tis.common.errors import Fault, PeerError
 from tis.common.host_records import ExchangeNote
 from tis.common.node import Record
 from tis.common.runtime.clock import WallClock
 from tis.common.runtime.clock_watch import ClockWatch
-from tis.deploy.net.probing.far_keys import Batch, clock_key, stamps_key
 from tis.deploy.net.probing.probe import Plan
 from tis.deploy.net.probing.receiving_end import Arrivals
+from tis.deploy.net.probing.reflector import Batch, clock_key, stamps_key
 
 _WHERE: Final = "tis net probe"
 _LATER: Final = "later"

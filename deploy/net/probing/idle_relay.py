@@ -16,7 +16,7 @@ import zenoh
 from tis.common.errors import Fault, PeerError
 from tis.common.header import Header
 from tis.common.runtime.clock import monotonic_ns
-from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.scheduling import sharpen_timers
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
 from tis.deploy.net.probing.receiving_end import LocalReceivingEnd

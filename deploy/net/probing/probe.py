@@ -11,15 +11,13 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
-from tis.common.clocks.exchange import Exchanges
-from tis.common.clocks.model import ClockModel
+from tis.common.clocks import ClockModel, Exchanges
 from tis.common.errors import Fault, PeerError
 from tis.common.header import Header
 from tis.common.runtime.clock import monotonic_ns
 from tis.common.runtime.scheduling import sharpen_timers
 from tis.common.units import NS_PER_S, s_to_ns
-from tis.deploy.net.probing.message_pairing import Paired, last_received, pair
-from tis.deploy.net.probing.receiving_end import WARM_UP, ReceivingEnd
+from tis.deploy.net.probing.receiving_end import WARM_UP, Paired, ReceivingEnd, last_received, pair
 
 _WARM_UP_EVERY_S: Final = 0.05
 _SETTLE_S: Final = 0.2

@@ -13,12 +13,11 @@ import zenoh
 from rich.console import Console
 from rich.markup import escape
 
-from tis.common.clocks.model import PPM
-from tis.common.clocks.uncertainty import is_resolvable
+from tis.common.clocks import PPM
 from tis.common.errors import EXIT_OK, Fault, PeerError
+from tis.common.metrics.percentiles import is_resolvable
 from tis.common.runtime.zenoh_session import ZenohOptions
-from tis.common.trace import Trace
-from tis.common.trace_text import render_trace
+from tis.common.trace import Trace, render_trace
 from tis.common.units import NS_PER_MS
 from tis.deploy.net.probing.delay_figures import as_json as plain
 from tis.deploy.net.probing.delay_figures import path_figures
@@ -29,7 +28,7 @@ from tis.deploy.net.probing.probe import Plan, Probed, probe
 from tis.deploy.net.probing.receiving_end import LocalReceivingEnd
 from tis.deploy.net.terminal import delay_uncertainties, print_path
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.messages import print_warnings
+from tis.deploy.shell.guard import print_warnings
 from tis.deploy.shell.outputs import check_outputs
 from tis.netem.fit.record import MEASURING_ADDS, Spread
 

@@ -1,19 +1,75 @@
-"""Far end of a probe: stamps arrivals by its own clock, serves that clock and returns the stamps."""
+"""Far end of a probe, which is the command ``tis net reflect``: it stamps arrivals and serves its clock.
+
+Its keys are below the probe's own; the stamps return in batches.
+"""
 
 import contextlib
+import json
 import platform
 import queue
 import secrets
-from collections.abc import Callable
-from typing import Any, Final
+import signal
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from threading import Event
+from typing import Any, Final, NamedTuple
 
+import numpy as np
 import zenoh
+from rich.console import Console
+from rich.markup import escape
 
+from tis.common.errors import EXIT_OK, Fault, InputError
 from tis.common.runtime.clock import monotonic_ns
-from tis.common.runtime.clock_server import ClockServer
-from tis.deploy.net.probing.far_keys import MAX_ROWS, Batch, clock_key, stamps_key
-from tis.deploy.net.probing.message_pairing import Stamp
-from tis.deploy.net.probing.receiving_end import read_arrival
+from tis.common.runtime.clock_watch import ClockServer
+from tis.common.runtime.zenoh_session import ZenohOptions
+from tis.deploy.net.probing.ends import check_key, open_end
+from tis.deploy.net.probing.probe import low_latency
+from tis.deploy.net.probing.receiving_end import Stamp, read_arrival
+
+MAX_ROWS: Final = 5_000
+"""Stamps in one batch, 120 kB."""
+
+_ROW_BYTES: Final = 24
+
+
+def clock_key(key: str) -> str:
+    """Return the key of the far end's clock; not a control key, because it must take the path of the messages."""
+    return f"{key}/clock"
+
+
+def stamps_key(key: str) -> str:
+    """Return the key of the far end's stamps; the selector ``?from=N`` gives the first one."""
+    return f"{key}/stamps"
+
+
+class Batch(NamedTuple):
+    """Stamps of the far end named ``name``, from number ``first`` on, of the ``total`` so far."""
+
+    name: str
+    first: int
+    total: int
+    rows: Sequence[Stamp]
+
+    def pack(self) -> tuple[bytes, bytes]:
+        """Return a reply's payload, three big-endian int64 a row, and its attachment."""
+        about = {"name": self.name, "first": self.first, "total": self.total}
+        return np.array(self.rows, dtype=">i8").tobytes(), json.dumps(about).encode()
+
+    @classmethod
+    def unpack(cls, payload: bytes, attachment: bytes) -> "Batch | None":
+        """Return the batch, None when it is malformed (oracle: tests/deploy/net/probing/test_far_keys)."""
+        try:
+            about = json.loads(attachment)
+            name, first, total = about["name"], about["first"], about["total"]
+        except (ValueError, KeyError, TypeError, RecursionError):
+            return None
+        counts = type(first) is int and type(total) is int and isinstance(name, str)
+        if not counts or len(payload) % _ROW_BYTES or not 0 <= first <= first + len(payload) // _ROW_BYTES <= total:
+            return None
+        rows = np.frombuffer(payload, dtype=">i8").reshape(-1, 3).tolist()
+        return cls(name, first, total, [(seq, mark, came_ns) for seq, mark, came_ns in rows])
+
 
 _MAX_KEPT: Final = 1_000_000
 _MAX_QUEUED: Final = 256
@@ -86,3 +142,28 @@ class Reflector:
         payload, about = batch.pack()
         with contextlib.suppress(zenoh.ZError):  # the querier may have left
             query.reply(self._key, payload, attachment=about, express=True)
+
+
+_WHERE = "tis net reflect"
+
+
+def run_reflector(
+    connect: str | None, listen: str | None, options: ZenohOptions, key: str, wait_s: float, err: Console
+) -> int:
+    """Stamp messages and return the stamps until SIGINT or SIGTERM; raises `PeerError`, `InputError`."""
+    check_key(key, _WHERE)
+    endpoint = connect or listen
+    if endpoint is None or (connect and listen):
+        raise InputError(Fault(_WHERE, "--listen", "or --connect is required, but not both"))
+    stop = Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    with ExitStack() as stack:
+        session = stack.enter_context(open_end(endpoint, connect is None, options, wait_s, "reflect"))
+        reflector = Reflector(session, key)
+        stack.callback(reflector.close)
+        err.print(escape(f"tis: far end of probes on {key}, at {endpoint}; Ctrl-C ends it"), soft_wrap=True)
+        with low_latency():
+            reflector.serve(stop.is_set)
+    err.print(f"tis: {reflector.n_received} messages stamped")
+    return EXIT_OK

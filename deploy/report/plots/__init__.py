@@ -1,1 +1,1 @@
-"""Figures of reports."""
+"""Figures of the page with Bokeh, which loads slowly: imported only where a page is made."""

@@ -1,7 +1,7 @@
 """Scene in three dimensions: paths, a box around them, and the controls of the camera that looks at them.
 
-Bokeh has no third dimension. ``page/camera.js`` projects the columns of a source onto the plane of the screen, in the
-browser, for each position of the camera, so a page holds each path once. It finds its work by names and tags: the
+Bokeh has no third dimension. ``present/camera.js`` projects the columns of a source onto the plane of the screen, in
+the browser, for each position of the camera, so a page holds each path once. It finds its work by names and tags: the
 figure's tag is the name of the source of the paths, its extra ranges are the box, and a renderer's tags are its part
 of the scene, the path's name and the columns of x, y and z.
 """
@@ -15,8 +15,8 @@ from bokeh.models import ColumnDataSource
 from bokeh.models.ranges import Range1d
 from bokeh.plotting import figure
 
-from tis.deploy.report.palette import AXIS, PALE, PAPER, SOFT, Tone
-from tis.deploy.report.plots.plot_style import FONT, named
+from tis.deploy.present.palette import AXIS, PALE, PAPER, SOFT, Tone
+from tis.deploy.present.plot_style import FONT, named
 
 TRAIL_S: Final = 2.0
 """Length of the trail behind each head, in s."""

@@ -13,14 +13,12 @@ from matplotlib.figure import Figure
 
 from tis.common.channels import Direction
 from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S
-from tis.deploy.report.measures.estimation.error_by_age import error_by_age
-from tis.deploy.report.measures.latency import round_trips, sample_latency, used_samples
-from tis.deploy.report.palette import BLUE, DIRECTIONS, RED, VERMILION, look_of
-from tis.deploy.report.plots.hand_view import HandView
-from tis.deploy.report.plots.packets import LinkColumns, link_columns, run_lengths
-from tis.deploy.report.plots.thinning import distribution, evenly_and_largest, worst
+from tis.deploy.present.palette import BLUE, DIRECTIONS, RED, VERMILION, look_of
+from tis.deploy.present.thinning import distribution, evenly_and_largest, worst
 from tis.deploy.report.publication.matplotlib_figures import STYLE
-from tis.deploy.report.run_view import RunView
+from tis.deploy.report.run_view import HandView, RunView
+from tis.deploy.report.subjects.network.key_figures import LinkColumns, link_columns, run_lengths
+from tis.deploy.report.subjects.tracking import error_by_age
 
 COLUMN_IN: Final = 3.5
 """Width of a column of a two-column paper: 89 mm, IEEE's 3.5 in."""
@@ -34,7 +32,7 @@ def paper_figures(run: RunView) -> dict[str, Figure]:
     links: dict[Direction, LinkColumns] = {d: link_columns(run.logs, d) for d in get_args(Direction)}
     found: dict[str, Figure | None] = {}
     with mpl.rc_context(STYLE):
-        views = dict(zip(run.arms, run.hands(), strict=True))
+        views = run.hands
         for hand, view in views.items():
             suffix = f"_{hand}" if len(views) > 1 else ""
             found[f"position{suffix}"] = _position(view)
@@ -116,8 +114,8 @@ def _error_by_age(view: HandView) -> Figure | None:
 
 def _latency(run: RunView) -> Figure | None:
     both = {
-        "end to end": (sample_latency(used_samples(run.logs, run.scenario.session, run.arms)).end_to_end, BLUE),
-        "round trip": (round_trips(run.logs, run.scenario.session, run.arms), VERMILION),
+        "end to end": (run.measured.latency.end_to_end, BLUE),
+        "round trip": (run.measured.round_trips_ns, VERMILION),
     }
     return _cdf({n: (v / NS_PER_MS, tone.light) for n, (v, tone) in both.items()}, "latency, ms")
 

@@ -10,10 +10,10 @@ from typing import Final
 import zenoh
 
 from tis.common.channels import FOLLOWER, Hand
-from tis.common.devices.pose import DevicePose
+from tis.common.device import DevicePose
 from tis.common.errors import TisError
 from tis.common.messages import Vector3
-from tis.common.runtime.zenoh_session import ZenohOptions, open_client, urgent_publisher, visitor
+from tis.common.runtime.zenoh_session import ZenohOptions, open_client, publisher_of, visitor
 from tis.common.scenario import Scenario
 from tis.common.units import MM_PER_M
 
@@ -108,7 +108,7 @@ class DeviceDoor:
                 listening = session.declare_subscriber(
                     self.device.key, self._note_rival, allowed_origin=zenoh.Locality.REMOTE
                 )
-                self._publisher = urgent_publisher(session, self.device.key)
+                self._publisher = publisher_of(session, self.device.key)
                 self._over.wait()
                 self._publisher = None
                 listening.undeclare()  # type: ignore[no-untyped-call]

@@ -8,8 +8,7 @@ from bokeh.server.views.auth_request_handler import AuthRequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from tis.deploy.view.drive.hand_move import read_move
-from tis.deploy.view.drive.hub import DriveHub
-from tis.deploy.view.drive.seat import MAX_DROPPED, MAX_RATE_HZ, Rate
+from tis.deploy.view.drive.hub import MAX_DROPPED, MAX_RATE_HZ, DriveHub, Rate
 
 if TYPE_CHECKING:
     from concurrent.futures import Future

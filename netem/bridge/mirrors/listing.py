@@ -21,7 +21,7 @@ from typing import Final, Protocol
 
 import zenoh
 
-from tis.common.runtime.child_process import child_environment
+from tis.common.runtime.process import child_environment
 from tis.netem.bridge.mirrors.lister import Settings
 
 _TIMEOUT_S: Final = 1.5

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.common.clocks.wrong_clock import MS, S, WrongClock, exchange
-from tis.common.clocks.exchange import Exchanges, shortest
+from tis.common.clocks import Exchanges, shortest
 
 SECONDS = st.integers(-(10**6), 10**6)
 WAYS = st.integers(0, 2 * S)

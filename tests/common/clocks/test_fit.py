@@ -4,9 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.common.clocks.wrong_clock import MS, Ints, S, WrongClock, exchanges
-from tis.common.clocks.exchange import Exchanges
-from tis.common.clocks.fit import WANDER_PPM, fit_clock
-from tis.common.clocks.offset import UNKNOWN_DRIFT_PPM
+from tis.common.clocks import UNKNOWN_DRIFT_PPM, WANDER_PPM, Exchanges, fit_clock
 
 REFERENCE_NS = np.linspace(3 * S, 63 * S, 500).astype(np.int64)
 

@@ -3,8 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.common.clocks.wrong_clock import S, WrongClock, exchanges
-from tis.common.clocks.fit import fit_clock
-from tis.common.clocks.model import SHARED, ClockModel, Envelope
+from tis.common.clocks import SHARED, ClockModel, Envelope, fit_clock
 
 KNOTS = st.lists(st.tuples(st.integers(0, 1000), st.integers(-500, 500)), min_size=1, max_size=12)
 

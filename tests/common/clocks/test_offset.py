@@ -3,8 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.common.clocks.wrong_clock import MS, S, WrongClock, exchanges
-from tis.common.clocks.exchange import Exchanges
-from tis.common.clocks.offset import read_clock
+from tis.common.clocks import Exchanges, read_clock
 
 
 def test_an_old_exchange_loses_to_a_longer_new_one_by_what_a_drift_can_have_done() -> None:

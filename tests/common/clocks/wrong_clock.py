@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.clocks.exchange import Exchanges, Stamps
+from tis.common.clocks import Exchanges, Stamps
 
 MS = 1_000_000
 S = 1_000_000_000

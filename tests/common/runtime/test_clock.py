@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from tis.common.errors import InputError
-from tis.common.runtime.clock_discipline import _Timex, read_discipline
-from tis.common.runtime.clock_skew import skewed
+from tis.common.runtime.clock import skewed
+from tis.common.runtime.clock_watch import _Timex, read_discipline
 
 _ROOT = Path(__file__).resolve().parents[3]
 

@@ -10,14 +10,12 @@ import pytest
 import zenoh
 
 from tests.common.runtime.live_zenoh import Network, a_network, soon
-from tis.common.clocks.exchange import Exchanges
-from tis.common.clocks.offset import ClockReading
+from tis.common.clocks import ClockReading, Exchanges
 from tis.common.errors import PeerError
 from tis.common.host_records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
 from tis.common.node import Record
 from tis.common.runtime.clock import WallClock, boot_id, monotonic_ns
-from tis.common.runtime.clock_server import ClockServer
-from tis.common.runtime.clock_watch import ClockWatch
+from tis.common.runtime.clock_watch import ClockServer, ClockWatch
 from tis.common.runtime.control import ControlKeys
 
 pytestmark = pytest.mark.live

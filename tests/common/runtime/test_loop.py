@@ -1,7 +1,7 @@
 from tests.nodes import Metronome, Shelf
 from tis.common.runtime.clock import VirtualClock
-from tis.common.runtime.loop import Seat, run
-from tis.common.runtime.virtual_bus import VirtualBus, key_matches
+from tis.common.runtime.loop import Seat, VirtualBus, run
+from tis.common.zenoh_syntax import key_matches
 
 
 def _run(nodes: list[Metronome], until_ns: int) -> None:

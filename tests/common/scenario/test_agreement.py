@@ -8,8 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tis.common.scenario import Scenario
-from tis.common.scenario.agreement import MAX_FIELDS, agreed_fields, checked_fields, differences, in_words
-from tis.common.scenario.reading import apply_settings, build_scenario, digest
+from tis.common.scenario.reading import (
+    MAX_FIELDS,
+    agreed_fields,
+    apply_settings,
+    build_scenario,
+    checked_fields,
+    differences,
+    digest,
+    in_words,
+)
 
 _RAW: dict[str, Any] = {"version": 1, "name": "s", "source": {"kind": "synthetic"}}
 

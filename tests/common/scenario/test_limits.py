@@ -1,7 +1,6 @@
 import pytest
 
-from tis.common.scenario.limits import Limits
-from tis.common.scenario.requirements import REQUIREMENTS, Requirement, RequirementSet
+from tis.common.scenario.limits import REQUIREMENTS, Limits, Requirement, RequirementSet
 
 
 def test_a_preset_fills_in_what_is_not_given() -> None:

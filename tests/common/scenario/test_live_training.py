@@ -1,7 +1,7 @@
 import pytest
 
 from tis.common.errors import InputError
-from tis.common.scenario.patient import Identification
+from tis.common.scenario.identification import Identification
 
 
 def test_a_live_run_waits_for_no_training() -> None:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tis.common.sources.minimum_jerk import minimum_jerk
+from tis.common.sources.hand_movements import minimum_jerk
 from tis.common.sources.synthetic import EASE_S, PRESSED_S, Clutch
 from tis.common.sources.trajectory import Array
 from tis.common.streams import Stream

@@ -4,8 +4,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.common.sources.trials import FIRST
 from tis.common.scenario.source import SyntheticSource
-from tis.common.sources.jigsaws import parse_trial, pose_track, position_m
-from tis.common.sources.jigsaws_text import trial_text
+from tis.common.sources.jigsaws import parse_trial, pose_track, position_m, trial_text
 from tis.common.sources.pairing import pair_over
 from tis.common.sources.synthetic import synthesise
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording

@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from tests.deploy.hold_only import HOLD
-from tis.common.runtime.ticks_only import RECORD_VARIABLE
+from tis.common.runtime.recorder import RECORD_VARIABLE
 from tis.common.scenario import Scenario
 from tis.deploy.bench import recording
 from tis.deploy.run.resolve import resolve

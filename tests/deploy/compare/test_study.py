@@ -14,11 +14,10 @@ from tests.deploy.commands import call
 from tis.common.errors import DataError, InputError
 from tis.common.yaml_text import load_yaml
 from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.command import plan_of_study_file
 from tis.deploy.compare.grid import parse_sweep
-from tis.deploy.compare.options import plan_of_study_file
 from tis.deploy.compare.plan import MAX_TWINS, Plan, Request, make_plan
-from tis.deploy.compare.study import Study
-from tis.deploy.compare.study_plan import plan_study, read_study
+from tis.deploy.compare.study import Study, plan_study, read_study
 
 ROOT = Path(__file__).resolve().parents[3]
 DELAY = "network.forward.delay.delay_ms"
@@ -214,7 +213,7 @@ def test_a_store_is_named_by_the_file_and_a_scenario_lies_beside_it(
 def test_the_study_of_the_manual_runs_in_a_small_form(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: None, without_figures: None
 ) -> None:
-    text = (ROOT / "docs" / "how_to" / "compare_estimators.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "testbed" / "compare_estimators.md").read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     (found,) = re.findall(r"```yaml\n(# (\S+)\n.*?)```", text, re.DOTALL)
     Path(found[1]).write_text(found[0])

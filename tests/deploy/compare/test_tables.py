@@ -11,11 +11,11 @@ from tests.deploy.compare.untimed import untimed
 from tis.common.errors import DataError, InputError
 from tis.common.scenario import Scenario
 from tis.deploy.compare.cells.cell import Cell, Training
-from tis.deploy.compare.cells.digests import content_digest
+from tis.deploy.compare.cells.identity import content_digest
 from tis.deploy.compare.engine.shipment import perform_away, shipment_of, shipped_files
 from tis.deploy.compare.engine.workers import Computed, perform
 from tis.deploy.compare.plan import Plan, Request, make_plan
-from tis.deploy.compare.results.people import person
+from tis.deploy.compare.results.pooled import person
 
 SCENARIO = """version: 1
 name: tables

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tis.common.errors import InputError
-from tis.deploy.hosts.collect_options import Asked, check_options
+from tis.deploy.hosts.collect import Asked, check_options
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,8 @@ from tests.deploy.hosts.ssh_server import Server, ssh_server
 from tests.deploy.hosts.stand_ins import RUNS, SCENARIO, SIDES, WAITS, Stage, environment, soon
 from tis.common.errors import DataError, InputError, PeerError
 from tis.deploy.hosts import connections
+from tis.deploy.hosts.collect import gather_logs, newest_run
 from tis.deploy.hosts.connections import connect_and_check, hosts_of
-from tis.deploy.hosts.gather import gather_logs, newest_run
 from tis.deploy.hosts.hosts_file import read_plan
 from tis.deploy.hosts.protocol import RunRequest
 from tis.deploy.hosts.side_watch import SideWatch

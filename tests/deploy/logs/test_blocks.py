@@ -11,8 +11,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from tis.common.errors import DataError
-from tis.common.runtime.chunk_writer import ChunkWriter
-from tis.common.runtime.mcap_chunks import by_channel, encode_message
+from tis.common.runtime.chunk_writer import ChunkWriter, by_channel, encode_message
 from tis.deploy.logs.blocks import parse_records
 from tis.deploy.logs.log_file import LogFile
 

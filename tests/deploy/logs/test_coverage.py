@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tis.common.clocks.model import ClockModel, Envelope
+from tis.common.clocks import ClockModel, Envelope
 from tis.common.node import Record
 from tis.common.records import TickNote
 from tis.common.runtime.mcap_log import McapLog

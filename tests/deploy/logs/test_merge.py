@@ -17,7 +17,7 @@ from tests.deploy.report.hand_made import ARM, COMMAND, ESTIMATED, MS, a_scenari
 from tests.log_reader import LogReader, cut
 from tests.nodes import a_pose
 from tis.common.channels import Side
-from tis.common.clocks.model import ClockModel
+from tis.common.clocks import ClockModel
 from tis.common.messages import Quaternion, Vector3
 from tis.common.node import Record
 from tis.common.records import (
@@ -44,7 +44,7 @@ from tis.deploy.logs.topics import RunTopics
 from tis.deploy.logs.viewer.draw_log import line
 from tis.deploy.logs.viewer.draw_poses import Truth
 from tis.deploy.logs.viewer.drawn import Records
-from tis.deploy.report.measures.estimation.tracking import track_of_hand
+from tis.deploy.report.subjects.tracking import track_of_hand
 
 SIDES: tuple[Side, ...] = ("surgeon", "netem", "patient")
 Decoded = dict[str, list[tuple[int, int, Any]]]

@@ -10,8 +10,7 @@ import zenoh
 
 from tests.deploy.commands import Call, call
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
-from tis.common.trace import Trace
-from tis.common.trace_text import parse_trace, render_trace
+from tis.common.trace import Trace, parse_trace, render_trace
 from tis.deploy.net.fitting.fit import cautions
 from tis.deploy.net.library.profiles import find_profile, shipped_names
 from tis.netem.fit.direction import fit_direction

@@ -6,16 +6,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from tis.common.clocks.exchange import Exchanges
-from tis.common.clocks.fit import fit_clock
-from tis.common.clocks.model import SHARED, ClockModel
-from tis.common.trace import Trace
-from tis.common.trace_text import parse_trace, render_trace
+from tis.common.clocks import SHARED, ClockModel, Exchanges, fit_clock
+from tis.common.trace import Trace, parse_trace, render_trace
 from tis.deploy.net.probing.delay_figures import path_figures
 from tis.deploy.net.probing.ends import Ends
-from tis.deploy.net.probing.message_pairing import Paired
 from tis.deploy.net.probing.probe import Plan, Probed
 from tis.deploy.net.probing.probe_command import comparison, trace_of
+from tis.deploy.net.probing.receiving_end import Paired
 from tis.deploy.net.terminal import delay_uncertainties, print_path
 from tis.netem.fit.record import Spread
 

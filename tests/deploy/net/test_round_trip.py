@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from tis.common.scenario.network import NetworkPart
-from tis.common.trace import LOST, Trace
-from tis.common.trace_text import render_trace
+from tis.common.trace import LOST, Trace, render_trace
 from tis.deploy.net.fitting.fit import Records, fit_records, profile_of, records
 from tis.deploy.net.library.profiles import dump_profile, library
 from tis.netem.expected.simulate import simulate

@@ -8,8 +8,8 @@ import pytest
 
 from tests.deploy.commands import call_by_lines as tis
 from tests.deploy.report.outline import Outline
-from tis.deploy.report.compared.compared_figures import Difference, compared, in_number, in_percent, in_points
-from tis.deploy.report.tables.numbers import number
+from tis.deploy.present.numbers import number
+from tis.deploy.report.compared import Difference, compared, in_number, in_percent, in_points
 from tis.deploy.shell import run_dir as folder
 
 LOSSY = ("--set", "network.forward.loss.p_loss=0.3", "--set", "network.forward.delay.delay_ms=90")

@@ -15,10 +15,9 @@ from tis.deploy.logs.coverage import FOREVER, WRITTEN_WITHIN_NS, Coverage, Span
 from tis.deploy.logs.read.load import RunLogs, load_run
 from tis.deploy.logs.read.recorded import models_in
 from tis.deploy.report import load
-from tis.deploy.report.measures.estimation.freshness import age_of_information_ms, freshest_arrivals
-from tis.deploy.report.measures.estimation.tracking import track_of_hand
-from tis.deploy.report.measures.latency import ages_of_hand
-from tis.deploy.report.summary import build_summary
+from tis.deploy.report.subjects.age import age_of_information_ms, ages_of_hand, freshest_arrivals
+from tis.deploy.report.subjects.tracking import track_of_hand
+from tis.deploy.report.summarise import build_summary
 
 __all__ = ["run_dir", "scenario"]
 

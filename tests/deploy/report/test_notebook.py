@@ -11,7 +11,7 @@ from tests.log_reader import cut
 from tests.notebooks import check_form, executed
 from tis.deploy.logs.read.load import load_run
 from tis.deploy.report import load
-from tis.deploy.report.link_summary import link_summary
+from tis.deploy.report.subjects.network.link_summary import link_summary
 
 __all__ = ["run_dir", "scenario"]
 

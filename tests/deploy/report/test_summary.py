@@ -30,7 +30,7 @@ from tis.common.errors import EXIT_OK
 from tis.common.node import Record
 from tis.common.scenario import Scenario
 from tis.deploy.logs.read.load import RunLogs, load_run
-from tis.deploy.report.summary import build_summary
+from tis.deploy.report.summarise import build_summary
 
 LEFT = static_model()
 RIGHT = replace(LEFT, hand="right", arm="PSM1")

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from tis.common.scenario import Scenario
 from tis.deploy.logs.read.load import load_run
-from tis.deploy.report.summary import build_summary
+from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
 from tis.deploy.shell import run_dir as folder

@@ -22,8 +22,9 @@ from tis.common.sources.trajectory import Recording
 from tis.common.stop_messages import EmergencyStop
 from tis.common.units import NS_PER_MS, NS_PER_S, sample_instant_ns
 from tis.deploy.logs.read.load import load_run
-from tis.deploy.report.summary import build_summary
-from tis.deploy.report.tables.run_warnings import run_warnings
+from tis.deploy.report.contents import run_warnings
+from tis.deploy.report.summarise import build_summary
+from tis.deploy.report.summary import Summary
 from tis.deploy.run.replay import replay
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
@@ -169,7 +170,7 @@ def test_two_contents_under_one_number_hold_the_arm_and_the_run_says_since_when(
     assert evidence["conflict"]["n"] > 60
     assert 4.0 <= evidence["conflict"]["begun_s"] <= 4.3
     assert not found["valid"]
-    (text,) = [text for text in run_warnings(found) if "forges" in text]
+    (text,) = [text for text in run_warnings(Summary.model_validate(found)) if "forges" in text]
     if policy == "hold":
         assert held_s > 1.0
         assert "the arm held" in text
@@ -190,7 +191,7 @@ def test_foreign_set_points_are_counted_told_and_logged(tmp_path: Path) -> None:
     found = _run(tmp_path / "run", messages)
     assert found["evidence"]["foreign_set_point"] == {"n": 400, "begun_s": 4.002}
     assert found["valid"]  # no arm of another program was there to follow them
-    assert any("400 set points" in text for text in run_warnings(found))
+    assert any("400 set points" in text for text in run_warnings(Summary.model_validate(found)))
     logs = load_run(tmp_path / "run")
     assert len(logs.of("patient", QUARANTINE)) == 7  # ten a second are logged, what is no set point as rejected
 

@@ -11,7 +11,7 @@ import pytest
 from tests.deploy.report.hand_made import ARM, COMMAND, MS, a_scenario, fate, write_log
 from tis.common.node import Record
 from tis.common.records import CONTROL, ControlNote, FateBatch
-from tis.common.runtime.trace_files import load_traces
+from tis.common.runtime.scenario_files import load_traces
 from tis.common.scenario import Scenario
 from tis.deploy.logs.read.load import RunLogs, load_run
 from tis.deploy.run.consistency import FateComparison, compare_fates

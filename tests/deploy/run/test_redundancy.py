@@ -13,8 +13,9 @@ from tis.common.records import ESTIMATES, FRESH
 from tis.common.scenario import Scenario
 from tis.deploy.logs.read.load import RunLogs, load_run
 from tis.deploy.logs.read.memory import MemoryLog
-from tis.deploy.report.measures.latency import ages_ns, sample_latency, used_samples
-from tis.deploy.report.summary import build_summary
+from tis.deploy.report.subjects.age import ages_ns
+from tis.deploy.report.subjects.latency import sample_latency, used_samples
+from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.replay import replay
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, drive, run_twin

@@ -15,7 +15,7 @@ from tis.deploy.cli.main import app
 from tis.deploy.logs.log_paths import log_file
 from tis.deploy.logs.read.load import load_run, load_side
 from tis.deploy.logs.read.rows import Rows
-from tis.deploy.report.summary import build_summary
+from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
 from tis.deploy.shell import run_dir as folder

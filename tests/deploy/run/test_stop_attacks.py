@@ -15,8 +15,9 @@ from tis.common.scenario import reading
 from tis.common.stop_messages import MAX_IN_FORCE, lock_of
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.deploy.logs.read.load import load_run
-from tis.deploy.report.summary import build_summary
-from tis.deploy.report.tables.run_warnings import run_warnings
+from tis.deploy.report.contents import run_warnings
+from tis.deploy.report.summarise import build_summary
+from tis.deploy.report.summary import Summary
 from tis.deploy.run.replay import replay
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
@@ -64,7 +65,9 @@ def test_a_strangers_release_of_an_operators_stop_is_told(tmp_path: Path) -> Non
     left = found["safety"]["left"]
     assert (left["emergency_stops"], left["releases"], left["releases_by_others"]) == (1, 1, 1)
     assert _safe_s(found) < 2
-    assert any("a release came without the stop's token" in text for text in run_warnings(found))
+    assert any(
+        "a release came without the stop's token" in text for text in run_warnings(Summary.model_validate(found))
+    )
     assert found["valid"], found["problems"]
 
 
@@ -75,7 +78,10 @@ def test_with_stopper_a_strangers_release_is_refused_and_the_stoppers_is_not(tmp
     left = found["safety"]["left"]
     assert (left["releases"], left["releases_by_others"], left["stop_requests_refused"]) == (1, 0, 2)
     assert _safe_s(found) == pytest.approx(3.0, abs=0.2)
-    assert any("the patient refused 2 requests to stop or to release" in text for text in run_warnings(found))
+    assert any(
+        "the patient refused 2 requests to stop or to release" in text
+        for text in run_warnings(Summary.model_validate(found))
+    )
     # the log holds no secret, and the replay needs none
     with (tmp_path / "run" / "patient.mcap").open("rb") as file:
         written = b"".join(message.data for _, _, message in make_reader(file).iter_messages())
@@ -98,7 +104,7 @@ def test_a_flood_of_stops_and_releases_is_bounded_named_and_replayed(tmp_path: P
     assert left["stop_requests_flooded"] > 29_000
     total = sum(left[name] for name in ("emergency_stops", "releases", "stop_requests_refused"))
     assert total + left["stop_requests_flooded"] <= 30_000
-    assert any(text.startswith("a flood of ") for text in run_warnings(found))
+    assert any(text.startswith("a flood of ") for text in run_warnings(Summary.model_validate(found)))
     assert _safe_s(found) > 3
     assert found["valid"], found["problems"]
     assert (tmp_path / "run" / "patient.mcap").stat().st_size < 2_000_000

@@ -9,7 +9,7 @@ import pytest
 from tis.common.records import PHASES, PROMPT, TICKS
 from tis.common.scenario import Scenario
 from tis.deploy.logs.read.load import RunLogs, load_run
-from tis.deploy.report.summary import build_summary
+from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.replay import replay
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin

@@ -16,8 +16,8 @@ from tis.common.records import ESTIMATES, TICKS
 from tis.common.scenario import Scenario
 from tis.deploy.logs.read.batches import DELIVER, OUTCOMES, link_fates
 from tis.deploy.logs.read.load import RunLogs, load_run
-from tis.deploy.report.measures.network.requested import Requested
-from tis.deploy.report.summary import build_summary
+from tis.deploy.report.subjects.network.requested import Requested
+from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.consistency import compare_fates
 from tis.deploy.run.replay import replay
 from tis.deploy.run.resolve import resolve

@@ -13,7 +13,7 @@ import pytest
 
 from tests.deploy.report.hand_made import a_scenario
 from tis.common.errors import DataError, InputError
-from tis.common.runtime.command_line import command_line
+from tis.common.runtime.process import command_line
 from tis.deploy.shell import run_dir as folder
 
 

@@ -13,7 +13,7 @@ from tests.deploy.report.hand_made import MS, counter, fate, release, write_log
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, DataError
 from tis.common.node import Record
 from tis.common.records import FATES, RELEASES, FateBatch, ReleaseBatch
-from tis.common.runtime.trace_files import load_traces, trace_attachments
+from tis.common.runtime.scenario_files import load_traces, trace_attachments
 from tis.common.scenario.network import NetworkPart
 from tis.deploy.cli.main import app
 from tis.deploy.shell import run_dir as folder

@@ -17,12 +17,12 @@ from tis.common.scenario.patient import PatientPart
 from tis.common.scenario.reading import build_scenario
 from tis.common.scenario.source import JigsawsSource, SyntheticSource
 from tis.common.sources.calibration import RECORDED_SUTURING
-from tis.common.sources.jigsaws_text import trial_text
+from tis.common.sources.jigsaws import trial_text
 from tis.common.sources.synthetic import synthesise
 from tis.deploy.cli.main import app
 from tis.deploy.compare.plan import Request, make_plan
 from tis.deploy.logs.read.load import load_run
-from tis.deploy.report.summary import build_summary
+from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.twin import build_sides, run_twin
 from tis.deploy.shell.run_dir import create
 from tis.deploy.tools import synth

@@ -17,8 +17,7 @@ from tis.deploy.view.page_text import (
     vantage_text,
 )
 from tis.deploy.watch.live_figures import CrossingFigures, LiveFigures
-from tis.deploy.watch.observer import Attendance
-from tis.deploy.watch.observer_path import Vantage
+from tis.deploy.watch.observer import Attendance, Vantage
 
 ALL: frozenset[Side] = frozenset(get_args(Side))
 BESIDE = PageContext(True, "tcp/127.0.0.1:1", "tcp/127.0.0.1:2")

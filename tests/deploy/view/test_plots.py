@@ -3,7 +3,7 @@
 import pytest
 
 from tests.deploy.watch.making import a_book, a_run
-from tis.deploy.report.palette import TRUTH, look_of
+from tis.deploy.present.palette import TRUTH, look_of
 from tis.deploy.view import plots
 from tis.deploy.view.feed import Feed
 from tis.deploy.view.plots import Plots, Window

@@ -8,7 +8,7 @@ import pytest
 from tests.common.runtime.live_zenoh import soon
 from tests.netem.bridge.controlled_bridge import Running, running_bridge
 from tis.common.runtime.emulator_client import EmulatorAddress
-from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.process import free_endpoints
 from tis.deploy.view.steering import Steering, live_profiles
 
 pytestmark = pytest.mark.live

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.common.runtime.live_zenoh import soon
-from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from tis.deploy.view.server import ViewOptions
 from tis.deploy.watch.observer import Observer

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tis.common.clocks.exchange import Exchanges
-from tis.deploy.watch.observer_path import ObserverPath, observer_path, vantage
+from tis.common.clocks import Exchanges
+from tis.deploy.watch.observer import ObserverPath, observer_path, vantage
 
 AHEAD_NS = 7_000_000_000
 LEGS = st.lists(st.tuples(st.integers(0, 10**8), st.integers(0, 10**8)), min_size=1, max_size=20)

@@ -3,7 +3,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tis.deploy.watch.trail import Trail
+from tis.deploy.watch.motion import Trail
 
 
 @settings(max_examples=50)

@@ -2,15 +2,15 @@
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from itertools import chain, repeat
 
 import pytest
 
 from tests.common.runtime.live_zenoh import a_router, soon
-from tis.common.runtime.clock_server import ClockServer
+from tis.common.runtime.clock_watch import ClockServer
 from tis.common.runtime.control import ControlKeys
-from tis.common.runtime.free_endpoints import free_endpoints
-from tis.deploy.watch.observer import Observer
-from tis.deploy.watch.observer_path import Vantage
+from tis.common.runtime.process import free_endpoints
+from tis.deploy.watch.observer import Observer, Vantage
 
 pytestmark = pytest.mark.live
 
@@ -36,7 +36,8 @@ def test_on_netems_host_there_is_no_way_to_take_off() -> None:
 
 
 def test_on_another_host_the_ways_are_measured_and_said_to_be_uncertain(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tis.common.runtime.clock_watch.boot_id", lambda: "another-boot")
+    boots = chain(["the server's"], repeat("the observer's"))
+    monkeypatch.setattr("tis.common.runtime.clock_watch.boot_id", lambda: next(boots))
     with an_observer() as observer:
         assert soon(lambda: observer.vantage() is not None)
         found = observer.vantage()

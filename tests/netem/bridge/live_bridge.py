@@ -13,7 +13,7 @@ from tests.common.runtime.live_zenoh import a_client
 from tis.common.channels import Network
 from tis.common.node import Record
 from tis.common.runtime.clock import WallClock
-from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from tis.common.scenario.network import NetworkPart
 from tis.netem.bridge.applications import Applications

@@ -8,7 +8,7 @@ import pytest
 from tests.common.runtime.live_zenoh import a_client, a_router, soon
 from tests.netem.bridge.live_bridge import bridging, two_routers
 from tis.common.errors import PeerError
-from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.process import free_endpoints
 from tis.netem.bridge.bypass import Watch, refuse_one_router
 
 pytestmark = pytest.mark.live

@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 
 from tis.common.errors import PeerError
-from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.process import free_endpoints
 
 pytestmark = pytest.mark.live
 
 # a lock taken twice: unlike a sleep it is not ended by a signal, and no handler in Python runs meanwhile
 _STUCK = """
 import ctypes, signal, sys, time
-from tis.common.runtime.interrupt import Interrupt
+from tis.common.runtime.process import Interrupt
 from tis.netem.bridge.standstill import Deadline
 libc, lock = ctypes.CDLL(None), ctypes.create_string_buffer(64)
 def stick():

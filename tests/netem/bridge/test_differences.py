@@ -12,7 +12,7 @@ from tests.common.runtime.live_zenoh import a_client, a_router
 from tests.netem.bridge.live_bridge import a_bridge, bridging, delays, driving
 from tests.netem.bridge.scenarios import SCENARIOS, Between, crosses_after, outcomes
 from tis.common.channels import Network
-from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.process import free_endpoints
 from tis.common.scenario.network import NetworkPart
 from tis.netem.bridge.carrying import backlog_bytes, ends_of, stream_network
 from tis.netem.bridge.driver import Driver
@@ -22,7 +22,7 @@ from tis.netem.build import build_links
 
 pytestmark = pytest.mark.live
 
-_PAGE = Path(__file__).resolve().parents[3] / "docs" / "explanations" / "emulator_transparency.md"
+_PAGE = Path(__file__).resolve().parents[3] / "docs" / "emulator" / "transparency.md"
 _ATTEMPTS = 3
 _ROW = re.compile(r"^\| `(\w+)` \|", re.MULTILINE)
 

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from tests.netem.making import are_alike, link, offer, packet, scenario
 from tis.common.channels import Direction
-from tis.common.key_set import KeySet
 from tis.common.records import FATES, ControlNote, FateBatch
+from tis.common.zenoh_syntax import KeySet
 from tis.netem.conditions.conditions import Condition
 from tis.netem.control.control import Control
 from tis.netem.control.replay import changed_conditions, changes_from_notes, with_live_changes

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tis.common.scenario.simulated_arm import MujocoPlant
+from tis.common.scenario.patient import MujocoPlant
 from tis.patient_side.dynamics.identify import Dynamics, identify_dynamics
 from tis.patient_side.dynamics.parameters import joints, links, pseudo_inertia
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from tis.common.scenario.simulated_arm import MujocoPlant
+from tis.common.scenario.patient import MujocoPlant
 from tis.common.streams import Stream
 from tis.patient_side.dynamics.base_parameters import base_parameters
 from tis.patient_side.dynamics.parameters import true_parameters

@@ -11,7 +11,7 @@ import pytest
 from tests.patient_side.arm_models import LOST, RATE_HZ, Streams, inside_95, play, truth_at_ticks
 from tests.patient_side.identification.known_systems import real_recording
 from tis.common.scenario.estimator_names import EstimatorName
-from tis.common.scenario.patient import Identification
+from tis.common.scenario.identification import Identification
 from tis.common.units import sample_instant_ns
 from tis.patient_side.estimators.registry import build_estimator
 from tis.patient_side.identification.identify import identify_arm

@@ -4,7 +4,7 @@ import pytest
 from tests.patient_side.identification.known_systems import hand_like, recording, sorted_eigenvalues
 from tests.patient_side.identification.test_fit_drmf import few_draws
 from tis.common.errors import DataError
-from tis.common.scenario.patient import Identification
+from tis.common.scenario.identification import Identification
 from tis.patient_side.identification.companions import fit_companions
 from tis.patient_side.identification.dataset import TrainingSet, training_set
 from tis.patient_side.statespace import StateSpace

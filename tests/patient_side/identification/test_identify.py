@@ -14,7 +14,7 @@ from tests.patient_side.identification.known_systems import (
     sorted_eigenvalues,
 )
 from tis.common.errors import DataError
-from tis.common.scenario.patient import Identification
+from tis.common.scenario.identification import Identification
 from tis.common.scenario.source import SyntheticSource
 from tis.common.sources.provenance import RecordedRows
 from tis.common.sources.synthetic import synthesise

@@ -12,7 +12,7 @@ import pytest
 from tests.patient_side.identification.known_systems import ONE_LAG, Array, hand_like, recording
 from tis.common.channels import Hand
 from tis.common.scenario.estimator_names import NAMES, is_learned
-from tis.common.scenario.patient import Identification
+from tis.common.scenario.identification import Identification
 from tis.common.sources.trajectory import Recording
 from tis.patient_side.identification import companions, identify
 from tis.patient_side.identification.identify import identify_arm, identify_hands

@@ -15,7 +15,7 @@ from tests.patient_side.identification.known_systems import (
 )
 from tis.common.channels import Hand
 from tis.common.errors import DataError
-from tis.common.scenario.patient import Identification
+from tis.common.scenario.identification import Identification
 from tis.patient_side.identification.hankel import block_hankel
 from tis.patient_side.identification.identify import identify_with_orders
 from tis.patient_side.identification.moesp_paper import paper_model, paper_subspace

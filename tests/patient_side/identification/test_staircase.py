@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from tis.common.errors import DataError, Fault
-from tis.common.scenario.patient import Identification
+from tis.common.scenario.identification import Identification
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 from tis.patient_side.identification import stochastic_moesp
 from tis.patient_side.identification.breakdown import breakdown_as_fault, explain_repeats

@@ -9,8 +9,7 @@ from tests.patient_side.learned.models import LEARNED, learned_model
 from tests.patient_side.learning.tracks import turning
 from tis.common.errors import InputError
 from tis.common.scenario.estimator_names import LearnedName
-from tis.common.scenario.learning import Learning
-from tis.common.scenario.patient import Identification
+from tis.common.scenario.identification import Identification, Learning
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 from tis.patient_side.estimators.learned_forecast import learned_forecast
 from tis.patient_side.identification.identify import identify_hands

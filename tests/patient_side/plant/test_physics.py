@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tis.common.errors import InputError
-from tis.common.scenario.simulated_arm import MujocoPlant
+from tis.common.scenario.patient import MujocoPlant
 from tis.common.servo import servo_transition
 from tis.patient_side.plant import extra
 from tis.patient_side.plant.arm_geometry import HIGH, LOW, link_frames

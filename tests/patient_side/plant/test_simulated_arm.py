@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
-from tis.common.scenario.simulated_arm import MujocoPlant
+from tis.common.scenario.patient import MujocoPlant
 from tis.common.streams import Stream
 from tis.patient_side.plant.build import simulated_arm
 from tis.patient_side.plant.protocol import PlantOutput, Reference

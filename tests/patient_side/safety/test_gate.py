@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tests.nodes import a_pose
 from tis.common.messages import Pose, Quaternion
 from tis.common.scenario.safety import Gate
-from tis.common.send_plan import SendPlan
+from tis.common.ticker import SendPlan
 from tis.common.units import NS_PER_MS, NS_PER_S, sample_instant_ns
 from tis.patient_side.safety.gate import GateLimits, Kind, StreamGate, limits_of
 

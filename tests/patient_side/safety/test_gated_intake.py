@@ -5,7 +5,7 @@ from tis.common.channels import hand_channels
 from tis.common.intake import Intake
 from tis.common.messages import SampledPose
 from tis.common.safety_records import QUARANTINE, QuarantineNote
-from tis.common.send_plan import SendPlan
+from tis.common.ticker import SendPlan
 from tis.common.units import NS_PER_MS, sample_instant_ns
 from tis.patient_side.safety.gate import GateLimits, StreamGate
 from tis.patient_side.safety.gated_intake import GatedIntake

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from tis.common.messages import Pose, Quaternion, Vector3
 from tis.common.runtime.recordings import load_recording
 from tis.common.scenario.safety import Gate
-from tis.common.send_plan import SendPlan
 from tis.common.sources.jigsaws import parse_trial, pose_track, position_m
 from tis.common.sources.trajectory import PoseTrack
+from tis.common.ticker import SendPlan
 from tis.common.units import NS_PER_MS, sample_instant_ns
 from tis.deploy.run.resolve import resolve
 from tis.patient_side.safety.gate import StreamGate, limits_of

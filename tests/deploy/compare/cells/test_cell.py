@@ -10,14 +10,14 @@ from tis.common.channels import Side
 from tis.common.scenario import Scenario
 from tis.deploy.compare.cells import cell as cell_module
 from tis.deploy.compare.cells.cell import Training, run_cell, train, with_models
-from tis.deploy.compare.cells.histogram import percentile
-from tis.deploy.compare.cells.measured_estimator import MeasuredEstimator
+from tis.deploy.compare.cells.measured import MeasuredEstimator
+from tis.deploy.compare.cells.sums import percentile
 from tis.deploy.compare.plan import Request, make_plan
 from tis.deploy.compare.results.pooled import pooled
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.memory import MemoryLog
-from tis.deploy.report.measures.latency import ages_ns
-from tis.deploy.report.summary import build_summary
+from tis.deploy.report.subjects.age import ages_ns
+from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.twin import build_sides, drive
 from tis.patient_side.build import identify_models
 from tis.patient_side.estimators.hold import Hold

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from tis.deploy.compare.cells.error_sums import ErrorSums
+from tis.deploy.compare.cells.forecasts import ErrorSums
 
 # two forecasts of two samples ahead
 ERRORS_M = np.array([[[3.0, 4.0, 0.0], [0.0, 0.0, -2.0]], [[0.0, 0.0, 1.0], [2.0, -3.0, 6.0]]])

@@ -11,11 +11,11 @@ from tis.common.runtime.recordings import load_recording
 from tis.common.scenario import Scenario
 from tis.deploy.compare.cells.cell import run_cell
 from tis.deploy.compare.cells.forecasts import ORIGIN_EVERY, ForecastRecorder, forecast_sums, record_forecasts
-from tis.deploy.compare.cells.measured_estimator import measure_estimators
+from tis.deploy.compare.cells.measured import measure_estimators
 from tis.deploy.compare.plan import Request, make_plan
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.memory import MemoryLog
-from tis.deploy.report.measures.estimation.tracking import track_of_hand
+from tis.deploy.report.subjects.tracking import track_of_hand
 from tis.deploy.run.twin import build_sides, drive
 from tis.patient_side.node import PatientNode
 

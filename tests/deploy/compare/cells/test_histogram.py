@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tis.common.metrics.percentiles import summarise
-from tis.deploy.compare.cells.histogram import ERROR_WIDTH, histogram, merged, percentile
+from tis.deploy.compare.cells.sums import ERROR_WIDTH, histogram, merged, percentile
 
 durations = st.lists(st.integers(1, 10**10), min_size=1, max_size=40)
 

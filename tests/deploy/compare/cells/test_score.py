@@ -8,7 +8,7 @@ from scipy.special import ndtri
 
 from tis.common.metrics.consistency import CHI2_3_95
 from tis.common.streams import Stream
-from tis.deploy.compare.cells.score import covered
+from tis.deploy.compare.cells.sums import covered
 
 
 def _normal(label: str, *shape: int) -> np.ndarray:

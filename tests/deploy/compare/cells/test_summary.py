@@ -1,6 +1,6 @@
-"""A literal summary; its figures are held against those of sums in tests/deploy/admissible/test_figures."""
+"""A literal summary; its figures are held against those of sums in tests/deploy/studies/admissible/test_figures."""
 
-from tis.deploy.compare.cells.summary import flat
+from tis.deploy.compare.cells.scores import flat
 
 
 def test_numbers_of_a_summary_have_dotted_paths() -> None:

@@ -8,12 +8,13 @@ import pytest
 from tis.common.channels import ORIGIN, Side
 from tis.common.runtime.recordings import load_recording
 from tis.common.scenario import Scenario
-from tis.deploy.compare.cells.cell import Cell, logged_scores, run_cell, unlogged_scores
+from tis.deploy.compare.cells.cell import Cell, run_cell
+from tis.deploy.compare.cells.scores import logged_scores, unlogged_scores
 from tis.deploy.compare.cells.shared_parts import SharedParts
 from tis.deploy.compare.cells.unlogged import is_plain, run_unlogged
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.memory import MemoryLog
-from tis.deploy.report.measures.estimation.tracking import track_of_hand
+from tis.deploy.report.subjects.tracking import track_of_hand
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, drive
 from tis.netem.node import NetemNode
@@ -95,7 +96,7 @@ def test_packets_and_estimates_are_those_of_the_logged_twin(model_file: Path, ne
     assert {(key, seq): ns for ns, key, seq in found.arrived} == first
     # Truth, estimates, and what is scored.
     for model in models:
-        expected, track = track_of_hand(logs, scenario, model.hand), found.tracks[model.hand]
+        expected, track = track_of_hand(logs, scenario, model.hand), found.scored[model.hand].track
         assert np.array_equal(expected.t_ns, track.t_ns)
         assert np.array_equal(expected.truth_m, track.truth_m, equal_nan=True)
         assert np.array_equal(expected.scored, track.scored)

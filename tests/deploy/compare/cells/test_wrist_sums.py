@@ -8,13 +8,13 @@ import pytest
 from tis.common.channels import Side
 from tis.common.runtime.recordings import load_recording
 from tis.common.sources.trajectory import Array, HandRecording, PoseTrack, Recording
-from tis.deploy.compare.cells.cell import unlogged_scores
-from tis.deploy.compare.cells.measured_method import MeasuredMethod
-from tis.deploy.compare.cells.wrist_sums import wrist_sums
+from tis.deploy.compare.cells.measured import MeasuredMethod
+from tis.deploy.compare.cells.scores import unlogged_scores
+from tis.deploy.compare.cells.sums import wrist_sums
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.memory import MemoryLog
-from tis.deploy.report.measures.estimation.tracking import HandTrack
-from tis.deploy.report.summary import build_summary
+from tis.deploy.report.subjects.tracking import HandTrack
+from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, drive
 from tis.patient_side.orientation.protocol import WristEstimate

@@ -3,8 +3,8 @@ from typing import Any
 import pytest
 
 from tis.common.errors import InputError
-from tis.deploy.compare.engine.choice import workers_of
 from tis.deploy.compare.engine.cluster import Cluster
+from tis.deploy.compare.engine.compute import workers_of
 from tis.deploy.compare.engine.processes import Processes
 
 

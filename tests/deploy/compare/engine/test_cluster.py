@@ -19,8 +19,8 @@ from tests.deploy.compare.untimed import untimed
 from tests.documented_estimator import FILE, documented_estimator
 from tis.common.errors import InputError, PeerError
 from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.engine import cluster
 from tis.deploy.compare.engine import cluster as module
-from tis.deploy.compare.engine import connection
 from tis.deploy.compare.engine.cluster import Cluster
 from tis.deploy.compare.engine.compute import Outcome, compute
 from tis.deploy.compare.engine.processes import Processes
@@ -114,7 +114,7 @@ def computed(plan: Plan, folder: Path, workers: Workers) -> Outcome:
 @pytest.mark.live  # the first one: the scheduler has no worker yet
 def test_without_a_worker_or_a_scheduler_one_line_says_so(scheduler: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_FIRST_WORKER_S", 0.1)
-    monkeypatch.setattr(connection, "CONNECT_S", 2)
+    monkeypatch.setattr(cluster, "CONNECT_S", 2)
     monkeypatch.setattr(module, "_LOOK_EVERY_S", 0.1)
     said: list[str] = []
     with pytest.raises(PeerError, match="no worker joined the scheduler"):

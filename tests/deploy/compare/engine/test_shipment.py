@@ -13,7 +13,7 @@ import pytest
 from tests.deploy.compare.untimed import untimed
 from tests.documented_estimator import FILE, NAME, documented_estimator
 from tis.deploy.compare.cells.cell import Cell, Training
-from tis.deploy.compare.cells.digests import content_digest
+from tis.deploy.compare.cells.identity import content_digest
 from tis.deploy.compare.engine.shipment import own_code, perform_away, shipment_of, shipped_files
 from tis.deploy.compare.engine.workers import Computed, Failure, Result, Unit, perform
 from tis.deploy.compare.plan import Plan, Request, make_plan

@@ -9,12 +9,10 @@ import pytest
 
 from tis.deploy.compare import Study, compare
 from tis.deploy.compare.cells.store import Store
-from tis.deploy.compare.results.axes import numbers_of, numeric_axes
-from tis.deploy.compare.results.curves import curves_figure
-from tis.deploy.compare.results.people import band_words
-from tis.deploy.compare.results.plots import ratio_figure
-from tis.deploy.compare.results.pooled import resampled
-from tis.deploy.compare.study_plan import plan_study
+from tis.deploy.compare.results.figures import curves_figure, ratio_figure
+from tis.deploy.compare.results.pooled import band_words, resampled
+from tis.deploy.compare.results.report import numbers_of, numeric_axes
+from tis.deploy.compare.study import plan_study
 from tis.deploy.tools.synth import write_trials
 
 DELAY, COPIES = "network.forward.delay.delay_ms", "surgeon.copies"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from tis.deploy.compare.results.plots import ratio_figure
+from tis.deploy.compare.results.figures import ratio_figure
 from tis.deploy.compare.results.tables import ratios, trials_csv, view
 
 

@@ -1,5 +1,5 @@
 from tests.deploy.compare.results.test_grid_tables import made_up
-from tis.deploy.compare.results.latex import latex_table, tabular
+from tis.deploy.compare.results.tables import latex_table, tabular
 
 
 def test_a_grid_is_a_tabular_with_its_command_above() -> None:

@@ -3,10 +3,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tis.deploy.compare.cells.histogram import histogram
-from tis.deploy.compare.results.orientation_rows import orientation_rows
-from tis.deploy.compare.results.orientation_tables import orientation_cells, orientation_ratios
+from tis.deploy.compare.cells.sums import histogram
 from tis.deploy.compare.results.pooled import resampled
+from tis.deploy.compare.results.report import orientation_rows
+from tis.deploy.compare.results.tables import orientation_cells, orientation_ratios
 
 
 def hand(n: int, held_deg: float, other_deg: float, covered: int) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from tests.deploy.commands import call
 from tis.deploy.compare.engine.compute import Outcome
 from tis.deploy.compare.grid import Sweep
 from tis.deploy.compare.plan import Request, make_plan
-from tis.deploy.compare.results.tidy import parquet, tidy_rows
+from tis.deploy.compare.results.files import parquet, tidy_rows
 
 
 def test_its_rows_pool_to_the_tables_figures(small: Path, in_this_process: None) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from tis.common.errors import InputError, TisError
 from tis.deploy.hosts.agent.requests import obey
-from tis.deploy.shell.version import version_text
+from tis.deploy.shell.guard import version_text
 
 _RAW: dict[str, Any] = {"version": 1, "name": "s", "source": {"kind": "synthetic"}}
 

@@ -13,10 +13,17 @@ import zenoh
 
 from tests.common.runtime.live_zenoh import a_network, settle, soon
 from tis.common.errors import DataError, PeerError, TisError
-from tis.deploy.hosts.transfer import zenoh_source
+from tis.deploy.hosts.transfer import zenoh_logs
 from tis.deploy.hosts.transfer.fetch import Collection
-from tis.deploy.hosts.transfer.zenoh_offer import CHUNK_BYTES, MAX_QUERY_BYTES, ZenohOffer, answer, key_of
-from tis.deploy.hosts.transfer.zenoh_source import ZenohLogs, offers
+from tis.deploy.hosts.transfer.zenoh_logs import (
+    CHUNK_BYTES,
+    MAX_QUERY_BYTES,
+    ZenohLogs,
+    ZenohOffer,
+    answer,
+    key_of,
+    offers,
+)
 
 pytestmark = pytest.mark.live
 _SHA = "0" * 64
@@ -133,6 +140,6 @@ def test_an_offer_whose_number_is_none_is_not_asked(tmp_path: Path) -> None:
 
 
 def test_an_offer_that_is_gone_is_a_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(zenoh_source, "_LIST_S", 1.0)
+    monkeypatch.setattr(zenoh_logs, "_LIST_S", 1.0)
     with a_network() as network, pytest.raises(PeerError, match="does not answer"):
         _collect(tmp_path, ZenohLogs(network.client, "0" * 16, "gone"), list[str]().append)

@@ -10,7 +10,7 @@ from tis.common.channels import Direction
 from tis.deploy.logs.read.batches import link_fates, link_releases
 from tis.deploy.logs.read.load import RunLogs, load_run
 from tis.deploy.logs.read.memory import MemoryLog
-from tis.deploy.report.summary import build_summary
+from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, drive, run_twin
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tis.common.messages import FeedbackPose, Pose, Quaternion, SampledPose, Vector3
-from tis.common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES
+from tis.common.runtime.chunk_writer import MESSAGE_HEAD_BYTES
 from tis.deploy.logs.blocks import Block
 from tis.deploy.logs.read.payload_instants import NO_INSTANT, payload_instants
 

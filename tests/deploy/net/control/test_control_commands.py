@@ -11,11 +11,11 @@ from tests.common.runtime.live_zenoh import a_router
 from tests.deploy.commands import call
 from tests.netem.bridge.controlled_bridge import Running, running_bridge
 from tis.common.errors import InputError
-from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from tis.common.scenario.control import Acknowledgement, EmulatorState
 from tis.common.scenario.network.pipeline import Pipeline
-from tis.deploy.net.control.change import read_change, seconds
+from tis.deploy.net.control.commands import read_change, seconds
 
 NORMAL = {"delay": {"kind": "normal", "mean_ms": 30, "std_ms": 2}}
 LOSSY = {"loss": {"kind": "bernoulli", "p_loss": 0.1}}

@@ -13,9 +13,9 @@ from tests.common.runtime.live_zenoh import a_router
 from tests.deploy.commands import call_in_one_line
 from tis.common.node import Arrival, Emission
 from tis.common.runtime.emulator_client import EmulatorAddress
-from tis.common.runtime.free_endpoints import free_endpoints
+from tis.common.runtime.process import free_endpoints
 from tis.common.stop_messages import LATCH, EmergencyStop, ReleaseRule
-from tis.deploy.net.control import stop_line
+from tis.deploy.net.control import emergency
 from tis.deploy.view.steering import Steering
 from tis.patient_side.safety.emergency_stop import EmergencyStops
 
@@ -112,7 +112,7 @@ def test_without_a_token_what_is_needed_is_told_where_only_the_stopper_may() -> 
 
 
 def test_a_release_that_netem_does_not_pass_on_is_told_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stop_line, "TIME_OUT_S", 0.5)
+    monkeypatch.setattr(emergency, "TIME_OUT_S", 0.5)
     with _patient("named", deaf_to="tis/@tis/release") as patient:
         token = _stopped(patient)
         for words in (["--release"], ["--release", token]):
@@ -123,7 +123,7 @@ def test_a_release_that_netem_does_not_pass_on_is_told_with_its_reason(monkeypat
 
 
 def test_a_patient_that_answers_others_only_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stop_line, "TIME_OUT_S", 0.5)
+    monkeypatch.setattr(emergency, "TIME_OUT_S", 0.5)
     with _patient(deaf_to="tis/@tis/stop") as patient:
         ending = threading.Event()
 

@@ -1,4 +1,4 @@
-"""The page about networks is the present one, and what it shows works."""
+"""What the page about networks shows works."""
 
 import json
 import re
@@ -12,17 +12,11 @@ from tests.netem.making import link
 from tis.common.channels import Direction
 from tis.common.scenario.control import Operation
 from tis.common.scenario.network import NetworkPart
-from tis.deploy.net.library.network_page import EXAMPLE, REQUESTS, network_page
-from tis.deploy.net.library.stage_reference import sections
+from tis.deploy.net.library.stage_reference import EXAMPLE, REQUESTS, network_page, sections
 from tis.netem.control.control import Control
 from tis.netem.link.link import Link
 
-PAGE = Path(__file__).parents[4] / "docs" / "network.md"
-GUIDE = Path(__file__).parents[4] / "docs" / "how_to" / "describe_network.md"
-
-
-def test_the_page_is_up_to_date() -> None:
-    assert PAGE.read_text(encoding="utf-8") == network_page(), "run: tis net stages --out docs/network.md"
+GUIDE = Path(__file__).parents[4] / "docs" / "emulator" / "describe_network.md"
 
 
 def test_the_example_has_everything_that_changes_and_is_valid() -> None:
@@ -47,7 +41,7 @@ def test_every_operation_is_shown() -> None:
 
 
 def test_the_requests_and_stages_of_the_manual_are_those_of_the_emulator() -> None:
-    text = PAGE.read_text(encoding="utf-8") + GUIDE.read_text(encoding="utf-8")
+    text = network_page() + GUIDE.read_text(encoding="utf-8")
     shown = re.findall(r"^tis/netem/control/(\w+) +(\{.*\})$", text, re.MULTILINE)
     assert {operation for operation, _ in shown} == set(get_args(Operation))
     for operation, request in shown:

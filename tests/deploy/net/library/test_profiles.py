@@ -16,7 +16,7 @@ from tis.deploy.net.library.profiles import (
     read_profile,
     shipped_names,
 )
-from tis.deploy.paper.printed import ROWS, PaperRow
+from tis.deploy.studies.paper.printed import ROWS, PaperRow
 from tis.netem.expected.figures import direction_figures
 from tis.netem.expected.simulate import simulate
 

@@ -17,14 +17,12 @@ from tests.common.runtime.live_zenoh import a_client, a_router
 from tests.deploy.commands import call
 from tests.netem.bridge.live_bridge import a_bridge, delays
 from tis.common.errors import PeerError
-from tis.common.runtime.clock_skew import SKEW_VARIABLE
-from tis.common.runtime.free_endpoints import free_endpoints
-from tis.common.trace import Trace
-from tis.common.trace_text import parse_trace
+from tis.common.runtime.clock import SKEW_VARIABLE
+from tis.common.runtime.process import free_endpoints
+from tis.common.trace import Trace, parse_trace
 from tis.deploy.net.probing.far_end import FarEnd
-from tis.deploy.net.probing.far_keys import Batch, stamps_key
 from tis.deploy.net.probing.probe import Plan, Probed, probe
-from tis.deploy.net.probing.reflector import Reflector
+from tis.deploy.net.probing.reflector import Batch, Reflector, stamps_key
 
 pytestmark = pytest.mark.live
 _ROOT = Path(__file__).resolve().parents[4]

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from tis.deploy.net.probing.far_keys import Batch
+from tis.deploy.net.probing.reflector import Batch
 
 ABOUT = {"name": "there 1f", "first": 3, "total": 5}
 

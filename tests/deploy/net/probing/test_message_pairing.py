@@ -5,9 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.common.clocks.wrong_clock import WrongClock, exchange, exchanges
-from tis.common.clocks.exchange import Exchanges
-from tis.common.clocks.fit import fit_clock
-from tis.deploy.net.probing.message_pairing import FOREIGN, WARMING_UP, last_received, pair
+from tis.common.clocks import Exchanges, fit_clock
+from tis.deploy.net.probing.receiving_end import FOREIGN, WARMING_UP, last_received, pair
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -10,7 +10,7 @@ from tests.deploy.logs.read.test_clocks import asked, compared
 from tis.common.messages import Message
 from tis.common.node import Record
 from tis.deploy.logs.read.clocks import RunClocks, run_clocks
-from tis.deploy.report.plots.clock_plot import clock_figure
+from tis.deploy.report.plots.clocks import clock_figure
 
 
 def _rows(*records: Record) -> dict[str, list[dict[str, Any]]]:

@@ -3,10 +3,10 @@
 from bokeh.models.annotations import BoxAnnotation
 from bokeh.plotting import figure
 
-from tis.deploy.report.measures.network.disturbances import Disturbance
-from tis.deploy.report.palette import CHANGED, OUTAGE
-from tis.deploy.report.plots import plot_style as style
-from tis.deploy.report.plots.disturbance_marks import marked
+from tis.deploy.present import plot_style as style
+from tis.deploy.present.palette import CHANGED, OUTAGE
+from tis.deploy.report.plots.page_plots import marked
+from tis.deploy.report.subjects.network.disturbances import Disturbance
 
 FOUND = [
     Disturbance(1.0, 1.5, "outage", "both", live=False),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.patient_side.arm_models import static_model
-from tis.deploy.report.plots.poles_plot import poles_figure, poles_of
+from tis.deploy.report.plots.models import poles_figure, poles_of
 from tis.patient_side.statespace import StateSpace
 
 

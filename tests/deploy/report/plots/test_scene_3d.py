@@ -10,9 +10,9 @@ from bokeh.plotting import figure
 from scipy.spatial.transform import Rotation
 
 from tests.system.browser import chromium, watched_page
-from tis.deploy.report.page.html_page import Page, Section, page_html
-from tis.deploy.report.palette import BLUE, INK
-from tis.deploy.report.plots.plot_style import Figure
+from tis.deploy.present.page import Page, Section, page_html
+from tis.deploy.present.palette import BLUE, INK
+from tis.deploy.present.plot_style import Figure
 from tis.deploy.report.plots.scene_3d import TRAIL_S, ScenePath, camera_controls, live_camera_controls, scene
 
 LOW, HIGH = np.array([-10.0, 0.0, 5.0]), np.array([30.0, 20.0, 15.0])

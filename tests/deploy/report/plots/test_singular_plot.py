@@ -4,8 +4,10 @@ from typing import Any
 
 import pytest
 
-from tis.common.scenario.patient import Identification
-from tis.deploy.report.plots.singular_plot import singular_figure
+from tests.deploy.report.partial import part
+from tis.common.scenario.identification import Identification
+from tis.deploy.report.plots.models import singular_figure
+from tis.deploy.report.subjects.identification import IdentifiedModel
 
 MODEL: dict[str, Any] = {
     "method": "moesp", "order": 0, "static": True, "singular_values": [3.0, 2.0, 1.0], "fit_pct": [99.99963] * 3,
@@ -28,7 +30,7 @@ MODEL: dict[str, Any] = {
 def test_the_rule_that_decided_is_named_and_no_floor_is_claimed(
     asked: dict[str, Any], method: str, words: str
 ) -> None:
-    found = singular_figure(MODEL | {"method": method}, "left hand", Identification(**asked))
+    found = singular_figure(part(IdentifiedModel, MODEL | {"method": method}), "left hand", Identification(**asked))
     assert found is not None
     assert words in found.caption
     assert "floor" not in found.caption

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tis.common.channels import FOLLOWER, Hand
-from tis.common.scenario.patient import Identification
+from tis.common.scenario.identification import Identification
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 from tis.deploy.report.publication.matplotlib_figures import FORMATS, identification_figure, rendered
 from tis.patient_side.identification.identify import Identified, identify_with_orders

@@ -7,9 +7,11 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.deploy.report.hand_made import a_scenario, estimate, message, truth, write_run
+from tests.deploy.report.partial import summary_of
 from tis.deploy.cli.main import app
 from tis.deploy.logs.read.load import load_run
 from tis.deploy.report.command import read_run
+from tis.deploy.report.measured_run import MeasuredRun
 from tis.deploy.report.publication.run_figures import COLUMN_IN, paper_figures
 from tis.deploy.report.run_view import RunView
 
@@ -38,17 +40,17 @@ def test_the_figures_show_the_runs_numbers_at_a_columns_width(run_dir: Path) -> 
             assert axes.get_ylabel()
             assert min(float(text.get_fontsize()) for text in axes.get_yticklabels()) >= 7, name
         assert figure.axes[-1].get_xlabel()
-    (view,) = run.hands()
+    (view,) = run.hands.values()
     truth_line, hold, active = figures["position"].axes[0].get_lines()
     assert [line.get_label() for line in (truth_line, hold, active)] == ["truth", "hold", "innovations_kf"]
     assert np.asarray(truth_line.get_ydata()) == pytest.approx(1000 * view.track.truth_m[:, 0], nan_ok=True)
     drawn = np.asarray(figures["error"].axes[0].get_lines()[1].get_ydata(), dtype=float)
     assert np.nanmax(drawn) == pytest.approx(np.nanmax(view.errors_mm["innovations_kf"]))
     end_to_end = np.asarray(figures["latency_cdf"].axes[0].get_lines()[0].get_xdata(), dtype=float)
-    assert end_to_end.max() == pytest.approx(run.summary["latency_ms"]["end_to_end"]["max"])
+    assert end_to_end.max() == pytest.approx(run.summary.latency_ms.end_to_end["max"])
     counted = sum(bar.get_height() for bar in figures["loss_runs"].axes[0].containers[0])
-    keys = run.summary["links"]["forward"]["keys"].values()
-    assert counted == sum(key["loss_runs"]["count"] for key in keys)
+    keys = run.summary.links["forward"].keys.values()
+    assert counted == sum(key.loss_runs.count or 0 for key in keys)
 
 
 @pytest.mark.parametrize("file_format", STARTS)
@@ -67,7 +69,8 @@ def test_two_hands_have_figures_of_their_own_and_what_is_not_there_is_not_drawn(
         patient += [estimate(k, 10 * k, "hold", (0.001, 0, 0), hand=hand) for k in range(3)]
     write_run(tmp_path, surgeon=[truth(k, 10 * k, (0, 0, 0)) for k in range(3)], patient=patient)
     scenario = a_scenario(source={"kind": "synthetic", "hands": ["left", "right"]})
-    run = RunView(load_run(tmp_path), scenario, {}, {"left": "PSM2", "right": "PSM1"}, {})
+    measured = MeasuredRun(load_run(tmp_path), scenario, {"left": "PSM2", "right": "PSM1"})
+    run = RunView(measured, summary_of({}), {})
     assert tuple(paper_figures(run)) == ("position_left", "error_left")
 
 

@@ -7,7 +7,7 @@ from tis.common.scenario import Scenario
 from tis.common.units import sample_instant_ns
 from tis.deploy.run.resolve import resolve
 from tis.deploy.view.drive.device import device_of, device_pose
-from tis.surgeon_side.live.motion import LiveMotion
+from tis.surgeon_side.live import LiveMotion
 
 
 def _live(*settings: str) -> Scenario:

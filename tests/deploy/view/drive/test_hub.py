@@ -6,7 +6,7 @@ import pytest
 
 from tests.deploy.watch.making import LEFT, a_book, sighting
 from tests.deploy.watch.test_displays import _arm, _display
-from tis.common.devices.pose import DevicePose
+from tis.common.device import DevicePose
 from tis.common.scenario.control import EmulatorState
 from tis.deploy.view.drive.device import Device
 from tis.deploy.view.drive.hand_move import HandMove

@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tis.deploy.view.drive.hand_move import HandMove
-from tis.deploy.view.drive.seat import MAX_RATE_HZ, Rate, Seat
+from tis.deploy.view.drive.hub import MAX_RATE_HZ, Rate, Seat
 
 
 def _move(

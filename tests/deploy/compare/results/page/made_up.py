@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from tis.deploy.compare.cells.score import AGE_EDGES_MS
+from tis.deploy.compare.cells.sums import AGE_EDGES_MS
 from tis.deploy.compare.engine.compute import Outcome
 from tis.deploy.compare.plan import Plan
 

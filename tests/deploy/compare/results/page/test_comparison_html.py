@@ -14,11 +14,10 @@ from tis.deploy.compare import Study
 from tis.deploy.compare.engine.compute import Outcome
 from tis.deploy.compare.plan import Plan
 from tis.deploy.compare.results.files import results_of
-from tis.deploy.compare.results.page.comparison_html import comparison_html
-from tis.deploy.compare.results.people import person
-from tis.deploy.compare.results.pooled import pooled
-from tis.deploy.compare.results.rows import report as build_report
-from tis.deploy.compare.study_plan import plan_study
+from tis.deploy.compare.results.page_html import comparison_html
+from tis.deploy.compare.results.pooled import person, pooled
+from tis.deploy.compare.results.report import report as build_report
+from tis.deploy.compare.study import plan_study
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

@@ -1,0 +1,247 @@
+"""Recordings in tables: the source's own one, and those of other people in its folder, each named by its file."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from tis.common.channels import MASTER
+from tis.common.errors import DataError, Fault, InputError
+from tis.common.runtime.recordings.jigsaws import HEAD_ROWS
+from tis.common.runtime.recordings.table_file import TableFile, open_table
+from tis.common.scenario import Scenario
+from tis.common.scenario.table_source import TABLE_SUFFIXES, TableSource
+from tis.common.sources.pairing import FOLLOWS_BELOW, fit_arm
+from tis.common.sources.plausibility import anomalies
+from tis.common.sources.table_columns import (
+    DeviceLayout,
+    HandLayout,
+    TableLayout,
+    layout_of,
+)
+from tis.common.sources.table_poses import (
+    SECONDS_PER,
+    Columns,
+    Played,
+    RowClock,
+    finite_faults,
+    following,
+    played,
+    pose_track,
+    resampled,
+    row_clock,
+    unit_doubts,
+)
+from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
+
+_MAX_NAME_CHARS: Final = 100
+_MAX_FILES: Final = 10_000
+
+
+def whole(scenario: Scenario, source: TableSource, start: int) -> Recording:
+    """Return the recording in the source's own table; raises `DataError`, or `InputError` for lacking inputs."""
+    identification = scenario.identification
+    if identification.looks_ahead:
+        rule = "must be position: a table has no columns of velocities"
+        raise InputError(Fault(f"scenario {scenario.name}", "identification.inputs", rule))
+    head_rows = identification.train_samples if identification.train == "own_head" else HEAD_ROWS
+    return table_recording(source, Path(source.path), scenario.rate_hz, head_rows, start)
+
+
+def training(scenario: Scenario, source: TableSource, recording: Recording, trial: str) -> Recording:  # noqa: ARG001
+    """Return the recording in a table beside the source's own, whose columns pair masters and arms."""
+    return table_recording(source, trial_file(source, trial), scenario.rate_hz, HEAD_ROWS, 0)
+
+
+def table_recording(source: TableSource, file: Path, rate_hz: int, head_rows: int, start: int) -> Recording:
+    """Return the recording in a table at ``rate_hz`` rows per second, all of it; raises `DataError`.
+
+    The pairing is the map's; whether the arm follows its master is judged by the first ``head_rows`` rows, and told.
+    Oracle: tables of known movements in the tests.
+    """
+    where = str(file)
+    table = open_table(file)
+    layout = layout_of(source, table.names, where)
+    columns = table.read(layout.names, layout.time)
+    faults = finite_faults(columns, where)
+    if faults:
+        raise DataError(faults)
+    clock, play, found = _clock(source, layout, columns, rate_hz, where)
+    tracks = {}
+    for device in _devices(layout):
+        tracks[device.name], more = pose_track(columns, device, where)
+        found += more
+    if found:
+        raise DataError(found)
+    if play.at_s is not None:
+        tracks = {name: resampled(track, clock.t_s, play.at_s) for name, track in tracks.items()}
+    hands = tuple(_hand(hand, tracks) for hand in layout.hands)
+    about = _about(source, file, table)
+    pairings = [_pairing(hand, recorded, head_rows) for hand, recorded in zip(layout.hands, hands, strict=True)]
+    doubts = [text for device in _devices(layout) for text in unit_doubts(columns, device)]
+    doubts += [text for device in _devices(layout) for text in _implausible(device, tracks[device.name], rate_hz)]
+    warnings = [*play.warnings, *(text for hand in layout.hands for text in _lacking(hand))]
+    warnings += [text for _, texts in pairings for text in texts]
+    return Recording(
+        label=about.label,
+        rate_hz=rate_hz,
+        hands=hands,
+        start=start,
+        pairing=", ".join(text for text, _ in pairings),
+        warnings=tuple(f"{about.label}: {text}" for text in warnings),
+        anomalies=tuple(f"{about.label}: {text}" for text in doubts),
+        digest=_digest(file, rate_hz if play.at_s is not None else None),
+        file=where,
+        person=about.person,
+    )
+
+
+def located(source: TableSource) -> str:
+    """Return the absolute path of the table."""
+    return str(Path(source.path).absolute())
+
+
+def own_trial(source: TableSource) -> str:
+    """Return the name of the table."""
+    return Path(source.path).name
+
+
+def trial_file(source: TableSource, trial: str) -> Path:
+    """Return the path of a table in the source's folder."""
+    return Path(source.path).parent / trial
+
+
+def no_trials(source: TableSource) -> Fault:
+    """Return the fault to report where there is no table."""
+    return Fault(source.path, "", "does not exist (given by source.path)")
+
+
+def no_others(source: TableSource) -> str:
+    """Return what is missing where the folder holds no table of another person."""
+    own, there = person_of(source, own_trial(source)), Path(source.path).parent
+    return (
+        f"needs tables of other people than {own} in {there} (a table's person is in its metadata, or its name "
+        "up to the first _); own_head trains on the recording's own first rows, a model file on none"
+    )
+
+
+def trials(source: TableSource) -> list[str]:
+    """Return the names of the tables in the folder of the source's file, of the same kind, in order."""
+    file = Path(source.path)
+    try:
+        found = sorted(path.name for path in file.parent.iterdir() if path.suffix.lower() == file.suffix.lower())
+    except OSError:
+        return []
+    return [name for name in found if Path(name).suffix.lower() in TABLE_SUFFIXES][:_MAX_FILES]
+
+
+def person_of(source: TableSource, trial: str) -> str:
+    """Return who moves in a table: as the source says of its own file, as the file says, or as its name begins."""
+    file = trial_file(source, trial)
+    if file == Path(source.path) and source.person is not None:
+        return source.person
+    try:
+        metadata = b"" if file.suffix.lower() == ".csv" else open_table(file).metadata
+    except DataError:
+        metadata = b""
+    return _stated(_parsed(metadata), "person") or file.stem.split("_")[0]
+
+
+@dataclass(frozen=True)
+class _About:
+    label: str
+    person: str
+
+
+def _about(source: TableSource, file: Path, table: TableFile) -> _About:
+    """Return what to call a table, and who moves in it; a foreign file's metadata count as far as they are texts."""
+    stated = _parsed(table.metadata)
+    is_own = file == Path(source.path)
+    task = source.task or _stated(stated, "task")
+    person = (source.person if is_own else None) or _stated(stated, "person") or file.stem.split("_")[0]
+    label = f"{task} {file.stem}" if task else file.stem
+    return _About(f"{label} (synthetic)" if stated.get("synthetic") is True else label, person)
+
+
+def _parsed(metadata: bytes) -> dict[str, Any]:
+    try:
+        found = json.loads(metadata or b"{}")
+    except (ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _stated(stated: dict[str, Any], name: str) -> str:
+    value = stated.get(name)
+    return value if isinstance(value, str) and value.isprintable() and len(value) <= _MAX_NAME_CHARS else ""
+
+
+def _devices(layout: TableLayout) -> list[DeviceLayout]:
+    return [device for hand in layout.hands for device in (hand.master, hand.follower) if device is not None]
+
+
+def _clock(
+    source: TableSource, layout: TableLayout, columns: Columns, rate_hz: int, where: str
+) -> tuple[RowClock, Played, list[Fault]]:
+    if layout.time is None:
+        assert source.rate_hz is not None
+        t_s = np.arange(len(next(iter(columns.values())))) / source.rate_hz
+    else:
+        t_s = (columns[layout.time] - columns[layout.time][0]) * SECONDS_PER[layout.time_unit]
+    clock, faults = row_clock(t_s, where, layout.time or "source.rate_hz")
+    if clock is None:
+        return RowClock(t_s, 0.0, ()), Played(None), faults
+    play, faults = played(clock, rate_hz, source.resample, source.gaps, where)
+    return clock, play, faults
+
+
+def _hand(layout: HandLayout, tracks: dict[str, PoseTrack]) -> HandRecording:
+    if layout.master is None:
+        assert layout.follower is not None
+        arm = tracks[layout.follower.name]
+        return HandRecording(layout.hand, layout.arm, following(arm, 1.0 / layout.gain), arm)
+    command = tracks[layout.master.name]
+    arm = following(command, layout.gain) if layout.follower is None else tracks[layout.follower.name]
+    return HandRecording(layout.hand, layout.arm, command, arm)
+
+
+def _pairing(layout: HandLayout, hand: HandRecording, head_rows: int) -> tuple[str, list[str]]:
+    """Return the pairing in words, and warnings where the arm does not follow."""
+    named = f"{MASTER[hand.hand]} -> {hand.arm}"
+    if layout.master is None or layout.follower is None:
+        return f"{named} (by gain {layout.gain:g})", []
+    fit = fit_arm(hand.command.position_m[:head_rows], hand.follower.position_m[:head_rows], hand.arm)
+    text = f"a static gain leaves {fit}"
+    warnings = [f"{hand.arm} does not follow {MASTER[hand.hand]}: {text}"] if fit.ratio > FOLLOWS_BELOW else []
+    return f"{named} (by the table; {text})", warnings
+
+
+def _lacking(layout: HandLayout) -> list[str]:
+    master, arm = MASTER[layout.hand], layout.arm
+    if layout.master is None:
+        return [
+            f"it has no columns of {master}: the command is the pose of {arm}, positions times {1 / layout.gain:g}"
+        ]
+    if layout.follower is None:
+        return [f"it has no columns of {arm}: the arm's pose is the command, positions times {layout.gain:g}"]
+    return []
+
+
+def _implausible(device: DeviceLayout, track: PoseTrack, rate_hz: int) -> Sequence[str]:
+    return anomalies(track.position_m, rate_hz, device.name, hand_held=device.name in MASTER.values())
+
+
+def _digest(file: Path, rate_hz: int | None) -> str:
+    """Return 16 hex digits that identify a table by its content, whichever hands are read, and its new rate."""
+    try:
+        with file.open("rb") as content:
+            found = hashlib.file_digest(content, lambda: hashlib.blake2b(digest_size=8))
+    except OSError as error:
+        raise DataError(Fault(str(file), "", f"cannot be read: {error.strerror}")) from None
+    if rate_hz is not None:
+        found.update(f"at {rate_hz} Hz".encode())
+    return found.hexdigest()

@@ -1,0 +1,138 @@
+"""Files that a scenario stands in or names, read up to a limit of size; and the folder of its run.
+
+Recordings of movements have a folder of their own: `tis.common.runtime.recordings`.
+"""
+
+import errno
+import re
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import BaseModel
+
+from tis.common.errors import DataError, Fault, InputError
+from tis.common.scenario import reading
+from tis.common.scenario.base import Part
+from tis.common.scenario.network.capacity import RecordedRate
+from tis.common.scenario.network.delay import TraceDelay
+from tis.common.scenario.network.loss import TraceLoss
+from tis.common.trace import Trace, parse_opportunities, parse_trace
+from tis.common.yaml_text import MAX_YAML_BYTES
+
+
+def read_limited(path: Path, max_bytes: int) -> bytes:
+    """Return the content of a file; raises `OSError`, also for one of more than ``max_bytes``.
+
+    The size that the system states would not do: a device states none.
+    """
+    with path.open("rb") as file:
+        content = file.read(max_bytes + 1)
+    if len(content) > max_bytes:
+        raise OSError(errno.EFBIG, f"it has more than {max_bytes} bytes", str(path))
+    return content
+
+
+RUNS: Final = Path("runs")
+"""Folder of the runs whose folder the user does not name."""
+_MAX_FOLDERS: Final = 20
+
+
+def read_scenario(path: Path) -> dict[str, Any]:
+    """Return a scenario file's top-level mapping, not validated yet; raises `InputError`."""
+    try:
+        text = read_limited(path, MAX_YAML_BYTES).decode("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise InputError(Fault(str(path), "", f"cannot be read: {reason}")) from None
+    return reading.parse_yaml(text, str(path))
+
+
+def run_folder(base: Path, name: str) -> Path:
+    """Return a new folder's name below ``base``: the date, the time and the scenario."""
+    stamp = time.strftime("%Y%m%d_%H%M%S")
+    path, n = base / f"{stamp}_{name}", 1
+    while path.exists():
+        n += 1
+        path = base / f"{stamp}_{name}_{n}"
+    return path
+
+
+def latest_folders(base: Path, name: str) -> list[Path]:
+    """Return the newest folders that `run_folder` has named for a scenario, newest first, and at most twenty."""
+    ours = re.compile(rf"[0-9]{{8}}_[0-9]{{6}}_{re.escape(name)}(_[0-9]+)?")
+    try:
+        found = [path for path in base.iterdir() if ours.fullmatch(path.name)]
+    except OSError:
+        return []
+    return sorted(found, reverse=True)[:_MAX_FOLDERS]
+
+
+_FOLDER: Final = "traces"
+_MAX_BYTES: Final = 256_000_000
+
+
+def load_traces(part: Part, kept: Mapping[str, bytes] | None = None) -> dict[str, Trace]:
+    """Return every trace named in ``part``, a network or a part of one, by its path as written.
+
+    ``kept`` are the attachments of a run's log; they precede the files, which may have changed since. Paths are
+    relative to the working folder. Raises `DataError` with the faults of all files at once. Oracle: files that the
+    tests write.
+    """
+    traces: dict[str, Trace] = {}
+    faults: list[Fault] = []
+    for path, parse in sorted(set(_files(part)), key=lambda one: one[0]):
+        try:
+            content = (kept or {}).get(f"{_FOLDER}/{path}")
+            traces[path] = parse(_decoded(path, _read(path) if content is None else content), path)
+        except DataError as error:
+            faults += error.faults
+    if faults:
+        raise DataError(faults)
+    return traces
+
+
+def trace_attachments(part: Part) -> dict[str, bytes]:
+    """Return the traces named in ``part`` as attachments, so that a log is complete without the files."""
+    return {f"{_FOLDER}/{path}": _read(path) for path in trace_paths(part)}
+
+
+def trace_paths(part: Part) -> list[str]:
+    """Return the paths of the traces named in ``part`` as written, each once, in order."""
+    return sorted({path for path, _ in _files(part)})
+
+
+def _files(value: object) -> Iterator[tuple[str, Callable[[str, str], Trace]]]:
+    """Return the path of each file, and the parser of its format; a file with two formats fails in one of them."""
+    if isinstance(value, TraceDelay | TraceLoss):
+        yield value.path, parse_trace
+    elif isinstance(value, RecordedRate):
+        yield value.opportunities, parse_opportunities
+    elif isinstance(value, BaseModel):
+        for name in type(value).model_fields:
+            yield from _files(getattr(value, name))
+    elif isinstance(value, tuple):
+        for item in value:
+            yield from _files(item)
+
+
+def _read(path: str) -> bytes:
+    file = Path(path)
+    try:
+        if not file.is_file():
+            rule = "must be a file" if file.exists() else "does not exist"
+            raise DataError(Fault(path, "", rule))
+        if (n_bytes := file.stat().st_size) > _MAX_BYTES:
+            raise DataError(Fault(path, "", f"must have at most {_MAX_BYTES} bytes", n_bytes))
+        return read_limited(file, _MAX_BYTES)
+    except (OSError, ValueError) as error:  # ValueError: an impossible path
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise DataError(Fault(path, "", f"cannot be read: {reason}")) from None
+
+
+def _decoded(path: str, content: bytes) -> str:
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise DataError(Fault(path, "", f"must be UTF-8; byte {error.start} is not")) from None

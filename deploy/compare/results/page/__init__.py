@@ -1,1 +1,0 @@
-"""The comparison as a self-contained HTML page that pools in the browser what its filters choose."""

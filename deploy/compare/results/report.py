@@ -1,0 +1,296 @@
+"""Rows of a comparison's report from the cells' sums: per setting and estimator, and per trial."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from math import isfinite
+from typing import Any, Final, NamedTuple, get_args
+
+import numpy as np
+
+from tis.common.scenario.patient import OrientationMethod
+from tis.common.units import NM_PER_MM, NS_PER_MS, NS_PER_US
+from tis.deploy.compare.cells.cell import Cell
+from tis.deploy.compare.cells.sums import AGE_EDGES_MS, ERROR_WIDTH, merged, percentile
+from tis.deploy.compare.engine.compute import Outcome
+from tis.deploy.compare.grid import Point
+from tis.deploy.compare.plan import Plan
+from tis.deploy.compare.results.pooled import interval, person, pooled, resampled
+from tis.patient_side.statespace import Array
+
+# Rows of a comparison for the orientation methods: errors in degrees beside hold's, per setting and method.
+
+HandSums = Sequence[Mapping[str, Any]]
+
+
+class _WristSums(NamedTuple):
+    n: Array
+    sse_rad2: Array
+    hold_rad2: Array
+    sse_gripper_rad2: Array
+    hold_gripper_rad2: Array
+
+
+class _WristScores(NamedTuple):
+    rms_deg: Array
+    ratio_to_hold: Array
+    gripper_rms_rad: Array
+    gripper_ratio_to_hold: Array
+
+
+def orientation_rows(about: Mapping[str, Any], by_person: Sequence[HandSums]) -> list[dict[str, Any]]:
+    """Return a row for each method of one setting, pooled over people, with 95 % bootstrap intervals over people.
+
+    ``about`` begins each row. A method that a hand lacks, as its model has nothing for it, has no row. Pooling and
+    resampling are those of `tis.deploy.compare.results.pooled.pooled`. Oracle: `test_orientation_rows`.
+    """
+    everything = [hand["orientation"] for hands in by_person for hand in hands]
+    methods = get_args(OrientationMethod) if everything else ()
+    names = [name for name in methods if all(name in entry for entry in everything)]
+    return [{**about, "method": name, **_wrist_row(by_person, everything, name)} for name in names]
+
+
+def _wrist_row(by_person: Sequence[HandSums], everything: Sequence[Mapping[str, Any]], name: str) -> dict[str, Any]:
+    each = [_wrist_sums(hands, name) for hands in by_person]
+    stacked = _WristSums(*(np.stack(column) for column in zip(*each, strict=True)))
+    row: dict[str, Any] = {}
+    again = None
+    if len(each) > 1:
+        chosen = resampled(len(each))
+        again = _wrist_scores(_WristSums(*(column[chosen].sum(axis=1) for column in stacked)))
+    for score, value in _wrist_scores(_WristSums(*(column.sum(axis=0) for column in stacked)))._asdict().items():
+        row[score] = float(value) if np.isfinite(value) else None
+        row[f"{score}_interval_95"] = None if again is None else interval(getattr(again, score))
+    entries = [entry[name] for entry in everything]
+    steps = merged(entry["step_ns"] for entry in entries)
+
+    def total(count: str) -> int:
+        return sum(int(entry[count]) for entry in entries)
+
+    times = {f"p{p}": percentile(steps, p) for p in (50, 99)}
+    return row | {
+        "coverage_pct": _share_pct(total("n_covered"), total("n_ellipsoids")),
+        "gripper_coverage_pct": _share_pct(total("n_gripper_covered"), total("n_gripper_intervals")),
+        "n_scored": total("n_scored"),
+        "n_missing": total("n_missing"),
+        "n_people": len(by_person),
+        "step_us": {p: None if ns is None else ns / NS_PER_US for p, ns in times.items()},
+    }
+
+
+def _wrist_sums(hands: HandSums, name: str) -> _WristSums:
+    found = [(hand["orientation"][name], hand["orientation"]["hold"]) for hand in hands]
+    sums = [
+        (one["n_scored"], one["sse_rad2"], hold["sse_rad2"], one["sse_gripper_rad2"], hold["sse_gripper_rad2"])
+        for one, hold in found
+    ]
+    return _WristSums(*np.sum(np.array(sums, dtype=float), axis=0))
+
+
+def _wrist_scores(sums: _WristSums) -> _WristScores:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return _WristScores(
+            np.degrees(np.sqrt(sums.sse_rad2 / sums.n)),
+            np.where(sums.hold_rad2 > 0, np.sqrt(sums.sse_rad2 / sums.hold_rad2), np.nan),
+            np.sqrt(sums.sse_gripper_rad2 / sums.n),
+            np.where(sums.hold_gripper_rad2 > 0, np.sqrt(sums.sse_gripper_rad2 / sums.hold_gripper_rad2), np.nan),
+        )
+
+
+def _share_pct(n: int, of: int) -> float | None:
+    return 100.0 * n / of if of else None
+
+
+# Axes of a comparison whose values are numbers: these can be drawn to scale and stored as numbers.
+
+
+def numbers_of(values: Iterable[str]) -> list[float] | None:
+    """Return the values of an axis as numbers; None where one of them is not a finite number."""
+    try:
+        numbers = [float(value) for value in values]
+    except ValueError:
+        return None
+    return numbers if all(map(isfinite, numbers)) else None
+
+
+def numeric_axes(report: dict[str, Any]) -> list[str]:
+    """Return the axes of a report that have at least two values, all of which are numbers."""
+    found = []
+    for path in report["axes"]:
+        values = {about["at"][path] for about in report["settings"] if about["n_cells"]}
+        if len(values) > 1 and numbers_of(values) is not None:
+            found.append(path)
+    return found
+
+
+Hands = list[dict[str, Any]]
+
+ERROR_PERCENTS: Final = (50, 95, 99, 100)
+"""Percentiles of the distance to the truth; 100 is the largest one."""
+
+
+def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
+    """Return the comparison as JSON: request, ``rows``, ``by_trial``, age and traffic, and failures."""
+    cells: dict[str | None, list[Cell]] = {}
+    for cell in plan.cells:
+        cells.setdefault(cell.setting, []).append(cell)
+    settings = [_setting(plan, outcome, point, cells.get(point.label, [])) for point in plan.points]
+    scored = {row["trial"] for setting in settings for row in setting["by_trial"] if row["n_scored"]}
+    return {
+        "scenario": plan.name,
+        "command": command,
+        "source": plan.source,
+        "trained_on": plan.trained_on,
+        "sweep": ", ".join(plan.axes) or None,
+        "axes": list(plan.axes),
+        "zipped": plan.zipped,
+        "trials": [trial for trial in plan.trials if trial in scored],
+        "n_trials_asked": len(plan.trials),
+        "n_seeds": plan.n_seeds,
+        "n_cells": len(plan.cells),
+        "n_computed": len(outcome.cells),
+        "n_resumed": outcome.n_resumed,
+        "rows": [row for setting in settings for row in setting["rows"]],
+        "by_trial": [row for setting in settings for row in setting["by_trial"]],
+        "orientation": [row for setting in settings for row in setting["orientation"]],
+        "settings": [setting["about"] for setting in settings],
+        "failed": [f"{failure.label}: {failure.reason}" for failure in outcome.failures]
+        + [str(fault) for fault in plan.refused],
+        "unscored": _unscored(plan, outcome),
+        "topologies": sorted({cell.scenario.topology for cell in plan.cells}),
+        "warnings": _warnings(outcome),
+        "own_faults": _own_faults(outcome),
+    }
+
+
+def _setting(plan: Plan, outcome: Outcome, point: Point, cells: Sequence[Cell]) -> dict[str, Any]:
+    value, at = point.label, {"at": point.values} if point.values else {}
+    found = [(cell, outcome.cells[cell.digest]) for cell in cells if cell.digest in outcome.cells]
+    if not found:
+        return {"rows": [], "by_trial": [], "orientation": [], "about": {"setting": value, **at, "n_cells": 0}}
+    names = [name for name in plan.estimators if all(_has(result, name) for _, result in found)]
+    # hands pooled in four ways: all, by person, by trial, by hand
+    by_person: dict[str, Hands] = {}
+    by_trial: dict[str, Hands] = {}
+    by_hand: dict[str, Hands] = {}
+    for cell, result in found:
+        by_person.setdefault(person(cell), []).extend(result["hands"].values())
+        by_trial.setdefault(cell.trial, []).extend(result["hands"].values())
+        for hand, entry in result["hands"].items():
+            by_hand.setdefault(hand, []).append(entry)
+    everything = [entry for entries in by_trial.values() for entry in entries]
+    train_s = _train_s(plan, outcome)
+    rows = []
+    for name in names:
+        entries = [entry["estimators"][name] for entry in everything]
+        steps = merged(entry.get("step_ns", {}) for entry in entries)
+        errors = merged(entry["error_nm"] for entry in entries)
+        rows.append(
+            {
+                "setting": value,
+                **at,
+                "estimator": name,
+                **pooled(list(by_person.values()), name),
+                "n_trials": len(by_trial),
+                "step_us": {f"p{p}": _scaled(percentile(steps, p), NS_PER_US) for p in (50, 99)},
+                "error_mm": {f"p{p}": _scaled(percentile(errors, p, ERROR_WIDTH), NM_PER_MM) for p in ERROR_PERCENTS},
+                "train_s": train_s.get(name) if entries[0].get("trained") else None,
+                "faulty_steps": sum(_faulty_steps(result, name) for _, result in found),
+                "by_hand": {hand: _short(pooled([hands], name)) for hand, hands in by_hand.items()},
+                "rmse_by_age_mm": _by_age(everything, name),
+            }
+        )
+    trials = [
+        {"setting": value, **at, "trial": trial, "estimator": name, **_short(pooled([hands], name))}
+        for trial, hands in by_trial.items()
+        for name in names
+    ]
+    return {
+        "rows": rows,
+        "by_trial": trials,
+        "orientation": orientation_rows({"setting": value, **at}, list(by_person.values())),
+        "about": _about(value, found, everything) | at,
+    }
+
+
+def _about(value: str | None, found: Sequence[tuple[Cell, Mapping[str, Any]]], hands: Hands) -> dict[str, Any]:
+    """Return age and traffic of a setting."""
+    ages = merged(hand["age_ns"] for hand in hands)
+    n_ticks = sum(hand["n_scored"] for hand in hands)
+    seconds = sum(result["duration_s"] for _, result in found)
+    sent = {name: sum(result["traffic"][name] for _, result in found) for name in found[0][1]["traffic"]}
+    return {
+        "setting": value,
+        "n_cells": len(found),
+        "age_ms": {
+            "mean": sum(hand["age_sum_ns"] for hand in hands) / NS_PER_MS / n_ticks if n_ticks else None,
+            **{f"p{p}": _scaled(percentile(ages, p), NS_PER_MS) for p in (50, 99)},
+        },
+        "packets_per_s": sent["sent_packets"] / seconds,
+        "bytes_per_s": sent["sent_bytes"] / seconds,
+    }
+
+
+def _by_age(hands: Hands, name: str) -> list[dict[str, Any]]:
+    """Return the 3D error of each non-empty bin of age."""
+    rows = []
+    for i, low_ms in enumerate(AGE_EDGES_MS):
+        n = sum(hand["n_by_age"][i] for hand in hands)
+        if n:
+            squares = sum(hand["estimators"][name]["sse_by_age_m2"][i] for hand in hands)
+            rows.append({"from_ms": low_ms, "n": n, "rmse_3d_mm": 1000 * (squares / n) ** 0.5})
+    return rows
+
+
+def _train_s(plan: Plan, outcome: Outcome) -> dict[str, float]:
+    """Return the identification time by estimator, from the timed training."""
+    times: dict[str, float] = {}
+    for digest in plan.trainings:
+        times |= outcome.trainings.get(digest, {}).get("train_s", {})
+    return times
+
+
+def _has(result: Mapping[str, Any], name: str) -> bool:
+    return all(name in hand["estimators"] for hand in result["hands"].values())
+
+
+def _faulty_steps(result: Mapping[str, Any], name: str) -> int:
+    return int(result.get("own_faults", {}).get(name, {}).get("n_faults", 0))
+
+
+def _short(scores: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in scores.items() if not name.endswith("_interval_95") and name != "n_people"}
+
+
+def _scaled(value: float | None, unit: int) -> float | None:
+    return None if value is None else value / unit
+
+
+def _unscored(plan: Plan, outcome: Outcome) -> list[str]:
+    """Return the cells without a scored tick, each with the reason."""
+    found = {cell.label: outcome.cells[cell.digest] for cell in plan.cells if cell.digest in outcome.cells}
+    return [
+        f"{label}: no tick could be scored: {result['unscored']}"
+        for label, result in found.items()
+        if result.get("unscored") is not None
+    ]
+
+
+def _warnings(outcome: Outcome) -> list[str]:
+    results = [*outcome.trainings.values(), *outcome.cells.values()]
+    return list(dict.fromkeys(text for result in results for text in result["warnings"]))
+
+
+def _own_faults(outcome: Outcome) -> list[str]:
+    """Return a line for each user-defined estimator that failed, over all cells."""
+    counts: dict[str, list[int]] = {}
+    first: dict[str, str] = {}
+    for result in outcome.cells.values():
+        for name, about in result.get("own_faults", {}).items():
+            found = counts.setdefault(name, [0, 0])
+            found[0] += about["n_faults"]
+            found[1] += about["n_steps"]
+            first.setdefault(name, f"{result['trial']}, seed {result['seed']}, at {about['first']}")
+    return [
+        f"* {name} failed in {n} of {n_steps} steps of the twins in which it did: no estimate there, where hold's is "
+        f"scored in its place; first: {first[name]}"
+        for name, (n, n_steps) in counts.items()
+    ]

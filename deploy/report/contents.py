@@ -1,0 +1,246 @@
+"""Contents of a report, subject by subject: its warnings, the tables of a terminal, and the sections of the page."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from html import escape
+from typing import Final
+
+from tis.common.channels import Direction
+from tis.deploy.present.numbers import NONE, number
+from tis.deploy.present.page import Page, Section, folded, note, page_html
+from tis.deploy.present.table import Column, Table
+from tis.deploy.report.answer import answer_section
+from tis.deploy.report.run_view import RunView
+from tis.deploy.report.subjects.accuracy import Scores, accuracy_page_table, accuracy_table, more_accuracy
+from tis.deploy.report.subjects.age import age_text, tick_mode_table
+from tis.deploy.report.subjects.clocks import clock_table
+from tis.deploy.report.subjects.devices import device_texts
+from tis.deploy.report.subjects.display import display_markup, display_tables
+from tis.deploy.report.subjects.identification import model_table
+from tis.deploy.report.subjects.intrusion import evidence_texts, quarantine_texts, refusal_texts
+from tis.deploy.report.subjects.latency import budget_bar, budget_ms, latency_page_table, latency_table
+from tis.deploy.report.subjects.logs import absence_texts
+from tis.deploy.report.subjects.network.link_figures import Link
+from tis.deploy.report.subjects.network.link_tables import (
+    delay_table,
+    fidelity_list,
+    key_tables,
+    packet_page_table,
+    packet_table,
+    release_table,
+    requested_table,
+)
+from tis.deploy.report.subjects.orientation import orientation_page_table, orientation_table
+from tis.deploy.report.subjects.own_estimators import estimator_fault_texts
+from tis.deploy.report.subjects.processors import processor_table
+from tis.deploy.report.subjects.redundancy import redundancy_page_table, redundancy_table
+from tis.deploy.report.subjects.requirement_tables import verdict_tables
+from tis.deploy.report.subjects.safety import stop_texts
+from tis.deploy.report.subjects.ticks import tick_table
+from tis.deploy.report.summary import Summary
+from tis.deploy.shell.run_dir import MANIFEST_FILE, SCENARIO_FILE, SUMMARY_FILE, model_file
+
+WARNINGS: Final[tuple[Callable[[Summary], Sequence[str]], ...]] = (
+    lambda s: evidence_texts(s.evidence),
+    lambda s: absence_texts(s.logs),
+    lambda s: quarantine_texts(s.quarantined),
+    lambda s: stop_texts(s.safety),
+    lambda s: device_texts(s.devices, s.external_arms),
+    lambda s: refusal_texts(s.refused),
+    lambda s: estimator_fault_texts(s.own_estimators),
+    lambda s: s.in_sample or (),
+    lambda s: s.recording.warnings if s.recording else (),
+)
+TABLES: Final[tuple[Callable[[Summary], Iterable[Table]], ...]] = (
+    lambda s: [accuracy_table(scores, which) for which, scores in _by_hand(s)],
+    lambda s: [orientation_table(one, s.gripper_rad[hand], hand) for hand, one in s.orientation_deg.items()],
+    lambda s: display_tables(s.display),
+    lambda s: [redundancy_table(s.redundancy), packet_table(s.links), delay_table(s.links)],
+    lambda s: [latency_table(s.latency_ms, s.uncertainty_ms)],
+)
+"""The tables of a terminal, each 80 columns wide at most; those without rows are left out."""
+
+
+def run_warnings(summary: Summary) -> list[str]:
+    """Return the warnings on a run's figures: sides, devices, estimators, models, the recording's."""
+    return [text for warnings in WARNINGS for text in warnings(summary)]
+
+
+def tables(summary: Summary) -> list[Table]:
+    """Return the tables of a terminal."""
+    return [table for of in TABLES for table in of(summary) if table.rows]
+
+
+def _by_hand(summary: Summary) -> list[tuple[str, dict[str, Scores]]]:
+    by_hand = [(f" ({hand} hand)", scores) for hand, scores in summary.accuracy_by_hand.items()]
+    return by_hand or [("", summary.accuracy)]
+
+
+def sections(run: RunView) -> list[Section]:
+    """Return the sections of a run's page in reading order, the answer first."""
+    from tis.deploy.report.plots import page_plots as plots  # loads Bokeh
+
+    summary, links = run.summary, run.summary.links
+    shown = plots.RunPlots(run)
+    return [
+        answer_section(run, run_warnings(summary)),
+        Section("error", "Error", shown.errors(), mark=run.mark),
+        Section("requirements", "Requirements of applications", markup=_requirements(summary)),
+        Section("accuracy", "The estimators compared", markup=_accuracy(run), mark=run.mark),
+        Section("safety", "What drove the arm", shown.safety(), mark=run.mark, nothing=shown.without_safety),
+        Section("path", "The arm's movement", shown.movement(), mark=run.mark),
+        Section("delay", "Delay and loss", shown.delay()),
+        Section("latency", "Latency", markup=_latency(run)),
+        Section(
+            "distributions", "Distributions, and what age costs", shown.distributions(), mark=run.mark, beside=True
+        ),
+        Section("model", "Identification", shown.models(), _models(run), mark=run.mark, beside=True),
+        Section("network", "Requested and realised network", markup=fidelity_list(links) + _network(links)),
+        Section("clocks", "Clocks", shown.clocks(), before=_clocks(summary)),
+        Section("packets", "Packets and ticks", markup=_books(summary)),
+        Section("repeat", "Repeat this run", markup=_repeat(run)),
+    ]
+
+
+def _requirements(summary: Summary) -> str:
+    """Return the verdict on each set of requirements, with each requirement in numbers."""
+    lead = note("p99: 99 of 100 are at or below it. Forward: to the patient; feedback: back.")
+    found = verdict_tables(summary.verdicts, summary.ticks.rate_hz)
+    return lead + found if found else ""
+
+
+def _accuracy(run: RunView) -> str:
+    """Return the estimators beside hold, the orientation, the display, and the gain of redundancy."""
+    summary, active, turning = run.summary, run.scenario.active_estimator, run.summary.active_orientation
+    by_hand = summary.scores_by_hand(run.scenario.source.hands[0])
+    scored = "".join(accuracy_page_table(one, f"{hand} hand", active).html() for hand, one in by_hand.items())
+    turned = "".join(
+        _filled(orientation_page_table(one, summary.gripper_rad[hand], f"{hand} hand", turning))
+        for hand, one in summary.orientation_deg.items()
+    )
+    if turned:
+        turned += note(
+            f"Error of an orientation: the angle to the arm's true one. The answers carried that of {turning}, "
+            "marked above."
+        )
+    return (
+        "<p>Each estimator at the patient's ticks, beside <b>hold</b>, the baseline without estimating: it "
+        "repeats the newest arm position that arrived.</p>"
+        + (scored or note("No estimate could be scored."))
+        + note(
+            f"The patient acted on {active}, marked above. RMSE in 3D: root mean square of the distance to the arm's "
+            "true position. R\u00b2: the share of the movement that the estimates follow; 100 % is all of it."
+        )
+        + turned
+        + more_accuracy(by_hand, active)
+        + display_markup(summary.display)
+        + _filled(redundancy_page_table(summary.redundancy))
+    )
+
+
+def _filled(table: Table) -> str:
+    """Return a table for the page, "" without rows."""
+    return table.html() if table.rows else ""
+
+
+def _latency(run: RunView) -> str:
+    """Return the latency budget: the bar of means, and the percentiles of each part."""
+    summary = run.summary
+    text = "The parts add up sample by sample, and so do their means; their medians and percentiles do not."
+    if summary.mode == "twin":
+        text += " In virtual time computing takes no time, so the surgeon's and the computing part are zero."
+    parts = latency_page_table(summary.latency_ms, summary.uncertainty_ms).html() + note(text)
+    parts += note(age_text(summary.age_of_information_ms))
+    bar = budget_bar(budget_ms(run.measured.latency))
+    return bar + tick_mode_table(summary.tick_modes).html() + folded("Each part in numbers", parts)
+
+
+def _models(run: RunView) -> str:
+    models = run.models
+    warnings = dict.fromkeys(text for model in models.values() for text in model.warnings)
+    words = "".join(f'<p><strong class="open">warning</strong> {escape(text)}</p>' for text in warnings)
+    table = model_table(models)
+    return (table.html() if table.rows else note(table.note)) + words
+
+
+def _network(links: Mapping[Direction, Link]) -> str:
+    """Return the requested and the realised network: both directions, and each key."""
+    words = note(
+        "Requested: by the scenario. Decided: what the models drew. Realised: measured in netem. A run of losses is "
+        "how many messages in a row were lost."
+    )
+    return requested_table(links).html() + words + release_table(links).html() + key_tables(links)
+
+
+def _clocks(summary: Summary) -> str:
+    table = clock_table(summary.clocks)
+    return table.html() if table.rows else note(table.note)
+
+
+def _books(summary: Summary) -> str:
+    """Return the tables of packets and ticks, with definitions of their terms."""
+    n_unlogged = sum(link.untold for link in summary.links.values())
+    rate = summary.redundancy.rate_text
+    rejected = ", ".join(f"{side} {number(count)}" for side, count in summary.rejected.items()) or NONE
+    return (
+        packet_page_table(summary.links).html()
+        + note(
+            "Dropped: by netem, as the scenario requests. Unplanned loss: lost on either side of netem. Foreign: "
+            "messages of other programs on keys of the testbed."
+            + (f" Left out, as they fall into gaps of damaged logs: {n_unlogged}." if n_unlogged else "")
+            + (f" The surgeon sent {rate} (payload and attachment)." if rate else "")
+        )
+        + tick_table({"patient": summary.ticks, "surgeon": summary.surgeon_ticks}).html()
+        + note(
+            "A tick that has not begun when the next one is due is missed. Samples that arrived but were never the "
+            f"freshest: {number(summary.superseded)}. Messages rejected: {rejected}."
+        )
+        + _filled(processor_table(summary.processors))
+    )
+
+
+def _repeat(run: RunView) -> str:
+    files = (
+        (SCENARIO_FILE, "has every value of the scenario, defaults too"),
+        (model_file(run.logs.run_dir).name, "the identified models"),
+        (SUMMARY_FILE, "every figure"),
+        (MANIFEST_FILE, "the hashes of all files"),
+    )
+    listed = ", ".join(f'<a href="{name}">{name}</a> {what}' for name, what in files)
+    return (
+        "<p>The command of this run, and the resolved scenario in its folder, which gives every message the same "
+        "fate again, live or in virtual time:</p>"
+        f"<pre><code>{escape(run.summary.command or NONE)}</code></pre>"
+        "<pre><code>tis run scenario.yaml\ntis twin scenario.yaml</code></pre>"
+        f"<p>The seed {run.summary.seed} determines every random number of the run. In its folder, "
+        f"beside this page: {listed}.</p>" + versions_table(run.versions).html()
+    )
+
+
+def versions_table(versions: Mapping[str, str | None]) -> Table:
+    """Return the versions of the packages that a run used."""
+    rows = [(name, version or "not installed") for name, version in versions.items()]
+    return Table("Versions", ("package", Column("version", words=True)), rows)
+
+
+_LEAD: Final = (
+    "One run of the testbed: a surgeon's hand moves a master, an emulated network delays and loses its samples, and "
+    "the patient's side estimates where the robot arm should be now. How late, how lossy and how accurate was that?"
+)
+
+
+def report_html(run: RunView) -> str:
+    """Return the page of a run; it names what its logs lack."""
+    name = run.scenario.name
+    title = f"{name}: report of a run{' (synthetic)' if run.synthetic else ''}"
+    return page_html(Page(title, name, _tags(run), sections(run), _LEAD))
+
+
+def _tags(run: RunView) -> list[tuple[str, str]]:
+    """Return the marks below the title: validity, origin and mode of the run."""
+    summary = run.summary
+    kinds = {"live": "live: real processes, real time", "twin": "twin: virtual time"}
+    tags = [("valid measurement", "good") if summary.valid else ("not a valid measurement", "bad")]
+    if run.synthetic:
+        tags.append(("synthetic movement, not a recording of a person", "open"))
+    tags += [(summary.source, ""), (kinds.get(summary.mode, summary.mode), "")]
+    return [*tags, (f"seed {summary.seed}", ""), (f"{summary.duration_s:g} s", "")]

@@ -1,1 +1,0 @@
-"""From columns to the figures of the summary."""

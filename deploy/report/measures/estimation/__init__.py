@@ -1,1 +1,0 @@
-"""Measures of the estimates: errors, ages, freshness."""

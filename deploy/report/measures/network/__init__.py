@@ -1,1 +1,0 @@
-"""Measures of the links: requested, decided and realised."""

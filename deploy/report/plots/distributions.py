@@ -1,0 +1,255 @@
+"""Distributions: of delays and latencies, of runs of losses, and of netem's release error."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from bokeh.models import ColumnDataSource, Node
+from bokeh.models.annotations import Label, Span
+from bokeh.models.formatters import NumeralTickFormatter
+from bokeh.models.ranges import Range1d
+from bokeh.models.tools import HoverTool
+from bokeh.plotting import figure
+from numpy.typing import ArrayLike
+
+from tis.common.channels import Direction
+from tis.deploy.logs.read.load import Ints
+from tis.deploy.present import plot_style as style
+from tis.deploy.present.numbers import number
+from tis.deploy.present.palette import AXIS, BLUE, DIRECTIONS, INK, PALE, PAPER, RED, VERMILION, Tone
+from tis.deploy.present.thinning import column, distribution
+from tis.deploy.report.subjects.network.key_figures import Array, LinkColumns, run_lengths
+from tis.deploy.report.subjects.network.requested_pipeline import RequestedPipeline
+
+_LEFT_OF: Final[dict[str, Any]] = {"x_offset": -4, "text_align": "right"}
+_RIGHT_OF: Final[dict[str, Any]] = {"x_offset": 4, "text_align": "left"}
+_SHARES = (0.001, *(i / 100 for i in range(1, 100)), 0.999)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A distribution: values, or with ``percent`` points of its distribution function."""
+
+    values: Sequence[float] | Array
+    tone: Tone
+    dash: str = "solid"
+    percent: Sequence[float] | None = None
+    width: float = 2
+
+
+def delay_curves(
+    links: Mapping[Direction, LinkColumns], requests: Mapping[Direction, RequestedPipeline | None], varies: bool
+) -> dict[str, Curve]:
+    """Return the distributions of each direction's delay by name: decided, realised, and requested if known.
+
+    ``requests`` are shared by all keys of a direction, None where keys differ; ``varies``: they changed in the run.
+    """
+    curves: dict[str, Curve] = {}
+    for direction, link in links.items():
+        if not len(realised_ms := link.all("realised_ms")):
+            continue
+        curves[f"{direction} decided"] = Curve(link.all("decided_ms"), PALE, width=5)
+        curves[f"{direction} realised"] = Curve(realised_ms, DIRECTIONS[direction])
+        request = requests.get(direction)
+        quantiles_ms = [] if request is None else [ms for ms in request.quantiles_ms(_SHARES) if ms is not None]
+        if len(quantiles_ms) == len(_SHARES):
+            named = f"{direction} requested" + (" (without changes)" if varies else "")
+            curves[named] = Curve(quantiles_ms, INK, "dashed", [100 * share for share in _SHARES])
+    return curves
+
+
+def delay_cdf(curves: Mapping[str, Curve]) -> style.Figure | None:
+    """Draw the distribution of the delay of each direction; None when no message arrived."""
+    if not curves:
+        return None
+    realised = {name: curve.values for name, curve in curves.items() if name.endswith("realised")}
+    return style.Figure(
+        plots=(cdf(curves, "delay in netem, ms", None),),
+        title="How the delays are distributed",
+        caption="Follow the 99 % line to a curve: 99 of 100 messages took at most that long (p99). Where "
+        "requested (dashed), decided (pale) and realised coincide, the network was the one requested; queues and "
+        "waiting for earlier messages move realised to the right. Lost messages are not included. "
+        f"{_medians(realised)}",
+        alt="Cumulative distribution of the requested, decided and realised delay. " + _medians(realised),
+        keys=_keys(curves),
+    )
+
+
+def latency_curves(end_to_end_ms: ArrayLike, round_trip_ms: ArrayLike) -> dict[str, Curve]:
+    """Return the distributions of end-to-end latency and round trip, without unknown ones."""
+    both = {
+        "end to end": Curve(np.asarray(end_to_end_ms, dtype=np.float64), BLUE),
+        "round trip": Curve(np.asarray(round_trip_ms, dtype=np.float64), VERMILION),
+    }
+    return {name: curve for name, curve in both.items() if len(curve.values)}
+
+
+def latency_cdf(curves: Mapping[str, Curve], limit_ms: float | None) -> style.Figure | None:
+    """Draw the distributions of latencies; None when none is known."""
+    if not curves:
+        return None
+    caption = (
+        "End to end is how old the newest sample is, command or arm position, when the estimate made with it is "
+        "published; round trip is the surgeon's wait for the first answer to a command. The steps are the patient's "
+        "ticks: a sample that comes just after a tick waits for the next one. "
+        f"{_medians({n: c.values for n, c in curves.items()})}"
+    )
+    if limit_ms is not None:
+        caption += " The dashed line is the limit for the p99 of the end-to-end latency."
+    return style.Figure(
+        plots=(cdf(curves, "latency, ms", limit_ms),),
+        title="How the latency is distributed",
+        caption=caption,
+        alt="Cumulative distribution of the latency. " + _medians({n: c.values for n, c in curves.items()}),
+        keys=_keys(curves),
+    )
+
+
+def cdf(curves: Mapping[str, Curve], label: str, limit_ms: float | None, unit: str = "ms") -> figure:
+    """Draw distributions as steps, with a line at 99 % and one at the limit, if any."""
+    fig = style.plain_figure(
+        320, x_axis_label=label, y_axis_label="share at or below, %", y_range=Range1d(start=0, end=104)
+    )
+    for name, curve in curves.items():
+        value, percent = distribution(curve.values) if curve.percent is None else (curve.values, curve.percent)
+        # starts at zero and steps up at each value, so that a constant shows as a step
+        source = ColumnDataSource({"value": column([value[0], *value]), "percent": column([0.0, *percent])})
+        line = fig.step(
+            "value",
+            "percent",
+            source=source,
+            mode="after",
+            line_color=curve.tone.light,
+            line_dash=curve.dash,
+            line_width=curve.width,
+        )
+        style.named(name, [line])
+        tips = [(name, "@percent{0.0} %"), ("at most", f"@value{{0.00}} {unit}")]
+        fig.add_tools(HoverTool(renderers=[line], tooltips=tips))
+    fig.add_layout(Span(location=99, dimension="width", line_color=AXIS.light, line_dash="dotted"))
+    at_left = False
+    if limit_ms is not None:
+        fig.add_layout(Span(location=limit_ms, dimension="height", line_color=RED.light, line_dash="dashed"))
+        reach = max(float(np.max(curve.values)) for curve in curves.values())
+        least = min(float(np.min(curve.values)) for curve in curves.values())
+        room = 0.05 * (max(reach, limit_ms) - least)
+        fig.x_range = Range1d(start=min(least, limit_ms) - room, end=max(reach, limit_ms) + room)
+        # the label is at the bottom, on the side with more room
+        at_left = limit_ms > (min(least, limit_ms) + max(reach, limit_ms)) / 2
+        text = f"limit {limit_ms:g} ms"
+        side = _LEFT_OF if at_left else _RIGHT_OF
+        fig.add_layout(Label(x=limit_ms, y=6, text=text, text_color=RED.light, **side))
+    # at the right end, where curves are flat, unless the limit is there
+    at: dict[str, Any] = {"x": Node.frame.left, **_RIGHT_OF} if at_left else {"x": Node.frame.right, **_LEFT_OF}
+    at |= {"background_fill_color": PAPER.light, "background_fill_alpha": 0.8}
+    fig.add_layout(Label(y=99, y_offset=-4, text="p99", text_baseline="top", **at))
+    return fig
+
+
+def _keys(curves: Mapping[str, Curve]) -> tuple[style.Key, ...]:
+    return tuple(
+        style.Key(n, c.tone, "dashed" if c.dash == "dashed" else "line", toggles=True) for n, c in curves.items()
+    )
+
+
+def _medians(values: Mapping[str, ArrayLike]) -> str:
+    parts = (f"{name} {number(float(np.median(np.asarray(v))))} ms" for name, v in values.items())
+    return f"Medians: {', '.join(parts)}."
+
+
+_MAX_UNBINNED: Final = 40
+_GROUND: Final = 0.5
+
+
+def loss_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | None:
+    """Draw the number of runs of each length, per direction, all keys together; None without losses."""
+    used = run_lengths(links)
+    if not used:
+        return None
+    longest = max(int(lengths.max()) for lengths in used.values())
+    width = max(1, -(-longest // _MAX_UNBINNED))
+    counts = {direction: _binned(lengths, width) for direction, lengths in used.items()}
+    most = max(int(n.max()) for _, n in counts.values())
+    fig = style.plain_figure(
+        300,
+        x_axis_label="messages lost one after the other",
+        y_axis_label="runs",
+        y_axis_type="log",  # keeps a single long burst visible beside hundreds of single losses
+        y_range=Range1d(start=_GROUND, end=1.3 * most),
+    )
+    fig.yaxis.ticker = [base * 10**power for power in range(1 + len(str(most))) for base in (1, 2, 5)]
+    fig.yaxis.formatter = NumeralTickFormatter(format="0")
+    if longest <= 12:
+        fig.xaxis.ticker = list(range(1, longest + 1))
+    share = 0.8 * width / len(used)
+    for i, (direction, (first, n)) in enumerate(counts.items()):
+        left = first - 0.4 * width + i * share + 0.5 * (width - 1)
+        source = ColumnDataSource(
+            {
+                "left": column(left),
+                "right": column(left + share),
+                "runs": n.astype(np.int32),
+                "length": [f"{low}" if width == 1 else f"{low} to {low + width - 1}" for low in first.tolist()],
+            }
+        )
+        colour = DIRECTIONS[direction].light
+        bars = fig.quad("left", "right", _GROUND, "runs", source=source, fill_color=colour, line_color=None)
+        fig.add_tools(HoverTool(renderers=[bars], tooltips=[("lost in a row", "@length"), ("runs", "@runs")]))
+    counts_of = ", ".join(f"{d} {len(r)} runs, the longest of {r.max()}" for d, r in used.items())
+    return style.Figure(
+        plots=(fig,),
+        title="How losses are bunched",
+        caption="A bar counts the runs of consecutive lost messages of that length, key by key. Independent losses "
+        f"are mostly single; bars far to the right are bursts and outages, which an estimator must bridge. Here "
+        f"{counts_of}.",
+        alt=f"Histogram of the lengths of loss runs: {counts_of}.",
+        keys=tuple(style.Key(direction, DIRECTIONS[direction], "bar") for direction in used),
+    )
+
+
+def _binned(lengths: Ints, width: int) -> tuple[Ints, Ints]:
+    """Return the shortest length of each non-empty bin, and its number of runs."""
+    bins, n = np.unique((lengths - 1) // width, return_counts=True)
+    return bins * width + 1, n
+
+
+_MIN_US = 1.0
+
+
+def release_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | None:
+    """Draw the share of packets above each release error; None in virtual time, which has no error."""
+    errors = {direction: link.all("error_us") for direction, link in links.items()}
+    used = {direction: error_us for direction, error_us in errors.items() if len(error_us) and error_us.any()}
+    if not used:
+        return None
+    largest = max(float(error_us.max()) for error_us in used.values())
+    most = max(len(error_us) for error_us in used.values())
+    fig = style.plain_figure(
+        300,
+        x_axis_label="left later than decided by, \u00b5s",
+        y_axis_label="share that left later still, %",
+        x_axis_type="log",
+        y_axis_type="log",
+        x_range=Range1d(start=_MIN_US, end=2 * max(largest, 10 * _MIN_US)),
+        y_range=Range1d(start=50 / most, end=130),
+    )
+    for direction, error_us in used.items():
+        value, percent = distribution(np.maximum(error_us, _MIN_US))
+        # steps down from 100 %; the last step would be 0, which a log axis cannot show
+        above = np.maximum(100.0 - percent, 50 / most)
+        source = ColumnDataSource({"value": column([_MIN_US, *value]), "above": column([100.0, *above])})
+        colour = DIRECTIONS[direction].light
+        line = fig.step("value", "above", source=source, mode="after", line_color=colour, line_width=2)
+        tips = [("later than", "@value{0} \u00b5s"), ("share", "@above %")]
+        fig.add_tools(HoverTool(renderers=[line], tooltips=tips))
+    medians = ", ".join(f"{d}: median {np.median(e):.0f} \u00b5s" for d, e in used.items())
+    return style.Figure(
+        plots=(fig,),
+        title="Release error",
+        caption="The emulator decides an instant for each message and wakes up a little after it. Follow a curve to "
+        "the right until it has fallen to 1 %: 99 of 100 messages left with at most that error (p99). A long tail "
+        f"means that the machine was busy with something else. Here {medians}.",
+        alt=f"Distribution of the release error on logarithmic axes. {medians}.",
+        keys=tuple(style.Key(direction, DIRECTIONS[direction], "line") for direction in used),
+    )

@@ -1,0 +1,1 @@
+"""Subjects of a run's report, a file each: figures in the summary, measurement, tables."""

@@ -1,0 +1,387 @@
+"""Accuracy of the estimators: scores against the recorded arm, on the same ticks, beside those of hold."""
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from tis.common.channels import Hand
+from tis.common.metrics.consistency import consistency, normalised_squares
+from tis.common.metrics.etvo import Etvo, etvo, offset_grid_s
+from tis.common.metrics.percentiles import summarise
+from tis.common.metrics.tracking import Scorable, score
+from tis.common.records import PLANT
+from tis.common.scenario import Scenario
+from tis.common.units import MM_PER_M, NS_PER_S, NS_PER_US, sample_index
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.note_columns import notes
+from tis.deploy.present.numbers import broken_name, interval, number, percent
+from tis.deploy.present.page import css, folded
+from tis.deploy.present.palette import Look, look_of
+from tis.deploy.present.table import Cell, Column, Table
+from tis.deploy.report.section import Section, Statistics, means, statistics
+from tis.deploy.report.subjects.own_estimators import OwnEstimator
+from tis.deploy.report.subjects.tracking import Array, HandTrack, topic_of, track_of_hand
+from tis.patient_side.statespace import ArmModel
+
+
+class Offset(Section):
+    """Effective time and value offsets (ETVO) of the reproduced movement."""
+
+    n: int = means("Ticks that were aligned with the truth.")
+    time_ms: Statistics = statistics("Effective time offset, positive when the movement is late.", "mean p50 p95 max")
+    value_mm: Statistics = statistics(
+        "Effective value offset, the error that remains after the time offset.", "p50 p95 max"
+    )
+    value_rms_mm: float | None = means("Root mean square of the value offset.")
+    delay_derivative_ms_per_s: float | None = means("Mean absolute change of the time offset.")
+
+
+class Consistency(Section):
+    """Whether a filter states its own error correctly; a list has an entry for each axis."""
+
+    n: int = means("Errors in use.")
+    mean: list[float | None] = means("Mean of (error / stated deviation)\u00b2; 1 for a consistent filter.")
+    bounds_95: list[list[float | None] | None] = means(
+        "Bounds within which the mean of a consistent filter lies in 95 % of cases."
+    )
+    consistent: list[bool | None] = means("True for an axis whose mean lies within these bounds.")
+    coverage_pct: list[float | None] = means("Errors within 1.96 stated deviations; 95 for a consistent filter.")
+    coverage_pct_interval_95: list[list[float | None] | None] = means("95 % confidence interval of the coverage.")
+
+
+class Scores(Section):
+    """The scores of an estimator; `plant` is an arm that executes set points."""
+
+    r2_pct: list[float | None] = means("100 (1 - SSE/SST) along x, y, z, with SST about the scored mean.")
+    nrmse_fit_pct: list[float | None] = means("100 (1 - sqrt(SSE/SST)) along x, y, z.")
+    rmse_normalized: list[float | None] = means("RMSE along x, y, z over the range of the training rows.")
+    rmse_mm: list[float | None] = means("Root mean square error along x, y, z.")
+    max_mm: list[float | None] = means("Largest absolute error along x, y, z.")
+    r2_3d_pct: float | None = means("100 (1 - SSE/SST), pooled over the axes.")
+    nrmse_fit_3d_pct: float | None = means("100 (1 - sqrt(SSE/SST)), pooled over the axes.")
+    rmse_3d_mm: float | None = means(
+        "Root mean square of the distance to the truth, over the scored ticks of all hands."
+    )
+    max_3d_mm: float | None = means("Largest distance to the truth.")
+    ratio_to_hold: float | None = means(
+        "Its error over that of `hold`, sqrt(\u03a3|e|\u00b2 / \u03a3|e_hold|\u00b2); below 1 is better than `hold`."
+    )
+    n_scored: int = means("Scored ticks, the same for all estimators; they begin 2 s after the first arrival.")
+    n_missing: int = means("Scored ticks without an estimate; they count with the error of `hold`.")
+    offset: Offset = means("Offsets in time and value.")
+    step_us: Statistics = Field(
+        default={},
+        description="Computing time of a step; `null` in virtual time.",
+        json_schema_extra={"required": ["p50", "p99"]},
+    )
+    nees: Consistency | None = means(
+        "Of the errors against the truth (normalised estimation error squared).", default=None
+    )
+    nis: Consistency | None = means(
+        "Of the innovations, against samples not yet seen (normalised innovation squared).", default=None
+    )
+    clamped_pct: float | None = means(
+        "Of `plant`: ticks whose set point in force lay outside what the arm's joints reach.", default=None
+    )
+    failed: bool = means("True for an own estimator that failed in some step.", default=False)
+
+    def label(self, name: str) -> str:
+        """Return the estimator's name for tables, with a star if it failed."""
+        return f"{name} *" if self.failed else name
+
+
+MAX_TICKS: Final = 6000
+"""Scored ticks that are aligned, the first ones: the cost grows with their number."""
+
+_MIN_OFFSET_S: Final = -0.2
+_MAX_OFFSET_S: Final = 1.0
+_STEPS_A_TICK: Final = 4
+_MS_PER_S: Final = 1000.0
+_NAME_WIDTH: Final = 17
+_MAX_BAR: Final = 3
+_CUT: Final = "\u00bb"
+
+
+def accuracy_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand, model: ArmModel) -> dict[str, Scores]:
+    """Return the scores of all estimators for one hand, and of an arm that executes set points."""
+    return accuracy_of_track(logs, scenario, track_of_hand(logs, scenario, hand), model)
+
+
+def accuracy_of_track(logs: RunLogs, scenario: Scenario, track: HandTrack, model: ArmModel) -> dict[str, Scores]:
+    """Return the scores of one hand's track; empty where truth or estimates are missing."""
+    return pooled_accuracy(logs, scenario, [(track, model)])
+
+
+def pooled_accuracy(
+    logs: RunLogs, scenario: Scenario, hands: Sequence[tuple[HandTrack, ArmModel]]
+) -> dict[str, Scores]:
+    """Return the scores of all estimators, pooled over hands; empty where truth or estimates are missing.
+
+    ``nees`` is of errors against the truth; ``nis`` uses only ticks between two samples that reached the patient,
+    where the filter itself could check its innovation. Both are `tis.common.metrics.consistency` of the estimators
+    that state a deviation.
+    """
+    known = [(t, m) for t, m in hands if "hold" in t.estimates and np.isfinite(t.truth_m).any()]
+    arrived = [_samples_arrived(logs, scenario, track, model) for track, model in known]
+    names = dict.fromkeys(name for track, _ in known for name in track.estimates)
+    result: dict[str, Scores] = {}
+    for name in names:
+        having = [(track, model, both) for (track, model), both in zip(known, arrived, strict=True)
+                  if name in track.estimates]  # fmt: skip
+        entry: dict[str, Any] = dict(score(*(_scorable(track, model, name) for track, model, _ in having)))
+        entry["offset"] = offsets([track for track, _, _ in having], name, scenario.rate_hz)
+        if name != "plant":
+            entry |= _steps_and_deviations(logs, name, having)
+        else:
+            entry["clamped_pct"] = _clamped_pct(logs, [model for _, model, _ in having])
+        result[name] = Scores(**entry)
+    return result
+
+
+def _scorable(track: HandTrack, model: ArmModel, name: str) -> Scorable:
+    range_m = model.output_high_m - model.output_low_m
+    return Scorable(track.estimates[name], track.estimates["hold"], track.truth_m, track.scored, range_m)
+
+
+def _steps_and_deviations(
+    logs: RunLogs, name: str, hands: Sequence[tuple[HandTrack, ArmModel, NDArray[np.bool_]]]
+) -> dict[str, Any]:
+    """Return the times of an estimator's steps, and its consistency where it states deviations."""
+    rows = notes(logs, "patient", topic_of(name))
+    steps_ns = rows.column("step_ns")[np.any([rows.where("hand", model.hand) for _, model, _ in hands], axis=0)]
+    # virtual time logs 0 for every step: no measurement
+    measured = steps_ns if steps_ns.any() else steps_ns[:0]
+    entry: dict[str, Any] = {"step_us": summarise(measured / NS_PER_US, percentiles=(50, 99), also=())}
+    if any(np.isfinite(track.stds[name][track.scored]).any() for track, _, _ in hands):
+        errors, innovations = [], []
+        for track, _, arrived in hands:
+            squares = normalised_squares(track.estimates[name] - track.truth_m, track.stds[name])
+            errors.append(squares[track.scored])
+            innovations.append(squares[track.scored & arrived])
+        entry["nees"] = consistency(np.concatenate(errors))
+        entry["nis"] = consistency(np.concatenate(innovations))
+    return entry
+
+
+def _clamped_pct(logs: RunLogs, models: Sequence[ArmModel]) -> float | None:
+    """Return the share of the hands' ticks whose set point lay outside what the arm's joints reach, in %."""
+    rows = notes(logs, "patient", PLANT)
+    which = np.any([rows.where("hand", model.hand) for model in models], axis=0)
+    clamped = rows.column("clamped")[which]
+    return 100.0 * float(np.mean(clamped)) if len(clamped) else None
+
+
+def _samples_arrived(logs: RunLogs, scenario: Scenario, track: HandTrack, model: ArmModel) -> NDArray[np.bool_]:
+    """Mark the ticks (T,) between two consecutive samples of the arm that both reached the patient."""
+    rate_hz = scenario.rate_hz
+    arrivals = logs.messages("patient", "forward", scenario.session)
+    key = f"{scenario.session}/{model.arm}/setpoint_cp"
+    instants = arrivals[key].sample_ns if key in arrivals else np.empty(0, dtype=np.int64)
+    clock = logs.clocks.model("surgeon")  # samples are evenly spaced on this clock only
+    indices = np.unique([sample_index(ns, rate_hz) for ns in clock.from_reference_ns(instants).tolist()])
+    # index of the last sample at or before each tick: the inverse of floor(i * 10^9 / rate), exact in integers
+    before = ((clock.from_reference_ns(track.t_ns) + 1) * rate_hz - 1) // 1_000_000_000
+    return np.isin(before, indices) & np.isin(before + 1, indices)
+
+
+def offsets(tracks: Sequence[HandTrack], name: str, rate_hz: int) -> Offset:
+    """Return the offsets of one estimator against the truth, of all hands together.
+
+    Time offsets from -0.2 to 1 s are searched.
+    ``time_ms`` is positive for a late estimate, ``value_mm`` the error that remains after the shift in time, and
+    ``delay_derivative_ms_per_s`` the rate of change of the delay. Missing estimates are left out.
+    """
+    found = [_aligned(track, track.estimates[name], track.truth_m, rate_hz) for track in tracks]
+    rates = [(one.delay_derivative, len(one.time_s) - 1) for one in found]
+    known = [(rate, n) for rate, n in rates if rate is not None]
+    mean_rate = sum(rate * n for rate, n in known) / sum(n for _, n in known) if known else None
+    return _offset(
+        Etvo(np.concatenate([one.time_s for one in found]), np.concatenate([one.value for one in found]), mean_rate)
+    )
+
+
+def actuation_ms(track: HandTrack, active: str, rate_hz: int) -> Array:
+    """Return the delay (T,) in ms of the plant's arm behind the active estimate; empty where it executes nothing."""
+    if "plant" not in track.estimates or active not in track.estimates:
+        return np.empty(0)
+    found = _aligned(track, track.estimates["plant"], track.estimates[active], rate_hz)
+    return found.time_s * _MS_PER_S
+
+
+def _aligned(track: HandTrack, reproduced_m: Array, original_m: Array, rate_hz: int) -> Etvo:
+    known = track.scored & np.isfinite(reproduced_m).all(axis=1) & np.isfinite(original_m).all(axis=1)
+    which = np.flatnonzero(known)[:MAX_TICKS]
+    # four candidate offsets per tick resolve a quarter of the period
+    grid_s = offset_grid_s(_MIN_OFFSET_S, _MAX_OFFSET_S, 1.0 / (_STEPS_A_TICK * rate_hz))
+    return etvo(track.t_ns[which] / NS_PER_S, reproduced_m[which], original_m[which], grid_s)
+
+
+def _offset(found: Etvo) -> Offset:
+    value_mm = found.value * MM_PER_M
+    derivative = found.delay_derivative
+    return Offset(
+        n=len(value_mm),
+        time_ms=summarise(found.time_s * _MS_PER_S, (50, 95), ("mean", "max")),
+        value_mm=summarise(value_mm, (50, 95), ("max",)),
+        value_rms_mm=float(np.sqrt(np.mean(value_mm**2))) if len(value_mm) else None,
+        delay_derivative_ms_per_s=None if derivative is None else derivative * _MS_PER_S,
+    )
+
+
+def with_failures(scores: Mapping[str, Scores], own: Mapping[str, OwnEstimator]) -> dict[str, Scores]:
+    """Return the scores, marked where a user-defined estimator failed or did not."""
+    return {
+        name: one.model_copy(update={"failed": own[name].failed}) if name in own else one
+        for name, one in scores.items()
+    }
+
+
+def is_scored(accuracy: Mapping[str, Scores]) -> bool:
+    """Tell whether any tick could be scored."""
+    return any(entry.n_scored for entry in accuracy.values())
+
+
+def without_estimate(accuracy: Mapping[str, Scores], active: str) -> list[str]:
+    """Return a problem when the active estimator had no estimate at many scored ticks."""
+    entry = accuracy.get(active)
+    if entry is None or entry.n_missing <= _MAX_WITHOUT_ESTIMATE * entry.n_scored:
+        return []
+    of = f"{entry.n_missing} of {entry.n_scored} scored ticks"
+    return [f"accuracy: {active} gave no estimate at {of}, where hold's is scored"]
+
+
+_MAX_WITHOUT_ESTIMATE: Final = 0.01
+
+
+def accuracy_table(accuracy: Mapping[str, Scores], which: str) -> Table:
+    """Return the estimators beside hold for a terminal."""
+    timed = has_step_times(accuracy)
+    rows = [
+        (
+            broken_name(entry.label(name), _NAME_WIDTH),
+            *entry.r2_pct,
+            entry.rmse_3d_mm,
+            entry.ratio_to_hold,
+            *((entry.step_us.get("p50"), entry.step_us.get("p99")) if timed else ()),
+        )
+        for name, entry in accuracy.items()
+    ]
+    note = "hold repeats the newest arm position that arrived" + ("; \u00b5s: time of one step" if timed else "")
+    columns: tuple[Column | str, ...] = (
+        "estimator",
+        "R\u00b2 % x",
+        "y",
+        "z",
+        "RMSE mm",
+        "/ hold",
+        *(("\u00b5s\nmedian", "\np99") if timed else ()),
+    )
+    return Table(f"Position error at the tick{which}", columns, rows, note)
+
+
+def has_step_times(accuracy: Mapping[str, Scores]) -> bool:
+    """Tell whether any estimator has step times; virtual time has none."""
+    return any(entry.step_us.get("p50") is not None for entry in accuracy.values())
+
+
+def accuracy_page_table(accuracy: Mapping[str, Scores], which: str, active: str) -> Table:
+    """Return one hand's estimators beside hold, with the error as a bar.
+
+    Bars end at `_MAX_BAR` times hold's error, so that one very bad estimator does not shorten all others; longer bars
+    are cut, marked and explained in a note.
+    """
+    errors = {name: entry.rmse_3d_mm for name, entry in accuracy.items() if entry.rmse_3d_mm is not None}
+    largest = max(errors.values(), default=0.0) or 1.0
+    longest = min(largest, _MAX_BAR * errors["hold"]) if errors.get("hold") else largest
+    timed = has_step_times(accuracy)
+    rows = [
+        (
+            Cell(entry.label(name), markup=escape(entry.label(name)).replace(":", ":<wbr>")),
+            _with_bar(entry.rmse_3d_mm, longest, look_of(name, list(accuracy))),
+            percent(entry.ratio_to_hold, fine=True),
+            *entry.r2_pct,
+            entry.n_scored,
+            entry.n_missing,
+            *([entry.step_us.get("p50")] if timed else []),
+        )
+        for name, entry in accuracy.items()
+    ]
+    columns: tuple[Column | str, ...] = (
+        "estimator", Column("RMSE in 3D", "mm"), "share of hold's error, %", "R\u00b2 x, %", "R\u00b2 y, %",
+        "R\u00b2 z, %", "ticks", "missing", *([Column("step, median", "\u00b5s")] if timed else []),
+    )  # fmt: skip
+    note = f"Bars end at {_MAX_BAR} times hold's error; longer ones are cut ({_CUT})" if largest > longest else ""
+    marked = accuracy[active].label(active) if active in accuracy else active
+    return Table(f"Accuracy at the tick, {which}", columns, rows, note, marked)
+
+
+def _with_bar(value: float | None, longest: float, look: Look) -> Cell:
+    """Return a number with a bar in the estimator's colour, which is hidden from screen readers."""
+    text = f"{_CUT} {number(value)}" if value is not None and value > longest else number(value)
+    share = 0.0 if value is None else min(100 * value / longest, 100.0)
+    bar = f'<i style="width:{share:.1f}%"></i>'
+    return Cell(
+        text, markup=f'{text}<span class="bar" aria-hidden="true" style="color:{css(look.tone)}">{bar}</span>'
+    )
+
+
+def more_accuracy(by_hand: Mapping[Hand, Mapping[str, Scores]], active: str) -> str:
+    """Return a folded section: largest errors, time and value offsets and consistency of each hand."""
+    each = [
+        table.html() * bool(table.rows)
+        for hand, accuracy in by_hand.items()
+        for table in (_offsets(accuracy, f"{hand} hand", active), _consistency(accuracy, f"{hand} hand"))
+    ]
+    return folded("More about the accuracy", "".join(each))
+
+
+def _offsets(accuracy: Mapping[str, Scores], which: str, active: str) -> Table:
+    rows = [
+        (
+            name,
+            entry.max_3d_mm,
+            entry.r2_3d_pct,
+            entry.nrmse_fit_3d_pct,
+            entry.offset.time_ms["p50"],
+            entry.offset.time_ms["p95"],
+            entry.offset.value_rms_mm,
+        )
+        for name, entry in accuracy.items()
+    ]
+    columns: tuple[Column | str, ...] = (
+        "estimator", "max error, mm", "R\u00b2 in 3D, %", "fit (NRMSE), %", "late by, median, ms", "late by, p95, ms",
+        "wrong beyond that, RMS, mm",
+    )  # fmt: skip
+    note = (
+        "Late by: the shift in time that explains most of the error at each instant (effective time offset); the "
+        "rest is an error in value"
+    )
+    return Table(f"Errors and offsets, {which}", columns, rows, note, active)
+
+
+def _consistency(accuracy: Mapping[str, Scores], which: str) -> Table:
+    rows = [
+        (
+            f"{name}, {kind} {axis}",
+            found.mean[i],
+            interval(found.bounds_95[i]),
+            found.coverage_pct[i],
+            interval(found.coverage_pct_interval_95[i]),
+            found.consistent[i],
+        )
+        for name, entry in accuracy.items()
+        for kind, found in (("NEES", entry.nees), ("NIS", entry.nis))
+        if found is not None and found.n
+        for i, axis in enumerate("xyz")
+    ]
+    bounds = ("its 95 % bounds", "in the 95 % interval, %", "its interval, %")
+    columns = ("filter", "mean, should be 1", *bounds, Column("consistent", words=True))
+    note = (
+        "Does the filter state its own error correctly? Above 1 it is overconfident, below 1 underconfident. "
+        "NEES: its errors, NIS: its innovations, each in units of its own variance"
+    )
+    return Table(f"Consistency, {which}", columns, rows, note)

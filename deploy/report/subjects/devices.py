@@ -1,0 +1,103 @@
+"""Programs of others: what live devices and external arms sent, and what was not used of it."""
+
+from collections.abc import Mapping
+from typing import Final, get_args
+
+from tis.common.channels import Hand, Side
+from tis.common.devices.records import DEVICES, FOREIGN_SURGEON, Refusal
+from tis.common.records import COUNTERS
+from tis.common.scenario import Scenario
+from tis.common.units import NS_PER_S
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.report.section import Section, means
+
+
+class DeviceFigures(Section):
+    """What the device of a hand, or its external arm, sent."""
+
+    poses: int = means("Poses that were used.")
+    first_s: float | None = means("Run time of its first pose.")
+    silences: int = means("Times without a pose for longer than `silent_after_ms`.")
+    silent_ticks: int = means("Ticks in them.")
+    silent_s: float = means("Time in them, by the ticks.")
+    refused: dict[Refusal, int] = means(
+        "Messages that were not used, by reason: undecodable, not_finite, no_rotation (a quaternion of "
+        "length 0), backwards (its clock stood or went back), flooded (more than 128 between two ticks), jump (a "
+        "tick at which it moved faster than `source.max_speed_mm_s`)."
+    )
+
+
+ByHand = Mapping[Hand, DeviceFigures]
+MEANING: Final[Mapping[Refusal, str]] = {
+    "undecodable": "that were no pose or beyond its limits",
+    "not_finite": "with numbers that are not finite",
+    "no_rotation": "with a quaternion of length 0",
+    "backwards": "with a clock that stood or went back",
+    "flooded": "that came too fast, between two ticks",
+    "jump": "that jumped, which were not followed",
+}
+"""Words for each reason of a refusal."""
+
+
+def devices_summary(logs: RunLogs, scenario: Scenario) -> dict[str, dict[Hand, DeviceFigures]]:
+    """Return by hand what live devices and external arms sent; nothing where the scenario has none.
+
+    Oracle: logs written record by record, test_devices.
+    """
+    found: dict[str, dict[Hand, DeviceFigures]] = {}
+    if scenario.source.kind == "live" and "surgeon" in logs.sides:
+        found["devices"] = _by_hand(logs, scenario, "surgeon", "device")
+    if scenario.patient.plant.kind == "external" and "patient" in logs.sides:
+        found["external_arms"] = _by_hand(logs, scenario, "patient", "arm")
+    return found
+
+
+def is_foreign(logs: RunLogs) -> bool:
+    """Tell whether another program was the surgeon, and ours only wrote its log."""
+    return "surgeon" in logs.sides and any(row["name"] == FOREIGN_SURGEON for row in logs.of("surgeon", COUNTERS))
+
+
+def device_texts(devices: ByHand, external_arms: ByHand) -> list[str]:
+    """Return a sentence on each device and external arm that was silent, or sent what was not used."""
+    texts = []
+    for found, name in ((devices, "device of the {} hand"), (external_arms, "external arm of the {} hand")):
+        for hand, row in found.items():
+            whose = f"the {name.format(hand)}"
+            if row.poses and row.silent_ticks:  # without any pose the run is invalid, and says so
+                times = "once" if row.silences == 1 else f"{row.silences} times"
+                texts.append(f"{whose} was silent {times}, for {row.silent_s:.1f} s in all: its last pose held")
+            refused = [f"{n} {MEANING[reason]}" for reason, n in row.refused.items() if n]
+            if refused:
+                texts.append(f"not used of the messages of {whose}: {', '.join(refused)}")
+    return texts
+
+
+def _by_hand(logs: RunLogs, scenario: Scenario, side: Side, head: str) -> dict[Hand, DeviceFigures]:
+    counts = {row["name"]: row["value"] for row in logs.of(side, COUNTERS)}
+    rows = logs.of(side, DEVICES)
+    found: dict[Hand, DeviceFigures] = {}
+    for hand in scenario.source.hands:
+        if f"{head}_poses.{hand}" not in counts:  # a foreign surgeon has its device to itself
+            continue
+        silent_ticks = counts.get(f"{head}_silent_ticks.{hand}", 0)
+        first = [row["at_ns"] for row in rows if row["hand"] == hand and row["event"] == "first"]
+        found[hand] = DeviceFigures(
+            poses=counts.get(f"{head}_poses.{hand}", 0),
+            first_s=first[0] / NS_PER_S if first else None,
+            silences=counts.get(f"{head}_silences.{hand}", 0),
+            silent_ticks=silent_ticks,
+            silent_s=silent_ticks / scenario.rate_hz,
+            refused={reason: counts.get(f"{head}_{reason}.{hand}", 0) for reason in get_args(Refusal)},
+        )
+    return found
+
+
+def silent_programs(devices: ByHand, external_arms: ByHand) -> list[str]:
+    """Return a problem for each device and external arm of which no pose was used: nothing was measured."""
+    names = {"devices": (devices, "the device"), "external_arms": (external_arms, "the external arm")}
+    return [
+        f"{key}.{hand}: no pose came from {name} that could be used"
+        for key, (found, name) in names.items()
+        for hand, row in found.items()
+        if not row.poses
+    ]

@@ -1,0 +1,192 @@
+"""The surgeon's display: delayed feedback and predicted arm, and their errors."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tis.common.channels import Hand, is_predicted
+from tis.common.metrics.percentiles import summarise
+from tis.common.metrics.tracking import SETTLING_NS, truth_at
+from tis.common.records import FRESH, PLANT
+from tis.common.units import MM_PER_M, NS_PER_MS
+from tis.deploy.logs.read.load import Ints, RunLogs
+from tis.deploy.logs.read.note_columns import notes, place_in
+from tis.deploy.logs.read.rows import Rows
+from tis.deploy.present.numbers import number
+from tis.deploy.present.page import folded, note
+from tis.deploy.present.table import Table
+from tis.deploy.report.section import Section, Statistics, means, statistics
+
+_ERRORS: Final = "rms p50 p95 max"
+
+
+class DisplayErrors(Section):
+    """Distances of what is shown to the arm."""
+
+    at_effect: Statistics = statistics(
+        "To where the arm is at the patient's first tick that has the command of the surgeon's tick, or a newer one.",
+        _ERRORS,
+    )
+    now: Statistics = statistics("To where the arm is at the surgeon's tick.", _ERRORS)
+
+
+class DisplayFigures(Section):
+    """The display of a hand."""
+
+    n: int = means(
+        "Ticks of the surgeon that are scored, from 2 s after the first display on, and of them those "
+        "whose command took effect."
+    )
+    late_ms: Statistics = statistics(
+        "How late the surgeon sees the arm, from the newest command behind the feedback that is shown to the "
+        "surgeon's tick; it grows while nothing arrives."
+    )
+    round_trip_ms: Statistics = statistics(
+        "From that command to the arrival of the feedback, by the surgeon's clock."
+    )
+    feedback_mm: DisplayErrors = means("Error of the delayed feedback.")
+    predicted_mm: DisplayErrors = means("Error of the predicted arm.")
+    ratio: float | None = means("RMS of the prediction's error over that of the feedback's, at effect.")
+
+
+_NOTE: Final = (
+    "At effect: distance to where the arm is at the patient's first tick that has the command given at that moment. "
+    "Now: to where it is at that moment"
+)
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Displayed:
+    """One hand's display at the surgeon's ticks (N,): instants in ns, positions (N, 3) in m, NaN where not known.
+
+    ``command_ns`` is the sample instant of the newest command behind the feedback shown, ``round_trip_ns`` the time
+    from then to its arrival. ``shown_m`` is the delayed feedback, ``predicted_m`` the prediction, ``now_m`` the arm
+    at that instant, and ``effect_m`` the arm at the patient's first tick that has the command of that instant, or a
+    newer one.
+    """
+
+    sample_ns: Ints
+    command_ns: Ints
+    round_trip_ns: Ints
+    shown_m: Array
+    predicted_m: Array
+    now_m: Array
+    effect_m: Array
+
+
+def displayed(logs: RunLogs, hand: Hand) -> Displayed | None:
+    """Return a hand's display beside the arm; None where the surgeon's log holds none."""
+    log = logs.sides.get("surgeon")
+    topics = () if log is None else log.rows.items()
+    for topic, rows in topics:
+        if not is_predicted(topic) or not isinstance(rows, Rows) or not rows.where("hand", hand).any():
+            continue
+        ours = rows.where("hand", hand)
+        sample_ns, first = np.unique(rows.column("sample_ns")[ours], return_index=True)
+        command_ns, trip_ns, shown_m, predicted_m = (
+            rows.column(name)[ours][first] for name in ("command_ns", "round_trip_ns", "shown_m", "position_m")
+        )
+        tick, t_ns, arm_m = _arm(logs, hand)
+        now_m = truth_at(sample_ns, t_ns, arm_m) if len(t_ns) else np.full((len(sample_ns), 3), np.nan)
+        place, known = place_in(tick, _effect_ticks(logs, hand, sample_ns))
+        effect_m = np.where(known[:, None], arm_m[place], np.nan) if len(tick) else np.full_like(now_m, np.nan)
+        return Displayed(sample_ns, command_ns, trip_ns, shown_m, predicted_m, now_m, effect_m)
+    return None
+
+
+def display_summary(logs: RunLogs, hands: Mapping[Hand, Any]) -> dict[Hand, DisplayFigures | None]:
+    """Return by hand the errors of feedback and prediction in mm, from 2 s after the first display on.
+
+    A command that never took effect, as it was sent in the last moments, is left out of ``at_effect``. Oracle: arms
+    of known motion, computed by hand (tests/deploy/report/subjects/test_display).
+    """
+    found: dict[Hand, DisplayFigures | None] = {}
+    for hand in hands:
+        display = displayed(logs, hand)
+        if display is None:
+            found[hand] = None
+            continue
+        scored = display.sample_ns >= display.sample_ns[0] + SETTLING_NS
+        errors = {
+            name: DisplayErrors(
+                at_effect=_errors_mm(where_m[scored], display.effect_m[scored]),
+                now=_errors_mm(where_m[scored], display.now_m[scored]),
+            )
+            for name, where_m in (("feedback_mm", display.shown_m), ("predicted_mm", display.predicted_m))
+        }
+        both = [errors[name].at_effect["rms"] for name in ("predicted_mm", "feedback_mm")]
+        found[hand] = DisplayFigures(
+            n=int(np.count_nonzero(scored & np.isfinite(display.effect_m).all(axis=1))),
+            late_ms=summarise((display.sample_ns - display.command_ns)[scored] / NS_PER_MS),
+            round_trip_ms=summarise(display.round_trip_ns[scored] / NS_PER_MS),
+            **errors,
+            ratio=both[0] / both[1] if both[0] is not None and both[1] else None,
+        )
+    return found
+
+
+def _errors_mm(where_m: Array, arm_m: Array) -> dict[str, Any]:
+    error_mm = MM_PER_M * np.linalg.norm(where_m - arm_m, axis=1)
+    error_mm = error_mm[np.isfinite(error_mm)]
+    rms = float(np.sqrt(np.mean(error_mm**2))) if len(error_mm) else None
+    return {"rms": rms, **summarise(error_mm, (50, 95), ("max",))}
+
+
+def _arm(logs: RunLogs, hand: Hand) -> tuple[Ints, Ints, Array]:
+    """Return ticks, instants in ns (T,) and positions (T, 3) in m of the arm, in ascending order."""
+    rows = notes(logs, "patient", PLANT)
+    ours = rows.where("hand", hand)
+    tick, first = np.unique(rows.column("tick")[ours], return_index=True)
+    return tick, rows.column("t_ns")[ours][first], rows.column("position_m")[ours][first]
+
+
+def _effect_ticks(logs: RunLogs, hand: Hand, sample_ns: Ints) -> Ints:
+    """Return the patient's first tick with a sample at or after each instant (N,); -1 where there is none."""
+    rows = notes(logs, "patient", FRESH)
+    ours = rows.where("hand", hand)
+    order = np.argsort(rows.column("tick")[ours], kind="stable")
+    tick, newest_ns = rows.column("tick")[ours][order], np.maximum.accumulate(rows.column("sample_ns")[ours][order])
+    place = np.searchsorted(newest_ns, sample_ns)
+    return np.where(place < len(tick), tick[np.minimum(place, len(tick) - 1)], -1) if len(tick) else 0 * sample_ns - 1
+
+
+def display_tables(display: Mapping[Hand, DisplayFigures | None]) -> list[Table]:
+    """Return a table of each hand with a display for a terminal."""
+    columns = ("shown", "RMS at effect", "median", "p95", "max", "RMS now")
+    return [
+        Table(
+            f"Display of the surgeon, mm ({hand} hand)",
+            columns,
+            _rows(found),
+            f"{_NOTE}. Seen late by {number(found.late_ms['p50'])} ms (median)",
+        )
+        for hand, found in _scored(display)
+    ]
+
+
+def display_markup(display: Mapping[Hand, DisplayFigures | None]) -> str:
+    """Return the tables of all hands for the page, folded; "" without a display."""
+    columns = ("shown to the surgeon", "RMS at effect, mm", "median", "p95", "max", "RMS now, mm")
+    tables = [
+        Table(f"The surgeon's display, {hand} hand", columns, _rows(found)).html() for hand, found in _scored(display)
+    ]
+    more = note(f"{_NOTE}. The prediction adds to the feedback what was commanded since.")
+    title = "What the surgeon sees: delayed feedback and predicted arm"
+    return folded(title, "".join([*tables, more])) if tables else ""
+
+
+def _scored(display: Mapping[Hand, DisplayFigures | None]) -> list[tuple[Hand, DisplayFigures]]:
+    return [(hand, found) for hand, found in display.items() if found is not None and found.n > 0]
+
+
+def _rows(found: DisplayFigures) -> list[tuple[Any, ...]]:
+    """Return a row for the feedback and one for the prediction."""
+    shown = (("delayed feedback", found.feedback_mm), ("predicted arm", found.predicted_mm))
+    return [
+        (title, *(one.at_effect[name] for name in ("rms", "p50", "p95", "max")), one.now["rms"])
+        for title, one in shown
+    ]

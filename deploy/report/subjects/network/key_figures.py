@@ -1,0 +1,309 @@
+"""Measured figures of one key, or of several together: counts, loss, delay, jitter and order; columns for figures."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tis.common.channels import Direction
+from tis.common.metrics.delay_variation import (
+    first_arrivals,
+    inter_packet_delay_variation_ns,
+    n_reordering,
+    packet_delay_variation_ns,
+    reordering_extents,
+    rtp_jitter_ns,
+)
+from tis.common.metrics.delivery import KeyAccount, KeyPackets, Transmissions, account
+from tis.common.metrics.latency import lateness_us
+from tis.common.metrics.loss import fit_gilbert, loss_interval, loss_runs
+from tis.common.metrics.percentiles import TAIL, summarise
+from tis.common.units import NS_PER_MS, NS_PER_S, NS_PER_US
+from tis.deploy.logs.read.batches import (
+    DELIVER,
+    DEPARTURES,
+    NO_RELEASES,
+    OUTCOMES,
+    RELEASED,
+    Fates,
+    Releases,
+    fates_by_key,
+    in_order_of_leaving,
+    releases_by_key,
+)
+from tis.deploy.logs.read.load import Ints, RunLogs
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class KeyColumns:
+    """One key's messages, from netem's log.
+
+    ``sent_s`` (N,) is the instant of offering of each delivered message, ascending; ``decided_ms`` (N,) is the drawn
+    delay, ``realised_ms`` (N,) the measured one, of the first copy to leave. ``lost_s`` are the instants of offering
+    of lost messages, ``error_us`` the release errors of all packets, copies too.
+    """
+
+    sent_s: Array
+    seq: Ints
+    decided_ms: Array
+    realised_ms: Array
+    lost_s: Array
+    lost: NDArray[np.bool_]
+    """Whether each message offered was lost, in the order of offering."""
+    error_us: Array
+
+
+@dataclass(frozen=True)
+class LinkColumns:
+    """One link's messages, without foreign ones."""
+
+    keys: dict[str, KeyColumns]
+
+    def all(self, name: str) -> Array:
+        """Return a column of all keys together, key by key."""
+        return np.concatenate([np.empty(0), *(getattr(key, name) for key in self.keys.values())])
+
+
+def link_columns(logs: RunLogs, direction: Direction) -> LinkColumns:
+    """Return one link's columns; no keys without netem's log (oracle: records written by hand, test_packets)."""
+    offered, left = fates_by_key(logs, direction), releases_by_key(logs, direction)
+    found = {}
+    for key in list(offered):
+        fates, releases = offered.pop(key), left.pop(key, NO_RELEASES)
+        fates, releases = fates.at(~fates.foreign), releases.at(~releases.foreign)
+        if len(fates.seq):
+            found[key] = _columns(fates, releases)
+    return LinkColumns(found)
+
+
+def _columns(fates: Fates, releases: Releases) -> KeyColumns:
+    out = releases.at(releases.departure == RELEASED)
+    first = first_copies(in_order_of_leaving(out))
+    delivered = fates.at(fates.outcome == DELIVER)
+    # a delivered message may still have been dropped from a queue, so fates and releases are matched
+    seq, here, there = np.intersect1d(delivered.seq, first.seq, return_indices=True)
+    through, left = delivered.at(here), first.at(there)
+    order = np.argsort(through.offered_ns, kind="stable")
+    gone = np.setdiff1d(releases.seq, out.seq)
+    lost = (fates.outcome != DELIVER) | np.isin(fates.seq, gone)
+    return KeyColumns(
+        sent_s=through.offered_ns[order] / NS_PER_S,
+        seq=seq[order],
+        decided_ms=through.delay_ns[order] / NS_PER_MS,
+        realised_ms=(left.released_ns - left.offered_ns)[order] / NS_PER_MS,
+        lost_s=np.sort(fates.offered_ns[lost]) / NS_PER_S,
+        lost=lost,
+        error_us=(out.released_ns - out.release_ns) / NS_PER_US,
+    )
+
+
+def run_lengths(links: Mapping[Direction, LinkColumns]) -> dict[Direction, Ints]:
+    """Return the lengths of the runs of losses, key by key, of directions with any loss."""
+    none = np.empty(0, dtype=np.int64)
+    runs = {
+        d: np.concatenate([none, *(loss_runs(key.lost).lengths for key in k.keys.values())]) for d, k in links.items()
+    }
+    return {direction: lengths for direction, lengths in runs.items() if len(lengths)}
+
+
+class KeyBooks(NamedTuple):
+    """One key's packets at each station; data of a missing log is empty."""
+
+    key: str
+    foreign: bool
+    sent: Ints
+    fates: Fates
+    releases: Releases
+    received: Ints
+    n_rejected: int
+
+
+class KeyFigures(NamedTuple):
+    """The measured columns of one key; delays in ns.
+
+    ``decided_ns`` is of delivered packets, originals only, as fates hold no delay of a copy. ``realised_ns``, from
+    netem's ingress to its egress, and the variations of delay are of each message's first copy to leave (RFC 7679);
+    ``error_ns`` and ``queued_ns`` of everything that left. Packets are in order of leaving netem.
+    """
+
+    account: KeyAccount
+    offered_ns: Ints
+    decided_ns: Ints
+    realised_ns: Ints
+    pdv_ns: Ints
+    ipdv_ns: Ints
+    jitter_ns: NDArray[np.float64]
+    error_ns: Ints
+    queued_ns: Ints
+    run_lengths: Ints
+    loss_distances: Ints
+    extents: Ints
+    late_behind: Ints
+    extents_in_netem: Ints
+    dropped_by: dict[str, int]
+
+    @classmethod
+    def of(cls, books: KeyBooks) -> Self:
+        """Measure one key (oracle: a few packets computed by hand, test_link_summary)."""
+        fates, releases = books.fates, books.releases
+        out = releases.departure == RELEASED
+        delivered = fates.outcome == DELIVER
+        left = in_order_of_leaving(releases)
+        first = first_copies(left)
+        found = account(books.key, _packets(books, out, delivered))
+        runs = loss_runs(found.lost)
+        realised_ns = first.released_ns - first.offered_ns
+        # IPDV compares neighbours in order of sending, jitter (RFC 3550) in order of leaving
+        delay_ns, arrived = _in_order_of_offering(fates.seq, first.seq, realised_ns)
+        return cls(
+            account=found,
+            offered_ns=fates.offered_ns,
+            decided_ns=fates.delay_ns[delivered],
+            realised_ns=realised_ns,
+            pdv_ns=packet_delay_variation_ns(realised_ns),
+            ipdv_ns=inter_packet_delay_variation_ns(delay_ns, arrived),
+            jitter_ns=rtp_jitter_ns(first.offered_ns, first.released_ns),
+            error_ns=left.released_ns - left.release_ns,
+            queued_ns=left.queued_ns,
+            run_lengths=runs.lengths,
+            loss_distances=runs.distances,
+            extents=reordering_extents(first_arrivals(books.received)),
+            late_behind=n_reordering(first_arrivals(books.received)),
+            extents_in_netem=reordering_extents(first_arrivals(left.seq)),
+            dropped_by=_reasons(fates, releases),
+        )
+
+
+def statistics(figures: Sequence[KeyFigures]) -> dict[str, Any]:
+    """Return the summary's figures of one key, or of several pooled; an unknown entry is None."""
+    counts = {name: sum(one.account.counts[name] for one in figures) for name in _NO_COUNTS}
+    lost = _merged_lost(figures)
+    n_lost, lengths = int(np.count_nonzero(lost)), _all(figures, "run_lengths")
+    # runs of losses and jitter are of one stream: keys pooled would interleave them
+    fit = fit_gilbert(lost) if len(lost) and len(figures) == 1 else None
+    low_high = loss_interval(lost) if len(lost) else None
+    jitter_ms = _all(figures, "jitter_ns") / NS_PER_MS
+    ipdv_ms = _all(figures, "ipdv_ns") / NS_PER_MS
+    error_ns, extents = _all(figures, "error_ns"), _all(figures, "extents")
+    return {
+        **counts,
+        "reordered": len(extents),
+        "reordered_in_netem": len(_all(figures, "extents_in_netem")),
+        "reordering_extent": summarise(extents),
+        "n_reordering": summarise(_all(figures, "late_behind")),
+        "dropped_by": _added([one.dropped_by for one in figures]),
+        "loss_pct": 100 * n_lost / len(lost) if len(lost) else None,
+        "loss_pct_interval_95": None if low_high is None else [100 * bound for bound in low_high],
+        "loss_runs": {
+            "count": len(lengths),
+            "mean": n_lost / len(lengths) if len(lengths) else None,
+            "mean_interval_95": _finite(fit.mean_burst_interval) if fit else None,
+            "longest": int(lengths.max(initial=0)),
+            "distance": summarise(_all(figures, "loss_distances"), (50, 95), ("mean",)),
+        },
+        "delay_ms": {
+            kind: summarise(_all(figures, f"{kind}_ns") / NS_PER_MS, TAIL, ("mean", "std", "max"))
+            for kind in ("decided", "realised")
+        },
+        "pdv_ms": summarise(_all(figures, "pdv_ns") / NS_PER_MS, TAIL, ("mean", "max")),
+        "ipdv_ms": {
+            **summarise(np.abs(ipdv_ms), TAIL, ("mean", "max")),
+            "std": float(ipdv_ms.std()) if len(ipdv_ms) else None,
+        },
+        "rfc3550_jitter_ms": {
+            "last": float(jitter_ms[-1]) if len(jitter_ms) and len(figures) == 1 else None,
+            **summarise(jitter_ms, (), ("mean", "max")),
+        },
+        "release_error_us": lateness_us(np.zeros_like(error_ns), error_ns),
+        "queued_ms": summarise(_all(figures, "queued_ns") / NS_PER_MS, TAIL, ("mean", "max")),
+    }
+
+
+_NO_PACKETS = np.empty(0, dtype=np.int64)
+_NO_COUNTS = account(
+    "",
+    KeyPackets(
+        _NO_PACKETS,
+        _NO_PACKETS,
+        _NO_PACKETS,
+        _NO_PACKETS.astype(bool),
+        Transmissions.of(),
+        Transmissions.of(),
+        _NO_PACKETS,
+    ),
+).counts
+
+
+def _packets(books: KeyBooks, out: NDArray[np.bool_], delivered: NDArray[np.bool_]) -> KeyPackets:
+    fates, releases = books.fates, books.releases
+    # dropped at the door, or dropped later out of the queue
+    lost, gone = fates.seq[~delivered], releases.at(~out)
+    return KeyPackets(
+        sent=fates.seq if books.foreign else books.sent,
+        offered=fates.seq,
+        copied=fates.copies,
+        corrupted=fates.flipped > 0,
+        released=Transmissions(releases.seq[out], releases.copy_index[out]),
+        dropped=Transmissions(
+            np.concatenate([lost, gone.seq]), np.concatenate([np.zeros_like(lost), gone.copy_index])
+        ),
+        received=releases.seq[out] if books.foreign else books.received,
+        n_rejected=books.n_rejected,
+    )
+
+
+def _in_order_of_offering(offered: Ints, left: Ints, delay_ns: Ints) -> tuple[Ints, NDArray[np.bool_]]:
+    """Return the delay (N,) of each offered packet, 0 where it did not leave, and whether it left (N,)."""
+    seq, first = np.unique(left, return_index=True)
+    if not len(seq):
+        return np.zeros_like(offered), np.zeros(len(offered), dtype=np.bool_)
+    place = np.minimum(np.searchsorted(seq, offered), len(seq) - 1)
+    arrived = seq[place] == offered
+    return np.where(arrived, delay_ns[first][place], 0), arrived
+
+
+def _reasons(fates: Fates, releases: Releases) -> dict[str, int]:
+    at_once = {name: int(np.count_nonzero(fates.outcome == code)) for code, name in enumerate(OUTCOMES)}
+    later = {name: int(np.count_nonzero(releases.departure == code)) for code, name in enumerate(DEPARTURES)}
+    passed = (OUTCOMES[DELIVER], DEPARTURES[RELEASED])
+    return {name: n for name, n in (at_once | later).items() if n and name not in passed}
+
+
+def _merged_lost(figures: Sequence[KeyFigures]) -> NDArray[np.bool_]:
+    """Return the lost flags of all keys by instant of offering, as an outage hits all keys at once."""
+    if len(figures) == 1:
+        return figures[0].account.lost
+    lost = np.concatenate([np.empty(0, dtype=np.bool_), *(one.account.lost for one in figures)])
+    return np.asarray(lost[np.argsort(_all(figures, "offered_ns"), kind="stable")])
+
+
+def _all(figures: Sequence[KeyFigures], name: str) -> NDArray[Any]:
+    return np.concatenate([np.empty(0, dtype=np.int64), *(getattr(one, name) for one in figures)])
+
+
+def _added(parts: Sequence[dict[str, int]]) -> dict[str, int]:
+    names = dict.fromkeys(name for part in parts for name in part)
+    return {name: sum(part.get(name, 0) for part in parts) for name in names}
+
+
+def _finite(interval: tuple[float, float] | None) -> list[float | None] | None:
+    return None if interval is None else [bound if np.isfinite(bound) else None for bound in interval]
+
+
+def first_copies(left: Releases) -> Releases:
+    """Return, of packets in order of leaving, the first one of each message, in the same order.
+
+    A restarted sender uses a number again, so a message is named by number and instant of offering (oracle: a few
+    messages by hand, tests/deploy/report/subjects/network/test_link_summary).
+    """
+    if not left.copy_index.any():
+        return left
+    order = np.lexsort((np.arange(len(left.seq)), left.offered_ns, left.seq))
+    seq, offered_ns = left.seq[order], left.offered_ns[order]
+    is_first = np.ones(len(order), dtype=np.bool_)
+    is_first[1:] = (seq[1:] != seq[:-1]) | (offered_ns[1:] != offered_ns[:-1])
+    return left.at(np.sort(order[is_first]))

@@ -1,0 +1,205 @@
+"""Packet accounts of a link: each key at each station, checked against netem's own counters."""
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping
+from typing import Final, NamedTuple, TypeVar, get_args
+
+import numpy as np
+
+from tis.common.channels import Direction, Side
+from tis.common.metrics.delivery import without
+from tis.common.records import COUNTERS, REJECTED
+from tis.common.safety_records import QUARANTINE
+from tis.common.units import NS_PER_S
+from tis.deploy.logs.read.batches import (
+    DELIVER,
+    NO_FATES,
+    NO_RELEASES,
+    RELEASED,
+    Fates,
+    Releases,
+    fates_by_key,
+    late_ns,
+    releases_by_key,
+)
+from tis.deploy.logs.read.load import Ints, RunLogs
+from tis.deploy.logs.read.message_columns import MessageColumns
+from tis.deploy.report.subjects.logs import LogGaps
+from tis.deploy.report.subjects.network.key_figures import KeyBooks
+
+Packets = TypeVar("Packets", Fates, Releases)
+ENDS: Final[dict[Direction, tuple[Side, Side]]] = {
+    "forward": ("surgeon", "patient"),
+    "feedback": ("patient", "surgeon"),
+}
+
+
+class LinkBooks(NamedTuple):
+    """The packet accounts of one direction: totals, lateness, and the books of each key.
+
+    ``counts`` are of everything that was offered and that left. ``error_ns`` (N,): how much later than decided each
+    packet or copy left, strangers and foreign ones too. ``n_unlogged`` messages are in no key's books, as they fall
+    into the gaps of damaged logs; ``n_unlogged_offered`` of them were offered to netem.
+    """
+
+    counts: dict[str, int]
+    error_ns: Ints
+    keys: list[KeyBooks]
+    n_unlogged: int
+    n_unlogged_offered: int
+
+
+def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
+    """Return the books of one direction, without strangers.
+
+    A stranger looks like a message of the testbed but was never sent: another program publishes on its keys. Only a
+    complete log of the sender can tell.
+    """
+    sender, receiver = ENDS[direction]
+    sent, received = (logs.messages(side, direction, session) for side in (sender, receiver))
+    offered, left = fates_by_key(logs, direction), releases_by_key(logs, direction)
+    rejected = Counter(row["key"] for row in logs.of(receiver, REJECTED))
+    refused: defaultdict[str, list[int]] = defaultdict(list)
+    for row in logs.of(receiver, QUARANTINE):
+        refused[row["key"]].append(row["seq"])
+    covered = logs.coverage(sender)
+    complete = covered is not None and covered.whole
+    gaps = LogGaps.of(logs, direction, session, get_args(Side))
+    n_unlogged = n_unlogged_offered = 0
+    nothing = np.empty(0, dtype=np.int64)
+    counts = counted(offered.values(), left.values())
+    error_ns = np.concatenate([nothing, *(late_ns(one) for one in left.values())])
+    books = []
+    for key in list(dict.fromkeys((*sent, *offered, *left, *received))):
+        # popped, as the columns of a long run are large
+        fates, releases = offered.pop(key, NO_FATES), left.pop(key, NO_RELEASES)
+        out, back = sent.get(key, MessageColumns()), received.get(key, MessageColumns())
+        sent_seq, received_seq = out.seq, back.seq
+        # foreign messages have no sequence number of ours: books of their own, without sender and receiver
+        if fates.foreign.any():
+            foreign = fates.at(fates.foreign), releases.at(releases.foreign)
+            books.append(KeyBooks(key, True, nothing, *foreign, nothing, 0))
+        fates, releases = fates.at(~fates.foreign), releases.at(~releases.foreign)
+        # a message that one log may lack is taken out of all, or it would count as lost there
+        if gaps.any:
+            left_out = gaps.affected(
+                (sent_seq, out.sent_ns),
+                (fates.seq, fates.offered_ns),
+                (releases.seq, releases.offered_ns),
+                (received_seq, back.sent_ns),
+            )
+            n_unlogged += len(left_out)
+            n_unlogged_offered += int(np.isin(fates.seq, left_out).sum())
+            fates, releases = _without(fates, left_out), _without(releases, left_out)
+            sent_seq, received_seq = without(sent_seq, left_out), without(received_seq, left_out)
+        if complete:
+            strangers = np.setdiff1d(fates.seq, sent_seq)
+            fates, releases = _without(fates, strangers), _without(releases, strangers)
+            received_seq = received_seq[~np.isin(received_seq, strangers)]
+        if any(len(seq) for seq in (fates.seq, releases.seq, sent_seq, received_seq)):
+            # what the patient's gate refuses of a flipped message arrived all the same
+            n_refused = int(np.isin(refused[key], fates.seq[fates.flipped > 0]).sum())
+            books.append(KeyBooks(key, False, sent_seq, fates, releases, received_seq, rejected[key] + n_refused))
+    return LinkBooks(counts, error_ns, books, n_unlogged, n_unlogged_offered)
+
+
+def _without(packets: Packets, seq: Ints) -> Packets:
+    return packets.at(~np.isin(packets.seq, seq))
+
+
+def counted(fates: Iterable[Fates], releases: Iterable[Releases]) -> dict[str, int]:
+    """Return the counts of a log under the names of netem's own counters."""
+    n = Counter(offered=0, copied=0, released=0, held_at_end=0)
+    for one in fates:
+        n_copied = int(one.copies.sum())
+        n_delivered = int(np.count_nonzero(one.outcome == DELIVER))
+        n.update(offered=len(one.seq), copied=n_copied, held_at_end=n_delivered + n_copied)
+    for other in releases:
+        n.update(released=int(np.count_nonzero(other.departure == RELEASED)))
+        n["held_at_end"] -= len(other.seq)
+    return dict(n)
+
+
+def against_counters(logs: RunLogs, direction: Direction, by_log: Mapping[str, int]) -> list[str]:
+    """Return the contradictions between netem's counters and its log; a complete log has none."""
+    covered = logs.coverage("netem")
+    if covered is None or not covered.whole or covered.away:
+        return []
+    by_netem = {name: counter(logs, f"{direction}.{name}") for name in by_log}
+    return [
+        f"netem counted {by_netem[name]} packets as {name}, its log has {n}"
+        for name, n in by_log.items()
+        if by_netem[name] not in (None, n)
+    ]
+
+
+def counter(logs: RunLogs, name: str) -> int | None:
+    """Return one of netem's counters, None when its log has none of that name."""
+    return next((row["value"] for row in logs.of("netem", COUNTERS) if row["name"] == name), None)
+
+
+_SPREAD = np.int64(0x2545_F491_4F6C_DD1D)  # an odd factor: sequence numbers beside fingerprints in 64 bits
+
+
+class Unsent(NamedTuple):
+    """Number of forged messages, and key and run time in ns of the first one to arrive."""
+
+    n: int
+    key: str
+    first_ns: int
+
+
+def unsent(logs: RunLogs, direction: Direction, session: str) -> Unsent | None:
+    """Return the messages used by the receiver of a direction that its sender's log does not hold.
+
+    What the receiver quarantined is not in its messages, and of several copies with one sequence number only the
+    first is used. A message whose bits netem flipped is not forged. None when the sender's log is missing or damaged,
+    as it may then lack what was sent; and without a testbed. Oracle: literals, test_unsent.
+    """
+    sender, receiver = ENDS[direction]
+    covered = logs.coverage(sender)
+    if not session or covered is None or not covered.whole:
+        return None
+    sent = logs.messages(sender, direction, session)
+    unknown: dict[str, Ints] = {}  # by key, the indices of the messages used that were not sent like this
+    used = logs.messages(receiver, direction, session)
+    for key, back in used.items():
+        _, first = np.unique(back.seq, return_index=True)
+        known = np.isin(_identity(back)[first], _identity(sent.get(key, MessageColumns())))
+        if not known.all():
+            unknown[key] = first[~known]
+    # The fates are only read when there is a message whose bits netem may have flipped.
+    flipped = _flipped(logs, direction) if unknown else {}
+    n, first_key, first_ns = 0, "", 0
+    for key, index in unknown.items():
+        back = used[key]
+        forged = index[~np.isin(back.seq[index], flipped.get(key, ()))]
+        if len(forged):
+            arrived_ns = int(back.log_ns[forged].min())
+            if not n or arrived_ns < first_ns:
+                first_key, first_ns = key, arrived_ns
+            n += len(forged)
+    return Unsent(n, first_key, first_ns)
+
+
+def unsent_problem(found: Unsent | None, direction: Direction) -> list[str]:
+    """Return the problem that forged messages are for a run; empty without any."""
+    if found is None or not found.n:
+        return []
+    sender, receiver = ENDS[direction]
+    how_many = f"{found.n} message{'s' if found.n > 1 else ''}"
+    return [
+        f"links.{direction}: the {receiver} used {how_many} that the {sender} did not send; the first on "
+        f"{found.key}, which arrived at {found.first_ns / NS_PER_S:.3f} s"
+    ]
+
+
+def _identity(messages: MessageColumns) -> Ints:
+    """Return a number (N,) for each sequence number with its payload."""
+    with np.errstate(over="ignore"):
+        return np.asarray(messages.fingerprint ^ (messages.seq * _SPREAD))
+
+
+def _flipped(logs: RunLogs, direction: Direction) -> dict[str, Ints]:
+    """Return by key the sequence numbers of the messages whose bits netem flipped."""
+    return {key: fates.seq[fates.flipped > 0] for key, fates in fates_by_key(logs, direction).items()}

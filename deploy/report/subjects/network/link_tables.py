@@ -1,0 +1,251 @@
+"""Tables of a run's network: packets, delays and losses, by direction and by key, on the page and in a terminal."""
+
+from collections.abc import Iterable, Mapping
+from html import escape
+from typing import Any, Final, NamedTuple
+
+from tis.common.channels import Direction
+from tis.deploy.present.numbers import heads, interval, number
+from tis.deploy.present.page import folded, note
+from tis.deploy.present.table import Table
+from tis.deploy.report.subjects.network.link_figures import KeyOfLink, Link
+
+Links = Mapping[Direction, Link]
+_COLUMNS: Final = ("mean", "std", "p50", "p90", "p95", "p99", "p99.9", "max")
+_STATISTICS: Final = ("mean", "std", "p50", "p95", "p99", "max")
+_LATE: Final = ("p50", "p95", "p99", "max")
+_MAX_KEYS: Final = 12
+_FAITHFUL: Final = {
+    True: ("faithful", "good", "the network was the one that {}."),
+    False: ("not faithful", "bad", "the network was not the one that {}."),
+    None: ("not decidable", "open", "too little was sent to tell whether the network was the one that {}."),
+}
+_IN_TERMINAL: Final = {
+    "sent": "sent",
+    "received": "received",
+    "dropped": "dropped",
+    "unplanned_loss": "unplanned",
+    "held_at_end": "held at end",
+    "reordered": "reordered",
+}
+_ON_PAGE: Final = {
+    "sent": "sent",
+    "offered": "reached netem",
+    "copied": "copies made by netem",
+    "dropped": "dropped by netem",
+    "released": "released",
+    "received": "received",
+    "unplanned_loss": "unplanned loss",
+    "held_at_end": "in flight at the end",
+    "reordered": "reordered",
+    "duplicated": "duplicated",
+    "duplicated_by_netem": "of these by netem",
+    "corrupted": "corrupted by netem",
+    "corrupted_rejected": "of these rejected on arrival",
+    "foreign": "foreign",
+}
+
+
+def packet_table(links: Links) -> Table:
+    """Return the packet counts of both links for a terminal."""
+    n_unlogged = sum(link.untold for link in links.values())
+    note = f"dropped: by netem{drop_reasons(links)}; unplanned: lost elsewhere; held: in flight at the end"
+    note += f"; {n_unlogged} more are left out: they fall into gaps of damaged logs" if n_unlogged else ""
+    rows = [(direction, *(link[name] for name in _IN_TERMINAL)) for direction, link in links.items()]
+    return Table("Packets", ("", *_IN_TERMINAL.values()), rows, note)
+
+
+def drop_reasons(links: Links) -> str:
+    """Return the reasons that occurred, as `` (forward: 3 loss, 705 queue_full)``; "" without any drop."""
+    parts = [
+        f"{direction}: " + ", ".join(f"{n} {reason}" for reason, n in link.dropped_by.items())
+        for direction, link in links.items()
+        if link.dropped_by
+    ]
+    return f" ({'; '.join(parts)})" if parts else ""
+
+
+def packet_page_table(links: Links) -> Table:
+    """Return what became of the packets of both links."""
+    each = links.values()
+    rows: list[tuple[Any, ...]] = [(title, *(link[name] for link in each)) for name, title in _ON_PAGE.items()]
+    rows.append(("share lost in netem, %", *(link.loss_pct for link in each)))
+    rows.append(("its 95 % interval, %", *(interval(link.loss_pct_interval_95) for link in each)))
+    reasons = dict.fromkeys(reason for link in each for reason in link.dropped_by)
+    rows += [(f"dropped because of {why}", *(link.dropped_by.get(why, 0) for link in each)) for why in reasons]
+    return Table("Packets, by direction", ("what became of them", *links), rows)
+
+
+def fidelity_list(links: Links, request: str = "the scenario requests") -> str:
+    """Return the verdict on each direction in a sentence, with violations, warnings and undecidable criteria.
+
+    ``request`` completes the sentence "the network was the one that ...".
+    """
+    items = []
+    for direction, link in links.items():
+        verdict = link.verdict
+        word, look, sentence = _FAITHFUL[verdict.faithful]
+        sentence = sentence.format(request)
+        if verdict.faithful and (left_open := verdict.undecided_text):
+            word += " in what could be judged"
+            sentence = f"{sentence.removesuffix('.')}, as far as this run can show ({left_open})."
+        items.append((look, word, f"{direction}: {sentence}"))
+        items += [("bad", "violated", text) for text in verdict.violations]
+        items += [("open", "warning", text) for text in verdict.warnings]
+        if verdict.not_decidable:
+            items.append(("", "", "; ".join(verdict.not_decidable)))
+    lines = [
+        f'<strong class="{look}">{word}</strong> {escape(text)}'
+        if look
+        else f'<span class="note">{escape(text)}</span>'
+        for look, word, text in items
+    ]
+    return f'<ul class="problems">{"".join(f"<li>{line}</li>" for line in lines)}</ul>'
+
+
+def requested_table(links: Links) -> Table:
+    """Return delay and loss of each direction: requested, drawn by the models, and measured."""
+    rows: list[tuple[Any, ...]] = []
+    for direction, link in links.items():
+        asked, delays = link.requested, link.delay_ms
+        varies = " (without changes)" if asked.varies else ""
+        of_request = (asked.loss_pct, None, asked.mean_burst)
+        realised = (link.loss_pct, interval(link.loss_pct_interval_95), link.loss_runs.mean)
+        for kind, delay, losses in (
+            (f"requested{varies}", delays.requested, of_request),
+            ("decided", delays.decided, (None, None, None)),
+            ("realised", delays.realised, realised),
+        ):
+            rows.append((f"{direction}, {kind}", *(delay[name] for name in _STATISTICS), *losses))
+    losses_of = ("lost, %", "its 95 % interval, %", "run of losses, mean")
+    columns = ("direction", *heads(_STATISTICS, "ms"), *losses_of)
+    return Table("The network requested, decided and realised: delay one way, and loss", columns, rows)
+
+
+def release_table(links: Links) -> Table:
+    """Return the release error by direction."""
+    rows = [(d, *(link.release_error_us[name] for name in _LATE)) for d, link in links.items()]
+    return Table("Release error: left later than decided by, \u00b5s", ("direction", *heads(_LATE)), rows)
+
+
+def key_tables(links: Links) -> str:
+    """Return a folded section with a table for each key of each direction."""
+    listed = [(d, title, key) for d, link in links.items() for title, key in link.keys.items()]
+    tables = [key_table(f"{title}, {direction}", key).html() for direction, title, key in listed[:_MAX_KEYS]]
+    n_more = len(listed) - _MAX_KEYS + sum(link.keys_not_listed for link in links.values())
+    more = note(f"{n_more} more keys are in summary.json.") if n_more > 0 else ""
+    return folded(f"Each of the {min(len(listed), _MAX_KEYS)} keys in numbers", "".join(tables) + more)
+
+
+def key_table(caption: str, key: KeyOfLink) -> Table:
+    """Return one key's distributions, and a line with its counts."""
+    named = {
+        "delay, requested, ms": key.delay_ms.requested,
+        "delay, decided, ms": key.delay_ms.decided,
+        "delay, realised, ms": key.delay_ms.realised,
+        "above the smallest (PDV), ms": key.pdv_ms,
+        "from one message to the next (IPDV, absolute), ms": key.ipdv_ms,
+        "RFC 3550 jitter, ms": key.rfc3550_jitter_ms,
+        "release error, \u00b5s": key.release_error_us,
+    }
+    if key.queued_ms["max"]:
+        named["of it in a queue, ms"] = key.queued_ms
+    base = " (without changes)" if key.requested.varies else ""
+    line = (
+        f"Lost: {number(key.loss_pct)} % of {number(key.offered)} (95 % interval "
+        f"{interval(key.loss_pct_interval_95)}), requested{base}: {number(key.requested.loss_pct)} %; "
+        f"{key.loss_runs.count} runs, mean length {number(key.loss_runs.mean)}, the longest {key.loss_runs.longest}. "
+        f"Copied: {number(key.copied)}, corrupted: {number(key.corrupted)}. Reordered: "
+        f"{number(key.reordered_in_netem)} in netem, {number(key.reordered)} on arrival. "
+        f"Unplanned loss: {number(key.unplanned_loss)}."
+    )
+    rows = [(title, *(found.get(name) for name in _COLUMNS)) for title, found in named.items()]
+    return Table(caption, ("what", *heads(_COLUMNS)), rows, line)
+
+
+STATISTICS: Final = ("mean", "std", "p50", "p99", "max")
+_MAX_NAMED: Final = 4
+_MAX_KEY_CHARS: Final = 26
+_WITHOUT_CHANGES: Final = "*: without the changes by states, timeline or while running, which the others have"
+
+
+class DelayRow(NamedTuple):
+    """A name and the last of `STATISTICS`; no values for a heading."""
+
+    name: str
+    values: tuple[float | None, ...] = ()
+
+
+class DelayRows(NamedTuple):
+    """The rows, and the notes below them."""
+
+    rows: list[DelayRow]
+    notes: list[str]
+
+
+def delay_rows(links: Mapping[Direction, Link]) -> DelayRows:
+    """Return the rows of both directions (oracle: literal summaries, test_delay_rows).
+
+    The keys of a direction have rows of their own when their pipelines differ, as no request applies to them all. The
+    busiest key of each request comes first; keys that do not fit are counted.
+    """
+    rows: list[DelayRow] = []
+    notes: list[str] = []
+    varies = False
+    for direction, link in links.items():
+        varies |= link.requested.varies and _is_known(link)
+        keys = _differing_keys(link)
+        if not keys:
+            rows += _rows(f"{direction} ", link)
+            continue
+        shown = _first_of_each(keys)[:_MAX_NAMED]
+        for name in shown:
+            varies |= keys[name].requested.varies and _is_known(keys[name])
+            rows += [DelayRow(f"{direction}, {_shortened(name)}"), *_rows("  ", keys[name])]
+        if n_more := len(keys) - len(shown) + link.keys_not_listed:
+            notes.append(f"{n_more} more key{'s' if n_more > 1 else ''} {direction}: see summary.json")
+    return DelayRows(rows, [_WITHOUT_CHANGES, *notes] if varies else notes)
+
+
+def _differing_keys(link: Link) -> dict[str, KeyOfLink]:
+    """Return the testbed's keys of the link if their requests differ, else none."""
+    keys = {name: key for name, key in link.keys.items() if not key.foreign}
+    several = not _is_known(link) and any(_is_known(key) for key in keys.values())
+    return keys if several and len(keys) > 1 else {}
+
+
+def _is_known(part: Link | KeyOfLink) -> bool:
+    return part.delay_ms.requested["mean"] is not None
+
+
+def _first_of_each(keys: Mapping[str, KeyOfLink]) -> list[str]:
+    """Return the names, the first key of each distinct request in front."""
+    firsts: dict[Any, str] = {}
+    for name, key in keys.items():
+        firsts.setdefault(tuple(key.delay_ms.requested.values()), name)
+    return [*firsts.values(), *(name for name in keys if name not in firsts.values())]
+
+
+def _rows(before: str, part: Link | KeyOfLink) -> Iterable[DelayRow]:
+    """Return the rows of a link or of a key; an unknown request has none."""
+    for kind, delay in part.delay_ms:
+        if kind == "requested" and delay["mean"] is None:
+            continue
+        mark = "*" if kind == "requested" and part.requested.varies else ""
+        yield DelayRow(f"{before}{kind}{mark}, ms", tuple(delay[name] for name in STATISTICS))
+    error = part.release_error_us
+    yield DelayRow(f"{before}release error, \u00b5s", tuple(error[name] for name in STATISTICS[-3:]))
+
+
+def _shortened(name: str) -> str:
+    """Return the end of a key that is too long; keys differ there."""
+    return name if len(name) <= _MAX_KEY_CHARS else f"...{name[3 - _MAX_KEY_CHARS :]}"
+
+
+def delay_table(links: Mapping[Direction, Link], requested: str = "by the scenario") -> Table:
+    """Return the table of delays in netem; ``requested`` names the source of the request."""
+    found = delay_rows(links)
+    rows = [(row.name, *[""] * (len(STATISTICS) - len(row.values)), *row.values) for row in found.rows]
+    note = f"requested: {requested}; decided: drawn by its models; realised: measured in netem; "
+    text = "; ".join([f"{note}release error: left later than decided by", *found.notes])
+    return Table("Delay in netem, one way", ("", *heads(STATISTICS)), rows, text)

@@ -1,0 +1,246 @@
+"""Safety: what drove the arms beside the estimates, the safety states, and the emergency stops."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import ceil, sqrt
+from typing import get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tis.common.channels import Hand, is_set_point
+from tis.common.messages import SafetyMode
+from tis.common.records import COUNTERS
+from tis.common.safety_records import SAFETY, STOPS
+from tis.common.scenario import Scenario
+from tis.common.units import MM_PER_M, NS_PER_MS
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.note_columns import place_in
+from tis.deploy.logs.read.rows import Rows
+from tis.deploy.present.numbers import number
+from tis.deploy.report.section import KindName, Section, means
+from tis.deploy.report.subjects.tracking import Array, HandTrack, at_ticks
+from tis.patient_side.safety.limits import limits_of
+
+
+class StopFigures(Section):
+    """The emergency stops of a hand, beside what the limits allow."""
+
+    way_mm: float | None = means(
+        "Longest way of the set point after an emergency stop, until it stands; `null` without any."
+    )
+    time_ms: float | None = means("Longest time from the arrival of a stop until the set point stands.")
+    bound_mm: float = means(
+        "Way that the limits of patient.safety allow after a stop, v\u00b2/(2a) at the largest speed."
+    )
+    bound_ms: float = means("Time that they allow.")
+
+
+class SafetyFigures(Section):
+    """The set points of a hand, and its safety states."""
+
+    time_s: dict[KindName, float] = means("Time in each safety state: tracking, resuming, hold, slow_stop, safe.")
+    changes: int = means("Changes of the safety state, without the first one into tracking.")
+    emergency_stops: int = means(
+        "Emergency stops that the patient carried out, releases not counted; the same of each hand."
+    )
+    releases: int = means("Releases that it carried out; each ends one stop, or a latch.")
+    releases_by_others: int = means(
+        "Releases among them without the stop's token: they need not come from who had stopped. Stops "
+        "without a secret are not counted."
+    )
+    stop_requests_refused: int = means(
+        "Requests to stop or to release that it refused and answered: wrong secret, no such stop in "
+        "force, too many releases, ended before, not on this key."
+    )
+    stop_requests_flooded: int = means("Requests beyond 20 a second without an effect, which it counted only.")
+    shaped_ticks: int = means("Ticks at which the set point was not the active estimate, bit for bit.")
+    rmse_3d_mm: float | None = means("Error of the set point, over the scored ticks that have both.")
+    estimate_rmse_3d_mm: float | None = means("Error of the active estimate over the same ticks.")
+    stop: StopFigures = means("Emergency stops.")
+    largest_step_mm: float | None = means("Largest step of the set point from tick to tick.")
+    estimate_largest_step_mm: float | None = means("The same of the active estimate.")
+
+
+@dataclass(frozen=True)
+class SetPoints:
+    """The set points of one hand at the ticks of its track: (T, 3) in m, NaN for none, and states (T,), "" for none.
+
+    ``differs`` (T,) marks the ticks at which the set point is not the active estimate, bit for bit.
+    """
+
+    position_m: Array
+    mode: NDArray[np.str_]
+    differs: NDArray[np.bool_]
+
+    def stops(self, stopped_ns: Sequence[int], t_ns: NDArray[np.int64]) -> list[tuple[float, int]]:
+        """Return the way in m and the time in ns of each emergency stop, from the request until the arm stands.
+
+        ``stopped_ns`` are the instants of the requests, ``t_ns`` (T,) those of the ticks. A stop before the first set
+        point, or one that a release ended before the arm stood, has neither.
+        """
+        found = []
+        for at_ns in stopped_ns:
+            first = int(np.searchsorted(t_ns, at_ns))  # the tick that stops
+            standing = np.flatnonzero(self.mode[first:] == "safe")
+            braking = self.mode[first : first + (standing[0] if standing.size else 0)]
+            if not first or not standing.size or not np.isin(braking, ("slow_stop",)).all():
+                continue
+            last = first + int(standing[0])
+            way_m = float(np.linalg.norm(self.position_m[last] - self.position_m[first - 1]))
+            if np.isfinite(way_m):
+                found.append((way_m, int(t_ns[last]) - at_ns))
+        return found
+
+
+def set_points(logs: RunLogs, scenario: Scenario, track: HandTrack, hand: Hand) -> SetPoints | None:
+    """Return the set points of a hand; None where the log holds none, as without `patient.safety`."""
+    log = logs.sides.get("patient")
+    topics = () if log is None else log.rows.items()
+    rows = [rows for topic, rows in topics if is_set_point(topic) and isinstance(rows, Rows)]
+    for found in rows:
+        ours = found.where("hand", hand)
+        if not ours.any():
+            continue
+        tick, position_m = found.column("tick")[ours], found.column("position_m")[ours]
+        placed = at_ticks(track.tick, tick, position_m)
+        order = np.argsort(tick, kind="stable")
+        place, known = place_in(tick[order], track.tick)
+        mode = np.where(known, found.column("mode")[ours][order][place], "")
+        estimate_m = track.estimates.get(scenario.active_estimator, np.full_like(placed, np.nan))
+        same = (placed == estimate_m).all(axis=1) | ~np.isfinite(placed).all(axis=1)
+        return SetPoints(placed, mode, ~same)
+    return None
+
+
+def safety_summary(
+    logs: RunLogs, scenario: Scenario, tracks: Mapping[Hand, HandTrack]
+) -> dict[Hand, SafetyFigures | None]:
+    """Return the figures of each hand's set points, null without any. Oracle: test_safety, by hand.
+
+    ``rmse_3d_mm`` of set point and estimate are over the same scored ticks; a step is from tick to tick. An arm that
+    was stopped before its first set point has none, but figures: they count the stop, as they do every request.
+    """
+    stops = stop_books(logs)
+    stopped_ns = [row["at_ns"] for row in logs.of("patient", STOPS) if row["stop"] and not row.get("refused")]
+    found: dict[Hand, SafetyFigures | None] = {}
+    for hand, track in tracks.items():
+        driven = set_points(logs, scenario, track, hand)
+        if driven is None and any(stops.values()):
+            driven = _never_driven(track.tick.size)
+        changes = [row for row in logs.of("patient", SAFETY) if row["hand"] == hand and row["cause"] != "first"]
+        found[hand] = None if driven is None else _figures(scenario, track, driven, len(changes), stops, stopped_ns)
+    return found
+
+
+def stop_books(logs: RunLogs) -> dict[str, int]:
+    """Return the numbers of requests to stop or to release: carried out, refused, and only counted.
+
+    What is carried out is all in the log. Of the others the log holds some, and the patient's counters all.
+    """
+    rows, log = logs.of("patient", STOPS), logs.sides.get("patient")
+    done = [row for row in rows if not row.get("refused")]
+    counted = {row["name"]: row["value"] for row in (() if log is None else log.of(COUNTERS))}
+    return {
+        "emergency_stops": sum(row["stop"] for row in done),
+        "releases": sum(not row["stop"] for row in done),
+        "releases_by_others": sum(row.get("by_stopper") is False for row in done),
+        "stop_requests_refused": max(len(rows) - len(done), counted.get("stop_requests_refused", 0)),
+        "stop_requests_flooded": counted.get("stop_requests_flooded", 0),
+    }
+
+
+def _never_driven(n_ticks: int) -> SetPoints:
+    return SetPoints(np.full((n_ticks, 3), np.nan), np.full(n_ticks, ""), np.zeros(n_ticks, dtype=np.bool_))
+
+
+def _figures(
+    scenario: Scenario, track: HandTrack, driven: SetPoints, n_changes: int, stops: Mapping[str, int],
+    stopped_ns: Sequence[int],
+) -> SafetyFigures:  # fmt: skip
+    estimate_m = track.estimates.get(scenario.active_estimator)
+    both = track.scored & np.isfinite(driven.position_m).all(axis=1)
+    if estimate_m is not None:
+        both &= np.isfinite(estimate_m).all(axis=1)
+    return SafetyFigures(
+        time_s={mode: int((driven.mode == mode).sum()) / scenario.rate_hz for mode in get_args(SafetyMode)},
+        changes=n_changes,
+        **stops,
+        shaped_ticks=int(driven.differs.sum()),
+        rmse_3d_mm=_rmse_mm(driven.position_m - track.truth_m, both),
+        estimate_rmse_3d_mm=None if estimate_m is None else _rmse_mm(estimate_m - track.truth_m, both),
+        stop=_stop_figures(scenario, driven.stops(stopped_ns, track.t_ns)),
+        largest_step_mm=_largest_step_mm(driven.position_m),
+        estimate_largest_step_mm=None if estimate_m is None else _largest_step_mm(estimate_m),
+    )
+
+
+def _stop_figures(scenario: Scenario, stops: Sequence[tuple[float, int]]) -> StopFigures:
+    """Return the longest way and time of the emergency stops, null without any, beside what the limits allow."""
+    limits = limits_of(scenario.patient.safety, scenario.rate_hz)
+    # a request waits for the next tick, and the arm counts as standing a tick after its last movement
+    ticks = ceil(limits.usual.step / limits.usual.change) + 2
+    return StopFigures(
+        way_mm=max((MM_PER_M * way_m for way_m, _ in stops), default=None),
+        time_ms=max((time_ns / NS_PER_MS for _, time_ns in stops), default=None),
+        bound_mm=MM_PER_M * limits.run_out_m,
+        bound_ms=1000.0 * ticks / scenario.rate_hz,
+    )
+
+
+def _rmse_mm(error_m: Array, which: NDArray[np.bool_]) -> float | None:
+    if not which.any():
+        return None
+    return MM_PER_M * sqrt(float(np.mean(np.sum(error_m[which] ** 2, axis=1))))
+
+
+def _largest_step_mm(position_m: Array) -> float | None:
+    steps_m = np.linalg.norm(np.diff(position_m, axis=0), axis=1)
+    return MM_PER_M * float(np.nanmax(steps_m)) if np.isfinite(steps_m).any() else None
+
+
+def stop_texts(safety: Mapping[Hand, SafetyFigures | None]) -> list[str]:
+    """Return sentences on emergency stops, on releases without the stop's token, and on what was refused.
+
+    None of them makes a run invalid: its figures are what happened, and the arms stood where they were to stand.
+    """
+    hands = [row for row in safety.values() if row is not None]
+    if not hands:
+        return []
+    books, safe_s = hands[0], max(row.time_s["safe"] for row in hands)
+    n_stops, n_others = books.emergency_stops, books.releases_by_others
+    n_refused, n_flooded = books.stop_requests_refused, books.stop_requests_flooded
+    texts = []
+    if n_stops:
+        stopped = f"{_times('emergency stop', n_stops)} stopped the arms{_within(hands)}, which stood still for "
+        stopped += f"{safe_s:.1f} s"
+        texts.append(f"{stopped}: the errors count that time")
+    if n_others:
+        releases = _times("release", n_others)
+        texts.append(f"{releases} came without the stop's token (patient.safety.release says who may)")
+    if n_refused:
+        texts.append(f"the patient refused {_times('request', n_refused)} to stop or to release (reasons in the log)")
+    if n_flooded:
+        n_releases = books.releases
+        n_all = n_stops + n_releases + n_refused + n_flooded
+        done = f"{_times('stop', n_stops)} and {_times('release', n_releases)}"
+        texts.append(
+            f"a flood of {number(n_all)} requests to stop or to release: the patient carried out {done}, the others "
+            "had no effect"
+        )
+    return texts
+
+
+def _within(hands: Sequence[SafetyFigures]) -> str:
+    """Return the longest way and time of the stops beside what is allowed; "" where none is known."""
+    stops = [row.stop for row in hands if row.stop.way_mm is not None]
+    if not stops:
+        return ""
+    way_mm, time_ms = (max(getattr(one, name) for one in stops) for name in ("way_mm", "time_ms"))
+    allowed = f"{stops[0].bound_mm:.1f} mm, {stops[0].bound_ms:.0f} ms"
+    return f" within {way_mm:.1f} mm and {time_ms:.0f} ms (allowed: {allowed})"
+
+
+def _times(what: str, n: int) -> str:
+    article = "an" if what[0] in "aeiou" else "a"
+    return f"{article} {what}" if n == 1 else f"{number(n)} {what}s"

@@ -1,0 +1,195 @@
+"""Tracks of the arm, truth and estimates of one hand by tick, and errors against the age of the newest sample."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tis.common.channels import Hand
+from tis.common.metrics.tracking import SETTLING_NS, scored_ticks, truth_at
+from tis.common.records import ESTIMATES, PLANT, TRUTH
+from tis.common.scenario import Scenario
+from tis.common.scenario.estimator_names import plain_name
+from tis.common.units import MM_PER_M
+from tis.deploy.logs.coverage import lies_in
+from tis.deploy.logs.read.load import Ints, RunLogs
+from tis.deploy.logs.read.note_columns import notes, place_in
+from tis.deploy.report.section import Section, means
+from tis.deploy.report.subjects.age import ages_at_ms
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class HandTrack:
+    """Truth and estimates of one hand by tick; positions (T, 3) in m, NaN for none.
+
+    ``estimates`` begins with the scenario's estimators in its order; the arm that executes set points comes last, as
+    ``plant``. ``stds`` (T, 3) are the standard deviations that estimators state, NaN for none. ``scored`` (T,) marks
+    the scored ticks. Without estimates the instants are those of the recorded samples.
+    """
+
+    t_ns: Ints
+    tick: Ints
+    truth_m: Array
+    estimates: dict[str, Array]
+    scored: NDArray[np.bool_]
+    stds: dict[str, Array]
+
+
+def track_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand) -> HandTrack:
+    """Return one hand's track as far as its logs reach, at the ticks of hold, which always runs."""
+    sample_ns, recorded_m = _truth(logs, hand)
+    names = _estimators(logs, scenario)
+    by_name = {name: notes(logs, "patient", topic_of(name)) for name in names}
+    reference = by_name.get("hold", notes(logs, "patient", f"{ESTIMATES}/hold"))
+    ours = reference.where("hand", hand)
+    # no estimates: the recorded samples stand in for ticks, so that the truth can be drawn
+    if not ours.any():
+        truth_m = truth_at(sample_ns, sample_ns, recorded_m)
+        none = np.zeros(len(sample_ns), dtype=np.bool_)
+        return HandTrack(sample_ns, np.arange(len(sample_ns)), truth_m, {}, none, {})
+    t_ns, tick = reference.column("t_ns")[ours], reference.column("tick")[ours]
+    truth_m = _known_truth(logs, t_ns, truth_at(t_ns, sample_ns, recorded_m))
+    estimates, stds = {}, {}
+    for name, rows in by_name.items():
+        which, of = rows.where("hand", hand), rows.column("tick")
+        estimates[name] = at_ticks(tick, of[which], rows.column("position_m")[which])
+        stds[name] = at_ticks(tick, of[which], rows.column("std_m")[which])
+    arrivals = logs.messages("patient", "forward", scenario.session)
+    first_ns = min((int(columns.log_ns.min()) for columns in arrivals.values()), default=None)
+    scored = scored_ticks(t_ns, truth_m, estimates["hold"], first_ns)
+    # after a time that is left out filters settle again, as at the beginning
+    scored &= ~lies_in(t_ns, logs.left_out, 0, SETTLING_NS)
+    if scenario.patient.plant.kind != "replay":
+        moved = notes(logs, "patient", PLANT)
+        which = moved.where("hand", hand)
+        estimates["plant"] = at_ticks(tick, moved.column("tick")[which], moved.column("position_m")[which])
+    return HandTrack(t_ns, tick, truth_m, estimates, scored, stds)
+
+
+def _truth(logs: RunLogs, hand: Hand) -> tuple[Ints, Array]:
+    """Return the sample instants (N,), ascending, and the arm's positions (N, 3)."""
+    rows = notes(logs, "surgeon", TRUTH)
+    ours = rows.where("hand", hand)
+    sample_ns, position_m = rows.column("sample_ns")[ours], rows.column("position_m")[ours]
+    # a surgeon that came back logs the samples before its return again
+    sample_ns, first = np.unique(sample_ns, return_index=True)
+    return sample_ns, position_m[first]
+
+
+def _known_truth(logs: RunLogs, t_ns: Ints, truth_m: Array) -> Array:
+    """Return the truth (T, 3), NaN where it was interpolated across a gap of the surgeon's log."""
+    covered = logs.coverage("surgeon")
+    if covered is None or covered.whole:
+        return truth_m
+    in_gap = lies_in(t_ns, covered.unknown, 0, 0)
+    return np.where(in_gap[:, None], np.nan, truth_m)
+
+
+def topic_of(estimator: str) -> str:
+    """Return the topic of an estimator's estimates in the patient's log."""
+    return f"{ESTIMATES}/{plain_name(estimator)}"
+
+
+def _estimators(logs: RunLogs, scenario: Scenario) -> list[str]:
+    log, prefix = logs.sides.get("patient"), f"{ESTIMATES}/"
+    topics = () if log is None else sorted(log.rows)
+    called = {plain_name(name): name for name in scenario.estimators}
+    plain = [topic.removeprefix(prefix) for topic in topics if topic.startswith(prefix)]
+    return _in_order([called.get(name, name) for name in plain], scenario)
+
+
+def _in_order(names: list[str], scenario: Scenario) -> list[str]:
+    requested = [name for name in scenario.estimators if name in names]
+    return requested + [name for name in names if name not in requested]
+
+
+def at_ticks(ticks: Ints, of: Ints, points: Array) -> Array:
+    """Return the points (T, ...) of ``ticks`` (T,) from ``points`` (N, ...) of the ticks ``of`` (N,); else NaN."""
+    # estimators may miss ticks or log them out of order
+    order = np.argsort(of, kind="stable")
+    place, known = place_in(of[order], ticks)
+    found = np.full((len(ticks), *points.shape[1:]), np.nan)
+    found[known] = points[order[place[known]]]
+    return found
+
+
+class AgeBins(Section):
+    """The error of an estimator in bins of age."""
+
+    age_ms: list[float] = means("Ages of the freshest sample, the middle of each bin.")
+    rmse_3d_mm: list[float] = means("RMSE at these ages.")
+    n: list[int] = means("Scored ticks in each bin.")
+
+
+class TurnAgeBins(Section):
+    """The error of an orientation method in bins of age."""
+
+    age_ms: list[float] = means("Ages of the freshest sample, the middle of each bin.")
+    rms_deg: list[float] = means("RMS of the orientation error at these ages.")
+    n: list[int] = means("Scored ticks in each bin.")
+
+
+MAX_BINS = 14
+MIN_TICKS = 10
+_STEP_MS = 0.5
+
+
+class ErrorByAge(NamedTuple):
+    """Bins of age, ascending: mean age (B,) in ms, RMSE (B,) in the error's unit, number of ticks (B,)."""
+
+    age_ms: Array
+    rmse: Array
+    n: NDArray[np.int64]
+
+
+def error_by_age(age_ms: Array, error: Array) -> ErrorByAge:
+    """Return the RMSE by age of T ticks; ``age_ms`` and ``error`` are (T,), NaN for unknown.
+
+    Samples and ticks usually share a rate, so ages take few values. Each value is a bin; rare ones are merged with
+    older neighbours up to `MIN_TICKS` ticks. If that makes more than `MAX_BINS` bins, bins hold equal numbers of
+    ticks instead. A last bin that stays too small is left out. Oracle: tables computed by hand, test_error_by_age.
+    """
+    known = np.isfinite(age_ms) & np.isfinite(error)
+    age, squared = age_ms[known], error[known] ** 2
+    # ages within half a millisecond count as one value
+    label = np.round(age / _STEP_MS).astype(np.int64)
+    _, place, n = np.unique(label, return_inverse=True, return_counts=True)
+    place = _merged_bins(n)[place]
+    if len(place) and place.max() >= MAX_BINS + int(np.bincount(place)[-1] < MIN_TICKS):
+        # too many values: bins of equal counts; repeated edges would make empty bins
+        edges = np.unique(np.quantile(age, np.linspace(0, 1, MAX_BINS + 1)))
+        place = np.clip(np.searchsorted(edges, age, side="right") - 1, 0, max(len(edges) - 2, 0))
+    n = np.bincount(place)
+    total, ages = np.bincount(place, weights=squared), np.bincount(place, weights=age)
+    enough = n >= MIN_TICKS
+    n, total, ages = n[enough], total[enough], ages[enough]
+    return ErrorByAge(ages / n, np.sqrt(total / n), n)
+
+
+def _merged_bins(n: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the bin (V,) of each of V ascending ages with counts ``n`` (V,); a bin is full at `MIN_TICKS`."""
+    bins = np.zeros(len(n), dtype=np.int64)
+    current = filled = 0
+    for i, count in enumerate(n.tolist()):
+        bins[i] = current
+        filled += count
+        if filled >= MIN_TICKS:
+            current, filled = current + 1, 0
+    return bins
+
+
+def errors_by_age(logs: RunLogs, track: HandTrack, hand: Hand) -> dict[str, AgeBins]:
+    """Return the summary's ``error_by_age`` of one hand: by estimator, bins of age, their RMSE in 3D and tick counts.
+
+    Bins are those of `error_by_age`; ticks without an estimate are left out. Oracle: test_error_by_age.
+    """
+    age_ms = ages_at_ms(logs, hand, track.t_ns)
+    found = {}
+    for name, estimate_m in track.estimates.items():
+        error_mm = MM_PER_M * np.linalg.norm(estimate_m - track.truth_m, axis=1)
+        bins = error_by_age(age_ms[track.scored], error_mm[track.scored])
+        found[name] = AgeBins(age_ms=bins.age_ms.tolist(), rmse_3d_mm=bins.rmse.tolist(), n=bins.n.tolist())
+    return found

@@ -1,1 +1,0 @@
-"""The summary as people read it: sentences and tables."""

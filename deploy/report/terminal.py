@@ -1,0 +1,287 @@
+"""The summary in a terminal: a brief of at most 20 lines, or all tables."""
+
+import textwrap
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.text import Text
+
+from tis.deploy.present.numbers import number
+from tis.deploy.report.contents import run_warnings, tables
+from tis.deploy.report.section import NOT_RESOLVABLE
+from tis.deploy.report.subjects.network.link_figures import LinkVerdict
+from tis.deploy.report.subjects.requirements import OUT_OF_REACH, SetVerdict
+from tis.deploy.report.subjects.ticks import tick_line
+from tis.deploy.report.summary import Summary
+from tis.deploy.report.validity import validity_text
+
+FIDELITY_STYLES: Final = {True: "green", False: "red", None: "yellow"}
+"""Terminal style of each value of a verdict's ``faithful``."""
+
+MAX_LINES: Final = 15
+"""Lines of the brief; the folder, the report and a hint at the tables follow it."""
+
+_NAME_WIDTH: Final = 14
+_MS_PER_S: Final = 1000
+
+
+class Row(NamedTuple):
+    """A name, its text, and the text's style in a terminal."""
+
+    name: str
+    text: str
+    style: str = ""
+
+
+def brief(summary: Summary, warnings: Sequence[str], width: int, since: str | None = None) -> Text:
+    """Return the brief, wrapped to ``width``; ``since`` as in `validity_text`. Oracle: test_brief.
+
+    Without room for all problems and warnings, the first are shown and the others counted.
+    """
+    style = "red" if since or not summary.valid else ""
+    head = [
+        Row("", f"{summary.scenario} ({summary.mode}, {summary.source})", "bold"),
+        Row("", validity_text(summary, since), style),
+    ]
+    faults = [Row("  ", text, "red") for text in summary.problems]
+    faults += [Row("  ", f"warning: {text}", "yellow") for text in warnings]
+    # what is wrong needs the room of the names of requirements
+    requirements = _requirement_counts(summary) if faults else _requirements(summary)
+    figures = [*_figures(summary), *_networks(summary), *requirements]
+    shown, below = [*_wrapped(head, width)], [*_wrapped(figures, width)]
+    room = MAX_LINES - len(shown) - len(below)
+    return Text("\n").join([*shown, *_first(faults, room, width), *below])
+
+
+def _figures(summary: Summary) -> Iterator[Row]:
+    """Yield latency with its parts, loss, accuracy beside hold, and ticks."""
+    median, most = (summary.text("latency_ms.end_to_end", name, " ms") for name in ("p50", "p99"))
+    yield Row("end to end", summary.unresolved_latency or f"median {median}, p99 {most}, from sample to estimate")
+    parts = {"surgeon": "surgeon", "network": "network", "tick_wait": "tick wait", "compute": "computing"}
+    found = {name: summary.text(f"latency_ms.{name}", "p50") for name in parts}
+    texts = [f"{words} {'?' if found[name] == NOT_RESOLVABLE else found[name]}" for name, words in parts.items()]
+    yield Row("medians, ms", ", ".join(texts))
+    forward, back = (number(summary.links[way].loss_pct, " %") for way in ("forward", "feedback"))
+    yield Row("packets lost", f"{forward} to the patient, {back} back")
+    if samples := summary.redundancy.loss_text:
+        yield Row("samples", f"sent {summary.redundancy}: {samples}")
+    yield from _accuracy(summary)
+    yield from _orientation(summary)
+    ticks, surgeon = summary.ticks, summary.surgeon_ticks
+    counts = f"{number(ticks.count)} at {ticks.rate_hz} Hz, {number(ticks.missed)} missed"
+    if entry := summary.accuracy.get("hold"):
+        counts += f", {number(entry.n_scored)} scored"
+    yield Row("ticks", f"{counts}; the surgeon missed {number(surgeon.missed)}")
+
+
+def _accuracy(summary: Summary) -> Iterator[Row]:
+    """Yield the active estimator's error beside hold's, and the other estimators' errors."""
+    scores, active = summary.accuracy, summary.active_estimator
+    entry, hold = scores.get(active), scores.get("hold")
+    if entry is None or hold is None or entry.rmse_3d_mm is None:
+        yield Row("error", "not known: no tick could be scored")
+        return
+    text = f"{entry.label(active)} {number(entry.rmse_3d_mm)} mm (RMSE in 3D)"
+    if active != "hold":
+        share = "" if entry.ratio_to_hold is None else f", {100 * entry.ratio_to_hold:.0f} % of that"
+        text += f"; repeating the newest position (hold) {number(hold.rmse_3d_mm)} mm{share}"
+    yield Row("error", text)
+    others = [
+        f"{one.label(name)} {number(one.rmse_3d_mm)}"
+        for name, one in scores.items()
+        if name not in (active, "hold", "plant")
+    ]
+    if others:
+        yield Row("others, mm", ", ".join(others))
+    by_hand = summary.accuracy_by_hand
+    errors = [f"{hand} {number(one[active].rmse_3d_mm)}" for hand, one in by_hand.items() if active in one]
+    if errors:
+        yield Row("by hand, mm", ", ".join(errors))
+    yield from _arm(summary)
+
+
+def _arm(summary: Summary) -> Iterator[Row]:
+    """Yield the error of an arm that executes the set points, and how late it follows them."""
+    entry = summary.accuracy.get("plant")
+    if entry is None or entry.rmse_3d_mm is None or entry.n_missing == entry.n_scored:
+        return
+    text = f"{number(entry.rmse_3d_mm)} mm (RMSE in 3D)"
+    lag_ms = summary.latency_ms.actuation["p50"]
+    if lag_ms is not None:
+        text += f"; it follows {number(lag_ms)} ms later (median)"
+    if entry.clamped_pct:
+        text += f"; {number(entry.clamped_pct)} % of the set points were out of its reach"
+    yield Row("arm", text)
+
+
+def _orientation(summary: Summary) -> Iterator[Row]:
+    """Yield the active orientation method's error beside hold's; of two hands each has its own."""
+    active, texts = summary.active_orientation, []
+    for hand, scores in summary.orientation_deg.items():
+        entry = scores.get(active)
+        if entry is None or entry["rms"] is None:
+            continue
+        share = "" if entry.ratio_to_hold is None else f" ({100 * entry.ratio_to_hold:.0f} % of hold's)"
+        which = f"{hand} " if len(summary.orientation_deg) > 1 else ""
+        texts.append(f"{which}{number(entry['rms'])} deg{share if active != 'hold' else ''}")
+    if texts:
+        yield Row("orientation", f"{active} {', '.join(texts)}")
+
+
+def _networks(summary: Summary) -> Iterator[Row]:
+    """Yield whether the network was the requested one: one row when both directions say the same."""
+    verdicts = {way: link.verdict for way, link in summary.links.items()}
+    texts = {way: verdict.text("the scenario") for way, verdict in verdicts.items()}
+    for text in dict.fromkeys(texts.values()):
+        ways = [way for way, one in texts.items() if one == text]
+        name = "network" if len(ways) == len(texts) else ways[0]
+        yield Row(name, text, FIDELITY_STYLES[verdicts[ways[0]].faithful])
+
+
+def _requirements(summary: Summary) -> Iterator[Row]:
+    """Yield the sets of requirements by outcome; those out of reach at the run's rate are named apart."""
+    styles = {"missed": "red", "not decidable": "yellow", "met": "green"}
+    by_outcome = _by_outcome(summary)
+    for outcome, style in styles.items():
+        if by_outcome[outcome]:
+            yield Row(outcome, ", ".join(by_outcome[outcome]), style)
+    if too_fast := by_outcome[OUT_OF_REACH]:
+        yield Row(
+            OUT_OF_REACH,
+            f"{', '.join(too_fast)}: they allow less than the {_period_ms(summary):.3g} ms between ticks",
+        )
+
+
+def _requirement_counts(summary: Summary) -> Iterator[Row]:
+    counts = [f"{len(titles)} {outcome}" for outcome, titles in _by_outcome(summary).items() if titles]
+    yield Row("requirements", f"at {summary.ticks.rate_hz} Hz: {', '.join(counts)}")
+
+
+def _by_outcome(summary: Summary) -> dict[str, list[str]]:
+    """Return the titles of the sets of requirements by outcome in words."""
+    found: dict[str, list[str]] = {"met": [], "missed": [], OUT_OF_REACH: [], "not decidable": []}
+    for verdict in summary.verdicts:
+        found[verdict.outcome_text(summary.ticks.rate_hz)].append(verdict.title)
+    return found
+
+
+def _period_ms(summary: Summary) -> float:
+    return float(_MS_PER_S / summary.ticks.rate_hz)
+
+
+def _wrapped(rows: Sequence[Row], width: int) -> Iterator[Text]:
+    for row in rows:
+        name = f"  {row.name:<{_NAME_WIDTH}}" if row.name.strip() else row.name
+        further = " " * (len(name) if row.name.strip() else len(name) + 2)
+        for line in textwrap.wrap(row.text, width, initial_indent=name, subsequent_indent=further):
+            yield Text(line, style=row.style)
+
+
+def _first(rows: Sequence[Row], room: int, width: int) -> list[Text]:
+    """Return the rows that fit ``room`` lines, at least the first, whole; the others are counted in a last line."""
+    each = [[*_wrapped([row], width)] for row in rows]
+    if sum(map(len, each)) <= room:
+        return [line for lines in each for line in lines]
+    shown: list[Text] = []
+    n_shown = 0
+    for lines in each:
+        if n_shown and len(shown) + len(lines) > room - 1:
+            break
+        shown += lines
+        n_shown += 1
+    left = len(rows) - n_shown
+    return [*shown, Text(f"  and {left} more", style=rows[-1].style)] if left else shown
+
+
+_HANG: Final = 2
+
+
+@dataclass(frozen=True)
+class HangingIndent:
+    """Text indented by ``indent`` columns, and two more after the first line. Oracle: test_hanging_indent."""
+
+    text: str
+    style: str = ""
+    indent: int = 2
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Yield the lines, wrapped to the console's width."""
+        further = self.indent + _HANG
+        lines = Text(self.text, style=self.style).wrap(console, max(1, options.max_width - further))
+        for i, line in enumerate(lines):
+            yield Text(" " * (further if i else self.indent)) + line
+
+
+_MAX_SENTENCES: Final = 6
+
+
+def print_summary(summary: Summary, console: Console, since: str | None = None, verbose: bool = False) -> None:
+    """Print the brief, or all tables if ``verbose``; ``since`` names damage to the logs after it was written."""
+    if verbose:
+        console.print(summary_view(summary, since))
+    else:
+        console.print(brief(summary, run_warnings(summary), console.width, since), soft_wrap=True)
+
+
+def summary_view(summary: Summary, since: str | None = None) -> RenderableType:
+    """Return the summary as text and tables, the result first; ``since`` as in `validity_text`."""
+    parts: list[RenderableType] = [Text(_headline(summary), style="bold")]
+    parts.append(Text(validity_text(summary, since), style="red" if since or not summary.valid else ""))
+    parts += [HangingIndent(f"not valid: {text}", "red") for text in summary.problems]
+    parts += [HangingIndent(f"warning: {text}", "yellow") for text in run_warnings(summary)]
+    parts += [verdict_view(f"network {d}", link.verdict, "the scenario") for d, link in summary.links.items()]
+    parts += [table.terminal() for table in tables(summary)]
+    parts += [Text(f"\n{_footer(summary)}"), Text(summary.tick_modes.line)]
+    parts.append(Text("\nRequirements of applications:", style="bold"))
+    parts += [_verdict_line(verdict, summary.ticks.rate_hz) for verdict in summary.verdicts]
+    return Group(*parts)
+
+
+def verdict_view(name: str, verdict: LinkVerdict, request: str, shown: Sequence[str] = ()) -> Group:
+    """Return the fidelity of a direction, with violations and warnings, without any with ``shown``."""
+    style = FIDELITY_STYLES[verdict.faithful]
+    found = [*verdict.violations, *(f"warning: {warning}" for warning in verdict.warnings)] or [*shown]
+    lines = found[:_MAX_SENTENCES]
+    if len(found) > _MAX_SENTENCES:
+        lines.append(f"and {len(found) - _MAX_SENTENCES} more, see summary.json")
+    head = HangingIndent(f"{name}: {verdict.text(request)}", style)
+    return Group(head, *(HangingIndent(sentence, style, indent=4) for sentence in lines))
+
+
+def _headline(summary: Summary) -> str:
+    """Return latency, loss and accuracy, a line each."""
+    median, p99 = (summary.text("latency_ms.end_to_end", name, " ms") for name in ("p50", "p99"))
+    lost = number(summary.links["forward"].loss_pct, " %")
+    oldest = summary.text("age_ms", "max", " ms")
+    latency = (
+        f"end to end, sample to estimate: median {median}, p99 {p99}.\n"
+        f"At the ticks the newest sample was at most {oldest} old"
+    )
+    text = (
+        f"{summary.scenario} ({summary.mode}, {summary.source}):\n{summary.unresolved_latency or latency}."
+        f"\n{lost} of the packets to the patient were lost."
+    )
+    if samples := summary.redundancy.loss_text:
+        text += f"\nThe surgeon sent {summary.redundancy}: {samples}."
+    name = summary.active_estimator
+    entry = summary.accuracy.get(name)
+    if entry is not None and entry.ratio_to_hold is not None:
+        text += f"\n{name} errs by {number(entry.rmse_3d_mm, ' mm')} (RMSE in 3D), "
+        text += f"{100 * entry.ratio_to_hold:.0f} % of the error of repeating the newest position (hold)."
+    return text
+
+
+def _verdict_line(verdict: SetVerdict, rate_hz: int) -> HangingIndent:
+    outcome = verdict.outcome_text(rate_hz)
+    style = {"met": "green", "missed": "red", "not decidable": "yellow", OUT_OF_REACH: ""}[outcome]
+    at_rate = f"{OUT_OF_REACH} at {rate_hz} Hz" if outcome == OUT_OF_REACH else outcome
+    return HangingIndent(verdict.line.replace(verdict.outcome.replace("_", " "), at_rate, 1), style)
+
+
+def _footer(summary: Summary) -> str:
+    line = tick_line(summary.ticks, summary.surgeon_ticks)
+    if rate := summary.redundancy.rate_text:
+        line += f". Sent by the surgeon: {rate}"
+    return line + (f". Model: {summary.identification}." if summary.identification else "")

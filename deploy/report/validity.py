@@ -1,0 +1,230 @@
+"""Validity of a run as a measurement: what makes it invalid, beside damaged logs and books that do not balance."""
+
+from operator import itemgetter
+from typing import Final
+
+from tis.common.channels import Side
+from tis.common.metrics.tracking import SETTLING_NS
+from tis.common.records import COUNTERS, PEERS, UNRECORDED
+from tis.common.scenario import Scenario
+from tis.common.units import NS_PER_S
+from tis.deploy.logs.json_rows import Row
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.report.subjects.accuracy import is_scored, without_estimate
+from tis.deploy.report.subjects.devices import is_foreign, silent_programs
+from tis.deploy.report.subjects.intrusion import evidence_problems
+from tis.deploy.report.subjects.latency import sent_after_arrival
+from tis.deploy.report.subjects.processors import contention_clause, shares_of
+from tis.deploy.report.subjects.ticks import Ticks
+from tis.deploy.report.summary import Summary
+
+_FAULTS: Final = ("left", "frozen", "link_down", "silent", "stalled", "clock_step", "suspended")
+_OWN_CAUSES: Final = {
+    "clock_step": "its clock stepped",
+    "suspended": "its host was suspended",
+    "frozen": "it stood still",
+    "stalled": "its loop stayed in one step",
+}
+_MAX_NOTICED: Final = 200
+_SAME_NS: Final = 2 * NS_PER_S
+_MAX_MISSED_TICKS: Final = 0.01
+_MAX_UNPLANNED: Final = 0.01
+_MAX_UNUSED: Final = 0.01
+
+
+def _unused(summary: Summary) -> list[str]:
+    """Return a problem where the patient did not use messages that it lacked: what causes the problems below.
+
+    Junk of strangers beside a whole stream does no harm, and is none.
+    """
+    link = summary.links["forward"]
+    few = _MAX_UNUSED * (link.sent or 0)
+    if is_scored(summary.accuracy) and (link.unplanned_loss or 0) <= few:
+        return []
+    problems = []
+    rejected = summary.rejected.get("patient") or 0
+    if rejected > few:
+        why = "no header of the testbed, another run's number, or no such pose"
+        problems.append(f"rejected: the patient rejected {rejected} messages: {why}")
+    kinds = {kind: n for kind, n in summary.quarantined.items() if n}
+    if sum(kinds.values()) > few:
+        texts = ", ".join(f"{n} {kind}" for kind, n in kinds.items())
+        problems.append(f"quarantined: the patient did not use {sum(kinds.values())} samples ({texts})")
+    return problems
+
+
+def _lives(logs: RunLogs) -> list[str]:
+    """Return a problem for each side that left, stood still, could not be reached or had a clock that stepped.
+
+    What several sides noticed of one within two seconds is one problem, of the side that knows best: it itself, its
+    neighbour, then any other.
+    """
+    each = ((side, row) for side in logs.sides for row in logs.of(side, PEERS) if not _came_back(logs, row))
+    noticed = sorted(((row["at_ns"], side, row) for side, row in each if row["event"] in _FAULTS), key=itemgetter(0))
+    told: list[tuple[int, Side, Row]] = []
+    for at_ns, side, row in noticed[:_MAX_NOTICED]:
+        known = next((i for i, one in enumerate(told) if _is_same(one, at_ns, row)), None)
+        if known is None:
+            told.append((at_ns, side, row))
+        elif _knows_better(side, row, told[known]):
+            told[known] = (told[known][0], side, row)
+    return [
+        f"{_life_text(row)} at {at_ns / NS_PER_S:.1f} s, as {_by(side, row)} noticed" for at_ns, side, row in told
+    ]
+
+
+def _came_back(logs: RunLogs, row: Row) -> bool:
+    """Tell whether a side left and was started anew: the gap between the parts of its log says so."""
+    covered = logs.coverage(row["peer"])
+    spans = () if covered is None else covered.away
+    return row["event"] in ("left", "silent", "frozen") and any(
+        begin <= row["at_ns"] <= end + _SAME_NS for begin, end in spans
+    )
+
+
+def _unrecorded(logs: RunLogs) -> list[str]:
+    """Return a problem for each log that lacks records which its side could not write in time."""
+    problems = []
+    for side in logs.sides:
+        lacking = {
+            row["name"].removeprefix(f"{UNRECORDED}."): row["value"]
+            for row in logs.of(side, COUNTERS)
+            if row["name"].startswith(f"{UNRECORDED}.")
+        }
+        if lacking:
+            most = ", ".join(f"{n} of {topic}" for topic, n in sorted(lacking.items(), key=lambda one: -one[1])[:3])
+            problems.append(f"{side}'s log lacks {sum(lacking.values())} records, written too slowly: {most}")
+    return problems
+
+
+def _is_same(told: tuple[int, Side, Row], at_ns: int, row: Row) -> bool:
+    return bool(told[2]["peer"] == row["peer"]) and at_ns - told[0] < _SAME_NS + max(row["for_ns"], 0)
+
+
+def _knows_better(side: Side, row: Row, told: tuple[int, Side, Row]) -> bool:
+    """Tell whether a side knows better than the one that was told; a link that is down is the better reason."""
+    _, by, known = told
+    if side == row["peer"] and by != row["peer"]:
+        return True
+    return bool(row["event"] == "link_down" and known["event"] in ("frozen", "silent") and by != row["peer"])
+
+
+def _by(side: Side, row: Row) -> str:
+    return "it itself" if side == row["peer"] else side
+
+
+def _life_text(row: Row) -> str:
+    seconds = row["for_ns"] / NS_PER_S
+    return {
+        "left": f"{row['peer']} left",
+        "frozen": f"{row['peer']} stood still ({seconds:.1f} s)",
+        "link_down": f"{row['peer']} could not be reached: nothing crossed the network between the hosts",
+        "silent": f"{row['peer']} was silent",
+        "stalled": f"{row['peer']} did not tick: its loop stayed in one step{_step(row)}",
+        "clock_step": f"{row['peer']}'s clock stepped by {seconds:+.1f} s",
+        "suspended": f"{row['peer']}'s host was suspended ({seconds:.1f} s)",
+    }[row["event"]]
+
+
+def _step(row: Row) -> str:
+    return f" ({row['doing']})" if row["doing"] else ""
+
+
+def _starved(summary: Summary, scenario: Scenario, logs: RunLogs) -> list[str]:
+    """Return the problems of a run that was starved, ended early, lost messages outside netem or has no score."""
+    problems = []
+    owners: dict[str, tuple[Side, str]] = {
+        "ticks": ("patient", "the run ended early"),
+        "surgeon_ticks": ("surgeon", "the surgeon ended early"),
+    }
+    ticks: dict[Side, Ticks] = {"patient": summary.ticks, "surgeon": summary.surgeon_ticks}
+    for name, (side, early) in owners.items():
+        count, planned, covered = ticks[side].count, ticks[side].planned, logs.coverage(side)
+        if count is None or count >= planned:
+            continue
+        if covered is None or covered.whole or covered.away:
+            problems.append(f"{name}: {count} of {planned} happened, {early}")
+        else:
+            problems.append(f"{name}: the log tells of {count} of {planned}")
+    for name, (side, _) in owners.items():
+        missed, count = ticks[side].missed or 0, ticks[side].count
+        if count is not None and missed > _MAX_MISSED_TICKS * count:
+            problems.append(f"{name}: {missed} of {count} missed, {_why_missed(logs, side)}")
+    for direction, link in summary.links.items():
+        unplanned, sent = link.unplanned_loss, link.sent
+        if unplanned is not None and sent is not None and unplanned > _MAX_UNPLANNED * sent:
+            problems.append(f"links.{direction}: {unplanned} of {sent} lost that nobody planned{_while_away(logs)}")
+    if not is_scored(summary.accuracy):
+        problems.append(f"accuracy: no tick could be scored: {why_unscored(logs, scenario)}")
+    return problems
+
+
+def _while_away(logs: RunLogs) -> str:
+    """Return a clause that names the sides that were started anew and whose absence counts; "" without any."""
+    counted = [side for side in logs.sides if (found := logs.coverage(side)) and found.away and found.away_counts]
+    return f", with {' and '.join(counted)} away for a while" if counted else ""
+
+
+def _why_missed(logs: RunLogs, side: Side) -> str:
+    """Return why ticks were missed: the side was away or stood still, its clock stepped, or the machine was busy."""
+    if side == "surgeon" and is_foreign(logs):
+        return "as the foreign surgeon sent no such sample in time that could be used"
+    covered = logs.coverage(side)
+    if covered is not None and covered.away and covered.away_counts:
+        return "as it was started anew in mid-run (on_rejoin)"
+    own = [row["event"] for row in logs.of(side, PEERS) if row["peer"] == side]
+    stalled = any(
+        row["event"] == "stalled" and row["peer"] == side for one in logs.sides for row in logs.of(one, PEERS)
+    )
+    for event, words in _OWN_CAUSES.items():
+        if event in own or (event == "stalled" and stalled):
+            return f"as {words}"
+    return f"the machine is too busy{contention_clause(shares_of(logs, side), side)}"
+
+
+def why_unscored(logs: RunLogs, scenario: Scenario) -> str:
+    """Return the reason why no tick is scored."""
+    arrivals = logs.messages("patient", "forward", scenario.session).values()
+    first_ns = min((int(one.log_ns.min()) for one in arrivals if len(one)), default=None)
+    if first_ns is None:
+        return "no message is known to have reached the patient"
+    first_s, settling_s = first_ns / NS_PER_S, SETTLING_NS / NS_PER_S
+    if scenario.duration_s <= first_s + settling_s:
+        return (
+            f"ticks count from {settling_s:g} s after the first arrival (at {first_s:.3f} s), when filters have "
+            f"settled, and the run lasts {scenario.duration_s:g} s"
+        )
+    return "there is no tick at which both the truth and hold's estimate are known"
+
+
+def invalidities(summary: Summary, scenario: Scenario, logs: RunLogs) -> list[str]:
+    """Return a sentence for each problem that the figures of a summary show."""
+    return [
+        *_lives(logs),
+        *_unused(summary),
+        *silent_programs(summary.devices, summary.external_arms),
+        *sent_after_arrival(summary.latency_ms, summary.uncertainty_ms),
+        *_unrecorded(logs),
+        *_starved(summary, scenario, logs),
+        *without_estimate(summary.accuracy, summary.active_estimator),
+        *evidence_problems(summary.evidence, scenario),
+    ]
+
+
+def validity_text(summary: Summary, since: str | None = None) -> str:
+    """Return the sentence on validity; a colon at its end announces the problems.
+
+    Valid: the logs are complete, their packet counts balance and no process was starved, so the figures are what
+    happened. Faithful: what happened is the network of the scenario. A run may be one without the other. ``since``
+    names damage to the logs after the summary was written; the sentence is then in the past tense.
+    """
+    if not summary.valid:
+        return "This run is not a valid measurement:"
+    unlike = [name for name, link in summary.links.items() if link.verdict.faithful is False]
+    is_one = f"Before {since} this run was a valid measurement" if since else "This run is a valid measurement"
+    if not unlike:
+        return f"{is_one}."
+    return (
+        f"{is_one}, but not of the network that the scenario requests "
+        f"({' and '.join(unlike)}): its figures hold for the network that there was."
+    )

@@ -1,1 +1,0 @@
-"""Verdicts: validity of a run, fidelity of its network, requirements of applications."""

@@ -1,0 +1,243 @@
+"""A study of admissible networks: border, checks on fresh seeds, profiles; its report as JSON values."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import isfinite
+from typing import Any, Final, NamedTuple
+
+from tis.common.streams import Stream
+from tis.deploy.compare.plan import Request
+from tis.deploy.studies.admissible.border import Border, Margins, find_border
+from tis.deploy.studies.admissible.evaluation import Evaluation, Judged, Network
+from tis.deploy.studies.admissible.profiles import PlacedProfile, Redundancy, place_of, place_profiles
+from tis.deploy.studies.admissible.region import Axis, Place, Region
+
+# Independent check of a region: places drawn inside and outside of it, judged on fresh seeds.
+
+_MOST_DRAWN: Final = 20_000
+_SEED: Final = 1
+MAX_OPTIMISTIC: Final = 0.1
+MAX_OVERLOOKED: Final = 0.25
+
+
+class Drawn(NamedTuple):
+    """Places inside and outside of a region; fewer than requested where the region or its complement is small."""
+
+    inside: list[Place]
+    outside: list[Place]
+
+
+class Check(NamedTuple):
+    """Counts of drawn places, and of those whose verdict on fresh seeds disagrees with the region.
+
+    ``optimistic``: outside, though the region holds them; ``overlooked``: inside, though it does not.
+    """
+
+    n_inside: int
+    optimistic: int
+    n_outside: int
+    overlooked: int
+
+    @property
+    def text(self) -> str:
+        """Warning if too many disagree; empty otherwise."""
+        grid = "see a grid of the box by tis compare with --sweep ranges"
+        if self.optimistic > MAX_OPTIMISTIC * self.n_inside:
+            found = f"{self.optimistic} of {self.n_inside} places inside are not admissible on fresh seeds"
+            return f"{found}: take more --seeds, or {grid}"
+        if self.overlooked > MAX_OVERLOOKED * self.n_outside:
+            found = f"{self.overlooked} of {self.n_outside} places outside are admissible"
+            return f"{found}: take more --seeds, or the region has parts that no straight line reaches: {grid}"
+        return ""
+
+
+def drawn(region: Region, n_places: int, n_axes: int) -> Drawn:
+    """Return up to half of ``n_places`` inside and half outside, drawn uniformly; always the same for a region."""
+    uniforms = Stream.named(_SEED, "admissible/checks").uniforms(0, _MOST_DRAWN * n_axes)
+    found = Drawn([], [])
+    for i in range(_MOST_DRAWN):
+        place = tuple(uniforms[i * n_axes : (i + 1) * n_axes].tolist())
+        half = found.inside if region.contains(place) else found.outside
+        if len(half) < (n_places + 1) // 2:
+            half.append(place)
+        elif len(found.inside) + len(found.outside) >= 2 * ((n_places + 1) // 2):
+            break
+    return found
+
+
+_SEARCH: Final = "border"
+_CHECK: Final = "check"
+
+
+class Effort(NamedTuple):
+    """Tolerance of the border as a share of an axis, most places of an estimator's search, and places of a check."""
+
+    tolerance: float = 0.02
+    max_points: int = 150
+    n_checks: int = 20
+
+
+@dataclass
+class Study:
+    """A scenario's name, the request and axes of a study, and its networks as they are judged."""
+
+    name: str
+    request: Request
+    axes: tuple[Axis, ...]
+    evaluation: Evaluation
+    effort: Effort
+    points: list[dict[str, Any]]
+
+    @classmethod
+    def of(
+        cls, name: str, request: Request, axes: tuple[Axis, ...], evaluation: Evaluation, effort: Effort
+    ) -> "Study":
+        """Return a study of which nothing is judged yet."""
+        return cls(name, request, axes, evaluation, effort, [])
+
+    def run(
+        self, fresh_seed: int, profiles: Sequence[str], candidates: Sequence[Redundancy], command: str
+    ) -> dict[str, Any]:
+        """Return the report. Raises `InputError` and `DataError`."""
+        self.evaluation.check_names(self.request, self._network((0.0,) * len(self.axes)))
+        names = self.evaluation.estimators
+        border = find_border(
+            self._margins, len(self.axes), len(names), self.effort.tolerance, self.effort.max_points * len(names)
+        )
+        checks = self._checks(border, fresh_seed)
+        placed = place_profiles(self.evaluation, self.request, profiles, candidates)
+        return {
+            "scenario": self.name,
+            "command": command,
+            "limits": [limit._asdict() for limit in self.evaluation.limits],
+            "axes": [vars(axis) for axis in self.axes],
+            "persons": list(self.evaluation.persons),
+            "n_seeds": self.request.n_seeds,
+            "trained_on": self.evaluation.trained_on,
+            **self.effort._asdict(),
+            "estimators": {name: self._of_estimator(i, border, checks[name]) for i, name in enumerate(names)},
+            "points": self.points,
+            "profiles": [self._of_profile(one) for one in placed],
+            "profiles_tried": [one._asdict() for one in candidates] if profiles else [],
+            "n_points": self.evaluation.n_networks,
+            "n_twins": self.evaluation.n_twins,
+            "warnings": self._warnings(border, checks),
+        }
+
+    def _network(self, place: Place) -> Network:
+        return {axis.path: axis.text(share) for axis, share in zip(self.axes, place, strict=True)}
+
+    def _values(self, place: Place) -> dict[str, float]:
+        return {axis.path: axis.value(share) for axis, share in zip(self.axes, place, strict=True)}
+
+    def _margins(self, places: Sequence[Place]) -> list[Margins]:
+        """Judge places for the border's search."""
+        judged = self._judged(self.request, places, _SEARCH)
+        return [list(one.margins.values()) for one in judged]
+
+    def _judged(self, request: Request, places: Sequence[Place], kind: str) -> list[Judged]:
+        judged = self.evaluation.judge(request, [self._network(place) for place in places])
+        for place, one in zip(places, judged, strict=True):
+            self.points.append({"kind": kind, "at": self._values(place), **_verdicts(one)})
+        return judged
+
+    def _checks(self, border: Border, fresh_seed: int) -> dict[str, Check]:
+        """Judge places inside and outside of each region on fresh seeds, those of all estimators in one plan."""
+        n_axes, names = len(self.axes), self.evaluation.estimators
+        places = {
+            name: drawn(region, self.effort.n_checks, n_axes)
+            for name, region in zip(names, border.regions, strict=True)
+        }
+        every = list(dict.fromkeys(place for both in places.values() for half in both for place in half))
+        fresh = replace(self.request, seed=fresh_seed)
+        judged = dict(zip(every, self._judged(fresh, every, _CHECK) if every else [], strict=True))
+        return {name: _check(places[name], judged, name) for name in names}
+
+    def _of_estimator(self, which: int, border: Border, check: Check) -> dict[str, Any]:
+        region = border.regions[which]
+        return {
+            "share": region.share,
+            "start": self._values(region.start),
+            "border": [self._values(place) for place in region.border],
+            "outline": [self._values(place) for place in _outline(region)],
+            "alone": self._alone(region),
+            "n_rays": border.n_rays[which],
+            "n_open": border.n_open[which],
+            "check": check._asdict(),
+        }
+
+    def _alone(self, region: Region) -> dict[str, float | None]:
+        """Return how far each axis may go while the others are at their best; None for an empty region."""
+        found: dict[str, float | None] = {}
+        for i, axis in enumerate(self.axes):
+            direction = tuple(float(i == j) for j in range(len(self.axes)))
+            radii = [v.radius for simplex in region.simplices for v in simplex if v.direction == direction]
+            share = radii[0] if radii else None
+            start = region.start[i]
+            found[axis.path] = None if share is None else axis.value(share if start == 0.0 else 1.0 - share)
+        return found
+
+    def _of_profile(self, one: PlacedProfile) -> dict[str, Any]:
+        helped = {
+            name: None
+            if help_ is None
+            else {
+                **help_[0]._asdict(),
+                "text": help_[0].text,
+                "packets_per_s": help_[1].packets_per_s,
+                "bytes_per_s": help_[1].bytes_per_s,
+            }
+            for name, help_ in one.helped_by.items()
+        }
+        forward = {
+            name: value if value is None or isfinite(value) else None for name, value in one.forward._asdict().items()
+        }
+        sent = {"packets_per_s": one.judged.packets_per_s, "bytes_per_s": one.judged.bytes_per_s}
+        about = {"name": one.name, "title": one.title, "forward": forward, "at": place_of(one.forward, self.axes)}
+        return {**about, **_verdicts(one.judged), **sent, "redundancy": helped}
+
+    def _warnings(self, border: Border, checks: dict[str, Check]) -> list[str]:
+        found = [f"{name}: {check.text}" for name, check in checks.items() if check.text]
+        for i, (name, region) in enumerate(zip(checks, border.regions, strict=True)):
+            if border.n_open[i]:
+                rule = "so its region may be too small: more --points, or a larger --tolerance"
+                found.append(f"{name}: the search ended before {border.n_open[i]} border points were known, {rule}")
+            inside = [corner for corner, margins in border.corners.items() if margins[i] <= 0]
+            if inside and not region.simplices:
+                at = ", ".join(f"{path}={value}" for path, value in self._network(inside[0]).items())
+                found.append(f"{name}: admissible at {at}, though not at the best corner of the others: run it alone")
+        refused = dict.fromkeys(point["fault"] for point in self.points if point["fault"] is not None)
+        if refused:
+            found.append(f"a part of the box counts as outside, as the scenario refuses it: {next(iter(refused))}")
+        unscored = list(self.evaluation.unscored)
+        found += [f"a network without a scored tick counts as outside; {unscored[0]}"] if unscored else []
+        return [*found, *self.evaluation.warnings]
+
+
+def _outline(region: Region) -> list[Place]:
+    """Return the region as a polygon, the best corner last; empty unless it lies in a plane."""
+    return [*region.border, region.start] if len(region.start) == 2 and region.simplices else []
+
+
+def _verdicts(judged: Judged) -> dict[str, Any]:
+    """Return a network's verdict and bounds by estimator, and why the scenario refuses it."""
+    return {
+        "fault": judged.fault,
+        "verdicts": {
+            name: {
+                "inside": margin <= 0,
+                "margin": margin if isfinite(margin) else None,
+                "bounds": [bound if isfinite(bound) else None for bound in judged.bounds[name]],
+            }
+            for name, margin in judged.margins.items()
+        },
+    }
+
+
+def _check(places: Drawn, judged: dict[Place, Judged], name: str) -> Check:
+    return Check(
+        len(places.inside),
+        sum(judged[place].margins[name] > 0 for place in places.inside),
+        len(places.outside),
+        sum(judged[place].margins[name] <= 0 for place in places.outside),
+    )

@@ -1,1 +1,0 @@
-"""Devices at hand as operators' devices: what mouse and gamepad do, as poses."""

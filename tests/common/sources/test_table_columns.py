@@ -1,0 +1,149 @@
+from typing import Any
+
+import pytest
+
+from tis.common.errors import DataError
+from tis.common.scenario.table_source import TableSource
+from tis.common.sources.table_columns import canonical_names, layout_of, read_columns, split_table
+
+USUAL = ["time_s", *canonical_names("MTML"), *canonical_names("PSM2")]
+
+
+def source(**fields: Any) -> TableSource:
+    return TableSource.model_validate({"kind": "table", "path": "t.csv", **fields})
+
+
+def test_the_usual_table_needs_no_map() -> None:
+    layout = layout_of(source(), USUAL, "t.csv")
+    [hand] = layout.hands
+    assert (layout.time, layout.time_unit, hand.hand, hand.arm, hand.gain) == ("time_s", "s", "left", "PSM2", 1.0)
+    assert list(layout.names) == [
+        "time_s", "MTML_x_m", "MTML_y_m", "MTML_z_m", "MTML_qx", "MTML_qy", "MTML_qz", "MTML_qw", "MTML_gripper_rad",
+        "PSM2_x_m", "PSM2_y_m", "PSM2_z_m", "PSM2_qx", "PSM2_qy", "PSM2_qz", "PSM2_qw", "PSM2_gripper_rad",
+    ]  # fmt: skip
+
+
+def test_canonical_columns_of_one_device_are_enough() -> None:
+    [hand] = layout_of(source(), ["time_s", *canonical_names("PSM2")], "t.csv").hands
+    assert hand.master is None
+    assert hand.follower is not None
+    [hand] = layout_of(source(), ["time_s", "MTML_x_m", "MTML_y_m", "MTML_z_m"], "t.csv").hands
+    assert hand.follower is None
+    assert hand.master is not None
+    assert hand.master.names == ("MTML_x_m", "MTML_y_m", "MTML_z_m")  # orientation and gripper are optional
+
+
+def test_a_prefix_of_an_arm_names_the_arm_that_is_driven() -> None:
+    columns = {"left": {"master": "leader", "arm": "PSM1"}}
+    names = ["time_s", "leader_x_m", "leader_y_m", "leader_z_m", *canonical_names("PSM1")]
+    [hand] = layout_of(source(columns=columns), names, "t.csv").hands
+    assert hand.arm == "PSM1"
+
+
+def test_columns_of_the_users_own_names() -> None:
+    master = {"position": ["x", "y", "z"], "euler": ["r", "p", "w"], "units": {"position": "mm", "angle": "deg"}}
+    layout = layout_of(
+        source(columns={"time": "t", "left": {"master": master, "gain": 0.5}}, units={"time": "ms"}),
+        ["t", "x", "y", "z", "r", "p", "w", "note"],
+        "t.csv",
+    )
+    assert (layout.time, layout.time_unit, layout.hands[0].gain) == ("t", "ms", 0.5)
+    assert layout.names == ("t", "x", "y", "z", "r", "p", "w")
+
+
+@pytest.mark.parametrize(
+    ("fields", "names", "expected"),
+    [
+        (
+            {},
+            ["time_s", "MTML_x_mm", "MTML_y_m", "MTML_z_m"],
+            ["t.csv: has no column MTML_x_m; its columns: time_s, MTML_x_mm, MTML_y_m, MTML_z_m; did you mean "
+             "MTML_x_mm for MTML_x_m?; source.columns names those to read"],
+        ),
+        (
+            {},
+            ["time_s", "MTML_x_m", "MTML_y_m", "MTML_z_m", "MTML_x_m", "MTML_qw"],
+            ["t.csv: column MTML_x_m: must be there once (got 2)",
+             "t.csv: has no column MTML_qx, MTML_qy, MTML_qz; its columns: time_s, MTML_x_m, MTML_y_m, MTML_z_m, "
+             "MTML_x_m, MTML_qw; did you mean MTML_qw for MTML_qx, MTML_qw for MTML_qy, MTML_qw for MTML_qz?; "
+             "source.columns names those to read"],
+        ),
+        (
+            {},
+            ["PSM2_x_m", "PSM2_y_m", "PSM2_z_m"],
+            ["t.csv: has no column time_s: set source.columns.time to the time's column, or source.rate_hz to its "
+             "rows per s; its columns: PSM2_x_m, PSM2_y_m, PSM2_z_m"],
+        ),
+    ],
+)  # fmt: skip
+def test_missing_and_repeated_columns_are_told_at_once(
+    fields: dict[str, Any], names: list[str], expected: list[str]
+) -> None:
+    with pytest.raises(DataError) as caught:
+        layout_of(source(**fields), names, "t.csv")
+    assert [str(fault) for fault in caught.value.faults] == expected
+
+
+def faults_of(text: str, *wanted: str) -> list[str]:
+    with pytest.raises(DataError) as caught:
+        read_columns(split_table(text, "t.csv"), wanted, "t.csv")
+    return [str(fault) for fault in caught.value.faults]
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_numbers_by_name_whatever_separates_them(separator: str, end: str) -> None:
+    lines = [
+        "a, b,name".replace(",", separator),
+        "1,2.5,x".replace(",", separator),
+        "-3e2,nan,y".replace(",", separator),
+    ]
+    table = split_table(end.join(lines) + end + end, "t.csv")
+    found = read_columns(table, ["b", "a"], "t.csv")
+    assert table.names == ("a", "b", "name")
+    assert found["a"].tolist() == [1.0, -300.0]
+    assert found["b"][0] == 2.5
+
+
+def test_quoted_cells_may_hold_separators() -> None:
+    table = split_table('a,"b, c"\n1,"2"\n"3",4\n', "t.csv")
+    assert read_columns(table, ["b, c"], "t.csv")["b, c"].tolist() == [2.0, 4.0]
+
+
+def test_numbers_keep_all_digits() -> None:
+    values = [0.1 + 0.2, 1e-300, 123456789.12345678]
+    text = "a\n" + "\n".join(map(repr, values))
+    assert read_columns(split_table(text, "t.csv"), ["a"], "t.csv")["a"].tolist() == values
+
+
+def test_every_kind_of_damage_is_told_at_once() -> None:
+    text = "a,b\n1,2\n1\n3,x\n1_0,4\n\n5,6,7\n"
+    assert faults_of(text, "a", "b") == [
+        "t.csv: line 3: must have 2 cells, as line 1 (got 1)",
+        "t.csv: line 6: must have 2 cells, as line 1 (got 0)",
+        "t.csv: line 7: must have 2 cells, as line 1 (got 3)",
+        "t.csv: line 4, column b: must be a number (got 'x')",
+        "t.csv: line 5, column a: must be a number (got '1_0')",
+    ]
+
+
+def test_many_faults_are_counted() -> None:
+    found = faults_of("a\n" + "x\n" * 9, "a")
+    assert len(found) == 6
+    assert found[-1] == "t.csv: and 4 more rows: must be a number"
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "t.csv: line 1: must hold the names of the columns (got '')"),
+        ("a,b\n1,2\n", "t.csv: must have at least 2 rows (got 1)"),
+        ("1,2\n3,4\n5,6\n", "t.csv: line 1: must hold the names of the columns, not numbers (got '1,2')"),
+        ("a\n" + "1" * 300_000 + "\n2\n", "t.csv: line 2: must have at most 200000 characters (got 300000)"),
+        ("\n" * 8_000_001, "t.csv: must have at most 4000000 rows (got 8000001)"),
+    ],
+)
+def test_what_is_no_table_is_refused(text: str, expected: str) -> None:
+    with pytest.raises(DataError) as caught:
+        split_table(text, "t.csv")
+    assert [str(fault) for fault in caught.value.faults] == [expected]

@@ -1,0 +1,223 @@
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tis.common.scenario.table_source import PoseColumns, PoseUnits
+from tis.common.sources.table_columns import DeviceLayout
+from tis.common.sources.table_poses import (
+    RowClock,
+    finite_faults,
+    following,
+    played,
+    pose_track,
+    resampled,
+    row_clock,
+    unit_doubts,
+)
+from tis.common.sources.trajectory import PoseTrack
+
+TURN = 2.0 * np.pi / 3.0  # about (1 1 1) / sqrt(3): x becomes y, y becomes z, z becomes x
+CYCLE = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+
+
+def device(units: dict[str, str] | None = None, **columns: Any) -> DeviceLayout:
+    pose = PoseColumns.model_validate({"position": ("x", "y", "z"), **columns})
+    return DeviceLayout("MTML", pose, PoseUnits.model_validate(units or {}))
+
+
+def table(n_rows: int = 2, /, **columns: Any) -> dict[str, np.ndarray[Any, Any]]:
+    there = {"x": 1.0, "y": 2.0, "z": 3.0, **columns}
+    return {name: np.broadcast_to(np.asarray(value, dtype=float), n_rows).copy() for name, value in there.items()}
+
+
+def track(layout: DeviceLayout, **columns: Any) -> PoseTrack:
+    found, faults = pose_track(table(**columns), layout, "t.csv")
+    assert faults == []
+    return found
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("m", 1.0), ("cm", 0.01), ("mm", 0.001)])
+def test_positions_have_a_unit(unit: str, factor: float) -> None:
+    found = track(device({"position": unit})).position_m
+    assert np.array_equal(found, np.tile(np.multiply([1.0, 2.0, 3.0], factor), (2, 1)))
+
+
+def test_one_rotation_in_every_form() -> None:
+    cells = {f"m{i}": CYCLE[i // 3][i % 3] for i in range(9)}
+    half = [0.5, 0.5, 0.5, 0.5]  # axis sin(60 degrees) / sqrt(3), and cos(60 degrees)
+    names = [f"m{i}" for i in range(9)]
+    quaternion = {"a": 0.5, "b": 0.5, "c": 0.5, "d": 0.5}
+    # z by 90 degrees and then x by 90 degrees, about fixed axes, is the same cycle
+    forms = [
+        track(device(matrix=names), **cells),
+        track(device(quaternion=list("abcd")), **quaternion),
+        track(device(quaternion=list("abcd")), **{name: -value for name, value in quaternion.items()}),
+        track(device({"angle": "deg"}, euler=["p", "q"], euler_axes="zx"), p=90.0, q=90.0),
+        track(device(euler=["p", "q"], euler_axes="XZ"), p=np.pi / 2, q=np.pi / 2),
+    ]
+    for found in forms[:3]:
+        assert found.orientation == pytest.approx(np.tile(half, (2, 1)), abs=1e-15)
+    for found in forms[3:]:
+        x, y, z, w = found.orientation[0]
+        matrix = [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+        turn_x = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+        turn_z = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+        assert np.asarray(matrix) == pytest.approx(turn_x @ turn_z, abs=1e-12)
+
+
+def test_the_scalar_of_a_quaternion_may_come_first() -> None:
+    found = track(device(quaternion=list("wabc"), quaternion_order="wxyz"), w=0.8, a=0.6, b=0.0, c=0.0)
+    assert found.orientation[0] == pytest.approx([0.6, 0.0, 0.0, 0.8])
+
+
+def test_a_device_without_orientation_and_gripper_stays_as_it_is() -> None:
+    found = track(device())
+    assert found.orientation.tolist() == [[0.0, 0.0, 0.0, 1.0]] * 2
+    assert found.gripper_rad.tolist() == [0.0, 0.0]
+
+
+def test_a_gripper_in_degrees() -> None:
+    assert track(device({"gripper": "deg"}, gripper="g"), g=180.0).gripper_rad == pytest.approx(np.pi)
+
+
+@given(st.lists(st.floats(-3.0, 3.0), min_size=4, max_size=4).filter(lambda q: sum(v * v for v in q) > 0.01))
+def test_quaternions_are_of_norm_one_whatever_their_rounding(values: list[float]) -> None:
+    rounded = np.asarray(values) / np.linalg.norm(values) * 1.004
+    found = track(device(quaternion=list("abcd")), a=rounded[0], b=rounded[1], c=rounded[2], d=rounded[3])
+    assert np.linalg.norm(found.orientation, axis=1) == pytest.approx(1.0, abs=1e-12)
+    assert found.orientation[0, 3] >= 0
+
+
+def test_quaternions_of_norm_zero_are_refused_five_of_them_shown() -> None:
+    columns = table(9, a=0.0, b=0.0, c=0.0, d=0.0)
+    columns["d"][1] = 1.0
+    _, faults = pose_track(columns, device(quaternion=list("abcd")), "t.csv")
+    rule = "must be a quaternion of norm 1 (columns a b c d)"
+    expected = [f"t.csv: row {i}: {rule} (got 'norm 0')" for i in (0, 2, 3, 4, 5)]
+    assert [str(fault) for fault in faults] == [*expected, f"t.csv: and 3 more rows: {rule}"]
+
+
+def test_a_matrix_that_is_no_rotation_is_refused() -> None:
+    mirror = {f"m{i}": -1.0 if i % 4 == 0 else 0.0 for i in range(9)}
+    _, faults = pose_track(table(**mirror), device(matrix=[f"m{i}" for i in range(9)]), "t.csv")
+    assert str(faults[0]).startswith("t.csv: row 0: must be a rotation matrix (columns m0 ... m8) (got [-1.0,")
+    assert len(faults) == 2
+
+
+def test_numbers_that_are_not_finite_are_named_by_row_and_column() -> None:
+    columns = table(3)
+    columns["y"][1] = np.nan
+    columns["z"][2] = np.inf
+    assert [str(fault) for fault in finite_faults(columns, "t.csv")] == [
+        "t.csv: row 1, column y: must be finite (got nan)",
+        "t.csv: row 2, column z: must be finite (got inf)",
+    ]
+
+
+def test_likely_wrong_units_are_told() -> None:
+    columns = table(3, g=40.0, r=90.0)
+    columns["x"] += [0.0, 0.1, 0.2]
+    layout = device({"position": "mm"}, gripper="g", euler=["r"], euler_axes="z")
+    assert unit_doubts(columns, layout) == [
+        "MTML moves within 0.2 mm, taken for mm: are these other units?",
+        "MTML has angles up to 90 rad in column r: are these degrees?",
+        "MTML has angles up to 40 rad in column g: are these degrees?",
+    ]
+    assert unit_doubts(table(3, g=3.0), device(gripper="g")) == []
+
+
+def test_a_device_that_follows_repeats_positions_by_its_gain() -> None:
+    found = following(track(device()), 0.5)
+    assert found.position_m.tolist() == [[0.5, 1.0, 1.5]] * 2
+
+
+def clock_of(t_s: list[float] | np.ndarray[tuple[int], np.dtype[np.float64]]) -> RowClock:
+    clock, faults = row_clock(np.asarray(t_s, dtype=float), "t.csv", "t")
+    assert faults == []
+    assert clock is not None
+    return clock
+
+
+def test_rows_on_the_scenarios_grid_are_played_as_they_are() -> None:
+    clock = clock_of(100.0 + np.arange(90) / 30)
+    play, faults = played(clock, 30, resample=True, gaps="refuse", where="t.csv")
+    assert (play.at_s, play.warnings, faults) == (None, (), [])
+    assert clock.found_hz == pytest.approx(30.0)
+
+
+def test_times_must_increase() -> None:
+    clock, faults = row_clock(np.array([0.0, 1.0, 1.0, 2.0, 1.5]), "t.csv", "t")
+    assert clock is None
+    assert [str(fault) for fault in faults] == [
+        "t.csv: row 2: must be later than the row before (column t): sort the rows, or leave repeated ones out "
+        "(got '1 s after 1 s')",
+        "t.csv: row 4: must be later than the row before (column t): sort the rows, or leave repeated ones out "
+        "(got '1.5 s after 2 s')",
+    ]
+
+
+def test_another_rate_is_refused_with_what_to_set() -> None:
+    _, faults = played(clock_of(np.arange(100) / 50), 30, resample=False, gaps="refuse", where="t.csv")
+    assert [str(fault) for fault in faults] == [
+        "t.csv: has 50 rows a second and the scenario's rate_hz is 30: set rate_hz: 50, or source.resample: true to "
+        "interpolate rows at 30 Hz"
+    ]
+    _, faults = played(clock_of(np.arange(100) / 51.33), 30, resample=False, gaps="refuse", where="t.csv")
+    assert "set source.resample: true to interpolate" in str(faults[0])
+
+
+def test_gaps_are_refused_or_told() -> None:
+    t_s = np.delete(np.arange(100) / 30, [40, 41, 42, 70])
+    clock = clock_of(t_s)
+    assert clock.gaps == (39, 66)
+    words = "2 gaps, after 1.300 s (row 39; 133 ms), 2.300 s (row 66; 67 ms)"
+    _, faults = played(clock, 30, resample=False, gaps="refuse", where="t.csv")
+    assert [str(f) for f in faults] == [
+        f"t.csv: has {words}: set source.gaps: bridge to play over them, or cut the table"
+    ]
+    play, faults = played(clock, 30, resample=False, gaps="bridge", where="t.csv")
+    assert (play.at_s, faults) == (None, [])
+    assert play.warnings == (f"{words}: played without the time that is missing",)
+    play, faults = played(clock, 30, resample=True, gaps="bridge", where="t.csv")
+    assert faults == []
+    assert play.at_s is not None
+    assert play.at_s == pytest.approx(np.arange(100) / 30)
+    assert play.warnings[0] == f"{words}: interpolated"
+    assert play.warnings[1].startswith("resampled from 30 rows a second to 30")
+
+
+def test_a_slow_drift_of_the_rate_is_told() -> None:
+    play, faults = played(clock_of(np.arange(3000) / 29.97), 30, resample=False, gaps="refuse", where="t.csv")
+    assert faults == []
+    assert play.warnings == (
+        "its times depart from 30 rows a second by up to 100 ms; rows are played evenly (source.resample: true "
+        "interpolates them)",
+    )
+
+
+def test_resampling_keeps_lines_straight_and_rotations_even() -> None:
+    t_s = np.array([0.0, 0.02, 0.05, 0.06, 0.1])
+    half = 1.5 * t_s / 2  # a turn about z at 1.5 rad/s
+    turns = np.stack([0 * half, 0 * half, np.sin(half), np.cos(half)], axis=1)
+    track = PoseTrack(np.outer(t_s, [1.0, -2.0, 0.5]), turns, 3.0 * t_s)
+    at_s = np.array([0.0, 0.01, 0.055, 0.1])
+    found = resampled(track, t_s, at_s)
+    assert found.position_m == pytest.approx(np.outer(at_s, [1.0, -2.0, 0.5]))
+    assert found.gripper_rad == pytest.approx(3.0 * at_s)
+    assert found.orientation[:, 2] == pytest.approx(np.sin(0.75 * at_s))
+
+
+@given(st.integers(20, 2000), st.integers(10, 500))
+def test_resampled_rows_lie_within_the_recording(table_hz: int, rate_hz: int) -> None:
+    clock = clock_of(np.arange(3 * table_hz) / table_hz)
+    play, faults = played(clock, rate_hz, resample=True, gaps="refuse", where="t.csv")
+    assert faults == []
+    if play.at_s is not None:
+        assert play.at_s[-1] <= clock.t_s[-1] < play.at_s[-1] + 1.001 / rate_hz

@@ -1,0 +1,64 @@
+"""Planned and live outages and changes of a run in virtual time, at instants that are known."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tis.common.records import ControlNote
+from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.deploy.report.subjects.network.disturbances import Disturbance, disturbances, disturbances_text
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, run_twin
+
+_TIMELINE = (
+    "network.timeline=[{at_s: 0.5, for_s: 0.25, direction: both, set: {outage: true}}, "
+    "{at_s: 3.5, for_s: 0.2, direction: forward, set: {stall: true}}]"
+)
+SCENARIO = resolve("default", ["estimators=[hold]", "active_estimator=hold", _TIMELINE], None, 4.0)
+
+
+def _note(at_s: float, for_s: float, direction: str, change: dict[str, object]) -> ControlNote:
+    entry = {"at_s": at_s, "for_s": for_s, "direction": direction, "set": change}
+    at_ns = round(at_s * 1e9)
+    return ControlNote(
+        at_ns=at_ns - 500_000, applied_ns=at_ns, request="{}", added=json.dumps([entry]), accepted=True
+    )
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> RunLogs:
+    notes = [
+        _note(1.5, 0.5, "both", {"outage": True}),
+        _note(2.5, 0.75, "forward", {"delay": {"kind": "constant", "delay_ms": 90}}),
+    ]
+    run_dir = tmp_path_factory.mktemp("run")
+    nodes, models, _ = build_sides(SCENARIO, notes)
+    run_twin(SCENARIO, nodes, models, run_dir)
+    return load_run(run_dir)
+
+
+def test_each_is_found_once_with_its_time_direction_and_cause(logs: RunLogs) -> None:
+    planned, outage, change, stall = disturbances(logs, SCENARIO)
+    assert planned == Disturbance(0.5, 0.75, "outage", "both", live=False)
+    assert outage == Disturbance(1.5, 2.0, "outage", "both", live=True)
+    assert change == Disturbance(2.5, 3.25, "change", "forward", live=True)
+    assert stall == Disturbance(3.5, 3.7, "stall", "forward", live=False)
+
+
+def test_in_words_the_live_ones_come_first(logs: RunLogs) -> None:
+    assert disturbances_text("mine", disturbances(logs, SCENARIO)) == (
+        "Somebody changed the network of mine while it ran: outage of 0.5 s at 1.50 s, both directions; "
+        "change of 0.75 s at 2.50 s, forward. mine had 1 planned outage, 0.25 s in all. mine had 1 planned stall, "
+        "0.2 s in all."
+    )
+    assert disturbances_text("calm", []) == ""
+
+
+def test_many_are_counted() -> None:
+    found = [Disturbance(float(k), k + 0.5, "outage", "forward", live=True) for k in range(5)]
+    assert disturbances_text("mine", found).endswith("at 2.00 s, forward; and 2 more.")
+
+
+def test_without_netems_log_nothing_is_known(tmp_path: Path) -> None:
+    assert disturbances(RunLogs(tmp_path), SCENARIO) == []

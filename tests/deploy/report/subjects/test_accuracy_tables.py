@@ -1,0 +1,47 @@
+"""The table of estimators: bars that can be told apart whoever is beside them, and no columns of dashes."""
+
+import re
+from typing import Any
+
+from tests.deploy.report.partial import part
+from tis.deploy.report.subjects.accuracy import Scores, accuracy_page_table
+
+_WIDTH = re.compile(r"width:([\d.]+)%")
+
+
+def _entry(rmse_mm: float, step_us: float | None = None) -> Any:
+    values = {
+        "rmse_3d_mm": rmse_mm,
+        "ratio_to_hold": rmse_mm / 2.0,
+        "r2_pct": [1.0, 2.0, 3.0],
+        "n_scored": 9,
+        "n_missing": 0,
+        "step_us": {"p50": step_us, "p99": step_us},
+    }
+    return part(Scores, values)
+
+
+def test_one_that_errs_by_far_more_leaves_the_other_bars_readable_and_is_marked() -> None:
+    """hold errs by 2 mm: bars end at 6 mm."""
+    scores = {"hold": _entry(2.0), "innovations_kf": _entry(0.6), "paper": _entry(54.1)}
+    page = accuracy_page_table(scores, "left hand", "innovations_kf").html()
+    assert [float(width) for width in _WIDTH.findall(page)] == [33.3, 10.0, 100.0]
+    assert "\u00bb 54.10" in page
+    assert page.count("\u00bb") == 2  # there, and in the note
+    assert "Bars end at 3 times hold's error; longer ones are cut" in page
+
+
+def test_where_all_are_alike_the_largest_error_is_the_whole_bar() -> None:
+    page = accuracy_page_table({"hold": _entry(2.0), "velocity": _entry(4.0)}, "left hand", "hold").html()
+    assert [float(width) for width in _WIDTH.findall(page)] == [50.0, 100.0]
+    assert "cut" not in page
+    alone = accuracy_page_table({"velocity": _entry(4.0)}, "left hand", "velocity").html()
+    assert [float(width) for width in _WIDTH.findall(alone)] == [100.0]
+
+
+def test_the_time_of_a_step_has_a_column_where_it_was_measured() -> None:
+    assert "step" not in accuracy_page_table({"hold": _entry(2.0)}, "left hand", "hold").html()
+    assert (
+        "step, median"
+        in accuracy_page_table({"hold": _entry(2.0), "plant": _entry(1.0, 41.0)}, "left hand", "hold").html()
+    )

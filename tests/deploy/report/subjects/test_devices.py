@@ -1,0 +1,55 @@
+from pathlib import Path
+from typing import Any
+
+from tests.deploy.report.hand_made import MS, a_scenario, counter, write_run
+from tis.common.devices.records import DEVICES, DeviceNote
+from tis.common.node import Record
+from tis.deploy.report.subjects.devices import device_texts, devices_summary, is_foreign
+from tis.deploy.report.subjects.identification import source_label
+
+LIVE: dict[str, Any] = {
+    "source": {"kind": "live", "hands": ["left", "right"]},
+    "patient": {"plant": {"kind": "external"}},
+    "identification": {"train": "synthetic"},
+}
+
+
+def test_what_devices_and_arms_sent_and_what_was_not_used_of_it(tmp_path: Path) -> None:
+    first = DeviceNote(at_ns=400 * MS, hand="left", event="first", for_ns=0)
+    surgeon = [
+        Record(DEVICES, 400 * MS, first),
+        *[counter(f"device_{name}.left", n) for name, n in (("poses", 90), ("silences", 2), ("silent_ticks", 45))],
+        counter("device_not_finite.left", 3),
+        counter("device_jump.left", 1),
+        counter("device_poses.right", 0),
+        counter("device_silences.right", 1),
+        counter("device_not_finite.right", 5),
+    ]
+    patient = [counter("arm_poses.left", 7), counter("arm_poses.right", 8), counter("arm_flooded.right", 1000)]
+    scenario = a_scenario(**LIVE)
+    found = devices_summary(write_run(tmp_path, surgeon=surgeon, patient=patient), scenario)
+    left = found["devices"]["left"]
+    assert (left["poses"], left["first_s"], left["silences"], left["silent_s"]) == (90, 0.4, 2, 1.5)
+    assert {reason: n for reason, n in left["refused"].items() if n} == {"not_finite": 3, "jump": 1}
+    assert found["external_arms"]["left"]["poses"] == 7
+    assert device_texts(found["devices"], found["external_arms"]) == [
+        "the device of the left hand was silent 2 times, for 1.5 s in all: its last pose held",
+        "not used of the messages of the device of the left hand: 3 with numbers that are not finite, 1 that jumped, "
+        "which were not followed",
+        "not used of the messages of the device of the right hand: 5 with numbers that are not finite",
+        "not used of the messages of the external arm of the right hand: 1000 that came too fast, between two ticks",
+    ]
+
+
+def test_a_scenario_without_either_has_no_such_figures(tmp_path: Path) -> None:
+    logs = write_run(tmp_path, surgeon=[], patient=[])
+    assert devices_summary(logs, a_scenario()) == {}
+    assert device_texts({}, {}) == []
+
+
+def test_a_foreign_surgeon_has_its_device_to_itself(tmp_path: Path) -> None:
+    logs = write_run(tmp_path, surgeon=[counter("foreign_surgeon", 1)])
+    assert is_foreign(logs)
+    assert devices_summary(logs, a_scenario(**LIVE))["devices"] == {}
+    assert source_label(a_scenario(**LIVE), is_foreign(logs)) == "foreign surgeon, left and right hand"
+    assert not is_foreign(write_run(tmp_path, surgeon=[]))

@@ -1,0 +1,122 @@
+"""The summary's figures of set points, against the messages of the log read one by one."""
+
+import json
+from itertools import pairwise
+from math import dist
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from tis.common.records import COUNTERS
+from tis.common.safety_records import STOPS, StopNote
+from tis.common.scenario import reading
+from tis.deploy.logs.read.load import load_run
+from tis.deploy.present.plot_style import time_range
+from tis.deploy.report.plots.errors import safety_figure
+from tis.deploy.report.run_view import hand_view
+from tis.deploy.report.subjects.safety import safety_summary, set_points, stop_texts
+from tis.deploy.report.subjects.tracking import track_of_hand
+from tis.deploy.run.resolve import resolve
+from tis.deploy.run.twin import build_sides, run_twin
+from tis.deploy.shell import run_dir as folder
+
+_OUTAGE = "network.timeline=[{at_s: 3, for_s: 4, direction: forward, set: {outage: true}}]"
+
+
+@pytest.fixture(scope="module")
+def run_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    scenario = resolve("default", (_OUTAGE, "estimators=[hold, innovations_kf]"), seed=11, duration_s=9.0)
+    nodes, models, _ = build_sides(scenario)
+    path = tmp_path_factory.mktemp("run")
+    (path / "scenario.yaml").write_text(reading.dump_scenario(scenario))
+    run_twin(scenario, nodes, models, path)
+    return path
+
+
+def _messages(path: Path, ending: str) -> list[dict[str, object]]:
+    with path.open("rb") as file:
+        return [
+            json.loads(message.data)
+            for _, channel, message in make_reader(file).iter_messages(log_time_order=False)
+            if channel.topic.endswith(ending)
+        ]
+
+
+def test_the_figures_are_those_of_the_messages(run_dir: Path) -> None:
+    logs, scenario = load_run(run_dir), folder.read_scenario(run_dir)
+    found = safety_summary(logs, scenario, {"left": track_of_hand(logs, scenario, "left")})["left"]
+    assert found is not None
+    points = _messages(run_dir / "patient.mcap", "/servo_cp")
+    estimates = {
+        row["tick"]: row["position_m"] for row in _messages(run_dir / "patient.mcap", "estimates/innovations_kf")
+    }
+    modes = [point["mode"] for point in points]
+    assert found["time_s"] == {mode: modes.count(mode) / 30 for mode in found["time_s"]}
+    assert found["time_s"]["hold"] == pytest.approx(1.5, abs=0.04)
+    assert found["time_s"]["slow_stop"] == pytest.approx(1.0, abs=0.2)
+    assert found["changes"] == sum(a != b for a, b in pairwise(modes))
+    assert found["shaped_ticks"] == sum(point["position_m"] != estimates[point["tick"]] for point in points)
+    places = [tuple(point["position_m"].values()) for point in points]  # type: ignore[attr-defined]
+    assert found["largest_step_mm"] == pytest.approx(1e3 * max(dist(a, b) for a, b in pairwise(places)))
+    assert found["largest_step_mm"] <= 8.0 + 1e-9
+    assert found["rmse_3d_mm"] > 0
+    assert found["emergency_stops"] == 0
+
+
+def test_states_and_errors_are_drawn(run_dir: Path) -> None:
+    logs, scenario = load_run(run_dir), folder.read_scenario(run_dir)
+    view = hand_view(logs, scenario, "left", "left hand")
+    driven = set_points(logs, scenario, view.track, "left")
+    figure = safety_figure(view, driven, time_range(9.0))
+    assert figure is not None
+    assert {key.name for key in figure.keys} == {
+        "set point", "innovations_kf, the estimate", "hold", "slow stop", "resuming",
+    }  # fmt: skip
+    assert "hold 1.5 s" in figure.caption
+
+
+def test_an_arm_stopped_before_its_first_set_point_counts_the_stop(run_dir: Path) -> None:
+    logs, scenario = load_run(run_dir), folder.read_scenario(run_dir)
+    rows = logs.sides["patient"].rows
+    logs.sides["patient"].rows = {topic: found for topic, found in rows.items() if not topic.endswith("servo_cp")}
+    logs.sides["patient"].rows[STOPS] = [{"at_ns": 5, "stop": True, "reason": ""}]  # as a log of before holds it
+    found = safety_summary(logs, scenario, {"left": track_of_hand(logs, scenario, "left")})["left"]
+    assert found is not None
+    assert (found["emergency_stops"], set(found["time_s"].values()), found["rmse_3d_mm"]) == (1, {0.0}, None)
+    assert (found["shaped_ticks"], found["largest_step_mm"]) == (0, None)
+
+
+def test_a_log_without_set_points_has_no_figures(run_dir: Path) -> None:
+    logs, scenario = load_run(run_dir), folder.read_scenario(run_dir)
+    logs.sides["patient"].rows = {
+        topic: rows for topic, rows in logs.sides["patient"].rows.items() if not topic.endswith("servo_cp")
+    }
+    track = track_of_hand(logs, scenario, "left")
+    assert safety_summary(logs, scenario, {"left": track}) == {"left": None}
+
+
+def test_requests_are_counted_by_what_came_of_them(run_dir: Path) -> None:
+    logs, scenario = load_run(run_dir), folder.read_scenario(run_dir)
+    notes = [
+        StopNote(at_ns=5, stop=True, reason="", number=1, stopped=True, changed=True),
+        StopNote(at_ns=6, stop=False, reason="", ends=1, stopped=True, changed=False, refused="wrong secret"),
+        StopNote(at_ns=7, stop=False, reason="", ends=1, by_stopper=False, stopped=False, changed=True),
+        StopNote(at_ns=8, stop=False, reason="", ends=2, stopped=False, changed=False),
+    ]
+    logs.sides["patient"].rows[STOPS] = [note.model_dump() for note in notes]
+    logs.sides["patient"].rows[COUNTERS] = [
+        {"name": "stop_requests_refused", "value": 3}, {"name": "stop_requests_flooded", "value": 29_000},
+    ]  # fmt: skip
+    left = safety_summary(logs, scenario, {"left": track_of_hand(logs, scenario, "left")})["left"]
+    assert left is not None
+    names = ("emergency_stops", "releases", "releases_by_others", "stop_requests_refused", "stop_requests_flooded")
+    assert [left[name] for name in names] == [1, 2, 1, 3, 29_000]
+    stood_s = left["time_s"]["safe"]
+    assert stop_texts({"left": left, "right": None}) == [
+        f"an emergency stop stopped the arms, which stood still for {stood_s:.1f} s: the errors count that time",
+        "a release came without the stop's token (patient.safety.release says who may)",
+        "the patient refused 3 requests to stop or to release (reasons in the log)",
+        "a flood of 29006 requests to stop or to release: the patient carried out a stop and 2 releases, the others "
+        "had no effect",
+    ]

@@ -1,0 +1,151 @@
+"""Scores from hand-made logs: millimetres that can be added up in the head."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.deploy.report.hand_made import (
+    COMMAND,
+    MS,
+    Position,
+    a_scenario,
+    estimate,
+    message,
+    truth,
+    write_log,
+    write_run,
+)
+from tests.patient_side.arm_models import static_model
+from tis.common.messages import Vector3
+from tis.common.node import Record
+from tis.common.records import PLANT, EstimateNote, PlantNote
+from tis.deploy.report.subjects.accuracy import accuracy_of_hand
+
+MODEL = static_model()  # its output range is 0.1 m on every axis
+# The arm moves 1 mm in x every 100 ms; y and z stand still.
+TRUTH = [truth(k, 100 * k, (0.001 * k, 0.0, 0.0)) for k in range(60)]
+FIRST = message(COMMAND, 0, 0, log_ms=50)  # so the scored ticks begin at 2050 ms
+TICKS_MS = (2000, 2050, 2150, 2250)  # the truth there: 20, 20.5, 21.5, 22.5 mm
+
+
+def _at_mm(*x_mm: float | None, name: str) -> list[Record]:
+    points: list[Position | None] = [None if x is None else (x / 1000, 0.0, 0.0) for x in x_mm]
+    return [estimate(k, t, name, point) for k, (t, point) in enumerate(zip(TICKS_MS, points, strict=True))]
+
+
+def test_errors_are_scored_from_2_s_after_the_first_arrival(tmp_path: Path) -> None:
+    hold = _at_mm(999, 18.5, 19.5, 20.5, name="hold")  # 2 mm behind at each scored tick
+    kalman = _at_mm(999, 20.5, None, 23.5, name="innovations_kf")  # 0 mm, none (counts as hold's 2 mm), 1 mm
+    logs = write_run(tmp_path, surgeon=TRUTH, patient=[FIRST, *hold, *kalman])
+    accuracy = accuracy_of_hand(logs, a_scenario(), "left", MODEL)
+    assert list(accuracy) == ["hold", "innovations_kf"]
+    assert accuracy["hold"]["rmse_3d_mm"] == pytest.approx(2)
+    assert accuracy["hold"]["ratio_to_hold"] == 1
+    entry = accuracy["innovations_kf"]
+    assert (entry["n_scored"], entry["n_missing"]) == (3, 1)
+    # squared errors 0, 4, 1 mm^2; the truth is -1, 0, 1 mm about its mean
+    assert entry["rmse_3d_mm"] == pytest.approx((5 / 3) ** 0.5)
+    assert entry["ratio_to_hold"] == pytest.approx((5 / 12) ** 0.5)
+    assert entry["r2_pct"] == [pytest.approx(100 * (1 - 5 / 2)), None, None]
+    assert entry["rmse_normalized"][0] == pytest.approx((5 / 3) ** 0.5 / 100)
+
+
+def test_estimators_come_in_the_scenarios_order_and_unasked_ones_last(tmp_path: Path) -> None:
+    names = ("another", "damped_velocity", "hold", "innovations_kf")
+    rows = [row for name in names for row in _at_mm(20, 20, 20, 20, name=name)]
+    logs = write_run(tmp_path, surgeon=TRUTH, patient=[FIRST, *rows])
+    scenario = a_scenario(estimators=["innovations_kf", "hold", "damped_velocity"])
+    assert list(accuracy_of_hand(logs, scenario, "left", MODEL)) == [
+        "innovations_kf",
+        "hold",
+        "damped_velocity",
+        "another",
+    ]
+
+
+def test_step_times_are_percentiles_in_us_and_null_where_nobody_measured(tmp_path: Path) -> None:
+    """In virtual time every step takes 0 ns, which is no measurement."""
+    steps_ns = (10_000, 30_000, 20_000, 400_000)
+    kalman = [estimate(k, t, "innovations_kf", (0.02, 0, 0), step_ns=steps_ns[k]) for k, t in enumerate(TICKS_MS)]
+    logs = write_run(tmp_path, surgeon=TRUTH, patient=[FIRST, *_at_mm(20, 20, 20, 20, name="hold"), *kalman])
+    accuracy = accuracy_of_hand(logs, a_scenario(), "left", MODEL)
+    assert accuracy["innovations_kf"]["step_us"] == {"p50": 20, "p99": 400}
+    assert accuracy["hold"]["step_us"] == {"p50": None, "p99": None}
+
+
+def test_two_hands_are_scored_apart(tmp_path: Path) -> None:
+    right_truth = [truth(k, 100 * k, (0.0, 0.0, 0.01 * k), hand="right") for k in range(60)]
+    left = _at_mm(999, 21.5, 22.5, 23.5, name="hold")  # 1 mm ahead
+    # the right arm is at z = 205, 215, 225 mm; hold stands at 205
+    right = [estimate(k, t, "hold", (0.0, 0.0, 0.205), hand="right") for k, t in enumerate(TICKS_MS)]
+    logs = write_run(tmp_path, surgeon=[*TRUTH, *right_truth], patient=[FIRST, *left, *right])
+    scenario = a_scenario()
+    assert accuracy_of_hand(logs, scenario, "left", MODEL)["hold"]["rmse_3d_mm"] == pytest.approx(1)
+    found = accuracy_of_hand(logs, scenario, "right", MODEL)["hold"]
+    assert found["rmse_3d_mm"] == pytest.approx((500 / 3) ** 0.5)  # 0, 10, 20 mm
+    assert found["r2_pct"] == [None, None, pytest.approx(100 * (1 - 500 / 200))]
+
+
+def test_a_servos_arm_is_scored_beside_the_estimators(tmp_path: Path) -> None:
+    plant = [
+        Record(
+            PLANT,
+            t * MS,
+            PlantNote(tick=k, t_ns=t * MS, hand="left", position_m=Vector3(x=x, y=0, z=0), clamped=k == 2),
+        )
+        for k, (t, x) in enumerate(zip(TICKS_MS, (0, 0.0235, 0.0245, 0.0255), strict=True))
+    ]  # 3 mm ahead
+    logs = write_run(tmp_path, surgeon=TRUTH, patient=[FIRST, *_at_mm(0, 18.5, 19.5, 20.5, name="hold"), *plant])
+    servo = a_scenario(patient={"plant": {"kind": "servo"}})
+    assert accuracy_of_hand(logs, servo, "left", MODEL)["plant"]["rmse_3d_mm"] == pytest.approx(3)
+    assert accuracy_of_hand(logs, servo, "left", MODEL)["plant"]["ratio_to_hold"] == pytest.approx(1.5)
+    assert accuracy_of_hand(logs, servo, "left", MODEL)["plant"]["clamped_pct"] == pytest.approx(25)  # 1 tick of 4
+    assert "plant" not in accuracy_of_hand(logs, a_scenario(), "left", MODEL)
+
+
+def test_without_truth_without_estimates_or_without_hold_there_is_no_score(tmp_path: Path) -> None:
+    """A log can be torn between the first estimator's first record and hold's."""
+    hold, kalman = _at_mm(20, 20, 20, 20, name="hold"), _at_mm(20, 20, 20, 20, name="innovations_kf")
+    cases = {"truth": ([], [FIRST, *hold]), "estimates": (TRUTH, [FIRST]), "hold": (TRUTH, [FIRST, *kalman])}
+    for name, (surgeon, patient) in cases.items():
+        (tmp_path / name).mkdir()
+        logs = write_run(tmp_path / name, surgeon=surgeon, patient=patient)
+        assert accuracy_of_hand(logs, a_scenario(), "left", MODEL) == {}, name
+
+
+def test_without_an_arrival_nothing_is_scored_and_the_figures_are_null(tmp_path: Path) -> None:
+    write_log(tmp_path, "netem", [])
+    logs = write_run(tmp_path, surgeon=TRUTH, patient=_at_mm(20, 20, 20, 20, name="hold"))
+    entry = accuracy_of_hand(logs, a_scenario(), "left", MODEL)["hold"]
+    assert entry["n_scored"] == 0
+    assert entry["rmse_3d_mm"] is entry["ratio_to_hold"] is None
+
+
+def test_nees_is_against_truth_nis_where_the_arms_samples_reached_the_patient(tmp_path: Path) -> None:
+    """moesp_kf states 1 mm on each axis and errs by 2, 0 and 1 mm in x; the sample after 2200 ms was lost."""
+    truths = [truth(k, k * 1000 / 30, (0.0, 0.0, 0.0)) for k in range(90)]
+    instants_ms = [round(k * 1000 / 30, 6) for k in range(90)]
+    arrived = [
+        message("tis/PSM2/setpoint_cp", k, ms, log_ms=ms + 5, sample_ms=ms)
+        for k, ms in enumerate(instants_ms)
+        if k != 67
+    ]
+    at_ms, errors_m = (2102, 2202, 2302), (0.002, 0.0, 0.001)  # between samples 63 64, 66 67, 69 70
+    one_mm = Vector3(x=0.001, y=0.001, z=0.001)
+    stated = [
+        replace(record, data=record.data.model_copy(update={"std_m": one_mm}))
+        for record in (
+            estimate(k, t, "moesp_kf", (x, 0, 0)) for k, (t, x) in enumerate(zip(at_ms, errors_m, strict=True))
+        )
+        if isinstance(record.data, EstimateNote)
+    ]
+    hold = [estimate(k, t, "hold", (0.005, 0, 0)) for k, t in enumerate(at_ms)]
+    logs = write_run(tmp_path, surgeon=truths, patient=[*arrived, *hold, *stated])
+    accuracy = accuracy_of_hand(logs, a_scenario(), "left", MODEL)
+    nees, nis = accuracy["moesp_kf"]["nees"], accuracy["moesp_kf"]["nis"]
+    assert (nees["n"], nis["n"]) == (3, 2)
+    assert nees["mean"] == [pytest.approx(5 / 3), 0, 0]
+    assert nis["mean"] == [pytest.approx(5 / 2), 0, 0]
+    assert nees["coverage_pct"][0] == pytest.approx(200 / 3)
+    assert "nees" not in accuracy["hold"].as_json()

@@ -1,0 +1,112 @@
+"""The answer in words, for figures chosen by hand."""
+
+from typing import Any
+
+import pytest
+
+from tests.deploy.report.hand_made import a_scenario
+from tests.deploy.report.partial import summary_of
+from tis.common.scenario import Scenario
+from tis.deploy.report import answer as module
+
+
+def answer(summary: dict[str, Any], scenario: Scenario) -> str:
+    return module.answer(summary_of(summary), scenario)
+
+
+def _entry(rmse_3d_mm: float | None, ratio: float | None) -> dict[str, Any]:
+    return {"rmse_3d_mm": None if rmse_3d_mm is None else float(rmse_3d_mm), "ratio_to_hold": ratio}
+
+
+def _summary(
+    accuracy: dict[str, Any],
+    loss: tuple[float | None, float | None] = (1.5, 0.0),
+    copies: int = 1,
+    history: int = 0,
+    samples_pct: float | None = 1.5,
+) -> dict[str, Any]:
+    return {
+        "latency_ms": {"end_to_end": {"p50": 68.71, "p99": 102.04}},
+        "links": {"forward": {"loss_pct": loss[0]}, "feedback": {"loss_pct": loss[1]}},
+        "accuracy": accuracy,
+        "redundancy": _sent(copies, history, samples_pct),
+    }
+
+
+def _sent(copies: int, history: int, samples_pct: float | None) -> dict[str, Any]:
+    return {
+        "copies": copies,
+        "copy_spacing_ms": 8.0,
+        "history": history,
+        "lost": {"samples_pct": samples_pct},
+    }
+
+
+SCORES = {"hold": _entry(2, 1), "innovations_kf": _entry(0.5, 0.25), "plant": _entry(0.1, 0.05)}
+
+
+def test_it_says_how_late_how_lossy_and_how_accurate() -> None:
+    assert answer(_summary(SCORES), a_scenario()) == (
+        "When an estimate is published, the newest sample behind it is 68.71 ms old in the median, and at "
+        "most 102.0 ms in 99 of 100 cases (p99). The network lost 1.50 % of the packets from surgeon to patient and "
+        "none of those back. The patient's estimator, innovations_kf, was off the arm's true position by 0.500 mm "
+        "(RMSE in 3D); merely repeating the newest arm position that arrived (hold) was off by 2.00 mm. So "
+        "estimating leaves 25 % of the error."
+    )
+
+
+def test_another_estimator_that_is_better_is_named() -> None:
+    scores = SCORES | {"static_gain": _entry(0.4, 0.2)}
+    assert "static_gain came closest, with 0.400 mm." in answer(_summary(scores), a_scenario())
+    worse = {"hold": _entry(2, 1), "innovations_kf": _entry(3, 1.5)}
+    text = answer(_summary(worse), a_scenario())
+    assert "So estimating did not pay here: it leaves 150 % of the error. Of all estimators hold came closest" in text
+
+
+def test_two_hands_are_told_apart() -> None:
+    right = {"hold": _entry(4, 1), "innovations_kf": _entry(3, 0.75), "static_gain": _entry(1, 0.25)}
+    summary = _summary(SCORES) | {"accuracy_by_hand": {"left": SCORES, "right": right}}
+    text = answer(summary, a_scenario(source={"kind": "synthetic", "hands": ["left", "right"]}))
+    assert "by 0.500 mm (left hand) and 3.00 mm (right hand) (RMSE in 3D); " in text
+    assert "by 2.00 mm (left hand) and 4.00 mm (right hand)." in text
+    assert "leaves 25 % and 75 % of the error." in text
+    assert "static_gain came closest, with 1.00 mm, right hand." in text
+
+
+def test_hold_may_be_the_one_that_acts() -> None:
+    scenario = a_scenario(active_estimator="hold", estimators=["hold"])
+    assert (
+        "hold, which repeats the newest arm position that arrived, was off the arm by 2.00 mm (RMSE in 3D)."
+        in answer(_summary(SCORES), scenario)
+    )
+
+
+@pytest.mark.parametrize("accuracy", [{}, {"hold": _entry(None, None), "innovations_kf": _entry(None, None)}])
+def test_what_is_not_known_is_said_to_be_unknown(accuracy: dict[str, Any]) -> None:
+    summary = _summary(accuracy, (None, None))
+    summary["latency_ms"]["end_to_end"] = {"p50": None, "p99": None}
+    assert answer(summary, a_scenario()) == (
+        "How late the estimates were is not known. How much was lost is not known. "
+        "How accurate the estimates were is not known."
+    )
+
+
+@pytest.mark.parametrize(
+    ("copies", "history", "samples_pct", "words"),
+    [
+        (4, 2, 0.0, "each sample 4 times, 8 ms apart, with the 2 samples before it: every sample arrived. The"),
+        (1, 1, 0.02, "each sample once, with the sample before it: 0.02 % of the samples never arrived. The"),
+    ],
+)
+def test_packets_lost_are_told_apart_from_samples_that_never_arrived(
+    copies: int, history: int, samples_pct: float, words: str
+) -> None:
+    text = answer(_summary(SCORES, (1.5, 0.0), copies, history, samples_pct), a_scenario())
+    assert (
+        f"lost 1.50 % of the packets from surgeon to patient and none of those back. The surgeon sent {words}" in text
+    )
+
+
+def test_who_sends_once_or_knows_nothing_says_nothing_of_samples() -> None:
+    assert "samples" not in answer(_summary(SCORES), a_scenario())
+    assert "samples" not in answer(_summary(SCORES, (None, None), 4, 0, None), a_scenario())
