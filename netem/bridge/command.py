@@ -1,7 +1,7 @@
 """The command ``tis netem``: a scenario's emulator, or one between any two Zenoh networks."""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -154,19 +154,12 @@ def netem_command(
             from tis.netem.bridge.sides import Place
             from tis.netem.bridge.standalone import Standalone
 
-            if connect or listen:
-                rule = "must not stand beside --west, --east, --connect-west and --connect-east"
-                raise InputError(Fault("netem", "--connect, --listen", rule))
-            _refuse(endpoint_faults("netem", {option: given or () for option, given in places.items()}))
-            if mode not in ("client", "peer"):
-                raise InputError(Fault("netem", "--mode", "must be client or peer", mode))
+            _check(connect or listen, places, mode)
             file = None if network is None else locate(network)
             where, part = read_network(file, profile, settings or [], unmatched, profiles)
             asked = Standalone(
-                places={
-                    "west": Place(tuple(west or ()), tuple(connect_west or ())),
-                    "east": Place(tuple(east or ()), tuple(connect_east or ())),
-                },
+                places={"west": Place(tuple(west or ()), tuple(connect_west or ())),
+                        "east": Place(tuple(east or ()), tuple(connect_east or ()))},
                 network=part, keys=keys or ("**",), where=where, seed=seed,
                 zenoh=ZenohOptions(connect or (), listen or (), config, cfg or (), insecure),
                 mode="peer" if mode == "peer" else "client", duration_s=duration_s, wait_s=wait_s,
@@ -185,6 +178,16 @@ def netem_command(
         run_scenario(keys[0], run_dir, connect, listen, config, cfg, wait_s, insecure, child, alone)
 
     return command
+
+
+def _check(of_scenario: Many, places: Mapping[str, Many], mode: str) -> None:
+    """Raise `InputError` for endpoints ``of_scenario``, which no network has here, and for what cannot be used."""
+    if of_scenario:
+        rule = "must not stand beside --west, --east, --connect-west and --connect-east"
+        raise InputError(Fault("netem", "--connect, --listen", rule))
+    _refuse(endpoint_faults("netem", {option: given or () for option, given in places.items()}))
+    if mode not in ("client", "peer"):
+        raise InputError(Fault("netem", "--mode", "must be client or peer", mode))
 
 
 def _refuse(found: Sequence[Fault]) -> None:

@@ -22,13 +22,14 @@ from tis.netem.link.ledger import last_records
 from tis.netem.link.link import Link
 from tis.netem.link.packet import Due, Fate
 
+P = ParamSpec("P")
+T = TypeVar("T")
+
 _MAX_SLEEP_S: Final = 0.5
 _N_SLEEPS: Final = 100
 _SLEEP_NS: Final = 500_000
 _PUNCTUAL_SHARE: Final = 0.9
 _MAX_LEAD_NS: Final = 150_000
-P = ParamSpec("P")
-T = TypeVar("T")
 _NEVER_NS: Final = 1 << 62
 _IDLE_NS: Final = 2_000_000
 _AHEAD_NS: Final = 20_000  # packets are taken from the link this early, so that the search does not delay them
@@ -53,14 +54,11 @@ class Alarm:
     def sleep(self, clock: Clock, until_ns: int) -> None:
         """Sleep until run time ``until_ns`` or a ring, at most half a second."""
         asleep_s = (until_ns - clock.now_ns() - self.lead_ns) * 1e-9
-        if asleep_s > 0:
-            if select.select((self._rings,), (), (), min(asleep_s, _MAX_SLEEP_S))[0]:
-                os.eventfd_read(self._rings)
-                return
-            if asleep_s > _MAX_SLEEP_S:
-                return
-        while clock.now_ns() < until_ns:
-            time.sleep(0)  # yields the interpreter lock to callbacks
+        if asleep_s > 0 and select.select((self._rings,), (), (), min(asleep_s, _MAX_SLEEP_S))[0]:
+            os.eventfd_read(self._rings)
+        elif asleep_s <= _MAX_SLEEP_S:
+            while clock.now_ns() < until_ns:
+                time.sleep(0)  # yields the interpreter lock to callbacks
 
 
 def measure_lead_ns() -> int:
@@ -70,18 +68,15 @@ def measure_lead_ns() -> int:
     bounded, since polling costs processor time.
     """
     sharpen_timers()
-    alarm = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+    alarm, late_ns = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC), list[int]()
     try:
-        late_ns = sorted(_oversleep_ns(alarm) for _ in range(_N_SLEEPS))
+        for _ in range(_N_SLEEPS):
+            due_ns = time.monotonic_ns() + _SLEEP_NS
+            select.select((alarm,), (), (), _SLEEP_NS * 1e-9)
+            late_ns.append(time.monotonic_ns() - due_ns)
     finally:
         os.close(alarm)
-    return min(_MAX_LEAD_NS, max(0, late_ns[int(_PUNCTUAL_SHARE * _N_SLEEPS)]))
-
-
-def _oversleep_ns(alarm: int) -> int:
-    due_ns = time.monotonic_ns() + _SLEEP_NS
-    select.select((alarm,), (), (), _SLEEP_NS * 1e-9)
-    return time.monotonic_ns() - due_ns
+    return min(_MAX_LEAD_NS, max(0, sorted(late_ns)[int(_PUNCTUAL_SHARE * _N_SLEEPS)]))
 
 
 class Driver:
@@ -204,9 +199,9 @@ class Driver:
 
     def run(self, recorder: LateRecorder, until_ns: int, stopped: Callable[[], bool]) -> None:
         """Release packets at their instants until run time ``until_ns`` or until ``stopped``; then end the log."""
-        assert self._clock is not None, "start() comes before run()"
-        sharpen_timers()
         clock = self._clock
+        assert clock is not None, "start() comes before run()"
+        sharpen_timers()
         self.pulse.is_busy = True  # it sleeps for half a second at most
         while not stopped() and self.error is None:
             self.pulse.n += 1
@@ -278,12 +273,11 @@ class Driver:
 
     def _run_deferred(self) -> bool:
         """Draw one block ahead of its use; False: there is none."""
-        for link in self.links.values():
-            if link.deferred:
-                with self._lock:
-                    link.run_deferred(1)
-                return True
-        return False
+        link = next((link for link in self.links.values() if link.deferred), None)
+        if link is not None:
+            with self._lock:
+                link.run_deferred(1)
+        return link is not None
 
     def _stop_accepting(self) -> None:
         """Let nothing pass any longer, and wait for the packets that callbacks are sending."""
