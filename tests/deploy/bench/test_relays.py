@@ -1,8 +1,8 @@
 import pytest
 
 from tis.common.runtime.process import free_endpoints
-from tis.deploy.bench.netem import paced
 from tis.deploy.bench.relays import least_relay
+from tis.deploy.bench.traffic import paced
 
 
 @pytest.mark.live
