@@ -57,7 +57,7 @@ def _network(run: StandaloneRun, summary: NetemSummary) -> Section:
     links = {direction: link_columns(run.logs, direction) for direction in get_args(Direction)}
     requests = {direction: Requested.of(run.request, direction, run.logs) for direction in links}
     spans = {direction: request.spans(run.log.last_ns) for direction, request in requests.items()}
-    request = {d: request.shared(link_fates(run.logs, d)) for d, request in requests.items()}
+    request = {d: request.shared_by(link_fates(run.logs, d)) for d, request in requests.items()}
     figures = [
         delay_figure(links, time_range(summary.duration_s), spans),
         delay_cdf(delay_curves(links, request, any(request.varies for request in requests.values()))),

@@ -147,4 +147,4 @@ class RunPlots:
 
 def _shared(logs: RunLogs, direction: Direction, request: Requested) -> RequestedPipeline | None:
     fates = link_fates(logs, direction)
-    return request.shared(fates.at(~fates.foreign))
+    return request.shared_by(fates.at(~fates.foreign))

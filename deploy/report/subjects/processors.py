@@ -6,7 +6,7 @@ from typing import Final, get_args
 from tis.common.channels import Side
 from tis.common.errors import DataError, Fault
 from tis.common.host_records import PROCESSORS
-from tis.common.metrics.processor_shares import ProcessorShares, processor_shares
+from tis.common.metrics.processor_shares import processor_shares
 from tis.deploy.logs.json_rows import Row
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.present.table import Table
@@ -29,6 +29,11 @@ class ProcessorFigures(Section):
     throttled_ms: float | None = means("Time for which it was throttled.")
     quota_processors: float | None = means("Quota of the control group, in processors.")
 
+    @property
+    def unused_pct(self) -> float | None:
+        """Return the share of idle time, with or without a pending disk access."""
+        return None if self.idle_pct is None or self.iowait_pct is None else self.idle_pct + self.iowait_pct
+
 
 _SHARES: Final = {
     "testbed_pct": "tis",
@@ -50,7 +55,7 @@ _QUOTA_NOTE: Final = (
 )
 
 
-def shares_of(logs: RunLogs, side: Side) -> ProcessorShares | None:
+def shares_of(logs: RunLogs, side: Side) -> ProcessorFigures | None:
     """Return a side's shares; None in virtual time, in old logs, and for a side that was cut short.
 
     Sides on one host count as the testbed's own processes. Raises `DataError` for notes of another version.
@@ -60,15 +65,15 @@ def shares_of(logs: RunLogs, side: Side) -> ProcessorShares | None:
     if note is None:
         return None
     try:
-        return processor_shares(note, _mates(logs, side))
+        found = processor_shares(note, _mates(logs, side))
+        return None if found is None else ProcessorFigures(**found)
     except (LookupError, TypeError, ValueError):
         raise DataError(Fault(PROCESSORS, "", "holds records that this version does not know")) from None
 
 
 def processors_summary(logs: RunLogs, sides: Sequence[Side] = get_args(Side)) -> dict[Side, ProcessorFigures | None]:
     """Return the summary's ``processors``: an entry for each side, None without notes."""
-    shares = {side: shares_of(logs, side) for side in sides}
-    return {side: None if found is None else ProcessorFigures(**found.summary()) for side, found in shares.items()}
+    return {side: shares_of(logs, side) for side in sides}
 
 
 def _note(logs: RunLogs, side: Side) -> Row | None:
@@ -81,22 +86,20 @@ def _mates(logs: RunLogs, side: Side) -> list[Row | None]:
     if not hosts:
         return []  # a standalone netem runs alone
     own = hosts.get(side, "")
-    near = (mate for mate in get_args(Side) if mate != side and _may_be_same(own, hosts.get(mate, "")))
-    return [_note(logs, mate) for mate in near]
+    # a side of an unknown host may run on this one
+    return [
+        _note(logs, mate) for mate in get_args(Side) if mate != side and (not own or hosts.get(mate, "") in ("", own))
+    ]
 
 
-def _may_be_same(host: str, other: str) -> bool:
-    return not host or not other or host == other
+_SCARCE_PCT: Final = 30
+_MIN_USE_PCT: Final = 10
+_MIN_STEAL_PCT: Final = 2
+_MIN_THROTTLED_PCT: Final = 1
+_ONE_BUSY_PCT: Final = 80
 
 
-_SCARCE: Final = 0.3
-_MIN_USE: Final = 0.1
-_MIN_STEAL: Final = 0.02
-_MIN_THROTTLED: Final = 0.01
-_ONE_BUSY: Final = 0.8
-
-
-def contention_clause(shares: ProcessorShares | None, side: Side) -> str:
+def contention_clause(shares: ProcessorFigures | None, side: Side) -> str:
     """Return a clause that follows `starved` or `too busy`, the largest cause first; "" when nothing is known.
 
     ``shares`` are of ``side``'s processors. Steal time counts from 2 % on: a virtual machine's host takes it only
@@ -109,26 +112,26 @@ def contention_clause(shares: ProcessorShares | None, side: Side) -> str:
         return ""
     if causes := _causes(shares, side):
         return f"; meanwhile {_listed(causes)}"
-    unused = shares.unused
-    if unused is None or unused < _SCARCE:
+    unused, own, others = shares.unused_pct, shares.own_pct, shares.others_pct
+    if unused is None or unused < _SCARCE_PCT:
         return ""
-    left = f"the processors were {_pct(unused)} idle over the run"
-    if shares.own >= _ONE_BUSY:
-        return f"; meanwhile {left}, but {side} itself used {_pct(shares.own)} of one"
-    if shares.others is not None and shares.others >= _MIN_USE:
-        return f", though {left}: not for want of them, unless in bursts of other programs ({_pct(shares.others)})"
+    left = f"the processors were {unused:.0f} % idle over the run"
+    if own is not None and own >= _ONE_BUSY_PCT:
+        return f"; meanwhile {left}, but {side} itself used {own:.0f} % of one"
+    if others is not None and others >= _MIN_USE_PCT:
+        return f", though {left}: not for want of them, unless in bursts of other programs ({others:.0f} %)"
     return f", though {left}: not for want of them"
 
 
-def _causes(shares: ProcessorShares, side: Side) -> list[tuple[float, str, bool]]:
-    """Return the causes, largest first: share, cause, and whether it is a share of processor time."""
-    scarce = shares.unused is not None and shares.unused < _SCARCE
+def _causes(shares: ProcessorFigures, side: Side) -> list[tuple[float, str, bool]]:
+    """Return the causes, largest first: share in %, cause, and whether it is a share of processor time."""
+    scarce = shares.unused_pct is not None and shares.unused_pct < _SCARCE_PCT
     found = [
-        (shares.steal, "the virtual machine's host took", True, _MIN_STEAL),
-        (shares.others if scarce else None, "other programs used", True, _MIN_USE),
-        (shares.testbed if scarce else None, "tis itself used", True, _MIN_USE),
-        (shares.throttled, f"a quota of {shares.quota_processors or 0:g} processors held {side} back in", False,
-         _MIN_THROTTLED),
+        (shares.steal_pct, "the virtual machine's host took", True, _MIN_STEAL_PCT),
+        (shares.others_pct if scarce else None, "other programs used", True, _MIN_USE_PCT),
+        (shares.testbed_pct if scarce else None, "tis itself used", True, _MIN_USE_PCT),
+        (shares.throttled_pct, f"a quota of {shares.quota_processors or 0:g} processors held {side} back in", False,
+         _MIN_THROTTLED_PCT),
     ]  # fmt: skip
     causes = [
         (share, cause, of_time) for share, cause, of_time, lowest in found if share is not None and share >= lowest
@@ -142,13 +145,9 @@ def _listed(causes: list[tuple[float, str, bool]]) -> str:
     for share, cause, of_time in causes:
         of = " of its periods" if not of_time else "" if has_unit else " of the processors' time"
         has_unit = has_unit or of_time
-        texts.append(f"{cause} {_pct(share)}{of}")
+        texts.append(f"{cause} {share:.0f} %{of}")
     *first, last = texts
     return f"{', '.join(first)} and {last}" if first else last
-
-
-def _pct(share: float) -> str:
-    return f"{100 * share:.0f} %"
 
 
 def processor_table(processors: Mapping[Side, ProcessorFigures | None]) -> Table:

@@ -10,6 +10,7 @@ from tis.common.host_records import ProcessorNote
 from tis.common.metrics.processor_shares import numbers_of, processor_shares
 
 S = 1_000_000_000
+SHARES = ("testbed_pct", "others_pct", "steal_pct", "idle_pct", "iowait_pct")
 
 
 def a_note(**changes: Any) -> dict[str, Any]:
@@ -22,35 +23,34 @@ def a_note(**changes: Any) -> dict[str, Any]:
 def test_shares_by_hand() -> None:
     found = processor_shares(a_note(quota_processors=0.5, n_periods=100, n_throttled=80, throttled_ns=3 * S))
     assert found is not None
-    assert found.summary() == {
+    assert found == {
         "wall_s": 10, "processors": "0-1", "n_processors": 2, "own_pct": 10, "testbed_pct": 5, "others_pct": 25,
         "steal_pct": 25, "idle_pct": 40, "iowait_pct": 5, "throttled_pct": 80, "throttled_ms": 3000,
         "quota_processors": 0.5,
     }  # fmt: skip
-    assert found.unused == pytest.approx(0.45)
 
 
 def test_what_the_kernel_does_not_count_is_unknown_and_the_rest_is_of_the_rest() -> None:
     found = processor_shares(a_note(steal_ns=None))
     assert found is not None
-    assert (found.steal, found.throttled, found.throttled_ns) == (None, None, None)
-    assert [found.idle, found.others] == pytest.approx([8 / 15, 5 / 15])
+    assert {found["steal_pct"], found["throttled_pct"], found["throttled_ms"]} == {None}
+    assert [found["idle_pct"], found["others_pct"]] == pytest.approx([800 / 15, 500 / 15])
 
 
 def test_without_proc_stat_the_process_knows_itself_alone() -> None:
     found = processor_shares(a_note(busy_ns=None, idle_ns=None, iowait_ns=None, steal_ns=None))
     assert found is not None
-    assert found.own == 0.1
-    assert {found.testbed, found.others, found.steal, found.idle, found.iowait, found.unused} == {None}
+    assert found["own_pct"] == 10
+    assert {found[name] for name in SHARES} == {None}
 
 
 @pytest.mark.parametrize(
     ("mates", "testbed", "others"),
     [
-        ([a_note(own_ns=2 * S)], 0.15, 0.15),
-        ([a_note(own_ns=2 * S, processors="2-3")], 0.05, 0.25),  # elsewhere on this host
-        ([a_note(own_ns=2 * S, processors="1-2")], 0.10, 0.20),
-        ([a_note(own_ns=99 * S)], 0.30, 0.0),  # more than the kernel's jiffies have
+        ([a_note(own_ns=2 * S)], 15, 15),
+        ([a_note(own_ns=2 * S, processors="2-3")], 5, 25),  # elsewhere on this host
+        ([a_note(own_ns=2 * S, processors="1-2")], 10, 20),
+        ([a_note(own_ns=99 * S)], 30, 0),  # more than the kernel's jiffies have
         ([a_note(), None], None, None),  # it was killed, and nobody knows what it used
     ],
 )
@@ -59,8 +59,9 @@ def test_the_testbeds_other_processes_are_not_other_programs(
 ) -> None:
     found = processor_shares(a_note(), mates)
     assert found is not None
-    assert (found.testbed, found.others) == (testbed and pytest.approx(testbed), others and pytest.approx(others))
-    assert found.steal == 0.25
+    shares = found["testbed_pct"], found["others_pct"]
+    assert shares == (testbed and pytest.approx(testbed), others and pytest.approx(others))
+    assert found["steal_pct"] == 25
 
 
 def test_a_note_without_a_duration_tells_nothing() -> None:
@@ -72,20 +73,20 @@ times = st.integers(0, 10**12)
 
 @settings(max_examples=50)
 @given(times, times, times, times, times, st.lists(times, max_size=2))
-def test_known_shares_add_up_to_one(
+def test_known_shares_add_up_to_the_whole(
     own: int, busy: int, idle: int, iowait: int, steal: int, mates: list[int]
 ) -> None:
     note = a_note(own_ns=own, busy_ns=busy, idle_ns=idle, iowait_ns=iowait, steal_ns=steal)
     found = processor_shares(note, [a_note(own_ns=mate) for mate in mates])
     assert found is not None
-    shares = [found.testbed, found.others, found.steal, found.idle, found.iowait]
+    shares = [found[name] for name in SHARES]
     if busy + idle + iowait + steal == 0:
         assert shares == [None] * 5
         return
     known = [share for share in shares if share is not None]
     assert len(known) == 5
     assert min(known) >= 0
-    assert sum(known) == pytest.approx(1)
+    assert sum(known) == pytest.approx(100)
 
 
 def test_numbers_of_ranges() -> None:

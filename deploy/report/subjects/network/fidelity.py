@@ -1,7 +1,7 @@
 """Fidelity of one key: its realised network against the decided one, and that against the request."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from math import sqrt
 from typing import Final
 
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from tis.common.metrics.delay_variation import first_arrivals, is_reordered
 from tis.common.metrics.fidelity import batch_inflation, half_life_inflation, is_decidable, mean_margin, share_bounds
 from tis.common.metrics.percentiles import summarise
-from tis.common.metrics.processor_shares import ProcessorShares
 from tis.common.units import NS_PER_MS, NS_PER_S, NS_PER_US
 from tis.deploy.logs.read.batches import DELIVER, DEPARTURES, OUTCOMES, Fates, in_order_of_leaving
 from tis.deploy.logs.read.load import Ints
@@ -19,7 +18,7 @@ from tis.deploy.logs.read.note_columns import place_in
 from tis.deploy.report.subjects.network.key_figures import KeyBooks, KeyFigures
 from tis.deploy.report.subjects.network.link_figures import LinkVerdict
 from tis.deploy.report.subjects.network.requested import Expected, Requested, Stretch
-from tis.deploy.report.subjects.processors import contention_clause
+from tis.deploy.report.subjects.processors import ProcessorFigures, contention_clause
 from tis.netem.conditions.conditions import FOREVER_NS
 from tis.netem.link.ledger import DROPPED_NEW, DROPPED_OLDEST, full_buffer
 
@@ -53,14 +52,8 @@ class Verdict:
 
     def as_summary(self) -> LinkVerdict:
         """Return the summary's ``verdict``; ``faithful`` is None when no criterion could be decided."""
-        faithful = not self.violations if self.n_decided else None
-        return LinkVerdict(
-            faithful=faithful,
-            violations=self.violations,
-            not_decidable=self.not_decidable,
-            warnings=self.warnings,
-            undecided=self.undecided,
-        )
+        found = asdict(self)
+        return LinkVerdict(faithful=not self.violations if found.pop("n_decided") else None, **found)
 
 
 def key_verdict(
@@ -301,7 +294,7 @@ _LATE_NS: Final = NS_PER_MS
 _MAX_LATE: Final = 0.05
 
 
-def starvation(error_ns: Ints, shares: ProcessorShares | None) -> str | None:
+def starvation(error_ns: Ints, shares: ProcessorFigures | None) -> str | None:
     """Return the problem of a starved netem from the release errors (N,) of a direction; None when it kept up.
 
     Starved: the 99th percentile of the release error exceeds 5 ms, or more than 5 % of packets left over 1 ms late.

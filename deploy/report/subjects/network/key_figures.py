@@ -1,5 +1,6 @@
 """Measured figures of one key, or of several together: counts, loss, delay, jitter and order; columns for figures."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
@@ -24,6 +25,7 @@ from tis.common.units import NS_PER_MS, NS_PER_S, NS_PER_US
 from tis.deploy.logs.read.batches import (
     DELIVER,
     DEPARTURES,
+    NO_FATES,
     NO_RELEASES,
     OUTCOMES,
     RELEASED,
@@ -34,6 +36,7 @@ from tis.deploy.logs.read.batches import (
     releases_by_key,
 )
 from tis.deploy.logs.read.load import Ints, RunLogs
+from tis.deploy.logs.read.note_columns import place_in
 
 Array = NDArray[np.float64]
 
@@ -180,7 +183,8 @@ class KeyFigures(NamedTuple):
 
 def statistics(figures: Sequence[KeyFigures]) -> dict[str, Any]:
     """Return the summary's figures of one key, or of several pooled; an unknown entry is None."""
-    counts = {name: sum(one.account.counts[name] for one in figures) for name in _NO_COUNTS}
+    figures = figures or [KeyFigures.of(_NO_BOOKS)]
+    counts = {name: sum(one.account.counts[name] for one in figures) for name in figures[0].account.counts}
     lost = _merged_lost(figures)
     n_lost, lengths = int(np.count_nonzero(lost)), _all(figures, "run_lengths")
     # runs of losses and jitter are of one stream: keys pooled would interleave them
@@ -195,7 +199,7 @@ def statistics(figures: Sequence[KeyFigures]) -> dict[str, Any]:
         "reordered_in_netem": len(_all(figures, "extents_in_netem")),
         "reordering_extent": summarise(extents),
         "n_reordering": summarise(_all(figures, "late_behind")),
-        "dropped_by": _added([one.dropped_by for one in figures]),
+        "dropped_by": dict(sum((Counter(one.dropped_by) for one in figures), Counter())),
         "loss_pct": 100 * n_lost / len(lost) if len(lost) else None,
         "loss_pct_interval_95": None if low_high is None else [100 * bound for bound in low_high],
         "loss_runs": {
@@ -223,19 +227,8 @@ def statistics(figures: Sequence[KeyFigures]) -> dict[str, Any]:
     }
 
 
-_NO_PACKETS = np.empty(0, dtype=np.int64)
-_NO_COUNTS = account(
-    "",
-    KeyPackets(
-        _NO_PACKETS,
-        _NO_PACKETS,
-        _NO_PACKETS,
-        _NO_PACKETS.astype(bool),
-        Transmissions.of(),
-        Transmissions.of(),
-        _NO_PACKETS,
-    ),
-).counts
+_NOTHING = np.empty(0, dtype=np.int64)
+_NO_BOOKS = KeyBooks("", False, _NOTHING, NO_FATES, NO_RELEASES, _NOTHING, 0)
 
 
 def _packets(books: KeyBooks, out: NDArray[np.bool_], delivered: NDArray[np.bool_]) -> KeyPackets:
@@ -259,11 +252,9 @@ def _packets(books: KeyBooks, out: NDArray[np.bool_], delivered: NDArray[np.bool
 def _in_order_of_offering(offered: Ints, left: Ints, delay_ns: Ints) -> tuple[Ints, NDArray[np.bool_]]:
     """Return the delay (N,) of each offered packet, 0 where it did not leave, and whether it left (N,)."""
     seq, first = np.unique(left, return_index=True)
-    if not len(seq):
-        return np.zeros_like(offered), np.zeros(len(offered), dtype=np.bool_)
-    place = np.minimum(np.searchsorted(seq, offered), len(seq) - 1)
-    arrived = seq[place] == offered
-    return np.where(arrived, delay_ns[first][place], 0), arrived
+    place, arrived = place_in(seq, offered)
+    known_ns = np.append(delay_ns[first], 0)  # where nothing left, all places are that of the 0
+    return np.where(arrived, known_ns[place], 0), arrived
 
 
 def _reasons(fates: Fates, releases: Releases) -> dict[str, int]:
@@ -283,11 +274,6 @@ def _merged_lost(figures: Sequence[KeyFigures]) -> NDArray[np.bool_]:
 
 def _all(figures: Sequence[KeyFigures], name: str) -> NDArray[Any]:
     return np.concatenate([np.empty(0, dtype=np.int64), *(getattr(one, name) for one in figures)])
-
-
-def _added(parts: Sequence[dict[str, int]]) -> dict[str, int]:
-    names = dict.fromkeys(name for part in parts for name in part)
-    return {name: sum(part.get(name, 0) for part in parts) for name in names}
 
 
 def _finite(interval: tuple[float, float] | None) -> list[float | None] | None:

@@ -6,10 +6,11 @@ from typing import Any, Final
 import numpy as np
 
 from tis.common.channels import Direction
-from tis.common.metrics.percentiles import TAIL, queue_depth
+from tis.common.metrics.percentiles import queue_depth
 from tis.common.records import CONTROL, QUEUES
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.report.section import DELAYS
 from tis.deploy.report.subjects.network.fidelity import Verdict, key_verdict, starvation
 from tis.deploy.report.subjects.network.key_figures import KeyBooks, KeyFigures, statistics
 from tis.deploy.report.subjects.network.link_books import (
@@ -31,7 +32,7 @@ from tis.deploy.report.subjects.network.link_figures import (
     RequestedShares,
 )
 from tis.deploy.report.subjects.network.requested import NetworkRequest, Requested
-from tis.deploy.report.subjects.network.requested_pipeline import RequestedPipeline, with_played_rows
+from tis.deploy.report.subjects.network.requested_pipeline import RequestedPipeline
 from tis.deploy.report.subjects.processors import shares_of
 
 
@@ -75,7 +76,6 @@ _KEPT_BY_SENDER: Final = ("sent", "lost_before_netem")
 _KEPT_BY_RECEIVER: Final = (
     "received", "duplicated", "duplicated_by_netem", "corrupted_rejected", "reordered",
 )  # fmt: skip
-_DELAY_NAMES: Final = ("mean", "std", *(f"p{p:g}" for p in TAIL), "max")
 _KEPT_BY_ALL: Final = ("unplanned_loss", "lost_before_netem", "lost_after_netem")
 
 
@@ -110,7 +110,14 @@ def link_summary(logs: RunLogs, direction: Direction, scenario: NetworkRequest) 
         queue=queue_summary(logs, direction),
         conditions=condition_summary(logs, request),
         verdict=_pooled_verdict([one for one in ours if _counts(one)] or measured),
-        keys={one.title: _key_summary(request, one, logs, direction) for one in measured[:MAX_KEYS]},
+        keys={
+            one.title: KeyOfLink(
+                foreign=one.books.foreign,
+                **_figures(request, [one], logs, direction, one.books.foreign),
+                verdict=one.verdict.as_summary(),
+            )
+            for one in measured[:MAX_KEYS]
+        },
         keys_not_listed=max(0, len(books.keys) - MAX_KEYS),
         not_sent=None if forged is None else forged.n,
     )
@@ -145,18 +152,18 @@ def _title(books: KeyBooks, alone: bool) -> str:
     return f"{books.key} ({'without a header of tis' if alone else 'foreign'})"
 
 
-def _key_summary(request: Requested, one: _MeasuredKey, logs: RunLogs, direction: Direction) -> KeyOfLink:
-    found = _figures(request, [one], logs, direction, one.books.foreign)
-    return KeyOfLink(foreign=one.books.foreign, **found, verdict=one.verdict.as_summary())
-
-
 def _figures(
     request: Requested, measured: list[_MeasuredKey], logs: RunLogs, direction: Direction, foreign: bool
 ) -> dict[str, Any]:
     """Return the figures of one key, or of several pooled, beside what was requested of them."""
     figures = _known(statistics([one.figures for one in measured]), logs, direction, foreign)
-    pipeline = _shared_pipeline(request, measured)
-    figures["delay_ms"] = Delays(requested=_requested_delay(pipeline), **figures["delay_ms"])
+    parts = [one.books for one in measured]
+    pipeline = None
+    if parts:
+        packets = (np.concatenate([getattr(one.fates, name) for one in parts]) for name in ("seq", "offered_ns"))
+        pipeline = request.shared([one.key for one in parts], *packets)
+    asked_ms = dict.fromkeys(DELAYS.split()) if pipeline is None else pipeline.delay_ms()
+    figures["delay_ms"] = Delays(requested=asked_ms, **figures["delay_ms"])
     return {**figures, "requested": _requested_shares(pipeline, request, measured)}
 
 
@@ -177,21 +184,6 @@ def _known(figures: dict[str, Any], logs: RunLogs, direction: Direction, foreign
             if isinstance(value, int) and name not in (*_KEPT_BY_SENDER, *_KEPT_BY_RECEIVER)
         }
     return {name: None if name in unknown else value for name, value in figures.items()}
-
-
-def _shared_pipeline(request: Requested, measured: list[_MeasuredKey]) -> RequestedPipeline | None:
-    """Return the pipeline that all these keys share; None when they differ or it is unknown."""
-    parts = [one.books for one in measured]
-    pipelines = {request.pipeline(one.key) for one in parts}
-    shared = request.base(parts[0].key) if len(pipelines) == 1 else None
-    if shared is None:
-        return None
-    seq, offered_ns = (np.concatenate([getattr(one.fates, name) for one in parts]) for name in ("seq", "offered_ns"))
-    return with_played_rows(shared, seq, offered_ns)
-
-
-def _requested_delay(pipeline: RequestedPipeline | None) -> dict[str, float | None]:
-    return dict.fromkeys(_DELAY_NAMES) if pipeline is None else pipeline.delay_ms()
 
 
 def _requested_shares(

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from html import escape
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from tis.common.channels import Direction
 from tis.deploy.present.numbers import heads, interval, number
@@ -169,22 +169,12 @@ _MAX_KEY_CHARS: Final = 26
 _WITHOUT_CHANGES: Final = "*: without the changes by states, timeline or while running, which the others have"
 
 
-class DelayRow(NamedTuple):
-    """A name and the last of `STATISTICS`; no values for a heading."""
-
-    name: str
-    values: tuple[float | None, ...] = ()
+DelayRow = tuple[str, *tuple[float | None, ...]]
+"""A name and the last of `STATISTICS`; no values for a heading."""
 
 
-class DelayRows(NamedTuple):
-    """The rows, and the notes below them."""
-
-    rows: list[DelayRow]
-    notes: list[str]
-
-
-def delay_rows(links: Mapping[Direction, Link]) -> DelayRows:
-    """Return the rows of both directions (oracle: literal summaries, test_delay_rows).
+def delay_rows(links: Links) -> tuple[list[DelayRow], list[str]]:
+    """Return the rows of both directions, and the notes below them (oracle: literal summaries, test_delay_rows).
 
     The keys of a direction have rows of their own when their pipelines differ, as no request applies to them all. The
     busiest key of each request comes first; keys that do not fit are counted.
@@ -201,10 +191,12 @@ def delay_rows(links: Mapping[Direction, Link]) -> DelayRows:
         shown = _first_of_each(keys)[:_MAX_NAMED]
         for name in shown:
             varies |= keys[name].requested.varies and _is_known(keys[name])
-            rows += [DelayRow(f"{direction}, {_shortened(name)}"), *_rows("  ", keys[name])]
+            # keys differ at their ends
+            end = name if len(name) <= _MAX_KEY_CHARS else f"...{name[3 - _MAX_KEY_CHARS :]}"
+            rows += [(f"{direction}, {end}",), *_rows("  ", keys[name])]
         if n_more := len(keys) - len(shown) + link.keys_not_listed:
             notes.append(f"{n_more} more key{'s' if n_more > 1 else ''} {direction}: see summary.json")
-    return DelayRows(rows, [_WITHOUT_CHANGES, *notes] if varies else notes)
+    return rows, [_WITHOUT_CHANGES, *notes] if varies else notes
 
 
 def _differing_keys(link: Link) -> dict[str, KeyOfLink]:
@@ -232,20 +224,15 @@ def _rows(before: str, part: Link | KeyOfLink) -> Iterable[DelayRow]:
         if kind == "requested" and delay["mean"] is None:
             continue
         mark = "*" if kind == "requested" and part.requested.varies else ""
-        yield DelayRow(f"{before}{kind}{mark}, ms", tuple(delay[name] for name in STATISTICS))
+        yield (f"{before}{kind}{mark}, ms", *(delay[name] for name in STATISTICS))
     error = part.release_error_us
-    yield DelayRow(f"{before}release error, \u00b5s", tuple(error[name] for name in STATISTICS[-3:]))
+    yield (f"{before}release error, \u00b5s", *(error[name] for name in STATISTICS[-3:]))
 
 
-def _shortened(name: str) -> str:
-    """Return the end of a key that is too long; keys differ there."""
-    return name if len(name) <= _MAX_KEY_CHARS else f"...{name[3 - _MAX_KEY_CHARS :]}"
-
-
-def delay_table(links: Mapping[Direction, Link], requested: str = "by the scenario") -> Table:
+def delay_table(links: Links, requested: str = "by the scenario") -> Table:
     """Return the table of delays in netem; ``requested`` names the source of the request."""
-    found = delay_rows(links)
-    rows = [(row.name, *[""] * (len(STATISTICS) - len(row.values)), *row.values) for row in found.rows]
+    found, notes = delay_rows(links)
+    rows = [(name, *[""] * (len(STATISTICS) - len(values)), *values) for name, *values in found]
     note = f"requested: {requested}; decided: drawn by its models; realised: measured in netem; "
-    text = "; ".join([f"{note}release error: left later than decided by", *found.notes])
+    text = "; ".join([f"{note}release error: left later than decided by", *notes])
     return Table("Delay in netem, one way", ("", *heads(STATISTICS)), rows, text)

@@ -1,6 +1,7 @@
 """Requested network of each packet: the rule of its key under the conditions at its offering."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -106,32 +107,23 @@ class Stretch(NamedTuple):
     end_ns: int
 
 
+@dataclass
 class Requested:
     """The rules and conditions of one direction of a scenario."""
 
-    def __init__(
-        self,
-        rules: RuleTable,
-        conditions: Conditions | ChangedConditions,
-        traces: Mapping[str, Trace],
-        changed: Sequence[Stretch] = (),
-        may_limit_rate: bool = False,
-        buffer: Buffer | None = None,
-        changes_ordering: bool = False,
-    ) -> None:
-        self.rules = rules
-        self.conditions = conditions
-        self.changed = tuple(changed)
-        """Spans in which control changes held in this direction: the scenario's network was not in force then."""
-        self.buffer = buffer or Buffer()
-        """Capacity of netem's buffer."""
-        self.may_limit_rate = may_limit_rate
-        """Whether a state or the timeline sets a rate, or a stall makes messages wait."""
-        self.changes_ordering = changes_ordering
-        """Whether a state or the timeline sets an ordering other than fifo."""
-        self.traces = traces
-        self._known: dict[tuple[Pipeline, tuple[Change, ...]], RequestedPipeline | None] = {}
-        self._pipelines: dict[str, Pipeline | None] = {}
+    rules: RuleTable
+    conditions: Conditions | ChangedConditions
+    traces: Mapping[str, Trace]
+    changed: tuple[Stretch, ...] = ()
+    """Spans in which control changes held in this direction: the scenario's network was not in force then."""
+    may_limit_rate: bool = False
+    """Whether a state or the timeline sets a rate, or a stall makes messages wait."""
+    buffer: Buffer = field(default_factory=Buffer)
+    """Capacity of netem's buffer."""
+    changes_ordering: bool = False
+    """Whether a state or the timeline sets an ordering other than fifo."""
+    _known: dict[tuple[Pipeline, tuple[Change, ...]], RequestedPipeline | None] = field(default_factory=dict)
+    _pipelines: dict[str, Pipeline | None] = field(default_factory=dict)
 
     @classmethod
     def of(cls, scenario: NetworkRequest, direction: Direction, logs: RunLogs) -> Self:
@@ -143,16 +135,18 @@ class Requested:
         network = scenario.network
         rules = compile_rules(network, scenario.name, scenario.impaired_keys, scenario.generated_rules())
         notes = [ControlNote.model_validate(row) for row in logs.of("netem", CONTROL)]
-        changed = _changed(direction, notes)
+        changed = tuple(_changed(direction, notes))
+        states = () if network.states is None else network.states.states
+        changes = [entry.set for entry in network.timeline] + [getattr(state, direction) for state in states]
         return cls(
             rules[direction],
             changed_conditions(network, direction, scenario.seed, notes if changed else ()),
             traces,
             changed,
-            any(change.rate is not None or change.stall for change in _changes(network, direction))
+            any(change.rate is not None or change.stall for change in changes)
             or any(part.effect == "stall" for part in network.outages),
             network.buffer,
-            any(change.ordering not in (None, "fifo") for change in _changes(network, direction)),
+            any(change.ordering not in (None, "fifo") for change in changes),
         )
 
     @property
@@ -186,14 +180,17 @@ class Requested:
         """Return the request of a key without changes; None when the key is refused or a trace is missing."""
         return self.under(key, ())
 
-    def shared(self, fates: Fates) -> RequestedPipeline | None:
-        """Return the request that all keys of N packets share, with the trace rows they played.
+    def shared(self, keys: Sequence[str], seq: Ints, offered_ns: Ints) -> RequestedPipeline | None:
+        """Return the request that all ``keys`` share, with the trace rows that their N packets played.
 
         None when the keys have different pipelines or the request is unknown.
         """
-        keys = [fates.keys[number] for number in np.unique(fates.key)]
         shared = self.base(keys[0]) if len({self.pipeline(key) for key in keys}) == 1 else None
-        return None if shared is None else with_played_rows(shared, fates.seq, fates.offered_ns)
+        return None if shared is None else with_played_rows(shared, seq, offered_ns)
+
+    def shared_by(self, fates: Fates) -> RequestedPipeline | None:
+        """Return the request that all keys of packets of a direction share."""
+        return self.shared([fates.keys[number] for number in np.unique(fates.key)], fates.seq, fates.offered_ns)
 
     def in_force(self, at_ns: Ints) -> InForce:
         """Return the conditions at instants (N,) in any order (oracle: one by one, test_requested)."""
@@ -236,10 +233,6 @@ class Requested:
             delay_ns[which], std_ns[which] = delay_moments_ns(one, its.seq, its.offered_ns)
             p_own[which] = p_loss(one, its.seq, its.offered_ns, one.n_packets(its.n_bytes))
 
-        def column(name: str) -> Floats:
-            values = np.array([getattr(one, name) for one in known], dtype=np.float64)
-            return np.asarray(values[variant])
-
         scale = held.column("scale_delay")
         half_lives = [one.half_life_s for one in known if one.half_life_s is not None]
         nothing = [(np.nan, np.nan)] * 3
@@ -250,8 +243,8 @@ class Requested:
             std_ns=std_ns * scale,
             p_loss=1.0 - (1.0 - p_own) * (1.0 - held.column("p_extra_loss")),
             outage=held.column("outage"),
-            p_duplicate=column("p_duplicate"),
-            p_corrupt=column("p_corrupt"),
+            p_duplicate=np.array([one.p_duplicate for one in known])[variant],
+            p_corrupt=np.array([one.p_corrupt for one in known])[variant],
             # a scale of 0 leaves a constant, whose shares cannot be tested
             steps_ns=(steps[:, :, 0].T * np.where(scale > 0.0, scale, np.nan)) + add_ns,
             shares=steps[:, :, 1].T,
@@ -283,8 +276,3 @@ def _changed(direction: Direction, notes: Sequence[ControlNote]) -> list[Stretch
         begins_ns = stretches.pop().begin_ns if stretches and stretches[-1].end_ns == span.begin_ns else span.begin_ns
         stretches.append(Stretch(begins_ns, span.end_ns))
     return stretches
-
-
-def _changes(network: NetworkPart, direction: Direction) -> list[Change]:
-    states = () if network.states is None else network.states.states
-    return [entry.set for entry in network.timeline] + [getattr(state, direction) for state in states]

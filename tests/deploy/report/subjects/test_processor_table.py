@@ -17,7 +17,7 @@ NOTE = ProcessorNote(
 def _entry(**changes: object) -> Any:
     shares = processor_shares(NOTE.model_dump() | changes)
     assert shares is not None
-    return part(ProcessorFigures, shares.summary())
+    return part(ProcessorFigures, shares)
 
 
 def test_a_side_without_a_note_has_dashes() -> None:

@@ -78,7 +78,7 @@ def test_a_standalone_netem_has_no_mates(tmp_path: Path) -> None:
     logs = load_run(tmp_path)
     shares = shares_of(RunLogs(tmp_path, {"netem": logs.sides["netem"]}), "netem")
     assert shares is not None
-    assert [shares.testbed, shares.others] == pytest.approx([0.1, 0.3])
+    assert [shares.testbed_pct, shares.others_pct] == pytest.approx([10, 30])
 
 
 def test_a_note_of_another_version_is_said_to_be_one(tmp_path: Path) -> None:

@@ -127,7 +127,7 @@ def test_a_run_shorter_than_its_trace_is_faithful_to_the_rows_it_played(
         assert delay["requested"][name] == pytest.approx(delay["decided"][name], rel=1e-6)
     assert links["forward"]["requested"]["loss_pct"] == pytest.approx(links["forward"]["loss_pct"])
     request = Requested.of(scenario, "forward", logs)
-    together = request.shared(link_fates(logs, "forward"))
+    together = request.shared_by(link_fates(logs, "forward"))
     assert together is not None
     assert together.mean_ns == pytest.approx(delay["decided"]["mean"] * MS, rel=1e-6)
 
