@@ -5,7 +5,6 @@ original. The three logs are matched by these identifiers after the drain. Packe
 ones as history, so samples have an account of their own.
 """
 
-from collections.abc import Mapping
 from typing import Final, NamedTuple, Self
 
 import numpy as np
@@ -77,16 +76,23 @@ def account(key: str, packets: KeyPackets) -> KeyAccount:
     offered, sent = distinct(packets.offered), distinct(packets.sent)
     indices = (packets.copied, packets.released.copy_index, packets.dropped.copy_index)
     n_each = 1 + max(int(index.max(initial=0)) for index in indices)
-    made = _copies(packets, n_each)
+    seq, n_made = packets.offered, packets.copied
+    each = (Transmissions(seq[n_made >= i], np.full(int((n_made >= i).sum()), i)) for i in range(1, n_each))
+    made = np.concatenate([_NONE, *(copies.names(n_each) for copies in each)])  # the copies that netem made
     known = distinct(np.concatenate([offered * n_each, made]))
     released, dropped = packets.released.names(n_each), packets.dropped.names(n_each)
     left, gone = distinct(released), distinct(dropped)
     held = without(without(known, left), gone)
     # After netem a copy cannot be told from its original, so messages are counted there.
     n_released, n_received = _counted(left // n_each), _counted(packets.received)
-    after = _after_netem(n_released, n_received, packets.offered[packets.corrupted])
-    rejected = min(after.n_lost_corrupted, packets.n_rejected)
-    lost_before, lost_after = len(without(sent, offered)), after.n_lost - rejected
+    # of a message with copies, as many are lost as fewer arrived than were released
+    n_arrived = n_received.at(n_released.value)
+    n_lost = np.maximum(n_released.n - n_arrived, 0)
+    was_corrupted = np.isin(n_released.value, packets.offered[packets.corrupted])
+    rejected = min(int(n_lost[was_corrupted].sum()), packets.n_rejected)
+    lost_before, lost_after = len(without(sent, offered)), int(n_lost.sum()) - rejected
+    # arrivals beyond the first are netem's duplicates as far as netem released as many
+    n_repeated = np.maximum(np.minimum(n_arrived, n_released.n) - 1, 0)
     lost = ~(np.isin(packets.offered, n_released.value) | np.isin(packets.offered, held // n_each))
     counts = {
         "sent": len(sent),
@@ -98,7 +104,7 @@ def account(key: str, packets: KeyPackets) -> KeyAccount:
         "lost": int(np.count_nonzero(lost)),
         "received": len(n_received.value),
         "duplicated": len(packets.received) - len(n_received.value),
-        "duplicated_by_netem": after.n_repeated_by_netem,
+        "duplicated_by_netem": int(n_repeated.sum()),
         "corrupted": int(np.count_nonzero(packets.corrupted)),
         "corrupted_rejected": rejected,
         "lost_before_netem": lost_before,
@@ -117,15 +123,12 @@ def account(key: str, packets: KeyPackets) -> KeyAccount:
         "both released and dropped": left[np.isin(left, gone)] // n_each,
         "received but never released": without(n_received.value, n_released.value),
     }
-    return KeyAccount(counts, lost, (*violations, *_listed(key, impossible)))
-
-
-def _listed(key: str, impossible: Mapping[str, Ints]) -> list[str]:
-    return [
+    violations += [
         f"{len(found)} packets: {what}; the first is {key} seq {found.min()}"
         for what, found in impossible.items()
         if len(found)
     ]
+    return KeyAccount(counts, lost, tuple(violations))
 
 
 class _Counted(NamedTuple):
@@ -141,14 +144,6 @@ class _Counted(NamedTuple):
         # searchsorted returns the length for values beyond the last one, which is no valid index
         place = np.minimum(np.searchsorted(self.value, value), len(self.value) - 1)
         return np.where(self.value[place] == value, self.n[place], 0)
-
-
-class _AfterNetem(NamedTuple):
-    """Losses and duplicates between netem and the receiver."""
-
-    n_lost: int
-    n_lost_corrupted: int
-    n_repeated_by_netem: int
 
 
 def distinct(values: Ints) -> Ints:
@@ -167,25 +162,6 @@ def _counted(values: Ints) -> _Counted:
     value = distinct(values)
     ordered = np.sort(values, kind="stable")
     return _Counted(value, np.diff(np.searchsorted(ordered, value), append=len(ordered)))
-
-
-def _copies(packets: KeyPackets, n_each: int) -> Ints:
-    """Return the identifiers of the copies that netem made."""
-    seq, n = packets.offered, packets.copied
-    numbered = (Transmissions(seq[n >= i], np.full(int((n >= i).sum()), i)).names(n_each) for i in range(1, n_each))
-    return np.concatenate([_NONE, *numbered])
-
-
-def _after_netem(released: _Counted, received: _Counted, corrupted: Ints) -> _AfterNetem:
-    # Of a message with copies, as many are lost as fewer arrived than were released; arrivals beyond the first are
-    # netem's duplicates as far as netem released as many.
-    n_arrived = received.at(released.value)
-    n_lost = np.maximum(released.n - n_arrived, 0)
-    return _AfterNetem(
-        int(n_lost.sum()),
-        int(n_lost[np.isin(released.value, corrupted)].sum()),
-        int(np.maximum(np.minimum(n_arrived, released.n) - 1, 0).sum()),
-    )
 
 
 Flags = NDArray[np.bool_]

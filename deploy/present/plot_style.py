@@ -4,17 +4,21 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
+import numpy as np
 from bokeh.layouts import gridplot
 from bokeh.models import ColumnDataSource
+from bokeh.models.annotations import BoxAnnotation
 from bokeh.models.layouts import LayoutDOM
 from bokeh.models.ranges import Range1d
 from bokeh.models.renderers import GlyphRenderer
 from bokeh.models.tools import BoxZoomTool, HoverTool
 from bokeh.plotting import figure
 from bokeh.themes import Theme
+from numpy.typing import ArrayLike
 
 from tis.common.scenario.estimator_names import is_user_defined
 from tis.deploy.present.palette import AXIS, GRID, SOFT, Look, Tone, look_of
+from tis.deploy.present.thinning import column
 
 FONT: Final = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', sans-serif"
 THEME: Final = Theme(
@@ -136,6 +140,26 @@ def plain_figure(height: int, **options: Any) -> figure:
     )
     fig.toolbar.logo = None
     return fig
+
+
+def data(**columns: ArrayLike) -> ColumnDataSource:
+    """Return a source of columns: real numbers in single precision, as a screen needs, others as they are."""
+    real = {name for name, values in columns.items() if np.asarray(values).dtype.kind == "f"}
+    return ColumnDataSource({name: column(v) if name in real else v for name, v in columns.items()})
+
+
+def hover(fig: figure, drawn: "GlyphRenderer[Any]", *tips: tuple[str, str]) -> None:
+    """Add tool tips to a renderer: name and format of each."""
+    fig.add_tools(HoverTool(renderers=[drawn], tooltips=[*tips]))
+
+
+def shade(fig: figure, begin_s: float | None, end_s: float, colour: str, **options: Any) -> None:
+    """Shade a stretch of run time below the lines, from the figure's edge for a begin of None."""
+    fig.add_layout(
+        BoxAnnotation(
+            left=begin_s, right=end_s, fill_color=colour, level="underlay", **({"line_color": None} | options)
+        )
+    )
 
 
 def named(name: str, drawn: Iterable["GlyphRenderer[Any]"], shown: bool = True) -> None:

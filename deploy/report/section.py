@@ -33,9 +33,9 @@ def means(about: str, **options: Any) -> Any:
     return Field(description=about, **options)
 
 
-def statistics(about: str, names: str = LATE) -> Any:
-    """Return a field of statistics with these names, which its JSON schema requires."""
-    return Field(description=about, json_schema_extra={"required": names.split()})  # type: ignore[dict-item]
+def statistics(about: str, names: str = LATE, **options: Any) -> Any:
+    """Return a field of statistics with these names, which its JSON schema requires; ``options`` as for `means`."""
+    return Field(description=about, json_schema_extra={"required": names.split()}, **options)  # type: ignore[dict-item]
 
 
 class Section(BaseModel):

@@ -30,7 +30,7 @@ from tis.deploy.report.section import (
     statistics,
     with_uncertainty,
 )
-from tis.deploy.report.subjects.accuracy import Scores, accuracy_of_track, pooled_accuracy, with_failures
+from tis.deploy.report.subjects.accuracy import Scores, pooled_accuracy, with_failures
 from tis.deploy.report.subjects.age import (
     TICK_MODES,
     AgeOfInformation,
@@ -50,11 +50,11 @@ from tis.deploy.report.subjects.identification import (
     source_label,
     two_recordings,
 )
-from tis.deploy.report.subjects.intrusion import Evidence, count_of, evidence_summary, quarantined, refused
+from tis.deploy.report.subjects.intrusion import Evidence, evidence_summary, quarantined, refused
 from tis.deploy.report.subjects.latency import (
     Latency,
 )
-from tis.deploy.report.subjects.logs import LogState, log_states
+from tis.deploy.report.subjects.logs import LogState, count_of, log_states
 from tis.deploy.report.subjects.network.link_figures import Link
 from tis.deploy.report.subjects.offsets import actuation_ms
 from tis.deploy.report.subjects.orientation import (
@@ -256,8 +256,8 @@ def _latency_and_age(run: MeasuredRun) -> dict[str, Any]:
 def _estimation(run: MeasuredRun) -> dict[str, Any]:
     """Return the scores of the estimators, their origin, and the identified models."""
     logs, scenario, models, tracks = run.logs, run.scenario, run.models, run.tracks
-    scores = {model.hand: accuracy_of_track(logs, scenario, tracks[model.hand], model) for model in models}
     each = [(tracks[model.hand], model) for model in models]
+    scores = {one[1].hand: pooled_accuracy(logs, scenario, [one]) for one in each}
     pooled = scores[models[0].hand] if len(models) == 1 else pooled_accuracy(logs, scenario, each)
     own = own_estimators(logs, scenario)
     wrists = {hand: wrist_track(logs, scenario, track, hand) for hand, track in tracks.items()}

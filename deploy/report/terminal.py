@@ -47,9 +47,7 @@ def brief(summary: Summary, warnings: Sequence[str], width: int, since: str | No
     ]
     faults = [Row("  ", text, "red") for text in summary.problems]
     faults += [Row("  ", f"warning: {text}", "yellow") for text in warnings]
-    # what is wrong needs the room of the names of requirements
-    requirements = _requirement_counts(summary) if faults else _requirements(summary)
-    figures = [*_figures(summary), *_networks(summary), *requirements]
+    figures = [*_figures(summary), *_networks(summary), *_requirements(summary, only_counts=bool(faults))]
     shown, below = [*_wrapped(head, width)], [*_wrapped(figures, width)]
     room = MAX_LINES - len(shown) - len(below)
     return Text("\n").join([*shown, *_first(faults, room, width), *below])
@@ -140,35 +138,29 @@ def _networks(summary: Summary) -> Iterator[Row]:
         yield Row(name, text, FIDELITY_STYLES[verdicts[ways[0]].faithful])
 
 
-def _requirements(summary: Summary) -> Iterator[Row]:
-    """Yield the sets of requirements by outcome; those out of reach at the run's rate are named apart."""
-    styles = {"missed": "red", "not decidable": "yellow", "met": "green"}
-    by_outcome = _by_outcome(summary)
-    for outcome, style in styles.items():
-        if by_outcome[outcome]:
-            yield Row(outcome, ", ".join(by_outcome[outcome]), style)
-    if too_fast := by_outcome[OUT_OF_REACH]:
-        yield Row(
-            OUT_OF_REACH,
-            f"{', '.join(too_fast)}: they allow less than the {_period_ms(summary):.3g} ms between ticks",
-        )
+OUTCOME_STYLES: Final = {"missed": "red", "not decidable": "yellow", "met": "green", OUT_OF_REACH: ""}
+"""Terminal style of each outcome of a set of requirements, in words."""
 
 
-def _requirement_counts(summary: Summary) -> Iterator[Row]:
-    counts = [f"{len(titles)} {outcome}" for outcome, titles in _by_outcome(summary).items() if titles]
-    yield Row("requirements", f"at {summary.ticks.rate_hz} Hz: {', '.join(counts)}")
+def _requirements(summary: Summary, only_counts: bool) -> Iterator[Row]:
+    """Yield the sets of requirements by outcome, or their numbers: what is wrong needs the room of their names.
 
-
-def _by_outcome(summary: Summary) -> dict[str, list[str]]:
-    """Return the titles of the sets of requirements by outcome in words."""
-    found: dict[str, list[str]] = {"met": [], "missed": [], OUT_OF_REACH: [], "not decidable": []}
+    Those out of reach at the run's rate are named apart.
+    """
+    rate_hz = summary.ticks.rate_hz
+    titles: dict[str, list[str]] = {outcome: [] for outcome in OUTCOME_STYLES}
     for verdict in summary.verdicts:
-        found[verdict.outcome_text(summary.ticks.rate_hz)].append(verdict.title)
-    return found
-
-
-def _period_ms(summary: Summary) -> float:
-    return float(_MS_PER_S / summary.ticks.rate_hz)
+        titles[verdict.outcome_text(rate_hz)].append(verdict.title)
+    if only_counts:
+        counts = [
+            f"{len(titles[one])} {one}" for one in ("met", "missed", OUT_OF_REACH, "not decidable") if titles[one]
+        ]
+        yield Row("requirements", f"at {rate_hz} Hz: {', '.join(counts)}")
+        return
+    for outcome, style in OUTCOME_STYLES.items():
+        if titles[outcome]:
+            why = f": they allow less than the {_MS_PER_S / rate_hz:.3g} ms between ticks"
+            yield Row(outcome, ", ".join(titles[outcome]) + why * (outcome == OUT_OF_REACH), style)
 
 
 def _wrapped(rows: Sequence[Row], width: int) -> Iterator[Text]:
@@ -275,9 +267,8 @@ def _headline(summary: Summary) -> str:
 
 def _verdict_line(verdict: SetVerdict, rate_hz: int) -> HangingIndent:
     outcome = verdict.outcome_text(rate_hz)
-    style = {"met": "green", "missed": "red", "not decidable": "yellow", OUT_OF_REACH: ""}[outcome]
     at_rate = f"{OUT_OF_REACH} at {rate_hz} Hz" if outcome == OUT_OF_REACH else outcome
-    return HangingIndent(verdict.line.replace(verdict.outcome.replace("_", " "), at_rate, 1), style)
+    return HangingIndent(verdict.line.replace(verdict.outcome.replace("_", " "), at_rate, 1), OUTCOME_STYLES[outcome])
 
 
 def _footer(summary: Summary) -> str:

@@ -5,7 +5,7 @@ from typing import Final
 
 from tis.common.channels import Side
 from tis.common.metrics.tracking import SETTLING_NS
-from tis.common.records import COUNTERS, PEERS, UNRECORDED
+from tis.common.records import PEERS, UNRECORDED
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.json_rows import Row
@@ -14,11 +14,21 @@ from tis.deploy.report.subjects.accuracy import is_scored, without_estimate
 from tis.deploy.report.subjects.devices import is_foreign, silent_programs
 from tis.deploy.report.subjects.intrusion import evidence_problems
 from tis.deploy.report.subjects.latency import sent_after_arrival
+from tis.deploy.report.subjects.logs import counters_of
 from tis.deploy.report.subjects.processors import contention_clause, shares_of
 from tis.deploy.report.subjects.ticks import Ticks
 from tis.deploy.report.summary import Summary
 
-_FAULTS: Final = ("left", "frozen", "link_down", "silent", "stalled", "clock_step", "suspended")
+_LIVES: Final = {
+    "left": "{peer} left",
+    "frozen": "{peer} stood still ({seconds:.1f} s)",
+    "link_down": "{peer} could not be reached: nothing crossed the network between the hosts",
+    "silent": "{peer} was silent",
+    "stalled": "{peer} did not tick: its loop stayed in one step{step}",
+    "clock_step": "{peer}'s clock stepped by {seconds:+.1f} s",
+    "suspended": "{peer}'s host was suspended ({seconds:.1f} s)",
+}
+"""What makes a run invalid of what the sides noticed of each other, in words."""
 _OWN_CAUSES: Final = {
     "clock_step": "its clock stepped",
     "suspended": "its host was suspended",
@@ -60,7 +70,7 @@ def _lives(logs: RunLogs) -> list[str]:
     neighbour, then any other.
     """
     each = ((side, row) for side in logs.sides for row in logs.of(side, PEERS) if not _came_back(logs, row))
-    noticed = sorted(((row["at_ns"], side, row) for side, row in each if row["event"] in _FAULTS), key=itemgetter(0))
+    noticed = sorted(((row["at_ns"], side, row) for side, row in each if row["event"] in _LIVES), key=itemgetter(0))
     told: list[tuple[int, Side, Row]] = []
     for at_ns, side, row in noticed[:_MAX_NOTICED]:
         known = next((i for i, one in enumerate(told) if _is_same(one, at_ns, row)), None)
@@ -68,9 +78,7 @@ def _lives(logs: RunLogs) -> list[str]:
             told.append((at_ns, side, row))
         elif _knows_better(side, row, told[known]):
             told[known] = (told[known][0], side, row)
-    return [
-        f"{_life_text(row)} at {at_ns / NS_PER_S:.1f} s, as {_by(side, row)} noticed" for at_ns, side, row in told
-    ]
+    return [_life_text(*one) for one in told]
 
 
 def _came_back(logs: RunLogs, row: Row) -> bool:
@@ -86,11 +94,8 @@ def _unrecorded(logs: RunLogs) -> list[str]:
     """Return a problem for each log that lacks records which its side could not write in time."""
     problems = []
     for side in logs.sides:
-        lacking = {
-            row["name"].removeprefix(f"{UNRECORDED}."): row["value"]
-            for row in logs.of(side, COUNTERS)
-            if row["name"].startswith(f"{UNRECORDED}.")
-        }
+        prefix, counts = f"{UNRECORDED}.", counters_of(logs, side)
+        lacking = {name.removeprefix(prefix): n for name, n in counts.items() if name.startswith(prefix)}
         if lacking:
             most = ", ".join(f"{n} of {topic}" for topic, n in sorted(lacking.items(), key=lambda one: -one[1])[:3])
             problems.append(f"{side}'s log lacks {sum(lacking.values())} records, written too slowly: {most}")
@@ -109,25 +114,11 @@ def _knows_better(side: Side, row: Row, told: tuple[int, Side, Row]) -> bool:
     return bool(row["event"] == "link_down" and known["event"] in ("frozen", "silent") and by != row["peer"])
 
 
-def _by(side: Side, row: Row) -> str:
-    return "it itself" if side == row["peer"] else side
-
-
-def _life_text(row: Row) -> str:
-    seconds = row["for_ns"] / NS_PER_S
-    return {
-        "left": f"{row['peer']} left",
-        "frozen": f"{row['peer']} stood still ({seconds:.1f} s)",
-        "link_down": f"{row['peer']} could not be reached: nothing crossed the network between the hosts",
-        "silent": f"{row['peer']} was silent",
-        "stalled": f"{row['peer']} did not tick: its loop stayed in one step{_step(row)}",
-        "clock_step": f"{row['peer']}'s clock stepped by {seconds:+.1f} s",
-        "suspended": f"{row['peer']}'s host was suspended ({seconds:.1f} s)",
-    }[row["event"]]
-
-
-def _step(row: Row) -> str:
-    return f" ({row['doing']})" if row["doing"] else ""
+def _life_text(at_ns: int, side: Side, row: Row) -> str:
+    """Return what ``side`` noticed at an instant, and who it was."""
+    step = f" ({row['doing']})" if row["doing"] else ""
+    text = _LIVES[row["event"]].format(peer=row["peer"], seconds=row["for_ns"] / NS_PER_S, step=step)
+    return f"{text} at {at_ns / NS_PER_S:.1f} s, as {'it itself' if side == row['peer'] else side} noticed"
 
 
 def _starved(summary: Summary, scenario: Scenario, logs: RunLogs) -> list[str]:

@@ -1,8 +1,9 @@
 """Comparison of a live run's fates with the twin's (L1): loss, delay, copies and corruption, packet by packet."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Final, NamedTuple, get_args
+from functools import partial
+from typing import Final, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,25 +97,14 @@ def compare_fates(live: RunLogs, twin: RunLogs, scenario: Scenario) -> FateCompa
     """
     counts = np.zeros(5, dtype=np.int64)
     for direction in get_args(Direction):
-        decisions = _Models(Requested.of(scenario, direction, live), scenario.seed, direction)
+        request = Requested.of(scenario, direction, live)
+        decide = partial(expected_fates, request, scenario.seed, direction)
         one, other = (_by_key(link_fates(logs, direction)) for logs in (live, twin))
         first_ns = min(_first_change_ns(live), _first_change_ns(twin))
         same_changes = _changes(live) == _changes(twin)
         for key in dict.fromkeys((*one, *other)):
-            counts += _compared(key, one.get(key), other.get(key), decisions, first_ns, same_changes)
+            counts += _compared(key, one.get(key), other.get(key), request, decide, first_ns, same_changes)
     return FateComparison(*counts.tolist())
-
-
-class _Models(NamedTuple):
-    """Requested network of a direction, and the address of its random numbers."""
-
-    request: Requested
-    seed: int
-    direction: Direction
-
-    def decide(self, key: str, fates: Fates) -> Fates | None:
-        """Return packets with the models' fates at their own instants; None when a trace is missing."""
-        return expected_fates(self.request, self.seed, self.direction, key, fates)
 
 
 def _by_key(fates: Fates) -> Mapping[str, Fates]:
@@ -135,9 +125,13 @@ def _changes(logs: RunLogs) -> list[tuple[int, str, str]]:
 
 
 def _compared(
-    key: str, one: Fates | None, other: Fates | None, decisions: _Models, changed_ns: float, same_changes: bool
-) -> NDArray[np.int64]:
-    """Return how many packets were compared, differ, moved, were set aside, and are in one run only."""
+    key: str, one: Fates | None, other: Fates | None, request: Requested,
+    decide: Callable[[str, Fates], Fates | None], changed_ns: float, same_changes: bool,
+) -> NDArray[np.int64]:  # fmt: skip
+    """Return how many packets were compared, differ, moved, were set aside, and are in one run only.
+
+    ``decide`` gives packets the models' fates at their own instants, None when a trace is missing.
+    """
     if one is None or other is None:
         present = one if one is not None else other
         return np.array([0, 0, 0, 0, 0 if present is None else len(np.unique(present.seq))])
@@ -147,12 +141,13 @@ def _compared(
     a, b = one.at(here), other.at(there)
     # a change in one run only makes every later packet incomparable
     aside = (np.maximum(a.offered_ns, b.offered_ns) >= changed_ns) & (not same_changes)
-    with_copies = not _has_rate(key, decisions.request)
-    moved = _moved(key, a, b, decisions.request) & ~aside
+    base = request.pipeline(key)
+    with_copies = base is not None and base.rate is None and not request.may_limit_rate
+    moved = _moved(key, a, b, request) & ~aside
     different = _different(a, b, with_copies) & ~aside & ~moved
     # A moved packet is right in either run when the models, evaluated at its own ms, decide the same.
     if moved.any():
-        again = [(run.at(moved), decisions.decide(key, run.at(moved))) for run in (a, b)]
+        again = [(run.at(moved), decide(key, run.at(moved))) for run in (a, b)]
         wrong = [_different(was, is_, with_copies) for was, is_ in again if is_ is not None]
         if len(wrong) < len(again):
             aside, moved = aside | moved, np.zeros_like(moved)
@@ -186,8 +181,3 @@ def _moved(key: str, a: Fates, b: Fates, request: Requested) -> NDArray[np.bool_
 def _depends_on_time(pipeline: Pipeline) -> bool:
     parts = (part for part in (pipeline.delay, pipeline.loss) if part is not None and part.kind == "trace")
     return pipeline.correlation is not None or any(part.advance == "time" for part in parts)
-
-
-def _has_rate(key: str, request: Requested) -> bool:
-    base = request.pipeline(key)
-    return base is None or base.rate is not None or request.may_limit_rate

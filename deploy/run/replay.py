@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 from pydantic_core import from_json
 
 from tis.common.channels import direction_of, is_set_point
@@ -100,13 +100,8 @@ class Estimates:
 
     def record(self, record: Record) -> None:
         """Keep an estimate or a set point."""
-        if is_set_point(record.topic):
-            assert isinstance(record.data, bytes)
-            row = from_json(record.data)
-            self.rows[_address(row)] = _value(row)
-        elif _is_estimate(record.topic):
-            assert isinstance(record.data, BaseModel)
-            row = record.data.model_dump()
+        if is_set_point(record.topic) or _is_estimate(record.topic):
+            row = from_json(record.data) if isinstance(record.data, bytes) else record.data.model_dump()
             self.rows[_address(row)] = _value(row)
 
 

@@ -17,7 +17,8 @@ from tis.common.units import NS_PER_S
 from tis.deploy.logs.read.batches import link_fates, link_releases
 from tis.deploy.present.table import REPORT, Table
 from tis.deploy.report.section import DirectionName, Section, SideName, means
-from tis.deploy.report.subjects.network.link_books import against_counters, counted, counter
+from tis.deploy.report.subjects.logs import count_of
+from tis.deploy.report.subjects.network.link_books import against_counters, counted
 from tis.deploy.report.subjects.network.link_figures import Link
 from tis.deploy.report.subjects.network.link_summary import link_summary
 from tis.deploy.report.subjects.network.link_tables import delay_table, drop_reasons
@@ -68,7 +69,7 @@ def netem_summary(run: StandaloneRun, exit_code: int | None) -> NetemSummary:
         problems += faults
         counts = counted((link_fates(logs, direction),), (link_releases(logs, direction),))
         problems += [f"links.{direction}: {text}" for text in against_counters(logs, direction, counts)]
-    if leaks := counter(logs, "leaks"):
+    if leaks := count_of(logs, "netem", "leaks"):
         ways = "1 way past netem was" if leaks == 1 else f"{leaks} ways past netem were"
         problems.append(f"{ways} found: messages crossed without it")
     return NetemSummary(

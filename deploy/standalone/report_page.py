@@ -10,7 +10,7 @@ from tis.deploy.present.page import Page, Section, note, page_html, problem_list
 from tis.deploy.present.plot_style import time_range
 from tis.deploy.report.contents import versions_table
 from tis.deploy.report.plots.delay import delay_figure
-from tis.deploy.report.plots.distributions import delay_cdf, delay_curves, loss_figure, release_figure
+from tis.deploy.report.plots.distributions import delay_cdf, loss_figure, release_figure
 from tis.deploy.report.subjects.network.key_figures import link_columns
 from tis.deploy.report.subjects.network.link_tables import (
     fidelity_list,
@@ -60,7 +60,7 @@ def _network(run: StandaloneRun, summary: NetemSummary) -> Section:
     request = {d: request.shared_by(link_fates(run.logs, d)) for d, request in requests.items()}
     figures = [
         delay_figure(links, time_range(summary.duration_s), spans),
-        delay_cdf(delay_curves(links, request, any(request.varies for request in requests.values()))),
+        delay_cdf(links, request, any(request.varies for request in requests.values())),
         loss_figure(links),
         release_figure(links),
     ]

@@ -3,9 +3,7 @@
 from typing import Final
 
 import numpy as np
-from bokeh.models import ColumnDataSource
 from bokeh.models.ranges import Range1d
-from bokeh.models.tools import HoverTool
 from bokeh.plotting import figure
 
 from tis.common.channels import Side
@@ -14,7 +12,7 @@ from tis.common.units import NS_PER_S, NS_PER_US
 from tis.deploy.logs.read.clocks import RunClocks, SideClock
 from tis.deploy.present import plot_style as style
 from tis.deploy.present.palette import BLUE, GREEN, PALE, Tone
-from tis.deploy.present.thinning import column, evenly
+from tis.deploy.present.thinning import evenly
 
 _SIDES: Final[dict[Side, Tone]] = {"surgeon": BLUE, "patient": GREEN}
 _N_INSTANTS: Final = 400
@@ -59,17 +57,12 @@ def _panel(side: Side, clock: SideClock) -> figure:
         y_range=Range1d(start=-reach_us, end=reach_us),
     )
     at_s = at_ns / NS_PER_S
-    band = ColumnDataSource({"at": column(at_s), "low": column(-open_us), "high": column(open_us)})
+    band = style.data(at=at_s, low=-open_us, high=open_us)
     fig.varea("at", "low", "high", source=band, fill_color=PALE.light, fill_alpha=0.5)
     shown = evenly(len(exchanges))
-    dots = ColumnDataSource(
-        {
-            "at": column(middle_ns[shown] / NS_PER_S),
-            "off": column(off_us[shown]),
-            "trip": column(exchanges.round_trip_ns[shown] / NS_PER_US),
-        }
-    )
+    trip_us = exchanges.round_trip_ns[shown] / NS_PER_US
+    dots = style.data(at=middle_ns[shown] / NS_PER_S, off=off_us[shown], trip=trip_us)
     drawn = fig.scatter("at", "off", source=dots, size=4, color=_SIDES[side].light)
-    tips = [("at", "@at{0.0} s"), ("off the line", "@off{0.0} \u00b5s"), ("round trip", "@trip{0} \u00b5s")]
-    fig.add_tools(HoverTool(renderers=[drawn], tooltips=tips))
+    tips = ("at", "@at{0.0} s"), ("off the line", "@off{0.0} \u00b5s"), ("round trip", "@trip{0} \u00b5s")
+    style.hover(fig, drawn, *tips)
     return fig

@@ -3,16 +3,15 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from bokeh.models import ColumnDataSource
 from bokeh.models.ranges import DataRange1d
-from bokeh.models.tools import HoverTool
 
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.deploy.present import plot_style as style
 from tis.deploy.present.numbers import number
-from tis.deploy.present.palette import SERIES
-from tis.deploy.present.thinning import Array, column, worst
-from tis.deploy.report.plots.distributions import Curve, cdf
+from tis.deploy.present.palette import SERIES, Look
+from tis.deploy.present.thinning import Array, worst
+from tis.deploy.report.plots.distributions import Curve, distribution_figure
+from tis.deploy.report.plots.errors import age_lines
 from tis.deploy.report.plots.page_plots import mark_disturbances
 from tis.deploy.report.run_view import MAX_TICKS, HandView, RunView
 from tis.deploy.report.subjects.network.disturbances import Disturbance
@@ -22,82 +21,53 @@ from tis.deploy.report.subjects.tracking import error_by_age
 
 def distributions(runs: Mapping[str, RunView], views: Mapping[str, HandView | None]) -> list[style.Figure | None]:
     """Return the distributions of latency, delay and error; ``views`` holds each run's compared hand or None."""
+
+    def curves(values: Mapping[str, Array]) -> dict[str, Curve]:
+        return {name: Curve(found, SERIES[i]) for i, (name, found) in enumerate(values.items()) if len(found)}
+
     return [
-        _distribution(
-            {name: _end_to_end_ms(run) for name, run in runs.items()},
+        distribution_figure(
+            curves({name: np.asarray(run.measured.latency.end_to_end / NS_PER_MS) for name, run in runs.items()}),
             "How the latency is distributed",
             "end-to-end latency, ms",
-            "ms",
             "How old the newest sample is, command or arm position, when the estimate made with it is published. "
             "Further left is better.",
         ),
-        _distribution(
-            {name: link_columns(run.logs, "forward").all("realised_ms") for name, run in runs.items()},
+        distribution_figure(
+            curves({name: link_columns(run.logs, "forward").all("realised_ms") for name, run in runs.items()}),
             "How the delays forward are distributed",
             "delay in netem, surgeon to patient, ms",
-            "ms",
             "The delay of the messages that arrived; lost ones are not included.",
         ),
-        _distribution(
-            {name: _scored_errors(view) for name, view in views.items()},
+        distribution_figure(
+            curves({name: _scored_errors(view) for name, view in views.items()}),
             "How the error is distributed",
             "error in 3D at the tick, mm",
-            "mm",
             "Each run's active estimator at its scored ticks. Further left is better.",
+            unit="mm",
         ),
     ]
 
 
-def _distribution(
-    values: Mapping[str, Array], title: str, label: str, unit: str, caption: str
-) -> style.Figure | None:
-    curves = {n: Curve(v, SERIES[i]) for i, (n, v) in enumerate(values.items()) if len(v)}
-    if not curves:
-        return None
-    medians = ", ".join(f"{n} {number(float(np.median(np.asarray(c.values))))} {unit}" for n, c in curves.items())
-    return style.Figure(
-        plots=(cdf(curves, label, None, unit),),
-        title=title,
-        caption=f"{caption} Medians: {medians}.",
-        alt=f"Cumulative distributions, one line a run. Medians: {medians}.",
-        keys=_keys(list(values), curves),
-    )
-
-
 def against_age(views: Mapping[str, HandView | None]) -> style.Figure | None:
     """Draw the error of each run's active estimator against age; None when no run has enough ticks."""
-    curves = {}
-    for name, view in views.items():
+    lines = {}
+    for i, (name, view) in enumerate(views.items()):
         if view is not None and view.active in view.errors_mm:
             scored = view.track.scored
             curve = error_by_age(view.age_ms[scored], view.errors_mm[view.active][scored])
             if len(curve.n):
-                curves[name] = curve
-    if not curves:
+                lines[name] = curve, style.LineStyle(Look(SERIES[i]), 2, True)
+    if not lines:
         return None
-    fig = style.plain_figure(
-        300, x_axis_label="age of the newest sample at the tick, ms", y_axis_label="RMSE in 3D, mm"
-    )
-    fig.y_range = DataRange1d(start=0, only_visible=True)
-    for i, name in enumerate(views):
-        if name not in curves:
-            continue
-        curve = curves[name]
-        source = ColumnDataSource({"age": column(curve.age_ms), "rmse": column(curve.rmse), "n": curve.n})
-        colour = SERIES[i].light
-        line = fig.line("age", "rmse", source=source, line_color=colour, line_width=2)
-        dots = fig.scatter("age", "rmse", source=source, size=7, fill_color=colour, line_color=None)
-        style.named(name, [line, dots])
-        tips = [(name, "@rmse{0.000} mm"), ("age", "@age{0.0} ms"), ("ticks", "@n")]
-        fig.add_tools(HoverTool(renderers=[dots], tooltips=tips))
-    ends = ", ".join(f"{n} {number(c.rmse[0])} to {number(c.rmse[-1])} mm" for n, c in curves.items())
+    ends = ", ".join(f"{n} {number(c.rmse[0])} to {number(c.rmse[-1])} mm" for n, (c, _) in lines.items())
     return style.Figure(
-        plots=(fig,),
+        plots=(age_lines(lines, "RMSE in 3D, mm", "mm"),),
         title="Error against age",
         caption=f"Error of each run's active estimator from its youngest to its oldest samples: {ends}. Lines that "
         "coincide mean that the estimators are equally good and one network is merely later.",
         alt=f"Line chart of the error over the age of the newest sample, one line a run: {ends}.",
-        keys=_keys(list(views), curves),
+        keys=_keys(list(views), lines),
     )
 
 
@@ -117,11 +87,11 @@ def over_time(
         view = found[name]
         error_mm = view.errors_mm[view.active]
         kept = worst(error_mm, MAX_TICKS)
-        source = ColumnDataSource({"t": column(view.track.t_ns[kept] / NS_PER_S), "error": column(error_mm[kept])})
+        source = style.data(t=view.track.t_ns[kept] / NS_PER_S, error=error_mm[kept])
         line = fig.line("t", "error", source=source, line_color=SERIES[i].light, line_width=1.5)
         style.named(name, [line])
         mark_disturbances(fig, disturbed.get(name, ()), SERIES[i].light)
-        fig.add_tools(HoverTool(renderers=[line], tooltips=[(name, "@error{0.000} mm"), ("at", "@t{0.000} s")]))
+        style.hover(fig, line, (name, "@error{0.000} mm"), ("at", "@t{0.000} s"))
     largest = {n: v.errors_mm[v.active][v.track.scored] for n, v in found.items()}
     marked = any(disturbed.get(name) for name in found)
     worst_of = ", ".join(f"{n} {number(float(np.nanmax(e)))} mm" for n, e in largest.items() if np.isfinite(e).any())
@@ -138,10 +108,6 @@ def over_time(
 
 def _keys(names: Sequence[str], drawn: Mapping[str, object]) -> tuple[style.Key, ...]:
     return tuple(style.Key(n, SERIES[i], "line", toggles=True) for i, n in enumerate(names) if n in drawn)
-
-
-def _end_to_end_ms(run: RunView) -> Array:
-    return np.asarray(run.measured.latency.end_to_end / NS_PER_MS)
 
 
 def _scored_errors(view: HandView | None) -> Array:

@@ -1,22 +1,19 @@
 """Decided and realised delay of every message over time, with losses."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import fields
 
 import numpy as np
-from bokeh.models import ColumnDataSource
 from bokeh.models.ranges import Range1d
-from bokeh.models.tools import HoverTool
 from bokeh.plotting import figure
 
 from tis.common.channels import Direction
 from tis.common.units import NS_PER_S
-from tis.deploy.logs.read.load import Ints
 from tis.deploy.present import plot_style as style
 from tis.deploy.present.numbers import number
 from tis.deploy.present.palette import CHANGED, DIRECTIONS, OUTAGE, PALE, RED, STALL, STATES, Tone
-from tis.deploy.present.thinning import column, evenly, evenly_and_largest
-from tis.deploy.report.subjects.network.key_figures import Array, LinkColumns
+from tis.deploy.present.thinning import evenly, evenly_and_largest
+from tis.deploy.report.subjects.network.key_figures import KeyColumns, LinkColumns
 from tis.netem.conditions.conditions import Span
 
 TITLES: Mapping[Direction, str] = {
@@ -26,17 +23,6 @@ TITLES: Mapping[Direction, str] = {
 _MAX_SPANS = 2000
 _CROWDED = 1500
 _CHANGED_BY = "changed by timeline or control"
-
-
-@dataclass(frozen=True)
-class _Dots:
-    """One direction's messages, all keys together."""
-
-    sent_s: Array
-    seq: Ints
-    decided_ms: Array
-    realised_ms: Array
-    lost_s: Array
 
 
 def delay_figure(
@@ -68,7 +54,7 @@ def delay_figure(
     )
 
 
-def _caption(used: Mapping[Direction, _Dots], has_shades: bool) -> str:
+def _caption(used: Mapping[Direction, KeyColumns], has_shades: bool) -> str:
     text = (
         "A dot is a message, placed where it was offered to the network: pale is the delay that the models drew, "
         "dark the delay that was measured. A dark dot above its pale one waited behind an earlier message, as in a "
@@ -89,69 +75,55 @@ def _caption(used: Mapping[Direction, _Dots], has_shades: bool) -> str:
     return text.strip()
 
 
-def _dots(link: LinkColumns) -> _Dots:
+def _dots(link: LinkColumns) -> KeyColumns:
+    """Return the messages of all keys together, in order of sending."""
     order = np.argsort(link.all("sent_s"), kind="stable")
-    sent_s, seq, decided_ms, realised_ms = (
-        link.all(name)[order] for name in ("sent_s", "seq", "decided_ms", "realised_ms")
-    )
-    return _Dots(sent_s, seq.astype(np.int64), decided_ms, realised_ms, np.sort(link.all("lost_s")))
+    found = {one.name: link.all(one.name) for one in fields(KeyColumns)}
+    sent = {name: found[name][order] for name in ("sent_s", "decided_ms", "realised_ms")}
+    seq, lost = found["seq"][order].astype(np.int64), found["lost"].astype(np.bool_)
+    return KeyColumns(**found | sent | {"seq": seq, "lost": lost, "lost_s": np.sort(found["lost_s"])})
 
 
-def _is_temporary(span: Span) -> bool:
-    return span.outage or span.stall or span.changed or span.state is not None
+def _kind(span: Span) -> str:
+    """Return the name of a temporary condition; "" for the plain one."""
+    if span.outage or span.stall:
+        return "outage" if span.outage else "stall"
+    return f"state {span.state}" if span.state is not None else _CHANGED_BY if span.changed else ""
 
 
 def _shades(spans: Sequence[Span]) -> dict[str, Tone]:
     """Return names and tones of the temporary conditions that occur."""
     states = sorted({span.state for span in spans if span.state is not None})
-    shades = {f"state {state}": STATES[i % len(STATES)] for i, state in enumerate(states)}
-    if any(span.outage for span in spans):
-        shades["outage"] = OUTAGE
-    if any(span.stall and not span.outage for span in spans):
-        shades["stall"] = STALL
-    if any(span.changed and span.state is None and not span.outage and not span.stall for span in spans):
-        shades[_CHANGED_BY] = CHANGED
-    return shades
-
-
-def _kind(span: Span) -> str:
-    name = _CHANGED_BY if span.state is None else f"state {span.state}"
-    return "outage" if span.outage else "stall" if span.stall else name
+    tones = {f"state {state}": STATES[i % len(STATES)] for i, state in enumerate(states)}
+    tones |= {"outage": OUTAGE, "stall": STALL, _CHANGED_BY: CHANGED}
+    found = set(map(_kind, spans))
+    return {name: tone for name, tone in tones.items() if name in found}
 
 
 def _shade(panel: figure, spans: Sequence[Span], low: float, high: float) -> None:
     """Shade the spans of temporary conditions; of very many spans the longest."""
-    longest = sorted(filter(_is_temporary, spans), key=lambda span: span.begin_ns - span.end_ns)[:_MAX_SPANS]
+    longest = sorted(filter(_kind, spans), key=lambda span: span.begin_ns - span.end_ns)[:_MAX_SPANS]
     for name, tone in _shades(spans).items():
         found = [span for span in longest if _kind(span) == name]
-        source = ColumnDataSource(
-            {
-                "left": column([span.begin_ns / NS_PER_S for span in found]),
-                "right": column([span.end_ns / NS_PER_S for span in found]),
-            }
-        )
+        ends = ([getattr(span, end) / NS_PER_S for span in found] for end in ("begin_ns", "end_ns"))
+        source = style.data(**dict(zip(("left", "right"), ends, strict=True)))
         panel.quad(
             "left", "right", low, high, source=source, fill_color=tone.light, line_color=None, level="underlay"
         )
 
 
-def _panel(link: _Dots, direction: Direction, x_range: Range1d, with_axis: bool, spans: Sequence[Span]) -> figure:
+def _panel(
+    link: KeyColumns, direction: Direction, x_range: Range1d, with_axis: bool, spans: Sequence[Span]
+) -> figure:
     panel = style.time_figure(x_range, "delay, ms", 240, with_axis)
     panel.title = TITLES[direction]
     highest_ms = max((float(ms.max()) for ms in (link.decided_ms, link.realised_ms) if len(ms)), default=0.0) or 1.0
     low, high = -0.08 * highest_ms, 1.08 * highest_ms
     panel.y_range = Range1d(start=low, end=high)
-    if any(map(_is_temporary, spans)):
-        _shade(panel, spans, low, high)
+    _shade(panel, spans, low, high)
     kept = evenly_and_largest(link.realised_ms)
-    source = ColumnDataSource(
-        {
-            "t": column(link.sent_s[kept]),
-            "seq": link.seq[kept].astype(np.int32),
-            "decided": column(link.decided_ms[kept]),
-            "realised": column(link.realised_ms[kept]),
-        }
-    )
+    seq, drawn_ms = link.seq[kept].astype(np.int32), (link.decided_ms[kept], link.realised_ms[kept])
+    source = style.data(t=link.sent_s[kept], seq=seq, decided=drawn_ms[0], realised=drawn_ms[1])
     # crowded panels get smaller dots and thinner strokes
     shrink = 0.7 if len(kept) > _CROWDED else 1.0
     decided = panel.scatter("t", "decided", source=source, size=7 * shrink, fill_color=PALE.light, line_color=None)
@@ -167,17 +139,12 @@ def _panel(link: _Dots, direction: Direction, x_range: Range1d, with_axis: bool,
             0.75 * low,
             "t",
             -0.25 * low,
-            source=ColumnDataSource({"t": column(lost_s)}),
+            source=style.data(t=lost_s),
             line_color=RED.light,
             line_width=1 if len(lost_s) > _CROWDED // 5 else 1.5,
             line_alpha=0.45 if len(lost_s) > _CROWDED // 5 else 1.0,
         )
         style.named("lost", [strokes])
-    tips = [
-        ("offered at", "@t{0.000} s"),
-        ("number", "@seq"),
-        ("decided", "@decided{0.000} ms"),
-        ("realised", "@realised{0.000} ms"),
-    ]
-    panel.add_tools(HoverTool(renderers=[realised], tooltips=tips))
+    delays = ((name, f"@{name}{{0.000}} ms") for name in ("decided", "realised"))
+    style.hover(panel, realised, ("offered at", "@t{0.000} s"), ("number", "@seq"), *delays)
     return panel

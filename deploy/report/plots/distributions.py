@@ -5,20 +5,18 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from bokeh.models import ColumnDataSource, Node
+from bokeh.models import Node
 from bokeh.models.annotations import Label, Span
 from bokeh.models.formatters import NumeralTickFormatter
 from bokeh.models.ranges import Range1d
-from bokeh.models.tools import HoverTool
 from bokeh.plotting import figure
 from numpy.typing import ArrayLike
 
 from tis.common.channels import Direction
-from tis.deploy.logs.read.load import Ints
 from tis.deploy.present import plot_style as style
 from tis.deploy.present.numbers import number
 from tis.deploy.present.palette import AXIS, BLUE, DIRECTIONS, INK, PALE, PAPER, RED, VERMILION, Tone
-from tis.deploy.present.thinning import column, distribution
+from tis.deploy.present.thinning import distribution
 from tis.deploy.report.subjects.network.key_figures import Array, LinkColumns, run_lengths
 from tis.deploy.report.subjects.network.requested_pipeline import RequestedPipeline
 
@@ -38,10 +36,31 @@ class Curve:
     width: float = 2
 
 
-def delay_curves(
+def distribution_figure(
+    curves: Mapping[str, Curve], title: str, label: str, caption: str, limit_ms: float | None = None,
+    told: str = "", unit: str = "ms",
+) -> style.Figure | None:  # fmt: skip
+    """Draw distributions; None without any. The medians of the curves whose names end in ``told`` end the caption."""
+    if not curves:
+        return None
+    values = {name: np.asarray(curve.values) for name, curve in curves.items() if name.endswith(told)}
+    medians = ", ".join(f"{name} {number(float(np.median(each)))} {unit}" for name, each in values.items())
+    limit = "" if limit_ms is None else " The dashed line is the limit for the p99 of the end-to-end latency."
+    return style.Figure(
+        plots=(cdf(curves, label, limit_ms, unit),),
+        title=title,
+        caption=f"{caption} Medians: {medians}.{limit}",
+        alt=f"Cumulative distributions. Medians: {medians}.",
+        keys=tuple(
+            style.Key(n, c.tone, "dashed" if c.dash == "dashed" else "line", toggles=True) for n, c in curves.items()
+        ),
+    )
+
+
+def delay_cdf(
     links: Mapping[Direction, LinkColumns], requests: Mapping[Direction, RequestedPipeline | None], varies: bool
-) -> dict[str, Curve]:
-    """Return the distributions of each direction's delay by name: decided, realised, and requested if known.
+) -> style.Figure | None:
+    """Draw the delay of each direction: decided, realised, and requested if known; None when no message arrived.
 
     ``requests`` are shared by all keys of a direction, None where keys differ; ``varies``: they changed in the run.
     """
@@ -56,54 +75,29 @@ def delay_curves(
         if len(quantiles_ms) == len(_SHARES):
             named = f"{direction} requested" + (" (without changes)" if varies else "")
             curves[named] = Curve(quantiles_ms, INK, "dashed", [100 * share for share in _SHARES])
-    return curves
-
-
-def delay_cdf(curves: Mapping[str, Curve]) -> style.Figure | None:
-    """Draw the distribution of the delay of each direction; None when no message arrived."""
-    if not curves:
-        return None
-    realised = {name: curve.values for name, curve in curves.items() if name.endswith("realised")}
-    return style.Figure(
-        plots=(cdf(curves, "delay in netem, ms", None),),
-        title="How the delays are distributed",
-        caption="Follow the 99 % line to a curve: 99 of 100 messages took at most that long (p99). Where "
-        "requested (dashed), decided (pale) and realised coincide, the network was the one requested; queues and "
-        "waiting for earlier messages move realised to the right. Lost messages are not included. "
-        f"{_medians(realised)}",
-        alt="Cumulative distribution of the requested, decided and realised delay. " + _medians(realised),
-        keys=_keys(curves),
+    caption = (
+        "Follow the 99 % line to a curve: 99 of 100 messages took at most that long (p99). Where requested (dashed), "
+        "decided (pale) and realised coincide, the network was the one requested; queues and waiting for earlier "
+        "messages move realised to the right. Lost messages are not included."
+    )
+    return distribution_figure(
+        curves, "How the delays are distributed", "delay in netem, ms", caption, told="realised"
     )
 
 
-def latency_curves(end_to_end_ms: ArrayLike, round_trip_ms: ArrayLike) -> dict[str, Curve]:
-    """Return the distributions of end-to-end latency and round trip, without unknown ones."""
+def latency_cdf(end_to_end_ms: ArrayLike, round_trip_ms: ArrayLike, limit_ms: float | None) -> style.Figure | None:
+    """Draw the distributions of end-to-end latency and round trip; None when none is known."""
     both = {
         "end to end": Curve(np.asarray(end_to_end_ms, dtype=np.float64), BLUE),
         "round trip": Curve(np.asarray(round_trip_ms, dtype=np.float64), VERMILION),
     }
-    return {name: curve for name, curve in both.items() if len(curve.values)}
-
-
-def latency_cdf(curves: Mapping[str, Curve], limit_ms: float | None) -> style.Figure | None:
-    """Draw the distributions of latencies; None when none is known."""
-    if not curves:
-        return None
     caption = (
         "End to end is how old the newest sample is, command or arm position, when the estimate made with it is "
         "published; round trip is the surgeon's wait for the first answer to a command. The steps are the patient's "
-        "ticks: a sample that comes just after a tick waits for the next one. "
-        f"{_medians({n: c.values for n, c in curves.items()})}"
+        "ticks: a sample that comes just after a tick waits for the next one."
     )
-    if limit_ms is not None:
-        caption += " The dashed line is the limit for the p99 of the end-to-end latency."
-    return style.Figure(
-        plots=(cdf(curves, "latency, ms", limit_ms),),
-        title="How the latency is distributed",
-        caption=caption,
-        alt="Cumulative distribution of the latency. " + _medians({n: c.values for n, c in curves.items()}),
-        keys=_keys(curves),
-    )
+    known = {name: curve for name, curve in both.items() if len(curve.values)}
+    return distribution_figure(known, "How the latency is distributed", "latency, ms", caption, limit_ms)
 
 
 def cdf(curves: Mapping[str, Curve], label: str, limit_ms: float | None, unit: str = "ms") -> figure:
@@ -114,19 +108,11 @@ def cdf(curves: Mapping[str, Curve], label: str, limit_ms: float | None, unit: s
     for name, curve in curves.items():
         value, percent = distribution(curve.values) if curve.percent is None else (curve.values, curve.percent)
         # starts at zero and steps up at each value, so that a constant shows as a step
-        source = ColumnDataSource({"value": column([value[0], *value]), "percent": column([0.0, *percent])})
-        line = fig.step(
-            "value",
-            "percent",
-            source=source,
-            mode="after",
-            line_color=curve.tone.light,
-            line_dash=curve.dash,
-            line_width=curve.width,
-        )
+        source = style.data(value=[value[0], *value], percent=[0.0, *percent])
+        look: dict[str, Any] = {"line_dash": curve.dash, "line_width": curve.width}
+        line = fig.step("value", "percent", source=source, mode="after", line_color=curve.tone.light, **look)
         style.named(name, [line])
-        tips = [(name, "@percent{0.0} %"), ("at most", f"@value{{0.00}} {unit}")]
-        fig.add_tools(HoverTool(renderers=[line], tooltips=tips))
+        style.hover(fig, line, (name, "@percent{0.0} %"), ("at most", f"@value{{0.00}} {unit}"))
     fig.add_layout(Span(location=99, dimension="width", line_color=AXIS.light, line_dash="dotted"))
     at_left = False
     if limit_ms is not None:
@@ -147,17 +133,6 @@ def cdf(curves: Mapping[str, Curve], label: str, limit_ms: float | None, unit: s
     return fig
 
 
-def _keys(curves: Mapping[str, Curve]) -> tuple[style.Key, ...]:
-    return tuple(
-        style.Key(n, c.tone, "dashed" if c.dash == "dashed" else "line", toggles=True) for n, c in curves.items()
-    )
-
-
-def _medians(values: Mapping[str, ArrayLike]) -> str:
-    parts = (f"{name} {number(float(np.median(np.asarray(v))))} ms" for name, v in values.items())
-    return f"Medians: {', '.join(parts)}."
-
-
 _MAX_UNBINNED: Final = 40
 _GROUND: Final = 0.5
 
@@ -169,7 +144,9 @@ def loss_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | None:
         return None
     longest = max(int(lengths.max()) for lengths in used.values())
     width = max(1, -(-longest // _MAX_UNBINNED))
-    counts = {direction: _binned(lengths, width) for direction, lengths in used.items()}
+    # by direction: the shortest length of each bin that is not empty, and its number of runs
+    bins = {d: np.unique((lengths - 1) // width, return_counts=True) for d, lengths in used.items()}
+    counts = {direction: (place * width + 1, n) for direction, (place, n) in bins.items()}
     most = max(int(n.max()) for _, n in counts.values())
     fig = style.plain_figure(
         300,
@@ -185,17 +162,11 @@ def loss_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | None:
     share = 0.8 * width / len(used)
     for i, (direction, (first, n)) in enumerate(counts.items()):
         left = first - 0.4 * width + i * share + 0.5 * (width - 1)
-        source = ColumnDataSource(
-            {
-                "left": column(left),
-                "right": column(left + share),
-                "runs": n.astype(np.int32),
-                "length": [f"{low}" if width == 1 else f"{low} to {low + width - 1}" for low in first.tolist()],
-            }
-        )
+        length = [f"{low}" if width == 1 else f"{low} to {low + width - 1}" for low in first.tolist()]
+        source = style.data(left=left, right=left + share, runs=n.astype(np.int32), length=length)
         colour = DIRECTIONS[direction].light
         bars = fig.quad("left", "right", _GROUND, "runs", source=source, fill_color=colour, line_color=None)
-        fig.add_tools(HoverTool(renderers=[bars], tooltips=[("lost in a row", "@length"), ("runs", "@runs")]))
+        style.hover(fig, bars, ("lost in a row", "@length"), ("runs", "@runs"))
     counts_of = ", ".join(f"{d} {len(r)} runs, the longest of {r.max()}" for d, r in used.items())
     return style.Figure(
         plots=(fig,),
@@ -206,12 +177,6 @@ def loss_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | None:
         alt=f"Histogram of the lengths of loss runs: {counts_of}.",
         keys=tuple(style.Key(direction, DIRECTIONS[direction], "bar") for direction in used),
     )
-
-
-def _binned(lengths: Ints, width: int) -> tuple[Ints, Ints]:
-    """Return the shortest length of each non-empty bin, and its number of runs."""
-    bins, n = np.unique((lengths - 1) // width, return_counts=True)
-    return bins * width + 1, n
 
 
 _MIN_US = 1.0
@@ -238,11 +203,10 @@ def release_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | Non
         value, percent = distribution(np.maximum(error_us, _MIN_US))
         # steps down from 100 %; the last step would be 0, which a log axis cannot show
         above = np.maximum(100.0 - percent, 50 / most)
-        source = ColumnDataSource({"value": column([_MIN_US, *value]), "above": column([100.0, *above])})
+        source = style.data(value=[_MIN_US, *value], above=[100.0, *above])
         colour = DIRECTIONS[direction].light
         line = fig.step("value", "above", source=source, mode="after", line_color=colour, line_width=2)
-        tips = [("later than", "@value{0} \u00b5s"), ("share", "@above %")]
-        fig.add_tools(HoverTool(renderers=[line], tooltips=tips))
+        style.hover(fig, line, ("later than", "@value{0} \u00b5s"), ("share", "@above %"))
     medians = ", ".join(f"{d}: median {np.median(e):.0f} \u00b5s" for d, e in used.items())
     return style.Figure(
         plots=(fig,),

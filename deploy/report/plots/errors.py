@@ -6,17 +6,13 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
-from bokeh.models import ColumnDataSource
-from bokeh.models.annotations import BoxAnnotation
 from bokeh.models.ranges import DataRange1d, Range1d
-from bokeh.models.tools import HoverTool
 from bokeh.plotting import figure
 
 from tis.common.units import MM_PER_M, NS_PER_S
 from tis.deploy.present import plot_style as style
 from tis.deploy.present.numbers import number
 from tis.deploy.present.palette import AMBER, CHANGED, SERIES, SLATE, STATES, Tone
-from tis.deploy.present.thinning import column
 from tis.deploy.report.run_view import HandView
 from tis.deploy.report.subjects.safety import SetPoints
 from tis.deploy.report.subjects.tracking import Array, ErrorByAge, error_by_age
@@ -25,66 +21,70 @@ _AGE_TIP: Final = ("age", "@age{0.0} ms")
 
 
 @dataclass(frozen=True)
-class _Errors:
-    """Errors by name (T,), the active one among them, their unit and how it reads; ``mark`` tells toggles apart."""
+class Errors:
+    """One hand's errors by name (T,), of positions or of orientations, the active one among them, and how they read.
 
+    ``column`` names them in the hand's source; ``mark`` ends the names of their lines, as hold of the positions and
+    hold of the orientations are hidden apart.
+    """
+
+    view: HandView
     by_name: Mapping[str, Array]
     active: str
-    unit: str
-    label: str
     title: str
+    column: str
+    unit: str
+    statistic: str
+    digits: int
     mark: str = ""
 
 
-def error_age_figure(view: HandView) -> style.Figure | None:
-    """Draw each estimator's error over age at the scored ticks; None when there are too few."""
-    title = f"Error against age: {view.title}"
-    return _figure(view, _Errors(view.errors_mm, view.active, "mm", "RMSE in 3D, mm", title))
+def errors_of(view: HandView) -> tuple[Errors, Errors]:
+    """Return the errors of the estimators and those of the orientation methods."""
+    turning, deg = view.active_orientation, "\u00b0"
+    return (
+        Errors(view, view.errors_mm, view.active, "Error", "error", "mm", "RMSE in 3D", 3),
+        Errors(view, view.turns_deg, turning, "Orientation error", "turn", deg, "RMS angle", 2, " turn"),
+    )
 
 
-def turn_age_figure(view: HandView) -> style.Figure | None:
-    """Draw the error of each orientation method over age, as `error_age_figure`."""
-    title = f"Orientation error against age: {view.title}"
-    errors = _Errors(view.turns_deg, view.active_orientation, "\u00b0", "RMS angle, \u00b0", title, " turn")
-    return _figure(view, errors)
-
-
-def _figure(view: HandView, errors: _Errors) -> style.Figure | None:
+def age_figure(errors: Errors) -> style.Figure | None:
+    """Draw the errors over age at the scored ticks; None when there are too few."""
+    view, unit = errors.view, errors.unit
     scored = view.track.scored
     curves = {n: error_by_age(view.age_ms[scored], e[scored]) for n, e in errors.by_name.items()}
     curves = {name: curve for name, curve in curves.items() if len(curve.n)}
     if not curves:
         return None
     every = style.line_styles(list(errors.by_name), errors.active)  # so that styles match the other figures
-    styles = {name: every[name] for name in curves}
-    fig = style.plain_figure(300, x_axis_label="age of the newest sample at the tick, ms", y_axis_label=errors.label)
-    fig.y_range = DataRange1d(start=0, only_visible=True)
-    for name, curve in curves.items():
-        look = styles[name]
-        source = ColumnDataSource(
-            {"age": column(curve.age_ms), "rmse": column(curve.rmse), "n": curve.n.astype(np.int32)}
-        )
-        line = fig.line("age", "rmse", source=source, line_color=look.colour, line_width=look.width)
-        line.glyph.line_dash = look.look.dash
-        dots = fig.scatter("age", "rmse", source=source, size=7, fill_color=look.colour, line_color=None)
-        style.named(f"{name}{errors.mark}", [line, dots], look.shown)
-        tips = [(name, f"@rmse{{0.000}} {errors.unit}"), _AGE_TIP, ("ticks", "@n")]
-        fig.add_tools(HoverTool(renderers=[dots], tooltips=tips))
+    lines = {name: (curve, every[name]) for name, curve in curves.items()}
+    ends = (f"{n} from {number(c.rmse[0])} to {number(c.rmse[-1])} {unit}" for n, c in curves.items())
     return style.Figure(
-        plots=(fig,),
-        title=errors.title,
+        plots=(age_lines(lines, f"{errors.statistic}, {unit}", unit, errors.mark),),
+        title=f"{errors.title} against age: {view.title}",
         caption=_age_caption(errors, curves),
-        alt="Line chart of the error over the age of the newest sample. "
-        + ", ".join(
-            f"{n} from {number(float(c.rmse[0]))} to {number(float(c.rmse[-1]))} {errors.unit}"
-            for n, c in curves.items()
-        )
-        + ".",
-        keys=style.line_keys(styles, errors.mark),
+        alt=f"Line chart of the error over the age of the newest sample. {', '.join(ends)}.",
+        keys=style.line_keys({name: look for name, (_, look) in lines.items()}, errors.mark),
     )
 
 
-def _age_caption(errors: _Errors, curves: dict[str, ErrorByAge]) -> str:
+def age_lines(
+    lines: Mapping[str, tuple[ErrorByAge, style.LineStyle]], label: str, unit: str, mark: str = ""
+) -> figure:
+    """Return lines of errors by the age of the newest sample; ``mark`` ends the names of their renderers."""
+    fig = style.plain_figure(300, x_axis_label="age of the newest sample at the tick, ms", y_axis_label=label)
+    fig.y_range = DataRange1d(start=0, only_visible=True)
+    for name, (curve, look) in lines.items():
+        source = style.data(age=curve.age_ms, rmse=curve.rmse, n=curve.n.astype(np.int32))
+        line = fig.line("age", "rmse", source=source, line_color=look.colour, line_width=look.width)
+        line.glyph.line_dash = look.look.dash
+        dots = fig.scatter("age", "rmse", source=source, size=7, fill_color=look.colour, line_color=None)
+        style.named(f"{name}{mark}", [line, dots], look.shown)
+        style.hover(fig, dots, (name, f"@rmse{{0.000}} {unit}"), _AGE_TIP, ("ticks", "@n"))
+    return fig
+
+
+def _age_caption(errors: Errors, curves: dict[str, ErrorByAge]) -> str:
     text = "A good estimator stays low however old its newest sample is; hold rises as fast as the arm moves. "
     active, unit = errors.active, errors.unit
     curve = curves.get(active)
@@ -101,26 +101,30 @@ def _age_caption(errors: _Errors, curves: dict[str, ErrorByAge]) -> str:
     return text + ". Rare ages are merged, at least ten ticks a point."
 
 
-def error_figure(view: HandView, x_range: Range1d) -> style.Figure | None:
-    """Draw each estimator's error in 3D and the age; None when no tick has both estimate and truth."""
-    if not any(np.isfinite(error_mm).any() for error_mm in view.errors_mm.values()):
+def error_figure(errors: Errors, x_range: Range1d) -> style.Figure | None:
+    """Draw the errors over time, of positions with the age below; None when no tick has both estimate and truth."""
+    view, unit = errors.view, errors.unit
+    if not any(np.isfinite(each).any() for each in errors.by_name.values()):
         return None
-    styles = style.line_styles(list(view.errors_mm), view.active)
-    has_age = bool(np.isfinite(view.age_ms).any())
-    fig = style.time_figure(x_range, "error, mm", 240, with_axis=not has_age)
+    styles = style.line_styles(list(errors.by_name), errors.active)
+    of_positions, what = not errors.mark, errors.title.lower()
+    has_age = of_positions and bool(np.isfinite(view.age_ms).any())
+    fig = style.time_figure(x_range, f"{what}, {unit}", 240 if of_positions else 200, with_axis=not has_age)
     fig.y_range = DataRange1d(only_visible=True, start=0)
-    style.lines_over_time(fig, view.source, styles, "error", "{0.000} mm", "", _AGE_TIP)
-    panels = [fig, _age_panel(view, x_range)] if has_age else [fig]
-    first_s = float(view.track.t_ns[np.argmax(view.track.scored)]) / NS_PER_S if view.track.scored.any() else 0.0
+    tip = f"{{0.{'0' * errors.digits}}} {unit}"
+    style.lines_over_time(fig, view.source, styles, errors.column, tip, errors.mark, _AGE_TIP)
+    scored = view.track.scored
+    first_s = float(view.track.t_ns[np.argmax(scored)]) / NS_PER_S if of_positions and scored.any() else 0.0
     if first_s:
-        fig.add_layout(BoxAnnotation(right=first_s, fill_color=CHANGED.light, fill_alpha=0.6, line_color=None))
-    largest = _largest(view, view.errors_mm, ".2f", "mm")
+        style.shade(fig, None, first_s, CHANGED.light, fill_alpha=0.6)
+    known = {name: each[scored] for name, each in errors.by_name.items() if np.isfinite(each[scored]).any()}
+    largest = ", ".join(f"{n} {np.nanmax(each):.{errors.digits - 1}f} {unit}" for n, each in known.items())
     return style.Figure(
-        plots=(style.stacked(panels),),
-        title=f"Error over time: {view.title}",
-        caption=_caption(view, has_age, first_s > 0),
-        alt=f"Line chart of the 3D error over run time. Largest error: {largest}.",
-        keys=style.line_keys(styles),
+        plots=(style.stacked([fig, _age_panel(view, x_range)] if has_age else [fig]),),
+        title=f"{errors.title} over time: {view.title}",
+        caption=_caption(view, has_age, first_s > 0) if of_positions else _turn_caption(view),
+        alt=f"Line chart of the {what} over run time. Largest error: {largest}.",
+        keys=style.line_keys(styles, errors.mark),
     )
 
 
@@ -128,7 +132,7 @@ def _age_panel(view: HandView, x_range: Range1d) -> figure:
     panel = style.time_figure(x_range, "age, ms", 150)
     panel.y_range = DataRange1d(start=0)
     line = panel.step("t", "age", source=view.source, mode="after", line_color=SLATE.light, line_width=1.2)
-    panel.add_tools(HoverTool(renderers=[line], tooltips=[("run time", "@t{0.000} s"), _AGE_TIP]))
+    style.hover(panel, line, ("run time", "@t{0.000} s"), _AGE_TIP)
     return panel
 
 
@@ -139,49 +143,15 @@ def _caption(view: HandView, has_age: bool, has_settling: bool) -> str:
     error_mm = np.where(view.track.scored, view.errors_mm.get(view.active, np.nan), np.nan)
     if np.isfinite(error_mm).any():
         place = int(np.nanargmax(error_mm))
-        text += (
-            f"{view.active} errs most at {view.track.t_ns[place] / NS_PER_S:.1f} s, by {number(error_mm[place])} mm"
-        )
-        text += (
-            f", where the newest sample is {view.age_ms[place]:.0f} ms old. "
-            if np.isfinite(view.age_ms[place])
-            else ". "
-        )
+        at_s, age_ms = view.track.t_ns[place] / NS_PER_S, view.age_ms[place]
+        old = f", where the newest sample is {age_ms:.0f} ms old" if np.isfinite(age_ms) else ""
+        text += f"{view.active} errs most at {at_s:.1f} s, by {number(error_mm[place])} mm{old}. "
     if has_age:
         text += "Below: the age of the newest sample; it rises where messages are late or lost. "
     if has_settling:
         text += "The grey part is not scored, as filters may still settle there. "
     text += "Drag sideways or over a rectangle to zoom in; all figures over time follow."
     return text.strip() + view.thinning_note()
-
-
-def _largest(view: HandView, errors: Mapping[str, Array], form: str, unit: str) -> str:
-    """Return the largest of each of several errors at the scored ticks."""
-    scored = {name: error[view.track.scored] for name, error in errors.items()}
-    known = {name: np.nanmax(error) for name, error in scored.items() if np.isfinite(error).any()}
-    return ", ".join(f"{name} {error:{form}} {unit}" for name, error in known.items())
-
-
-MARK = " turn"
-"""Ends the names of the lines: hold of the positions and hold of the orientations are hidden apart."""
-
-
-def turn_figure(view: HandView, x_range: Range1d) -> style.Figure | None:
-    """Draw the angle of each orientation method to the truth; None when no tick has both."""
-    if not any(np.isfinite(turn_deg).any() for turn_deg in view.turns_deg.values()):
-        return None
-    styles = style.line_styles(list(view.turns_deg), view.active_orientation)
-    fig = style.time_figure(x_range, "orientation error, \u00b0", 200)
-    fig.y_range = DataRange1d(only_visible=True, start=0)
-    style.lines_over_time(fig, view.source, styles, "turn", "{0.00} \u00b0", MARK, _AGE_TIP)
-    largest = _largest(view, view.turns_deg, ".1f", "degrees")
-    return style.Figure(
-        plots=(fig,),
-        title=f"Orientation error over time: {view.title}",
-        caption=_turn_caption(view),
-        alt=f"Line chart of the orientation error over run time. Largest error: {largest}.",
-        keys=style.line_keys(styles, MARK),
-    )
 
 
 def _turn_caption(view: HandView) -> str:
@@ -195,17 +165,14 @@ def _turn_caption(view: HandView) -> str:
 
 
 _TONES: Final[dict[str, Tone]] = {
-    "resuming": STATES[0],
-    "hold": STATES[1],
-    "slow_stop": STATES[3],
-    "safe": STATES[2],
-}
-_NAMES: Final = {"resuming": "resuming", "hold": "hold", "slow_stop": "slow stop", "safe": "safe"}
+    "resuming": STATES[0], "hold": STATES[1], "slow stop": STATES[3], "safe": STATES[2],
+}  # fmt: skip
+"""Colours of the safety states but tracking, by their names in words."""
 _MAX_SPANS: Final = 200
 
 
 class _Span(NamedTuple):
-    mode: str
+    state: str
     begin_s: float
     end_s: float
 
@@ -219,20 +186,17 @@ def safety_figure(view: HandView, driven: SetPoints | None, x_range: Range1d) ->
         return None
     error_mm = MM_PER_M * np.linalg.norm(driven.position_m - view.track.truth_m, axis=1)
     t_s, kept = view.track.t_ns / NS_PER_S, view.kept
-    source = ColumnDataSource({"t": column(t_s[kept]), "set point": column(error_mm[kept])})
+    source = style.data(t=t_s[kept], error=error_mm[kept])
     fig = style.time_figure(x_range, "error, mm", 220)
     fig.y_range = DataRange1d(start=0)
     for span in spans[:_MAX_SPANS]:
-        tone = _TONES[span.mode].light
-        fig.add_layout(
-            BoxAnnotation(left=span.begin_s, right=span.end_s, fill_color=tone, line_color=None, level="underlay")
-        )
+        style.shade(fig, span.begin_s, span.end_s, _TONES[span.state].light)
     keys = [style.Key("set point", AMBER, "line")]
     if view.active in view.errors_mm:
         fig.line("t", f"{view.active} error", source=view.source, line_color=SERIES[0].light, line_width=1.2)
         keys.append(style.Key(f"{view.active}, the estimate", SERIES[0], "line"))
-    fig.line("t", "set point", source=source, line_color=AMBER.light, line_width=2.0)
-    keys += [style.Key(_NAMES[mode], _TONES[mode], "bar") for mode in dict.fromkeys(span.mode for span in spans)]
+    fig.line("t", "error", source=source, line_color=AMBER.light, line_width=2.0)
+    keys += [style.Key(state, _TONES[state], "bar") for state in dict.fromkeys(span.state for span in spans)]
     return style.Figure(
         plots=(fig,),
         title=f"Set point and safety state: {view.title}",
@@ -249,8 +213,9 @@ def _spans(view: HandView, driven: SetPoints) -> Iterator[_Span]:
         return
     ends = np.flatnonzero(mode[1:] != mode[:-1]) + 1
     for begin, end in pairwise([0, *ends.tolist(), len(mode)]):
-        if str(mode[begin]) in _TONES:
-            yield _Span(str(mode[begin]), float(t_s[begin]), float(t_s[min(end, len(t_s) - 1)]))
+        state = str(mode[begin]).replace("_", " ")
+        if state in _TONES:
+            yield _Span(state, float(t_s[begin]), float(t_s[min(end, len(t_s) - 1)]))
 
 
 def _safety_caption(view: HandView, driven: SetPoints, spans: list[_Span]) -> str:
@@ -269,6 +234,6 @@ def _safety_caption(view: HandView, driven: SetPoints, spans: list[_Span]) -> st
 def _states(spans: list[_Span]) -> str:
     if not spans:
         return "The state was tracking throughout."
-    times = {mode: sum(one.end_s - one.begin_s for one in spans if one.mode == mode) for mode in _TONES}
-    parts = [f"{_NAMES[mode]} {seconds:.1f} s" for mode, seconds in times.items() if seconds > 0]
+    times = {state: sum(one.end_s - one.begin_s for one in spans if one.state == state) for state in _TONES}
+    parts = [f"{state} {seconds:.1f} s" for state, seconds in times.items() if seconds > 0]
     return f"Time outside tracking: {', '.join(parts)}."

@@ -1,13 +1,11 @@
 """Identified models: singular values with the order, and poles in the unit circle with half-lives."""
 
 import math
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from bokeh.models import ColumnDataSource
 from bokeh.models.annotations import Label, Span
 from bokeh.models.ranges import DataRange1d, Range1d
-from bokeh.models.tools import HoverTool
 from numpy.typing import NDArray
 
 from tis.common.scenario.identification import Identification, is_model_file
@@ -48,21 +46,13 @@ def singular_figure(identification: IdentifiedModel, which: str, part: Identific
         y_range=Range1d(start=10.0**low, end=10.0 ** max(high, low + 1)),
     )
     fig.yaxis.ticker = [10.0**power for power in range(low, max(high, low + 1) + 1)]
-    source = ColumnDataSource({"number": [i for i, _ in values], "value": [value for _, value in values]})
+    source = style.data(number=[i for i, _ in values], value=[value for _, value in values])
     fig.line("number", "value", source=source, line_color=PALE.light)
     dots = fig.scatter("number", "value", source=source, size=7, fill_color=BLUE.light, line_color=None)
-    fig.add_tools(HoverTool(renderers=[dots], tooltips=[("number", "@number"), ("value", "@value{0.000e}")]))
+    style.hover(fig, dots, ("number", "@number"), ("value", "@value{0.000e}"))
     fig.add_layout(Span(location=order + 0.5, dimension="height", line_color=VERMILION.light, line_dash="dashed"))
-    fig.add_layout(
-        Label(
-            x=order + 0.5,
-            y=10,
-            y_units="screen",
-            text=f"order {order}",
-            x_offset=5,
-            text_color=VERMILION.light,
-        )
-    )
+    text: dict[str, Any] = {"text": f"order {order}", "text_color": VERMILION.light}
+    fig.add_layout(Label(x=order + 0.5, y=10, y_units="screen", x_offset=5, **text))
     fit = ", ".join(fit_text(value, 3) for value in identification.fit_pct)
     caption = (
         "Each value weighs one more state of the arm. "
@@ -121,22 +111,12 @@ def poles_figure(model: ArmModel) -> style.Figure | None:
     turn = np.linspace(0, 2 * np.pi, 181)
     fig.line(column(np.cos(turn)), column(np.sin(turn)), line_color=AXIS.light, line_dash="dashed")
     for name, (values, tone) in poles.items():
-        source = ColumnDataSource(
-            {
-                "re": values.real,
-                "im": values.imag,
-                "modulus": np.abs(values),
-                "half_life": _half_life_ms(values, model),
-            }
-        )
+        halves_ms = _half_life_ms(values, model)
+        source = style.data(re=values.real, im=values.imag, modulus=np.abs(values), half_life=halves_ms)
         marks = fig.scatter("re", "im", source=source, marker="x", size=10, color=tone.light, line_width=2)
         style.named(name, [marks])
-        tips = [
-            (name, "@re{0.000} + @im{0.000} i"),
-            ("modulus", "@modulus{0.0000}"),
-            ("halves in", "@half_life{0} ms"),
-        ]
-        fig.add_tools(HoverTool(renderers=[marks], tooltips=tips))
+        where, life = (name, "@re{0.000} + @im{0.000} i"), ("halves in", "@half_life{0} ms")
+        style.hover(fig, marks, where, ("modulus", "@modulus{0.0000}"), life)
     return style.Figure(
         plots=(fig,),
         title=f"Poles in the unit circle, {model.hand} hand",

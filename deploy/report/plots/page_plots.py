@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
-from bokeh.models.annotations import BoxAnnotation
+from bokeh.models import GridPlot
 from bokeh.models.ranges import Range1d
 from bokeh.plotting import figure
 
@@ -17,15 +17,8 @@ from tis.deploy.present.palette import AWAY, CHANGED, OUTAGE, STALL, Tone
 from tis.deploy.present.plot_style import Figure, time_range
 from tis.deploy.report.plots.clocks import clock_figure
 from tis.deploy.report.plots.delay import delay_figure
-from tis.deploy.report.plots.distributions import (
-    delay_cdf,
-    delay_curves,
-    latency_cdf,
-    latency_curves,
-    loss_figure,
-    release_figure,
-)
-from tis.deploy.report.plots.errors import error_age_figure, error_figure, safety_figure, turn_age_figure, turn_figure
+from tis.deploy.report.plots.distributions import delay_cdf, latency_cdf, loss_figure, release_figure
+from tis.deploy.report.plots.errors import age_figure, error_figure, errors_of, safety_figure
 from tis.deploy.report.plots.models import poles_figure, singular_figure
 from tis.deploy.report.plots.movement import path_figure, tracking_figure
 from tis.deploy.report.run_view import RunView
@@ -46,13 +39,13 @@ def marked(drawn: style.Figure | None, found: Sequence[Disturbance], x_range: Ra
     """Return a figure with the disturbances in each of its panels over ``x_range``, and their keys."""
     if drawn is None or not found:
         return drawn
-    each = [panel for plot in drawn.plots for panel in plot.select({"type": figure}) if isinstance(panel, figure)]
-    panels = {panel.id: panel for panel in each}
     kinds = [kind for kind in _TONES if any(one.kind == kind for one in found)]
-    for panel in panels.values():
-        if panel.x_range is x_range:
-            for kind in kinds:
-                mark_disturbances(panel, [one for one in found if one.kind == kind], _TONES[kind].light, 1.0)
+    for plot in drawn.plots:
+        # from top to bottom: the order of `select` is that of a set, another one in each process
+        for panel in (child[0] for child in plot.children) if isinstance(plot, GridPlot) else [plot]:
+            if isinstance(panel, figure) and panel.x_range is x_range:
+                for kind in kinds:
+                    mark_disturbances(panel, [one for one in found if one.kind == kind], _TONES[kind].light, 1.0)
     return replace(drawn, keys=(*drawn.keys, *(style.Key(_NAMES[kind], _TONES[kind], "bar") for kind in kinds)))
 
 
@@ -60,18 +53,9 @@ def mark_disturbances(panel: figure, found: Sequence[Disturbance], colour: str, 
     """Shade the time of each disturbance, with dashed ends unless nothing is sent; of very many the longest."""
     longest = sorted(found, key=lambda one: one.begin_s - one.end_s)[:_MAX_MARKS]
     for one in longest:
-        panel.add_layout(
-            BoxAnnotation(
-                left=one.begin_s,
-                right=one.end_s,
-                fill_color=colour,
-                fill_alpha=alpha,
-                line_color=colour,
-                line_alpha=min(2 * alpha, 1.0),
-                line_dash="solid" if one.kind in ("outage", "stall") else "dashed",
-                level="underlay",
-            )
-        )
+        dash = "solid" if one.kind in ("outage", "stall") else "dashed"
+        edge: dict[str, Any] = {"line_color": colour, "line_alpha": min(2 * alpha, 1.0), "line_dash": dash}
+        style.shade(panel, one.begin_s, one.end_s, colour, fill_alpha=alpha, **edge)
 
 
 class RunPlots:
@@ -93,9 +77,7 @@ class RunPlots:
 
     def errors(self) -> list[Figure | None]:
         """Return for each hand the errors of position and orientation over time."""
-        return [
-            self._marked(draw(view, self._x_range)) for view in self._hands for draw in (error_figure, turn_figure)
-        ]
+        return [self._marked(error_figure(one, self._x_range)) for view in self._hands for one in errors_of(view)]
 
     def safety(self) -> list[Figure | None]:
         """Return for each hand the set point beside the estimate, where the safety state was not always tracking."""
@@ -124,11 +106,11 @@ class RunPlots:
         latency_ms, trips_ms = (ns / NS_PER_MS for ns in (measured.latency.end_to_end, measured.round_trips_ns))
         limit_ms = self._run.scenario.limits.resolved().end_to_end_p99_ms
         return [
-            latency_cdf(latency_curves(latency_ms, trips_ms), limit_ms),
-            delay_cdf(delay_curves(self._links, self._shared, self._varies)),
+            latency_cdf(latency_ms, trips_ms, limit_ms),
+            delay_cdf(self._links, self._shared, self._varies),
             loss_figure(self._links),
             release_figure(self._links),
-            *(draw(view) for view in self._hands for draw in (error_age_figure, turn_age_figure)),
+            *(age_figure(one) for view in self._hands for one in errors_of(view)),
         ]
 
     def models(self) -> list[Figure | None]:

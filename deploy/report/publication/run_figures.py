@@ -38,17 +38,26 @@ def paper_figures(run: RunView) -> dict[str, Figure]:
             found[f"position{suffix}"] = _position(view)
             found[f"error{suffix}"] = _error(view)
             found[f"error_by_age{suffix}"] = _error_by_age(view)
-        found["latency_cdf"] = _latency(run)
+        latency_ms, trips_ms = (
+            ns / NS_PER_MS for ns in (run.measured.latency.end_to_end, run.measured.round_trips_ns)
+        )
+        both = {"end to end": (latency_ms, BLUE.light), "round trip": (trips_ms, VERMILION.light)}
+        found["latency_cdf"] = _cdf(both, "latency, ms")
         found["delay"] = _delay(links)
-        found["delay_cdf"] = _delay_cdf(links)
+        delays_ms = {d: (link.all("realised_ms"), DIRECTIONS[d].light) for d, link in links.items()}
+        found["delay_cdf"] = _cdf(delays_ms, "delay in netem, ms")
         found["loss_runs"] = _loss(links)
     return {name: figure for name, figure in found.items() if figure is not None}
 
 
-def _blank(height_in: float, n_rows: int = 1) -> tuple[Figure, list[Axes]]:
+def _blank(height_in: float, x_label: str, *y_labels: str) -> tuple[Figure, list[Axes]]:
+    """Return a figure with a panel for each label of a vertical axis."""
     figure = Figure(figsize=(COLUMN_IN, height_in), layout="constrained")
-    axes = figure.subplots(n_rows, 1, sharex=True, squeeze=False)[:, 0]
-    return figure, list(axes)
+    rows = list(figure.subplots(len(y_labels), 1, sharex=True, squeeze=False)[:, 0])
+    for axes, label in zip(rows, y_labels, strict=True):
+        axes.set_ylabel(label)
+    rows[-1].set_xlabel(x_label)
+    return figure, rows
 
 
 def _shown(view: HandView) -> list[str]:
@@ -64,16 +73,14 @@ def _line(axes: Axes, name: str, x: np.ndarray, y: np.ndarray, width: float = 0.
 def _position(view: HandView) -> Figure | None:
     if not np.isfinite(view.track.truth_m).any():
         return None
-    figure, rows = _blank(3.3, 3)
+    figure, rows = _blank(3.3, "run time, s", "x, mm", "y, mm", "z, mm")
     largest_mm = np.fmax.reduce([view.errors_mm[name] for name in _shown(view)]) if _shown(view) else None
     kept = np.arange(view.n_ticks) if largest_mm is None else worst(largest_mm, _MAX_POINTS)
     t_s = view.track.t_ns[kept] / NS_PER_S
-    for i, (axes, axis) in enumerate(zip(rows, "xyz", strict=True)):
+    for i, axes in enumerate(rows):
         _line(axes, "truth", t_s, MM_PER_M * view.track.truth_m[kept, i], 1.8)
         for name in _shown(view):
             _line(axes, name, t_s, MM_PER_M * view.track.estimates[name][kept, i])
-        axes.set_ylabel(f"{axis}, mm")
-    rows[-1].set_xlabel("run time, s")
     figure.align_ylabels(rows)
     _legend(figure, rows[0])
     return figure
@@ -83,13 +90,11 @@ def _error(view: HandView) -> Figure | None:
     names = [name for name in _shown(view) if np.isfinite(view.errors_mm[name]).any()]
     if not names:
         return None
-    figure, (axes,) = _blank(1.9)
+    figure, (axes,) = _blank(1.9, "run time, s", "error in 3D, mm")
     for name in names:
         kept = worst(view.errors_mm[name], _MAX_POINTS)
         _line(axes, name, view.track.t_ns[kept] / NS_PER_S, view.errors_mm[name][kept], 0.7)
     axes.set_ylim(bottom=0)
-    axes.set_xlabel("run time, s")
-    axes.set_ylabel("error in 3D, mm")
     _legend(figure, axes)
     return figure
 
@@ -100,42 +105,26 @@ def _error_by_age(view: HandView) -> Figure | None:
     curves = {name: curve for name, curve in curves.items() if len(curve.n)}
     if not curves:
         return None
-    figure, (axes,) = _blank(1.9)
+    figure, (axes,) = _blank(1.9, "age of the newest sample at the tick, ms", "RMSE in 3D, mm")
     for name, curve in curves.items():
         look = look_of(name)
         dashes = _DASHES[look.dash]
         axes.plot(curve.age_ms, curve.rmse, dashes, marker="o", markersize=3, color=look.tone.light, label=name)
     axes.set_ylim(bottom=0)
-    axes.set_xlabel("age of the newest sample at the tick, ms")
-    axes.set_ylabel("RMSE in 3D, mm")
     _legend(figure, axes)
     return figure
-
-
-def _latency(run: RunView) -> Figure | None:
-    both = {
-        "end to end": (run.measured.latency.end_to_end, BLUE),
-        "round trip": (run.measured.round_trips_ns, VERMILION),
-    }
-    return _cdf({n: (v / NS_PER_MS, tone.light) for n, (v, tone) in both.items()}, "latency, ms")
-
-
-def _delay_cdf(links: Mapping[Direction, LinkColumns]) -> Figure | None:
-    return _cdf({d: (k.all("realised_ms"), DIRECTIONS[d].light) for d, k in links.items()}, "delay in netem, ms")
 
 
 def _cdf(curves: Mapping[str, tuple[np.ndarray, str]], label: str) -> Figure | None:
     used = {name: (values, colour) for name, (values, colour) in curves.items() if len(values)}
     if not used:
         return None
-    figure, (axes,) = _blank(1.9)
+    figure, (axes,) = _blank(1.9, label, "share at or below, %")
     for name, (values, colour) in used.items():
         value, percent = distribution(values)
         axes.step([value[0], *value], [0.0, *percent], where="post", color=colour, linewidth=1.1, label=name)
     axes.axhline(99, color="#8a949e", linewidth=0.6, linestyle=":")
     axes.set_ylim(0, 102)
-    axes.set_xlabel(label)
-    axes.set_ylabel("share at or below, %")
     _legend(figure, axes)
     return figure
 
@@ -144,7 +133,7 @@ def _delay(links: Mapping[Direction, LinkColumns]) -> Figure | None:
     used = {d: link for d, link in links.items() if len(link.all("realised_ms"))}
     if not used:
         return None
-    figure, rows = _blank(1.2 + 0.9 * len(used), len(used))
+    figure, rows = _blank(1.2 + 0.9 * len(used), "run time, s", *(f"{direction}, ms" for direction in used))
     for axes, (direction, link) in zip(rows, used.items(), strict=True):
         kept = evenly_and_largest(link.all("realised_ms"), _MAX_POINTS)
         sent_s, realised_ms = link.all("sent_s")[kept], link.all("realised_ms")[kept]
@@ -153,8 +142,6 @@ def _delay(links: Mapping[Direction, LinkColumns]) -> Figure | None:
         axes.plot(
             lost_s, np.zeros(len(lost_s)), "|", markersize=3, color=RED.light, markeredgewidth=0.3, label="lost"
         )
-        axes.set_ylabel(f"{direction}, ms")
-    rows[-1].set_xlabel("run time, s")
     return figure
 
 
@@ -162,14 +149,12 @@ def _loss(links: Mapping[Direction, LinkColumns]) -> Figure | None:
     used = run_lengths(links)
     if not used:
         return None
-    figure, (axes,) = _blank(1.9)
+    figure, (axes,) = _blank(1.9, "messages lost one after the other", "runs")
     for i, (direction, values) in enumerate(used.items()):
         length, n = np.unique(values, return_counts=True)
         width = 0.8 / len(used)
         axes.bar(length - 0.4 + (i + 0.5) * width, n, width, color=DIRECTIONS[direction].light, label=direction)
     axes.set_yscale("log")
-    axes.set_xlabel("messages lost one after the other")
-    axes.set_ylabel("runs")
     _legend(figure, axes)
     return figure
 

@@ -6,7 +6,6 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from tis.common.channels import Hand
 from tis.common.metrics.consistency import consistency, normalised_squares
@@ -15,13 +14,13 @@ from tis.common.metrics.tracking import Scorable, score
 from tis.common.records import PLANT
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_US, sample_index
-from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.load import Ints, RunLogs
 from tis.deploy.logs.read.note_columns import notes
 from tis.deploy.present.numbers import broken_name, interval, number, percent
 from tis.deploy.present.page import css, folded
 from tis.deploy.present.palette import Look, look_of
 from tis.deploy.present.table import Cell, Column, Table
-from tis.deploy.report.section import Section, Statistics, means
+from tis.deploy.report.section import Section, Statistics, means, statistics
 from tis.deploy.report.subjects.offsets import Offset, offsets
 from tis.deploy.report.subjects.own_estimators import OwnEstimator
 from tis.deploy.report.subjects.tracking import HandTrack, topic_of, track_of_hand
@@ -61,11 +60,7 @@ class Scores(Section):
     n_scored: int = means("Scored ticks, the same for all estimators; they begin 2 s after the first arrival.")
     n_missing: int = means("Scored ticks without an estimate; they count with the error of `hold`.")
     offset: Offset = means("Offsets in time and value.")
-    step_us: Statistics = Field(
-        default={},
-        description="Computing time of a step; `null` in virtual time.",
-        json_schema_extra={"required": ["p50", "p99"]},
-    )
+    step_us: Statistics = statistics("Computing time of a step; `null` in virtual time.", "p50 p99", default={})
     nees: Consistency | None = means(
         "Of the errors against the truth (normalised estimation error squared).", default=None
     )
@@ -90,12 +85,7 @@ _CUT: Final = "\u00bb"
 
 def accuracy_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand, model: ArmModel) -> dict[str, Scores]:
     """Return the scores of all estimators for one hand, and of an arm that executes set points."""
-    return accuracy_of_track(logs, scenario, track_of_hand(logs, scenario, hand), model)
-
-
-def accuracy_of_track(logs: RunLogs, scenario: Scenario, track: HandTrack, model: ArmModel) -> dict[str, Scores]:
-    """Return the scores of one hand's track; empty where truth or estimates are missing."""
-    return pooled_accuracy(logs, scenario, [(track, model)])
+    return pooled_accuracy(logs, scenario, [(track_of_hand(logs, scenario, hand), model)])
 
 
 def pooled_accuracy(
@@ -114,7 +104,11 @@ def pooled_accuracy(
     for name in names:
         having = [(track, model, both) for (track, model), both in zip(known, arrived, strict=True)
                   if name in track.estimates]  # fmt: skip
-        entry: dict[str, Any] = dict(score(*(_scorable(track, model, name) for track, model, _ in having)))
+        hands_of = (
+            Scorable(t.estimates[name], t.estimates["hold"], t.truth_m, t.scored, m.output_high_m - m.output_low_m)
+            for t, m, _ in having
+        )
+        entry: dict[str, Any] = dict(score(*hands_of))
         entry["offset"] = offsets([track for track, _, _ in having], name, scenario.rate_hz)
         if name != "plant":
             entry |= _steps_and_deviations(logs, name, having)
@@ -124,20 +118,13 @@ def pooled_accuracy(
     return result
 
 
-def _scorable(track: HandTrack, model: ArmModel, name: str) -> Scorable:
-    range_m = model.output_high_m - model.output_low_m
-    return Scorable(track.estimates[name], track.estimates["hold"], track.truth_m, track.scored, range_m)
-
-
 def _steps_and_deviations(
     logs: RunLogs, name: str, hands: Sequence[tuple[HandTrack, ArmModel, NDArray[np.bool_]]]
 ) -> dict[str, Any]:
     """Return the times of an estimator's steps, and its consistency where it states deviations."""
     rows = notes(logs, "patient", topic_of(name))
     steps_ns = rows.column("step_ns")[np.any([rows.where("hand", model.hand) for _, model, _ in hands], axis=0)]
-    # virtual time logs 0 for every step: no measurement
-    measured = steps_ns if steps_ns.any() else steps_ns[:0]
-    entry: dict[str, Any] = {"step_us": summarise(measured / NS_PER_US, percentiles=(50, 99), also=())}
+    entry: dict[str, Any] = {"step_us": step_times_us(steps_ns)}
     if any(np.isfinite(track.stds[name][track.scored]).any() for track, _, _ in hands):
         errors, innovations = [], []
         for track, _, arrived in hands:
@@ -147,6 +134,12 @@ def _steps_and_deviations(
         entry["nees"] = consistency(np.concatenate(errors))
         entry["nis"] = consistency(np.concatenate(innovations))
     return entry
+
+
+def step_times_us(steps_ns: Ints) -> Statistics:
+    """Return the computing times of steps (N,); unknown in virtual time, which logs 0 for every step."""
+    measured = steps_ns if steps_ns.any() else steps_ns[:0]
+    return summarise(measured / NS_PER_US, percentiles=(50, 99), also=())
 
 
 def _clamped_pct(logs: RunLogs, models: Sequence[ArmModel]) -> float | None:

@@ -1,7 +1,7 @@
 """Age of the freshest sample: at the ticks, over time, and at the ticks of each possible tick mode."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tis.common.channels import Arm, Hand, hand_channels
 from tis.common.metrics.age_of_information import Arrivals, Ints, age_of_information, ages_when_used_ns, best_phase
 from tis.common.metrics.latency import Instants
-from tis.common.metrics.percentiles import Summary, summarise
+from tis.common.metrics.percentiles import summarise
 from tis.common.records import FRESH, PHASES
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_MS, ms_to_ns
@@ -60,7 +60,7 @@ def ages_ns(logs: RunLogs) -> Instants:
     those before the first sample have no age. Oracle: an outage of known length, tests/deploy/run/test_twin.
     """
     hands: list[Hand] = np.unique(notes(logs, "patient", FRESH).column("hand")).tolist()
-    return np.concatenate([np.empty(0, dtype=np.int64), *(ages_of_hand(logs, hand)[1] for hand in hands)])
+    return _all(ages_of_hand(logs, hand)[1] for hand in hands)
 
 
 def ages_of_hand(logs: RunLogs, hand: Hand) -> tuple[Instants, Instants]:
@@ -92,7 +92,6 @@ def _near_gap(logs: RunLogs, due_ns: Instants) -> NDArray[np.bool_]:
 
 
 _CANDIDATES: Final = 64
-_PERCENTILES: Final = (50, 95, 99)
 
 
 def freshest_arrivals(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> list[Arrivals]:
@@ -103,9 +102,8 @@ def freshest_arrivals(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> 
         channels = hand_channels(hand, arm)
         keys = [channel.key(session) for channel in (channels.command, channels.arm)]
         ours = [messages[key] for key in keys if key in messages]
-        nothing = np.empty(0, dtype=np.int64)
-        recv_ns = np.concatenate([nothing, *(columns.log_ns for columns in ours)])
-        found.append(Arrivals.of(recv_ns, np.concatenate([nothing, *(columns.sample_ns for columns in ours)])))
+        recv_ns, sample_ns = (_all(getattr(one, name) for one in ours) for name in ("log_ns", "sample_ns"))
+        found.append(Arrivals.of(recv_ns, sample_ns))
     return found
 
 
@@ -122,10 +120,10 @@ def age_of_information_ms(logs: RunLogs, arrivals: Sequence[Arrivals]) -> AgeOfI
     until_ns = int(due_ns[-1]) if len(due_ns) else 0
     ages = [age_of_information(one, until_ns) for one in arrivals]
     means = [age.mean_ns for age in ages if age.mean_ns is not None]
-    peaks_ns = np.concatenate([np.empty(0, dtype=np.int64), *(age.peaks_ns for age in ages)])
+    peaks_ns = _all(age.peaks_ns for age in ages)
     return AgeOfInformation(
         mean=float(np.mean(means)) / NS_PER_MS if means else None,
-        peak=summarise(peaks_ns / NS_PER_MS, _PERCENTILES, ("mean", "max")),
+        peak=summarise(peaks_ns / NS_PER_MS, also=("mean", "max")),
     )
 
 
@@ -145,19 +143,20 @@ def tick_modes(logs: RunLogs, scenario: Scenario, arrivals: Sequence[Arrivals]) 
     known = [one for one in by_patient if len(one.recv_ns)]
     best_ns = best_phase(known, rate_hz, phase_ns, _CANDIDATES).phase_ns if known else phase_ns
     ages = {
-        "free": _all([ages_when_used_ns(one, rate_hz, phase_ns) for one in known]),
-        "phase_locked": _all([ages_when_used_ns(one, rate_hz, best_ns) for one in known]),
-        "on_arrival": _all([one.recv_ns - one.sample_ns for one in known]),
+        "free": _all(ages_when_used_ns(one, rate_hz, phase_ns) for one in known),
+        "phase_locked": _all(ages_when_used_ns(one, rate_hz, best_ns) for one in known),
+        "on_arrival": _all(one.recv_ns - one.sample_ns for one in known),
     }
     phases_ns = {"free": phase_ns, "phase_locked": best_ns}
     free_ns = float(ages["free"].mean()) if known else None
-    entries = {}
-    for mode, age_ns in ages.items():
-        entry: dict[str, Any] = {"age_when_used_ms": _spread_ms(age_ns)}
-        entry["saves_ms"] = None if free_ns is None else (free_ns - float(age_ns.mean())) / NS_PER_MS
-        if mode in phases_ns:
-            entry["phase_ms"] = phases_ns[mode] / NS_PER_MS
-        entries[mode] = TickMode(**entry)
+    entries = {
+        mode: TickMode(
+            age_when_used_ms=summarise(age_ns / NS_PER_MS, also=("mean", "max")),
+            saves_ms=None if free_ns is None else (free_ns - float(age_ns.mean())) / NS_PER_MS,
+            **({"phase_ms": phases_ns[mode] / NS_PER_MS} if mode in phases_ns else {}),
+        )
+        for mode, age_ns in ages.items()
+    }
     shifts = len(logs.of("patient", PHASES))
     return TickModes(mode=patient.tick, shifts=shifts, **entries, line=_line(patient.tick, shifts, entries))
 
@@ -175,12 +174,8 @@ def _line(mode: str, shifts: int, entries: Mapping[str, TickMode]) -> str:
     )
 
 
-def _all(parts: Sequence[Ints]) -> Ints:
+def _all(parts: Iterable[Ints]) -> Ints:
     return np.concatenate([np.empty(0, dtype=np.int64), *parts])
-
-
-def _spread_ms(age_ns: Ints) -> Summary:
-    return summarise(age_ns / NS_PER_MS, _PERCENTILES, ("mean", "max"))
 
 
 def tick_mode_table(modes: TickModes) -> Table:

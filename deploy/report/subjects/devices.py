@@ -5,11 +5,11 @@ from typing import Final, get_args
 
 from tis.common.channels import Hand, Side
 from tis.common.devices.records import DEVICES, FOREIGN_SURGEON, Refusal
-from tis.common.records import COUNTERS
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.report.section import Section, means
+from tis.deploy.report.subjects.logs import counters_of
 
 
 class DeviceFigures(Section):
@@ -54,7 +54,7 @@ def devices_summary(logs: RunLogs, scenario: Scenario) -> dict[str, dict[Hand, D
 
 def is_foreign(logs: RunLogs) -> bool:
     """Tell whether another program was the surgeon, and ours only wrote its log."""
-    return "surgeon" in logs.sides and any(row["name"] == FOREIGN_SURGEON for row in logs.of("surgeon", COUNTERS))
+    return FOREIGN_SURGEON in counters_of(logs, "surgeon")
 
 
 def device_texts(devices: ByHand, external_arms: ByHand) -> list[str]:
@@ -73,7 +73,7 @@ def device_texts(devices: ByHand, external_arms: ByHand) -> list[str]:
 
 
 def _by_hand(logs: RunLogs, scenario: Scenario, side: Side, head: str) -> dict[Hand, DeviceFigures]:
-    counts = {row["name"]: row["value"] for row in logs.of(side, COUNTERS)}
+    counts = counters_of(logs, side)
     rows = logs.of(side, DEVICES)
     found: dict[Hand, DeviceFigures] = {}
     for hand in scenario.source.hands:

@@ -1,11 +1,10 @@
 """Messages from elsewhere: refused, rejected and quarantined ones, and evidence that somebody forges."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final, get_args
+from typing import Final, get_args
 
 from tis.common.channels import Side
 from tis.common.peer_life import Alarm
-from tis.common.records import COUNTERS
 from tis.common.refusal import MEANING, REFUSED, Refusal
 from tis.common.safety_records import QUARANTINED, SINCE_MS
 from tis.common.scenario import Scenario
@@ -13,6 +12,7 @@ from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.present.numbers import number
 from tis.deploy.report.section import Section, means
+from tis.deploy.report.subjects.logs import count_of, counters_of
 from tis.patient_side.safety.gate import Kind
 
 
@@ -69,18 +69,6 @@ def _count_of(logs: RunLogs, side: Side, name: str) -> int | None:
     """Return a counter that is only written when it is above 0; None without any counters."""
     rows = counters_of(logs, side)
     return int(rows.get(name, 0)) if rows else None
-
-
-def counters_of(logs: RunLogs, side: Side) -> dict[str, Any]:
-    """Return a side's counters by name; empty without its log."""
-    log = logs.sides.get(side)
-    return {} if log is None else {row["name"]: row["value"] for row in log.of(COUNTERS)}
-
-
-def count_of(logs: RunLogs, side: Side, name: str) -> int | None:
-    """Return the first value of a side's counter; None without it."""
-    log = logs.sides.get(side)
-    return None if log is None else next((row["value"] for row in log.of(COUNTERS) if row["name"] == name), None)
 
 
 def quarantined(logs: RunLogs) -> dict[str, int | None]:

@@ -1,12 +1,13 @@
 """Logs of a run: their state, and messages in their gaps, which are left out instead of called lost."""
 
 from collections.abc import Collection, Iterable, Mapping
-from typing import Self, get_args
+from typing import Any, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.channels import Direction, Side
+from tis.common.records import COUNTERS
 from tis.deploy.logs.coverage import WRITTEN_WITHIN_NS, Span, lies_in
 from tis.deploy.logs.read.batches import link_fates, link_releases
 from tis.deploy.logs.read.load import Ints, RunLogs
@@ -34,6 +35,16 @@ def log_states(logs: RunLogs) -> dict[Side, LogState]:
         for side, log in logs.sides.items()
     }
     return {side: found.get(side, missing) for side in get_args(Side)}
+
+
+def counters_of(logs: RunLogs, side: Side) -> dict[str, Any]:
+    """Return a side's counters by name; empty without its log."""
+    return {row["name"]: row["value"] for row in logs.of(side, COUNTERS)}
+
+
+def count_of(logs: RunLogs, side: Side, name: str) -> int | None:
+    """Return the first value of a side's counter; None without it."""
+    return next((row["value"] for row in logs.of(side, COUNTERS) if row["name"] == name), None)
 
 
 def absence_texts(states: Mapping[Side, LogState]) -> list[str]:

@@ -7,7 +7,6 @@ from typing import Any, Final
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from pydantic import Field
 
 from tis.common.channels import Hand
 from tis.common.metrics.consistency import consistency, normalised_squares
@@ -15,13 +14,12 @@ from tis.common.metrics.percentiles import summarise
 from tis.common.metrics.tracking import angles_deg, error_vectors, orientation_at
 from tis.common.records import ORIENTATIONS, TRUTH
 from tis.common.scenario import Scenario
-from tis.common.units import NS_PER_US
 from tis.deploy.logs.read.load import Ints, RunLogs
 from tis.deploy.logs.read.note_columns import notes
 from tis.deploy.present.numbers import NONE, percent
 from tis.deploy.present.table import Table
-from tis.deploy.report.section import Section, Statistics, means
-from tis.deploy.report.subjects.accuracy import Consistency
+from tis.deploy.report.section import Section, Statistics, means, statistics
+from tis.deploy.report.subjects.accuracy import Consistency, step_times_us
 from tis.deploy.report.subjects.age import ages_at_ms
 from tis.deploy.report.subjects.tracking import Array, HandTrack, TurnAgeBins, at_ticks, error_by_age
 
@@ -42,10 +40,8 @@ class AngleScores(Section):
         "axis; absent where none are stated.",
         default=None,
     )
-    step_us: Statistics = Field(
-        default={},
-        description="Computing time of a step, gripper included; `null` in virtual time.",
-        json_schema_extra={"required": ["p50", "p99"]},
+    step_us: Statistics = statistics(
+        "Computing time of a step, gripper included; `null` in virtual time.", "p50 p99", default={}
     )
 
 
@@ -129,7 +125,12 @@ def orientation_deg(logs: RunLogs, track: HandTrack, wrist: WristTrack, hand: Ha
     gripper's part included. Oracle: an arm that turns at constant speed, test_orientation_error.
     """
     scores = _scores(track, wrist.turn_rad, wrist.turn_std_rad, np.degrees(1.0))
-    return {n: one.model_copy(update={"step_us": _step_us(logs, n, hand)}) for n, one in scores.items()}
+    found = {}
+    for name, one in scores.items():
+        rows = notes(logs, "patient", topic_of_method(name))
+        steps_us = step_times_us(rows.column("step_ns")[rows.where("hand", hand)])
+        found[name] = one.model_copy(update={"step_us": steps_us})
+    return found
 
 
 def gripper_rad(track: HandTrack, wrist: WristTrack) -> dict[str, AngleScores]:
@@ -171,14 +172,6 @@ def _scores(
             entry["nees"] = consistency(normalised_squares(error, stds[name])[scored])
         found[name] = AngleScores(**entry)
     return found
-
-
-def _step_us(logs: RunLogs, method: str, hand: Hand) -> dict[str, float | None]:
-    rows = notes(logs, "patient", topic_of_method(method))
-    steps_ns = rows.column("step_ns")[rows.where("hand", hand)]
-    # virtual time logs 0 for every step: no measurement
-    measured = steps_ns if steps_ns.any() else steps_ns[:0]
-    return summarise(measured / NS_PER_US, percentiles=(50, 99), also=())
 
 
 def orientation_table(turning: Methods, gripper: Methods, hand: str) -> Table:

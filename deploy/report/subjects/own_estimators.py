@@ -4,13 +4,14 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any, Final
 
-from tis.common.records import COUNTERS, ESTIMATOR_FAULTS, FAULTY_STEPS
+from tis.common.records import ESTIMATOR_FAULTS, FAULTY_STEPS
 from tis.common.scenario import Scenario
 from tis.common.scenario.estimator_names import is_user_defined
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.recorded import origins_in
 from tis.deploy.report.section import Section, means
+from tis.deploy.report.subjects.logs import counters_of
 
 
 class FirstFault(Section):
@@ -57,7 +58,7 @@ def own_estimators(logs: RunLogs, scenario: Scenario) -> dict[str, OwnEstimator]
     if not names:
         return {}
     origins = origins_in(logs)
-    counters = {row["name"]: row["value"] for row in logs.of("patient", COUNTERS)}
+    counters = counters_of(logs, "patient")
     first: dict[str, FirstFault] = {}
     for row in sorted(logs.of("patient", ESTIMATOR_FAULTS), key=lambda row: int(row["t_ns"])):
         about = FirstFault(at_s=row["t_ns"] / NS_PER_S, hand=row["hand"], reason=row["reason"])

@@ -9,8 +9,8 @@ from tis.common.channels import Arm, Hand, hand_channels
 from tis.common.header import HEADER_BYTES
 from tis.common.metrics.age_of_information import Arrivals, ages_at_ns
 from tis.common.metrics.delivery import Flags, PlannedSamples
-from tis.common.metrics.percentiles import Summary, summarise
-from tis.common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS
+from tis.common.metrics.percentiles import summarise
+from tis.common.records import SENT_BYTES, SENT_PACKETS, TICKS
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.coverage import WRITTEN_WITHIN_NS, lies_in
@@ -20,7 +20,7 @@ from tis.deploy.logs.read.note_columns import place_in, ticks
 from tis.deploy.present.numbers import number, significant
 from tis.deploy.present.table import Table
 from tis.deploy.report.section import MEAN_LATE, Section, Statistics, means, statistics
-from tis.deploy.report.subjects.logs import LogGaps
+from tis.deploy.report.subjects.logs import LogGaps, counters_of
 from tis.deploy.report.subjects.network.link_books import ENDS
 
 
@@ -108,17 +108,13 @@ def surgeon_traffic(logs: RunLogs, duration_s: float) -> dict[str, KeyTraffic]:
     Taken from the surgeon's counters, which are written at the end of the run; empty without them. The headers of
     Zenoh, TCP and IP are not included.
     """
-    counts = {row["name"]: row["value"] for row in logs.of("surgeon", COUNTERS)}
+    counts = counters_of(logs, "surgeon")
     keys = [name.removeprefix(f"{SENT_PACKETS}.") for name in counts if name.startswith(f"{SENT_PACKETS}.")]
     traffic = {}
     for key in keys:
         n_packets, n_bytes = counts[f"{SENT_PACKETS}.{key}"], counts[f"{SENT_BYTES}.{key}"]
-        traffic[key] = KeyTraffic(
-            packets=n_packets,
-            bytes=n_bytes,
-            packets_per_s=n_packets / duration_s,
-            bytes_per_s=n_bytes / duration_s,
-        )
+        rates = {"packets_per_s": n_packets / duration_s, "bytes_per_s": n_bytes / duration_s}
+        traffic[key] = KeyTraffic(packets=n_packets, bytes=n_bytes, **rates)
     return traffic
 
 
@@ -174,8 +170,8 @@ def redundancy(
             samples_pct=_share_pct(samples),
             samples_once_pct=_share_pct(samples_once),
         ),
-        age_ms=_age_ms(age_ns),
-        age_once_ms=_age_ms(once_ns),
+        age_ms=summarise(age_ns / NS_PER_MS, also=("mean", "max")),
+        age_once_ms=summarise(once_ns / NS_PER_MS, also=("mean", "max")),
     )
 
 
@@ -190,12 +186,8 @@ def _keys(logs: RunLogs, scenario: Scenario, arms: Mapping[Hand, Arm]) -> Sequen
     for hand, arm in arms.items():
         channels = hand_channels(hand, arm)
         keys = [channel.key(scenario.session) for channel in (channels.command, channels.arm)]
-        of_hand = [
-            _key(sent[key], received.get(key, MessageColumns()), gaps, scenario.surgeon.history)
-            for key in keys
-            if key in sent
-        ]
-        found.append(of_hand)
+        history, nothing = scenario.surgeon.history, MessageColumns()
+        found.append([_key(sent[key], received.get(key, nothing), gaps, history) for key in keys if key in sent])
     return found
 
 
@@ -272,10 +264,6 @@ def _share_pct(lost: Flags) -> float | None:
     return 100 * float(lost.mean()) if len(lost) else None
 
 
-def _age_ms(age_ns: Ints) -> Summary:
-    return summarise(age_ns / NS_PER_MS, (50, 95, 99), ("mean", "max"))
-
-
 def redundancy_table(found: Redundancy) -> Table:
     """Return cost and gain for a terminal, without rows where nothing was sent twice."""
     return Table(f"Redundancy: {found}", ("", *_COLUMNS), _rows(found), _NOTE)
@@ -295,10 +283,7 @@ def _rows(found: Redundancy) -> list[tuple[str, float | None, float | None]]:
         ("kB/s", kilo(price.bytes_per_s), kilo(price.bytes_per_s_once)),
         ("packets that never arrived, %", lost.packets_pct, lost.samples_once_pct),
         ("samples that never arrived, %", lost.samples_pct, lost.samples_once_pct),
-        *(
-            (f"age at the ticks, {head}", found.age_ms[name], found.age_once_ms[name])
-            for name, head in (("mean", "mean, ms"), ("p95", "p95, ms"))
-        ),
+        *((f"age at the ticks, {name}, ms", found.age_ms[name], found.age_once_ms[name]) for name in ("mean", "p95")),
     ]
 
 

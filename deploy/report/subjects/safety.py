@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from tis.common.channels import Hand, is_set_point
 from tis.common.messages import SafetyMode
-from tis.common.records import COUNTERS
 from tis.common.safety_records import SAFETY, STOPS
 from tis.common.scenario import Scenario
 from tis.common.units import MM_PER_M, NS_PER_MS
@@ -19,6 +18,7 @@ from tis.deploy.logs.read.note_columns import place_in
 from tis.deploy.logs.read.rows import Rows
 from tis.deploy.present.numbers import number
 from tis.deploy.report.section import KindName, Section, means
+from tis.deploy.report.subjects.logs import counters_of
 from tis.deploy.report.subjects.tracking import Array, HandTrack, at_ticks
 from tis.patient_side.safety.limits import limits_of
 
@@ -127,7 +127,8 @@ def safety_summary(
     for hand, track in tracks.items():
         driven = set_points(logs, scenario, track, hand)
         if driven is None and any(stops.values()):
-            driven = _never_driven(track.tick.size)
+            n = track.tick.size
+            driven = SetPoints(np.full((n, 3), np.nan), np.full(n, ""), np.zeros(n, dtype=np.bool_))
         changes = [row for row in logs.of("patient", SAFETY) if row["hand"] == hand and row["cause"] != "first"]
         found[hand] = None if driven is None else _figures(scenario, track, driven, len(changes), stops, stopped_ns)
     return found
@@ -138,9 +139,8 @@ def stop_books(logs: RunLogs) -> dict[str, int]:
 
     What is carried out is all in the log. Of the others the log holds some, and the patient's counters all.
     """
-    rows, log = logs.of("patient", STOPS), logs.sides.get("patient")
+    rows, counted = logs.of("patient", STOPS), counters_of(logs, "patient")
     done = [row for row in rows if not row.get("refused")]
-    counted = {row["name"]: row["value"] for row in (() if log is None else log.of(COUNTERS))}
     return {
         "emergency_stops": sum(row["stop"] for row in done),
         "releases": sum(not row["stop"] for row in done),
@@ -148,10 +148,6 @@ def stop_books(logs: RunLogs) -> dict[str, int]:
         "stop_requests_refused": max(len(rows) - len(done), counted.get("stop_requests_refused", 0)),
         "stop_requests_flooded": counted.get("stop_requests_flooded", 0),
     }
-
-
-def _never_driven(n_ticks: int) -> SetPoints:
-    return SetPoints(np.full((n_ticks, 3), np.nan), np.full(n_ticks, ""), np.zeros(n_ticks, dtype=np.bool_))
 
 
 def _figures(

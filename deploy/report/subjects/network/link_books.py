@@ -8,7 +8,7 @@ import numpy as np
 
 from tis.common.channels import Direction, Side
 from tis.common.metrics.delivery import without
-from tis.common.records import COUNTERS, REJECTED
+from tis.common.records import REJECTED
 from tis.common.safety_records import QUARANTINE
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.read.batches import (
@@ -24,7 +24,7 @@ from tis.deploy.logs.read.batches import (
 )
 from tis.deploy.logs.read.load import Ints, RunLogs
 from tis.deploy.logs.read.message_columns import MessageColumns
-from tis.deploy.report.subjects.logs import LogGaps
+from tis.deploy.report.subjects.logs import LogGaps, count_of
 from tis.deploy.report.subjects.network.key_figures import KeyBooks
 
 Packets = TypeVar("Packets", Fates, Releases)
@@ -125,17 +125,12 @@ def against_counters(logs: RunLogs, direction: Direction, by_log: Mapping[str, i
     covered = logs.coverage("netem")
     if covered is None or not covered.whole or covered.away:
         return []
-    by_netem = {name: counter(logs, f"{direction}.{name}") for name in by_log}
+    by_netem = {name: count_of(logs, "netem", f"{direction}.{name}") for name in by_log}
     return [
         f"netem counted {by_netem[name]} packets as {name}, its log has {n}"
         for name, n in by_log.items()
         if by_netem[name] not in (None, n)
     ]
-
-
-def counter(logs: RunLogs, name: str) -> int | None:
-    """Return one of netem's counters, None when its log has none of that name."""
-    return next((row["value"] for row in logs.of("netem", COUNTERS) if row["name"] == name), None)
 
 
 _SPREAD = np.int64(0x2545_F491_4F6C_DD1D)  # an odd factor: sequence numbers beside fingerprints in 64 bits

@@ -11,13 +11,13 @@ from tis.common.records import CONTROL, QUEUES
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.report.section import DELAYS
+from tis.deploy.report.subjects.logs import count_of
 from tis.deploy.report.subjects.network.fidelity import Verdict, key_verdict, starvation
 from tis.deploy.report.subjects.network.key_figures import KeyBooks, KeyFigures, statistics
 from tis.deploy.report.subjects.network.link_books import (
     ENDS,
     LinkBooks,
     against_counters,
-    counter,
     link_books,
     unsent,
     unsent_problem,
@@ -134,7 +134,7 @@ def _measured_keys(
     logs: RunLogs, direction: Direction, request: Requested, books: LinkBooks, alone: bool
 ) -> list[_MeasuredKey]:
     """Return the testbed's keys, busiest first, then the busiest foreign ones."""
-    overhead_ns, max_held = counter(logs, "base_overhead_ns"), counter(logs, f"{direction}.most_held")
+    overhead_ns, max_held = (count_of(logs, "netem", name) for name in ("base_overhead_ns", f"{direction}.most_held"))
     busiest = sorted(books.keys, key=lambda one: (one.foreign, -len(one.fates.seq)))
     found = []
     for i, one in enumerate(busiest):

@@ -45,3 +45,19 @@ def test_of_very_many_the_longest_are_drawn() -> None:
     many = [Disturbance(float(k), k + 0.1 + 0.001 * k, "outage", "both", live=False) for k in range(100)]
     marked(style.Figure((panel,), "Title", "Caption", "Alt"), many, x_range)
     assert min(left for left, _, _ in _boxes(panel)) == 60.0
+
+
+def test_boxes_are_made_from_the_first_panel_to_the_last() -> None:
+    """Their ids stand in the page: in the order of a set they would differ from process to process."""
+    x_range = style.time_range(10.0)
+    panels = [style.time_figure(x_range, "error, mm", 200) for _ in range(12)]
+    marked(
+        style.Figure((style.stacked(panels[:6]), style.stacked(panels[6:])), "Title", "Caption", "Alt"),
+        FOUND,
+        x_range,
+    )
+    made = [
+        int(box.id.removeprefix("p")) for panel in panels for box in panel.center if isinstance(box, BoxAnnotation)
+    ]
+    assert len(made) == 24
+    assert made == sorted(made)
