@@ -14,7 +14,7 @@ from tis.common.records import COUNTERS
 from tis.common.runtime.process import command_line
 from tis.common.scenario.network import NetworkPart
 from tis.common.units import NS_PER_S
-from tis.deploy.logs.read.batches import link_fates, link_releases
+from tis.deploy.logs.read.packets import link_fates, link_releases
 from tis.deploy.present.table import REPORT, Table
 from tis.deploy.report.section import DirectionName, Section, SideName, means
 from tis.deploy.report.subjects.network.link_books import against_counters, counted, counter

@@ -16,7 +16,6 @@ from tis.common.records import PLANT
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_US, sample_index
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.logs.read.note_columns import notes
 from tis.deploy.present.numbers import broken_name, interval, number, percent
 from tis.deploy.present.page import css, folded
 from tis.deploy.present.palette import Look, look_of
@@ -133,7 +132,7 @@ def _steps_and_deviations(
     logs: RunLogs, name: str, hands: Sequence[tuple[HandTrack, ArmModel, NDArray[np.bool_]]]
 ) -> dict[str, Any]:
     """Return the times of an estimator's steps, and its consistency where it states deviations."""
-    rows = notes(logs, "patient", topic_of(name))
+    rows = logs.of("patient", topic_of(name))
     steps_ns = rows.column("step_ns")[np.any([rows.where("hand", model.hand) for _, model, _ in hands], axis=0)]
     # virtual time logs 0 for every step: no measurement
     measured = steps_ns if steps_ns.any() else steps_ns[:0]
@@ -151,7 +150,7 @@ def _steps_and_deviations(
 
 def _clamped_pct(logs: RunLogs, models: Sequence[ArmModel]) -> float | None:
     """Return the share of the hands' ticks whose set point lay outside what the arm's joints reach, in %."""
-    rows = notes(logs, "patient", PLANT)
+    rows = logs.of("patient", PLANT)
     which = np.any([rows.where("hand", model.hand) for model in models], axis=0)
     clamped = rows.column("clamped")[which]
     return 100.0 * float(np.mean(clamped)) if len(clamped) else None

@@ -16,8 +16,8 @@ from tis.common.metrics.tracking import angles_deg, error_vectors, orientation_a
 from tis.common.records import ORIENTATIONS, TRUTH
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_US
-from tis.deploy.logs.read.load import Ints, RunLogs
-from tis.deploy.logs.read.note_columns import notes
+from tis.deploy.logs.read.frame import Ints
+from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.present.numbers import NONE, percent
 from tis.deploy.present.table import Table
 from tis.deploy.report.section import Section, Statistics, means
@@ -80,7 +80,7 @@ def wrist_track(logs: RunLogs, scenario: Scenario, track: HandTrack, hand: Hand)
     truth[unknown], truth_rad[unknown] = np.nan, np.nan
     found = WristTrack({}, {}, {}, {})
     for name in methods_of(logs, scenario):
-        rows = notes(logs, "patient", topic_of_method(name))
+        rows = logs.of("patient", topic_of_method(name))
         ours = rows.where("hand", hand)
         ticks = rows.column("tick")[ours]
 
@@ -110,7 +110,7 @@ def methods_of(logs: RunLogs, scenario: Scenario) -> list[str]:
 
 def _true_turn(logs: RunLogs, hand: Hand) -> tuple[Ints, Array, Array]:
     """Return sample instants (N,), ascending, unit quaternions (N, 4) and gripper angles (N,) of the recorded arm."""
-    rows = notes(logs, "surgeon", TRUTH)
+    rows = logs.of("surgeon", TRUTH)
     rotation_rad = rows.column("rotation_rad")
     known = rows.where("hand", hand) & np.isfinite(rotation_rad).all(axis=1)
     # a surgeon that came back logs the samples before its return again
@@ -174,7 +174,7 @@ def _scores(
 
 
 def _step_us(logs: RunLogs, method: str, hand: Hand) -> dict[str, float | None]:
-    rows = notes(logs, "patient", topic_of_method(method))
+    rows = logs.of("patient", topic_of_method(method))
     steps_ns = rows.column("step_ns")[rows.where("hand", hand)]
     # virtual time logs 0 for every step: no measurement
     measured = steps_ns if steps_ns.any() else steps_ns[:0]

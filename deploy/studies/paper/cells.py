@@ -16,7 +16,7 @@ from tis.common.scenario import Scenario
 from tis.common.scenario.reading import build_scenario
 from tis.common.sources.trajectory import Recording
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.logs.read.memory import MemoryLog
+from tis.deploy.logs.read.side_log import MemoryLog
 from tis.deploy.report.subjects.accuracy import accuracy_of_hand
 from tis.deploy.run.twin import drive
 from tis.deploy.shell.progress import PhaseProgress

@@ -12,7 +12,7 @@ from tis.common.channels import Side
 from tis.common.records import ESTIMATES, FRESH
 from tis.common.scenario import Scenario
 from tis.deploy.logs.read.load import RunLogs, load_run
-from tis.deploy.logs.read.memory import MemoryLog
+from tis.deploy.logs.read.side_log import MemoryLog
 from tis.deploy.report.subjects.age import ages_ns
 from tis.deploy.report.subjects.latency import sample_latency, used_samples
 from tis.deploy.report.summarise import build_summary

@@ -14,7 +14,6 @@ from tis.common.units import sample_instant_ns
 from tis.deploy.cli.main import app
 from tis.deploy.logs.log_paths import log_file
 from tis.deploy.logs.read.load import load_run, load_side
-from tis.deploy.logs.read.rows import Rows
 from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
@@ -46,7 +45,6 @@ def arm_from_set_points(run_dir: Path) -> tuple[Array, Array]:
             point = json.loads(message.data)
             points[point["tick"]] = point
     rows = load_side(log, "patient").rows[PLANT]
-    assert isinstance(rows, Rows)
     ours = rows.where("hand", "left")
     plant, phase_ns = executing_plant(scenario.patient.plant, scenario.seed, "PSM2"), 2_000_000
     state, again = plant.initial(), []

@@ -14,8 +14,8 @@ from tis.common.scenario.network import Buffer, NetworkPart, Rule
 from tis.common.scenario.network.conditions import Change
 from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.trace import Trace
-from tis.deploy.logs.read.batches import Fates
-from tis.deploy.logs.read.load import Ints, RunLogs
+from tis.deploy.logs.read.frame import Frame, Ints
+from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.report.subjects.network.requested_pipeline import (
     RequestedPipeline,
     delay_moments_ns,
@@ -186,7 +186,7 @@ class Requested:
         """Return the request of a key without changes; None when the key is refused or a trace is missing."""
         return self.under(key, ())
 
-    def shared(self, fates: Fates) -> RequestedPipeline | None:
+    def shared(self, fates: Frame) -> RequestedPipeline | None:
         """Return the request that all keys of N packets share, with the trace rows they played.
 
         None when the keys have different pipelines or the request is unknown.
@@ -214,7 +214,7 @@ class Requested:
         """Return the conditions in force from 0 to ``until_ns``."""
         return self.conditions.spans(until_ns)
 
-    def of_packets(self, key: str, fates: Fates) -> Expected | None:
+    def of_packets(self, key: str, fates: Frame) -> Expected | None:
         """Return the request for N > 0 packets of one key; None when the key is refused or a trace is missing.
 
         Control changes count as requested. Oracle: `tis.netem.expected.simulate`, test_requested.

@@ -12,8 +12,9 @@ from tests.deploy.report.hand_made import ARM, COMMAND, MS, fate, release, write
 from tis.common.errors import DataError
 from tis.common.node import Record
 from tis.common.records import FATES, RELEASES
-from tis.deploy.logs.read.batches import DEPARTURES, OUTCOMES, by_key, link_fates, link_releases
 from tis.deploy.logs.read.load import load_run
+from tis.deploy.logs.read.packets import by_key, link_fates, link_releases
+from tis.deploy.logs.read.side_log import DEPARTURES, OUTCOMES
 
 
 def test_batches_become_columns_in_their_order(tmp_path: Path) -> None:
@@ -49,8 +50,8 @@ def test_batches_become_columns_in_their_order(tmp_path: Path) -> None:
 
 def test_without_a_log_there_is_nothing(tmp_path: Path) -> None:
     logs = load_run(tmp_path)
-    assert [len(column) for column in link_fates(logs, "forward")] == [0] * 11
-    assert [len(column) for column in link_releases(logs, "feedback")] == [0] * 10
+    for frame, n_columns in ((link_fates(logs, "forward"), 10), (link_releases(logs, "feedback"), 9)):
+        assert [len(frame.column(name)) for name in frame.names] == [0] * n_columns
 
 
 class _Old(BaseModel):
