@@ -181,7 +181,7 @@ def test_without_the_package_the_command_that_installs_it_is_named(
     monkeypatch.setattr(connections, "can_ssh", lambda: False)
     with pytest.raises(InputError) as caught:
         hosts_of(plan)
-    rule = "needs the package asyncssh: pip install 'tis-testbed[hosts]'"
+    rule = "needs the package asyncssh: pip install -e '.[hosts]' in the clone, or pip install 'FILE.whl[hosts]'"
     assert [(fault.field, fault.rule) for fault in caught.value.faults] == [("surgeon.kind", rule)]
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.deploy.commands import call
-from tis.common.errors import InputError
+from tis.common.errors import GET_HOSTS, InputError
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.deploy.shell import extras
 from tis.deploy.tools import certificates as module
@@ -169,4 +169,4 @@ def test_without_the_package_the_extra_is_named(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(extras, "find_spec", lambda _: None)
     code, _, err = call("certs", "show")
     assert code == 2
-    assert err.strip() == "tis: tis certs: needs the package cryptography: pip install 'tis-testbed[hosts]'"
+    assert err.strip() == f"tis: tis certs: needs the package cryptography: {GET_HOSTS}"
