@@ -20,7 +20,7 @@ from tis.deploy.hosts.collect import gather_logs, newest_run
 from tis.deploy.hosts.connections import connect_and_check, hosts_of
 from tis.deploy.hosts.hosts_file import read_plan
 from tis.deploy.hosts.protocol import RunRequest
-from tis.deploy.hosts.side_watch import SideWatch
+from tis.deploy.hosts.up import SideWatch
 
 pytestmark = pytest.mark.live
 _RUN = "20260102_030405_hosts"
