@@ -17,8 +17,8 @@ from tis.common.scenario.identification import Identification, is_model_file
 from tis.common.sources.provenance import in_words
 from tis.common.sources.trajectory import Recording
 from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.early_checks import check_outputs, unwritable
 from tis.deploy.shell.guard import print_warnings
-from tis.deploy.shell.outputs import check_outputs, unwritable
 from tis.patient_side.estimators.static_gain import dc_gain
 from tis.patient_side.identification.fit_narx import NarxStudy, fit_narx, n_terms
 from tis.patient_side.identification.identify import LOOKS_AHEAD, Identified, identify_hands, identify_with_orders

@@ -12,7 +12,7 @@ from tis.common.errors import EXIT_OK, GET_REPORT
 from tis.common.runtime.recordings import load_recording, load_training
 from tis.common.scenario import Scenario
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.outputs import check_outputs
+from tis.deploy.shell.early_checks import check_outputs
 from tis.deploy.shell.progress import PhaseProgress
 from tis.deploy.studies.paper.cells import (
     METHODS,

@@ -9,6 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.log_reader import LogReader
+from tis.common.errors import GET_SIM
 from tis.common.records import PLANT
 from tis.common.units import sample_instant_ns
 from tis.deploy.cli.main import app
@@ -93,7 +94,5 @@ def test_a_missing_simulator_ends_the_command_before_anything_starts(
     monkeypatch.setattr(extra, "find_spec", lambda _: None)
     done = CliRunner().invoke(app, [command, "simulated_arm"])
     assert done.exit_code == 2
-    assert "patient.plant: kind: mujoco needs the package mujoco: pip install 'tis-testbed[sim]'" in " ".join(
-        done.stderr.split()
-    )
+    assert f"patient.plant: kind: mujoco needs the package mujoco: {GET_SIM}" in " ".join(done.stderr.split())
     assert not (tmp_path / "runs").exists()

@@ -7,7 +7,7 @@ import pytest
 
 from tests.patient_side.learned.models import LEARNED, learned_model
 from tests.patient_side.learning.tracks import turning
-from tis.common.errors import InputError
+from tis.common.errors import GET_LEARNED, InputError
 from tis.common.scenario.estimator_names import LearnedName
 from tis.common.scenario.identification import Identification, Learning
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
@@ -69,9 +69,7 @@ def test_a_missing_extra_is_named_with_its_command(
     assert len(faults) == len(names)
     for name, fault in zip(names, faults, strict=True):
         package = "sklearn" if name in ("gpr", "srlsmf") else "jax and optax"
-        assert fault == (
-            f"identification: method: needs {package} to train {name}: pip install 'tis-testbed[learned]'"
-        )
+        assert fault == (f"identification: method: needs {package} to train {name}: {GET_LEARNED}")
 
 
 @pytest.mark.parametrize("name", LEARNED)

@@ -6,7 +6,7 @@ from tests.nodes import an_arrival
 from tis.common.scenario import Scenario
 from tis.common.units import sample_instant_ns
 from tis.deploy.run.resolve import resolve
-from tis.deploy.view.drive.device import device_of, device_pose
+from tis.deploy.view.device import device_of, device_pose
 from tis.surgeon_side.live import LiveMotion
 
 

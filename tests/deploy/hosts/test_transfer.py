@@ -2,15 +2,27 @@
 
 import asyncio
 import hashlib
+import os
 from collections.abc import AsyncIterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tis.common.errors import DataError, Fault, PeerError
-from tis.deploy.hosts.transfer.fetch import Collection
-from tis.deploy.hosts.transfer.offered_logs import OfferedLog
+from tis.deploy.hosts.transfer import (
+    Collection,
+    Fetch,
+    Held,
+    OfferedLog,
+    log_names,
+    offered_logs,
+    opened_log,
+    plan_fetch,
+    read_range,
+)
 
 _LOG = bytes(range(250)) * 40
 _BLOCK = 1000
@@ -141,3 +153,80 @@ def test_a_full_disk_is_a_fault_and_not_a_broken_transfer(tmp_path: Path) -> Non
     (tmp_path / "surgeon.mcap.part").mkdir()
     with pytest.raises(DataError, match=r"surgeon\.mcap\.part: cannot be written"):
         _collect(tmp_path, FakeSource({"surgeon.mcap": _LOG}))
+
+
+_CONTENT = bytes(range(256)) * 10_000
+
+
+def test_logs_of_sides_and_of_their_restarts_are_offered_and_nothing_else(tmp_path: Path) -> None:
+    logs = ["netem.mcap", "patient.mcap", "patient_2.mcap", "patient_recovered.mcap", "surgeon_13_recovered.mcap"]
+    others = ["run.mcap", "scenario.yaml", "patient.mcap.part", "xpatient.mcap", "patient_2.mcap\n", "patient_a.mcap"]
+    for name in [*logs, *others]:
+        (tmp_path / name).write_text(name)
+    (tmp_path / "surgeon.mcap").symlink_to("/etc/passwd")
+    (tmp_path / "netem_2.mcap").mkdir()
+    os.mkfifo(tmp_path / "netem_3.mcap")
+    assert log_names(tmp_path) == logs
+
+
+@pytest.mark.parametrize(
+    "name", ["../secret", "/etc/passwd", "scenario.yaml", "surgeon.mcap", "netem_2.mcap", "netem_3.mcap", ""]
+)
+def test_no_other_file_is_opened_whatever_its_name_or_kind(tmp_path: Path, name: str) -> None:
+    (tmp_path / "scenario.yaml").write_text("secret")
+    (tmp_path / "surgeon.mcap").symlink_to(tmp_path / "scenario.yaml")
+    (tmp_path / "netem_2.mcap").mkdir()
+    os.mkfifo(tmp_path / "netem_3.mcap")  # whose other end nobody opens: it must not be waited for
+    with pytest.raises(DataError), opened_log(tmp_path, name):
+        pass
+
+
+@pytest.mark.parametrize("n_part", [0, 1, 1 << 20, len(_CONTENT), len(_CONTENT) + 1])
+def test_an_offer_has_the_digests_of_the_whole_and_of_the_part(tmp_path: Path, n_part: int) -> None:
+    (tmp_path / "netem.mcap").write_bytes(_CONTENT)
+    [offer] = offered_logs(tmp_path, {"netem.mcap": n_part})
+    assert (offer.n_bytes, offer.sha256) == (len(_CONTENT), _sha(_CONTENT))
+    assert offer.part_sha256 == (None if n_part > len(_CONTENT) else _sha(_CONTENT[:n_part]))
+
+
+@pytest.mark.parametrize(("begin", "end"), [(0, 10), (5, 1_500_000), (2_560_000, 2_560_000), (2_559_999, 1 << 40)])
+def test_a_range_is_these_bytes_of_the_log(tmp_path: Path, begin: int, end: int) -> None:
+    (tmp_path / "netem.mcap").write_bytes(_CONTENT)
+    assert b"".join(read_range(tmp_path, "netem.mcap", begin, end)) == _CONTENT[begin:end]
+
+
+def test_a_folder_that_is_not_there_is_a_fault(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="none: cannot be read: No such file"):
+        log_names(tmp_path / "none")
+
+
+def _offer(source: bytes, n_part: int | None) -> OfferedLog:
+    part = None if n_part is None or n_part > len(source) else _sha(source[:n_part])
+    return OfferedLog(name="patient.mcap", n_bytes=len(source), sha256=_sha(source), part_sha256=part)
+
+
+@given(
+    source=st.binary(max_size=20), whole=st.binary(max_size=20) | st.none(), part=st.binary(max_size=20) | st.none()
+)
+def test_what_is_here_and_what_is_fetched_make_the_log_of_the_source(
+    source: bytes, whole: bytes | None, part: bytes | None
+) -> None:
+    """Oracle: the bytes themselves."""
+    held = Held(
+        None if whole is None else _sha(whole), 0 if part is None else len(part), None if part is None else _sha(part)
+    )
+    offer = _offer(source, None if part is None else len(part))
+    plan = plan_fetch(offer, held)
+    if plan is None:
+        assert whole == source
+        return
+    assert whole != source
+    assert ((part or b"")[: plan.begin] + source[plan.begin :]) == source
+    assert plan.begin == (len(part) if part and source.startswith(part) else 0)
+
+
+def test_a_part_that_the_source_does_not_confirm_is_not_continued() -> None:
+    held = Held(None, 3, _sha(b"abc"))
+    assert plan_fetch(_offer(b"abcdef", None), held) == Fetch(_offer(b"abcdef", None), 0)
+    assert plan_fetch(_offer(b"xbcdef", 3), held) == Fetch(_offer(b"xbcdef", 3), 0)
+    assert plan_fetch(_offer(b"abcdef", 3), held) == Fetch(_offer(b"abcdef", 3), 3)

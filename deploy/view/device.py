@@ -50,7 +50,7 @@ def device_pose(
     """Return the pose at which the source commands the arm ``moved_mm`` from its origin, along the arm's axes.
 
     The source rotates a device's movement and scales it, so this divides by its scale and rotates back. Oracle: the
-    source's own mapping, tests/deploy/view/drive/test_device.
+    source's own mapping, tests/deploy/view/test_device.
     """
     from scipy.spatial.transform import Rotation  # the command line is faster without it
 

@@ -12,10 +12,10 @@ from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.ioloop import IOLoop
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
-from tests.deploy.view.drive.test_hub import _Door, _hub
+from tests.deploy.view.test_drive import _Door, _hub
 from tis.deploy.view.access import Access, access_to
-from tis.deploy.view.drive.drive_socket import TOO_MANY, DriveSockets
-from tis.deploy.view.drive.hub import OTHER_DRIVES
+from tis.deploy.view.drive import OTHER_DRIVES
+from tis.deploy.view.drive_socket import TOO_MANY, DriveSockets
 from tis.deploy.view.server import listen
 
 pytestmark = pytest.mark.live

@@ -1,19 +1,55 @@
-"""Meeting point of all pages: the driver's seat, the device, and the picture of the surgeon's display."""
+"""Driving from pages: their messages, checked like all from outside, the driver's seat and the surgeon's picture."""
 
 import time
 from collections.abc import Hashable
 from dataclasses import dataclass, field
 from math import inf
-from typing import Any, Final
+from typing import Annotated, Any, Final
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S
-from tis.deploy.view.drive.device import DeviceDoor, device_pose
-from tis.deploy.view.drive.hand_move import HandMove
+from tis.deploy.view.device import DeviceDoor, device_pose
 from tis.deploy.view.steering import Steering
+from tis.deploy.watch.arms import DisplayErrors, Place
 from tis.deploy.watch.book import LiveBook
-from tis.deploy.watch.displays import DisplayErrors
-from tis.deploy.watch.motion import Place
 from tis.deploy.watch.observer import Observer
+
+MAX_MESSAGE_CHARS: Final = 400
+"""Longest message of a page; the page's own have 120."""
+
+MAX_MOVE_MM: Final = 500.0
+_MAX_GRIPPER_RAD: Final = 1.5
+
+Move = Annotated[float, Field(allow_inf_nan=False, ge=-MAX_MOVE_MM, le=MAX_MOVE_MM)]
+
+
+class HandMove(BaseModel):
+    """The hand of a page that drives, ``moved_mm`` from where it was when the page took it, in the arm's axes."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    moved_mm: Annotated[list[Move], Field(min_length=3, max_length=3)]
+    gripper_rad: Annotated[float, Field(allow_inf_nan=False, ge=0.0, le=_MAX_GRIPPER_RAD)] = 0.0
+    clutch: bool = False
+    release: bool = False
+
+
+def read_move(text: str | bytes) -> HandMove | str:
+    """Return a page's message, or in words why it is refused.
+
+    Oracle: messages that break one rule each, tests/deploy/view/test_drive.
+    """
+    if len(text) > MAX_MESSAGE_CHARS:
+        return f"message: must have at most {MAX_MESSAGE_CHARS} characters (got {len(text)})"
+    try:
+        return HandMove.model_validate_json(text)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False)[0]
+        field = ".".join(map(str, first["loc"])) or "message"
+        got = repr(first["input"])[:60]
+        return f"{field}: {first['msg'][:1].lower()}{first['msg'][1:]} (got {got})"
+
 
 MAX_RATE_HZ: Final = 100
 """Moves a second that are taken from a page; the page sends 40."""
@@ -59,7 +95,7 @@ class Seat:
     def drive(self, page: Hashable, move: HandMove, now_s: float) -> bool:
         """Move the hand for a page; False when another page drives. A page that drives no more leaves the seat.
 
-        Oracle: positions added by hand, tests/deploy/view/drive/test_seat.
+        Oracle: positions added by hand, tests/deploy/view/test_drive.
         """
         if self.driver != page:
             if self.driver is not None and now_s - self.last_s < IDLE_S:
@@ -147,7 +183,7 @@ def picture(book: LiveBook, arm: str | None) -> dict[str, Any]:
     """Return what is known of an arm (None: the first one that is seen): where hand, feedback and prediction are.
 
     ``shown_mm`` is the delayed feedback, ``ghost_mm`` the prediction, ``arm_mm`` the arm itself, which nobody at the
-    surgeon can see. Oracle: rows made by hand, tests/deploy/view/drive/test_hub.
+    surgeon can see. Oracle: rows made by hand, tests/deploy/view/test_drive.
     """
     shown = [name for name, rows in book.displays.rows.items() if rows.n]
     arm = arm or next(iter([*shown, *sorted(book.newest)]), None)

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 from bokeh.server.views.auth_request_handler import AuthRequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from tis.deploy.view.drive.hand_move import read_move
-from tis.deploy.view.drive.hub import MAX_DROPPED, MAX_RATE_HZ, DriveHub, Rate
+from tis.deploy.view.drive import MAX_DROPPED, MAX_RATE_HZ, DriveHub, Rate, read_move
 
 if TYPE_CHECKING:
     from concurrent.futures import Future

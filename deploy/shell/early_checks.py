@@ -1,8 +1,9 @@
-"""Early check that a command's output files are writable, before it computes for minutes."""
+"""Checks of a command before it computes for minutes: writable output files, installed optional packages."""
 
 import errno
 import os
 import tempfile
+from importlib.util import find_spec
 from pathlib import Path
 
 from tis.common.errors import DataError, Fault
@@ -11,7 +12,7 @@ from tis.common.errors import DataError, Fault
 def unwritable(*files: Path | None) -> list[Fault]:
     """Return a fault for each file that `tis.deploy.shell.run_dir.write` could not write; leaves no file behind.
 
-    None stands for an option without a value. Oracle: `write` itself, tests/deploy/shell/test_outputs.
+    None stands for an option without a value. Oracle: `write` itself, tests/deploy/shell/test_early_checks.
     """
     return [
         Fault(str(file), "", f"cannot be written: {reason}")
@@ -35,3 +36,18 @@ def _reason(file: Path) -> str | None:
             return None
     except OSError as error:
         return error.strerror
+
+
+def can_report() -> bool:
+    """Tell whether Bokeh, which draws the report and the live page, is installed."""
+    return find_spec("bokeh") is not None
+
+
+def can_ssh() -> bool:
+    """Tell whether the package asyncssh, which reaches hosts of `tis up` by ssh, is installed."""
+    return find_spec("asyncssh") is not None
+
+
+def can_certify() -> bool:
+    """Tell whether the package cryptography, which makes certificates, is installed."""
+    return find_spec("cryptography") is not None

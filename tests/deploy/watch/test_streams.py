@@ -3,7 +3,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tis.deploy.watch.crossings import Crossing, Crossings
+from tis.deploy.watch.streams import Crossing, Crossings
 
 MS = 1_000_000
 S = 1000 * MS

@@ -13,9 +13,9 @@ import zenoh
 
 from tests.common.runtime.live_zenoh import a_network, settle, soon
 from tis.common.errors import DataError, PeerError, TisError
-from tis.deploy.hosts.transfer import zenoh_logs
-from tis.deploy.hosts.transfer.fetch import Collection
-from tis.deploy.hosts.transfer.zenoh_logs import (
+from tis.deploy.hosts import zenoh_logs
+from tis.deploy.hosts.transfer import Collection
+from tis.deploy.hosts.zenoh_logs import (
     CHUNK_BYTES,
     MAX_QUERY_BYTES,
     ZenohLogs,
