@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from tis.patient_side.direct_model import Array
+from tis.patient_side.statespace import Array
 
 Turn = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]

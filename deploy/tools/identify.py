@@ -23,7 +23,7 @@ from tis.patient_side.estimators.static_gain import dc_gain
 from tis.patient_side.identification.fit_narx import NarxStudy, fit_narx, n_terms
 from tis.patient_side.identification.identify import LOOKS_AHEAD, Identified, identify_hands, identify_with_orders
 from tis.patient_side.identification.methods import METHODS
-from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.identification.model_file import dump_models
 from tis.patient_side.identification.order import OrderChoice
 from tis.patient_side.identification.validation import fit_text
 from tis.patient_side.learned_model import LearnedModel

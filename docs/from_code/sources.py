@@ -19,7 +19,7 @@ from tis.deploy.net.library.stage_reference import network_page as network_page
 from tis.deploy.report.summary import Summary
 from tis.deploy.shell.run_dir import MAX_JSON_BYTES
 from tis.deploy.shell.shipped_scenarios import shipped_names
-from tis.patient_side.identification.model_io import MAX_MODEL_BYTES
+from tis.patient_side.identification.model_file import MAX_MODEL_BYTES
 
 API: Final = {
     "Identification": (

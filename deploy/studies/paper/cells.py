@@ -24,7 +24,7 @@ from tis.deploy.studies.paper.printed import BLOCK_ROWS, ORDER, ROWS, TRAIN_SAMP
 from tis.deploy.studies.paper.simulation import Reading, Simulated
 from tis.netem.build import build_netem
 from tis.patient_side.build import build_patient
-from tis.patient_side.identification.model_io import parse_models
+from tis.patient_side.identification.model_file import parse_models
 from tis.patient_side.statespace import ArmModel
 from tis.surgeon_side.build import build_surgeon
 

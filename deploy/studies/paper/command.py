@@ -34,7 +34,7 @@ from tis.deploy.studies.paper.page import page
 from tis.deploy.studies.paper.printed import ROWS
 from tis.deploy.studies.paper.simulation import Simulated, simulate
 from tis.patient_side.build import identify_models
-from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.identification.model_file import dump_models
 from tis.patient_side.statespace import ArmModel
 
 FIGURES: Final = ("positions_same_name", "positions_true_pair", "singular_values")

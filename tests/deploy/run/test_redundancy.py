@@ -19,7 +19,7 @@ from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.replay import replay
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, drive, run_twin
-from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.identification.model_file import dump_models
 from tis.patient_side.statespace import ArmModel
 
 LOW_MS, HIGH_MS = 100.0, 700.0

@@ -24,7 +24,7 @@ from tis.deploy.run.replay import replay
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
 from tis.deploy.shell.shipped_scenarios import shipped_names
-from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.identification.model_file import dump_models
 from tis.patient_side.statespace import ArmModel
 
 LOGS = ("surgeon.mcap", "netem.mcap", "patient.mcap")

@@ -13,15 +13,15 @@ from tis.common.scenario.identification import Identification, Learning
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 from tis.patient_side.estimators.learned_forecast import learned_forecast
 from tis.patient_side.identification.identify import identify_hands
-from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.identification.model_file import dump_models
 from tis.patient_side.learned.gaussian_process import N_FEATURES
-from tis.patient_side.learned_model import Floats
 from tis.patient_side.learning import fit_gpr, fit_srlsmf
 from tis.patient_side.learning import train as module
 from tis.patient_side.learning.examples import Examples
 from tis.patient_side.learning.fit_network import Epoch
 from tis.patient_side.learning.process_noise import Noise, noise_on
 from tis.patient_side.learning.train import with_learned
+from tis.patient_side.model_fields import Floats
 from tis.patient_side.statespace import ArmModel
 
 OTHERS = Identification(train="others", block_rows=4, learning=Learning(epochs=2, passes=1))

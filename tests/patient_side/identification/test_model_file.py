@@ -14,9 +14,9 @@ from tests.patient_side.orientation.test_no_leak import model as wrist_model
 from tis.common.channels import Hand
 from tis.common.errors import DataError
 from tis.common.sources.provenance import RecordedRows
-from tis.patient_side.identification.model_io import dump_models, parse_models
-from tis.patient_side.statespace import ArmModel, FilterModel, InputForecast, NoiseModel, StateSpace
-from tis.patient_side.wrist_model import WristModel
+from tis.patient_side.identification.model_file import dump_models, parse_models
+from tis.patient_side.movement_models import InputForecast, WristModel
+from tis.patient_side.statespace import ArmModel, FilterModel, NoiseModel, StateSpace
 
 
 def model(order: int = 2, hand: Hand = "left", seed: int = 0) -> ArmModel:
