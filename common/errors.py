@@ -83,12 +83,17 @@ EXIT_BUG = 70
 EXIT_INTERRUPTED = 130
 
 
-GET_REPORT: Final = "pip install 'tis-testbed[report]'"
-GET_PARQUET: Final = "pip install 'tis-testbed[parquet]'"
-GET_ROSBAG: Final = "pip install 'tis-testbed[rosbag]'"
-GET_HOSTS: Final = "pip install 'tis-testbed[hosts]'"
-GET_CLUSTER: Final = "pip install 'tis-testbed[cluster]'"
-GET_DEVICE: Final = "pip install 'tis-testbed[device]'"
-GET_LEARNED: Final = "pip install 'tis-testbed[learned]'"
-GET_SIM: Final = "pip install 'tis-testbed[sim]'"
-GET_DYNAMICS: Final = "pip install 'tis-testbed[dynamics]'"
+def _installing(extra: str) -> str:
+    return f"pip install -e '.[{extra}]' in the clone, or pip install 'FILE.whl[{extra}]'"
+
+
+GET_REPORT: Final = _installing("report")
+GET_PARQUET: Final = _installing("parquet")
+GET_ROSBAG: Final = _installing("rosbag")
+GET_PCAP: Final = _installing("pcap")
+GET_HOSTS: Final = _installing("hosts")
+GET_CLUSTER: Final = _installing("cluster")
+GET_DEVICE: Final = _installing("device")
+GET_LEARNED: Final = _installing("learned")
+GET_SIM: Final = _installing("sim")
+GET_DYNAMICS: Final = _installing("dynamics")

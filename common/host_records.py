@@ -1,10 +1,12 @@
 """Records of a side's host: its clock against netem's, the clock's discipline, and the use of the processors."""
 
-from pydantic import Field
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
 
 from tis.common.messages import Message
-
-CLOCK = "/tis/clock"
+from tis.common.metrics.processor_shares import numbers_of
+from tis.common.topic import Topic
 
 
 class ClockNote(Message):
@@ -17,7 +19,7 @@ class ClockNote(Message):
     reference_epoch_ns: int = Field(description="Reading of netem's monotonic clock at run time 0, in ns.")
 
 
-EXCHANGES = "/tis/clock_exchanges"
+CLOCK = Topic("/tis/clock", ClockNote)
 
 
 class ExchangeNote(Message):
@@ -29,7 +31,7 @@ class ExchangeNote(Message):
     answered_ns: int = Field(description="Reply received (T4), in ns of this side's run time.")
 
 
-DISCIPLINE = "/tis/clock_discipline"
+EXCHANGES = Topic("/tis/clock_exchanges", ExchangeNote)
 
 
 class DisciplineNote(Message):
@@ -42,7 +44,12 @@ class DisciplineNote(Message):
     frequency_ppm: float = Field(description="Frequency correction that the kernel applies, in ppm.")
 
 
-PROCESSORS = "/tis/processors"
+DISCIPLINE = Topic("/tis/clock_discipline", DisciplineNote)
+
+
+def _as_ranges(processors: str) -> str:
+    numbers_of(processors)
+    return processors
 
 
 class ProcessorNote(Message):
@@ -53,7 +60,9 @@ class ProcessorNote(Message):
 
     from_ns: int = Field(description="Run time at which the period begins, in ns.")
     to_ns: int = Field(description="Run time at which the period ends, in ns.")
-    processors: str = Field(description="Numbers of the processors on which the process may run, like 0-3,6.")
+    processors: Annotated[str, AfterValidator(_as_ranges)] = Field(
+        description="Numbers of the processors on which the process may run, like 0-3,6."
+    )
     own_ns: int = Field(description="Processor time of this process, all threads, in ns.")
     busy_ns: int | None = Field(None, description="Time in which any program ran, this process included, in ns.")
     idle_ns: int | None = Field(None, description="Time in which nothing was to be run, in ns.")
@@ -65,3 +74,6 @@ class ProcessorNote(Message):
     n_periods: int | None = Field(None, description="Number of quota periods in which the group ran.")
     n_throttled: int | None = Field(None, description="Number of these periods in which it was throttled.")
     throttled_ns: int | None = Field(None, description="Throttled time, in ns.")
+
+
+PROCESSORS = Topic("/tis/processors", ProcessorNote, stamps=("from_ns", "to_ns"))

@@ -7,18 +7,7 @@ from pydantic import Field
 from tis.common.channels import Direction, Hand, Side
 from tis.common.messages import Message, Quaternion, Vector3
 from tis.common.peer_life import Event
-
-REJECTED = "/tis/rejected"
-TRUTH = "/tis/truth"
-TICKS = "/tis/ticks"
-ESTIMATES = "/tis/estimates"
-ORIENTATIONS = "/tis/orientations"
-PLANT = "/tis/plant"
-FATES = "/tis/fates"
-RELEASES = "/tis/releases"
-QUEUES = "/tis/queues"
-CONTROL = "/tis/control"
-COUNTERS = "/tis/counters"
+from tis.common.topic import Topic
 
 
 class Rejected(Message):
@@ -29,6 +18,8 @@ class Rejected(Message):
     reason: str = Field(description="Reason for the rejection.")
     head_hex: str = Field(max_length=64, description="First 32 bytes of the payload, hexadecimal.")
 
+
+REJECTED = Topic("/tis/rejected", Rejected, stamps=("recv_ns",))
 
 _HAND: Final = "Hand whose arm is concerned."
 _TICK: Final = "Number of the patient's tick, from 0."
@@ -50,9 +41,6 @@ _DIRECTION: Final = "forward: surgeon to patient; feedback: patient to surgeon."
 _FOREIGN: Final = "true: the packets have no header of the testbed, so netem numbered them itself."
 
 
-PEERS = "/tis/peers"
-
-
 class PeerNote(Message):
     """A change in the life of a side, noticed by this side while the run was going on."""
 
@@ -69,6 +57,9 @@ class PeerNote(Message):
     doing: str = Field(description="Step in which a loop stays; empty: none, or not known.")
 
 
+PEERS = Topic("/tis/peers", PeerNote, stamps=("at_ns",))
+
+
 class TruthRow(Message):
     """The recorded arm at one sample instant, for scoring; it is never sent."""
 
@@ -80,6 +71,9 @@ class TruthRow(Message):
     gripper_rad: float | None = Field(None, description="Opening angle of the gripper, in rad.")
 
 
+TRUTH = Topic("/tis/truth", TruthRow, stamps=("sample_ns",), is_frequent=True)
+
+
 class TickNote(Message):
     """A tick of this side, begun or missed."""
 
@@ -87,6 +81,9 @@ class TickNote(Message):
     due_ns: int = Field(description="Nominal instant of the tick in run time, in ns.")
     begin_ns: int = Field(description="Run time at which it began, or at which it was found to be missed, in ns.")
     missed: bool = Field(False, description="true: the tick had not begun when the next one was due.")
+
+
+TICKS = Topic("/tis/ticks", TickNote, stamps=("due_ns", "begin_ns"), is_frequent=True)
 
 
 class EstimateNote(Message):
@@ -99,6 +96,11 @@ class EstimateNote(Message):
     position_m: Vector3 | None = Field(description=_POSITION)
     std_m: Vector3 | None = Field(None, description=_STD)
     step_ns: int = Field(0, description=_STEP)
+
+
+ESTIMATES = Topic(
+    "/tis/estimates", EstimateNote, stamps=("t_ns",), is_group=True, is_frequent=True, is_recomputable=True
+)
 
 
 class OrientationNote(Message):
@@ -115,6 +117,11 @@ class OrientationNote(Message):
     step_ns: int = Field(0, description=_STEP)
 
 
+ORIENTATIONS = Topic(
+    "/tis/orientations", OrientationNote, stamps=("t_ns",), is_group=True, is_frequent=True, is_recomputable=True
+)
+
+
 class EstimatorFault(Message):
     """The first failure of a user-defined estimator, for one hand; a counter holds the number of failures."""
 
@@ -124,7 +131,7 @@ class EstimatorFault(Message):
     reason: str = Field(description="Exception or rule that made the step fail.")
 
 
-ESTIMATOR_FAULTS = "/tis/estimator_faults"
+ESTIMATOR_FAULTS = Topic("/tis/estimator_faults", EstimatorFault, stamps=("t_ns",))
 FAULTY_STEPS = "faulty_steps"
 
 
@@ -141,7 +148,7 @@ class FreshNote(Message):
     )
 
 
-FRESH = "/tis/fresh"
+FRESH = Topic("/tis/fresh", FreshNote, samples=("sample_ns",), is_frequent=True, is_recomputable=True)
 
 
 class PromptNote(Message):
@@ -164,7 +171,9 @@ class PromptNote(Message):
     step_ns: int = Field(0, description=_STEP)
 
 
-PROMPT = "/tis/prompt_estimates"
+PROMPT = Topic(
+    "/tis/prompt_estimates", PromptNote, stamps=("t_ns", "begin_ns"), samples=("sample_ns",), is_frequent=True
+)
 
 
 class PhaseNote(Message):
@@ -176,7 +185,7 @@ class PhaseNote(Message):
     age_before_ns: int = Field(description="Mean age of the freshest sample at ticks of the previous phase, in ns.")
 
 
-PHASES = "/tis/tick_phases"
+PHASES = Topic("/tis/tick_phases", PhaseNote)
 
 
 class PlantNote(Message):
@@ -191,6 +200,8 @@ class PlantNote(Message):
     )
     clamped: bool = Field(False, description="True: the set point in force lies outside what the arm's joints reach.")
 
+
+PLANT = Topic("/tis/plant", PlantNote, stamps=("t_ns",), is_frequent=True, is_recomputable=True)
 
 Outcome = Literal["deliver", "loss", "outage", "refused", "overflow", "queue_full"]
 """Decision on a packet when it is offered. ``deliver``: it is held, or waits in the queue of a rate."""
@@ -223,6 +234,9 @@ class FateBatch(Message):
     flipped: tuple[int, ...] = Field((), description="Number of flipped payload bits.")
 
 
+FATES = Topic("/tis/fates", FateBatch, is_frequent=True)
+
+
 class ReleaseBatch(Message):
     """Departures of packets of one key from netem, column by column, in the order of departure."""
 
@@ -244,6 +258,9 @@ class ReleaseBatch(Message):
     queued_ns: tuple[int, ...] = Field((), description="Time in the queue of a rate, transmission included, in ns.")
 
 
+RELEASES = Topic("/tis/releases", ReleaseBatch, is_frequent=True)
+
+
 class QueueNote(Message):
     """The depth of a rate's queue, sampled when a packet is offered to it, at most every 10 ms of run time."""
 
@@ -251,6 +268,9 @@ class QueueNote(Message):
     at_ns: int = Field(description="Run time of the sample, in ns.")
     n_packets: int = Field(description="Number of packets in the queue.")
     n_bytes: int = Field(description="Number of bytes in the queue, overhead included.")
+
+
+QUEUES = Topic("/tis/queues", QueueNote)
 
 
 class ControlNote(Message):
@@ -264,6 +284,8 @@ class ControlNote(Message):
     accepted: bool = Field(description="true: the change was made; false: it was refused.")
     reason: str = Field("", description="Reason for a refusal.")
 
+
+CONTROL = Topic("/tis/control", ControlNote)
 
 SENT_PACKETS = "sent_packets"
 UNRECORDED = "unrecorded"
@@ -279,3 +301,6 @@ class CounterNote(Message):
         "log lacks since the disk was too slow in unrecorded.TOPIC."
     )
     value: int = Field(description="Final value.")
+
+
+COUNTERS = Topic("/tis/counters", CounterNote)

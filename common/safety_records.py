@@ -6,6 +6,7 @@ from pydantic import Field
 
 from tis.common.channels import Hand
 from tis.common.messages import Message, SafetyMode
+from tis.common.topic import Topic
 
 
 class QuarantineNote(Message):
@@ -25,7 +26,7 @@ class QuarantineNote(Message):
     )
 
 
-QUARANTINE = "/tis/quarantine"
+QUARANTINE = Topic("/tis/quarantine", QuarantineNote, stamps=("recv_ns",))
 QUARANTINED = "quarantined"
 SINCE_MS = "since_ms"
 """Counters ``since_ms.ALARM`` hold the run time at which an alarm began."""
@@ -52,7 +53,7 @@ class SafetyNote(Message):
     age_ns: int | None = Field(description="Age of the newest sample, in ns; null: none has arrived.")
 
 
-SAFETY = "/tis/safety"
+SAFETY = Topic("/tis/safety", SafetyNote, stamps=("t_ns",))
 
 
 class StopNote(Message):
@@ -77,7 +78,7 @@ class StopNote(Message):
         return self.stop if self.stopped is None else self.stopped
 
 
-STOPS = "/tis/emergency_stops"
+STOPS = Topic("/tis/emergency_stops", StopNote, stamps=("at_ns",))
 
 
 class StopsInForceNote(Message):
@@ -93,4 +94,4 @@ class StopsInForceNote(Message):
     given: int = Field(0, ge=0, lt=1 << 52, description="Numbers that the patient has given to stops.")
 
 
-STOPS_IN_FORCE = "/tis/stops_in_force"
+STOPS_IN_FORCE = Topic("/tis/stops_in_force", StopsInForceNote, stamps=("at_ns",))

@@ -18,8 +18,7 @@ from tis.patient_side.statespace import ArmModel
 
 def model_attachment(models: Sequence[ArmModel]) -> dict[str, bytes]:
     """Return the content of a run's model file by its name."""
-    from tis.patient_side.identification.model_io import dump_models  # late: it loads the filters
-    from tis.patient_side.identification.model_tensors import is_tensor_file
+    from tis.patient_side.identification.model_file import dump_models, is_tensor_file
 
     data = dump_models(models)
     return {MODEL_FILES[is_tensor_file(data)]: data}
@@ -27,7 +26,7 @@ def model_attachment(models: Sequence[ArmModel]) -> dict[str, bytes]:
 
 def read_models(path: Path) -> tuple[ArmModel, ...]:
     """Read a model file; raises `DataError`."""
-    from tis.patient_side.identification.model_io import MAX_MODEL_BYTES, parse_models  # late: it loads the filters
+    from tis.patient_side.identification.model_file import MAX_MODEL_BYTES, parse_models
 
     try:
         data = read_limited(path, MAX_MODEL_BYTES)

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from tis.patient_side.direct_model import Array
+from tis.patient_side.model_fields import Floats
 
 Turn = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -23,14 +23,14 @@ _SIGN: Final = np.array(
 """Conjugate of a quaternion q times p: the matrix ``q[_PLACE] * _SIGN`` times p."""
 
 
-def unit(quaternion: Quaternion) -> Array | None:
+def unit(quaternion: Quaternion) -> Floats | None:
     """Return the unit quaternion (4,) of the same orientation; None without one: its norm is 0 or not finite."""
     x, y, z, w = quaternion
     norm = sqrt(x * x + y * y + z * z + w * w)
     return np.array([x / norm, y / norm, z / norm, w / norm]) if _MIN_NORM < norm < inf else None
 
 
-def turned(now: Array, other: Array) -> Array:
+def turned(now: Floats, other: Floats) -> Floats:
     """Return the rotation vectors (..., 3), in rad, that turn ``now`` (..., 4) into ``other`` (..., 4).
 
     ``log(R_now^-1 R_other)``: in the body frame of ``now``, of length 0 to pi. The shapes are broadcast.
@@ -44,12 +44,12 @@ def turned(now: Array, other: Array) -> Array:
     return np.asarray(vector * factor[..., None])
 
 
-def turned_by(quaternion: Array, vector: Array) -> Array:
+def turned_by(quaternion: Floats, vector: Floats) -> Floats:
     """Return the orientation (4,) after the rotation ``vector`` (3,), in rad, in the body frame: ``R exp(v)``."""
     return np.array(_product(tuple(quaternion.tolist()), _of_turn(tuple(vector.tolist()))))
 
 
-def at_end(vector: Array, covariance: Array) -> Array:
+def at_end(vector: Floats, covariance: Floats) -> Floats:
     """Return a covariance (3, 3) of rotation vectors about ``vector`` (3,), in the body frame at its end, in rad^2.
 
     ``exp(v)^-1 exp(v + e) = exp(J e)`` to first order, with the right Jacobian J of SO(3): Chirikjian, *Stochastic

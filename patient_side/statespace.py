@@ -1,30 +1,44 @@
 """The models of an arm as values; the linear one is x[k+1] = A x[k] + B u[k] + w, y[k] = C x[k] + D u[k] + v."""
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
+from pydantic import Field
 
 from tis.common.channels import Arm, Hand
 from tis.common.sources.provenance import RecordedRows
-from tis.patient_side.completion_model import CompletionModel
-from tis.patient_side.direct_model import DirectModel
 from tis.patient_side.learned_model import LearnedModel
-from tis.patient_side.wrist_model import WristModel
+from tis.patient_side.model_fields import (
+    AXES,
+    Axes,
+    Count,
+    Floats,
+    Matrix,
+    NotNegative,
+    Shape,
+    StoredModel,
+    ThreeNumbers,
+    Vector,
+    lists,
+    of_axes,
+)
+from tis.patient_side.movement_models import CompletionModel, DirectModel, InnovationsModel, InputForecast, WristModel
 
-Array = NDArray[np.float64]
+Array = Floats
 
 _BLOCK = 32
 
 
 @dataclass(frozen=True)
-class StateSpace:
+class StateSpace(StoredModel):
     """Matrices of shapes A (n, n), B (n, m), C (p, n), D (p, m); n may be 0: a static relation y = D u."""
 
-    A: Array
-    B: Array
-    C: Array
-    D: Array
+    A: Matrix
+    B: Matrix
+    C: Matrix
+    D: Matrix
 
     @property
     def order(self) -> int:
@@ -78,12 +92,12 @@ class StateSpace:
 
 
 @dataclass(frozen=True)
-class NoiseModel:
+class NoiseModel(StoredModel):
     """Covariances of process noise Q (n, n), measurement noise R (p, p) and their cross term S (n, p), SI units."""
 
-    Q: Array
-    R: Array
-    S: Array
+    Q: Matrix
+    R: Matrix
+    S: Matrix
 
     @property
     def gain(self) -> Array:
@@ -92,110 +106,7 @@ class NoiseModel:
 
 
 @dataclass(frozen=True)
-class Correction:
-    """What a linear forecast leaves to the hand's state of movement: see `tis.patient_side.filters.correction`.
-
-    The velocity is the forecast move over ``span`` samples, its usual size ``usual_m`` (rms over the training rows);
-    ``lowest`` and ``highest`` bound the logarithm of speed, ``largest`` is the increment, in usual moves, beyond
-    which the coefficients fade. ``gripper_usual_rad`` and ``gripper_spread_rad`` are mean and deviation of the
-    gripper's angle in the training rows, 0 where it does not move. ``clock`` is the frequency of the clock behind the
-    rows in cycles per row, 0 where rows are even.
-
-    ``weights`` (H, P, T) weigh T terms in the coefficients of P parts, ``horizons`` (H,) samples ahead. ``widths``
-    (L,) are the distances to the L running means, in usual moves, that count as large. ``centre`` and ``deviation``
-    (3 L + 2,) are mean and deviation of the Fourier features' inputs; ``fourier`` (H, 3, M) are the weights of M
-    features, in usual moves. ``linear_scale`` (H,) is the factor for the covariances of the linear forecasts. It
-    holds after missing samples, too: what a correction gains is measured where none is missing.
-    """
-
-    span: int
-    usual_m: float
-    lowest: float
-    highest: float
-    largest: float
-    gripper_usual_rad: float
-    gripper_spread_rad: float
-    clock: float
-    horizons: Array
-    weights: Array
-    widths: Array
-    centre: Array
-    deviation: Array
-    fourier: Array
-    linear_scale: Array
-
-
-@dataclass(frozen=True)
-class InnovationsModel:
-    """The arm's own movement, without its command: a stochastic model in innovations form, in one of two structures.
-
-    About a level that drifts: ``x[k+1] = A x[k] + K e[k]``, ``y[k] = C x[k] + b[k] + e[k]`` with A (n, n), C (3, n),
-    K (n, 3), y in m and innovations e of covariance ``Re`` (3, 3), m^2. The level b is a random walk, as the centre
-    of a set-up's movements is unknown in advance. Its step has the covariance ``level_step^2 Re``.
-
-    ``integrated``: the same form for the increments, ``y[k] - y[k-1] = C x[k] + e[k]``, without a level: the arm
-    returns nowhere. ``isotropic``: all three axes have identical, separate states.
-
-    ``covariance_scale`` (H,) multiplies the covariance of a forecast over ``scale_horizons`` (H,) samples, so that
-    95 % ellipsoids hold 95 % of the held-back training rows: real movement alternates between quiet and fast, and the
-    errors have heavier tails than a normal distribution. Ones: the model's own covariances.
-
-    ``correction``: what the forecasts add to the linear model's own; None: nothing.
-    """
-
-    A: Array
-    C: Array
-    K: Array
-    Re: Array
-    level_step: float
-    block_rows: int
-    singular_values: Array
-    scale_horizons: Array
-    covariance_scale: Array
-    integrated: bool = False
-    isotropic: bool = False
-    correction: Correction | None = None
-
-    @property
-    def order(self) -> int:
-        """Number of states n."""
-        return len(self.A)
-
-
-@dataclass(frozen=True)
-class InputForecast:
-    """The forecast of a command that has not arrived: ``u + v sum_k phi^k psi^(h-k)``, k = 1..h.
-
-    phi is ``damping``, the share of its velocity that a hand keeps from sample to sample; psi is ``persistence``, the
-    share of the distance covered that it keeps, as hands return. A forecast therefore ends where it began; with psi
-    = 1 it does not return. ``velocity_span`` is the number of samples that v is averaged over. ``growth_m`` (H, 3) is
-    the standard deviation of the forecast's error per axis, h = 1..H samples ahead, on the training rows.
-    """
-
-    damping: float
-    velocity_span: int
-    growth_m: Array
-    persistence: float = 1.0
-
-    def velocities(self) -> tuple[float, float]:
-        """Return two velocities, in units of v, that decay by phi and by psi and whose sum is that of the forecast.
-
-        The sum above is ``phi (psi^h - phi^h) / (psi - phi)``; its differences are two geometric series.
-        Oracle: the sum itself.
-        """
-        phi, psi = self.damping, self.persistence
-        if psi == 1.0:
-            return 1.0, 0.0
-        return (1.0 - phi) / (psi - phi), -phi * (1.0 - psi) / (psi * (psi - phi))
-
-
-def max_damping(persistence: float) -> float:
-    """Return the largest damping for a persistence: a hand returns at most half as fast as it slows down."""
-    return 1.0 if persistence == 1.0 else 2.0 * persistence - 1.0
-
-
-@dataclass(frozen=True)
-class FilterModel:
+class FilterModel(StoredModel):
     """A second model of an arm, for an estimator with an identification method of its own.
 
     Offsets (3,) and ``static`` are as in `ArmModel`.
@@ -203,13 +114,21 @@ class FilterModel:
 
     space: StateSpace
     noise: NoiseModel
-    input_offset_m: Array
-    output_offset_m: Array
+    input_offset_m: Axes
+    output_offset_m: Axes
     static: bool
+
+    def shapes(self) -> Mapping[str, Shape]:
+        """Return the shapes of all matrices."""
+        return _linear_shapes(self.space.order)
+
+    def covariances(self) -> Mapping[str, Array]:
+        """Return that of the measurement noise."""
+        return {"noise.R": self.noise.R}
 
 
 @dataclass(frozen=True)
-class ArmModel:
+class ArmModel(StoredModel):
     """All models of one arm; written to the run folder, and read back by a replay.
 
     ``input_offset_m`` and ``output_offset_m`` (3,) are the operating point: means over the training rows.
@@ -223,40 +142,66 @@ class ArmModel:
 
     hand: Hand
     arm: Arm
-    rate_hz: int
+    rate_hz: Count
     method: str
-    order: int
-    block_rows: int
+    order: Annotated[int, Field(ge=0)]
+    block_rows: Annotated[int, Field(ge=2)]
     train: str
     space: StateSpace
-    x0: Array
+    x0: Vector
     noise: NoiseModel
     forecast: InputForecast
-    input_offset_m: Array
-    output_offset_m: Array
-    output_low_m: Array
-    output_high_m: Array
-    singular_values: Array
-    fit_pct: tuple[float, ...]
-    spectral_radius: float
+    input_offset_m: Axes
+    output_offset_m: Axes
+    output_low_m: Axes
+    output_high_m: Axes
+    singular_values: Vector
+    fit_pct: Annotated[tuple[float, ...], lists(ThreeNumbers, tuple)]
+    spectral_radius: NotNegative
     pairing: str
     static: bool
-    warnings: tuple[str, ...] = field(default=())
+    warnings: tuple[str, ...] = ()
     trained_on: tuple[RecordedRows, ...] = ()
     innovations: InnovationsModel | None = None
     n4sid: FilterModel | None = None
     arx: FilterModel | None = None
     autoregression: InnovationsModel | None = None
-    direct: DirectModel | None = None
+    direct: Annotated[DirectModel, of_axes(AXES)] | None = None
     paper: FilterModel | None = None
     drmf: CompletionModel | None = None
     learned: tuple[LearnedModel, ...] = ()
     wrist: WristModel | None = None
 
+    def shapes(self) -> Mapping[str, Shape]:
+        """Return the shapes of the linear model's matrices."""
+        return _linear_shapes(self.order)
+
+    def faults(self) -> Iterator[str]:
+        """Yield a state that does not fit."""
+        if len(self.x0) != self.order:
+            yield f"x0 must have {self.order} elements, one for each state"
+
+    def covariances(self) -> Mapping[str, Array]:
+        """Return that of the measurement noise."""
+        return {"noise.R": self.noise.R}
+
     @property
     def n_lags(self) -> int | None:
         """Return the number of lags of a regression (method arx); None of other models."""
         return self.order // self.space.n_outputs if self.method == "arx" else None
+
+
+def _linear_shapes(n: int) -> Mapping[str, Shape]:
+    """Return the shapes of a linear model's matrices with ``n`` states."""
+    return {
+        "space.A": (n, n),
+        "space.B": (n, AXES),
+        "space.C": (AXES, n),
+        "space.D": (AXES, AXES),
+        "noise.Q": (n, n),
+        "noise.R": (AXES, AXES),
+        "noise.S": (n, AXES),
+    }
 
 
 def order_text(model: ArmModel) -> str:

@@ -6,8 +6,7 @@ from pydantic import Field
 
 from tis.common.channels import Hand
 from tis.common.messages import Message
-
-DEVICES: Final = "/tis/devices"
+from tis.common.topic import Topic
 
 FOREIGN_SURGEON: Final = "foreign_surgeon"
 """Counter in the log of a surgeon that another program was: 1."""
@@ -29,3 +28,6 @@ class DeviceNote(Message):
     )
     for_ns: int = Field(description="How long there was no pose, in ns; 0 for first and refused.")
     reason: str = Field("", max_length=200, description="Reason for a refusal; empty otherwise.")
+
+
+DEVICES: Final = Topic("/tis/devices", DeviceNote, stamps=("at_ns",))

@@ -17,12 +17,12 @@ from typing import Final, Protocol
 
 from pydantic import BaseModel
 
-from tis.common.channels import is_set_point
 from tis.common.node import Record
-from tis.common.records import COUNTERS, ESTIMATES, FRESH, ORIENTATIONS, PLANT, TICKS, UNRECORDED, CounterNote
+from tis.common.records import COUNTERS, TICKS, UNRECORDED, CounterNote
 from tis.common.runtime.loop import Recorder
 from tis.common.runtime.memory import LevelHeap
 from tis.common.runtime.scheduling import stand_behind
+from tis.common.topics import topic_of
 from tis.common.units import NS_PER_S
 
 FLUSH_EVERY_NS: Final = NS_PER_S // 2
@@ -42,7 +42,6 @@ _URGENT_BYTES: Final = 1 << 20
 """About a twentieth of a second at 1 kHz with two hands."""
 _EASY_S: Final = 0.02
 _N_COLUMNS: Final = 8
-_RECOMPUTABLE: Final = (FRESH, PLANT)
 _Item = Record | Callable[[], Iterable[Record]]
 
 
@@ -201,7 +200,8 @@ class ThreadedRecorder:
 
 def is_recomputable(topic: str) -> bool:
     """Tell whether a replay of the arrivals computes the records of a topic again."""
-    return topic.startswith((f"{ESTIMATES}/", f"{ORIENTATIONS}/")) or topic in _RECOMPUTABLE or is_set_point(topic)
+    declared = topic_of(topic)
+    return declared is not None and declared.is_recomputable
 
 
 RECORD_VARIABLE: Final = "TIS_RECORD"

@@ -5,9 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from tis.common import host_records, messages, records, safety_records
+from tis.common import messages
 from tis.common.channels import Side
-from tis.common.devices import records as device_records
 from tis.common.errors import DataError, Fault, PeerError
 from tis.common.runtime.control import boot_digest
 from tis.common.runtime.json_schema import prepare_schemas
@@ -17,6 +16,7 @@ from tis.common.runtime.scenario_files import RUNS, latest_folders, run_folder
 from tis.common.runtime.zenoh_session import ZenohOptions
 from tis.common.scenario import Scenario
 from tis.common.scenario import reading as scenario_io
+from tis.common.topics import RECORD_MODULES
 
 LOG_VERSION: Final = "1"
 
@@ -71,7 +71,7 @@ def open_log(options: SideOptions, scenario: Scenario, side: Side, earlier: Earl
         "digest": scenario_io.digest(scenario),
         "mode": "live",
     }
-    for module in (messages, records, device_records, host_records, safety_records):
+    for module in (messages, *RECORD_MODULES):
         prepare_schemas(module)
     log = McapLog(folder / part_name(side, number), metadata, keep_void=earlier is None)
     log.attach("scenario.yaml", scenario_io.dump_scenario(scenario).encode())

@@ -5,9 +5,9 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
-from pydantic import TypeAdapter
+from pydantic import Field, TypeAdapter
 
 from tis.common.errors import DataError, Fault
 from tis.common.scenario.source import SyntheticSource
@@ -30,9 +30,9 @@ class RecordedRows:
 
     label: str
     digest: str
-    first_row: int
-    n_rows: int
-    rate_hz: int
+    first_row: Annotated[int, Field(ge=0)]
+    n_rows: Annotated[int, Field(ge=1)]
+    rate_hz: Annotated[int, Field(ge=1)]
 
     def shared(self, other: "RecordedRows") -> "RecordedRows | None":
         """Return the rows that are in both, None if there are none. Oracle: sets of row numbers in the tests."""

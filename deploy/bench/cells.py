@@ -19,7 +19,7 @@ from tis.deploy.compare.cells.scores import logged_scores, unlogged_scores
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
 from tis.patient_side.build import identify_models
-from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.identification.model_file import dump_models
 
 _NETWORK: Final = (
     "network={forward: {loss: {kind: gilbert_elliott, p_bad: 0.01, p_good: 0.2}, delay: {kind: uniform, low_ms: 50, "

@@ -1,7 +1,7 @@
 """Benchmark of identification (`tis bench identification`): time and memory, beside other packages.
 
-One call is a complete identification: A, B, C, D, each trial's x0, K and the noise. The other packages (``pip install
-'tis-testbed[peers]'``) are measured in the same run, on the same data; neither accepts several trials.
+One call is a complete identification: A, B, C, D, each trial's x0, K and the noise. The other packages (the extra
+``peers``) are measured in the same run, on the same data; neither accepts several trials.
 """
 
 import time

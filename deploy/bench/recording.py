@@ -79,7 +79,7 @@ def _run(scenario: Scenario, records: bool) -> tuple[Ticks, int]:
         logs = load_run(run_dir, (TICKS,))
         ticks = {}
         for side in _SIDES:
-            rows = logs.columns(side, TICKS)
+            rows = logs.of(side, TICKS)
             ticks[side] = np.stack([rows.column(name).astype(np.int64) for name in ("due_ns", "begin_ns", "missed")])
         return ticks, sum(path.stat().st_size for path in run_dir.glob("*.mcap"))
 

@@ -9,9 +9,8 @@ import typer
 
 from tis.common.errors import EXIT_OK, GET_HOSTS, Fault, InputError
 from tis.deploy.cli.group import Commands
-from tis.deploy.shell.extras import can_certify
+from tis.deploy.shell.early_checks import can_certify, check_outputs
 from tis.deploy.shell.guard import OUT, guarded
-from tis.deploy.shell.outputs import check_outputs
 
 app = Commands(no_args_is_help=True, help="Measure speed and punctuality on this machine.")
 

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from tis.common.errors import EXIT_OK, GET_HOSTS, DataError, Fault, InputError
 from tis.deploy.cli.group import Commands, JsonOption
-from tis.deploy.shell.extras import can_certify
+from tis.deploy.shell.early_checks import can_certify
 from tis.deploy.shell.guard import ERR, OUT, guarded, print_json, words_to
 
 if TYPE_CHECKING:

@@ -37,12 +37,11 @@ def up(
     All hosts are checked first; nothing starts if one has a fault. Ctrl-C ends
     all sides, and their logs are collected.
     """
-    from tis.deploy.hosts.up import UpOptions
     from tis.deploy.hosts.up import up as run_up
     from tis.deploy.run.conclude import Outputs
 
     outputs = Outputs(report, merge, verbose, as_json)
-    return run_up(hosts, UpOptions(run_dir, wait_s, insecure), outputs, words_to(as_json), ERR)
+    return run_up(hosts, run_dir, wait_s, insecure, outputs, words_to(as_json), ERR)
 
 
 @app.command()
@@ -97,7 +96,7 @@ def collect(
         from tis.deploy.hosts.collect import collect_from_hosts
 
         return collect_from_hosts(Path(asked.sources[0]), run, run_dir, outputs, words, ERR)
-    from tis.deploy.hosts.collect_zenoh import collect_over_zenoh, offer_logs
+    from tis.deploy.hosts.zenoh_logs import collect_over_zenoh, offer_logs
 
     if offer is not None:
         return offer_logs(offer, options, ERR)
@@ -108,6 +107,6 @@ def collect(
 @guarded
 def host() -> int:
     """Obey one request of `tis up` or `tis collect`, on a host."""
-    from tis.deploy.hosts.agent.requests import obey, standard_streams
+    from tis.deploy.hosts.agent import obey, standard_streams
 
     return obey(*standard_streams())

@@ -3,7 +3,7 @@
 import csv
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,7 +16,7 @@ from rich.markup import escape
 from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, GET_PARQUET, DataError, Fault, InputError
 from tis.deploy.export.columns import readme
 from tis.deploy.export.jigsaws import jigsaws_files
-from tis.deploy.export.tables import Table, tables
+from tis.deploy.export.tables import Columns, Pieces, tables
 from tis.deploy.logs.read.recorded import models_in
 from tis.deploy.logs.topics import RunTopics
 from tis.deploy.report.run_data import Run, load
@@ -57,15 +57,14 @@ def _write(run: Run, out_dir: Path, as_csv: bool, as_parquet: bool, as_jigsaws: 
     # built beside the target and renamed at the end, so that an export is complete or absent
     partial = Path(tempfile.mkdtemp(dir=out_dir.parent, prefix=".export-"))
     try:
-        writers: dict[str, Callable[[Path, Table], None]] = {}
+        writers: dict[str, Callable[[Path, Pieces], tuple[str, ...]]] = {}
         writers |= {".csv": write_csv} if as_csv else {}
         writers |= {".parquet": write_parquet} if as_parquet else {}
         columns: dict[str, tuple[str, ...]] = {}
         if writers:
-            for name, table in tables(run):
+            for name, pieces in tables(run):
                 for suffix, write in writers.items():
-                    write(partial / f"{name}{suffix}", table)
-                columns[name] = table.names
+                    columns[name] = write(partial / f"{name}{suffix}", pieces)
         if as_jigsaws:
             topics = RunTopics.of(run.scenario, {model.hand: model.arm for model in models_in(run.logs)})
             for path, text in jigsaws_files(run.run_dir, run.scenario, topics):
@@ -82,34 +81,41 @@ def _write(run: Run, out_dir: Path, as_csv: bool, as_parquet: bool, as_jigsaws: 
     return files
 
 
-def write_csv(path: Path, table: Table) -> None:
-    """Write a table as CSV with a header; NaN is an empty field."""
+def write_csv(path: Path, pieces: Pieces) -> tuple[str, ...]:
+    """Write a table as CSV with a header, NaN as an empty field; return the names of its columns."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        for k, piece in enumerate(table):
+        names: tuple[str, ...] = ()
+        for make in pieces:
+            piece = make()
             columns = list(piece.values())
-            if k == 0:
-                writer.writerow(piece)
+            if not names:
+                names = tuple(piece)
+                writer.writerow(names)
             for first in range(0, len(columns[0]), _CSV_ROWS):
                 writer.writerows(zip(*(_texts(values[first : first + _CSV_ROWS]) for values in columns), strict=True))
+    return names
 
 
-def write_parquet(path: Path, table: Table) -> None:
-    """Write a table as Parquet, with dictionary-encoded text."""
+def write_parquet(path: Path, pieces: Pieces) -> tuple[str, ...]:
+    """Write a table as Parquet, with dictionary-encoded text; return the names of its columns."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     with ExitStack() as stack:
         writer: Any = None
-        for piece in table:
-            columns: Mapping[str, Any] = {
-                name: pa.array(values).dictionary_encode() if values.dtype.kind == "U" else pa.array(values)
-                for name, values in piece.items()
-            }
-            part = pa.table(columns)
+        for make in pieces:
+            piece: Columns = make()
+            part = pa.table(
+                {
+                    name: pa.array(values).dictionary_encode() if values.dtype.kind == "U" else pa.array(values)
+                    for name, values in piece.items()
+                }
+            )
             if writer is None:
                 writer = stack.enter_context(pq.ParquetWriter(path, part.schema, compression="zstd"))
             writer.write_table(part)
+        return tuple(piece)
 
 
 def _texts(values: np.ndarray[Any, Any]) -> list[Any]:

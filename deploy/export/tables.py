@@ -1,60 +1,33 @@
 """Tables of a run's records: named columns of equal length, for any file format."""
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any, Final, overload
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.channels import Direction, Hand, Side, is_predicted, is_set_point
-from tis.common.records import ESTIMATES, FRESH, ORIENTATIONS, PLANT, PROMPT
+from tis.common.channels import Direction, Hand, Side
+from tis.common.records import TICKS, TRUTH
 from tis.common.scenario.estimator_names import plain_name
+from tis.common.topics import topic_of
 from tis.common.units import MM_PER_M
 from tis.deploy.logs.json_rows import Row
-from tis.deploy.logs.read.batches import DEPARTURES, OUTCOMES, Fates, Releases, fates_by_key, releases_by_key
+from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.logs.read.rows import Rows
+from tis.deploy.logs.read.packets import fates_by_key, releases_by_key
+from tis.deploy.logs.read.side_log import DEPARTURES, MESSAGES, OUTCOMES
 from tis.deploy.report.run_data import Run
 
-Columns = dict[str, NDArray[Any]]
+Columns = Mapping[str, NDArray[Any]]
+Pieces = Sequence[Callable[[], Columns]]
+"""A table in pieces with the same columns; each is built when it is called: millions of rows with text take GB."""
 
 _AXES: Final = "xyzw"
-_OF_COLUMNS: Final[Mapping[str, str]] = {PLANT: "plant", FRESH: "fresh", PROMPT: "prompt_estimates"}
-_OF_GROUPS: Final[Mapping[str, str]] = {"estimates": ESTIMATES, "orientations": ORIENTATIONS}
 
 
-class Table(Sequence[Columns]):
-    """A table as a sequence of pieces with the same columns; each piece is built at access and not kept.
-
-    Millions of rows with text would take GB of memory.
-    """
-
-    def __init__(self, makers: Sequence[Callable[[], Columns]]) -> None:
-        self._makers = makers
-        self._names: tuple[str, ...] = ()
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Return the names of the columns; builds a piece if none was built yet."""
-        return self._names or tuple(self[0])
-
-    @overload
-    def __getitem__(self, i: int) -> Columns: ...
-    @overload
-    def __getitem__(self, i: slice) -> "Table": ...
-    def __getitem__(self, i: int | slice) -> "Columns | Table":
-        if isinstance(i, slice):
-            return Table(self._makers[i])
-        piece = self._makers[i]()
-        self._names = tuple(piece)
-        return piece
-
-    def __len__(self) -> int:
-        return len(self._makers)
-
-
-def tables(run: Run) -> Iterator[tuple[str, Table]]:
+def tables(run: Run) -> Iterator[tuple[str, Pieces]]:
     """Yield name and content of each table that has rows.
 
     Instants are run time in ns by netem's clock, positions in m. Oracle: the logs' own records
@@ -62,10 +35,10 @@ def tables(run: Run) -> Iterator[tuple[str, Table]]:
     """
     for name, make in _WHOLE.items():
         if len(next(iter(make(run).values()), ())):
-            yield name, Table([partial(make, run)])
-    for name, makers in _in_pieces(run):
-        if makers:
-            yield name, Table(makers)
+            yield name, [partial(make, run)]
+    for name, pieces in _in_pieces(run):
+        if pieces:
+            yield name, pieces
 
 
 def _tracks(run: Run) -> Columns:
@@ -73,64 +46,61 @@ def _tracks(run: Run) -> Columns:
 
 
 def _truth(run: Run) -> Columns:
-    return _stacked(
-        [{**_constant("hand", hand, len(at.sample_ns)), **_flat(at._asdict())} for hand, at in run.truth.items()]
-    )
+    return _stacked([{**_constant("hand", hand, len(at)), **_of_frame(at)} for hand, at in run.truth.items()])
 
 
 def _ticks(run: Run) -> Columns:
-    return _stacked([{**_constant("side", side, len(at.tick)), **at._asdict()} for side, at in run.ticks.items()])
+    return _stacked([{**_constant("side", side, len(at)), **_of_frame(at)} for side, at in run.ticks.items()])
 
 
 def _ages(run: Run) -> Columns:
-    return _stacked([{**_constant("hand", hand, len(at.t_ns)), **at._asdict()} for hand, at in run.ages.items()])
+    return _stacked([{**_constant("hand", hand, len(at)), **_of_frame(at)} for hand, at in run.ages.items()])
 
 
 _WHOLE: Final = {"tracks": _tracks, "truth": _truth, "ticks": _ticks, "ages": _ages}
 
 
-def _in_pieces(run: Run) -> Iterator[tuple[str, list[Callable[[], Columns]]]]:
-    """Yield the large tables with the makers of their non-empty pieces."""
-    messages = [(side, key, len(at)) for side, log in run.logs.sides.items() for key, at in log.messages.items()]
-    yield "messages", [partial(_messages, run, side, key) for side, key, n in messages if n]
-    for name, by_key, make in (("fates", fates_by_key, _fates), ("releases", releases_by_key, _releases)):
-        packets = [(way, key, len(of.seq)) for way in run.fates for key, of in by_key(run.logs, way).items()]
-        yield name, [partial(make, run.logs, way, key) for way, key, n in packets if n]
-    shared = {name: list[Callable[[], Columns]]() for name in (*_OF_GROUPS, "set_points", "displays")}
-    for side, log in run.logs.sides.items():
-        for topic, rows in log.rows.items():
-            if not rows:
-                continue
-            if not isinstance(rows, Rows):
-                name = f"{side}_{topic.removeprefix('/tis/').replace('/', '_')}"
-                yield name, [partial(_of_rows, rows)]
-            elif topic in _OF_COLUMNS:
-                yield _OF_COLUMNS[topic], [partial(_of_columns, rows)]
-            elif (group := _shared_table(topic)) is not None:
-                shared[group].append(partial(_of_columns, rows))
-    yield from shared.items()
+def _in_pieces(run: Run) -> Iterator[tuple[str, Pieces]]:
+    """Yield the large tables with their non-empty pieces."""
+    logs = run.logs
+    messages = [(side, key, frame) for side, log in logs.sides.items() for key, frame in log.messages.items()]
+    yield "messages", [partial(_messages, *each) for each in messages if len(each[2])]
+    for name, of, coded, texts in (
+        ("fates", fates_by_key, "outcome", OUTCOMES),
+        ("releases", releases_by_key, "departure", DEPARTURES),
+    ):
+        packets = [(way, key) for way in run.fates for key, frame in of(logs, way).items() if len(frame)]
+        yield name, [partial(_packets, logs, of, way, key, coded, texts) for way, key in packets]
+    frequent: defaultdict[str, list[Callable[[], Columns]]] = defaultdict(list)
+    for side, log in logs.sides.items():
+        for key, frame in log.rows.items():
+            topic = topic_of(key)
+            if topic is None or not topic.is_frequent:
+                if len(frame):
+                    yield f"{side}_{key.removeprefix('/tis/').replace('/', '_')}", [partial(_of_rows, frame)]
+            elif len(frame) and topic not in (TICKS, TRUTH):
+                frequent[topic.table].append(partial(_of_frame, frame))
+    yield from frequent.items()
 
 
-def _shared_table(topic: str) -> str | None:
-    """Return the table that holds the records of several such topics; None for any other topic."""
-    if is_set_point(topic):
-        return "set_points"
-    if is_predicted(topic):
-        return "displays"
-    return next((name for name, group in _OF_GROUPS.items() if topic.startswith(f"{group}/")), None)
+def _messages(side: Side, key: str, frame: Frame) -> Columns:
+    columns = {name: frame.column(name) for name in MESSAGES if name != "fingerprint"}
+    return {**_constant("side", side, len(frame)), **_constant("key", key, len(frame)), **columns}
 
 
-def _messages(run: Run, side: Side, key: str) -> Columns:
-    at = run.messages[side][key]
-    return {**_constant("side", side, len(at.seq)), **_constant("key", key, len(at.seq)), **at._asdict()}
-
-
-def _fates(logs: RunLogs, way: Direction, key: str) -> Columns:
-    return _packets(way, key, fates_by_key(logs, way)[key], "outcome", OUTCOMES)
-
-
-def _releases(logs: RunLogs, way: Direction, key: str) -> Columns:
-    return _packets(way, key, releases_by_key(logs, way)[key], "departure", DEPARTURES)
+def _packets(
+    logs: RunLogs,
+    of: Callable[[RunLogs, Direction], dict[str, Frame]],
+    way: Direction,
+    key: str,
+    coded: str,
+    texts: Sequence[str],
+) -> Columns:
+    frame = of(logs, way)[key]
+    n = len(frame)
+    columns = {name: frame.column(name) for name in frame.names}
+    columns[coded] = np.array(texts, dtype=np.str_)[columns[coded]]
+    return {**_constant("direction", way, n), **_constant("key", key, n), **columns}
 
 
 def _track(run: Run, hand: Hand) -> Columns:
@@ -146,16 +116,8 @@ def _track(run: Run, hand: Hand) -> Columns:
     return table
 
 
-def _packets(way: Direction, key: str, books: Fates | Releases, coded: str, names: Sequence[str]) -> Columns:
-    n = len(books.seq)
-    table = {**_constant("direction", way, n), **books._asdict(), **_constant("key", key, n)}
-    table[coded] = np.array(names, dtype=np.str_)[table[coded]]
-    del table["keys"]
-    return table
-
-
-def _of_columns(rows: Rows) -> Columns:
-    return _flat({name: rows.column(name) for name in rows.names})
+def _of_frame(frame: Frame) -> Columns:
+    return _flat({name: frame.column(name) for name in frame.names})
 
 
 def _of_rows(rows: Sequence[Row]) -> Columns:
@@ -166,7 +128,7 @@ def _of_rows(rows: Sequence[Row]) -> Columns:
 
 def _flat(columns: Mapping[str, NDArray[Any]]) -> Columns:
     """Return the columns, (N, 3) and (N, 4) ones split: ``position_m`` becomes ``position_x_m`` and so on."""
-    table: Columns = {}
+    table: dict[str, NDArray[Any]] = {}
     for name, values in columns.items():
         if values.ndim == 1:
             table[name] = values

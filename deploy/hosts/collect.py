@@ -15,7 +15,7 @@ from tis.deploy.hosts.connections import at_all, hosts_of
 from tis.deploy.hosts.host import HostLogs, SideHost
 from tis.deploy.hosts.hosts_file import read_plan
 from tis.deploy.hosts.protocol import RUN_NAME, RunsAnswer, RunsRequest
-from tis.deploy.hosts.transfer.fetch import Collection
+from tis.deploy.hosts.transfer import Collection
 from tis.deploy.run.conclude import Outputs, conclude_again
 
 _WHERE: Final = "tis collect"

@@ -21,7 +21,7 @@ from tis.deploy.hosts.protocol import (
     line_of,
     printable,
 )
-from tis.deploy.hosts.transfer.offered_logs import OfferedLog
+from tis.deploy.hosts.transfer import OfferedLog
 
 Answer = TypeVar("Answer", bound=BaseModel)
 

@@ -43,3 +43,10 @@ As Python objects JSON takes up to 25 times its size.
 
 MAX_NUMBER: Final = 1 << 62
 """Integers and instants of a log, either way: 146 years in ns. Differences of two fit 64 bits."""
+
+MAX_WORD_CHARS: Final = 256
+MAX_WORDS: Final = (1 << 15) - 1
+"""Length and number of the texts in one field of frequent records: of names and keys, which repeat.
+
+A column of texts takes as much for each of its rows as for the longest.
+"""

@@ -155,11 +155,8 @@ def hover(fig: figure, drawn: "GlyphRenderer[Any]", *tips: tuple[str, str]) -> N
 
 def shade(fig: figure, begin_s: float | None, end_s: float, colour: str, **options: Any) -> None:
     """Shade a stretch of run time below the lines, from the figure's edge for a begin of None."""
-    fig.add_layout(
-        BoxAnnotation(
-            left=begin_s, right=end_s, fill_color=colour, level="underlay", **({"line_color": None} | options)
-        )
-    )
+    place: dict[str, Any] = {"left": begin_s, "right": end_s, "line_color": None, "level": "underlay"}
+    fig.add_layout(BoxAnnotation(fill_color=colour, **(place | options)))
 
 
 def named(name: str, drawn: Iterable["GlyphRenderer[Any]"], shown: bool = True) -> None:

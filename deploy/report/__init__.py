@@ -7,6 +7,6 @@
 >>> run.error_mm("moesp_kf").mean()  # doctest: +SKIP
 """
 
-from tis.deploy.report.run_data import OUTCOMES, Ages, Messages, Run, Samples, Ticks, load
+from tis.deploy.report.run_data import OUTCOMES, Run, load
 
-__all__ = ["OUTCOMES", "Ages", "Messages", "Run", "Samples", "Ticks", "load"]
+__all__ = ["OUTCOMES", "Run", "load"]

@@ -18,7 +18,7 @@ from tis.deploy.report.run_view import RunView
 from tis.deploy.report.summarise import summary_of
 from tis.deploy.report.summary import readable, summary_in
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.extras import can_report
+from tis.deploy.shell.early_checks import can_report
 
 COMPARED_FILE: Final = Path("compare.html")
 _PAGES: Final = (".html", ".htm")

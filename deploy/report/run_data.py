@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeVar, get_args
+from typing import Any, Final, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,11 @@ from tis.common.metrics.tracking import angles_deg
 from tis.common.records import TICKS, TRUTH
 from tis.common.scenario import Scenario
 from tis.common.units import MM_PER_M
-from tis.deploy.logs.read.batches import OUTCOMES, Fates, Releases, link_fates, link_releases
-from tis.deploy.logs.read.load import Ints, RunLogs, load_run
-from tis.deploy.logs.read.message_columns import MessageColumns
+from tis.deploy.logs.read.frame import Frame
+from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.deploy.logs.read.packets import link_fates, link_releases
 from tis.deploy.logs.read.recorded import scenario_in
+from tis.deploy.logs.read.side_log import OUTCOMES
 from tis.deploy.report.subjects.age import ages_of_hand
 from tis.deploy.report.subjects.network.key_figures import KeyFigures
 from tis.deploy.report.subjects.network.link_books import link_books
@@ -32,43 +33,6 @@ K = TypeVar("K")
 V = TypeVar("V")
 Flags = NDArray[np.bool_]
 _DIRECTIONS: Final[tuple[Direction, ...]] = get_args(Direction)
-
-
-class Ticks(NamedTuple):
-    """A side's ticks in the order of its log, arrays (N,): number, nominal instant and begin in ns, missed or not."""
-
-    tick: Ints
-    due_ns: Ints
-    begin_ns: Ints
-    missed: Flags
-
-
-class Samples(NamedTuple):
-    """The recorded arm of one hand: sample instants (N,) in ns, positions (N, 3) in m."""
-
-    sample_ns: Ints
-    position_m: Floats
-
-
-class Messages(NamedTuple):
-    """The messages of one key that a side sent or received, in the order of its log; arrays (N,), ns.
-
-    ``log_ns`` is the instant of sending or receiving on this side, ``sample_ns`` the sample instant and
-    ``command_sample_ns`` the sample instant of the command that an estimate answers; -1 where there is none.
-    """
-
-    seq: Ints
-    sent_ns: Ints
-    log_ns: Ints
-    sample_ns: Ints
-    command_sample_ns: Ints
-
-
-class Ages(NamedTuple):
-    """The ticks of one hand at which an age is known: tick instants (N,) and ages (N,), in ns."""
-
-    t_ns: Ints
-    age_ns: Ints
 
 
 class LazyMapping(Mapping[K, V]):
@@ -94,8 +58,9 @@ class Run:
     """The content of a run folder; `load` reads it.
 
     Instants are int64 ns of run time on netem's clock, positions are in m. The data of a missing log is empty. The
-    names are stable across versions. ``messages``, ``fates`` and ``releases`` build their arrays at each access, so
-    bind an array to a name to use it twice.
+    names are stable across versions. What holds columns is a `Frame`: each is an attribute, like ``ticks.due_ns``.
+    ``messages``, ``fates`` and ``releases`` build their arrays at each access, so bind an array to a name to use it
+    twice.
 
     Attributes
     ----------
@@ -110,17 +75,22 @@ class Run:
     turns
         By hand: errors of the orientation methods at the same ticks, ``turn_rad`` (T, 3) by name, and so on.
     truth
-        By hand: the complete recorded arm.
+        By hand, the complete recorded arm: ``sample_ns`` (N,), ``position_m`` (N, 3).
     ticks
-        By side: the ticks of surgeon and patient.
+        By side, the ticks of surgeon and patient in the order of the log, arrays (N,): number ``tick``, nominal
+        instant ``due_ns``, begin ``begin_ns``, and ``missed``.
     ages
-        By hand: the age of the freshest sample at each tick.
+        By hand, the ticks at which the age of the freshest sample is known: ``t_ns`` and ``age_ns`` (N,).
     messages
-        By side and key: messages sent and received.
+        By side and key, messages sent and received in the order of the log, arrays (N,): ``seq``, ``sent_ns``,
+        ``log_ns`` (when this side sent or received it), ``sample_ns``, ``command_sample_ns`` (of the command that an
+        estimate answers) and ``fingerprint`` (a hash of the payload); -1 for no instant.
     fates
-        By direction: netem's decision on each packet; ``outcome`` is an index into `tis.deploy.report.OUTCOMES`.
+        By direction, netem's decision on each packet, key by key, with the columns of
+        `tis.common.records.FateBatch`: ``key`` is an index into ``fates.keys``, ``outcome`` one into
+        `tis.deploy.report.OUTCOMES`.
     releases
-        By direction: when each packet and copy left netem.
+        By direction, when each packet and copy left netem, with the columns of `tis.common.records.ReleaseBatch`.
     logs
         All records by side and topic.
 
@@ -137,12 +107,12 @@ class Run:
     problems: tuple[str, ...]
     tracks: Mapping[Hand, HandTrack]
     turns: Mapping[Hand, WristTrack]
-    truth: Mapping[Hand, Samples]
-    ticks: Mapping[Side, Ticks]
-    ages: Mapping[Hand, Ages]
-    messages: Mapping[Side, Mapping[str, Messages]]
-    fates: Mapping[Direction, Fates]
-    releases: Mapping[Direction, Releases]
+    truth: Mapping[Hand, Frame]
+    ticks: Mapping[Side, Frame]
+    ages: Mapping[Hand, Frame]
+    messages: Mapping[Side, Mapping[str, Frame]]
+    fates: Mapping[Direction, Frame]
+    releases: Mapping[Direction, Frame]
     logs: RunLogs
 
     def error_mm(self, estimator: str, hand: Hand | None = None) -> Floats:
@@ -232,29 +202,25 @@ def load(run_dir: str | PathLike[str]) -> Run:
         problems=tuple(logs.problems()),
         tracks=tracks,
         turns={hand: wrist_track(logs, scenario, track, hand) for hand, track in tracks.items()},
-        truth={hand: _samples(logs, hand) for hand in hands},
-        ticks={side: _ticks(logs, side) for side in ("surgeon", "patient")},
-        ages={hand: Ages(*ages_of_hand(logs, hand)) for hand in hands},
-        messages={side: _messages(log.messages) for side, log in logs.sides.items()},
+        truth={hand: _truth(logs, hand) for hand in hands},
+        ticks={side: logs.of(side, TICKS).at(slice(None)) for side in ("surgeon", "patient")},
+        ages={hand: _ages(logs, hand) for hand in hands},
+        messages={side: log.messages for side, log in logs.sides.items()},
         fates=LazyMapping(_DIRECTIONS, partial(link_fates, logs)),
         releases=LazyMapping(_DIRECTIONS, partial(link_releases, logs)),
         logs=logs,
     )
 
 
-def _ticks(logs: RunLogs, side: Side) -> Ticks:
-    rows = logs.columns(side, TICKS)
-    return Ticks(*(rows.column(name) for name in Ticks._fields))
-
-
-def _samples(logs: RunLogs, hand: Hand) -> Samples:
-    rows = logs.columns("surgeon", TRUTH)
+def _truth(logs: RunLogs, hand: Hand) -> Frame:
+    rows = logs.of("surgeon", TRUTH)
     its = rows.where("hand", hand)
-    return Samples(rows.column("sample_ns")[its], rows.column("position_m")[its])
+    return Frame.of_arrays(**{name: rows.column(name)[its] for name in ("sample_ns", "position_m")})
 
 
-def _messages(known: Mapping[str, MessageColumns]) -> Mapping[str, Messages]:
-    return LazyMapping(known, lambda key: Messages(*(getattr(known[key], name) for name in Messages._fields)))
+def _ages(logs: RunLogs, hand: Hand) -> Frame:
+    t_ns, age_ns = ages_of_hand(logs, hand)
+    return Frame.of_arrays(t_ns=t_ns, age_ns=age_ns)
 
 
-__all__ = ["OUTCOMES", "Ages", "Messages", "Run", "Samples", "Ticks", "load"]
+__all__ = ["OUTCOMES", "Run", "load"]

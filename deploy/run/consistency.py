@@ -14,8 +14,10 @@ from tis.common.scenario import Scenario
 from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.streams import Address
 from tis.common.units import NS_PER_MS
-from tis.deploy.logs.read.batches import DELIVER, OUTCOMES, Fates, by_key, link_fates
+from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.packets import DELIVER, by_key, link_fates
+from tis.deploy.logs.read.side_log import OUTCOMES
 from tis.deploy.report.subjects.network.requested import Requested
 from tis.netem.conditions.conditions import merged
 from tis.netem.stages.impairment import Impairment
@@ -26,7 +28,7 @@ from tis.netem.stages.pipeline_draws import Draw
 _CODES: Final = {name: code for code, name in enumerate(OUTCOMES)}
 
 
-def expected_fates(request: Requested, seed: int, direction: Direction, key: str, fates: Fates) -> Fates | None:
+def expected_fates(request: Requested, seed: int, direction: Direction, key: str, fates: Frame) -> Frame | None:
     """Return N packets of one key with the fates that the models give them; None without a trace or a pipeline.
 
     Outcome, delay, copies and flipped bits follow from the sequence number and from the ms of run time at which each
@@ -46,7 +48,7 @@ def expected_fates(request: Requested, seed: int, direction: Direction, key: str
         for seq, at_ns, n_bytes, which in rows
     ]
     outcome, delay_ns, copies, flipped = np.array(decided, dtype=np.int64).reshape(-1, 4).T
-    return fates._replace(outcome=outcome, delay_ns=delay_ns, copies=copies, flipped=flipped)
+    return fates.with_columns(outcome=outcome, delay_ns=delay_ns, copies=copies, flipped=flipped)
 
 
 def _columns(drawn: Draw | Outcome) -> tuple[int, int, int, int]:
@@ -107,7 +109,7 @@ def compare_fates(live: RunLogs, twin: RunLogs, scenario: Scenario) -> FateCompa
     return FateComparison(*counts.tolist())
 
 
-def _by_key(fates: Fates) -> Mapping[str, Fates]:
+def _by_key(fates: Frame) -> Mapping[str, Frame]:
     ours = fates.at(~fates.foreign)
     places = zip(ours.keys, by_key(ours.key, len(ours.keys)), strict=True)
     return {key: ours.at(which) for key, which in places if len(which)}
@@ -125,8 +127,8 @@ def _changes(logs: RunLogs) -> list[tuple[int, str, str]]:
 
 
 def _compared(
-    key: str, one: Fates | None, other: Fates | None, request: Requested,
-    decide: Callable[[str, Fates], Fates | None], changed_ns: float, same_changes: bool,
+    key: str, one: Frame | None, other: Frame | None, request: Requested,
+    decide: Callable[[str, Frame], Frame | None], changed_ns: float, same_changes: bool,
 ) -> NDArray[np.int64]:  # fmt: skip
     """Return how many packets were compared, differ, moved, were set aside, and are in one run only.
 
@@ -156,7 +158,7 @@ def _compared(
     return np.array([len(seq) - aside.sum(), different.sum(), moved.sum(), aside.sum(), n_alone])
 
 
-def _different(a: Fates, b: Fates, with_copies: bool) -> NDArray[np.bool_]:
+def _different(a: Frame, b: Frame, with_copies: bool) -> NDArray[np.bool_]:
     no_room = np.isin(a.outcome, _NOT_DRAWN) | np.isin(b.outcome, _NOT_DRAWN)
     lost = np.isin(a.outcome, _LOST) != np.isin(b.outcome, _LOST)
     drawn = (a.outcome != b.outcome) | (a.delay_ns != b.delay_ns) | (a.flipped != b.flipped)
@@ -165,7 +167,7 @@ def _different(a: Fates, b: Fates, with_copies: bool) -> NDArray[np.bool_]:
     return np.asarray(np.where(no_room, lost, drawn))
 
 
-def _moved(key: str, a: Fates, b: Fates, request: Requested) -> NDArray[np.bool_]:
+def _moved(key: str, a: Frame, b: Frame, request: Requested) -> NDArray[np.bool_]:
     """Mark the packets offered in different ms of run time whose draws depend on run time."""
     moved = np.asarray(a.offered_ns // NS_PER_MS != b.offered_ns // NS_PER_MS)
     base = request.pipeline(key)

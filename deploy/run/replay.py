@@ -27,7 +27,7 @@ from tis.deploy.logs.json_rows import other_version
 from tis.deploy.logs.log_file import LogFile
 from tis.deploy.logs.log_paths import log_file, log_files
 from tis.deploy.logs.read.load import load_parts, load_side
-from tis.deploy.logs.read.side_columns import SideLog
+from tis.deploy.logs.read.side_log import SideLog
 from tis.deploy.shell import run_dir as folder
 from tis.patient_side.build import build_patient, choose_models
 from tis.patient_side.models import factories, origins, own_estimators, read_models

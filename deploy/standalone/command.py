@@ -14,7 +14,7 @@ from tis.common.records import COUNTERS
 from tis.common.runtime.process import command_line
 from tis.common.scenario.network import NetworkPart
 from tis.common.units import NS_PER_S
-from tis.deploy.logs.read.batches import link_fates, link_releases
+from tis.deploy.logs.read.packets import link_fates, link_releases
 from tis.deploy.present.table import REPORT, Table
 from tis.deploy.report.section import DirectionName, Section, SideName, means
 from tis.deploy.report.subjects.logs import count_of
@@ -25,7 +25,7 @@ from tis.deploy.report.subjects.network.link_tables import delay_table, drop_rea
 from tis.deploy.report.subjects.processors import ProcessorFigures, processors_summary
 from tis.deploy.report.terminal import HangingIndent, verdict_view
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.extras import can_report
+from tis.deploy.shell.early_checks import can_report
 from tis.deploy.shell.guard import print_json
 from tis.deploy.standalone.standalone_run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
 from tis.deploy.tools.info import log_states, print_damage, print_files, states_as_data

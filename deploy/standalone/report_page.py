@@ -5,7 +5,7 @@ from html import escape
 from typing import Final, get_args
 
 from tis.common.channels import Direction
-from tis.deploy.logs.read.batches import link_fates
+from tis.deploy.logs.read.packets import link_fates
 from tis.deploy.present.page import Page, Section, note, page_html, problem_list
 from tis.deploy.present.plot_style import time_range
 from tis.deploy.report.contents import versions_table

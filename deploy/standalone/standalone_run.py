@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from pydantic import ValidationError
@@ -15,9 +15,8 @@ from tis.common.scenario.faults import faults
 from tis.common.scenario.network import NetworkPart, Rule
 from tis.common.yaml_text import load_yaml
 from tis.deploy.logs.log_paths import log_file
-from tis.deploy.logs.read.compact_ints import CompactInts
 from tis.deploy.logs.read.load import RunLogs, load_side
-from tis.deploy.logs.read.side_columns import SideLog
+from tis.deploy.logs.read.side_log import Packets, SideLog
 from tis.deploy.shell import run_dir as folder
 from tis.netem.bridge.keys import crossing_keys
 from tis.netem.expected.figures import synopsis
@@ -86,7 +85,7 @@ def is_standalone(run_dir: Path) -> bool:
 def load_standalone(run_dir: Path) -> StandaloneRun:
     """Load the folder of a standalone netem, a damaged log as far as it is readable; raises `DataError`."""
     log = load_side(log_file(run_dir, "netem"), "netem")
-    logs = RunLogs(run_dir, {"netem": replace(log, batches=_without_foreign_mark(log.batches))})
+    logs = RunLogs(run_dir, {"netem": replace(log, packets=_without_foreign_mark(log.packets))})
     return StandaloneRun(logs, _recorded_network(run_dir, log), log.metadata)
 
 
@@ -98,24 +97,21 @@ def network_lines(run: StandaloneRun) -> list[str]:
         return []
 
 
-def _without_foreign_mark(batches: Mapping[str, list[dict[str, Any]]]) -> dict[str, list[dict[str, Any]]]:
-    """Return the batches with ``foreign`` cleared: without the testbed's own messages the mark has no meaning.
+def _without_foreign_mark(packets: Packets) -> Packets:
+    """Return the packets with ``foreign`` cleared: without the testbed's own messages the mark has no meaning.
 
     The mark stays on keys with both kinds, where netem's numbers and those of headers (as of the probe) are two
     separate series.
     """
-    marks = {(one["direction"], one["key"]): one["foreign"].values() for one in batches.get(FATES, ())}
+    marks = {place: frame.foreign for place, frame in packets.get(FATES, {}).items()}
     both = {place for place, flags in marks.items() if flags.any() and not flags.all()}
-
-    def foreign(batch: Mapping[str, Any]) -> CompactInts:
-        if (batch["direction"], batch["key"]) in both:
-            marked: CompactInts = batch["foreign"]
-            return marked
-        column = CompactInts()
-        column.extend(np.zeros(len(batch["seq"]), dtype=np.int64))
-        return column
-
-    return {topic: [{**batch, "foreign": foreign(batch)} for batch in rows] for topic, rows in batches.items()}
+    return {
+        topic: {
+            place: frame if place in both else frame.with_columns(foreign=np.zeros(len(frame), dtype=np.bool_))
+            for place, frame in of_topic.items()
+        }
+        for topic, of_topic in packets.items()
+    }
 
 
 def _recorded_network(run_dir: Path, log: SideLog) -> StandaloneNetwork:

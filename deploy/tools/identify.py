@@ -17,13 +17,13 @@ from tis.common.scenario.identification import Identification, is_model_file
 from tis.common.sources.provenance import in_words
 from tis.common.sources.trajectory import Recording
 from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.early_checks import check_outputs, unwritable
 from tis.deploy.shell.guard import print_warnings
-from tis.deploy.shell.outputs import check_outputs, unwritable
 from tis.patient_side.estimators.static_gain import dc_gain
 from tis.patient_side.identification.fit_narx import NarxStudy, fit_narx, n_terms
 from tis.patient_side.identification.identify import LOOKS_AHEAD, Identified, identify_hands, identify_with_orders
 from tis.patient_side.identification.methods import METHODS
-from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.identification.model_file import dump_models
 from tis.patient_side.identification.order import OrderChoice
 from tis.patient_side.identification.validation import fit_text
 from tis.patient_side.learned_model import LearnedModel

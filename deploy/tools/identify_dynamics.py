@@ -11,7 +11,7 @@ from rich.table import Table
 from tis.common.errors import EXIT_OK, Fault, InputError
 from tis.common.scenario import Scenario
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.outputs import check_outputs
+from tis.deploy.shell.early_checks import check_outputs
 from tis.patient_side.dynamics.consistent_fit import check_solver
 from tis.patient_side.dynamics.identify import (
     DETERMINED,

@@ -12,10 +12,9 @@ from typing import Final, TypeVar, get_args
 
 from tis.common.channels import FOLLOWER, MASTER, Hand
 from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S
+from tis.deploy.watch.arms import Trail
 from tis.deploy.watch.book import LiveBook
-from tis.deploy.watch.crossings import Crossing
-from tis.deploy.watch.motion import Trail
-from tis.deploy.watch.watched_streams import StreamName
+from tis.deploy.watch.streams import Crossing, StreamName
 
 Columns = dict[str, list[float]]
 Row = TypeVar("Row")

@@ -16,8 +16,8 @@ from tis.common.errors import EXIT_INTERRUPTED, EXIT_OK, GET_REPORT, Fault, Inpu
 from tis.common.runtime.process import Interrupt, child_environment
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario import Scenario
-from tis.deploy.shell.extras import can_report
-from tis.deploy.view.drive.device import Device, device_of
+from tis.deploy.shell.early_checks import can_report
+from tis.deploy.view.device import Device, device_of
 from tis.deploy.view.page_text import RunOutput
 
 _GRACE_S: Final = 6.0

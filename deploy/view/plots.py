@@ -9,7 +9,7 @@ from bokeh.plotting import figure
 from tis.deploy.present.palette import BLUE, DIRECTIONS, INK, PAPER, RED, VIOLET, Tone, look_of
 from tis.deploy.report.plots.scene_3d import ScenePath, scene
 from tis.deploy.view.feed import MASTER_COLUMNS, SHOWN_S, TRACK_COLUMNS, Columns, Frame
-from tis.deploy.watch.watched_streams import StreamName
+from tis.deploy.watch.streams import StreamName
 
 TRUTH: Final = INK
 ESTIMATE: Final = BLUE

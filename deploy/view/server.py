@@ -25,9 +25,9 @@ from tis.common.errors import Fault, InputError, PeerError
 from tis.common.runtime.emulator_client import EmulatorAddress
 from tis.common.runtime.zenoh_session import ZenohOptions
 from tis.deploy.view.access import Access, TokenAuth, access_to
-from tis.deploy.view.drive.device import Device, DeviceDoor
-from tis.deploy.view.drive.drive_socket import FRAME_MS, DriveSockets
-from tis.deploy.view.drive.hub import DriveHub
+from tis.deploy.view.device import Device, DeviceDoor
+from tis.deploy.view.drive import DriveHub
+from tis.deploy.view.drive_socket import FRAME_MS, DriveSockets
 from tis.deploy.view.page import pages
 from tis.deploy.view.page_text import PageContext, RunOutput
 from tis.deploy.view.steering import Steering, live_profiles

@@ -13,12 +13,10 @@ from tis.common.messages import FeedbackPose, Pose, components, position_m
 from tis.common.peer_life import Alarm, Beat
 from tis.common.runtime.control import ControlKeys
 from tis.common.units import NS_PER_MS, NS_PER_S
-from tis.deploy.watch.crossings import Crossing, Crossings
-from tis.deploy.watch.displays import Displays
+from tis.deploy.watch.arms import ArmMotion, Displays, Place, TrackRow, Trail
 from tis.deploy.watch.live_figures import LiveFigures, live_figures
-from tis.deploy.watch.motion import ArmMotion, Place, TrackRow, Trail
 from tis.deploy.watch.safety import SafetyStates
-from tis.deploy.watch.watched_streams import STREAM_OF, Stream, StreamName, watched_streams
+from tis.deploy.watch.streams import STREAM_OF, Crossing, Crossings, Stream, StreamName, watched_streams
 from tis.patient_side.rotations import unit
 
 WINDOW_S: Final = 5

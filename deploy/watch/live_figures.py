@@ -8,10 +8,8 @@ from typing import Final
 import numpy as np
 
 from tis.common.units import NS_PER_MS
-from tis.deploy.watch.crossings import Crossing
-from tis.deploy.watch.displays import DisplayErrors
-from tis.deploy.watch.motion import TrackRow
-from tis.deploy.watch.watched_streams import StreamName
+from tis.deploy.watch.arms import DisplayErrors, TrackRow
+from tis.deploy.watch.streams import Crossing, StreamName
 
 MAX_UNSEEN_PCT: Final = 2.0
 """Share of unseen packets above which the observer cannot tell loss."""

@@ -23,7 +23,7 @@ from tis.common.runtime.control import ControlKeys, Roster
 from tis.common.runtime.zenoh_session import ZenohOptions, open_client, visitor
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.deploy.watch.book import LiveBook, Sighting
-from tis.deploy.watch.watched_streams import watched_streams
+from tis.deploy.watch.streams import watched_streams
 
 
 class ObserverPath(NamedTuple):
@@ -45,7 +45,7 @@ def observer_path(exchanges: Exchanges) -> ObserverPath:
 
     The observer's clock cancels in a delay, because it stamps both ends; the two paths do not. A path takes an
     unknown share of the round trip: half the shortest one is the estimate, the longest one bounds its error. Oracle:
-    random shares (tests/deploy/watch/test_observer_path). Raises `ValueError` without an exchange.
+    random shares (tests/deploy/watch/test_observer). Raises `ValueError` without an exchange.
     """
     round_trip_ns = exchanges.round_trip_ns
     ns = int(round_trip_ns.min()) // 2

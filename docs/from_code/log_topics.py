@@ -16,24 +16,12 @@ from from_code.sources import (
     RECORD_MODULES,
     ROOT,
     SIDE_PACKAGES,
+    TOPICS,
+    Topic,
     channels,
-    columns_of,
     limits,
+    unit_of,
 )
-
-_RECORD_OF = {
-    "REJECTED": "Rejected", "QUARANTINE": "QuarantineNote", "TRUTH": "TruthRow", "TICKS": "TickNote",
-    "ESTIMATES": "EstimateNote", "ORIENTATIONS": "OrientationNote",
-    "PLANT": "PlantNote", "FATES": "FateBatch", "RELEASES": "ReleaseBatch", "QUEUES": "QueueNote",
-    "CONTROL": "ControlNote", "COUNTERS": "CounterNote", "ESTIMATOR_FAULTS": "EstimatorFault", "FRESH": "FreshNote",
-    "PROMPT": "PromptNote", "PHASES": "PhaseNote", "CLOCK": "ClockNote", "EXCHANGES": "ExchangeNote",
-    "PEERS": "PeerNote", "SAFETY": "SafetyNote", "STOPS": "StopNote", "STOPS_IN_FORCE": "StopsInForceNote",
-    "DEVICES": "DeviceNote",
-    "DISCIPLINE": "DisciplineNote", "PROCESSORS": "ProcessorNote",
-}  # fmt: skip
-"""The model of each topic, by the names of the modules of records; `page` refuses to go on when one is missing."""
-
-_NAMES = {name: value for module in RECORD_MODULES for name, value in vars(module).items()}
 
 _HEAD = """# Logs
 
@@ -59,30 +47,23 @@ The same holds for the texts that the commands read.
 
 
 def page() -> str:
-    """Return the page; raises `LookupError` when a topic or a record is not in the table above."""
-    topics = {name: value for name, value in _NAMES.items() if str(value).startswith("/tis/")}
-    modules = {module.__name__ for module in RECORD_MODULES}
-    defined = {name: one for name, one in _NAMES.items() if getattr(one, "__module__", "") in modules}
-    models = {name for name, one in defined.items() if isinstance(one, type)}
-    if topics.keys() != _RECORD_OF.keys() or models != set(_RECORD_OF.values()):
-        raise LookupError(
-            f"topics or records that the table lacks, or has too many of: "
-            f"{topics.keys() ^ _RECORD_OF.keys()} {models ^ set(_RECORD_OF.values())}"
-        )
+    """Return the page."""
     parts = [_HEAD, _channels(), ""]
     carried = dict.fromkeys(one.payload for _, one in _all_channels())
     parts += [text for model in carried for text in _fields(model, model.__name__, "")]
     parts += ["## Records", "", "What a side logs beside the messages.", ""]
-    rows = sorted((value, _writers(name), _RECORD_OF[name]) for name, value in topics.items())
-    parts += [
-        table(
-            ("topic", "in the log of", "record"),
-            ((code(topic), side, f"[{model}](#{model.lower()})") for topic, side, model in rows),
-        ),
-        "",
+    known = sorted(TOPICS.values())
+    names = [topic.model.__name__ for topic in known]
+    rows = [
+        (code(topic), _writers(topic), f"[{name}](#{name.lower()})") for topic, name in zip(known, names, strict=True)
     ]
-    parts += [text for topic, _, model in rows for text in _fields(_NAMES[model], model, topic)]
+    parts += [table(("topic", "in the log of", "record"), rows), ""]
+    parts += [text for topic in known for text in _fields(topic.model, topic.model.__name__, _key(topic))]
     return "\n".join([*parts, _limits()])
+
+
+def _key(topic: Topic) -> str:
+    return f"{topic}/NAME" if topic.is_group else str(topic)
 
 
 def _limits() -> str:
@@ -131,9 +112,10 @@ def _channels_of(row: Any) -> tuple[Any, ...]:
     return row.command, row.arm, row.estimated, row.measured, row.driven, row.predicted
 
 
-def _writers(name: str) -> str:
+def _writers(topic: Topic) -> str:
     """Return the sides whose package imports the topic; a topic of the shared runtime is any side's."""
-    found = [side for side, package in SIDE_PACKAGES.items() if _is_imported(name, package)]
+    names = [name for module in RECORD_MODULES for name, value in vars(module).items() if value is topic]
+    found = [side for side, package in SIDE_PACKAGES.items() if _is_imported(names[0], package)]
     return ", ".join(found) or "any side"
 
 
@@ -146,13 +128,12 @@ def _is_imported(name: str, package: str) -> bool:
 def _fields(model: type[BaseModel], name: str, topic: str) -> Iterator[str]:
     yield f"### {name}\n"
     if topic:
-        yield f"Topic `{topic}{'/NAME' if topic in (_NAMES['ESTIMATES'], _NAMES['ORIENTATIONS']) else ''}`.\n"
+        yield f"Topic `{topic}`.\n"
     yield "\n\n".join(prose(paragraph) for paragraph in (inspect.getdoc(model) or "").split("\n\n")) + "\n"
-    kind = topic.removeprefix("/tis/")
-    rows = []
-    for field, info in model.model_fields.items():
-        column = columns_of(kind, [field])[0]
-        rows.append((code(field), _type(info.annotation), column.unit, prose(info.description or column.meaning)))
+    rows = [
+        (code(field), _type(info.annotation), unit_of(field), prose(info.description or ""))
+        for field, info in model.model_fields.items()
+    ]
     yield table(("field", "type", "unit", "meaning"), rows) + "\n"
 
 

@@ -3,22 +3,23 @@
 from pathlib import Path
 from typing import Final
 
-from tis.common import channels, errors, host_records, records, safety_records
-from tis.common.devices import records as device_records
+from tis.common import channels, errors
 from tis.common.scenario import Scenario
 from tis.common.scenario.base import Part
 from tis.common.sources.jigsaws import MAX_TRIAL_BYTES
+from tis.common.topic import Topic
+from tis.common.topics import RECORD_MODULES, TOPICS
 from tis.common.yaml_text import MAX_YAML_BYTES
 from tis.deploy.cli.main import app
 from tis.deploy.compare.study import Study
-from tis.deploy.export.columns import columns_of, table_meaning
+from tis.deploy.export.columns import unit_of
 from tis.deploy.hosts.hosts_file import HostsFile, LocalHost, NamespaceHost, SshHost
 from tis.deploy.logs import limits
 from tis.deploy.net.library.stage_reference import network_page as network_page
 from tis.deploy.report.summary import Summary
 from tis.deploy.shell.run_dir import MAX_JSON_BYTES
 from tis.deploy.shell.shipped_scenarios import shipped_names
-from tis.patient_side.identification.model_io import MAX_MODEL_BYTES
+from tis.patient_side.identification.model_file import MAX_MODEL_BYTES
 
 API: Final = {
     "Identification": (
@@ -35,7 +36,6 @@ API: Final = {
 """The public API by the title of its section: the module and its members."""
 
 HOST_KINDS: Final = (SshHost.__name__, NamespaceHost.__name__, LocalHost.__name__)
-RECORD_MODULES: Final = (records, device_records, host_records, safety_records)
 SIDE_PACKAGES: Final = {"surgeon": "surgeon_side", "netem": "netem", "patient": "patient_side"}
 ROOT: Final = Path(__file__).resolve().parents[2]
 NOTEBOOKS: Final = ("run_in_python", "compare_in_python")
@@ -51,16 +51,17 @@ __all__ = [
     "RECORD_MODULES",
     "ROOT",
     "SIDE_PACKAGES",
+    "TOPICS",
     "HostsFile",
     "Part",
     "Scenario",
     "Study",
     "Summary",
+    "Topic",
     "app",
     "channels",
-    "columns_of",
     "errors",
     "limits",
     "shipped_names",
-    "table_meaning",
+    "unit_of",
 ]  # fmt: skip

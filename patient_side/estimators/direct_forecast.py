@@ -11,9 +11,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.patient_side.direct_model import Array, DirectModel
 from tis.patient_side.identification.second_moments import Moved, random_walk, regression
+from tis.patient_side.movement_models import DirectModel
 from tis.patient_side.playout import SourceBuffer
+from tis.patient_side.statespace import Array
 
 _INTERPOLATION_RATIO: Final = 8
 """Minimum age of an interpolated past sample, in distances to its nearest arrived neighbour."""

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.errors import DataError, Fault
-from tis.patient_side.completion_model import CompletionModel
 from tis.patient_side.estimators.protocol import Estimate
 from tis.patient_side.filters.hankel_completion import column_moments, complete
 from tis.patient_side.filters.input_path import known_point
+from tis.patient_side.movement_models import CompletionModel
 from tis.patient_side.playout import Playout, SourceBuffer
 from tis.patient_side.statespace import ArmModel, Array
 

@@ -32,14 +32,13 @@ import numpy as np
 
 from tis.patient_side.filters.fourier_features import projections
 from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter
-from tis.patient_side.filters.recent_past import MEANS_S, N_INCREMENTS, SLOW_MEANS
+from tis.patient_side.filters.recent_past import N_INCREMENTS, SLOW_MEANS
 from tis.patient_side.filters.row_clock import N_CLOCK_TERMS, Phasor, RowClock
-from tis.patient_side.statespace import Array, Correction
+from tis.patient_side.movement_models import MEANS_S, N_PARTS, N_TERMS, Correction
+from tis.patient_side.statespace import Array
 
-N_USED_INCREMENTS = 3
-N_PARTS = 2 + N_USED_INCREMENTS + SLOW_MEANS
-N_MOVEMENT_TERMS = 7
-N_TERMS = N_MOVEMENT_TERMS + N_CLOCK_TERMS
+N_USED_INCREMENTS = N_PARTS - 2 - SLOW_MEANS
+N_MOVEMENT_TERMS = N_TERMS - N_CLOCK_TERMS
 
 _MIN_SPEED = 0.05
 """Speed that differs from rest, in units of the usual one."""

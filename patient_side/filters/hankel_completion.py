@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.patient_side.completion_model import Factorisation
 from tis.patient_side.filters.robust_factorisation import largest, left_factor, low_rank_part
+from tis.patient_side.movement_models import Factorisation
 from tis.patient_side.statespace import Array
 
 

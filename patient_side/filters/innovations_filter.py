@@ -17,7 +17,8 @@ from scipy.linalg.lapack import dposv
 
 from tis.patient_side.filters.innovations_states import level, noise, start_covariance, transition
 from tis.patient_side.filters.recent_past import RecentPast
-from tis.patient_side.statespace import Array, InnovationsModel
+from tis.patient_side.movement_models import InnovationsModel
+from tis.patient_side.statespace import Array
 
 AXES = 3
 

@@ -21,7 +21,8 @@ Oracle: the textbook filter with the cross term, test_innovations_filter.
 
 import numpy as np
 
-from tis.patient_side.statespace import Array, InnovationsModel
+from tis.patient_side.movement_models import InnovationsModel
+from tis.patient_side.statespace import Array
 
 _MAX_DOUBLINGS = 40
 

@@ -23,7 +23,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tis.patient_side.filters.kalman_update import kalman_predict, kalman_update
-from tis.patient_side.statespace import ArmModel, Array, InputForecast, StateSpace
+from tis.patient_side.movement_models import InputForecast
+from tis.patient_side.statespace import ArmModel, Array, StateSpace
 
 BIAS_STEP = 0.05
 """Standard deviation of the bias's step from sample to sample, in units of the measurement noise's."""

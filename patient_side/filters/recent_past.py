@@ -13,12 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tis.patient_side.movement_models import MEANS_S
 from tis.patient_side.statespace import Array
 
 N_INCREMENTS = 4
-MEANS_S = (0.07, 0.15, 0.35, 1.0, 3.0, 10.0)
-"""Time constants of the running means."""
-
 SLOW_MEANS = 3
 """Number of the last of them, which are levels that a hand may return to."""
 

@@ -9,5 +9,5 @@ Where to look:
   `direct_ls`, `fit_drmf` on `arrival_draws`;
 - the forecast of a command: `forecast`;
 - the paper's method: `fit_moesp_paper`; for comparison: `fit_narx`;
-- model files: `model_io`, `model_schema`.
+- model files: `model_file`.
 """

@@ -8,8 +8,6 @@ from typing import Final, TypeVar, get_args
 from tis.common.errors import DataError
 from tis.common.scenario.estimator_names import EstimatorName, LearnedName, is_user_defined
 from tis.common.scenario.identification import Identification
-from tis.patient_side.completion_model import CompletionModel
-from tis.patient_side.direct_model import DirectModel
 from tis.patient_side.identification.dataset import TrainingSet
 from tis.patient_side.identification.direct_ls import fit_direct
 from tis.patient_side.identification.fit_arx import fit_arx
@@ -21,8 +19,8 @@ from tis.patient_side.identification.fit_subspace import fit_subspace
 from tis.patient_side.identification.fit_wrist import fit_wrist
 from tis.patient_side.identification.fitted import Fitted
 from tis.patient_side.identification.methods import SUBSPACE_METHODS
-from tis.patient_side.statespace import FilterModel, InnovationsModel
-from tis.patient_side.wrist_model import WristModel
+from tis.patient_side.movement_models import CompletionModel, DirectModel, InnovationsModel, WristModel
+from tis.patient_side.statespace import FilterModel
 
 Model = TypeVar("Model")
 

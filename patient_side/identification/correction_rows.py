@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.patient_side.filters.correction import (
-    N_PARTS,
-    N_TERMS,
     clock_of,
     compressed,
     fade,
@@ -25,7 +23,8 @@ from tis.patient_side.filters.fourier_features import projections
 from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter
 from tis.patient_side.filters.recent_past import N_INCREMENTS
 from tis.patient_side.filters.row_clock import N_CLOCK_TERMS, evidence_of, terms_of
-from tis.patient_side.statespace import Array, Correction
+from tis.patient_side.movement_models import N_PARTS, N_TERMS, Correction
+from tis.patient_side.statespace import Array
 
 # The frequency of the clock behind the rows, from the evidence of training rows.
 

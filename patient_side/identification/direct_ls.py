@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.errors import DataError, Fault
-from tis.patient_side.direct_model import Array, DirectModel
 from tis.patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
 from tis.patient_side.identification.second_moments import (
     RESOLUTION,
@@ -24,6 +23,8 @@ from tis.patient_side.identification.second_moments import (
     regression,
     windows,
 )
+from tis.patient_side.movement_models import DirectModel
+from tis.patient_side.statespace import Array
 
 # Model selection for the regressions of `direct_ls`: the most cautious candidate that cross-validation supports.
 #

@@ -12,7 +12,8 @@ from tis.patient_side.identification.level_and_scale import LEVEL_STEPS, with_le
 from tis.patient_side.identification.noise import floored
 from tis.patient_side.identification.trials import Scaling, Trial, n_first
 from tis.patient_side.identification.validation import HELD_BACK
-from tis.patient_side.statespace import Array, InnovationsModel
+from tis.patient_side.movement_models import InnovationsModel
+from tis.patient_side.statespace import Array
 
 _MAX_MODULUS = 0.999
 

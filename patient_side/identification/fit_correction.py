@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.patient_side.filters.correction import N_MOVEMENT_TERMS, N_PARTS, N_TERMS
+from tis.patient_side.filters.correction import N_MOVEMENT_TERMS
 from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter
 from tis.patient_side.identification.correction_rows import (
     N_FEATURES,
@@ -30,7 +30,8 @@ from tis.patient_side.identification.correction_rows import (
     short,
     without_weights,
 )
-from tis.patient_side.statespace import Array, Correction
+from tis.patient_side.movement_models import N_PARTS, N_TERMS, Correction
+from tis.patient_side.statespace import Array
 
 # Ridge regressions from second moments: sums over rows, by groups that are held out together.
 

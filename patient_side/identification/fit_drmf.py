@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.errors import DataError, Fault
-from tis.patient_side.completion_model import CompletionModel, Factorisation
 from tis.patient_side.filters.hankel_completion import column_moments, complete_all
 from tis.patient_side.identification.arrival_draws import ArrivalDraw, arrival_draws
 from tis.patient_side.identification.coverage import coverage_factor, prediction_factor
 from tis.patient_side.identification.held_out import held_out_groups
 from tis.patient_side.identification.noise import SENSOR_RESOLUTION_M
+from tis.patient_side.movement_models import CompletionModel, Factorisation
 from tis.patient_side.statespace import Array
 
 _STEP_HZ: Final = 30

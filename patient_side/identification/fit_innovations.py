@@ -25,7 +25,8 @@ from tis.patient_side.identification.stochastic_moesp import check_order, check_
 from tis.patient_side.identification.structure import PREFERRED, Structure, StructuredSubspace
 from tis.patient_side.identification.trials import Trial, n_first
 from tis.patient_side.identification.validation import HELD_BACK
-from tis.patient_side.statespace import Array, InnovationsModel
+from tis.patient_side.movement_models import InnovationsModel
+from tis.patient_side.statespace import Array
 
 ORDERS = (4, 6, 8, 10, 12, 14, 16, 20, 24, 30)
 AXIS_ORDERS = (2, 3, 4, 5, 6, 7, 8, 10)

@@ -13,9 +13,9 @@ from tis.patient_side.identification.dataset import TrainingSet
 from tis.patient_side.identification.direct_ls import STEP_HZ, fit_direct, steps_of
 from tis.patient_side.identification.forecast import DAMPINGS, HORIZONS_S, SPANS, relative_error
 from tis.patient_side.identification.second_moments import RESOLUTION, Moved, differences
+from tis.patient_side.movement_models import RateModel, WristModel
 from tis.patient_side.rotations import turned
 from tis.patient_side.statespace import Array
-from tis.patient_side.wrist_model import RateModel, WristModel
 
 # Identification of damped rates, for orientations and grippers.
 #

@@ -21,7 +21,8 @@ from tis.patient_side.identification.forecast import fit_forecast
 from tis.patient_side.identification.methods import SUBSPACE_METHODS
 from tis.patient_side.identification.order import OrderChoice
 from tis.patient_side.identification.validation import SimulationFit, fewest_rows, fit_text, simulate_on, split_trials
-from tis.patient_side.statespace import ArmModel, Array, FilterModel, InputForecast
+from tis.patient_side.movement_models import InputForecast
+from tis.patient_side.statespace import ArmModel, Array, FilterModel
 
 _POOR_FIT_PCT = 50.0
 

@@ -19,7 +19,8 @@ from tis.patient_side.identification.coverage import coverage_factor, independen
 from tis.patient_side.identification.fit_correction import FittedCorrection, fit_correction
 from tis.patient_side.identification.forecast_error import HeldBack, error_over_hold
 from tis.patient_side.identification.held_out import held_out_groups
-from tis.patient_side.statespace import Array, InnovationsModel
+from tis.patient_side.movement_models import InnovationsModel
+from tis.patient_side.statespace import Array
 
 LEVEL_STEPS = (0.05, 0.1, 0.2, 0.4)
 """Standard deviations of the level's step, in units of the innovations'."""

@@ -17,8 +17,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.patient_side.direct_model import Array, DirectModel
 from tis.patient_side.identification.noise import SENSOR_RESOLUTION_M
+from tis.patient_side.movement_models import DirectModel
+from tis.patient_side.statespace import Array
 
 RESOLUTION: Final = SENSOR_RESOLUTION_M
 """Resolution of all signals in their SI unit: recordings have six decimals of metres, radians and of rotations."""

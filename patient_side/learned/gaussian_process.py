@@ -17,7 +17,8 @@ import numpy as np
 
 from tis.patient_side.learned.inputs import Scaled
 from tis.patient_side.learned.window import LAGS, N_FINE
-from tis.patient_side.learned_model import Floats, Weights
+from tis.patient_side.learned_model import Weights
+from tis.patient_side.model_fields import Floats
 
 AGES: Final = np.array([1.0, 2.0, 3.0, 6.0, 10.0, 15.0, 30.0, 60.0, 150.0])
 """Ages of the outputs, in steps."""

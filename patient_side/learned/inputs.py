@@ -10,7 +10,8 @@ import numpy as np
 
 from tis.patient_side.learned.layers import Array
 from tis.patient_side.learned.window import COARSE, N_FINE, Window
-from tis.patient_side.learned_model import Floats, Singles
+from tis.patient_side.learned_model import Singles
+from tis.patient_side.model_fields import Floats
 
 N_STEP: Final = 8
 """Inputs of a step: increment (3), way (3), presence, gripper."""

@@ -10,7 +10,8 @@ from tis.patient_side.learned.gaussian_process import N_FEATURES, at_ages, featu
 from tis.patient_side.learned.inputs import age_inputs, inputs_of, scaled
 from tis.patient_side.learned.networks import NETWORKS
 from tis.patient_side.learned.window import Window, has_gap
-from tis.patient_side.learned_model import VERSION, Floats, LearnedModel
+from tis.patient_side.learned_model import VERSION, LearnedModel
+from tis.patient_side.model_fields import Floats
 
 MAX_AGE: Final = 150.0
 """Age in steps beyond which what is left stays constant: 5 s."""

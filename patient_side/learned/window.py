@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.patient_side.learned_model import Floats
+from tis.patient_side.model_fields import Floats
 
 Bools = NDArray[np.bool_]
 

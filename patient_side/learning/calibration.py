@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from tis.patient_side.identification.coverage import coverage_factor
 from tis.patient_side.learned.window import has_gap
-from tis.patient_side.learned_model import Floats
 from tis.patient_side.learning.examples import Examples
+from tis.patient_side.model_fields import Floats
 
 AGES: Final = np.array([1.0, 3.0, 6.0, 15.0, 30.0, 60.0, 150.0])
 """Ages, in steps, at which the factors are known."""

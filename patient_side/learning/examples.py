@@ -15,7 +15,8 @@ from tis.patient_side.filters.innovations_filter import AXES
 from tis.patient_side.learned.inputs import Scaled, activity_of, scaled
 from tis.patient_side.learned.predictor import MAX_AGE
 from tis.patient_side.learned.window import stride_of, window_of_rows
-from tis.patient_side.learned_model import Floats, Singles
+from tis.patient_side.learned_model import Singles
+from tis.patient_side.model_fields import Floats
 from tis.patient_side.playout import Playout
 
 # Drawn arrivals of a trial's rows: the networks that learned methods are trained on.

@@ -6,8 +6,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from tis.patient_side.learned.gaussian_process import AGES
-from tis.patient_side.learned_model import Floats
 from tis.patient_side.learning.examples import Examples
+from tis.patient_side.model_fields import Floats
 
 RATIOS: Final = np.array([0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1e3, 1e4, 1e6])
 """Ratios of noise to signal that are tried; the last one is practically the linear forecast."""

@@ -10,9 +10,9 @@ import scipy
 
 from tis.common.streams import Stream
 from tis.patient_side.learned.gaussian_process import AGES, GROUPS
-from tis.patient_side.learned_model import Floats
 from tis.patient_side.learning.examples import Examples
 from tis.patient_side.learning.turns import rotations
+from tis.patient_side.model_fields import Floats
 
 _N_ROWS: Final = 400
 _MAX_ROUNDS: Final = 30

@@ -20,7 +20,7 @@ from tis.patient_side.identification.validation import fewest_rows
 from tis.patient_side.learned.gaussian_process import AGES, features_of, outputs
 from tis.patient_side.learned.networks import NETWORKS
 from tis.patient_side.learned.window import stride_of
-from tis.patient_side.learned_model import VERSION, Floats, LearnedModel, Singles, Training
+from tis.patient_side.learned_model import VERSION, LearnedModel, Singles, Training
 from tis.patient_side.learning import calibration
 from tis.patient_side.learning.examples import Examples, Track, examples_of
 from tis.patient_side.learning.fit_gpr import fit_gpr
@@ -28,6 +28,7 @@ from tis.patient_side.learning.fit_network import Epoch, Judged, judge, some_of,
 from tis.patient_side.learning.fit_srlsmf import fit_srlsmf
 from tis.patient_side.learning.process_noise import Noise
 from tis.patient_side.learning.process_scales import inverse_lengths, turned
+from tis.patient_side.model_fields import Floats
 from tis.patient_side.statespace import ArmModel
 
 # The examples on which training is judged: people, else trials, else the end of the only trial.

@@ -3,7 +3,8 @@
 import numpy as np
 import scipy
 
-from tis.patient_side.learned_model import Floats, Singles
+from tis.patient_side.learned_model import Singles
+from tis.patient_side.model_fields import Floats
 
 
 def rotations(drawn: Floats) -> Singles:

@@ -6,11 +6,11 @@ from typing import Literal
 import numpy as np
 
 from tis.patient_side.filters.input_path import damped_steps
+from tis.patient_side.movement_models import RateModel
 from tis.patient_side.orientation.protocol import NOTHING, WristEstimate
 from tis.patient_side.playout import SourceBuffer
 from tis.patient_side.rotations import at_end, turned, turned_by
 from tis.patient_side.statespace import Array
-from tis.patient_side.wrist_model import RateModel
 
 
 @dataclass(frozen=True)

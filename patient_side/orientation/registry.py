@@ -5,11 +5,11 @@ from types import MappingProxyType
 from typing import Final
 
 from tis.common.scenario.patient import OrientationMethod
+from tis.patient_side.movement_models import WristModel
 from tis.patient_side.orientation.constant_rate import ConstantRate
 from tis.patient_side.orientation.hold import Hold
 from tis.patient_side.orientation.protocol import WristMethod
 from tis.patient_side.orientation.tangent_ls import TangentLs
-from tis.patient_side.wrist_model import WristModel
 
 
 def _constant_rate(model: WristModel) -> WristMethod | None:

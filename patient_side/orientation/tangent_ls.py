@@ -7,9 +7,9 @@ in the body frame of R. One regression for each horizon forecasts d, and the est
 from dataclasses import dataclass, field
 from typing import Literal
 
-from tis.patient_side.direct_model import DirectModel
 from tis.patient_side.estimators.direct_forecast import DirectForecast, arrived_past
 from tis.patient_side.identification.second_moments import differences
+from tis.patient_side.movement_models import DirectModel
 from tis.patient_side.orientation.protocol import NOTHING, WristEstimate
 from tis.patient_side.playout import SourceBuffer
 from tis.patient_side.rotations import at_end, turned, turned_by

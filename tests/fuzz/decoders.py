@@ -24,7 +24,7 @@ from tests.deploy.recordings_import.foreign_files import STORE, json_mcap, ros_m
 from tests.fuzz.host_decoders import HOST_DECODERS
 from tests.fuzz.scratch_folder import scratch_folder
 from tests.netem.control.test_control import a_control
-from tests.patient_side.identification.test_model_io import model
+from tests.patient_side.identification.test_model_file import model
 from tests.patient_side.learned.models import learned_model
 from tis.common.channels import hand_channels
 from tis.common.clocks import Exchanges, fit_clock
@@ -87,7 +87,7 @@ from tis.deploy.shell.run_dir import read_json
 from tis.deploy.tools.certificates import certificates, new_authority
 from tis.deploy.tools.runs import Wanted, list_runs
 from tis.netem.control.control import Control
-from tis.patient_side.identification.model_io import dump_models, parse_models
+from tis.patient_side.identification.model_file import dump_models, parse_models
 from tis.patient_side.safety.emergency_stop import EmergencyStops
 from tis.surgeon_side.live import DeviceMapping
 

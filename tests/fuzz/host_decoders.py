@@ -6,7 +6,7 @@ from tests.fuzz.scratch_folder import scratch_folder
 from tis.common.errors import TisError
 from tis.common.scenario.reading import checked_fields
 from tis.deploy.hosts.protocol import event_in, request_of
-from tis.deploy.hosts.transfer.zenoh_logs import answer
+from tis.deploy.hosts.zenoh_logs import answer
 
 _FOLDER: Final = scratch_folder()
 (_FOLDER / "netem.mcap").write_bytes(b"log")

@@ -9,20 +9,17 @@ import numpy as np
 from tests.patient_side.learned.models import LEARNED, learned_model
 from tis.common.metrics.consistency import CHI2_3_95
 from tis.common.units import sample_instant_ns
-from tis.patient_side.completion_model import CompletionModel, Factorisation
-from tis.patient_side.direct_model import DirectModel
 from tis.patient_side.estimators.protocol import Estimate, Estimator
 from tis.patient_side.identification.direct_ls import fit_direct
-from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import (
-    ArmModel,
-    Array,
-    FilterModel,
+from tis.patient_side.movement_models import (
+    CompletionModel,
+    DirectModel,
+    Factorisation,
     InnovationsModel,
     InputForecast,
-    NoiseModel,
-    StateSpace,
 )
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import ArmModel, Array, FilterModel, NoiseModel, StateSpace
 
 RATE_HZ = 30
 PHASE_NS = 2_000_000

@@ -6,7 +6,8 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from tests.patient_side.arm_models import static_model
-from tis.patient_side.statespace import ArmModel, Array, InnovationsModel
+from tis.patient_side.movement_models import InnovationsModel
+from tis.patient_side.statespace import ArmModel, Array
 
 DEVIATION_M = 1e-4
 

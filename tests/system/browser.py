@@ -33,7 +33,7 @@ def chromium() -> Iterator["Browser"]:
     if path is None:
         pytest.skip("no Chromium here: apt-get install chromium")
     if importlib.util.find_spec("playwright") is None:
-        pytest.skip("playwright is not installed: pip install 'tis-testbed[dev]'")
+        pytest.skip("playwright is not installed: pip install -e '.[dev]' in the clone")
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:

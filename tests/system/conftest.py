@@ -20,7 +20,7 @@ from tis.common.runtime.process import free_endpoints
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides
-from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.identification.model_file import dump_models
 
 HOLD = ("--set", "estimators=[hold]", "--set", "active_estimator=hold")
 """Settings of runs whose estimates are not looked at: they load and compute least."""

@@ -105,7 +105,7 @@ def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture
     assert counters["device_poses.left"] > 150
     assert counters["device_undecodable.left"] == counters["device_backwards.left"] == 0
     assert counters["device_silences.left"] >= 1, "a hand that nobody moves is silent, and that is logged"
-    arm_mm = 1e3 * logs.columns("patient", PLANT).column("position_m")
+    arm_mm = 1e3 * logs.of("patient", PLANT).column("position_m")
     assert np.ptp(arm_mm, axis=0)[:2].min() > 8.0, "the arm went along the eight"
     display = summary["display"]["left"]
     assert display["n"] > 200

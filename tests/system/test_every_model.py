@@ -11,7 +11,7 @@ from tis.common.scenario.reading import build_scenario
 from tis.deploy.logs.read.load import load_run
 from tis.deploy.run.consistency import compare_fates
 from tis.deploy.run.twin import build_sides, run_twin
-from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.identification.model_file import dump_models
 
 pytestmark = pytest.mark.live
 

@@ -12,8 +12,8 @@ from rich.console import Console
 from tests.system.conftest import HOLD, Start, StartHere, is_right_but_for_the_machine, samples_taken
 from tis.common.host_records import PROCESSORS
 from tis.common.records import TICKS
-from tis.deploy.logs.read.batches import link_fates
 from tis.deploy.logs.read.load import load_run
+from tis.deploy.logs.read.packets import link_fates
 from tis.deploy.run.conclude import conclude_again
 from tis.deploy.run.consistency import compare_fates
 from tis.deploy.run.replay import replay

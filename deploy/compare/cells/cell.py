@@ -19,7 +19,7 @@ from tis.deploy.compare.cells.forecasts import forecasts_of_twin
 from tis.deploy.compare.cells.scores import PARTS, own_faults, scores_of_twin, summary_of_twin
 from tis.patient_side.build import identify_models
 from tis.patient_side.estimators.guarded import check_own
-from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.identification.model_file import dump_models
 from tis.patient_side.models import factories, own_estimators, read_models
 from tis.patient_side.provenance import warnings_at_start
 

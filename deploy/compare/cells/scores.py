@@ -20,7 +20,7 @@ from tis.deploy.compare.cells.shared_parts import SharedParts
 from tis.deploy.compare.cells.sums import hand_sums, wrist_sums
 from tis.deploy.compare.cells.unlogged import Scored, is_plain, run_unlogged
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.logs.read.memory import MemoryLog
+from tis.deploy.logs.read.side_log import MemoryLog
 from tis.deploy.report.subjects.tracking import track_of_hand
 from tis.deploy.report.validity import why_unscored
 from tis.deploy.run.twin import build_sides, drive

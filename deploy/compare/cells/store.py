@@ -11,7 +11,7 @@ from typing import Any, Final
 from tis.common.errors import DataError, Fault
 from tis.deploy.compare.cells.identity import content_digest
 from tis.deploy.shell import run_dir as folder
-from tis.patient_side.identification.model_tensors import is_tensor_file
+from tis.patient_side.identification.model_file import is_tensor_file
 
 _MODELS: Final = "models_digest"
 _TEXT, _WITH_WEIGHTS = ".json", ".safetensors"

@@ -20,8 +20,7 @@ from tis.deploy.compare.results.report import numbers_of
 from tis.deploy.compare.results.report import report as build_report
 from tis.deploy.compare.results.tables import latex_table
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.extras import can_report
-from tis.deploy.shell.outputs import check_outputs
+from tis.deploy.shell.early_checks import can_report, check_outputs
 
 # The tidy table of a comparison: a row for each cell, hand and estimator, and a column for each swept field.
 #

@@ -6,27 +6,14 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from tis.common.channels import PREDICTED, SERVO, Side, direction_of
+from tis.common.channels import Side, direction_of
 from tis.common.clocks import PPM, SHARED, ClockModel, Exchanges, Ints, fit_clock
-from tis.common.devices.records import DEVICES
 from tis.common.errors import DataError, Fault
-from tis.common.host_records import CLOCK, DISCIPLINE, EXCHANGES, PROCESSORS
-from tis.common.records import (
-    ESTIMATES,
-    ESTIMATOR_FAULTS,
-    FRESH,
-    ORIENTATIONS,
-    PEERS,
-    PLANT,
-    PROMPT,
-    REJECTED,
-    TICKS,
-    TRUTH,
-)
-from tis.common.safety_records import QUARANTINE, SAFETY, STOPS, STOPS_IN_FORCE
+from tis.common.host_records import CLOCK, DISCIPLINE, EXCHANGES
+from tis.common.topic import Topic
 from tis.common.units import NS_PER_MS, NS_PER_US
 from tis.deploy.logs.json_rows import Row
-from tis.deploy.logs.read.rows import Rows
+from tis.deploy.logs.read.frame import Frame
 
 Kind = Literal["reference", "shared", "exchanged", "unknown"]
 
@@ -34,26 +21,6 @@ CLOCK_TOPICS: Final = (CLOCK, EXCHANGES, DISCIPLINE)
 
 _STAMPS: Final = ("asked_ns", "received_ns", "replied_ns", "answered_ns")
 _N_INSTANTS: Final = 1000
-_OWN: Final[Mapping[str, tuple[str, ...]]] = {
-    TICKS: ("due_ns", "begin_ns"),
-    ESTIMATES: ("t_ns",),
-    ORIENTATIONS: ("t_ns",),
-    PLANT: ("t_ns",),
-    ESTIMATOR_FAULTS: ("t_ns",),
-    PROMPT: ("t_ns", "begin_ns"),
-    TRUTH: ("sample_ns",),
-    REJECTED: ("recv_ns",),
-    QUARANTINE: ("recv_ns",),
-    PROCESSORS: ("from_ns", "to_ns"),
-    PEERS: ("at_ns",),
-    DEVICES: ("at_ns",),
-    SAFETY: ("t_ns",),
-    STOPS: ("at_ns",),
-    STOPS_IN_FORCE: ("at_ns",),
-    SERVO: ("sample_ns",),
-    PREDICTED: ("sample_ns", "command_ns"),
-}
-_SURGEONS: Final[Mapping[str, tuple[str, ...]]] = {FRESH: ("sample_ns",), PROMPT: ("sample_ns",)}
 
 
 @dataclass(frozen=True)
@@ -207,23 +174,16 @@ def sender_of(key: str) -> Side | None:
     return None if direction is None else "surgeon" if direction == "forward" else "patient"
 
 
-def aligned_rows(topic: str, rows: Rows | list[Row], own: ClockModel, surgeons: ClockModel) -> Rows | list[Row]:
-    """Return a side's rows of a topic with every stamp on the reference clock.
+def aligned_rows(topic: Topic | None, frame: Frame, own: ClockModel, surgeons: ClockModel) -> Frame:
+    """Return a side's records of a topic with every stamp on the reference clock.
 
     ``own`` is the side's clock; stamps that are copied from a sample are on the surgeon's.
     """
-    named = next((group for group in (ESTIMATES, ORIENTATIONS) if topic.startswith(f"{group}/")), topic)
-    group = topic.rsplit("/", 1)[-1] if not topic.startswith("/") else named
-    for fields, model in ((_OWN, own), (_SURGEONS, surgeons)):
-        names = fields.get(group, ())
-        if not names or model.shared or not rows:
-            continue
-        if isinstance(rows, Rows):
-            rows = rows.with_columns({name: model.to_reference_ns(rows.column(name)) for name in names})
-            continue
-        columns = [model.to_reference_ns(np.array([row[name] for row in rows], dtype=np.int64)) for name in names]
-        rows = [
-            {**row, **dict(zip(names, stamps, strict=True))}
-            for row, stamps in zip(rows, np.column_stack(columns).tolist(), strict=True)
-        ]
-    return rows
+    clocks = () if topic is None else ((topic.stamps, own), (topic.samples, surgeons))
+    moved = {
+        name: clock.to_reference_ns(frame.column(name))
+        for names, clock in clocks
+        if not clock.shared
+        for name in names
+    }
+    return frame.with_columns(**moved) if moved else frame

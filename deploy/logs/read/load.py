@@ -6,9 +6,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple, get_args
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tis.common.channels import Direction, Side, direction_of
 from tis.common.errors import DataError, Fault
 from tis.common.records import COUNTERS
@@ -18,16 +15,12 @@ from tis.common.runtime.memory import release_large_arrays, without_collector
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.blocks import Block
 from tis.deploy.logs.coverage import FOREVER, Coverage, Span
-from tis.deploy.logs.json_rows import Row
 from tis.deploy.logs.limits import MAX_NUMBER
 from tis.deploy.logs.log_file import LogFile, truncated_start
 from tis.deploy.logs.log_paths import log_files
 from tis.deploy.logs.read.clocks import CLOCK_TOPICS, RunClocks, run_clocks
-from tis.deploy.logs.read.message_columns import MessageColumns
-from tis.deploy.logs.read.rows import Rows, column_model
-from tis.deploy.logs.read.side_columns import SideLog
-
-Ints = NDArray[np.int64]
+from tis.deploy.logs.read.frame import Frame
+from tis.deploy.logs.read.side_log import SideLog
 
 _WRITTEN_BY: Final = "tis"
 _NO_COUNTS: Final = ("_ns", "most_held")
@@ -43,27 +36,20 @@ class RunLogs:
     sides: dict[Side, SideLog] = field(default_factory=dict)
     clocks: RunClocks = field(default_factory=RunClocks)
 
-    def of(self, side: Side, topic: str) -> Sequence[Row]:
-        """Return a side's rows of a topic; empty when the log is missing."""
-        log = self.sides.get(side)
-        return [] if log is None else log.of(topic)
-
-    def columns(self, side: Side, topic: str) -> Rows:
-        """Return a side's records of a topic in `column_model` as columns, empty when there are none."""
-        rows, model = self.of(side, topic), column_model(topic)
-        assert model is not None, topic
-        return rows if isinstance(rows, Rows) else Rows(model)
+    def of(self, side: Side, topic: str) -> Frame:
+        """Return a side's records of a topic; empty when the log is missing."""
+        return self.sides.get(side, SideLog(side)).of(topic)
 
     def attachments(self, side: Side) -> dict[str, bytes]:
         """Return the files attached to a side's log; empty when the log is missing."""
         log = self.sides.get(side)
         return {} if log is None else log.attachments
 
-    def messages(self, side: Side, direction: Direction, session: str) -> dict[str, MessageColumns]:
+    def messages(self, side: Side, direction: Direction, session: str) -> dict[str, Frame]:
         """Return a side's messages that go in ``direction``, by key."""
         log = self.sides.get(side)
         known = {} if log is None else log.messages
-        return {key: columns for key, columns in known.items() if direction_of(key, session) == direction}
+        return {key: frame for key, frame in known.items() if direction_of(key, session) == direction}
 
     def problems(self) -> list[str]:
         """Return a sentence for each missing or damaged log."""
@@ -93,7 +79,7 @@ def load_side(path: Path, side: Side, wanted: Collection[str] | None = None) -> 
     ``wanted`` selects topics; `last_ns` is of all. A damaged log is read as far as possible. Raises `DataError` when
     the file is no log of this version.
     """
-    log = SideLog(side, {}, {}, {})
+    log = SideLog(side)
     part = _read_part(log, path, wanted)
     log.metadata, log.attachments, log.coverage = part.metadata, part.attachments, part.coverage
     return log
@@ -105,7 +91,7 @@ def load_parts(paths: Sequence[Path], side: Side, wanted: Collection[str] | None
     A part without any record is of a process that ended before it was in the run. Raises `DataError`, also when the
     parts are not of one run or not on one clock.
     """
-    log, known = SideLog(side, {}, {}, {}), list[_Part]()
+    log, known = SideLog(side), list[_Part]()
     for path in paths:
         if not (torn := truncated_start(path)):
             known.append(_read_part(log, path, wanted))
@@ -180,14 +166,16 @@ def _continued(coverage: Coverage, last_ns: int, part: _Part) -> Coverage:
     return coverage.continued(last_ns, part.coverage, clock.joined_ns or 0, clock.counts_gap)
 
 
-def _added_up(rows: Sequence[Row]) -> list[Row]:
+def _added_up(rows: Frame) -> Frame:
     """Return the counters of all parts: sums, and the largest of what is no count."""
     total: dict[str, int] = {}
     for row in rows:
         name, value = row["name"], row["value"]
         known = total.get(name, 0)
         total[name] = max(known, value) if name.endswith(_NO_COUNTS) else known + value
-    return [{"name": name, "value": value} for name, value in total.items()]
+    found = Frame.of(COUNTERS)
+    found.extend([{"name": name, "value": value} for name, value in total.items()])
+    return found
 
 
 def _check_instants(path: Path, block: Block) -> None:
@@ -227,7 +215,7 @@ def load_run(run_dir: Path, wanted: Collection[str] | None = None) -> RunLogs:
 
 def empty_log(side: Side, path: Path, damage: str) -> SideLog:
     """Return the void log of a side that was killed before it wrote anything."""
-    return SideLog(side, {}, {}, {}, coverage=Coverage(path.name, damage, unknown=((0, FOREVER),)))
+    return SideLog(side, coverage=Coverage(path.name, damage, unknown=((0, FOREVER),)))
 
 
 def _topic(paths: Sequence[Path], fault: Fault) -> str:

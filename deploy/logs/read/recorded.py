@@ -8,7 +8,7 @@ from tis.common.runtime.user_code import USER_CODE_FILE, Origin, parse_origins
 from tis.common.sources.provenance import MODEL_FILES
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.shell import run_dir as folder
-from tis.patient_side.identification.model_io import parse_models
+from tis.patient_side.identification.model_file import parse_models
 from tis.patient_side.statespace import ArmModel
 
 

@@ -10,13 +10,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from tis.common.errors import DataError, Fault
+from tis.common.errors import GET_PCAP, DataError, Fault
 from tis.common.runtime.scenario_files import read_limited
 from tis.common.trace import LOST, MAX_DELAY_NS, Trace
 from tis.common.units import NS_PER_MS, NS_PER_S
 
 SUFFIXES: Final = (".pcap", ".pcapng", ".cap")
-_GET_DPKT: Final = "pip install 'tis-testbed[pcap]'"
 _MAX_BYTES: Final = 2_000_000_000
 _MAX_PACKETS: Final = 5_000_000
 
@@ -60,7 +59,7 @@ def captured(sent: Path, received: Path) -> Trace:
 
 def _packets(path: Path) -> list[Seen]:
     if find_spec("dpkt") is None:
-        raise DataError(Fault(str(path), "", f"needs the extra pcap: {_GET_DPKT}")) from None
+        raise DataError(Fault(str(path), "", f"needs the extra pcap: {GET_PCAP}")) from None
     try:
         content = read_limited(path, _MAX_BYTES)
     except OSError as error:

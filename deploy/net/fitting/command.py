@@ -17,8 +17,8 @@ from tis.deploy.net.fitting.run_records import RUN_HEADER_FIELDS
 from tis.deploy.net.library.profiles import SUFFIXES, dump_profile
 from tis.deploy.net.terminal import print_fit
 from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.early_checks import check_outputs
 from tis.deploy.shell.guard import print_warnings
-from tis.deploy.shell.outputs import check_outputs
 from tis.netem.draws.blocks import Floats
 from tis.netem.fit.backlogs import MESSAGE_BYTES, Backlogs
 from tis.netem.fit.direction import DirectionFit

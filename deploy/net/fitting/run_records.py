@@ -17,26 +17,17 @@ from tis.common.trace import LOST, Trace
 from tis.common.units import NS_PER_MS
 from tis.common.yaml_text import load_yaml
 from tis.deploy.logs.log_paths import log_file, log_files
-from tis.deploy.logs.read.batches import (
-    DELIVER,
-    DEPARTURES,
-    OUTCOMES,
-    Fates,
-    Flags,
-    Releases,
-    by_key,
-    late_ns,
-    link_fates,
-    link_releases,
-)
-from tis.deploy.logs.read.load import Ints, RunLogs, load_parts
+from tis.deploy.logs.read.frame import Flags, Frame, Ints
+from tis.deploy.logs.read.load import RunLogs, load_parts
+from tis.deploy.logs.read.packets import DELIVER, by_key, late_ns, link_fates, link_releases
+from tis.deploy.logs.read.side_log import DEPARTURES, OUTCOMES
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.standalone.standalone_run import NETWORK_FILE
 from tis.netem.conditions.conditions import Span
 from tis.netem.control.replay import changed_conditions
 from tis.netem.fit.record import NOTHING_ADDED, DirectionRecord, Flips
 
-# Fates and departures of one direction in netem's log, joined packet by packet.
+# Frame and departures of one direction in netem's log, joined packet by packet.
 
 NOWHERE: Final = -1
 
@@ -49,7 +40,7 @@ class Packets(NamedTuple):
     """
 
     key: str
-    fates: Fates
+    fates: Frame
     left: Ints
     queued_ns: Ints
     leaves_ns: Ints
@@ -57,7 +48,7 @@ class Packets(NamedTuple):
     """Release errors of originals and copies, (M,)."""
 
 
-def packets_by_key(fates: Fates, releases: Releases, with_foreign: bool) -> list[Packets]:
+def packets_by_key(fates: Frame, releases: Frame, with_foreign: bool) -> list[Packets]:
     """Return the packets of each key; foreign messages count as separate keys (oracle: test_run_records)."""
     found = []
     for foreign in (False, True) if with_foreign else (False,):
@@ -69,7 +60,7 @@ def packets_by_key(fates: Fates, releases: Releases, with_foreign: bool) -> list
     return found
 
 
-def _packets(key: str, fates: Fates, releases: Releases) -> Packets:
+def _packets(key: str, fates: Frame, releases: Frame) -> Packets:
     fates = fates.at(np.argsort(fates.offered_ns, kind="stable"))
     originals = releases.at(releases.copy_index == 0)
     place = _places(fates, originals)
@@ -85,7 +76,7 @@ def _packets(key: str, fates: Fates, releases: Releases) -> Packets:
     return Packets(key, fates, left, of(originals.queued_ns, 0), leaves_ns, late_ns(releases))
 
 
-def _places(fates: Fates, left: Releases) -> NDArray[np.int64]:
+def _places(fates: Frame, left: Frame) -> NDArray[np.int64]:
     """Return the index of each packet in ``left``, (N,), `NOWHERE` without one. A restarted sender reuses numbers."""
     # one name per pair of number and instant, equal in both tables
     both = np.concatenate([_named(left.seq, left.offered_ns), _named(fates.seq, fates.offered_ns)])

@@ -28,8 +28,8 @@ from tis.deploy.net.probing.probe import Plan, Probed, probe
 from tis.deploy.net.probing.receiving_end import LocalReceivingEnd
 from tis.deploy.net.terminal import delay_uncertainties, print_path
 from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.early_checks import check_outputs
 from tis.deploy.shell.guard import print_warnings
-from tis.deploy.shell.outputs import check_outputs
 from tis.netem.fit.record import MEASURING_ADDS, Spread
 
 # Trace of a probe, with its conditions in the header.

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 from bokeh.models.ranges import Range1d
@@ -78,7 +79,7 @@ def _caption(used: Mapping[Direction, KeyColumns], has_shades: bool) -> str:
 def _dots(link: LinkColumns) -> KeyColumns:
     """Return the messages of all keys together, in order of sending."""
     order = np.argsort(link.all("sent_s"), kind="stable")
-    found = {one.name: link.all(one.name) for one in fields(KeyColumns)}
+    found: dict[str, Any] = {one.name: link.all(one.name) for one in fields(KeyColumns)}
     sent = {name: found[name][order] for name in ("sent_s", "decided_ms", "realised_ms")}
     seq, lost = found["seq"][order].astype(np.int64), found["lost"].astype(np.bool_)
     return KeyColumns(**found | sent | {"seq": seq, "lost": lost, "lost_s": np.sort(found["lost_s"])})

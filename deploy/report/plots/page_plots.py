@@ -10,8 +10,8 @@ from bokeh.plotting import figure
 
 from tis.common.channels import Direction
 from tis.common.units import NS_PER_MS, NS_PER_S
-from tis.deploy.logs.read.batches import link_fates
 from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.packets import link_fates
 from tis.deploy.present import plot_style as style
 from tis.deploy.present.palette import AWAY, CHANGED, OUTAGE, STALL, Tone
 from tis.deploy.present.plot_style import Figure, time_range

@@ -4,7 +4,7 @@ Imported on demand, as it needs matplotlib.
 """
 
 from collections.abc import Mapping
-from typing import Final, get_args
+from typing import Any, Final, get_args
 
 import matplotlib as mpl
 import numpy as np
@@ -115,7 +115,7 @@ def _error_by_age(view: HandView) -> Figure | None:
     return figure
 
 
-def _cdf(curves: Mapping[str, tuple[np.ndarray, str]], label: str) -> Figure | None:
+def _cdf(curves: Mapping[Any, tuple[np.ndarray, str]], label: str) -> Figure | None:
     used = {name: (values, colour) for name, (values, colour) in curves.items() if len(values)}
     if not used:
         return None

@@ -15,7 +15,7 @@ from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_MS, ms_to_ns
 from tis.deploy.logs.coverage import FOREVER, WRITTEN_WITHIN_NS, lies_in
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.logs.read.note_columns import notes, place_in, ticks
+from tis.deploy.logs.read.packets import begun_ticks, place_in
 from tis.deploy.present.numbers import heads, number
 from tis.deploy.present.table import Table
 from tis.deploy.report.section import MEAN_LATE, Section, Statistics, means, statistics
@@ -59,13 +59,13 @@ def ages_ns(logs: RunLogs) -> Instants:
     Ticks without a new arrival count too, so an outage shows here and not in the end-to-end latency. Missed ticks and
     those before the first sample have no age. Oracle: an outage of known length, tests/deploy/run/test_twin.
     """
-    hands: list[Hand] = np.unique(notes(logs, "patient", FRESH).column("hand")).tolist()
+    hands: list[Hand] = np.unique(logs.of("patient", FRESH).column("hand")).tolist()
     return _all(ages_of_hand(logs, hand)[1] for hand in hands)
 
 
 def ages_of_hand(logs: RunLogs, hand: Hand) -> tuple[Instants, Instants]:
     """Return the instants (N,) of the ticks at which one hand has an age, and the ages (N,), both in ns."""
-    begun, fresh = ticks(logs), notes(logs, "patient", FRESH)
+    begun, fresh = begun_ticks(logs), logs.of("patient", FRESH)
     ours = fresh.where("hand", hand)
     order = np.argsort(fresh.column("tick")[ours], kind="stable")
     tick, sample_ns = (fresh.column(name)[ours][order] for name in ("tick", "sample_ns"))
@@ -116,7 +116,7 @@ def age_of_information_ms(logs: RunLogs, arrivals: Sequence[Arrivals]) -> AgeOfI
     covered = logs.coverage("patient")
     if logs.left_out or (covered is not None and any(until_ns != FOREVER for _, until_ns in covered.unknown)):
         arrivals = ()
-    due_ns = ticks(logs).due_ns
+    due_ns = begun_ticks(logs).due_ns
     until_ns = int(due_ns[-1]) if len(due_ns) else 0
     ages = [age_of_information(one, until_ns) for one in arrivals]
     means = [age.mean_ns for age in ages if age.mean_ns is not None]

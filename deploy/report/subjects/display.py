@@ -12,9 +12,9 @@ from tis.common.metrics.percentiles import summarise
 from tis.common.metrics.tracking import SETTLING_NS, truth_at
 from tis.common.records import FRESH, PLANT
 from tis.common.units import MM_PER_M, NS_PER_MS
-from tis.deploy.logs.read.load import Ints, RunLogs
-from tis.deploy.logs.read.note_columns import notes, place_in
-from tis.deploy.logs.read.rows import Rows
+from tis.deploy.logs.read.frame import Ints
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.packets import place_in
 from tis.deploy.present.numbers import number
 from tis.deploy.present.page import folded, note
 from tis.deploy.present.table import Table
@@ -83,7 +83,7 @@ def displayed(logs: RunLogs, hand: Hand) -> Displayed | None:
     log = logs.sides.get("surgeon")
     topics = () if log is None else log.rows.items()
     for topic, rows in topics:
-        if not is_predicted(topic) or not isinstance(rows, Rows) or not rows.where("hand", hand).any():
+        if not is_predicted(topic) or not rows.where("hand", hand).any():
             continue
         ours = rows.where("hand", hand)
         sample_ns, first = np.unique(rows.column("sample_ns")[ours], return_index=True)
@@ -138,7 +138,7 @@ def _errors_mm(where_m: Array, arm_m: Array) -> dict[str, Any]:
 
 def _arm(logs: RunLogs, hand: Hand) -> tuple[Ints, Ints, Array]:
     """Return ticks, instants in ns (T,) and positions (T, 3) in m of the arm, in ascending order."""
-    rows = notes(logs, "patient", PLANT)
+    rows = logs.of("patient", PLANT)
     ours = rows.where("hand", hand)
     tick, first = np.unique(rows.column("tick")[ours], return_index=True)
     return tick, rows.column("t_ns")[ours][first], rows.column("position_m")[ours][first]
@@ -146,7 +146,7 @@ def _arm(logs: RunLogs, hand: Hand) -> tuple[Ints, Ints, Array]:
 
 def _effect_ticks(logs: RunLogs, hand: Hand, sample_ns: Ints) -> Ints:
     """Return the patient's first tick with a sample at or after each instant (N,); -1 where there is none."""
-    rows = notes(logs, "patient", FRESH)
+    rows = logs.of("patient", FRESH)
     ours = rows.where("hand", hand)
     order = np.argsort(rows.column("tick")[ours], kind="stable")
     tick, newest_ns = rows.column("tick")[ours][order], np.maximum.accumulate(rows.column("sample_ns")[ours][order])

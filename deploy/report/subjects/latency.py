@@ -10,10 +10,11 @@ from tis.common.channels import Arm, Hand, Side, hand_channels
 from tis.common.metrics.latency import Instants, LatencyParts, latency_parts, round_trip_ns
 from tis.common.metrics.percentiles import is_resolvable
 from tis.common.units import NS_PER_MS
+from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.logs.read.message_columns import MessageColumns
-from tis.deploy.logs.read.note_columns import first_uses, place_in
+from tis.deploy.logs.read.packets import first_uses, place_in
 from tis.deploy.logs.read.payload_instants import NO_INSTANT
+from tis.deploy.logs.read.side_log import no_messages
 from tis.deploy.present.numbers import NONE, heads, number, rounded_up
 from tis.deploy.present.page import css, nonbreaking_units
 from tis.deploy.present.palette import PARTS
@@ -104,7 +105,7 @@ def used_samples(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> UsedS
         returned_ns = _instants(returned.get(hand), uses.answer)
         # sequence numbers are per key, so packets are matched key by key; the first arrival counts
         for key in np.unique(uses.key):
-            columns = arrivals.get(str(key), MessageColumns())
+            columns = arrivals.get(str(key), no_messages())
             seq, first = np.unique(columns.seq, return_index=True)
             place, arrived = place_in(seq, uses.seq)
             used = arrived & (uses.key == key) & (published_ns != NO_INSTANT)
@@ -140,7 +141,7 @@ def round_trips(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> Instan
     return np.concatenate(trips)
 
 
-def _answers(logs: RunLogs, side: Side, session: str, arms: Mapping[Hand, Arm]) -> dict[Hand, MessageColumns]:
+def _answers(logs: RunLogs, side: Side, session: str, arms: Mapping[Hand, Arm]) -> dict[Hand, Frame]:
     """Return the estimates that a side sent or received, by hand."""
     log = logs.sides.get(side)
     known = {} if log is None else log.messages
@@ -148,7 +149,7 @@ def _answers(logs: RunLogs, side: Side, session: str, arms: Mapping[Hand, Arm]) 
     return {hand: known[key] for hand, key in keys.items() if key in known}
 
 
-def _instants(answers: MessageColumns | None, number: Instants) -> Instants:
+def _instants(answers: Frame | None, number: Instants) -> Instants:
     """Return the instant of the first copy of each answer ``number`` (N,); `NO_INSTANT` where there is none."""
     if answers is None or not len(answers):
         return np.full(len(number), NO_INSTANT)

@@ -13,8 +13,9 @@ from tis.common.metrics.latency import Instants, LatencyParts
 from tis.common.scenario import Scenario
 from tis.common.scenario.limits import Metric
 from tis.common.units import MM_PER_M, NS_PER_MS
-from tis.deploy.logs.read.load import Ints, RunLogs
-from tis.deploy.logs.read.message_columns import MessageColumns
+from tis.deploy.logs.read.frame import Ints
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.side_log import no_messages
 from tis.deploy.report.subjects.clocks import worst_age_ns
 from tis.deploy.report.subjects.latency import UsedSamples
 from tis.deploy.report.subjects.logs import LogGaps
@@ -53,7 +54,7 @@ class OneWay(NamedTuple):
         left, delays, variations = [_NONE], [_NONE], [_NONE]
         lost, sent_ns = [np.empty(0, dtype=np.bool_)], [_NONE]
         for key, columns in sent.items():
-            arrived = received.get(key, MessageColumns())
+            arrived = received.get(key, no_messages())
             # duplicates: the first arrival counts (RFC 7679)
             seq, first = np.unique(arrived.seq, return_index=True)
             logged = ~gaps.affect(columns.sent_ns)

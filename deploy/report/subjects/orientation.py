@@ -14,8 +14,8 @@ from tis.common.metrics.percentiles import summarise
 from tis.common.metrics.tracking import angles_deg, error_vectors, orientation_at
 from tis.common.records import ORIENTATIONS, TRUTH
 from tis.common.scenario import Scenario
-from tis.deploy.logs.read.load import Ints, RunLogs
-from tis.deploy.logs.read.note_columns import notes
+from tis.deploy.logs.read.frame import Ints
+from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.present.numbers import NONE, percent
 from tis.deploy.present.table import Table
 from tis.deploy.report.section import Section, Statistics, means, statistics
@@ -76,7 +76,7 @@ def wrist_track(logs: RunLogs, scenario: Scenario, track: HandTrack, hand: Hand)
     truth[unknown], truth_rad[unknown] = np.nan, np.nan
     found = WristTrack({}, {}, {}, {})
     for name in methods_of(logs, scenario):
-        rows = notes(logs, "patient", topic_of_method(name))
+        rows = logs.of("patient", topic_of_method(name))
         ours = rows.where("hand", hand)
         ticks = rows.column("tick")[ours]
 
@@ -106,7 +106,7 @@ def methods_of(logs: RunLogs, scenario: Scenario) -> list[str]:
 
 def _true_turn(logs: RunLogs, hand: Hand) -> tuple[Ints, Array, Array]:
     """Return sample instants (N,), ascending, unit quaternions (N, 4) and gripper angles (N,) of the recorded arm."""
-    rows = notes(logs, "surgeon", TRUTH)
+    rows = logs.of("surgeon", TRUTH)
     rotation_rad = rows.column("rotation_rad")
     known = rows.where("hand", hand) & np.isfinite(rotation_rad).all(axis=1)
     # a surgeon that came back logs the samples before its return again
@@ -127,7 +127,7 @@ def orientation_deg(logs: RunLogs, track: HandTrack, wrist: WristTrack, hand: Ha
     scores = _scores(track, wrist.turn_rad, wrist.turn_std_rad, np.degrees(1.0))
     found = {}
     for name, one in scores.items():
-        rows = notes(logs, "patient", topic_of_method(name))
+        rows = logs.of("patient", topic_of_method(name))
         steps_us = step_times_us(rows.column("step_ns")[rows.where("hand", hand)])
         found[name] = one.model_copy(update={"step_us": steps_us})
     return found

@@ -14,9 +14,10 @@ from tis.common.records import SENT_BYTES, SENT_PACKETS, TICKS
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.coverage import WRITTEN_WITHIN_NS, lies_in
-from tis.deploy.logs.read.load import Ints, RunLogs
-from tis.deploy.logs.read.message_columns import MessageColumns
-from tis.deploy.logs.read.note_columns import place_in, ticks
+from tis.deploy.logs.read.frame import Frame, Ints
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.packets import begun_ticks, place_in
+from tis.deploy.logs.read.side_log import no_messages
 from tis.deploy.present.numbers import number, significant
 from tis.deploy.present.table import Table
 from tis.deploy.report.section import MEAN_LATE, Section, Statistics, means, statistics
@@ -186,12 +187,12 @@ def _keys(logs: RunLogs, scenario: Scenario, arms: Mapping[Hand, Arm]) -> Sequen
     for hand, arm in arms.items():
         channels = hand_channels(hand, arm)
         keys = [channel.key(scenario.session) for channel in (channels.command, channels.arm)]
-        history, nothing = scenario.surgeon.history, MessageColumns()
+        history, nothing = scenario.surgeon.history, no_messages()
         found.append([_key(sent[key], received.get(key, nothing), gaps, history) for key in keys if key in sent])
     return found
 
 
-def _key(sent: MessageColumns, received: MessageColumns, gaps: LogGaps, history: int) -> _Key:
+def _key(sent: Frame, received: Frame, gaps: LogGaps, history: int) -> _Key:
     seq, first = np.unique(sent.seq, return_index=True)
     planned = PlannedSamples.of(seq, sent.sample_ns[first])
     logged = ~gaps.affect(sent.sent_ns[first])
@@ -214,7 +215,7 @@ def _key(sent: MessageColumns, received: MessageColumns, gaps: LogGaps, history:
 def _ages_ns(logs: RunLogs, keys: Sequence[Sequence[_Key]]) -> tuple[Ints, Ints]:
     """Return the ages (T,) of the freshest sample, hand by hand: by all packets, and by first packets alone."""
     covered = logs.coverage("patient")
-    due_ns = ticks(logs).due_ns
+    due_ns = begun_ticks(logs).due_ns
     gaps = (*(covered.unknown if covered else ()), *logs.left_out)
     due_ns = due_ns[~lies_in(due_ns, gaps, WRITTEN_WITHIN_NS, WRITTEN_WITHIN_NS)]
     all_ns, once_ns = [_NONE], [_NONE]
@@ -235,7 +236,7 @@ def _ages_ns(logs: RunLogs, keys: Sequence[Sequence[_Key]]) -> tuple[Ints, Ints]
 
 def _price(logs: RunLogs, history: int, traffic: Mapping[str, KeyTraffic]) -> Price:
     """Return packets and bytes per second, as sent and with one packet per sample without history."""
-    n_samples = int(np.count_nonzero(~logs.columns("surgeon", TICKS).column("missed")))
+    n_samples = int(np.count_nonzero(~logs.of("surgeon", TICKS).column("missed")))
     sent = [one for one in traffic.values() if one.packets]
     if not n_samples or not sent:
         return Price(**dict.fromkeys(Price.model_fields))

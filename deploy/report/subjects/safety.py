@@ -14,8 +14,7 @@ from tis.common.safety_records import SAFETY, STOPS
 from tis.common.scenario import Scenario
 from tis.common.units import MM_PER_M, NS_PER_MS
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.logs.read.note_columns import place_in
-from tis.deploy.logs.read.rows import Rows
+from tis.deploy.logs.read.packets import place_in
 from tis.deploy.present.numbers import number
 from tis.deploy.report.section import KindName, Section, means
 from tis.deploy.report.subjects.logs import counters_of
@@ -97,7 +96,7 @@ def set_points(logs: RunLogs, scenario: Scenario, track: HandTrack, hand: Hand) 
     """Return the set points of a hand; None where the log holds none, as without `patient.safety`."""
     log = logs.sides.get("patient")
     topics = () if log is None else log.rows.items()
-    rows = [rows for topic, rows in topics if is_set_point(topic) and isinstance(rows, Rows)]
+    rows = [rows for topic, rows in topics if is_set_point(topic)]
     for found in rows:
         ours = found.where("hand", hand)
         if not ours.any():

@@ -11,7 +11,8 @@ from tis.common.records import TICKS
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.coverage import Coverage, lies_in
-from tis.deploy.logs.read.load import Ints, RunLogs
+from tis.deploy.logs.read.frame import Ints
+from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.present.numbers import heads, number
 from tis.deploy.present.table import Column, Table
 from tis.deploy.report.section import Section, Statistics, means, statistics
@@ -33,13 +34,13 @@ def tick_figures(logs: RunLogs, side: Side, scenario: Scenario) -> Ticks:
     """Return the ticks of a side; unknown without its log."""
     log = logs.sides[side] if logs.coverage(side) is not None else None
     empty = np.empty(0, dtype=np.int64)
-    due = empty if log is None else log.column(TICKS, "due_ns")
-    begin = empty if log is None else log.column(TICKS, "begin_ns")
-    missed = empty.astype(np.bool_) if log is None else log.column(TICKS, "missed").astype(np.bool_)
+    due = empty if log is None else log.of(TICKS).column("due_ns")
+    begin = empty if log is None else log.of(TICKS).column("begin_ns")
+    missed = empty.astype(np.bool_) if log is None else log.of(TICKS).column("missed").astype(np.bool_)
     found: dict[str, Any] = dict(tick_summary(scenario.rate_hz, due, begin, missed))
     if log is None:
         return Ticks(**found | {"count": None, "missed": None, "planned": scenario.n_samples})
-    away = ticks_away(log.column(TICKS, "tick"), log.coverage, scenario.rate_hz, scenario.n_samples)
+    away = ticks_away(log.of(TICKS).column("tick"), log.coverage, scenario.rate_hz, scenario.n_samples)
     found["count"] += away.n_missed
     found["missed"] += away.n_missed
     return Ticks(**found, planned=scenario.n_samples - away.n_left_out)
@@ -83,7 +84,7 @@ def active_duration_s(logs: RunLogs, side: Side, scenario: Scenario) -> float:
 
     Oracle: logs with a known number of ticks, tests/deploy/report/subjects/test_duration.
     """
-    ticks = logs.columns(side, TICKS).column("tick")
+    ticks = logs.of(side, TICKS).column("tick")
     n = int(ticks.max(initial=-1)) + 1
     return n / scenario.rate_hz if 0 < n < scenario.n_samples else scenario.duration_s
 

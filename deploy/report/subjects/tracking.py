@@ -13,8 +13,9 @@ from tis.common.scenario import Scenario
 from tis.common.scenario.estimator_names import plain_name
 from tis.common.units import MM_PER_M
 from tis.deploy.logs.coverage import lies_in
-from tis.deploy.logs.read.load import Ints, RunLogs
-from tis.deploy.logs.read.note_columns import notes, place_in
+from tis.deploy.logs.read.frame import Ints
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.packets import place_in
 from tis.deploy.report.section import Section, means
 from tis.deploy.report.subjects.age import ages_at_ms
 
@@ -42,8 +43,8 @@ def track_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand) -> HandTrack:
     """Return one hand's track as far as its logs reach, at the ticks of hold, which always runs."""
     sample_ns, recorded_m = _truth(logs, hand)
     names = _estimators(logs, scenario)
-    by_name = {name: notes(logs, "patient", topic_of(name)) for name in names}
-    reference = by_name.get("hold", notes(logs, "patient", f"{ESTIMATES}/hold"))
+    by_name = {name: logs.of("patient", topic_of(name)) for name in names}
+    reference = by_name.get("hold", logs.of("patient", f"{ESTIMATES}/hold"))
     ours = reference.where("hand", hand)
     # no estimates: the recorded samples stand in for ticks, so that the truth can be drawn
     if not ours.any():
@@ -63,7 +64,7 @@ def track_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand) -> HandTrack:
     # after a time that is left out filters settle again, as at the beginning
     scored &= ~lies_in(t_ns, logs.left_out, 0, SETTLING_NS)
     if scenario.patient.plant.kind != "replay":
-        moved = notes(logs, "patient", PLANT)
+        moved = logs.of("patient", PLANT)
         which = moved.where("hand", hand)
         estimates["plant"] = at_ticks(tick, moved.column("tick")[which], moved.column("position_m")[which])
     return HandTrack(t_ns, tick, truth_m, estimates, scored, stds)
@@ -71,7 +72,7 @@ def track_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand) -> HandTrack:
 
 def _truth(logs: RunLogs, hand: Hand) -> tuple[Ints, Array]:
     """Return the sample instants (N,), ascending, and the arm's positions (N, 3)."""
-    rows = notes(logs, "surgeon", TRUTH)
+    rows = logs.of("surgeon", TRUTH)
     ours = rows.where("hand", hand)
     sample_ns, position_m = rows.column("sample_ns")[ours], rows.column("position_m")[ours]
     # a surgeon that came back logs the samples before its return again

@@ -14,8 +14,8 @@ from tis.common.runtime.process import command_line
 from tis.deploy.compare.cells.store import Store
 from tis.deploy.compare.engine.compute import workers_of
 from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.early_checks import check_outputs
 from tis.deploy.shell.guard import print_json, print_warnings
-from tis.deploy.shell.outputs import check_outputs
 from tis.deploy.studies.admissible import tables
 from tis.deploy.studies.admissible.evaluation import Evaluation
 from tis.deploy.studies.admissible.options import order_of

@@ -21,8 +21,8 @@ from tis.deploy.compare.engine.workers import Workers
 from tis.deploy.compare.grid import COMMAND
 from tis.deploy.compare.plan import Plan
 from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.early_checks import check_outputs
 from tis.deploy.shell.guard import print_faults, print_json
-from tis.deploy.shell.outputs import check_outputs
 from tis.deploy.studies.definitions import report as tables
 from tis.deploy.studies.definitions.page import page_text
 from tis.deploy.studies.definitions.readings import N_AHEAD, plan_splits

@@ -21,8 +21,8 @@ from tis.deploy.compare.results.report import report as build_report
 from tis.deploy.compare.results.tables import TURN_CAPTION, TURN_HEAD, orientation_cells, orientation_ratios
 from tis.deploy.present.numbers import number
 from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.early_checks import check_outputs
 from tis.deploy.shell.guard import print_faults
-from tis.deploy.shell.outputs import check_outputs
 from tis.deploy.studies.estimators.descriptions import DESCRIPTIONS
 from tis.deploy.studies.estimators.sections import NAMES, Section, command_of, sections
 from tis.deploy.studies.paper.printed import ROWS

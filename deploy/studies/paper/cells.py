@@ -16,7 +16,7 @@ from tis.common.scenario import Scenario
 from tis.common.scenario.reading import build_scenario
 from tis.common.sources.trajectory import Recording
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.logs.read.memory import MemoryLog
+from tis.deploy.logs.read.side_log import MemoryLog
 from tis.deploy.report.subjects.accuracy import accuracy_of_hand
 from tis.deploy.run.twin import drive
 from tis.deploy.shell.progress import PhaseProgress
@@ -24,7 +24,7 @@ from tis.deploy.studies.paper.printed import BLOCK_ROWS, ORDER, ROWS, TRAIN_SAMP
 from tis.deploy.studies.paper.simulation import Reading, Simulated
 from tis.netem.build import build_netem
 from tis.patient_side.build import build_patient
-from tis.patient_side.identification.model_io import parse_models
+from tis.patient_side.identification.model_file import parse_models
 from tis.patient_side.statespace import ArmModel
 from tis.surgeon_side.build import build_surgeon
 

@@ -12,7 +12,7 @@ from tis.common.errors import EXIT_OK, GET_REPORT
 from tis.common.runtime.recordings import load_recording, load_training
 from tis.common.scenario import Scenario
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.outputs import check_outputs
+from tis.deploy.shell.early_checks import check_outputs
 from tis.deploy.shell.progress import PhaseProgress
 from tis.deploy.studies.paper.cells import (
     METHODS,
@@ -34,7 +34,7 @@ from tis.deploy.studies.paper.page import page
 from tis.deploy.studies.paper.printed import ROWS
 from tis.deploy.studies.paper.simulation import Simulated, simulate
 from tis.patient_side.build import identify_models
-from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.identification.model_file import dump_models
 from tis.patient_side.statespace import ArmModel
 
 FIGURES: Final = ("positions_same_name", "positions_true_pair", "singular_values")

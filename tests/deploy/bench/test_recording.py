@@ -13,7 +13,7 @@ from tis.common.scenario import Scenario
 from tis.deploy.bench import recording
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides
-from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.identification.model_file import dump_models
 
 SECONDS = 1.0
 SMALL = ("identification.train_samples=600", "identification.block_rows=3", "identification.order=2")

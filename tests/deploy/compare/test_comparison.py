@@ -74,8 +74,14 @@ def test_a_package_that_is_missing_is_named_with_its_command(
     monkeypatch.setattr("tis.deploy.compare.comparison.find_spec", lambda _: None)
     for method, line in (
         (result.to_pandas, r"^Comparison\.to_pandas: needs pandas: pip install pandas$"),
-        (result.to_arrow, r"^Comparison\.to_arrow: needs pyarrow: pip install 'tis-testbed\[parquet\]'$"),
-        (result.figures, r"^Comparison\.figures: needs matplotlib: pip install 'tis-testbed\[report\]'$"),
+        (
+            result.to_arrow,
+            r"^Comparison\.to_arrow: needs pyarrow: pip install -e '\.\[parquet\]' in the clone",
+        ),
+        (
+            result.figures,
+            r"^Comparison\.figures: needs matplotlib: pip install -e '\.\[report\]' in the clone",
+        ),
     ):
         with pytest.raises(InputError, match=line):
             method()

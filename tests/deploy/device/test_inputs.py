@@ -79,5 +79,8 @@ def test_without_a_display_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_without_the_extra_it_names_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "pygame", None)
-    with pytest.raises(InputError, match=r"needs the package pygame-ce: pip install 'tis-testbed\[device\]'"):
+    with pytest.raises(
+        InputError,
+        match=r"needs the package pygame-ce: pip install -e '\.\[device\]' in the clone, or pip install 'FILE",
+    ):
         open_inputs("mouse")

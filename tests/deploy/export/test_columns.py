@@ -42,7 +42,7 @@ def test_every_column_of_a_run_is_explained(run_dir: Path) -> None:
     assert len(found) > 8
     for name, table in found.items():
         assert table_meaning(name), name
-        assert [column.name for column in columns_of(name, table.names) if not column.meaning] == [], name
+        assert [column.name for column in columns_of(name, list(table[0]())) if not column.meaning] == [], name
 
 
 @pytest.mark.parametrize("table", _RECORDS)
@@ -71,5 +71,5 @@ def test_a_readme_says_what_is_lacking_and_what_the_trials_are() -> None:
         "## ticks.csv and ticks.parquet",
     ):
         assert words in text
-    assert "| `tick` |  | number of the tick, from 0 |" in text
+    assert "| `tick` |  | Number of the tick, from 0. |" in text
     assert "`R002` has the same masters" in text

@@ -27,8 +27,8 @@ from tis.deploy.cli.main import main
 main()
 """
 _NO_CHECK = """\
-from tis.deploy.hosts.agent import requests
-requests._faults = lambda request: []
+from tis.deploy.hosts import agent
+agent._faults = lambda request: []
 """
 _PYTHON = """\
 #!/bin/sh

@@ -20,7 +20,7 @@ from tis.deploy.hosts.collect import gather_logs, newest_run
 from tis.deploy.hosts.connections import connect_and_check, hosts_of
 from tis.deploy.hosts.hosts_file import read_plan
 from tis.deploy.hosts.protocol import RunRequest
-from tis.deploy.hosts.side_watch import SideWatch
+from tis.deploy.hosts.up import SideWatch
 
 pytestmark = pytest.mark.live
 _RUN = "20260102_030405_hosts"
@@ -181,7 +181,7 @@ def test_without_the_package_the_command_that_installs_it_is_named(
     monkeypatch.setattr(connections, "can_ssh", lambda: False)
     with pytest.raises(InputError) as caught:
         hosts_of(plan)
-    rule = "needs the package asyncssh: pip install 'tis-testbed[hosts]'"
+    rule = "needs the package asyncssh: pip install -e '.[hosts]' in the clone, or pip install 'FILE.whl[hosts]'"
     assert [(fault.field, fault.rule) for fault in caught.value.faults] == [("surgeon.kind", rule)]
 
 

@@ -11,7 +11,7 @@ from tis.common.host_records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
 from tis.common.node import Arrival, Emission, Node, Output, Record
 from tis.common.scenario import Scenario
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.logs.read.memory import MemoryLog
+from tis.deploy.logs.read.side_log import MemoryLog
 from tis.deploy.run.twin import build_sides, drive
 from tis.patient_side.statespace import ArmModel
 

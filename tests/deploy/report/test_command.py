@@ -13,6 +13,7 @@ import pytest
 
 from tests.deploy.commands import call_by_lines as tis
 from tests.deploy.hold_only import HOLD
+from tis.common.errors import GET_REPORT
 from tis.deploy.shell import run_dir as folder
 
 _TWIN = ("twin", "default", "--duration-s", "3", *(f"--set={setting}" for setting in HOLD), "--no-merge")
@@ -37,7 +38,9 @@ def run_dir(finished: Path, tmp_path: Path) -> Path:
 @pytest.fixture
 def without_bokeh(monkeypatch: pytest.MonkeyPatch) -> None:
     found: Callable[..., ModuleSpec | None] = importlib.util.find_spec
-    monkeypatch.setattr("tis.deploy.shell.extras.find_spec", lambda name: None if name == "bokeh" else found(name))
+    monkeypatch.setattr(
+        "tis.deploy.shell.early_checks.find_spec", lambda name: None if name == "bokeh" else found(name)
+    )
 
 
 def test_the_last_line_of_a_run_names_its_report(tmp_path: Path) -> None:
@@ -98,7 +101,7 @@ def test_without_bokeh_a_run_says_how_to_get_a_report(tmp_path: Path, without_bo
     path = tmp_path / "run"
     code, out, _ = tis(*_TWIN, "--run-dir", str(path))
     assert code == 0
-    assert out[-1] == "No report was written, since Bokeh is not installed: pip install 'tis-testbed[report]'"
+    assert out[-1] == f"No report was written, since Bokeh is not installed: {GET_REPORT}"
     assert not (path / "report.html").exists()
     assert (path / "summary.json").exists()
 
@@ -106,7 +109,7 @@ def test_without_bokeh_a_run_says_how_to_get_a_report(tmp_path: Path, without_bo
 def test_without_bokeh_the_command_is_refused_in_one_line(run_dir: Path, without_bokeh: None) -> None:
     code, out, err = tis("report", str(run_dir))
     assert (code, out) == (2, [])
-    assert err == ["tis: tis report: needs Bokeh: pip install 'tis-testbed[report]'"]
+    assert err == [f"tis: tis report: needs Bokeh: {GET_REPORT}"]
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ def test_messages_are_the_log_s(run_dir: Path) -> None:
         assert found.log_ns.tolist() == [message.log_time for message, _ in logged]
         assert found.sample_ns.tolist() == [row["sample_ns"] for _, row in logged]
         assert found.command_sample_ns.tolist() == [row.get("command_sample_ns", -1) for _, row in logged]
-        assert all(column.dtype == np.int64 for column in found)
+        assert all(found.column(name).dtype == np.int64 for name in found.names)
 
 
 def test_tracks_are_scored_as_the_summary_says(run_dir: Path) -> None:

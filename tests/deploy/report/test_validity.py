@@ -9,10 +9,10 @@ from tests.deploy.report.partial import part, summary_of
 from tis.common.channels import Side
 from tis.common.devices.records import FOREIGN_SURGEON
 from tis.common.peer_life import Event
-from tis.common.records import COUNTERS, PEERS, CounterNote, PeerNote
+from tis.common.records import COUNTERS, PEERS, PeerNote
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.logs.read.side_columns import SideLog
+from tis.deploy.logs.read.side_log import SideLog
 from tis.deploy.report import validity
 from tis.deploy.report.section import Statistics
 from tis.deploy.report.subjects.devices import DeviceFigures, silent_programs
@@ -22,12 +22,12 @@ from tis.deploy.report.subjects.latency import Latency, sent_after_arrival
 def _logs(*notes: tuple[Side, float, Side, Event, float, str]) -> RunLogs:
     logs = RunLogs(Path("run"))
     for side in ("surgeon", "netem", "patient"):
-        logs.sides[side] = SideLog(side, {}, {}, {})
+        logs.sides[side] = SideLog(side)
     for by, at_s, peer, event, for_s, doing in notes:
         note = PeerNote(
             at_ns=round(at_s * NS_PER_S), peer=peer, event=event, for_ns=round(for_s * NS_PER_S), doing=doing
         )
-        logs.sides[by].add(PEERS, note.model_dump(), note.at_ns)
+        logs.sides[by].add_rows(PEERS, [note.model_dump()])
     return logs
 
 
@@ -74,7 +74,7 @@ def test_missed_ticks_have_the_cause_that_is_known() -> None:
 def test_a_log_that_lacks_records_is_a_problem_and_the_topics_are_named() -> None:
     logs = _logs()
     for name, n in (("unrecorded./tis/plant", 3), ("unrecorded./tis/estimates/hold", 40), ("received", 9)):
-        logs.sides["patient"].add(COUNTERS, CounterNote(name=name, value=n).model_dump(), 1)
+        logs.sides["patient"].add_rows(COUNTERS, [{"name": name, "value": n}])
     assert validity._unrecorded(logs) == [
         "patient's log lacks 43 records, written too slowly: 40 of /tis/estimates/hold, 3 of /tis/plant"
     ]
@@ -127,6 +127,6 @@ def test_messages_sent_after_their_arrival_are_a_problem() -> None:
 
 def test_ticks_of_a_foreign_surgeon_are_not_the_machines_fault() -> None:
     logs = _logs()
-    logs.sides["surgeon"].add(COUNTERS, CounterNote(name=FOREIGN_SURGEON, value=1).model_dump(), 1)
+    logs.sides["surgeon"].add_rows(COUNTERS, [{"name": FOREIGN_SURGEON, "value": 1}])
     assert validity._why_missed(logs, "surgeon").startswith("as the foreign surgeon sent no such sample")
     assert validity._why_missed(logs, "patient").startswith("the machine is too busy")

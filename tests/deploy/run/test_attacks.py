@@ -29,7 +29,7 @@ from tis.deploy.run.replay import replay
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
 from tis.deploy.shell.run_dir import create
-from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.identification.model_file import dump_models
 
 COMMAND, ARM = "tis/MTML/measured_cp", "tis/PSM2/setpoint_cp"
 RATE_HZ, ATTACK_NS = 30, 4 * NS_PER_S

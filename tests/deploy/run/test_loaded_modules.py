@@ -16,7 +16,7 @@ from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import drive
 from tis.netem.build import build_netem
 from tis.patient_side.build import build_patient
-from tis.patient_side.identification.model_io import parse_models
+from tis.patient_side.identification.model_file import parse_models
 from tis.surgeon_side.build import build_surgeon
 
 class Log:

@@ -12,14 +12,14 @@ from tis.common.channels import Side
 from tis.common.records import ESTIMATES, FRESH
 from tis.common.scenario import Scenario
 from tis.deploy.logs.read.load import RunLogs, load_run
-from tis.deploy.logs.read.memory import MemoryLog
+from tis.deploy.logs.read.side_log import MemoryLog
 from tis.deploy.report.subjects.age import ages_ns
 from tis.deploy.report.subjects.latency import sample_latency, used_samples
 from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.replay import replay
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, drive, run_twin
-from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.identification.model_file import dump_models
 from tis.patient_side.statespace import ArmModel
 
 LOW_MS, HIGH_MS = 100.0, 700.0

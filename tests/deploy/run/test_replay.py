@@ -6,7 +6,7 @@ import pytest
 
 from tis.common.node import Arrival
 from tis.common.safety_records import STOPS, StopNote
-from tis.deploy.logs.read.rare_records import check_rows
+from tis.deploy.logs.read.side_log import check_rows
 from tis.deploy.run.replay import Comparison, RecordedBus, RecordedClock, RecordedStop
 
 _PART = "the readable part is identical, bit for bit, but the log does not hold the whole run"

@@ -9,12 +9,12 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.log_reader import LogReader
+from tis.common.errors import GET_SIM
 from tis.common.records import PLANT
 from tis.common.units import sample_instant_ns
 from tis.deploy.cli.main import app
 from tis.deploy.logs.log_paths import log_file
 from tis.deploy.logs.read.load import load_run, load_side
-from tis.deploy.logs.read.rows import Rows
 from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
@@ -46,7 +46,6 @@ def arm_from_set_points(run_dir: Path) -> tuple[Array, Array]:
             point = json.loads(message.data)
             points[point["tick"]] = point
     rows = load_side(log, "patient").rows[PLANT]
-    assert isinstance(rows, Rows)
     ours = rows.where("hand", "left")
     plant, phase_ns = executing_plant(scenario.patient.plant, scenario.seed, "PSM2"), 2_000_000
     state, again = plant.initial(), []
@@ -95,7 +94,5 @@ def test_a_missing_simulator_ends_the_command_before_anything_starts(
     monkeypatch.setattr(extra, "find_spec", lambda _: None)
     done = CliRunner().invoke(app, [command, "simulated_arm"])
     assert done.exit_code == 2
-    assert "patient.plant: kind: mujoco needs the package mujoco: pip install 'tis-testbed[sim]'" in " ".join(
-        done.stderr.split()
-    )
+    assert f"patient.plant: kind: mujoco needs the package mujoco: {GET_SIM}" in " ".join(done.stderr.split())
     assert not (tmp_path / "runs").exists()

@@ -14,8 +14,9 @@ from tests.deploy.run import golden_figures
 from tis.common.errors import InputError
 from tis.common.records import ESTIMATES, TICKS
 from tis.common.scenario import Scenario
-from tis.deploy.logs.read.batches import DELIVER, OUTCOMES, link_fates
 from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.deploy.logs.read.packets import DELIVER, link_fates
+from tis.deploy.logs.read.side_log import OUTCOMES
 from tis.deploy.report.subjects.network.requested import Requested
 from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.consistency import compare_fates
@@ -23,7 +24,7 @@ from tis.deploy.run.replay import replay
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
 from tis.deploy.shell.shipped_scenarios import shipped_names
-from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.identification.model_file import dump_models
 from tis.patient_side.statespace import ArmModel
 
 LOGS = ("surgeon.mcap", "netem.mcap", "patient.mcap")

@@ -7,8 +7,9 @@ from typing import Any
 from tis.common.records import CONTROL, ControlNote
 from tis.common.scenario import Scenario
 from tis.common.scenario.reading import build_scenario, dump_scenario
-from tis.deploy.logs.read.batches import OUTCOMES, link_fates
 from tis.deploy.logs.read.load import load_run
+from tis.deploy.logs.read.packets import link_fates
+from tis.deploy.logs.read.side_log import OUTCOMES
 from tis.deploy.run.consistency import compare_fates
 from tis.deploy.run.twin import build_sides, run_twin
 from tis.netem.build import build_netem

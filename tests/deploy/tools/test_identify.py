@@ -5,6 +5,7 @@ import pytest
 
 from tests.deploy.commands import Call, call
 from tests.patient_side.identification.test_fit_drmf import few_draws
+from tis.common.errors import GET_REPORT
 from tis.deploy.tools.synth import write_trials
 
 __all__ = ["few_draws"]
@@ -48,7 +49,7 @@ def test_a_figure_that_cannot_be_drawn_is_refused_at_once(tis: Call, monkeypatch
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     code, out, err = tis("default", "--figure", "f.png")
     assert (code, out) == (2, "")
-    rule = "requires matplotlib, which is missing: pip install 'tis-testbed[report]'"
+    rule = f"requires matplotlib, which is missing: {GET_REPORT}"
     assert err.strip().removeprefix("tis: ") == f"tis identify: --figure: {rule}"
     assert not list(Path().iterdir())
 

@@ -54,5 +54,5 @@ def test_a_missing_extra_is_named_before_anything_is_computed(
     done = CliRunner().invoke(app, ["identify", "simulated_arm", "--dynamics", "--out", str(file)])
     assert done.exit_code == 2
     name = {"mujoco": "sim", "cvxpy": "dynamics"}[missing]
-    assert f"pip install 'tis-testbed[{name}]'" in " ".join(done.stderr.split())
+    assert f"pip install -e '.[{name}]' in the clone" in " ".join(done.stderr.split())
     assert not file.exists()

@@ -12,7 +12,7 @@ from tests.patient_side.arm_models import static_model
 from tests.patient_side.learned.models import learned_model
 from tis.deploy.run.resolve import resolve
 from tis.deploy.tools.identify import learned_names, learned_text
-from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.identification.model_file import dump_models
 from tis.patient_side.models import read_models
 
 TRAIN = (

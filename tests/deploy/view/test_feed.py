@@ -8,7 +8,7 @@ import pytest
 from tests.deploy.watch.making import a_book, a_run
 from tis.deploy.view.feed import Feed, LossBins, delay_columns
 from tis.deploy.watch.book import LiveBook
-from tis.deploy.watch.crossings import Crossing
+from tis.deploy.watch.streams import Crossing
 
 MS = 1_000_000
 S = 1000 * MS

@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from tis.common.errors import InputError
+from tis.common.errors import GET_REPORT, InputError
 from tis.common.runtime.zenoh_session import ZenohOptions
 from tis.deploy.run.resolve import resolve
 from tis.deploy.view import page_process as beside
@@ -19,7 +19,7 @@ def test_without_bokeh_it_is_one_line_and_nothing_starts(monkeypatch: pytest.Mon
         page_beside(PageAddress(), ("w", "e"), resolve("drive"), Console(file=io.StringIO()), ZenohOptions()),
     ):
         raise AssertionError("the block must not begin")
-    assert str(raised.value) == "tis run --view: needs Bokeh: pip install 'tis-testbed[report]'"
+    assert str(raised.value) == f"tis run --view: needs Bokeh: {GET_REPORT}"
 
 
 def test_the_address_is_printed_whole_and_opened_where_there_is_a_display(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,6 +11,7 @@ from tis.deploy.view.page_text import (
     PageContext,
     RunOutput,
     figures_html,
+    network_html,
     run_html,
     run_text,
     state_html,
@@ -106,3 +107,26 @@ def test_it_says_how_far_delays_can_be_off_where_that_is_another_host() -> None:
     for text in (here, there):
         assert "drift apart, by up to 0.1 ms a second" in text
     assert "off by up to 12.3 ms" in _plain(figures_html(LiveFigures(), 0, there))
+
+
+FOUND = LiveFigures({"arm": CrossingFigures(200, 3, 40.123), "answers": CrossingFigures(200, 40, 39.9)})
+
+
+def test_it_says_who_is_there() -> None:
+    there = Attendance(True, frozenset({"netem", "surgeon"}), frozenset({"patient"}))
+    text = _plain(network_html(there, 3, BESIDE, LiveFigures(), None))
+    for part in ("surgeon running", "netem running", "patient has left"):
+        assert part in text
+    starting = _plain(network_html(Attendance(), 0, BESIDE, LiveFigures(), None))
+    assert starting.count("starting") == 3
+    assert starting.count("not known") == 2
+
+
+def test_it_says_how_both_directions_are_and_netem_names_outages() -> None:
+    text = _plain(network_html(Attendance(), 3, BESIDE, FOUND, None))
+    assert "to the patient: good , median 40.1 ms, 1.5 % lost" in text
+    assert "back: suffering , median 39.9 ms, 20 % lost" in text
+    silent = EmulatorState(running=True, forward=_state(True), feedback=_state(False))
+    text = _plain(network_html(Attendance(), 3, BESIDE, FOUND, silent))
+    assert "to the patient: outage , median" in text
+    assert "back: suffering" in text

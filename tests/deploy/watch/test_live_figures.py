@@ -2,9 +2,9 @@
 
 import pytest
 
-from tis.deploy.watch.crossings import Crossing
+from tis.deploy.watch.arms import TrackRow
 from tis.deploy.watch.live_figures import CrossingFigures, LiveFigures, crossing_figures, live_figures
-from tis.deploy.watch.motion import TrackRow
+from tis.deploy.watch.streams import Crossing
 
 MS = 1_000_000
 NOWHERE = (0.0, 0.0, 0.0)

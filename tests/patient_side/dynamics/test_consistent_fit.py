@@ -3,7 +3,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from tis.common.errors import InputError
+from tis.common.errors import GET_DYNAMICS, InputError
 from tis.patient_side.dynamics import consistent_fit as module
 from tis.patient_side.dynamics.base_parameters import base_parameters
 from tis.patient_side.dynamics.consistent_fit import check_solver, consistent_fit
@@ -60,6 +60,4 @@ def test_a_missing_solver_is_named_with_its_command(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(module, "find_spec", lambda name: None if name == "cvxpy" else object())
     with pytest.raises(InputError) as caught:
         check_solver()
-    assert str(caught.value) == (
-        "tis identify: --dynamics: needs the package cvxpy: pip install 'tis-testbed[dynamics]'"
-    )
+    assert str(caught.value) == (f"tis identify: --dynamics: needs the package cvxpy: {GET_DYNAMICS}")

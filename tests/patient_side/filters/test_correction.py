@@ -12,8 +12,6 @@ from tests.patient_side.movements import drawn, movement_model, moving_arm
 from tis.patient_side.estimators.innovations_kf import InnovationsKf
 from tis.patient_side.filters.correction import (
     N_MOVEMENT_TERMS,
-    N_PARTS,
-    N_TERMS,
     CorrectionForecasts,
     LagCorrection,
     Movement,
@@ -27,9 +25,10 @@ from tis.patient_side.filters.correction import (
 )
 from tis.patient_side.filters.fourier_features import projections
 from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter, build_innovations_filter
-from tis.patient_side.filters.recent_past import MEANS_S, RecentPast
+from tis.patient_side.filters.recent_past import RecentPast
 from tis.patient_side.filters.row_clock import NO_PHASE, RowClock
-from tis.patient_side.statespace import Array, Correction
+from tis.patient_side.movement_models import MEANS_S, N_PARTS, N_TERMS, Correction
+from tis.patient_side.statespace import Array
 
 HORIZON = 12
 KNOTS = np.array([1.0, 4.0, 9.0])

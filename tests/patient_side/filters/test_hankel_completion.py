@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tis.patient_side.completion_model import Factorisation
 from tis.patient_side.filters.hankel_completion import column_moments, complete, complete_all
+from tis.patient_side.movement_models import Factorisation
 from tis.patient_side.statespace import Array
 
 EXACT = Factorisation(

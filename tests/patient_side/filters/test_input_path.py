@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tis.patient_side.filters.input_path import continued, damped_steps, forecast_steps, known_point, newest_velocity
+from tis.patient_side.movement_models import InputForecast
 from tis.patient_side.playout import SourceBuffer
-from tis.patient_side.statespace import InputForecast
 
 
 def buffer_of(samples: dict[int, float]) -> SourceBuffer:

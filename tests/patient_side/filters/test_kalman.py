@@ -19,7 +19,8 @@ from tis.patient_side.filters.kalman import (
     start_at,
     update,
 )
-from tis.patient_side.statespace import ArmModel, Array, InputForecast, NoiseModel
+from tis.patient_side.movement_models import InputForecast
+from tis.patient_side.statespace import ArmModel, Array, NoiseModel
 
 
 def dynamic_model(seed: int, n: int = 3) -> ArmModel:

@@ -21,7 +21,6 @@ from tis.common.scenario.source import SyntheticSource
 from tis.common.sources.synthetic import synthesise
 from tis.patient_side.estimators.innovations_kf import InnovationsKf
 from tis.patient_side.filters.activity import ActivityMean
-from tis.patient_side.filters.correction import N_PARTS, N_TERMS
 from tis.patient_side.filters.innovations_filter import InnovationsFilter, build_innovations_filter
 from tis.patient_side.filters.recent_past import RecentPast
 from tis.patient_side.filters.unbroken import Unbroken
@@ -30,7 +29,8 @@ from tis.patient_side.identification.fit_correction import Moments, fit_correcti
 from tis.patient_side.identification.fit_innovations import fit_innovations
 from tis.patient_side.identification.forecast_error import HeldBack
 from tis.patient_side.identification.held_out import held_out_groups
-from tis.patient_side.statespace import Array, InnovationsModel
+from tis.patient_side.movement_models import N_PARTS, N_TERMS, InnovationsModel
+from tis.patient_side.statespace import Array
 
 MS = 1_000_000
 STEPS = np.array([1, 2, 5])

@@ -12,10 +12,10 @@ from tests.patient_side.arm_models import (
     truth_at_ticks,
 )
 from tis.common.errors import DataError
-from tis.patient_side.completion_model import CompletionModel
 from tis.patient_side.estimators.drmf import Drmf
 from tis.patient_side.identification import fit_drmf as module
 from tis.patient_side.identification.fit_drmf import fit_drmf
+from tis.patient_side.movement_models import CompletionModel
 from tis.patient_side.playout import Playout
 from tis.patient_side.statespace import Array
 

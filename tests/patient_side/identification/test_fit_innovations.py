@@ -22,7 +22,8 @@ from tis.patient_side.identification.forecast_error import HeldBack, error_over_
 from tis.patient_side.identification.level_and_scale import clearly_better, try_model, with_scale
 from tis.patient_side.identification.structure import Structure
 from tis.patient_side.identification.trials import Trial
-from tis.patient_side.statespace import Array, InnovationsModel
+from tis.patient_side.movement_models import InnovationsModel
+from tis.patient_side.statespace import Array
 
 RATE_HZ = 30
 HORIZONS = [1, 3, 6]

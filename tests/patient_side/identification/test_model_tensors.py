@@ -12,11 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from safetensors.numpy import load, save
 
-from tests.patient_side.identification.test_model_io import model
+from tests.patient_side.identification.test_model_file import model
 from tests.patient_side.learned.models import LEARNED, learned_model
 from tis.common.errors import DataError
-from tis.patient_side.identification.model_io import dump_models, parse_models
-from tis.patient_side.identification.model_tensors import is_tensor_file, parse_tensors
+from tis.patient_side.identification.model_file import dump_models, is_tensor_file, parse_models, parse_tensors
 from tis.patient_side.statespace import ArmModel
 
 

@@ -6,7 +6,7 @@ from tis.patient_side.learned import informer
 from tis.patient_side.learned.informer import distilled, encode, sparse_attention
 from tis.patient_side.learned.layers import dense, softmax
 from tis.patient_side.learned.transformer import WIDTH
-from tis.patient_side.learned_model import Floats
+from tis.patient_side.model_fields import Floats
 
 RNG = np.random.default_rng(0)
 

@@ -13,7 +13,7 @@ from tis.patient_side.learned.layers import (
     normalised,
     softmax,
 )
-from tis.patient_side.learned_model import Floats
+from tis.patient_side.model_fields import Floats
 
 
 def drawn(*shape: int) -> Floats:

@@ -3,7 +3,7 @@ import numpy as np
 from tis.patient_side.learned import transformer
 from tis.patient_side.learned.layers import dense, feed_forward, normalised
 from tis.patient_side.learned.transformer import N_BLOCKS, N_HEADS, N_TOKENS, PATCH, WIDTH, encode, tokens
-from tis.patient_side.learned_model import Floats
+from tis.patient_side.model_fields import Floats
 
 
 def weights(seed: int = 0) -> dict[str, Floats]:

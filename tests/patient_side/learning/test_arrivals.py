@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tis.common.streams import Stream
-from tis.patient_side.learned_model import Floats
 from tis.patient_side.learning.examples import N_KINDS, TICK_PHASE, draw_arrivals
+from tis.patient_side.model_fields import Floats
 
 N = 4000
 

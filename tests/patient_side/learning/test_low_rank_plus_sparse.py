@@ -1,8 +1,8 @@
 import numpy as np
 
 from tis.common.streams import Stream
-from tis.patient_side.learned_model import Floats
 from tis.patient_side.learning.fit_srlsmf import decompose
+from tis.patient_side.model_fields import Floats
 
 N, RANK = 60, 4
 STREAM = Stream.named(1, "test")

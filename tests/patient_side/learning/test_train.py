@@ -7,21 +7,21 @@ import pytest
 
 from tests.patient_side.learned.models import LEARNED, learned_model
 from tests.patient_side.learning.tracks import turning
-from tis.common.errors import InputError
+from tis.common.errors import GET_LEARNED, InputError
 from tis.common.scenario.estimator_names import LearnedName
 from tis.common.scenario.identification import Identification, Learning
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 from tis.patient_side.estimators.learned_forecast import learned_forecast
 from tis.patient_side.identification.identify import identify_hands
-from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.identification.model_file import dump_models
 from tis.patient_side.learned.gaussian_process import N_FEATURES
-from tis.patient_side.learned_model import Floats
 from tis.patient_side.learning import fit_gpr, fit_srlsmf
 from tis.patient_side.learning import train as module
 from tis.patient_side.learning.examples import Examples
 from tis.patient_side.learning.fit_network import Epoch
 from tis.patient_side.learning.process_noise import Noise, noise_on
 from tis.patient_side.learning.train import with_learned
+from tis.patient_side.model_fields import Floats
 from tis.patient_side.statespace import ArmModel
 
 OTHERS = Identification(train="others", block_rows=4, learning=Learning(epochs=2, passes=1))
@@ -69,9 +69,7 @@ def test_a_missing_extra_is_named_with_its_command(
     assert len(faults) == len(names)
     for name, fault in zip(names, faults, strict=True):
         package = "sklearn" if name in ("gpr", "srlsmf") else "jax and optax"
-        assert fault == (
-            f"identification: method: needs {package} to train {name}: pip install 'tis-testbed[learned]'"
-        )
+        assert fault == (f"identification: method: needs {package} to train {name}: {GET_LEARNED}")
 
 
 @pytest.mark.parametrize("name", LEARNED)

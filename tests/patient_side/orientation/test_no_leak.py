@@ -9,11 +9,11 @@ from tis.common.scenario.patient import OrientationMethod
 from tis.common.sources.trajectory import Array
 from tis.patient_side.identification.fit_wrist import fit_rate
 from tis.patient_side.identification.second_moments import differences
+from tis.patient_side.movement_models import WristModel
 from tis.patient_side.orientation.protocol import WristEstimate, WristMethod
 from tis.patient_side.orientation.registry import METHODS
 from tis.patient_side.playout import SourceBuffer
 from tis.patient_side.rotations import turned
-from tis.patient_side.wrist_model import WristModel
 
 NOW = 300
 

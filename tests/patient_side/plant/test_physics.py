@@ -3,7 +3,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tis.common.errors import InputError
+from tis.common.errors import GET_SIM, InputError
 from tis.common.scenario.patient import MujocoPlant
 from tis.common.servo import servo_transition
 from tis.patient_side.plant import extra
@@ -122,9 +122,7 @@ def test_a_missing_simulator_is_named_with_its_command(monkeypatch: pytest.Monke
     monkeypatch.setattr(extra, "find_spec", lambda _: None)
     with pytest.raises(InputError) as caught:
         check_simulator()
-    assert str(caught.value) == (
-        "patient.plant: kind: mujoco needs the package mujoco: pip install 'tis-testbed[sim]'"
-    )
+    assert str(caught.value) == (f"patient.plant: kind: mujoco needs the package mujoco: {GET_SIM}")
 
 
 def test_a_loop_that_the_physics_cannot_hold_is_refused() -> None:

@@ -12,9 +12,9 @@ from tis.common.metrics.delay_variation import first_arrivals, is_reordered
 from tis.common.metrics.fidelity import batch_inflation, half_life_inflation, is_decidable, mean_margin, share_bounds
 from tis.common.metrics.percentiles import summarise
 from tis.common.units import NS_PER_MS, NS_PER_S, NS_PER_US
-from tis.deploy.logs.read.batches import DELIVER, DEPARTURES, OUTCOMES, Fates, in_order_of_leaving
-from tis.deploy.logs.read.load import Ints
-from tis.deploy.logs.read.note_columns import place_in
+from tis.deploy.logs.read.frame import Frame, Ints
+from tis.deploy.logs.read.packets import DELIVER, in_order_of_leaving, place_in
+from tis.deploy.logs.read.side_log import DEPARTURES, OUTCOMES
 from tis.deploy.report.subjects.network.key_figures import KeyBooks, KeyFigures
 from tis.deploy.report.subjects.network.link_figures import LinkVerdict
 from tis.deploy.report.subjects.network.requested import Expected, Requested, Stretch
@@ -101,7 +101,7 @@ def key_verdict(
     return verdict
 
 
-def _check_decisions(verdict: Verdict, request: Requested, key: str, fates: Fates) -> None:
+def _check_decisions(verdict: Verdict, request: Requested, key: str, fates: Frame) -> None:
     n = len(fates.seq)
     if n == 0:
         verdict.undecided["what was decided"] = 0
@@ -132,7 +132,7 @@ def _check_decisions(verdict: Verdict, request: Requested, key: str, fates: Fate
     _check_delay(verdict, fates, expected)
 
 
-def _check_shares(verdict: Verdict, fates: Fates, expected: Expected, modelled: NDArray[np.bool_]) -> None:
+def _check_shares(verdict: Verdict, fates: Frame, expected: Expected, modelled: NDArray[np.bool_]) -> None:
     lost, p = (fates.outcome == _LOSS)[modelled], expected.p_loss[modelled]
     _check_share(verdict, "loss", "lost", lost, p, expected.loss_inflation)
     through = fates.outcome == DELIVER
@@ -165,7 +165,7 @@ def _check_share(
         verdict.add_undecided(what, n, f" of {_pct(requested)}")
 
 
-def _check_delay(verdict: Verdict, fates: Fates, expected: Expected) -> None:
+def _check_delay(verdict: Verdict, fates: Frame, expected: Expected) -> None:
     through = fates.outcome == DELIVER
     n = int(np.count_nonzero(through))
     if n == 0:

@@ -22,21 +22,19 @@ from tis.common.metrics.latency import lateness_us
 from tis.common.metrics.loss import fit_gilbert, loss_interval, loss_runs
 from tis.common.metrics.percentiles import TAIL, summarise
 from tis.common.units import NS_PER_MS, NS_PER_S, NS_PER_US
-from tis.deploy.logs.read.batches import (
+from tis.deploy.logs.read.frame import Frame, Ints
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.packets import (
     DELIVER,
-    DEPARTURES,
     NO_FATES,
     NO_RELEASES,
-    OUTCOMES,
     RELEASED,
-    Fates,
-    Releases,
     fates_by_key,
     in_order_of_leaving,
+    place_in,
     releases_by_key,
 )
-from tis.deploy.logs.read.load import Ints, RunLogs
-from tis.deploy.logs.read.note_columns import place_in
+from tis.deploy.logs.read.side_log import DEPARTURES, OUTCOMES
 
 Array = NDArray[np.float64]
 
@@ -83,7 +81,7 @@ def link_columns(logs: RunLogs, direction: Direction) -> LinkColumns:
     return LinkColumns(found)
 
 
-def _columns(fates: Fates, releases: Releases) -> KeyColumns:
+def _columns(fates: Frame, releases: Frame) -> KeyColumns:
     out = releases.at(releases.departure == RELEASED)
     first = first_copies(in_order_of_leaving(out))
     delivered = fates.at(fates.outcome == DELIVER)
@@ -119,8 +117,8 @@ class KeyBooks(NamedTuple):
     key: str
     foreign: bool
     sent: Ints
-    fates: Fates
-    releases: Releases
+    fates: Frame
+    releases: Frame
     received: Ints
     n_rejected: int
 
@@ -257,7 +255,7 @@ def _in_order_of_offering(offered: Ints, left: Ints, delay_ns: Ints) -> tuple[In
     return np.where(arrived, known_ns[place], 0), arrived
 
 
-def _reasons(fates: Fates, releases: Releases) -> dict[str, int]:
+def _reasons(fates: Frame, releases: Frame) -> dict[str, int]:
     at_once = {name: int(np.count_nonzero(fates.outcome == code)) for code, name in enumerate(OUTCOMES)}
     later = {name: int(np.count_nonzero(releases.departure == code)) for code, name in enumerate(DEPARTURES)}
     passed = (OUTCOMES[DELIVER], DEPARTURES[RELEASED])
@@ -280,7 +278,7 @@ def _finite(interval: tuple[float, float] | None) -> list[float | None] | None:
     return None if interval is None else [bound if np.isfinite(bound) else None for bound in interval]
 
 
-def first_copies(left: Releases) -> Releases:
+def first_copies(left: Frame) -> Frame:
     """Return, of packets in order of leaving, the first one of each message, in the same order.
 
     A restarted sender uses a number again, so a message is named by number and instant of offering (oracle: a few

@@ -2,7 +2,7 @@
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
-from typing import Final, NamedTuple, TypeVar, get_args
+from typing import Final, NamedTuple, get_args
 
 import numpy as np
 
@@ -11,23 +11,21 @@ from tis.common.metrics.delivery import without
 from tis.common.records import REJECTED
 from tis.common.safety_records import QUARANTINE
 from tis.common.units import NS_PER_S
-from tis.deploy.logs.read.batches import (
+from tis.deploy.logs.read.frame import Frame, Ints
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.packets import (
     DELIVER,
     NO_FATES,
     NO_RELEASES,
     RELEASED,
-    Fates,
-    Releases,
     fates_by_key,
     late_ns,
     releases_by_key,
 )
-from tis.deploy.logs.read.load import Ints, RunLogs
-from tis.deploy.logs.read.message_columns import MessageColumns
+from tis.deploy.logs.read.side_log import no_messages
 from tis.deploy.report.subjects.logs import LogGaps, count_of
 from tis.deploy.report.subjects.network.key_figures import KeyBooks
 
-Packets = TypeVar("Packets", Fates, Releases)
 ENDS: Final[dict[Direction, tuple[Side, Side]]] = {
     "forward": ("surgeon", "patient"),
     "feedback": ("patient", "surgeon"),
@@ -73,7 +71,7 @@ def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
     for key in list(dict.fromkeys((*sent, *offered, *left, *received))):
         # popped, as the columns of a long run are large
         fates, releases = offered.pop(key, NO_FATES), left.pop(key, NO_RELEASES)
-        out, back = sent.get(key, MessageColumns()), received.get(key, MessageColumns())
+        out, back = sent.get(key, no_messages()), received.get(key, no_messages())
         sent_seq, received_seq = out.seq, back.seq
         # foreign messages have no sequence number of ours: books of their own, without sender and receiver
         if fates.foreign.any():
@@ -103,11 +101,11 @@ def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
     return LinkBooks(counts, error_ns, books, n_unlogged, n_unlogged_offered)
 
 
-def _without(packets: Packets, seq: Ints) -> Packets:
+def _without(packets: Frame, seq: Ints) -> Frame:
     return packets.at(~np.isin(packets.seq, seq))
 
 
-def counted(fates: Iterable[Fates], releases: Iterable[Releases]) -> dict[str, int]:
+def counted(fates: Iterable[Frame], releases: Iterable[Frame]) -> dict[str, int]:
     """Return the counts of a log under the names of netem's own counters."""
     n = Counter(offered=0, copied=0, released=0, held_at_end=0)
     for one in fates:
@@ -160,7 +158,7 @@ def unsent(logs: RunLogs, direction: Direction, session: str) -> Unsent | None:
     used = logs.messages(receiver, direction, session)
     for key, back in used.items():
         _, first = np.unique(back.seq, return_index=True)
-        known = np.isin(_identity(back)[first], _identity(sent.get(key, MessageColumns())))
+        known = np.isin(_identity(back)[first], _identity(sent.get(key, no_messages())))
         if not known.all():
             unknown[key] = first[~known]
     # The fates are only read when there is a message whose bits netem may have flipped.
@@ -189,7 +187,7 @@ def unsent_problem(found: Unsent | None, direction: Direction) -> list[str]:
     ]
 
 
-def _identity(messages: MessageColumns) -> Ints:
+def _identity(messages: Frame) -> Ints:
     """Return a number (N,) for each sequence number with its payload."""
     with np.errstate(over="ignore"):
         return np.asarray(messages.fingerprint ^ (messages.seq * _SPREAD))

@@ -15,8 +15,8 @@ from tis.common.scenario.network import Buffer, NetworkPart, Rule
 from tis.common.scenario.network.conditions import Change
 from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.trace import Trace
-from tis.deploy.logs.read.batches import Fates
-from tis.deploy.logs.read.load import Ints, RunLogs
+from tis.deploy.logs.read.frame import Frame, Ints
+from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.report.subjects.network.requested_pipeline import (
     RequestedPipeline,
     delay_moments_ns,
@@ -188,7 +188,7 @@ class Requested:
         shared = self.base(keys[0]) if len({self.pipeline(key) for key in keys}) == 1 else None
         return None if shared is None else with_played_rows(shared, seq, offered_ns)
 
-    def shared_by(self, fates: Fates) -> RequestedPipeline | None:
+    def shared_by(self, fates: Frame) -> RequestedPipeline | None:
         """Return the request that all keys of packets of a direction share."""
         return self.shared([fates.keys[number] for number in np.unique(fates.key)], fates.seq, fates.offered_ns)
 
@@ -211,7 +211,7 @@ class Requested:
         """Return the conditions in force from 0 to ``until_ns``."""
         return self.conditions.spans(until_ns)
 
-    def of_packets(self, key: str, fates: Fates) -> Expected | None:
+    def of_packets(self, key: str, fates: Frame) -> Expected | None:
         """Return the request for N > 0 packets of one key; None when the key is refused or a trace is missing.
 
         Control changes count as requested. Oracle: `tis.netem.expected.simulate`, test_requested.

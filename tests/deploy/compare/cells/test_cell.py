@@ -15,7 +15,7 @@ from tis.deploy.compare.cells.sums import percentile
 from tis.deploy.compare.plan import Request, make_plan
 from tis.deploy.compare.results.pooled import pooled
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.logs.read.memory import MemoryLog
+from tis.deploy.logs.read.side_log import MemoryLog
 from tis.deploy.report.subjects.age import ages_ns
 from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.twin import build_sides, drive

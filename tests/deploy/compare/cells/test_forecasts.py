@@ -14,7 +14,7 @@ from tis.deploy.compare.cells.forecasts import ORIGIN_EVERY, ForecastRecorder, f
 from tis.deploy.compare.cells.measured import measure_estimators
 from tis.deploy.compare.plan import Request, make_plan
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.logs.read.memory import MemoryLog
+from tis.deploy.logs.read.side_log import MemoryLog
 from tis.deploy.report.subjects.tracking import track_of_hand
 from tis.deploy.run.twin import build_sides, drive
 from tis.patient_side.node import PatientNode

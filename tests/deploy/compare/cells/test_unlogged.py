@@ -13,13 +13,13 @@ from tis.deploy.compare.cells.scores import logged_scores, unlogged_scores
 from tis.deploy.compare.cells.shared_parts import SharedParts
 from tis.deploy.compare.cells.unlogged import is_plain, run_unlogged
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.logs.read.memory import MemoryLog
+from tis.deploy.logs.read.side_log import MemoryLog
 from tis.deploy.report.subjects.tracking import track_of_hand
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, drive
 from tis.netem.node import NetemNode
 from tis.patient_side.build import identify_models
-from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.identification.model_file import dump_models
 from tis.patient_side.node import PatientNode
 
 SETTINGS = ("source.hands=[left, right]", "estimators=[innovations_kf, damped_velocity]", "duration_s=3")

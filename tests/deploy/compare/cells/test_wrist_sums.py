@@ -12,7 +12,7 @@ from tis.deploy.compare.cells.measured import MeasuredMethod
 from tis.deploy.compare.cells.scores import unlogged_scores
 from tis.deploy.compare.cells.sums import wrist_sums
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.logs.read.memory import MemoryLog
+from tis.deploy.logs.read.side_log import MemoryLog
 from tis.deploy.report.subjects.tracking import HandTrack
 from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.resolve import resolve

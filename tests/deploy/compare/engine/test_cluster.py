@@ -168,5 +168,7 @@ def test_a_cluster_finds_what_processes_find_and_a_killed_worker_costs_only_time
 
 def test_without_dask_the_error_names_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"needs Dask: pip install 'tis-testbed\[cluster\]'"):
+    with pytest.raises(
+        InputError, match=r"needs Dask: pip install -e '\.\[cluster\]' in the clone, or pip install 'FILE"
+    ):
         Cluster("tcp://127.0.0.1:8786", lambda _: None).__enter__()

@@ -6,13 +6,11 @@ import pytest
 
 from tests.common.clocks.wrong_clock import S
 from tests.deploy.report.hand_made import MS, message, tick, write_log
-from tis.common import host_records, records, safety_records
+from tis.common import records
 from tis.common.channels import Side
 from tis.common.errors import DataError
 from tis.common.host_records import CLOCK, DISCIPLINE, EXCHANGES, ClockNote, DisciplineNote, ExchangeNote
-from tis.common.messages import Message
 from tis.common.node import Record
-from tis.deploy.logs.read import clocks as module
 from tis.deploy.logs.read.clocks import RunClocks, run_clocks, sender_of
 from tis.deploy.logs.read.load import aligned, load_run
 
@@ -154,25 +152,3 @@ def test_who_stamps_which_key() -> None:
     assert sender_of("tis/PSM2/measured_cp") == sender_of("tis/PSM1/estimated_cp") == "patient"
     assert sender_of("elsewhere/topic") is None
     assert sender_of("x") is None
-
-
-DURATIONS = {"step_ns", "for_ns", "phase_ns", "age_ns", "age_before_ns"}
-ON_PROCESSORS = {f"{name}_ns" for name in ("own", "busy", "idle", "iowait", "steal", "throttled")}
-NETEMS = {"FateBatch", "ReleaseBatch", "QueueNote", "ControlNote"}
-CLOCKS_OWN = {"ClockNote", "ExchangeNote", "DisciplineNote"}
-
-
-def test_every_instant_of_every_record_has_an_owner() -> None:
-    """A record added later must say whose clock its stamps are by."""
-    named = {name for table in (module._OWN, module._SURGEONS) for names in table.values() for name in names}
-    models = [
-        one
-        for module in (records, host_records, safety_records)
-        for one in vars(module).values()
-        if isinstance(one, type) and issubclass(one, Message) and one.__module__ == module.__name__
-    ]
-    assert len(models) > 10
-    for model in models:
-        if model.__name__ not in NETEMS | CLOCKS_OWN:
-            instants = {name for name in model.model_fields if name.endswith("_ns")}
-            assert instants <= named | DURATIONS | ON_PROCESSORS, model

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from tis.common.channels import Direction
-from tis.deploy.logs.read.batches import link_fates, link_releases
 from tis.deploy.logs.read.load import RunLogs, load_run
-from tis.deploy.logs.read.memory import MemoryLog
+from tis.deploy.logs.read.packets import link_fates, link_releases
+from tis.deploy.logs.read.side_log import MemoryLog
 from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, drive, run_twin
@@ -43,4 +43,5 @@ def test_a_twin_in_memory_is_the_twin_in_files(tmp_path: Path) -> None:
 
 
 def _books(logs: RunLogs, direction: Direction) -> list[list[Any]]:
-    return [list(column) for column in (*link_fates(logs, direction), *link_releases(logs, direction))]
+    frames = link_fates(logs, direction), link_releases(logs, direction)
+    return [list(frame.column(name)) for frame in frames for name in frame.names]

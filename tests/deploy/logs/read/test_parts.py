@@ -38,7 +38,7 @@ def _part(
 def test_parts_are_read_as_one_log(tmp_path: Path) -> None:
     paths = [_part(tmp_path / "patient.mcap", range(4)), _part(tmp_path / "patient_2.mcap", range(7, 10), 6.5)]
     log = load_parts(paths, "patient")
-    assert log.column(TICKS, "tick").tolist() == [0, 1, 2, 3, 7, 8, 9]
+    assert log.of(TICKS).column("tick").tolist() == [0, 1, 2, 3, 7, 8, 9]
     assert {row["name"]: row["value"] for row in log.of(COUNTERS)} == {"received": 7, "lead_ns": 7}
     assert (log.last_ns, log.n_messages) == (10 * S, 11)
     assert log.attachments["model.json"] == b"first"
@@ -88,7 +88,7 @@ def test_a_part_of_a_process_that_was_in_no_run_is_passed_over(tmp_path: Path) -
     paths[2].unlink()
     paths[2] = _part(paths[2], range(3, 5), 2.5)
     log = load_parts(paths, "patient")
-    assert log.column(TICKS, "tick").tolist() == [0, 3, 4]
+    assert log.of(TICKS).column("tick").tolist() == [0, 3, 4]
     paths[1].write_bytes(b"")
     assert load_parts(paths, "patient").coverage == log.coverage
 

@@ -20,8 +20,9 @@ from tests.deploy.report.hand_made import (
 from tis.common.errors import DataError
 from tis.common.host_records import CLOCK, PROCESSORS, ClockNote, ProcessorNote
 from tis.common.node import Record
+from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs, load_run
-from tis.deploy.logs.read.side_columns import SideLog
+from tis.deploy.logs.read.side_log import SideLog
 from tis.deploy.report.subjects.network.link_summary import link_summary
 from tis.deploy.report.subjects.processors import processors_summary, shares_of
 from tis.deploy.report.summarise import build_summary
@@ -82,7 +83,9 @@ def test_a_standalone_netem_has_no_mates(tmp_path: Path) -> None:
 
 
 def test_a_note_of_another_version_is_said_to_be_one(tmp_path: Path) -> None:
-    log = SideLog("netem", {}, {}, {PROCESSORS: [{"from_ns": 0}]})
+    old = Frame.of(None)
+    old.extend([{"from_ns": 0}])
+    log = SideLog("netem", rows={PROCESSORS: old})
     with pytest.raises(DataError, match="/tis/processors: holds records that this version does not know"):
         shares_of(RunLogs(tmp_path, {"netem": log}), "netem")
 

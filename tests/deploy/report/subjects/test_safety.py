@@ -80,7 +80,8 @@ def test_an_arm_stopped_before_its_first_set_point_counts_the_stop(run_dir: Path
     logs, scenario = load_run(run_dir), folder.read_scenario(run_dir)
     rows = logs.sides["patient"].rows
     logs.sides["patient"].rows = {topic: found for topic, found in rows.items() if not topic.endswith("servo_cp")}
-    logs.sides["patient"].rows[STOPS] = [{"at_ns": 5, "stop": True, "reason": ""}]  # as a log of before holds it
+    # as a log of before holds it
+    logs.sides["patient"].add_rows(STOPS, [{"at_ns": 5, "stop": True, "reason": ""}])
     found = safety_summary(logs, scenario, {"left": track_of_hand(logs, scenario, "left")})["left"]
     assert found is not None
     assert (found["emergency_stops"], set(found["time_s"].values()), found["rmse_3d_mm"]) == (1, {0.0}, None)
@@ -104,10 +105,10 @@ def test_requests_are_counted_by_what_came_of_them(run_dir: Path) -> None:
         StopNote(at_ns=7, stop=False, reason="", ends=1, by_stopper=False, stopped=False, changed=True),
         StopNote(at_ns=8, stop=False, reason="", ends=2, stopped=False, changed=False),
     ]
-    logs.sides["patient"].rows[STOPS] = [note.model_dump() for note in notes]
-    logs.sides["patient"].rows[COUNTERS] = [
-        {"name": "stop_requests_refused", "value": 3}, {"name": "stop_requests_flooded", "value": 29_000},
-    ]  # fmt: skip
+    counts = {"stop_requests_refused": 3, "stop_requests_flooded": 29_000}
+    del logs.sides["patient"].rows[COUNTERS]
+    logs.sides["patient"].add_rows(STOPS, [note.model_dump() for note in notes])
+    logs.sides["patient"].add_rows(COUNTERS, [{"name": name, "value": n} for name, n in counts.items()])
     left = safety_summary(logs, scenario, {"left": track_of_hand(logs, scenario, "left")})["left"]
     assert left is not None
     names = ("emergency_stops", "releases", "releases_by_others", "stop_requests_refused", "stop_requests_flooded")

@@ -17,7 +17,7 @@ from tis.common.metrics.percentiles import summarise
 from tis.common.records import ESTIMATES, TRUTH
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.read.load import aligned
-from tis.deploy.logs.read.memory import MemoryLog
+from tis.deploy.logs.read.side_log import MemoryLog
 from tis.deploy.report.answer import answer
 from tis.deploy.report.subjects.age import ages_of_hand
 from tis.deploy.report.subjects.clocks import not_resolvable

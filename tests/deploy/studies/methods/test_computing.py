@@ -19,7 +19,7 @@ from tis.patient_side.build import identify_models
 
 EXTENT = replace(QUICK, duration_s=4.0)
 QUIET = Console(quiet=True)
-NEEDED = Fault("estimators", "arx_kf", "needs another package: pip install 'tis-testbed[another]'")
+NEEDED = Fault("estimators", "arx_kf", "needs another package: pip install -e '.[another]' in the clone")
 
 
 def few_plans(subject: Subject) -> dict[Measure, Plan]:

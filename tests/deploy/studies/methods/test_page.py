@@ -8,6 +8,7 @@ import pytest
 
 from tests.deploy.studies.methods.made_up import figures, hold, report
 from tests.markdown_tables import ragged_rows
+from tis.common.errors import GET_REPORT
 from tis.deploy.studies.methods import page as files_module
 from tis.deploy.studies.methods.claims import CLAIMS
 from tis.deploy.studies.methods.page import NAMES, csv_of, files_of, page_text
@@ -74,7 +75,7 @@ def test_without_matplotlib_there_are_no_figures_and_the_extra_is_named(monkeypa
     monkeypatch.setattr(files_module, "find_spec", lambda _: None)
     files = files_of(report(hold(), figures("moesp_kf")))
     assert sorted(files.contents) == ["methods.csv", "methods.json", "methods.tex"]
-    assert files.left_out == ("no figures without matplotlib: pip install 'tis-testbed[report]'",)
+    assert files.left_out == (f"no figures without matplotlib: {GET_REPORT}",)
 
 
 def test_a_synthetic_population_is_named_as_such() -> None:

@@ -24,7 +24,7 @@ from tis.deploy.studies.paper.cells import (
 from tis.deploy.studies.paper.page import page
 from tis.deploy.studies.paper.printed import ROWS
 from tis.deploy.studies.paper.simulation import Simulated
-from tis.patient_side.identification.model_io import dump_models
+from tis.patient_side.identification.model_file import dump_models
 
 TRIAL = Trial(None, "Suturing", "D002", 7)
 

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.deploy.studies.paper.test_page import made_up_results
+from tis.common.errors import GET_REPORT
 from tis.deploy.report.publication.matplotlib_figures import rendered
 from tis.deploy.studies.paper.cells import Results, Trial
 from tis.deploy.studies.paper.plots import drawn, energy_order
@@ -79,4 +80,4 @@ def test_without_matplotlib_the_page_is_written_and_the_extra_is_named(
     assert code == 0
     assert (tmp_path / "page.md").exists()
     assert not (tmp_path / "figures").exists()
-    assert "no figures without matplotlib: pip install 'tis-testbed[report]'" in err.file.getvalue()  # type: ignore[attr-defined]
+    assert f"no figures without matplotlib: {GET_REPORT}" in err.file.getvalue()  # type: ignore[attr-defined]

@@ -13,8 +13,9 @@ from tests.netem.making import are_alike, link, offer, packet
 from tis.common.node import Record
 from tis.common.records import CONTROL, ControlNote
 from tis.common.scenario import Scenario
-from tis.deploy.logs.read.batches import DELIVER, Fates
+from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.packets import DELIVER
 from tis.deploy.report.subjects.network.requested import Requested
 from tis.netem.conditions.conditions import Conditions
 from tis.netem.expected.simulate import simulate
@@ -53,12 +54,13 @@ def _requested(scenario: Scenario) -> Requested:
     return Requested.of(scenario, "forward", RunLogs(Path()))
 
 
-def _fates(offered_ns: np.ndarray, n_bytes: int = 80) -> Fates:
+def _fates(offered_ns: np.ndarray, n_bytes: int = 80) -> Frame:
     n = len(offered_ns)
     zeros = np.zeros(n, dtype=np.int64)
-    return Fates(
-        (COMMAND,), zeros, zeros.astype(bool), np.arange(n), offered_ns, zeros + DELIVER, zeros, zeros,
-        zeros + n_bytes, zeros, zeros,
+    return Frame.of_arrays(
+        (COMMAND,), key=zeros, foreign=zeros.astype(bool), seq=np.arange(n), offered_ns=offered_ns,
+        outcome=zeros + DELIVER, delay_ns=zeros, release_ns=zeros, n_bytes=zeros + n_bytes, copies=zeros,
+        flipped=zeros,
     )  # fmt: skip
 
 

@@ -10,8 +10,8 @@ from tests.deploy.report.hand_made import COMMAND, MS, a_scenario
 from tis.common.scenario import Scenario
 from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.trace import LOST, Trace
-from tis.deploy.logs.read.batches import link_fates
 from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.deploy.logs.read.packets import link_fates
 from tis.deploy.report.subjects.network.requested import Requested
 from tis.deploy.report.subjects.network.requested_pipeline import (
     delay_moments_ns,

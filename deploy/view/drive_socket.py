@@ -1,0 +1,97 @@
+"""WebSocket of a page that shows the surgeon's display and may drive: pictures go out, moves of the hand come in."""
+
+import json
+import time
+from typing import TYPE_CHECKING, Any, Final
+
+from bokeh.server.views.auth_request_handler import AuthRequestHandler
+from tornado.websocket import WebSocketClosedError, WebSocketHandler
+
+from tis.deploy.view.drive import MAX_DROPPED, MAX_RATE_HZ, DriveHub, Rate, read_move
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
+
+PATH: Final = "/drive"
+FRAME_MS: Final = 33
+MAX_PAGES: Final = 32
+TOO_MANY: Final = f"more than {MAX_RATE_HZ} moves a second"
+_POLICY_VIOLATION: Final = 1008  # RFC 6455, section 7.4.1
+_TRY_AGAIN: Final = 1013
+
+
+class DriveSockets:
+    """The connections of all pages, which get a picture at each `send`; a page that is slow misses some."""
+
+    def __init__(self, hub: DriveHub) -> None:
+        self.hub: Final = hub
+        self.pages: Final[set[DriveSocket]] = set()
+
+    @property
+    def route(self) -> tuple[str, type[AuthRequestHandler], dict[str, Any]]:
+        """Return the route, for those who may open the page."""
+        return PATH, DriveSocket, {"sockets": self}
+
+    def send(self) -> None:
+        """Send the picture to every page that has taken the last one."""
+        if not self.pages:
+            return
+        frame = self.hub.frame(time.monotonic())
+        for page in tuple(self.pages):
+            driver = self.hub.seat.driver
+            page.send({**frame, "driver": "you" if driver is page else "other" if driver is not None else "nobody"})
+
+
+class DriveSocket(AuthRequestHandler, WebSocketHandler):
+    """One page. Tornado's check admits the page's own origin only; a token, where there is one, is checked first."""
+
+    def initialize(self, sockets: DriveSockets) -> None:
+        """Set up the connection; Tornado calls it."""
+        self._sockets = sockets
+        self._rate = Rate(at_s=time.monotonic())
+        self._sending: Future[None] | None = None
+        self._refused = ""
+
+    def open(self, *_: str, **__: str) -> None:
+        """Admit the page, unless there are too many."""
+        if len(self._sockets.pages) >= MAX_PAGES:
+            self.close(_TRY_AGAIN, f"{MAX_PAGES} pages are open")
+            return
+        self._sockets.pages.add(self)
+
+    def on_message(self, message: str | bytes) -> None:
+        """Move the hand, or answer in words why not; what comes too fast is dropped."""
+        now_s = time.monotonic()
+        if not self._rate.takes(now_s):
+            if self._rate.n_dropped > MAX_DROPPED:
+                self.close(_POLICY_VIOLATION, TOO_MANY)
+            elif self._rate.n_dropped == 1:
+                self._answer(TOO_MANY)
+            return
+        move = read_move(message)
+        refused = move if isinstance(move, str) else self._sockets.hub.drive(self, move, now_s)
+        if refused or self._refused:
+            self._answer(refused)
+
+    def on_close(self) -> None:
+        """Free the seat: the hand holds."""
+        self._sockets.pages.discard(self)
+        self._sockets.hub.leave(self)
+
+    def send(self, content: dict[str, Any]) -> None:
+        """Send a picture, unless the last one is still on its way."""
+        if self._sending is None or self._sending.done():
+            try:
+                self._sending = self.write_message(json.dumps(content))  # type: ignore[assignment]
+            except WebSocketClosedError:
+                self.on_close()
+
+    def _answer(self, refused: str) -> None:
+        """Tell the page that its moves are refused, once for each reason, or that they are taken again."""
+        if refused == self._refused:
+            return
+        self._refused = refused
+        try:
+            self.write_message(json.dumps({"refused": refused}))
+        except WebSocketClosedError:
+            self.on_close()

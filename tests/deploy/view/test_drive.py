@@ -1,0 +1,220 @@
+"""What all pages share: the picture of known rows, and who moves the hand."""
+
+import json
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.deploy.watch.making import LEFT, a_book, sighting
+from tests.deploy.watch.test_arms import _arm, _display
+from tis.common.device import DevicePose
+from tis.common.scenario.control import EmulatorState
+from tis.deploy.view.device import Device
+from tis.deploy.view.drive import (
+    MAX_MESSAGE_CHARS,
+    MAX_RATE_HZ,
+    NOT_CONNECTED,
+    NOT_LIVE,
+    OTHER_DRIVES,
+    RIVAL,
+    DriveHub,
+    HandMove,
+    Rate,
+    Seat,
+    picture,
+    read_move,
+)
+from tis.deploy.watch.book import LiveBook
+
+
+class _Door:
+    """A device's door to a network that is there or not."""
+
+    def __init__(self, scale: float = 0.5) -> None:
+        self.device = Device("left", "device/MTML/measured_cp", scale, (0.0, 0.0, 0.0))
+        self.sent: list[DevicePose] = []
+        self.rivalled = False
+        self.connected = True
+
+    def is_rivalled(self, within_s: float) -> bool:
+        return self.rivalled and within_s > 0
+
+    def publish(self, pose: DevicePose) -> bool:
+        self.sent += [pose] if self.connected else []
+        return self.connected
+
+
+class _Observer:
+    def __init__(self, book: LiveBook) -> None:
+        self._book = book
+
+    def read(self, look: Any) -> Any:
+        return look(self._book)
+
+
+class _Steering:
+    def state(self) -> EmulatorState | None:
+        return None
+
+
+def _hub(door: _Door | None, book: LiveBook | None = None) -> DriveHub:
+    return DriveHub(_Observer(book or LiveBook("tis")), _Steering(), door)  # type: ignore[arg-type]
+
+
+def test_a_move_is_published_as_the_pose_of_a_device() -> None:
+    door = _Door()
+    assert _hub(door).drive("page", HandMove(moved_mm=[5.0, 0.0, -1.0], gripper_rad=0.3, clutch=True), 1.0) == ""
+    (pose,) = door.sent
+    assert (pose.position_m.x, pose.position_m.y, pose.position_m.z) == (0.01, 0.0, -0.002)
+    assert (pose.gripper_rad, pose.clutch) == (0.3, True)
+    assert pose.stamp_ns is not None
+
+
+def test_who_may_not_drive_is_told_why_and_moves_nothing() -> None:
+    door, move = _Door(), HandMove(moved_mm=[1.0, 1.0, 1.0])
+    hub = _hub(door)
+    assert hub.drive("one", move, 1.0) == ""
+    assert hub.drive("two", move, 1.1) == OTHER_DRIVES
+    hub.leave("one")
+    assert hub.drive("two", move, 1.2) == ""
+    door.rivalled = True
+    assert hub.drive("two", move, 1.3) == RIVAL
+    door.rivalled, door.connected = False, False
+    assert hub.drive("two", move, 1.4) == NOT_CONNECTED
+    assert len(door.sent) == 2
+    assert _hub(None).drive("page", move, 1.0) == NOT_LIVE
+
+
+def test_the_picture_is_the_newest_of_each_row() -> None:
+    book = LiveBook("tis")
+    for network, channel, payload in (
+        ("west", LEFT.predicted, _display(1000, 0.010, 0.014, 210)),
+        ("east", LEFT.measured, _arm(1130, 0.0155, 1000)),
+    ):
+        book.take(sighting(network, channel, 0, 0, 0, payload))  # type: ignore[arg-type]
+    book.newest["PSM2"] |= {"hand": (0.02, 0.0, 0.001), "estimate": (0.0153, 0.0, 0.0)}
+    found = picture(book, None)
+    assert found["arm"] == "PSM2"
+    assert (found["hand_mm"], found["estimate_mm"]) == ([20.0, 0.0, 1.0], [15.3, 0.0, 0.0])
+    assert (found["shown_mm"], found["ghost_mm"], found["arm_mm"]) == (
+        [10.0, 0.0, 0.0],
+        [14.0, 0.0, 0.0],
+        [15.5, 0.0, 0.0],
+    )
+    assert found["late_ms"] == 210.0
+    frame = _hub(_Door(), book).frame(1.0)
+    assert {name: frame[name] for name in found} == found
+    assert (frame["feedback_error_mm"], frame["ghost_error_mm"]) == (5.5, 1.5)
+
+
+def test_before_anything_is_seen_the_picture_is_empty() -> None:
+    assert _hub(None).frame(1.0) == {
+        "now_s": 0.0, "arm": None, "feedback_error_mm": None, "ghost_error_mm": None, "outage": False,
+    }  # fmt: skip
+    found = _hub(_Door()).frame(1.0)
+    assert {found[name] for name in ("hand_mm", "shown_mm", "ghost_mm", "arm_mm", "late_ms")} == {None}
+
+
+def test_a_recorded_movement_has_a_hand_and_an_estimate_too() -> None:
+    found = picture(a_book(), None)
+    assert found["hand_mm"] == pytest.approx([299.0, 0.0, 0.0])
+    assert found["estimate_mm"][0] < 299.0
+    assert found["shown_mm"] is None
+
+
+def _move(
+    x: float = 0.0, y: float = 0.0, z: float = 0.0, gripper_rad: float = 0.0, release: bool = False
+) -> HandMove:
+    return HandMove(moved_mm=[x, y, z], gripper_rad=gripper_rad, release=release)
+
+
+def test_the_first_page_drives_and_the_second_does_not() -> None:
+    seat = Seat()
+    assert seat.drive("one", _move(3.0, 4.0, 5.0, 0.5), 10.0)
+    assert not seat.drive("two", _move(90.0), 10.1)
+    assert (seat.driver, seat.hand_mm, seat.gripper_rad) == ("one", (3.0, 4.0, 5.0), 0.5)
+
+
+def test_the_next_driver_moves_the_hand_on_from_where_it_is() -> None:
+    seat = Seat()
+    seat.drive("one", _move(10.0, 0.0, -2.0), 1.0)
+    seat.leave("one")
+    assert (seat.driver, seat.hand_mm) == (None, (10.0, 0.0, -2.0)), "the hand holds"
+    assert seat.drive("two", _move(), 1.1)
+    assert seat.hand_mm == (10.0, 0.0, -2.0)
+    seat.drive("two", _move(1.0, 1.0, 1.0), 1.2)
+    assert seat.hand_mm == (11.0, 1.0, -1.0)
+
+
+@pytest.mark.parametrize(("waited_s", "is_taken"), [(2.9, False), (3.1, True)])
+def test_a_driver_that_is_still_for_three_seconds_loses_the_seat(waited_s: float, is_taken: bool) -> None:
+    seat = Seat()
+    seat.drive("one", _move(), 5.0)
+    assert seat.drive("two", _move(), 5.0 + waited_s) == is_taken
+    assert seat.drive("one", _move(), 5.0 + waited_s) != is_taken
+
+
+def test_a_page_lets_go_with_its_last_move_and_leaves_no_other_pages_seat() -> None:
+    seat = Seat()
+    seat.drive("one", _move(2.0, release=True), 1.0)
+    assert (seat.driver, seat.hand_mm) == (None, (2.0, 0.0, 0.0))
+    seat.drive("two", _move(), 1.0)
+    seat.leave("one")
+    assert seat.driver == "two"
+
+
+@given(st.lists(st.floats(0.0, 0.5), max_size=300))
+def test_no_page_moves_the_hand_faster_than_its_rate(gaps_s: list[float]) -> None:
+    rate, now_s, n_taken = Rate(), 0.0, 0
+    for gap_s in gaps_s:
+        now_s += gap_s
+        n_taken += rate.takes(now_s)
+    assert n_taken <= 50 + MAX_RATE_HZ * now_s
+    assert n_taken + rate.n_dropped == len(gaps_s)
+
+
+def test_the_pages_own_forty_moves_a_second_are_all_taken() -> None:
+    rate = Rate()
+    assert all(rate.takes(k / 40) for k in range(400))
+    assert rate.n_dropped == 0
+
+
+def test_a_move_is_read() -> None:
+    text = '{"moved_mm": [1.5, -2, 0], "gripper_rad": 1, "clutch": true}'
+    assert read_move(text) == HandMove(moved_mm=[1.5, -2.0, 0.0], gripper_rad=1.0, clutch=True)
+
+
+@pytest.mark.parametrize(
+    ("text", "field", "got"),
+    [
+        ('{"moved_mm": [NaN, 0, 0]}', "moved_mm.0", "nan"),
+        ('{"moved_mm": [0, Infinity, 0]}', "moved_mm.1", "inf"),
+        ('{"moved_mm": [0, 0, 501]}', "moved_mm.2", "501"),
+        ('{"moved_mm": [0, 0]}', "moved_mm", "[0, 0]"),
+        ('{"moved_mm": ["1", 0, 0]}', "moved_mm.0", "'1'"),
+        ('{"moved_mm": [0, 0, 0], "gripper_rad": -1}', "gripper_rad", "-1"),
+        ('{"moved_mm": [0, 0, 0], "clutch": 1}', "clutch", "1"),
+        ('{"moved_mm": [0, 0, 0], "speed": 3}', "speed", "3"),
+        ('{"x": 1, "y": 2, "z": 3}', "moved_mm", "{'x': 1"),
+        ("[]", "message", "[]"),
+        ("mouse", "message", "'mouse'"),
+    ],
+)
+def test_what_is_none_is_refused_by_field_and_value(text: str, field: str, got: str) -> None:
+    refused = read_move(text)
+    assert isinstance(refused, str)
+    assert refused.startswith(f"{field}: ")
+    assert f"(got {got}" in refused
+
+
+def test_a_long_message_is_refused_unread() -> None:
+    text = json.dumps({"moved_mm": [0, 0, 0], "note": "x" * MAX_MESSAGE_CHARS})
+    assert read_move(text) == f"message: must have at most 400 characters (got {len(text)})"
+
+
+@given(st.one_of(st.text(), st.binary(), st.recursive(st.floats() | st.text(), st.lists).map(json.dumps)))
+def test_whatever_comes_is_read_or_refused_in_one_short_line(text: str | bytes) -> None:
+    found = read_move(text)
+    assert isinstance(found, HandMove) or len(found) < 300
