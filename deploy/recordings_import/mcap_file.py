@@ -9,8 +9,8 @@ from mcap.records import Channel
 from tis.common.errors import DataError, Fault
 from tis.common.runtime.chunk_writer import by_channel
 from tis.deploy.logs.describe import Described, describe
-from tis.deploy.logs.json_rows import UNREADABLE, json_value
 from tis.deploy.logs.log_file import LogFile
+from tis.deploy.logs.payloads import UNREADABLE, json_value
 from tis.deploy.recordings_import.choice import chosen, listing
 from tis.deploy.recordings_import.found import Found, Rows, Topic, Wanted
 from tis.deploy.recordings_import.gathered import streams_of

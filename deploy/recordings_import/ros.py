@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from tis.common.errors import GET_ROSBAG, DataError, Fault, InputError
-from tis.deploy.logs.json_rows import UNREADABLE
+from tis.deploy.logs.payloads import UNREADABLE
 from tis.deploy.recordings_import.choice import chosen, listing
 from tis.deploy.recordings_import.found import Found, Rows, Topic, Wanted
 from tis.deploy.recordings_import.gathered import streams_of

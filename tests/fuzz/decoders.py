@@ -68,11 +68,10 @@ from tis.common.stop_messages import EmergencyStop, lock_of
 from tis.common.trace import parse_trace
 from tis.deploy.compare.grid import grid_faults
 from tis.deploy.compare.study import Study
-from tis.deploy.logs.blocks import parse_records, unpack_chunk
+from tis.deploy.logs.blocks import RecordContent, SpentError, parse_records, unpack_chunk
 from tis.deploy.logs.describe import describe
 from tis.deploy.logs.log_paths import recovery_of
 from tis.deploy.logs.read.load import load_side
-from tis.deploy.logs.record_content import RecordContent, SpentError
 from tis.deploy.logs.recover import recover
 from tis.deploy.net.fitting.captures import parse_capture
 from tis.deploy.net.fitting.round_trips import parse_round_trips

@@ -11,7 +11,7 @@ from bokeh.plotting import figure
 
 from tis.common.channels import Direction
 from tis.common.units import NS_PER_S
-from tis.deploy.logs.read.frame import Ints
+from tis.deploy.logs.read.columns import Ints
 from tis.deploy.present import plot_style as style
 from tis.deploy.present.numbers import number
 from tis.deploy.present.palette import CHANGED, DIRECTIONS, OUTAGE, PALE, RED, STALL, STATES, Tone

@@ -14,7 +14,7 @@ from bokeh.plotting import figure
 from numpy.typing import ArrayLike
 
 from tis.common.channels import Direction
-from tis.deploy.logs.read.frame import Ints
+from tis.deploy.logs.read.columns import Ints
 from tis.deploy.present import plot_style as style
 from tis.deploy.present.numbers import number
 from tis.deploy.present.palette import AXIS, BLUE, DIRECTIONS, INK, PALE, PAPER, RED, VERMILION, Tone

@@ -16,7 +16,7 @@ from tis.common.metrics.tracking import angles_deg, error_vectors, orientation_a
 from tis.common.records import ORIENTATIONS, TRUTH
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_US
-from tis.deploy.logs.read.frame import Ints
+from tis.deploy.logs.read.columns import Ints
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.present.numbers import NONE, percent
 from tis.deploy.present.table import Table
