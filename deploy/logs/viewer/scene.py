@@ -15,7 +15,14 @@ from tis.deploy.logs.viewer.draw_metrics import (
     Freshest,
     RejectedStream,
 )
-from tis.deploy.logs.viewer.draw_poses import EstimateStream, OrientationStream, PoseStream, Truth, Turns
+from tis.deploy.logs.viewer.draw_poses import (
+    EstimateStream,
+    OrientationStream,
+    PoseStream,
+    ScoredStream,
+    Truth,
+    Turns,
+)
 from tis.deploy.logs.viewer.drawn import MTM, NO_RECORDS, PLANT_ARM, PSM, SET_POINT, Drawn, Records, RunTopics, Stream
 
 _FIRST = (TRUTH, FRESH)
@@ -40,7 +47,7 @@ class Scene:
             if stream is not None:
                 yield from _drawn(stream, name[1], records[name])
         for name, stream in self._streams.items():
-            if isinstance(stream, EstimateStream | OrientationStream) and name not in records:
+            if isinstance(stream, ScoredStream) and name not in records:
                 yield from stream.take(NO_RECORDS)  # truth for pending errors may have arrived
 
     def draws(self, side: Side, topic: str) -> bool:
