@@ -5,10 +5,11 @@ It is merged by `tis merge`, and at the end of a run in the background: the summ
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Protocol, get_args
+from typing import Any, Final, NamedTuple, get_args
 
 from rich.console import Console
 from rich.markup import escape
@@ -131,16 +132,30 @@ def _last_lines(summary: Mapping[str, Any], end_ns: int) -> Iterator[Drawn]:
 _MIN_PROCESS_BYTES: Final = 8_000_000
 
 
-class Merging(Protocol):
-    """A merge that is running, or pending."""
+class Merging:
+    """A merge that runs in another process, or, without one, when its result is requested."""
+
+    def __init__(self, inline: Callable[[], Merged], process: Connection | None = None) -> None:
+        self._inline, self._process = inline, process
 
     def concluded(self) -> None:
         """Signal that summary and manifest are in the run folder."""
-        ...
+        if self._process is not None:
+            with suppress(OSError):  # it has failed already; merged() reports it
+                self._process.send(None)
 
     def merged(self) -> Merged:
         """Wait for the merged file; raises `DataError` when the merge fails."""
-        ...
+        if self._process is None:
+            return self._inline()
+        try:
+            found: Merged | tuple[Fault, ...] = self._process.recv()
+        except EOFError:
+            rule = "cannot be made: the process that merges was killed"
+            raise DataError(Fault(folder.MERGED_FILE, "", rule)) from None
+        if isinstance(found, Merged):
+            return found
+        raise DataError(found)
 
 
 @contextmanager
@@ -150,8 +165,9 @@ def merging(run_dir: Path, scenario: Scenario, clocks: Clocks, opening: Opening)
     Large logs are merged in a separate process.
     """
     work = (run_dir, scenario, clocks, opening)
+    inline = partial(merge_run, *work)
     if sum(path.stat().st_size for paths in logs_in(run_dir).values() for path in paths) < _MIN_PROCESS_BYTES:
-        yield _Inline(work)
+        yield Merging(inline)
         return
     # a forked child would inherit locks that other threads hold
     context = get_context("spawn")
@@ -161,7 +177,7 @@ def merging(run_dir: Path, scenario: Scenario, clocks: Clocks, opening: Opening)
     # the parent keeps no copy of the child's end, or a killed child would not show as EOF
     its.close()
     try:
-        yield _Background(ours)
+        yield Merging(inline, ours)
     except BaseException:
         process.terminate()
         raise
@@ -169,41 +185,6 @@ def merging(run_dir: Path, scenario: Scenario, clocks: Clocks, opening: Opening)
         ours.close()
         process.join()
         partial_of(run_dir / folder.MERGED_FILE).unlink(missing_ok=True)
-
-
-class _Inline:
-    """A pending merge that runs when the result is requested."""
-
-    def __init__(self, work: tuple[Path, Scenario, Clocks, Opening]) -> None:
-        self._work = work
-
-    def concluded(self) -> None:
-        pass
-
-    def merged(self) -> Merged:
-        return merge_run(*self._work)
-
-
-class _Background:
-    """The parent's end of `_merge_process`."""
-
-    def __init__(self, process: Connection) -> None:
-        self._process = process
-
-    def concluded(self) -> None:
-        with suppress(OSError):  # it has failed already; merged() reports it
-            self._process.send(None)
-
-    def merged(self) -> Merged:
-        try:
-            found: Merged | tuple[Fault, ...] = self._process.recv()
-        except EOFError:
-            raise DataError(
-                Fault(folder.MERGED_FILE, "", "cannot be made: the process that merges was killed")
-            ) from None
-        if isinstance(found, Merged):
-            return found
-        raise DataError(found)
 
 
 def _merge_process(

@@ -188,20 +188,8 @@ class RealColumn:
         return self._length
 
 
-class AnyColumn(list[Any]):
-    """Values of a record that no topic of this version declares."""
-
-    def array(self) -> NDArray[Any]:
-        """Return all values (N,)."""
-        return np.array(self, dtype=object)
-
-    def plain(self, first: int, last: int) -> list[Any]:
-        """Return some values."""
-        return self[first:last]
-
-
 class ArrayColumn:
-    """An array, as it is."""
+    """An array as it is; one of objects takes the values of fields that no topic of this version declares."""
 
     def __init__(self, values: NDArray[Any]) -> None:
         self._values = values

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tis.common.topic import Topic
 from tis.deploy.logs.payloads import Row
-from tis.deploy.logs.read.columns import AnyColumn, ArrayColumn, Column, Flags, IntColumn, Ints, WordColumn, column_of
+from tis.deploy.logs.read.columns import ArrayColumn, Column, Flags, IntColumn, Ints, WordColumn, column_of
 
 _AT_ONCE: Final = 4096
 
@@ -51,7 +51,8 @@ class Frame(Sequence[Row]):
             return
         if self._defaults is None:
             names = dict.fromkeys(name for row in rows for name in row)
-            self._columns |= {name: AnyColumn([None] * self._length) for name in names if name not in self._columns}
+            new = (name for name in names if name not in self._columns)
+            self._columns |= {name: ArrayColumn(np.full(self._length, None, dtype=object)) for name in new}
             fields: Iterable[Sequence[Any]] = ([row.get(name) for row in rows] for name in self._columns)
         else:
             n, defaults = len(self._columns), self._defaults

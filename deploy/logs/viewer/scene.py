@@ -1,6 +1,7 @@
 """Selection of the records that are drawn, and of their form."""
 
 from collections.abc import Iterator, Mapping
+from typing import Final
 
 from tis.common.channels import Side
 from tis.common.clocks import SHARED
@@ -9,11 +10,12 @@ from tis.deploy.logs.payloads import UNREADABLE, other_version
 from tis.deploy.logs.read.clocks import Clocks
 from tis.deploy.logs.viewer.draw_metrics import (
     AgeStream,
-    ControlStream,
     DelayStream,
-    FaultStream,
     Freshest,
-    RejectedStream,
+    LineStream,
+    control_line,
+    fault_line,
+    rejected_line,
 )
 from tis.deploy.logs.viewer.draw_poses import (
     EstimateStream,
@@ -25,7 +27,8 @@ from tis.deploy.logs.viewer.draw_poses import (
 )
 from tis.deploy.logs.viewer.drawn import MTM, NO_RECORDS, PLANT_ARM, PSM, SET_POINT, Drawn, Records, RunTopics, Stream
 
-_FIRST = (TRUTH, FRESH)
+_FIRST: Final = (TRUTH, FRESH)
+_MAX_REJECTED: Final = 20
 
 
 class Scene:
@@ -60,11 +63,11 @@ class Scene:
     def _stream(self, side: Side, topic: str) -> Stream | None:
         topics, prefix = self._topics, f"{ESTIMATES}/"
         if topic == REJECTED:
-            return RejectedStream(side)
+            return LineStream(side, rejected_line, _MAX_REJECTED)
         if (side, topic) == ("netem", CONTROL):
-            return ControlStream()
+            return LineStream(side, control_line)
         if (side, topic) == ("patient", ESTIMATOR_FAULTS):
-            return FaultStream()
+            return LineStream(side, fault_line)
         if (side, topic) == ("surgeon", TRUTH):
             return self._truth
         if side == "patient" and topic.startswith(prefix):
