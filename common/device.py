@@ -16,7 +16,7 @@ from typing import Annotated, Final, NamedTuple
 
 from pydantic import FailFast, Field, ValidationError
 
-from tis.common.devices.records import Refusal
+from tis.common.device_records import Refusal
 from tis.common.messages import MAX_SIZE, Message, Quaternion, Vector3
 from tis.common.units import NS_PER_S
 

@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from types import ModuleType
 from typing import Final
 
-from tis.common import host_records, records, safety_records
+from tis.common import device_records, host_records, records, safety_records
 from tis.common.channels import PREDICTED, SERVO
-from tis.common.devices import records as device_records
 from tis.common.messages import PredictedPose, SetPoint
 from tis.common.topic import Topic
 

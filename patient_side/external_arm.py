@@ -8,7 +8,7 @@ import numpy as np
 
 from tis.common.channels import Arm, Hand, arm_key
 from tis.common.device import DeviceGate, DeviceSample, from_json
-from tis.common.devices.records import DEVICES, DeviceEvent, DeviceNote, Refusal
+from tis.common.device_records import DEVICES, DeviceEvent, DeviceNote, Refusal
 from tis.common.node import Arrival, Record
 from tis.patient_side.hand import PatientHand
 from tis.patient_side.plant.protocol import PlantOutput, Reference

@@ -12,7 +12,7 @@ from typing import Final, get_args
 
 from tis.common.channels import FOLLOWER, Hand, HandChannels, hand_channels
 from tis.common.device import DeviceGate, DeviceSample, from_json, from_ros2
-from tis.common.devices.records import DEVICES, DeviceEvent, DeviceNote, Refusal
+from tis.common.device_records import DEVICES, DeviceEvent, DeviceNote, Refusal
 from tis.common.node import Arrival, Record
 from tis.common.scenario.live_source import LiveSource
 from tis.common.units import MM_PER_M, NS_PER_S, ms_to_ns

@@ -10,7 +10,7 @@ from math import sqrt
 from typing import Final
 
 from tis.common.channels import HandChannels, Network
-from tis.common.devices.records import FOREIGN_SURGEON
+from tis.common.device_records import FOREIGN_SURGEON
 from tis.common.intake import Accepted, Intake
 from tis.common.messages import Pose, Vector3
 from tis.common.node import Arrival, Record

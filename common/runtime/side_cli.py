@@ -97,8 +97,7 @@ def side_command(
 
         def run() -> int:
             from tis.common.runtime.clock import monotonic_ns
-            from tis.common.runtime.recordings import located
-            from tis.common.runtime.recordings.whole_run import build_whole
+            from tis.common.runtime.recordings import build_whole, located
             from tis.common.runtime.scenario_files import read_scenario
             from tis.common.runtime.side_log import SideOptions
             from tis.common.runtime.zenoh_session import ZenohOptions

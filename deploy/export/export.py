@@ -17,8 +17,8 @@ from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, GET_PARQUET, DataErr
 from tis.deploy.export.columns import readme
 from tis.deploy.export.jigsaws import jigsaws_files
 from tis.deploy.export.tables import Columns, Pieces, tables
-from tis.deploy.logs.read.recorded import models_in
-from tis.deploy.logs.topics import RunTopics
+from tis.deploy.logs.read.load import models_in
+from tis.deploy.logs.viewer.drawn import RunTopics
 from tis.deploy.report.run_data import Run, load
 
 _CSV_ROWS: Final = 65_536

@@ -24,11 +24,11 @@ from tis.common.sources.jigsaws import MIN_ROWS, RATE_HZ, trial_text
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.blocks import Block
-from tis.deploy.logs.json_rows import other_version
 from tis.deploy.logs.limits import MAX_NUMBER
 from tis.deploy.logs.log_file import LogFile, truncated_start
 from tis.deploy.logs.log_paths import log_files
-from tis.deploy.logs.topics import RunTopics
+from tis.deploy.logs.payloads import other_version
+from tis.deploy.logs.viewer.drawn import RunTopics
 
 SENT: Final = "R001"
 ESTIMATED: Final = "R002"

@@ -13,7 +13,7 @@ from tis.common.records import TICKS, TRUTH
 from tis.common.scenario.estimator_names import plain_name
 from tis.common.topics import topic_of
 from tis.common.units import MM_PER_M
-from tis.deploy.logs.json_rows import Row
+from tis.deploy.logs.payloads import Row
 from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.packets import fates_by_key, releases_by_key

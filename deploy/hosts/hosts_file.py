@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field, StringConstraints, ValidationError
 from tis.common.channels import Side
 from tis.common.errors import Fault, InputError
 from tis.common.runtime.clock import skewed
-from tis.common.runtime.recordings.whole_run import build_whole
+from tis.common.runtime.recordings import build_whole
 from tis.common.runtime.scenario_files import read_scenario
 from tis.common.scenario import Scenario
 from tis.common.scenario.base import Part, RuleText

@@ -15,7 +15,16 @@ from mcap.writer import MCAP0_MAGIC
 
 from tis.common.errors import DataError, Fault
 from tis.common.runtime.chunk_writer import RECORD_HEAD
-from tis.deploy.logs.blocks import Block, Parsed, parse_records, unpack_chunk
+from tis.deploy.logs.blocks import (
+    Block,
+    Parsed,
+    ReadingBudget,
+    RecordContent,
+    SpentError,
+    parse_records,
+    read_head,
+    unpack_chunk,
+)
 from tis.deploy.logs.limits import (
     MAX_ATTACHMENTS,
     MAX_CHANNELS,
@@ -24,8 +33,6 @@ from tis.deploy.logs.limits import (
     MAX_RECORD_BYTES,
     MAX_SCHEMAS,
 )
-from tis.deploy.logs.record_content import ReadingBudget, RecordContent, SpentError
-from tis.deploy.logs.record_heads import read_head
 
 # Search for the next chunk behind damage.
 

@@ -20,12 +20,11 @@ from tis.common.runtime.chunk_writer import QUICK, THOROUGH, ChunkWriter, by_cha
 from tis.common.runtime.json_schema import flat_schema
 from tis.common.sources.provenance import MODEL_FILES
 from tis.common.units import NS_PER_S
-from tis.deploy.logs.alignment import Clocks
 from tis.deploy.logs.coverage import damage_text
 from tis.deploy.logs.merge_source import FOREVER, MergeSource, Piece
-from tis.deploy.logs.topics import RunTopics, merged_topic
+from tis.deploy.logs.read.clocks import Clocks
 from tis.deploy.logs.viewer import foxglove
-from tis.deploy.logs.viewer.drawn import DRAWN_HZ, Drawn, Payloads, Records
+from tis.deploy.logs.viewer.drawn import DRAWN_HZ, Drawn, Payloads, Records, RunTopics, merged_topic
 from tis.deploy.logs.viewer.scene import Scene
 
 MERGED_VERSION: Final = "1"

@@ -1,6 +1,13 @@
-"""``run.mcap`` of a run folder: its logs, summary and manifest; used by `tis merge` and at the end of runs."""
+"""``run.mcap`` of a run folder: its logs, summary and manifest.
+
+It is merged by `tis merge`, and at the end of a run in the background: the summary takes about as long.
+"""
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from functools import partial
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final, NamedTuple, get_args
 
@@ -12,16 +19,13 @@ from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
 from tis.common.scenario import Scenario
 from tis.common.sources.provenance import MODEL_FILES
 from tis.common.units import s_to_ns
-from tis.deploy.logs.alignment import Clocks
 from tis.deploy.logs.log_file import truncated_start
 from tis.deploy.logs.log_paths import log_files
-from tis.deploy.logs.merge import Conclusion, Merged, merge_logs
-from tis.deploy.logs.read.clocks import CLOCK_TOPICS
-from tis.deploy.logs.read.load import RunLogs, load_run
-from tis.deploy.logs.read.recorded import scenario_in
-from tis.deploy.logs.topics import RunTopics
-from tis.deploy.logs.viewer.draw_log import line
-from tis.deploy.logs.viewer.drawn import Drawn
+from tis.deploy.logs.merge import Conclusion, Merged, merge_logs, partial_of
+from tis.deploy.logs.read.clocks import CLOCK_TOPICS, Clocks
+from tis.deploy.logs.read.load import load_run, scenario_in
+from tis.deploy.logs.viewer.draw_metrics import line
+from tis.deploy.logs.viewer.drawn import Drawn, RunTopics
 from tis.deploy.shell import run_dir as folder
 from tis.patient_side.models import read_models
 
@@ -79,11 +83,6 @@ def logs_in(run_dir: Path) -> dict[Side, list[Path]]:
     return {side: paths for side, paths in found.items() if paths}
 
 
-def clocks_of(logs: RunLogs) -> Clocks:
-    """Return the sides' clock models."""
-    return {side: logs.clocks.model(side) for side in get_args(Side)}
-
-
 def merge_again(run_dir: Path, out: Console, err: Console) -> int:
     """Merge a run folder's logs; return `EXIT_LOSSY_RECOVERY` when one is missing or damaged. Raises `DataError`."""
     logs = load_run(run_dir, CLOCK_TOPICS)
@@ -91,7 +90,7 @@ def merge_again(run_dir: Path, out: Console, err: Console) -> int:
     summary = folder.read_json(run_dir / folder.SUMMARY_FILE) or {}
     model = summary.get("identification")
     warnings = folder.texts_in(model.get("warnings") if isinstance(model, dict) else None)
-    merged = merge_run(run_dir, scenario, clocks_of(logs), Opening(str(summary.get("command", "")), warnings))
+    merged = merge_run(run_dir, scenario, logs.clocks.models(), Opening(str(summary.get("command", "")), warnings))
     print_merged(run_dir, merged, out)
     for problem in merged.problems:
         err.print(escape(f"tis: {run_dir}: {problem}; the rest was merged"), style="red", soft_wrap=True)
@@ -128,3 +127,71 @@ def _last_lines(summary: Mapping[str, Any], end_ns: int) -> Iterator[Drawn]:
     for verdict in verdicts if isinstance(verdicts, list) else ():
         if isinstance(verdict, dict) and isinstance(verdict.get("line"), str):
             yield line(end_ns, "INFO" if verdict.get("outcome") == "met" else "WARNING", "tis", verdict["line"])
+
+
+_MIN_PROCESS_BYTES: Final = 8_000_000
+
+
+class Merging:
+    """A merge that runs in another process, or, without one, when its result is requested."""
+
+    def __init__(self, inline: Callable[[], Merged], process: Connection | None = None) -> None:
+        self._inline, self._process = inline, process
+
+    def concluded(self) -> None:
+        """Signal that summary and manifest are in the run folder."""
+        if self._process is not None:
+            with suppress(OSError):  # it has failed already; merged() reports it
+                self._process.send(None)
+
+    def merged(self) -> Merged:
+        """Wait for the merged file; raises `DataError` when the merge fails."""
+        if self._process is None:
+            return self._inline()
+        try:
+            found: Merged | tuple[Fault, ...] = self._process.recv()
+        except EOFError:
+            rule = "cannot be made: the process that merges was killed"
+            raise DataError(Fault(folder.MERGED_FILE, "", rule)) from None
+        if isinstance(found, Merged):
+            return found
+        raise DataError(found)
+
+
+@contextmanager
+def merging(run_dir: Path, scenario: Scenario, clocks: Clocks, opening: Opening) -> Iterator[Merging]:
+    """Merge a run's logs while the block summarises them; a block that fails leaves no file.
+
+    Large logs are merged in a separate process.
+    """
+    work = (run_dir, scenario, clocks, opening)
+    inline = partial(merge_run, *work)
+    if sum(path.stat().st_size for paths in logs_in(run_dir).values() for path in paths) < _MIN_PROCESS_BYTES:
+        yield Merging(inline)
+        return
+    # a forked child would inherit locks that other threads hold
+    context = get_context("spawn")
+    ours, its = context.Pipe()
+    process = context.Process(target=_merge_process, args=(its, *work), name="merge")
+    process.start()
+    # the parent keeps no copy of the child's end, or a killed child would not show as EOF
+    its.close()
+    try:
+        yield Merging(inline, ours)
+    except BaseException:
+        process.terminate()
+        raise
+    finally:
+        ours.close()
+        process.join()
+        partial_of(run_dir / folder.MERGED_FILE).unlink(missing_ok=True)
+
+
+def _merge_process(
+    summarising: Connection, run_dir: Path, scenario: Scenario, clocks: Clocks, opening: Opening
+) -> None:
+    with suppress(EOFError, BrokenPipeError, KeyboardInterrupt):  # the parent has given up
+        try:
+            summarising.send(merge_run(run_dir, scenario, clocks, opening, summarising.recv))
+        except DataError as error:
+            summarising.send(error.faults)

@@ -11,13 +11,12 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
 from tis.common.channels import Direction, Side, direction_of
-from tis.common.clocks import ClockModel
+from tis.common.clocks import SHARED, ClockModel
 from tis.common.errors import DataError, Fault
 from tis.common.runtime.chunk_writer import Ints
-from tis.deploy.logs.alignment import Clocks, clock_of
-from tis.deploy.logs.blocks import FIELDS, OF_FIELDS, Block
+from tis.deploy.logs.blocks import FIELDS, OF_FIELDS, Block, record_heads
 from tis.deploy.logs.log_file import LogFile
-from tis.deploy.logs.record_heads import record_heads
+from tis.deploy.logs.read.clocks import Clocks
 
 Register = Callable[[Side, Channel, Schema | None], int]
 
@@ -50,7 +49,7 @@ class MergeSource:
         self._session, self._clocks, self._register = session, clocks, register
         self._blocks = self.file.blocks()
         self._ids: dict[int, int] = {}
-        self._clock: ClockModel = clock_of(clocks, side)
+        self._clock: ClockModel = clocks.get(side, SHARED)
         self._publish_clocks: dict[int, ClockModel] = {}
         self._starts_ns = _no_earlier_than(self._clock.to_reference_ns(_chunk_starts_ns(path)))
         self._ended = False
@@ -99,7 +98,7 @@ class MergeSource:
             self._ids[channel_id] = self._register(self.side, channel, self.file.schemas.get(channel.schema_id))
             direction = direction_of(channel.topic, self._session)
             sender = self.side if direction is None else _SENDER[direction]
-            self._publish_clocks[channel_id] = clock_of(self._clocks, sender)
+            self._publish_clocks[channel_id] = self._clocks.get(sender, SHARED)
         return self._ids[channel_id]
 
 

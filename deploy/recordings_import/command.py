@@ -15,18 +15,17 @@ from rich.console import Console
 from rich.markup import escape
 
 from tis.common.errors import EXIT_OK, GET_PARQUET, DataError, Fault, InputError
+from tis.common.runtime.recordings.jigsaws import rows_in
 from tis.common.runtime.recordings.table_file import METADATA
-from tis.common.runtime.scenario_files import read_limited
 from tis.common.scenario.source import is_synthetic
-from tis.common.sources.jigsaws import MAX_TRIAL_BYTES, RATE_HZ, parse_trial, pose_track
+from tis.common.sources.jigsaws import RATE_HZ, pose_track
 from tis.common.sources.plausibility import anomalies
 from tis.common.sources.table_columns import TIME, canonical_names
 from tis.common.units import NS_PER_S
+from tis.deploy.recordings_import.files import read_bag, read_mcap
 from tis.deploy.recordings_import.found import DEVICES, MASTERS, Array, Found, Stream, Wanted
 from tis.deploy.recordings_import.lerobot import INFO, read_lerobot
-from tis.deploy.recordings_import.mcap_file import read_mcap
 from tis.deploy.recordings_import.one_clock import Rows, on_one_clock
-from tis.deploy.recordings_import.ros import read_bag
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.guard import print_warnings
 
@@ -82,13 +81,7 @@ def read_jigsaws(file: Path) -> Found:
     Task and person are read off its name. Oracle: trials of `tis synth`, played from either file.
     """
     where = str(file)
-    try:
-        text = read_limited(file, MAX_TRIAL_BYTES).decode("utf-8-sig")
-    except OSError as error:
-        raise DataError(Fault(where, "", f"cannot be read: {error.strerror}")) from None
-    except UnicodeDecodeError as error:
-        raise DataError(Fault(where, "", f"is not UTF-8 text (at byte {error.start})")) from None
-    rows = parse_trial(text, where)
+    rows = rows_in(file)
     t_ns = np.arange(len(rows), dtype=np.int64) * NS_PER_S // RATE_HZ
     streams = []
     for device in DEVICES:

@@ -1,7 +1,7 @@
 """Content of a foreign recording: its topics, and the poses and angles of those that are imported."""
 
 from array import array
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from tis.common.channels import MASTER
 from tis.common.errors import DataError, Fault
 from tis.common.sources.table_columns import MAX_ROWS
+from tis.deploy.logs.payloads import UNREADABLE
+from tis.deploy.recordings_import.messages import Kind, Read
 
 Ints = NDArray[np.int64]
 Array = NDArray[np.float64]
@@ -18,8 +20,6 @@ Array = NDArray[np.float64]
 DEVICES: Final = ("MTML", "PSM2", "MTMR", "PSM1")
 """Devices of a table, each master before the arm that follows it."""
 MASTERS: Final = frozenset(MASTER.values())
-
-Kind = Literal["pose", "joints"]
 
 
 @dataclass(frozen=True)
@@ -34,25 +34,36 @@ class Topic:
 
 @dataclass
 class Rows:
-    """Instants in ns and rows of ``width`` numbers, gathered message by message, and what had to be left out."""
+    """Instants in ns and the numbers of poses or of joints, message by message, and what had to be left out."""
 
-    width: int
+    is_poses: bool
     n_undecodable: int = 0
     n_unstamped: int = 0
     _ns: "array[int]" = field(default_factory=lambda: array("q"))
     _values: "array[float]" = field(default_factory=lambda: array("d"))
 
-    def append(self, t_ns: int, values: tuple[float, ...]) -> None:
-        """Add a row; raises `OverflowError` for an instant beyond 64 bits, `DataError` for more than `MAX_ROWS`."""
-        if len(self._ns) >= MAX_ROWS:
-            raise DataError(Fault("tis import", "", f"a topic must have at most {MAX_ROWS} messages"))
-        self._ns.append(t_ns)
+    def take(self, read: Callable[[], Read]) -> None:
+        """Add what ``read`` returns of a message; raises `DataError` for more than `MAX_ROWS`."""
+        try:
+            t_ns, values, is_stamped = read()
+            if len(self._ns) >= MAX_ROWS:
+                raise DataError(Fault("tis import", "", f"a topic must have at most {MAX_ROWS} messages"))
+            self._ns.append(t_ns)
+        except (*UNREADABLE, AssertionError):
+            self.n_undecodable += 1
+            return
         self._values.extend(values)
+        self.n_unstamped += not is_stamped
 
     def arrays(self) -> tuple[Ints, Array]:
-        """Return the instants (N,) and the rows (N, width)."""
+        """Return the instants (N,) and the numbers, (N, 8) of poses, (N, 1) of joints."""
         ns = np.frombuffer(self._ns, dtype=np.int64) if self._ns else np.empty(0, dtype=np.int64)
-        return ns, np.asarray(self._values, dtype=np.float64).reshape(-1, self.width)
+        return ns, np.asarray(self._values, dtype=np.float64).reshape(-1, 8 if self.is_poses else 1)
+
+
+def rows_of(poses: Mapping[str, str], jaws: Mapping[str, str]) -> dict[str, Rows]:
+    """Return empty rows for the chosen topics."""
+    return {name: Rows(True) for name in poses.values()} | {name: Rows(False) for name in jaws.values()}
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,19 @@
-"""Poses from a LeRobot data set, versions 2 and 3: Parquet files below data/, described by meta/info.json."""
+"""Poses from a LeRobot data set, versions 2 and 3: Parquet files below data/, described by meta/info.json.
+
+The names of a vector's elements, like left_x or psm1_qw, tell the devices.
+"""
 
 import json
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from tis.common.channels import FOLLOWER, MASTER, Hand
 from tis.common.errors import GET_PARQUET, DataError, Fault, InputError
 from tis.common.runtime.scenario_files import read_limited
 from tis.common.scenario.table_source import PoseColumns, PoseUnits
@@ -15,7 +21,80 @@ from tis.common.sources.table_columns import MAX_ROWS, MAX_VALUES, DeviceLayout
 from tis.common.sources.table_poses import finite_faults, pose_track
 from tis.common.units import NS_PER_S
 from tis.deploy.recordings_import.found import Array, Found, Ints, Stream, Wanted
-from tis.deploy.recordings_import.lerobot_names import Elements, elements_of, names_in
+
+_SIDES: Final[Mapping[str, Hand]] = {
+    "left": "left", "l": "left", "mtml": "left", "psm2": "left",
+    "right": "right", "r": "right", "mtmr": "right", "psm1": "right",
+}  # fmt: skip
+_GRIPPERS: Final = ("gripper", "jaw", "grip")
+_TURNED: Final = ("quat", "quaternion", "orientation", "rot", "rotation", "ori", "q")
+_EULER: Final = ("roll", "pitch", "yaw")
+
+
+@dataclass(frozen=True)
+class Elements:
+    """Places of a device's numbers in a vector: position, orientation as quaternion or roll-pitch-yaw, gripper."""
+
+    device: str
+    position: tuple[int, int, int]
+    quaternion: tuple[int, int, int, int] | None
+    euler: tuple[int, int, int] | None
+    gripper: int | None
+
+
+def names_in(feature: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the names of a feature of meta/info.json: a list, or a map with one list; empty if there are none."""
+    names = feature.get("names")
+    if isinstance(names, Mapping):
+        lists = [value for value in names.values() if isinstance(value, list)]
+        names = [name for value in lists for name in value]
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        return ()
+    return tuple(names)
+
+
+def elements_of(names: Sequence[str], is_action: bool) -> list[Elements]:
+    """Return the devices whose positions a vector holds, by the names of its elements.
+
+    The action is the command: the master's pose; the state is the arm's. A name tells the hand by left, right, l, r,
+    or by a device of the da Vinci; without any, it is the left one. Oracle: names of published sets in the tests.
+    """
+    parts: dict[Hand, dict[str, int]] = {}
+    for place, name in enumerate(names):
+        words = [word for word in re.split(r"[^a-z0-9]+", _split_case(name).lower()) if word]
+        hand: Hand = next((_SIDES[word] for word in words if word in _SIDES), "left")
+        part = _part(words)
+        if part is not None:
+            parts.setdefault(hand, {}).setdefault(part, place)
+    found = []
+    for hand, places in sorted(parts.items()):
+        if not {"x", "y", "z"} <= places.keys():
+            continue
+        quaternion = tuple(places.get(part, -1) for part in ("qx", "qy", "qz", "qw"))
+        euler = tuple(places.get(part, -1) for part in _EULER)
+        turns = quaternion if -1 not in quaternion else None
+        angles = euler if turns is None and -1 not in euler else None
+        device = MASTER[hand] if is_action else FOLLOWER[hand]
+        position = (places["x"], places["y"], places["z"])
+        found.append(Elements(device, position, turns, angles, places.get("gripper")))  # type: ignore[arg-type]
+    return found
+
+
+def _split_case(name: str) -> str:
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name)
+
+
+def _part(words: Sequence[str]) -> str | None:
+    """Return which number of a pose the words name: x, y, z, qx .. qw, roll, pitch, yaw or gripper."""
+    last = words[-1] if words else ""
+    if any(word in _GRIPPERS for word in words):
+        return "gripper"
+    if last in _EULER or last in ("qx", "qy", "qz", "qw"):
+        return last
+    if last in ("x", "y", "z", "w"):
+        return f"q{last}" if last == "w" or any(word in _TURNED for word in words[:-1]) else last
+    return None
+
 
 INFO: Final = Path("meta") / "info.json"
 VECTORS: Final = ("observation.state", "action")

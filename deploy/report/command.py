@@ -10,8 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, GET_REPORT, DataError, Fault, InputError, TisError
-from tis.deploy.logs.read.load import load_run
-from tis.deploy.logs.read.recorded import mode_of, models_in, scenario_in
+from tis.deploy.logs.read.load import load_run, mode_of, models_in, scenario_in
 from tis.deploy.present.palette import SERIES
 from tis.deploy.report.measured_run import MeasuredRun
 from tis.deploy.report.run_view import RunView

@@ -17,9 +17,8 @@ from tis.common.records import TICKS, TRUTH
 from tis.common.scenario import Scenario
 from tis.common.units import MM_PER_M
 from tis.deploy.logs.read.frame import Frame
-from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.deploy.logs.read.load import RunLogs, load_run, scenario_in
 from tis.deploy.logs.read.packets import link_fates, link_releases
-from tis.deploy.logs.read.recorded import scenario_in
 from tis.deploy.logs.read.side_log import OUTCOMES
 from tis.deploy.report.subjects.age import ages_of_hand
 from tis.deploy.report.subjects.network.key_figures import KeyFigures

@@ -13,7 +13,7 @@ from tis.common.errors import DataError, Fault, one_line
 from tis.common.metrics.latency import latency_ms
 from tis.common.metrics.percentiles import summarise
 from tis.common.units import NS_PER_MS
-from tis.deploy.logs.read.recorded import run_id_in
+from tis.deploy.logs.read.load import run_id_in
 from tis.deploy.present.numbers import rounded_up
 from tis.deploy.report.measured_run import MeasuredRun
 from tis.deploy.report.section import (

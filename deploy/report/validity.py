@@ -8,7 +8,7 @@ from tis.common.metrics.tracking import SETTLING_NS
 from tis.common.records import PEERS, UNRECORDED
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_S
-from tis.deploy.logs.json_rows import Row
+from tis.deploy.logs.payloads import Row
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.report.subjects.accuracy import is_scored, without_estimate
 from tis.deploy.report.subjects.devices import is_foreign, silent_programs

@@ -13,10 +13,8 @@ from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK
 from tis.common.runtime.process import command_line
 from tis.common.scenario import Scenario
 from tis.common.sources.provenance import MODEL_FILES
-from tis.deploy.logs.background_merge import Merging, merging
-from tis.deploy.logs.merge_run import Opening, can_merge, clocks_of, print_merged
-from tis.deploy.logs.read.load import RunLogs, load_run
-from tis.deploy.logs.read.recorded import mode_of, models_in, origins_in, scenario_in
+from tis.deploy.logs.merge_run import Merging, Opening, can_merge, merging, print_merged
+from tis.deploy.logs.read.load import RunLogs, load_run, mode_of, models_in, origins_in, scenario_in
 from tis.deploy.report.command import write_report
 from tis.deploy.report.measured_run import MeasuredRun
 from tis.deploy.report.run_view import RunView
@@ -64,7 +62,7 @@ def _conclude(logs: RunLogs, scenario: Scenario, ending: Ending, out: Console, o
     if not outputs.merge or not can_merge(logs.run_dir):
         return _summarise(logs, scenario, models, ending, out, outputs, None)
     opening = Opening(ending.command, models[0].warnings if models else ())
-    with merging(logs.run_dir, scenario, clocks_of(logs), opening) as under_way:
+    with merging(logs.run_dir, scenario, logs.clocks.models(), opening) as under_way:
         return _summarise(logs, scenario, models, ending, out, outputs, under_way)
 
 

@@ -23,9 +23,9 @@ from tis.common.runtime.user_code import USER_CODE_FILE, Origin, parse_origins
 from tis.common.safety_records import QUARANTINE, STOPS, QuarantineNote, StopNote
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_S
-from tis.deploy.logs.json_rows import other_version
 from tis.deploy.logs.log_file import LogFile
 from tis.deploy.logs.log_paths import log_file, log_files
+from tis.deploy.logs.payloads import other_version
 from tis.deploy.logs.read.load import load_parts, load_side
 from tis.deploy.logs.read.side_log import SideLog
 from tis.deploy.shell import run_dir as folder

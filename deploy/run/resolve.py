@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from tis.common.errors import Fault, InputError
-from tis.common.runtime.recordings import located
-from tis.common.runtime.recordings.whole_run import plays_all, whole_run, without_auto
+from tis.common.runtime.recordings import located, plays_all, whole_run, without_auto
 from tis.common.runtime.scenario_files import read_scenario
 from tis.common.scenario import Scenario
 from tis.common.scenario import reading as scenario_io

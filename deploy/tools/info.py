@@ -17,8 +17,7 @@ from tis.deploy.logs.coverage import Coverage, spans_text
 from tis.deploy.logs.describe import Described, describe
 from tis.deploy.logs.log_file import truncated_start
 from tis.deploy.logs.log_paths import log_file, recovered_name, recovery_of
-from tis.deploy.logs.read.load import RunLogs, check_written_by_tis, load_run
-from tis.deploy.logs.read.recorded import scenario_in
+from tis.deploy.logs.read.load import RunLogs, check_written_by_tis, load_run, scenario_in
 from tis.deploy.report.summary import Summary, readable, summary_in
 from tis.deploy.report.terminal import print_summary
 from tis.deploy.shell import run_dir as folder

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from tis.common.channels import Hand, arm_key, hand_channels, release_key, stop_key, stopped_key
 from tis.common.clocks import Exchanges
 from tis.common.device import MAX_BUTTONS, MAX_DEVICE_BYTES, MAX_PER_TICK, DevicePose, decode_pose_stamped
-from tis.common.devices.records import Refusal
+from tis.common.device_records import Refusal
 from tis.common.header import Header
 from tis.common.messages import MAX_SIZE, FeedbackPose, Message, SafetyMode, SampledPose, SetPoint
 from tis.common.peer_life import BEAT_EVERY_NS, Beat

@@ -68,21 +68,19 @@ from tis.common.stop_messages import EmergencyStop, lock_of
 from tis.common.trace import parse_trace
 from tis.deploy.compare.grid import grid_faults
 from tis.deploy.compare.study import Study
-from tis.deploy.logs.blocks import parse_records, unpack_chunk
+from tis.deploy.logs.blocks import RecordContent, SpentError, parse_records, unpack_chunk
 from tis.deploy.logs.describe import describe
 from tis.deploy.logs.log_paths import recovery_of
 from tis.deploy.logs.read.load import load_side
-from tis.deploy.logs.record_content import RecordContent, SpentError
 from tis.deploy.logs.recover import recover
 from tis.deploy.net.fitting.captures import parse_capture
 from tis.deploy.net.fitting.round_trips import parse_round_trips
 from tis.deploy.net.library.profiles import SHIPPED, build_profile
 from tis.deploy.net.probing.reflector import Batch
+from tis.deploy.recordings_import.files import read_mcap
 from tis.deploy.recordings_import.found import Wanted as Foreign
-from tis.deploy.recordings_import.mcap_file import read_mcap
+from tis.deploy.recordings_import.messages import decoder, in_ros
 from tis.deploy.recordings_import.one_clock import on_one_clock
-from tis.deploy.recordings_import.pose_messages import jaw_in_ros, pose_in_ros
-from tis.deploy.recordings_import.ros import decoder
 from tis.deploy.shell.run_dir import read_json
 from tis.deploy.tools.certificates import certificates, new_authority
 from tis.deploy.tools.runs import Wanted, list_runs
@@ -223,9 +221,9 @@ def _imported(data: bytes) -> None:
 
 
 def _cdr(data: bytes) -> None:
-    for kind, read in (("geometry_msgs/msg/PoseStamped", pose_in_ros), ("sensor_msgs/msg/JointState", jaw_in_ros)):
+    for kind in ("geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/JointState"):
         with suppress(ValueError, LookupError):
-            read(decoder(kind)(data), 5)
+            in_ros(decoder(kind)(data), 5, is_pose="Pose" in kind)
 
 
 def _chunk(data: bytes) -> None:

@@ -2,7 +2,7 @@ import json
 from typing import Any
 
 from tests.patient_side.arm_models import static_model
-from tis.common.devices.records import DeviceNote
+from tis.common.device_records import DeviceNote
 from tis.common.messages import FeedbackPose
 from tis.common.node import Arrival, Emission, Record
 from tis.common.records import PLANT, PlantNote

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tis.common.device import DeviceSample
-from tis.common.devices.records import DEVICES, DeviceNote
+from tis.common.device_records import DEVICES, DeviceNote
 from tis.common.header import Header
 from tis.common.messages import Pose
 from tis.common.node import Arrival, Emission, Record

@@ -1,6 +1,8 @@
 """Recordings and made movements that a scenario's source names; only this package reads trials and tables.
 
-Each kind of files is a module with the functions of `Files`, registered in `_FILES`.
+Each kind of files is a module with the functions of `Files`, registered in `_FILES`. ``duration_s: auto``, a run that
+plays all of its recording, is resolved once, where the scenario is read: sides, logs and digests then know a number
+only, on which all sides must agree.
 """
 
 import math
@@ -12,8 +14,7 @@ from typing import Any, Final, Protocol
 import tis.common.runtime.recordings.jigsaws as jigsaws
 import tis.common.runtime.recordings.table as table
 from tis.common.errors import DataError, Fault, InputError
-from tis.common.runtime.recordings.jigsaws import JIGSAWS_VARIABLE as JIGSAWS_VARIABLE
-from tis.common.scenario import Scenario
+from tis.common.scenario import AUTO, Scenario, reading
 from tis.common.scenario.live_source import LiveSource
 from tis.common.scenario.source import RecordedSource, SyntheticSource
 from tis.common.sources.live import synthetic_training, unmade_movement
@@ -56,6 +57,9 @@ class Files(Protocol):
 
 _FILES: Final[Mapping[str, Files]] = {"jigsaws": jigsaws, "table": table}
 """The kinds of recorded sources, by ``source.kind``."""
+
+_FOR_CHECKS: Final = 1.0
+"""Duration in s in place of ``auto`` while the other fields are checked."""
 
 
 def trial_file(source: RecordedSource, trial: str) -> Path:
@@ -202,3 +206,49 @@ def load_trials(scenario: Scenario, recording: Recording, trials: Sequence[str])
 
 def _noisy(scenario: Scenario, training: Recording) -> Recording:
     return with_noise(training, scenario.identification.sensor_noise_m, scenario.seed)
+
+
+def plays_all(raw: Mapping[str, Any]) -> bool:
+    """Tell whether a raw scenario's duration is that of its recording."""
+    return raw.get("duration_s") == AUTO
+
+
+def without_auto(raw: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a raw scenario with a number as duration, so that all its other fields can be checked."""
+    return {**raw, "duration_s": _FOR_CHECKS} if plays_all(raw) else dict(raw)
+
+
+def whole_run(scenario: Scenario, where: str) -> Scenario:
+    """Return the scenario with the duration of all its recording, from the first row on.
+
+    Raises `InputError` for a source without an end or where no row is left to play, `DataError` for a recording that
+    cannot be read. Oracle: recordings of known length in the tests.
+    """
+    source = scenario.source
+    if not isinstance(source, RecordedSource):
+        rule = f"must be a number of seconds: auto plays all of a recording, and a {source.kind} movement has no end"
+        raise InputError(Fault(where, "duration_s", rule, AUTO))
+    start = scenario.first_row()
+    try:
+        recording = whole_recording(scenario, source, start)
+    except DataError as error:
+        if trial_file(source, own_trial(source)).exists():
+            raise
+        rule = (
+            "auto needs the recording on this host; else set the number of seconds, which `tis validate SCENARIO` "
+            "prints on a host that has it"
+        )
+        raise DataError([*error.faults, Fault(where, "duration_s", rule)]) from None
+    longest = len(recording) - start - 1
+    if longest < 1:
+        rows = f"{recording.file} has {len(recording)} rows, and the run begins at row {start}"
+        rule = f"auto finds no row to play: {rows}"
+        raise InputError(Fault(f"scenario {scenario.name}", "duration_s", rule))
+    raw = scenario.model_dump(mode="json", exclude_none=True)
+    return reading.build_scenario({**raw, "duration_s": longest / scenario.rate_hz}, where)
+
+
+def build_whole(raw: Mapping[str, Any], where: str, profiles: reading.Profiles | None = None) -> Scenario:
+    """Return what `build_scenario` returns, also for a raw scenario whose duration is auto; raises as `whole_run`."""
+    scenario = reading.build_scenario(without_auto(raw), where, profiles)
+    return whole_run(scenario, where) if plays_all(raw) else scenario

@@ -211,11 +211,22 @@ def _missing(source: JigsawsSource, file: Path) -> Fault:
 
 def _read_trial(source: JigsawsSource, file: Path, n_rows: int | None = None) -> Array:
     """Return the rows of a trial's file, or at most its first ``n_rows``; raises `DataError`."""
+    try:
+        return rows_in(file, n_rows)
+    except (FileNotFoundError, NotADirectoryError):
+        raise DataError(_missing(source, file)) from None
+
+
+def rows_in(file: Path, n_rows: int | None = None) -> Array:
+    """Return the rows (N, 76) of a trial's file, or at most its first ``n_rows``.
+
+    Raises `FileNotFoundError` or `NotADirectoryError` where there is none, `DataError` for one that is no trial.
+    """
     where = str(file)
     try:
         text = read_limited(file, MAX_TRIAL_BYTES).decode("utf-8-sig")  # some editors write a byte order mark
     except (FileNotFoundError, NotADirectoryError):
-        raise DataError(_missing(source, file)) from None
+        raise
     except OSError as error:
         raise DataError(Fault(where, "", f"cannot be read: {error.strerror}")) from None
     except UnicodeDecodeError as error:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 
@@ -12,8 +12,11 @@ from tis.common.errors import DataError, Fault
 from tis.common.host_records import CLOCK, DISCIPLINE, EXCHANGES
 from tis.common.topic import Topic
 from tis.common.units import NS_PER_MS, NS_PER_US
-from tis.deploy.logs.json_rows import Row
+from tis.deploy.logs.payloads import Row
 from tis.deploy.logs.read.frame import Frame
+
+Clocks = Mapping[Side, ClockModel]
+"""Models of the sides' clocks against netem's, the reference; a side without one uses it."""
 
 Kind = Literal["reference", "shared", "exchanged", "unknown"]
 
@@ -71,6 +74,10 @@ class RunClocks:
         """Return the model that converts a side's stamps to the reference clock."""
         clock = self.sides.get(side)
         return SHARED if clock is None else clock.model
+
+    def models(self) -> Clocks:
+        """Return the model of each side."""
+        return {side: self.model(side) for side in get_args(Side)}
 
     @property
     def all_shared(self) -> bool:

@@ -1,4 +1,4 @@
-"""Logs of a run folder, on one clock."""
+"""Logs of a run folder, on one clock, and what they say of the run: mode, scenario, models, user code."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,6 +12,8 @@ from tis.common.records import COUNTERS
 from tis.common.runtime.chunk_writer import by_channel
 from tis.common.runtime.log_parts import PartClock, part_clock
 from tis.common.runtime.memory import release_large_arrays, without_collector
+from tis.common.runtime.user_code import USER_CODE_FILE, Origin, parse_origins
+from tis.common.sources.provenance import MODEL_FILES
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.blocks import Block
 from tis.deploy.logs.coverage import FOREVER, Coverage, Span
@@ -21,6 +23,9 @@ from tis.deploy.logs.log_paths import log_files
 from tis.deploy.logs.read.clocks import CLOCK_TOPICS, RunClocks, run_clocks
 from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.side_log import SideLog
+from tis.deploy.shell import run_dir as folder
+from tis.patient_side.identification.model_file import parse_models
+from tis.patient_side.statespace import ArmModel
 
 _WRITTEN_BY: Final = "tis"
 _NO_COUNTS: Final = ("_ns", "most_held")
@@ -225,9 +230,55 @@ def _topic(paths: Sequence[Path], fault: Fault) -> str:
 
 def aligned(logs: RunLogs) -> RunLogs:
     """Return logs with all stamps on the reference clock."""
-    mode = next((log.metadata["mode"] for log in logs.sides.values() if "mode" in log.metadata), "live")
     last_ns = {side: log.last_ns for side, log in logs.sides.items()}
-    clocks = run_clocks({side: log.rows for side, log in logs.sides.items()}, last_ns, mode)
+    clocks = run_clocks({side: log.rows for side, log in logs.sides.items()}, last_ns, mode_of(logs))
     if clocks.all_shared:
         return replace(logs, clocks=clocks)
     return replace(logs, sides={side: log.aligned(clocks) for side, log in logs.sides.items()}, clocks=clocks)
+
+
+def scenario_in(logs: RunLogs) -> str | None:
+    """Return the scenario (YAML) in the logs, None without any; raises `DataError` when they or their runs differ."""
+    run_id_in(logs)
+    texts = {
+        log.attachments[folder.SCENARIO_FILE]
+        for log in logs.sides.values()
+        if folder.SCENARIO_FILE in log.attachments
+    }
+    if len({log.metadata["digest"] for log in logs.sides.values() if "digest" in log.metadata}) > 1:
+        raise DataError(Fault(str(logs.run_dir), "", "holds logs of different scenarios"))
+    return _decoded(logs, next(iter(texts)), folder.SCENARIO_FILE) if texts else None
+
+
+def _decoded(logs: RunLogs, data: bytes, name: str) -> str:
+    try:
+        return data.decode()
+    except UnicodeDecodeError:
+        raise DataError(Fault(str(logs.run_dir), name, "must be UTF-8 text")) from None
+
+
+def run_id_in(logs: RunLogs) -> int | None:
+    """Return the number of the run that the logs are of, None for a twin; raises `DataError` when they differ."""
+    clocks = (part_clock(log.attachments) for log in logs.sides.values())
+    found = {clock.run_id for clock in clocks if clock is not None and clock.run_id is not None}
+    if len(found) > 1:
+        raise DataError(Fault(str(logs.run_dir), "", "holds logs of different runs"))
+    return next(iter(found), None)
+
+
+def mode_of(logs: RunLogs) -> str:
+    """Return the mode of the run, live or twin."""
+    return next((log.metadata["mode"] for log in logs.sides.values() if "mode" in log.metadata), "live")
+
+
+def models_in(logs: RunLogs) -> tuple[ArmModel, ...]:
+    """Return the models in the patient's log; raises `DataError` when they cannot be read."""
+    attached = logs.attachments("patient")
+    found = [attached[name] for name in MODEL_FILES if name in attached]
+    return parse_models(found[0], "patient.mcap") if found else ()
+
+
+def origins_in(logs: RunLogs) -> dict[str, Origin]:
+    """Return the origins of user-defined estimators in the patient's log; raises `DataError` when damaged."""
+    data = logs.attachments("patient").get(USER_CODE_FILE)
+    return {} if data is None else parse_origins(data, "patient.mcap")

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from tis.common.channels import Direction, Hand
 from tis.common.records import FATES, FRESH, PROMPT, RELEASES, TICKS
-from tis.deploy.logs.read.frame import Flags, Frame, Ints
+from tis.deploy.logs.read.columns import Flags, Ints
+from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.side_log import DEPARTURES, OUTCOMES, no_packets
 

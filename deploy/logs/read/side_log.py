@@ -21,11 +21,19 @@ from tis.common.topic import Topic
 from tis.common.topics import topic_of
 from tis.deploy.logs.blocks import Block
 from tis.deploy.logs.coverage import WHOLE, Coverage
-from tis.deploy.logs.json_rows import UNREADABLE, Row, checked_number, json_rows, other_version
 from tis.deploy.logs.limits import MAX_CHANNELS
+from tis.deploy.logs.payloads import (
+    NO_INSTANT,
+    UNREADABLE,
+    Row,
+    checked_number,
+    json_rows,
+    other_version,
+    payload_instants,
+)
 from tis.deploy.logs.read.clocks import RunClocks, aligned_rows, sender_of
-from tis.deploy.logs.read.frame import Frame, IntColumn, Ints, integers
-from tis.deploy.logs.read.payload_instants import NO_INSTANT, payload_instants
+from tis.deploy.logs.read.columns import IntColumn, Ints, integers
+from tis.deploy.logs.read.frame import Frame
 
 OUTCOMES: Final[tuple[Outcome, ...]] = get_args(Outcome)
 DEPARTURES: Final[tuple[Departure, ...]] = get_args(Departure)

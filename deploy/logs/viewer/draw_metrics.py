@@ -1,19 +1,18 @@
-"""Ages and delays over time, for plots."""
+"""Ages and delays over time, for plots, and log lines: control requests, estimator faults, rejected messages."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.channels import Direction, Hand
+from tis.common.channels import Direction, Hand, Side
 from tis.common.clocks import ClockModel
 from tis.common.runtime.chunk_writer import Ints
 from tis.common.units import NS_PER_MS
-from tis.deploy.logs.json_rows import json_row, json_rows
-from tis.deploy.logs.topics import AGE, DELAY, RunTopics
-from tis.deploy.logs.viewer.derived_records import AgeSample, DelaySample
-from tis.deploy.logs.viewer.drawn import Drawn, EveryNth, Records
+from tis.deploy.logs.payloads import Row, json_row, json_rows
+from tis.deploy.logs.viewer import foxglove
+from tis.deploy.logs.viewer.drawn import AGE, DELAY, LOG, AgeSample, DelaySample, Drawn, EveryNth, Records, RunTopics
 
 _NONE: Final = -1
 
@@ -83,3 +82,42 @@ class AgeStream:
             topic = self._topics.of_hand(AGE, hand)
             for at_ns, age in zip(records.log_ns[chosen][known].tolist(), age_ms[known].tolist(), strict=True):
                 yield Drawn(topic, AgeSample, at_ns, AgeSample(age_ms=age).model_dump_json().encode())
+
+
+def line(at_ns: int, level: foxglove.Level, name: str, text: str) -> Drawn:
+    """Return a line of the log as a message."""
+    return Drawn(LOG, "log", at_ns, foxglove.log_line(at_ns, level, name, text))
+
+
+class LineStream:
+    """Records of a side as lines of the log, the first ``most`` only."""
+
+    def __init__(
+        self, side: Side, text: Callable[[Row], tuple[foxglove.Level, str]], most: int | None = None
+    ) -> None:
+        self._side, self._text, self._most, self._n_seen = side, text, most, 0
+
+    def take(self, records: Records) -> Iterator[Drawn]:
+        """Yield a line for each record."""
+        for at_ns, payload in zip(records.log_ns.tolist(), records.payloads, strict=True):
+            self._n_seen += 1
+            if self._most is None or self._n_seen <= self._most:
+                level, text = self._text(json_row(payload))
+                last = "; further ones are not listed here" if self._n_seen == self._most else ""
+                yield line(at_ns, level, self._side, f"{text}{last}")
+
+
+def control_line(row: Row) -> tuple[foxglove.Level, str]:
+    """Return level and text of a request to change the network, with the reason of a refusal."""
+    text = f"{row['operation']} {row['request']}"
+    return ("INFO", text) if row["accepted"] else ("WARNING", f"refused ({row['reason']}): {text}")
+
+
+def fault_line(row: Row) -> tuple[foxglove.Level, str]:
+    """Return level and text of the first failure of a user-defined estimator."""
+    return "WARNING", f"{row['estimator']} failed, {row['hand']} hand: {row['reason']}; further times are counted"
+
+
+def rejected_line(row: Row) -> tuple[foxglove.Level, str]:
+    """Return level and text of a rejected message."""
+    return "WARNING", f"rejected on {row['key']}: {row['reason']}"

@@ -1,28 +1,45 @@
-"""Poses, frames, paths and errors of the movement, for viewers."""
+"""Poses, frames, paths and errors of the movement, and errors of orientation, for viewers."""
 
+from abc import ABC, abstractmethod
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel
 from scipy.spatial.transform import Rotation
 
 from tis.common.channels import Hand
-from tis.common.metrics.tracking import orientation_at
+from tis.common.metrics.tracking import angles_deg, error_vectors, orientation_at
 from tis.common.runtime.chunk_writer import Ints
-from tis.common.units import NS_PER_MS, NS_PER_S
-from tis.deploy.logs.json_rows import json_row, json_rows
-from tis.deploy.logs.topics import ERROR, ESTIMATE, PATH, TRANSFORMS, TRUTH_NAME, RunTopics
+from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S
+from tis.deploy.logs.payloads import json_row, json_rows
 from tis.deploy.logs.viewer import foxglove
-from tis.deploy.logs.viewer.derived_records import ErrorSample
-from tis.deploy.logs.viewer.drawn import DRAWN_HZ, FRAMES_HZ, Drawn, EveryNth, Records
+from tis.deploy.logs.viewer.drawn import (
+    DRAWN_HZ,
+    ERROR,
+    ESTIMATE,
+    FRAMES_HZ,
+    PATH,
+    TRANSFORMS,
+    TRUTH_NAME,
+    TURN_ERROR,
+    Drawn,
+    ErrorSample,
+    EveryNth,
+    Records,
+    RunTopics,
+    TurnErrorSample,
+)
 
-_MM_PER_M: Final = 1000.0
 _PATH_STEP_NS: Final = 100 * NS_PER_MS
 _PATH_EVERY_NS: Final = NS_PER_S
 _PATH_POINTS: Final = 50
 _KEPT_NS: Final = 3 * NS_PER_S
+_KEPT: Final = 1000
+
+Numbers = tuple[float, ...]
 
 
 class PoseStream:
@@ -118,59 +135,122 @@ class Truth:
         return np.stack(columns, axis=-1)
 
 
-class Orientations(Protocol):
-    """The orientations that the answers carried."""
+class Turns:
+    """The recent orientations x, y, z, w that the answers carried, by hand and instant."""
 
-    def at(self, hand: Hand, at_ns: int) -> tuple[float, ...] | None:
-        """Return the orientation x, y, z, w of an answer; None where it is not known."""
-        ...
+    def __init__(self) -> None:
+        self._at: dict[Hand, dict[int, Numbers]] = defaultdict(dict)
+        self._order: dict[Hand, deque[int]] = defaultdict(deque)
+
+    def note(self, hand: Hand, at_ns: int, turn: Numbers) -> None:
+        """Keep an orientation; the oldest one is dropped."""
+        if at_ns not in self._at[hand]:
+            self._order[hand].append(at_ns)
+        self._at[hand][at_ns] = turn
+        if len(self._order[hand]) > _KEPT:
+            del self._at[hand][self._order[hand].popleft()]
+
+    def at(self, hand: Hand, at_ns: int) -> Numbers:
+        """Return the orientation of an answer; level where it is not known."""
+        return self._at[hand].get(at_ns, foxglove.LEVEL)
 
 
-class EstimateStream:
-    """One estimator's estimates as poses, a path, and errors as soon as truth is known.
+class ScoredStream(ABC):
+    """One method's estimates, which wait for truth to be drawn as errors: it is interpolated between samples."""
 
-    All are drawn with the orientation that the answer of the same instant carried.
-    """
+    _field: str
+    _axes: str
 
-    def __init__(self, name: str, topics: RunTopics, truth: Truth, turns: Orientations | None = None) -> None:
-        self._name, self._topics, self._truth, self._turns = name, topics, truth, turns
+    def __init__(self, name: str, topics: RunTopics, truth: Truth) -> None:
+        self._name, self._topics, self._truth = name, topics, truth
         self._pick = EveryNth(topics.rate_hz, len(topics.hands))
-        self._paths = {hand: Path(topics.of_hand(f"{PATH}/{name}", hand)) for hand in topics.hands}
-        self._waiting: dict[Hand, list[tuple[int, tuple[float, ...]]]] = defaultdict(list)
+        self._waiting: dict[Hand, list[tuple[int, Numbers]]] = defaultdict(list)
 
     def take(self, records: Records) -> Iterator[Drawn]:
-        """Draw the next estimates, without missing ones."""
-        new: dict[Hand, list[tuple[int, tuple[float, ...]]]] = defaultdict(list)
+        """Draw the next estimates, without missing ones, and the errors that are known by now."""
+        new: dict[Hand, list[tuple[int, Numbers]]] = defaultdict(list)
         for i in self._pick.of(len(records.payloads)).tolist():
             row: Mapping[str, Any] = json_row(records.payloads[i])
-            if row["position_m"] is None:
+            if row[self._field] is None:
                 continue
-            hand, at_ns, where = row["hand"], int(records.log_ns[i]), _xyz(row["position_m"])
-            new[hand].append((at_ns, where))
-            topic = self._topics.of_hand(f"{ESTIMATE}/{self._name}", hand)
-            turn = None if self._turns is None else self._turns.at(hand, at_ns)
-            yield Drawn(topic, "pose", at_ns, foxglove.pose(at_ns, where, foxglove.LEVEL if turn is None else turn))
+            hand, at_ns = row["hand"], int(records.log_ns[i])
+            numbers = tuple(row[self._field][axis] for axis in self._axes)
+            new[hand].append((at_ns, numbers))
+            yield from self._drawn(hand, at_ns, numbers)
         for hand, its in new.items():
             self._waiting[hand] += its
-            at = np.array([at_ns for at_ns, _ in its], dtype=np.int64)
-            yield from self._paths[hand].take(at, [where for _, where in its])
+            yield from self._path(hand, its)
         for hand in self._topics.hands:
-            yield from self._errors(hand)
+            known_ns, waiting = self._truth.known_until_ns(hand), self._waiting[hand]
+            ready = [entry for entry in waiting if entry[0] <= known_ns]
+            self._waiting[hand] = waiting[len(ready) :]
+            if ready:
+                at_ns_of = np.array([at_ns for at_ns, _ in ready], dtype=np.int64)
+                yield from self._errors(hand, at_ns_of, np.array([numbers for _, numbers in ready]))
 
-    def _errors(self, hand: Hand) -> Iterable[Drawn]:
-        known_ns, waiting = self._truth.known_until_ns(hand), self._waiting[hand]
-        # truth is interpolated, so an error needs the sample after its instant
-        ready = [entry for entry in waiting if entry[0] <= known_ns]
-        if not ready:
-            return
-        self._waiting[hand] = waiting[len(ready) :]
-        at_ns = np.array([at for at, _ in ready], dtype=np.int64)
-        off_m = np.array([where for _, where in ready]) - self._truth.at(hand, at_ns)
-        error_mm = _MM_PER_M * np.linalg.norm(off_m, axis=1)
-        topic, known = self._topics.of_hand(f"{ERROR}/{self._name}", hand), np.isfinite(error_mm)
-        for at, off_mm in zip(at_ns[known].tolist(), error_mm[known].tolist(), strict=True):
-            sample = ErrorSample(error_mm=round(off_mm, 4))
-            yield Drawn(topic, ErrorSample, at, sample.model_dump_json().encode())
+    @abstractmethod
+    def _drawn(self, hand: Hand, at_ns: int, numbers: Numbers) -> Iterable[Drawn]:
+        """Draw one estimate."""
+
+    def _path(self, _: Hand, __: Sequence[tuple[int, Numbers]]) -> Iterable[Drawn]:
+        """Draw the path of new estimates."""
+        return ()
+
+    @abstractmethod
+    def _errors(self, hand: Hand, at_ns: Ints, estimates: NDArray[np.float64]) -> Iterable[Drawn]:
+        """Draw the errors of estimates (N, axes) whose truth is known."""
+
+
+class EstimateStream(ScoredStream):
+    """One estimator's positions as poses, with the orientation of the answer of that instant, a path, and errors."""
+
+    _field, _axes = "position_m", "xyz"
+
+    def __init__(self, name: str, topics: RunTopics, truth: Truth, turns: Turns) -> None:
+        super().__init__(name, topics, truth)
+        self._turns = turns
+        self._paths = {hand: Path(topics.of_hand(f"{PATH}/{name}", hand)) for hand in topics.hands}
+
+    def _drawn(self, hand: Hand, at_ns: int, numbers: Numbers) -> Iterable[Drawn]:
+        topic = self._topics.of_hand(f"{ESTIMATE}/{self._name}", hand)
+        yield Drawn(topic, "pose", at_ns, foxglove.pose(at_ns, numbers, self._turns.at(hand, at_ns)))
+
+    def _path(self, hand: Hand, its: Sequence[tuple[int, Numbers]]) -> Iterable[Drawn]:
+        at_ns = np.array([at_ns for at_ns, _ in its], dtype=np.int64)
+        return self._paths[hand].take(at_ns, [numbers for _, numbers in its])
+
+    def _errors(self, hand: Hand, at_ns: Ints, estimates: NDArray[np.float64]) -> Iterable[Drawn]:
+        error_mm = MM_PER_M * np.linalg.norm(estimates - self._truth.at(hand, at_ns), axis=1)
+        topic = self._topics.of_hand(f"{ERROR}/{self._name}", hand)
+        return _samples(topic, ErrorSample, "error_mm", at_ns, error_mm)
+
+
+class OrientationStream(ScoredStream):
+    """One orientation method's errors; ``turns`` keep the active one's orientations."""
+
+    _field, _axes = "orientation", "xyzw"
+
+    def __init__(self, name: str, topics: RunTopics, truth: Truth, turns: Turns | None) -> None:
+        super().__init__(name, topics, truth)
+        self._turns = turns
+
+    def _drawn(self, hand: Hand, at_ns: int, numbers: Numbers) -> Iterable[Drawn]:
+        if self._turns is not None:
+            self._turns.note(hand, at_ns, numbers)
+        return ()
+
+    def _errors(self, hand: Hand, at_ns: Ints, estimates: NDArray[np.float64]) -> Iterable[Drawn]:
+        error_deg = angles_deg(error_vectors(estimates, self._truth.turned_at(hand, at_ns)))
+        topic = self._topics.of_hand(f"{TURN_ERROR}/{self._name}", hand)
+        return _samples(topic, TurnErrorSample, "error_deg", at_ns, error_deg)
+
+
+def _samples(
+    topic: str, model: type[BaseModel], field: str, at_ns: Ints, errors: NDArray[np.float64]
+) -> Iterator[Drawn]:
+    known = np.isfinite(errors)
+    for at, error in zip(at_ns[known].tolist(), errors[known].tolist(), strict=True):
+        yield Drawn(topic, model, at, model(**{field: round(error, 4)}).model_dump_json().encode())
 
 
 def _xyz(point: Mapping[str, float]) -> tuple[float, float, float]:

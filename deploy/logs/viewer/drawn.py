@@ -1,12 +1,92 @@
-"""Messages for viewers in the merged file, and the thinning of record streams for them."""
+"""Messages for viewers in the merged file: their topics, their models, and the thinning of record streams for them.
 
-from collections.abc import Iterable, Iterator, Sequence
+A side's topic T becomes ``/SIDE/T``, as two sides log the same keys. Messages for viewers have a plain name for the
+scenario's first hand, and ``NAME/HAND`` for the second.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol, overload
 
 import numpy as np
 from pydantic import BaseModel
 
+from tis.common.channels import FOLLOWER, Arm, Direction, Hand, HandChannels, Side, hand_channels
+from tis.common.messages import Message
 from tis.common.runtime.chunk_writer import MESSAGE_HEAD_BYTES, Ints
+from tis.common.scenario import Scenario
+
+MTM: Final = "/mtm"
+PSM: Final = "/psm"
+PLANT_ARM: Final = "/plant"
+SET_POINT: Final = "/set_point"
+ESTIMATE: Final = "/estimates"
+PATH: Final = "/paths"
+TRANSFORMS: Final = "/tf"
+LOG: Final = "/log"
+ERROR: Final = "/metrics/error"
+TURN_ERROR: Final = "/metrics/orientation_error"
+AGE: Final = "/metrics/age"
+DELAY: Final = "/metrics/delay"
+TRUTH_NAME: Final = "truth"
+
+
+def merged_topic(side: Side, topic: str) -> str:
+    """Return the topic of a side's record in the merged file."""
+    return f"/{side}/{topic.lstrip('/')}"
+
+
+@dataclass(frozen=True)
+class RunTopics:
+    """The channels of a run by hand, the first hand first."""
+
+    session: str
+    rate_hz: int
+    channels: Sequence[HandChannels]
+    active_orientation: str = "hold"
+
+    @classmethod
+    def of(cls, scenario: Scenario, arms: Mapping[Hand, Arm]) -> "RunTopics":
+        """Return a scenario's topics; ``arms`` maps hands to the arms that they drive, where known."""
+        rows = [hand_channels(hand, arms.get(hand, FOLLOWER[hand])) for hand in scenario.source.hands]
+        return cls(scenario.session, scenario.rate_hz, rows, scenario.patient.orientation.active)
+
+    def of_hand(self, topic: str, hand: Hand) -> str:
+        """Return a drawn topic's name for one hand."""
+        return topic if hand == self.channels[0].hand else f"{topic}/{hand}"
+
+    @property
+    def hands(self) -> tuple[Hand, ...]:
+        """Return the hands in the scenario's order."""
+        return tuple(row.hand for row in self.channels)
+
+
+class ErrorSample(Message):
+    """How far an estimate is from truth at its tick (truth interpolated between samples), to 0.1 um."""
+
+    error_mm: float
+
+
+class TurnErrorSample(Message):
+    """The angle between an estimated orientation and the true one at its tick."""
+
+    error_deg: float
+
+
+class AgeSample(Message):
+    """The age at a tick: its instant minus that of the freshest sample, clocks aligned."""
+
+    age_ms: float
+
+
+class DelaySample(Message):
+    """One message's way from sending to arrival, clocks aligned."""
+
+    direction: Direction
+    key: str
+    seq: int
+    delay_ms: float
+
 
 DRAWN_HZ: Final = 100
 """Highest rate of drawn messages; faster streams are thinned, the logs' own records never."""

@@ -1,19 +1,34 @@
 """Selection of the records that are drawn, and of their form."""
 
 from collections.abc import Iterator, Mapping
+from typing import Final
 
 from tis.common.channels import Side
+from tis.common.clocks import SHARED
 from tis.common.records import CONTROL, ESTIMATES, ESTIMATOR_FAULTS, FRESH, ORIENTATIONS, REJECTED, TICKS, TRUTH
-from tis.deploy.logs.alignment import Clocks, clock_of
-from tis.deploy.logs.json_rows import UNREADABLE, other_version
-from tis.deploy.logs.topics import MTM, PLANT_ARM, PSM, SET_POINT, RunTopics
-from tis.deploy.logs.viewer.draw_log import ControlStream, FaultStream, RejectedStream
-from tis.deploy.logs.viewer.draw_metrics import AgeStream, DelayStream, Freshest
-from tis.deploy.logs.viewer.draw_poses import EstimateStream, PoseStream, Truth
-from tis.deploy.logs.viewer.draw_turns import OrientationStream, Turns
-from tis.deploy.logs.viewer.drawn import NO_RECORDS, Drawn, Records, Stream
+from tis.deploy.logs.payloads import UNREADABLE, other_version
+from tis.deploy.logs.read.clocks import Clocks
+from tis.deploy.logs.viewer.draw_metrics import (
+    AgeStream,
+    DelayStream,
+    Freshest,
+    LineStream,
+    control_line,
+    fault_line,
+    rejected_line,
+)
+from tis.deploy.logs.viewer.draw_poses import (
+    EstimateStream,
+    OrientationStream,
+    PoseStream,
+    ScoredStream,
+    Truth,
+    Turns,
+)
+from tis.deploy.logs.viewer.drawn import MTM, NO_RECORDS, PLANT_ARM, PSM, SET_POINT, Drawn, Records, RunTopics, Stream
 
-_FIRST = (TRUTH, FRESH)
+_FIRST: Final = (TRUTH, FRESH)
+_MAX_REJECTED: Final = 20
 
 
 class Scene:
@@ -22,7 +37,7 @@ class Scene:
     def __init__(self, topics: RunTopics, clocks: Clocks) -> None:
         self._topics, self._clocks = topics, clocks
         self._truth, self._turns = Truth(topics), Turns()
-        self._freshest = Freshest(topics, clock_of(clocks, "surgeon"))
+        self._freshest = Freshest(topics, clocks.get("surgeon", SHARED))
         self._streams: dict[tuple[Side, str], Stream | None] = {}
 
     def take(self, records: Mapping[tuple[Side, str], Records]) -> Iterator[Drawn]:
@@ -35,7 +50,7 @@ class Scene:
             if stream is not None:
                 yield from _drawn(stream, name[1], records[name])
         for name, stream in self._streams.items():
-            if isinstance(stream, EstimateStream | OrientationStream) and name not in records:
+            if isinstance(stream, ScoredStream) and name not in records:
                 yield from stream.take(NO_RECORDS)  # truth for pending errors may have arrived
 
     def draws(self, side: Side, topic: str) -> bool:
@@ -48,11 +63,11 @@ class Scene:
     def _stream(self, side: Side, topic: str) -> Stream | None:
         topics, prefix = self._topics, f"{ESTIMATES}/"
         if topic == REJECTED:
-            return RejectedStream(side)
+            return LineStream(side, rejected_line, _MAX_REJECTED)
         if (side, topic) == ("netem", CONTROL):
-            return ControlStream()
+            return LineStream(side, control_line)
         if (side, topic) == ("patient", ESTIMATOR_FAULTS):
-            return FaultStream()
+            return LineStream(side, fault_line)
         if (side, topic) == ("surgeon", TRUTH):
             return self._truth
         if side == "patient" and topic.startswith(prefix):
@@ -64,7 +79,7 @@ class Scene:
         if (side, topic) == ("patient", FRESH):
             return self._freshest
         if (side, topic) == ("patient", TICKS):
-            return AgeStream(topics, clock_of(self._clocks, "patient"), self._freshest)
+            return AgeStream(topics, self._clocks.get("patient", SHARED), self._freshest)
         return self._of_key(side, topic)
 
     def _of_key(self, side: Side, key: str) -> Stream | None:

@@ -17,7 +17,8 @@ from tis.common.trace import LOST, Trace
 from tis.common.units import NS_PER_MS
 from tis.common.yaml_text import load_yaml
 from tis.deploy.logs.log_paths import log_file, log_files
-from tis.deploy.logs.read.frame import Flags, Frame, Ints
+from tis.deploy.logs.read.columns import Flags, Ints
+from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs, load_parts
 from tis.deploy.logs.read.packets import DELIVER, by_key, late_ns, link_fates, link_releases
 from tis.deploy.logs.read.side_log import DEPARTURES, OUTCOMES

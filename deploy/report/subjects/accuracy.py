@@ -14,7 +14,7 @@ from tis.common.metrics.tracking import Scorable, score
 from tis.common.records import PLANT
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_US, sample_index
-from tis.deploy.logs.read.frame import Ints
+from tis.deploy.logs.read.columns import Ints
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.present.numbers import broken_name, interval, number, percent
 from tis.deploy.present.page import css, folded

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Final, get_args
 
 from tis.common.channels import Hand, Side
-from tis.common.devices.records import DEVICES, FOREIGN_SURGEON, Refusal
+from tis.common.device_records import DEVICES, FOREIGN_SURGEON, Refusal
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.read.load import RunLogs

@@ -12,7 +12,7 @@ from tis.common.metrics.percentiles import summarise
 from tis.common.metrics.tracking import SETTLING_NS, truth_at
 from tis.common.records import FRESH, PLANT
 from tis.common.units import MM_PER_M, NS_PER_MS
-from tis.deploy.logs.read.frame import Ints
+from tis.deploy.logs.read.columns import Ints
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.packets import place_in
 from tis.deploy.present.numbers import number

@@ -10,10 +10,10 @@ from tis.common.channels import Arm, Hand, Side, hand_channels
 from tis.common.metrics.latency import Instants, LatencyParts, latency_parts, round_trip_ns
 from tis.common.metrics.percentiles import is_resolvable
 from tis.common.units import NS_PER_MS
+from tis.deploy.logs.payloads import NO_INSTANT
 from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.packets import first_uses, place_in
-from tis.deploy.logs.read.payload_instants import NO_INSTANT
 from tis.deploy.logs.read.side_log import no_messages
 from tis.deploy.present.numbers import NONE, heads, number, rounded_up
 from tis.deploy.present.page import css, nonbreaking_units

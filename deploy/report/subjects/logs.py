@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tis.common.channels import Direction, Side
 from tis.common.records import COUNTERS
 from tis.deploy.logs.coverage import WRITTEN_WITHIN_NS, Span, lies_in
-from tis.deploy.logs.read.frame import Ints
+from tis.deploy.logs.read.columns import Ints
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.packets import link_fates, link_releases
 from tis.deploy.report.section import Section, means

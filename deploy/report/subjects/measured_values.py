@@ -13,7 +13,7 @@ from tis.common.metrics.latency import Instants, LatencyParts
 from tis.common.scenario import Scenario
 from tis.common.scenario.limits import Metric
 from tis.common.units import MM_PER_M, NS_PER_MS
-from tis.deploy.logs.read.frame import Ints
+from tis.deploy.logs.read.columns import Ints
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.side_log import no_messages
 from tis.deploy.report.subjects.clocks import worst_age_ns

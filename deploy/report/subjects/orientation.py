@@ -14,7 +14,7 @@ from tis.common.metrics.percentiles import summarise
 from tis.common.metrics.tracking import angles_deg, error_vectors, orientation_at
 from tis.common.records import ORIENTATIONS, TRUTH
 from tis.common.scenario import Scenario
-from tis.deploy.logs.read.frame import Ints
+from tis.deploy.logs.read.columns import Ints
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.present.numbers import NONE, percent
 from tis.deploy.present.table import Table

@@ -8,8 +8,7 @@ from tis.common.records import ESTIMATOR_FAULTS, FAULTY_STEPS
 from tis.common.scenario import Scenario
 from tis.common.scenario.estimator_names import is_user_defined
 from tis.common.units import NS_PER_S
-from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.logs.read.recorded import origins_in
+from tis.deploy.logs.read.load import RunLogs, origins_in
 from tis.deploy.report.section import Section, means
 from tis.deploy.report.subjects.logs import counters_of
 

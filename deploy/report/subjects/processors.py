@@ -7,7 +7,7 @@ from tis.common.channels import Side
 from tis.common.errors import DataError, Fault
 from tis.common.host_records import PROCESSORS
 from tis.common.metrics.processor_shares import processor_shares
-from tis.deploy.logs.json_rows import Row
+from tis.deploy.logs.payloads import Row
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.present.table import Table
 from tis.deploy.report.section import Section, means

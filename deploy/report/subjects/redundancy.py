@@ -14,7 +14,8 @@ from tis.common.records import SENT_BYTES, SENT_PACKETS, TICKS
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.coverage import WRITTEN_WITHIN_NS, lies_in
-from tis.deploy.logs.read.frame import Frame, Ints
+from tis.deploy.logs.read.columns import Ints
+from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.packets import begun_ticks, place_in
 from tis.deploy.logs.read.side_log import no_messages

@@ -11,7 +11,7 @@ from tis.common.records import TICKS
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.coverage import Coverage, lies_in
-from tis.deploy.logs.read.frame import Ints
+from tis.deploy.logs.read.columns import Ints
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.present.numbers import heads, number
 from tis.deploy.present.table import Column, Table

@@ -13,7 +13,7 @@ from tis.common.scenario import Scenario
 from tis.common.scenario.estimator_names import plain_name
 from tis.common.units import MM_PER_M
 from tis.deploy.logs.coverage import lies_in
-from tis.deploy.logs.read.frame import Ints
+from tis.deploy.logs.read.columns import Ints
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.packets import place_in
 from tis.deploy.report.section import Section, means

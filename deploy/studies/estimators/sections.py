@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, get_args
 
-from tis.common.runtime.recordings import JIGSAWS_VARIABLE, list_trials
+from tis.common.runtime.recordings import list_trials
+from tis.common.runtime.recordings.jigsaws import JIGSAWS_VARIABLE
 from tis.common.scenario.estimator_names import EstimatorName, is_learned
 from tis.common.scenario.source import JigsawsSource
 from tis.deploy.compare.grid import Sweep

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Final, get_args
 
 from tis.common.errors import DataError, Fault, InputError
-from tis.common.runtime.recordings import JIGSAWS_VARIABLE, list_trials, no_trials
+from tis.common.runtime.recordings import list_trials, no_trials
+from tis.common.runtime.recordings.jigsaws import JIGSAWS_VARIABLE
 from tis.common.scenario.estimator_names import fault_of, is_built_in
 from tis.common.scenario.source import JigsawsSource
 from tis.deploy.tools.synth import write_trials

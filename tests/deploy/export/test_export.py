@@ -19,7 +19,7 @@ from tis.deploy.export import jigsaws
 from tis.deploy.export.export import write_csv
 from tis.deploy.export.jigsaws import jigsaws_files
 from tis.deploy.export.tables import tables
-from tis.deploy.logs.topics import RunTopics
+from tis.deploy.logs.viewer.drawn import RunTopics
 from tis.deploy.report import load
 
 TRIALS = Path("Suturing/kinematics/AllGestures")

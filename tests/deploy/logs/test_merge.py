@@ -37,13 +37,12 @@ from tis.common.records import (
 from tis.common.runtime.mcap_log import McapLog
 from tis.common.scenario import Scenario
 from tis.deploy.logs import log_file, merge
-from tis.deploy.logs.alignment import Clocks
 from tis.deploy.logs.merge import Conclusion, merge_logs
+from tis.deploy.logs.read.clocks import Clocks
 from tis.deploy.logs.read.load import load_run
-from tis.deploy.logs.topics import RunTopics
-from tis.deploy.logs.viewer.draw_log import line
+from tis.deploy.logs.viewer.draw_metrics import line
 from tis.deploy.logs.viewer.draw_poses import Truth
-from tis.deploy.logs.viewer.drawn import Records
+from tis.deploy.logs.viewer.drawn import Records, RunTopics
 from tis.deploy.report.subjects.tracking import track_of_hand
 
 SIDES: tuple[Side, ...] = ("surgeon", "netem", "patient")

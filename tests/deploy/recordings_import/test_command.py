@@ -72,7 +72,7 @@ def test_a_damaged_bag_is_refused(tmp_path: Path) -> None:
 def test_a_missing_extra_is_named_with_its_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file, folder = ros_mcap(tmp_path / "a.mcap", movement(20)), lerobot_set(tmp_path / "set", movement(20), 2)
     for module in (
-        "tis.deploy.recordings_import.ros",
+        "tis.deploy.recordings_import.messages",
         "tis.deploy.recordings_import.lerobot",
         "tis.deploy.recordings_import.command",
     ):

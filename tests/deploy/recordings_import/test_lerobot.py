@@ -11,8 +11,7 @@ from tests.common.runtime.recordings.tables import movement
 from tests.deploy.recordings_import.foreign_files import lerobot_set
 from tis.common.errors import DataError, InputError
 from tis.deploy.recordings_import.found import Wanted
-from tis.deploy.recordings_import.lerobot import read_lerobot
-from tis.deploy.recordings_import.lerobot_names import elements_of, names_in
+from tis.deploy.recordings_import.lerobot import elements_of, names_in, read_lerobot
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,7 @@ from tests.deploy.logs.conftest import run_dir, scenario
 from tests.deploy.report.hand_made import ARM, COMMAND, ONE_CLOCK, a_scenario, estimate, message, truth, write_run
 from tis.common.scenario import Scenario
 from tis.deploy.logs.coverage import FOREVER, WRITTEN_WITHIN_NS, Coverage, Span
-from tis.deploy.logs.read.load import RunLogs, load_run
-from tis.deploy.logs.read.recorded import models_in
+from tis.deploy.logs.read.load import RunLogs, load_run, models_in
 from tis.deploy.report import load
 from tis.deploy.report.subjects.age import age_of_information_ms, ages_of_hand, freshest_arrivals
 from tis.deploy.report.subjects.tracking import track_of_hand

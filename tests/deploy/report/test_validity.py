@@ -7,7 +7,7 @@ import pytest
 
 from tests.deploy.report.partial import part, summary_of
 from tis.common.channels import Side
-from tis.common.devices.records import FOREIGN_SURGEON
+from tis.common.device_records import FOREIGN_SURGEON
 from tis.common.peer_life import Event
 from tis.common.records import COUNTERS, PEERS, PeerNote
 from tis.common.units import NS_PER_S

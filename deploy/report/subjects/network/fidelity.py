@@ -12,7 +12,8 @@ from tis.common.metrics.delay_variation import first_arrivals, is_reordered
 from tis.common.metrics.fidelity import batch_inflation, half_life_inflation, is_decidable, mean_margin, share_bounds
 from tis.common.metrics.percentiles import summarise
 from tis.common.units import NS_PER_MS, NS_PER_S, NS_PER_US
-from tis.deploy.logs.read.frame import Frame, Ints
+from tis.deploy.logs.read.columns import Ints
+from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.packets import DELIVER, in_order_of_leaving, place_in
 from tis.deploy.logs.read.side_log import DEPARTURES, OUTCOMES
 from tis.deploy.report.subjects.network.key_figures import KeyBooks, KeyFigures

@@ -22,7 +22,8 @@ from tis.common.metrics.latency import lateness_us
 from tis.common.metrics.loss import fit_gilbert, loss_interval, loss_runs
 from tis.common.metrics.percentiles import TAIL, summarise
 from tis.common.units import NS_PER_MS, NS_PER_S, NS_PER_US
-from tis.deploy.logs.read.frame import Frame, Ints
+from tis.deploy.logs.read.columns import Ints
+from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.packets import (
     DELIVER,

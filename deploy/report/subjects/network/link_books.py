@@ -11,7 +11,8 @@ from tis.common.metrics.delivery import without
 from tis.common.records import REJECTED
 from tis.common.safety_records import QUARANTINE
 from tis.common.units import NS_PER_S
-from tis.deploy.logs.read.frame import Frame, Ints
+from tis.deploy.logs.read.columns import Ints
+from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.packets import (
     DELIVER,

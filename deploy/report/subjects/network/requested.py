@@ -15,7 +15,8 @@ from tis.common.scenario.network import Buffer, NetworkPart, Rule
 from tis.common.scenario.network.conditions import Change
 from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.trace import Trace
-from tis.deploy.logs.read.frame import Frame, Ints
+from tis.deploy.logs.read.columns import Ints
+from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.report.subjects.network.requested_pipeline import (
     RequestedPipeline,

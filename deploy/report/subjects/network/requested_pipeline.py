@@ -16,7 +16,7 @@ from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.streams import Address, Stream
 from tis.common.trace import LOST, Trace
 from tis.common.units import NS_PER_MS
-from tis.deploy.logs.read.frame import Ints
+from tis.deploy.logs.read.columns import Ints
 from tis.netem.draws.grid import row_of_cell, row_of_packet
 from tis.netem.stages.delay import LatencyModel, latency_of
 from tis.netem.stages.delay.trace import row_delays_ns

@@ -6,8 +6,7 @@ import pytest
 from tests.common.runtime.recordings.tables import movement, write_csv
 from tests.common.runtime.recordings.test_recordings import write_trial
 from tis.common.errors import DataError, InputError
-from tis.common.runtime.recordings import load_recording
-from tis.common.runtime.recordings.whole_run import build_whole
+from tis.common.runtime.recordings import build_whole, load_recording
 from tis.common.scenario import Scenario
 
 

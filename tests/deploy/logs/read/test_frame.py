@@ -18,7 +18,8 @@ from tis.common.records import (
     OrientationNote,
 )
 from tis.common.safety_records import STOPS, StopNote
-from tis.deploy.logs.read.frame import Frame, IntColumn
+from tis.deploy.logs.read.columns import IntColumn
+from tis.deploy.logs.read.frame import Frame
 
 INTS = st.integers(-(2**62), 2**62)
 FLOATS = st.floats(-MAX_SIZE, MAX_SIZE)

@@ -10,8 +10,7 @@ from tis.common.node import Record
 from tis.common.records import COUNTERS, TICKS, CounterNote, TickNote
 from tis.common.runtime.log_parts import CLOCK_FILE, PartClock
 from tis.common.runtime.mcap_log import McapLog
-from tis.deploy.logs.read.load import load_parts, load_run, load_side
-from tis.deploy.logs.read.recorded import run_id_in, scenario_in
+from tis.deploy.logs.read.load import load_parts, load_run, load_side, run_id_in, scenario_in
 
 S = 1_000_000_000
 

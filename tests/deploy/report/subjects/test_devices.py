@@ -2,7 +2,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.deploy.report.hand_made import MS, a_scenario, counter, write_run
-from tis.common.devices.records import DEVICES, DeviceNote
+from tis.common.device_records import DEVICES, DeviceNote
 from tis.common.node import Record
 from tis.deploy.report.subjects.devices import device_texts, devices_summary, is_foreign
 from tis.deploy.report.subjects.identification import source_label

@@ -8,7 +8,7 @@ import pytest
 from tests.log_reader import LogReader
 from tis.common.errors import DataError
 from tis.common.scenario import Scenario
-from tis.deploy.logs import background_merge
+from tis.deploy.logs import merge_run
 from tis.deploy.logs.merge_run import Opening
 
 
@@ -26,9 +26,9 @@ def test_beside_the_summary_it_is_made_as_alone(
     files = []
     for k, least_bytes in enumerate((0, 1 << 40)):
         folder = _copy(run_dir, tmp_path / str(k))
-        monkeypatch.setattr(background_merge, "_MIN_PROCESS_BYTES", least_bytes)
+        monkeypatch.setattr(merge_run, "_MIN_PROCESS_BYTES", least_bytes)
         (folder / "summary.json").write_text('{"problems": ["stale"]}')
-        with background_merge.merging(folder, scenario, {}, opening) as merging:
+        with merge_run.merging(folder, scenario, {}, opening) as merging:
             (folder / "summary.json").write_text('{"problems": ["fresh"]}')
             merging.concluded()
             assert merging.merged().problems == ()
@@ -45,8 +45,8 @@ def test_a_summary_that_fails_leaves_no_merged_file(
 ) -> None:
     folder = _copy(run_dir, tmp_path / "r")
     before = sorted(path.name for path in folder.iterdir())
-    monkeypatch.setattr(background_merge, "_MIN_PROCESS_BYTES", 0)
-    with pytest.raises(ZeroDivisionError), background_merge.merging(folder, scenario, {}, Opening()):
+    monkeypatch.setattr(merge_run, "_MIN_PROCESS_BYTES", 0)
+    with pytest.raises(ZeroDivisionError), merge_run.merging(folder, scenario, {}, Opening()):
         raise ZeroDivisionError
     assert sorted(path.name for path in folder.iterdir()) == before
 
@@ -56,8 +56,8 @@ def test_a_merge_that_fails_beside_the_summary_says_why(
 ) -> None:
     folder = _copy(run_dir, tmp_path / "r")
     (folder / "run.mcap").mkdir()
-    monkeypatch.setattr(background_merge, "_MIN_PROCESS_BYTES", 0)
-    with background_merge.merging(folder, scenario, {}, Opening()) as merging:
+    monkeypatch.setattr(merge_run, "_MIN_PROCESS_BYTES", 0)
+    with merge_run.merging(folder, scenario, {}, Opening()) as merging:
         merging.concluded()
         with pytest.raises(DataError, match=r"run\.mcap: cannot be written: Is a directory"):
             merging.merged()

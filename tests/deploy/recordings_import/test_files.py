@@ -7,8 +7,8 @@ import pytest
 from tests.common.runtime.recordings.tables import movement
 from tests.deploy.recordings_import.foreign_files import json_mcap, ros_mcap
 from tis.common.errors import DataError
+from tis.deploy.recordings_import.files import read_mcap
 from tis.deploy.recordings_import.found import Wanted
-from tis.deploy.recordings_import.mcap_file import read_mcap
 
 TURN = {"x": 0.0, "y": 0.0, "z": 0.6, "w": 0.8}
 

@@ -1,20 +1,81 @@
-"""Sample instants in payloads, parsed with numpy from the bytes of a block."""
+"""Payloads of JSON: flat objects as rows, decoded many at a time within limits, and sample instants of messages."""
 
-from typing import Final
+import struct
+from collections.abc import Iterable, Iterator
+from typing import Any, Final
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from pydantic_core import from_json
 
+from tis.common.errors import DataError, Fault
 from tis.common.runtime.chunk_writer import MESSAGE_HEAD_BYTES
 from tis.deploy.logs.blocks import Block
-from tis.deploy.logs.json_rows import Row, checked_number, json_value
+from tis.deploy.logs.limits import MAX_JSON_BYTES, MAX_NUMBER
+
+Row = dict[str, Any]
+
+UNREADABLE: Final = (LookupError, TypeError, ValueError, OverflowError, AttributeError, struct.error)
+"""Errors of code that meets a record of another version."""
+
+
+def json_value(payload: bytes) -> Any:
+    """Return the value of a payload; raises `ValueError` for no JSON, NaN, or more than `MAX_JSON_BYTES`."""
+    if len(payload) > MAX_JSON_BYTES:
+        raise ValueError(f"a record has more than {MAX_JSON_BYTES} bytes")
+    return from_json(payload, allow_inf_nan=False)
+
+
+def json_row(payload: bytes) -> Row:
+    """Return the object of a payload; raises `ValueError` for anything else."""
+    row = json_value(payload)
+    if not isinstance(row, dict):
+        raise ValueError("a record is no object")
+    return row
+
+
+def json_rows(payloads: Iterable[bytes]) -> Iterator[list[Row]]:
+    """Yield the objects of the payloads in their order, in portions; raises `ValueError` as `json_row` does."""
+    portion: list[bytes] = []
+    n_bytes = 0
+    for payload in payloads:
+        if portion and n_bytes + len(payload) > MAX_JSON_BYTES:
+            yield _decoded(portion)
+            portion, n_bytes = [], 0
+        portion.append(payload)
+        n_bytes += len(payload)
+    if portion:
+        yield _decoded(portion)
+
+
+def _decoded(portion: list[bytes]) -> list[Row]:
+    if len(portion) == 1:
+        return [json_row(portion[0])]
+    # one parse of a JSON array is far faster than one per record
+    rows: list[Any] = from_json(b"[" + b",".join(portion) + b"]", allow_inf_nan=False)
+    # a payload like "{},{}" is no JSON, but would be two elements here
+    if len(rows) != len(portion) or not all(isinstance(row, dict) for row in rows):
+        raise ValueError("a record is no object")
+    return rows
+
+
+def checked_number(value: int) -> int:
+    """Return an integer; raises `ValueError` when it is none, or beyond `MAX_NUMBER`."""
+    if type(value) is not int or not -MAX_NUMBER <= value <= MAX_NUMBER:
+        raise ValueError(f"a number is no integer of at most {MAX_NUMBER}")
+    return value
+
+
+def other_version(topic: str) -> DataError:
+    """Return the error for a record that this version does not know."""
+    return DataError(Fault(topic, "", "holds records that this version does not know"))
+
 
 Ints = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 
 NO_INSTANT: Final = -1
-_NONE: Final = (NO_INSTANT, NO_INSTANT)
 
 _OWN: Final = np.frombuffer(b'{"sample_ns":', dtype=np.uint8)
 _COMMAND: Final = np.frombuffer(b'"command_sample_ns":', dtype=np.uint8)
@@ -28,7 +89,7 @@ def payload_instants(block: Block, which: Ints) -> tuple[Ints, Ints]:
 
     `NO_INSTANT` for none; raises `ValueError` for a payload that is no JSON, or an instant that is no integer. The
     testbed writes the first at the begin of a payload and the second, if any, at its end; payloads of other layouts
-    are parsed as JSON one by one. Oracle: each payload parsed as JSON, test_payload_instants.
+    are parsed as JSON one by one. Oracle: each payload parsed as JSON, test_payloads.
     """
     # payloads too short for both fields may be of any layout: left to the slow path
     own_ns, command_ns = (np.full(len(which), NO_INSTANT, dtype=np.int64) for _ in range(2))
@@ -83,7 +144,9 @@ def _leading_number(signs: Bytes, reverse: bool = False) -> tuple[Ints, Ints]:
 
 def _parsed(payload: bytes) -> tuple[int, int]:
     row = json_value(payload)
-    return (_instant(row, "sample_ns"), _instant(row, "command_sample_ns")) if isinstance(row, dict) else _NONE
+    if not isinstance(row, dict):
+        return NO_INSTANT, NO_INSTANT
+    return _instant(row, "sample_ns"), _instant(row, "command_sample_ns")
 
 
 def _instant(row: Row, name: str) -> int:

@@ -1,31 +1,29 @@
-"""Poses from an MCAP file of any program: `tis` logs, JSON, and messages of ROS 2 in CDR."""
+"""Poses from an MCAP file of any program (`tis` logs, JSON, and messages of ROS 2 in CDR), and from bags of ROS."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from mcap.records import Channel
 
-from tis.common.errors import DataError, Fault
+from tis.common.errors import DataError, Fault, InputError
 from tis.common.runtime.chunk_writer import by_channel
 from tis.deploy.logs.describe import Described, describe
-from tis.deploy.logs.json_rows import UNREADABLE, json_value
 from tis.deploy.logs.log_file import LogFile
-from tis.deploy.recordings_import.choice import chosen, listing
-from tis.deploy.recordings_import.found import Found, Rows, Topic, Wanted
-from tis.deploy.recordings_import.gathered import streams_of
-from tis.deploy.recordings_import.pose_messages import (
-    jaw_in_json,
-    jaw_in_ros,
+from tis.deploy.logs.payloads import UNREADABLE, json_value
+from tis.deploy.recordings_import.choice import chosen, listing, streams_of
+from tis.deploy.recordings_import.found import Found, Rows, Topic, Wanted, rows_of
+from tis.deploy.recordings_import.messages import (
+    Read,
+    check_rosbags,
+    decoder,
+    in_json,
+    in_ros,
     kind_of_json,
     kind_of_type,
-    pose_in_json,
-    pose_in_ros,
 )
-from tis.deploy.recordings_import.ros import decoder
 
-Read = Callable[[bytes, int], tuple[int, tuple[float, ...], bool]]
-_POSE_WIDTH: Final = 8
 _SAMPLED: Final = 50
 
 
@@ -81,42 +79,66 @@ def _kind_of(payload: bytes) -> Any:
 
 
 def _rows(path: Path, found: Described, poses: Mapping[str, str], jaws: Mapping[str, str]) -> dict[str, Rows]:
-    rows = {name: Rows(_POSE_WIDTH) for name in poses.values()} | {name: Rows(1) for name in jaws.values()}
+    rows = rows_of(poses, jaws)
     readers = {
-        number: _reader(found, channel, channel.topic in poses.values())
+        number: _reader(found, channel, rows[channel.topic].is_poses)
         for number, channel in found.log.channels.items()
         if channel.topic in rows
     }
     log = LogFile(path)
     for block in log.blocks():
         for number, which in by_channel(block.channel):
-            if number not in readers:
-                continue
-            into, read = rows[log.topic(number)], readers[number]
-            for payload, log_ns in zip(block.payloads(which), block.log_ns[which].tolist(), strict=True):
-                try:
-                    t_ns, values, is_stamped = read(payload, log_ns)
-                    into.append(t_ns, values)
-                except UNREADABLE:
-                    into.n_undecodable += 1
-                else:
-                    into.n_unstamped += not is_stamped
+            if number in readers:
+                into, read = rows[log.topic(number)], readers[number]
+                for payload, log_ns in zip(block.payloads(which), block.log_ns[which].tolist(), strict=True):
+                    into.take(partial(read, payload, log_ns))
     return rows
 
 
-def _reader(found: Described, channel: Channel, is_pose: bool) -> Read:
+def _reader(found: Described, channel: Channel, is_pose: bool) -> Callable[[bytes, int], Read]:
     """Return a function of a payload and its log time; it raises one of `UNREADABLE`."""
     if channel.message_encoding == "json":
-        if is_pose:
-            return lambda payload, log_ns: pose_in_json(json_value(payload), log_ns)
-        return lambda payload, log_ns: _one(jaw_in_json(json_value(payload), log_ns))
-    schema = found.log.schemas[channel.schema_id]
-    decode = decoder(schema.name)
-    if is_pose:
-        return lambda payload, log_ns: pose_in_ros(decode(payload), log_ns)
-    return lambda payload, log_ns: _one(jaw_in_ros(decode(payload), log_ns))
+        return lambda payload, log_ns: in_json(json_value(payload), log_ns, is_pose)
+    decode = decoder(found.log.schemas[channel.schema_id].name)
+    return lambda payload, log_ns: in_ros(decode(payload), log_ns, is_pose)
 
 
-def _one(read: tuple[int, float, bool]) -> tuple[int, tuple[float, ...], bool]:
-    t_ns, value, is_stamped = read
-    return t_ns, (value,), is_stamped
+def read_bag(path: Path, wanted: Wanted) -> Found:
+    """Return the poses of a rosbag2 (a folder with metadata.yaml; storage sqlite3 or mcap) or of a ROS 1 bag.
+
+    Raises `InputError` without the package rosbags, `DataError` for a damaged bag, and as `chosen` does. Oracle: bags
+    that the tests write.
+    """
+    check_rosbags()
+    try:
+        return _poses_in(path, wanted)
+    except (DataError, InputError):
+        raise
+    except Exception as error:  # rosbags documents no closed set of errors for a damaged bag
+        text = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        raise DataError(Fault(str(path), "", f"cannot be read as a bag: {text}")) from None
+
+
+def _poses_in(path: Path, wanted: Wanted) -> Found:
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        counts: dict[str, int] = {}
+        types = {}
+        for connection in reader.connections:
+            counts[connection.topic] = counts.get(connection.topic, 0) + connection.msgcount
+            types[connection.topic] = connection.msgtype
+        topics = [Topic(name, types[name], n, kind_of_type(types[name])) for name, n in counts.items()]
+        poses, jaws = chosen(topics, wanted, str(path))
+        rows = rows_of(poses, jaws)
+
+        def message_in(data: bytes, name: str, log_ns: int, is_pose: bool) -> Read:
+            return in_ros(reader.deserialize(data, name), log_ns, is_pose)
+
+        chosen_ones = [connection for connection in reader.connections if connection.topic in rows]
+        for connection, log_ns, data in reader.messages(chosen_ones):
+            into = rows[connection.topic]
+            into.take(partial(message_in, data, connection.msgtype, log_ns, into.is_poses))
+    streams, angles, notes = streams_of(poses, jaws, rows, str(path), wanted.skips_unreadable)
+    return Found(streams, angles, (*listing(topics, poses, jaws), *notes), {"kind": "rosbag"})

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tis.common.messages import FeedbackPose, Pose, Quaternion, SampledPose, Vector3
 from tis.common.runtime.chunk_writer import MESSAGE_HEAD_BYTES
 from tis.deploy.logs.blocks import Block
-from tis.deploy.logs.read.payload_instants import NO_INSTANT, payload_instants
+from tis.deploy.logs.payloads import NO_INSTANT, payload_instants
 
 INSTANTS = st.integers(0, 9) | st.integers(0, 10**18 - 1) | st.integers(-(10**12), 2**62)
 POSE: dict[str, Any] = {
