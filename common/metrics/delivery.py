@@ -112,23 +112,24 @@ def account(key: str, packets: KeyPackets) -> KeyAccount:
         "unplanned_loss": lost_before + lost_after,
     }
     stations = {"sent": packets.sent, "offered": packets.offered, "released": released, "dropped": dropped}
-    violations = [
-        f"{len(entries) - counts[name]} packets appear more than once in {name}: {key}"
-        for name, entries in stations.items()
-        if len(entries) > counts[name]
-    ]
     impossible = {
         "offered but never sent": without(offered, sent),
         "released or dropped but never offered": without(distinct(np.concatenate([left, gone])), known) // n_each,
         "both released and dropped": left[np.isin(left, gone)] // n_each,
         "received but never released": without(n_received.value, n_released.value),
     }
-    violations += [
-        f"{len(found)} packets: {what}; the first is {key} seq {found.min()}"
-        for what, found in impossible.items()
-        if len(found)
-    ]
-    return KeyAccount(counts, lost, tuple(violations))
+    repeated = {name: len(entries) - counts[name] for name, entries in stations.items()}
+    return KeyAccount(counts, lost, tuple(_violations(key, repeated, impossible)))
+
+
+def _violations(key: str, repeated: Mapping[str, int], impossible: Mapping[str, Ints]) -> Iterator[str]:
+    """Yield a sentence on each station where packets appear more than once, and on each kind of impossible packet."""
+    for station, n_packets in repeated.items():
+        if n_packets > 0:
+            yield f"{n_packets} packets appear more than once in {station}: {key}"
+    for what, found in impossible.items():
+        if len(found):
+            yield f"{len(found)} packets: {what}; the first is {key} seq {found.min()}"
 
 
 class _Counted(NamedTuple):

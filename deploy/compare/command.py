@@ -61,7 +61,7 @@ def run(plan: Plan, store: Store, workers: Workers, err: Console) -> Outcome:
     err.print(escape(_size_text(plan)), style="dim", soft_wrap=True)
     try:
         with PhaseProgress(err) as progress:
-            return compute(plan, store, workers, progress)
+            return compute(plan.cells, plan.trainings, store, workers, progress)
     except KeyboardInterrupt:
         err.print(escape(f"interrupted: {_stored_text(plan, store)}"), style="yellow", soft_wrap=True)
         raise

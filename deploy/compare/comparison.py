@@ -142,7 +142,7 @@ def compare(
     console = ERR if progress else Console(quiet=True)
     with workers_of(n_jobs, scheduler, console.print) as workers, PhaseProgress(console) as shown:
         store = Store(Path("runs") / "compare" / plan.name if out_dir is None else Path(out_dir))
-        outcome = compute(plan, store, workers, shown)
+        outcome = compute(plan.cells, plan.trainings, store, workers, shown)
     results = results_of(plan, outcome, _call(study))
     if not outcome.cells:
         raise DataError([Fault("", "", text) for text in results.report["failed"]])

@@ -1,18 +1,17 @@
 """Computation of a plan: trainings first, each cell as soon as its models exist."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
-from tis.common.errors import Fault, InputError
+from tis.common.errors import DataError, Fault, InputError
 from tis.deploy.compare.cells.cell import Cell, Training
 from tis.deploy.compare.cells.store import Store
 from tis.deploy.compare.engine.cluster import Cluster
 from tis.deploy.compare.engine.processes import Processes
 from tis.deploy.compare.engine.workers import Computed, Failure, Result, Unit, Workers
-from tis.deploy.compare.plan import Plan
 from tis.deploy.shell.progress import PhaseProgress
 
 # Choice of the workers of a comparison.
@@ -46,9 +45,16 @@ class Outcome:
     failures: list[Failure] = field(default_factory=list)
     n_resumed: int = 0
 
+    def check(self) -> None:
+        """Raise `DataError` with all failures, if there are any."""
+        if self.failures:
+            raise DataError([Fault(failure.label, "", failure.reason) for failure in self.failures])
 
-def compute(plan: Plan, store: Store, workers: Workers, progress: PhaseProgress) -> Outcome:
-    """Compute what the store does not hold yet, by ``workers``, whose context is entered.
+
+def compute(
+    cells: Sequence[Cell], trainings: Mapping[str, Training], store: Store, workers: Workers, progress: PhaseProgress
+) -> Outcome:
+    """Compute cells that the store does not hold yet, by ``workers``, whose context is entered.
 
     Each result is stored immediately, so `KeyboardInterrupt` loses only the units
     in progress. An unusable user-defined estimator raises `InputError` in the same way.
@@ -57,19 +63,19 @@ def compute(plan: Plan, store: Store, workers: Workers, progress: PhaseProgress)
     # results of earlier calls; a training without the requested times is repeated
     outcome = Outcome()
     missing = []
-    for cell in plan.cells:
+    for cell in cells:
         known = store.cell(cell.digest)
         if known is None:
             missing.append(cell)
         else:
             outcome.cells[cell.digest] = known
-    outcome.n_resumed = len(plan.cells) - len(missing)
-    for training in plan.trainings.values():
+    outcome.n_resumed = len(cells) - len(missing)
+    for training in trainings.values():
         known = store.training(training.digest)
         if known is not None and (known["train_s"] or not training.timed):
             outcome.trainings[training.digest] = known
     if missing:
-        _Computation(plan, store, workers, outcome, progress).run(missing)
+        _Computation(trainings, store, workers, outcome, progress).run(missing)
     return outcome
 
 
@@ -77,7 +83,7 @@ def compute(plan: Plan, store: Store, workers: Workers, progress: PhaseProgress)
 class _Computation:
     """The units to compute: ``ready`` ones, and cells that await the models of a training."""
 
-    plan: Plan
+    trainings: Mapping[str, Training]
     store: Store
     workers: Workers
     outcome: Outcome
@@ -94,10 +100,10 @@ class _Computation:
                 self.ready.append(cell)
             else:
                 self.waiting.setdefault(cell.training, []).append(cell)
-        self.ready.extendleft(self.plan.trainings[digest] for digest in reversed(self.waiting))
+        self.ready.extendleft(self.trainings[digest] for digest in reversed(self.waiting))
         if self.waiting:
             self.progress.total(_TRAININGS, len(self.waiting))
-        self.progress.total(_CELLS, len(self.plan.cells), self.outcome.n_resumed)
+        self.progress.total(_CELLS, len(missing) + self.outcome.n_resumed, self.outcome.n_resumed)
         while self.ready or self.n_submitted:
             while self.ready and self.workers.has_room():
                 self._submit(self.ready.popleft())

@@ -18,7 +18,6 @@ from tis.deploy.compare.results.page_sums import PageSums, page_sums
 from tis.deploy.compare.results.pooled import person, pooled
 from tis.deploy.compare.results.report import numbers_of
 from tis.deploy.compare.results.report import report as build_report
-from tis.deploy.compare.results.tables import latex_table
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.early_checks import can_report, check_outputs
 
@@ -121,11 +120,11 @@ def files_of(results: Results) -> Files:
     report = results.report
     files: dict[str, str | bytes] = {
         "table.json": json.dumps(report, indent=1, allow_nan=False) + "\n",
-        "table.csv": tables.pooled_csv(report),
-        "trials.csv": tables.trials_csv(report),
-        "orientation.csv": tables.orientation_csv(report),
+        "table.csv": tables.csv(report["rows"]),
+        "trials.csv": tables.csv(report["by_trial"]),
+        "orientation.csv": tables.csv(report["orientation"]),
         "table.md": tables.markdown(report),
-        "ratio.tex": latex_table(report),
+        "ratio.tex": tables.latex(report),
     }
     left_out = []
     if find_spec("pyarrow") is None:

@@ -12,11 +12,10 @@ from bokeh.models.ranges import Range1d
 from bokeh.plotting import figure
 
 from tis.deploy.compare.results.page_sums import PageSums
-from tis.deploy.compare.results.tables import TURN_CAPTION, TURN_HEAD, headline, orientation_cells
+from tis.deploy.compare.results.tables import TURN_CAPTION, headline, turn_table
 from tis.deploy.present.page import Page, Section, page_html
 from tis.deploy.present.palette import AXIS, SOFT, look_of
 from tis.deploy.present.plot_style import Figure, plain_figure
-from tis.deploy.present.table import Column, Table
 
 # Empty figures of a comparison's page, whose sources the page's script fills.
 
@@ -198,10 +197,8 @@ def _table() -> str:
 
 def _orientation(report: dict[str, Any]) -> str:
     """Return the table of the orientation methods, all that is compared."""
-    rows = [(str(row["setting"] or "-"), *orientation_cells(row)) for row in report["orientation"]]
     note = f'<p class="note">{TURN_CAPTION}. All people and hands, whatever is chosen above.</p>'
-    columns = ("setting", Column(TURN_HEAD[0], words=True), *TURN_HEAD[1:])
-    return Table("Orientation and gripper", columns, rows).html() + note
+    return turn_table(report["orientation"], "Orientation and gripper", settings=True).html() + note
 
 
 def _json(value: Any) -> str:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.markup import escape
 
-from tis.common.errors import DataError, Fault, InputError
+from tis.common.errors import Fault, InputError
 from tis.deploy.compare.cells.cell import Cell
 from tis.deploy.compare.cells.identity import summarised
 from tis.deploy.compare.cells.store import Store
@@ -159,7 +159,7 @@ class Evaluation:
         untimed = {digest: replace(training, timed=False) for digest, training in plan.trainings.items()}
         try:
             with PhaseProgress(self.err) as progress:
-                outcome = compute(replace(plan, trainings=untimed), self.store, self.workers, progress)
+                outcome = compute(plan.cells, untimed, self.store, self.workers, progress)
         except KeyboardInterrupt:
             text = f"interrupted: every finished twin is stored in {self.store.path}; the same command resumes there"
             self.err.print(escape(text), style="yellow", soft_wrap=True)
@@ -171,8 +171,7 @@ class Evaluation:
         self.n_resumed += outcome.n_resumed - n_again
         results = [*outcome.trainings.values(), *outcome.cells.values()]
         self.warnings |= dict.fromkeys(text for result in results for text in result.get("warnings", ()))
-        if outcome.failures:
-            raise DataError([Fault(failure.label, "", failure.reason) for failure in outcome.failures])
+        outcome.check()
         return outcome
 
     def _summaries(self, plan: Plan) -> Mapping[str, Flat]:

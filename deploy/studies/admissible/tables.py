@@ -1,18 +1,15 @@
 """Tables of a study for a terminal, and as CSV."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
-from rich import box
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
-from tis.deploy.compare.results.tables import csv_text
-from tis.deploy.present.numbers import number
+from tis.deploy.present.numbers import NONE, number
+from tis.deploy.present.table import OPEN, Column, Row, Table
 from tis.deploy.studies.admissible.criterion import Limit
 
-Rows = Iterable[Sequence[str]]
 _CAPTION: Final = (
     "share: of the box; alone: how far an axis may go while the others are at their best; fresh: places drawn inside "
     "and outside of the region, and how many of them a fresh set of seeds judges otherwise"
@@ -46,15 +43,15 @@ def headline(report: dict[str, Any]) -> str:
 
 def border_csv(report: dict[str, Any]) -> str:
     """Return one line for each estimator and border point, in order along the border."""
-    return csv_text(
+    return Table.of_records(
         [{"estimator": name, **values} for name, about in report["estimators"].items() for values in about["border"]]
-    )
+    ).csv()
 
 
 def points_csv(report: dict[str, Any]) -> str:
     """Return one line for each judged network and estimator, with its bounds; the kind is border or check."""
     limits = [Limit(**limit).text for limit in report["limits"]]
-    return csv_text(
+    return Table.of_records(
         [
             {
                 "kind": point["kind"],
@@ -67,12 +64,12 @@ def points_csv(report: dict[str, Any]) -> str:
             for point in report["points"]
             for estimator, found in point["verdicts"].items()
         ]
-    )
+    ).csv()
 
 
-def _regions(report: dict[str, Any]) -> Table:
+def _regions(report: dict[str, Any]) -> RenderableType:
     paths = [axis["path"] for axis in report["axes"]]
-    head = ["estimator", "share", *(f"{path.split('.')[-1]} alone" for path in paths), "rays", "fresh in", "out"]
+    head = ("share", *(f"{path.split('.')[-1]} alone" for path in paths), "rays", "fresh in", "out")
     rows = []
     for name, about in report["estimators"].items():
         check = about["check"]
@@ -81,18 +78,16 @@ def _regions(report: dict[str, Any]) -> Table:
                 name,
                 f"{100 * about['share']:.1f} %",
                 *(_value(about["alone"][axis["path"]], axis["whole"]) for axis in report["axes"]),
-                str(about["n_rays"]),
+                about["n_rays"],
                 f"{check['optimistic']}/{check['n_inside']}",
                 f"{check['overlooked']}/{check['n_outside']}",
             ]
         )
-    return _table(head, rows)
+    return _terminal("estimator", head, rows)
 
 
 def _value(value: float | None, is_whole: bool) -> str:
-    if value is None:
-        return "-"
-    return str(int(value)) if is_whole else number(value)
+    return NONE if value is None else str(int(value)) if is_whole else number(value)
 
 
 def _profiles(report: dict[str, Any]) -> list[RenderableType]:
@@ -100,9 +95,8 @@ def _profiles(report: dict[str, Any]) -> list[RenderableType]:
     rows = []
     for one in report["profiles"]:
         forward = one["forward"]
-        delay = "-" if forward["mean_ms"] is None else number(forward["mean_ms"])
         lost = 100 - (100 - forward["loss_pct"]) * (100 - forward["outage_pct"]) / 100
-        rows.append([one["name"], delay, f"{lost:.2g}", *(_verdict(one, name) for name in names)])
+        rows.append([one["name"], forward["mean_ms"], f"{lost:.2g}", *(_verdict(one, name) for name in names)])
     tried = report["profiles_tried"]
     most = max((one["copies"] for one in tried), default=1)
     note = (
@@ -110,7 +104,7 @@ def _profiles(report: dict[str, Any]) -> list[RenderableType]:
         "the cheapest redundancy that makes it so, and what the surgeon then sends; no: not admissible, with none of "
         f"{len(tried)} redundancies up to {most} copies either"
     )
-    return [_table(["profile", "ms", "loss %", *names], rows), Text(f"\n{note}", style="dim")]
+    return [_terminal("profile", ("ms", "loss %", *names), rows), Text(f"\n{note}", style="dim")]
 
 
 def _verdict(one: dict[str, Any], name: str) -> str:
@@ -124,12 +118,5 @@ def _verdict(one: dict[str, Any], name: str) -> str:
     return f"with {helped['text']}: {number(helped['packets_per_s'])}/s, {number(helped['bytes_per_s'] / 1000)} kB/s"
 
 
-def _table(head: Sequence[str], rows: Rows) -> Table:
-    table = Table(box=box.SIMPLE_HEAD)
-    table.show_edge, table.padding = False, (0, 1, 0, 0)
-    table.add_column(head[0], no_wrap=True)
-    for name in head[1:]:
-        table.add_column(name, justify="right", overflow="fold")
-    for row in rows:
-        table.add_row(*row)
-    return table
+def _terminal(first: str, heads: Sequence[str], rows: Sequence[Row]) -> RenderableType:
+    return Table("", (first, *(Column(head, wraps=True) for head in heads)), rows).terminal(OPEN)

@@ -1,6 +1,5 @@
 """Command `tis compare --definitions`: computes missing cells, prints the tables, and optionally writes the page."""
 
-import json
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -23,10 +22,8 @@ from tis.deploy.compare.plan import Plan
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.early_checks import check_outputs
 from tis.deploy.shell.guard import print_faults, print_json
-from tis.deploy.studies.definitions import report as tables
-from tis.deploy.studies.definitions.page import page_text
 from tis.deploy.studies.definitions.readings import N_AHEAD, plan_splits
-from tis.deploy.studies.definitions.report import build
+from tis.deploy.studies.definitions.report import build, page_text, view
 from tis.deploy.studies.definitions.velocity_inputs import INPUTS, Inputs, leave_user_out
 
 _ALLOWED: Final = ("settings", "duration_s")
@@ -62,10 +59,10 @@ def compare_definitions(
     if not report["rows"]:
         rule = f"needs trials of more than {2 + N_AHEAD / 30:g} s, training rows not counted"
         raise DataError(Fault(COMMAND, "--definitions", rule))
-    folder.write(store.path / "definitions.json", json.dumps(report, indent=1, allow_nan=False) + "\n")
+    folder.write_json(store.path / "definitions.json", report)
     if page is not None:
         folder.write(page, page_text(report))
-    out.print(tables.view(report))
+    out.print(view(report))
     if as_json:
         print_json(report)
     written = "" if page is None else f"written to {page}; "

@@ -1,18 +1,18 @@
-"""Tables of `tis compare --definitions`, for a terminal and as Markdown."""
+"""Report of `tis compare --definitions`: our figures by reading, beside the published ones; tables and page."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
+from pathlib import Path
 from typing import Any, Final
 
-from rich import box
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from tis.deploy.compare.cells.forecasts import ErrorSums
 from tis.deploy.compare.engine.compute import Outcome
 from tis.deploy.compare.plan import Plan
-from tis.deploy.compare.results.tables import markdown_table
+from tis.deploy.present.numbers import NONE
+from tis.deploy.present.table import TIGHT, Column, Table
 from tis.deploy.studies.definitions.published import PUBLISHED, Published
 from tis.deploy.studies.definitions.readings import (
     ERROR_WORDS,
@@ -26,8 +26,7 @@ from tis.deploy.studies.definitions.readings import (
     value_mm,
 )
 from tis.deploy.studies.definitions.velocity_inputs import Inputs
-
-# Report of `tis compare --definitions` as plain values: our figures by reading, beside the published ones.
+from tis.deploy.studies.templates import filled
 
 OURS: Final = NAMES[-1]
 _AT_HORIZON: Final = Reading("rmse_3d", "at")
@@ -148,93 +147,92 @@ def standing(entry: Mapping[str, Any]) -> str:
     return "above the range of" if entry["mm"] > high else "within the range of"
 
 
-CAPTION: Final = (
+_CAPTION: Final = (
     f"mm, each cell: {NAMES[0]}, then {NAMES[1]}; both arms pooled. An axis: the mean over x, y and z. Up to it: "
     "over all steps from the first to the horizon. Where only the horizon counts, 30 and 10 Hz are the same."
 )
 
 
-def view(report: dict[str, Any]) -> RenderableType:
+def view(report: Mapping[str, Any]) -> RenderableType:
     """Return the report for a terminal: our readings, the least squares, and the published figures."""
-    parts: list[RenderableType] = [Text(headline(report), style="bold")]
+    parts: list[RenderableType] = [Text(_headline(report), style="bold")]
     for split, rows in groupby(report["rows"], lambda row: row["split"]):
-        parts += [Text(f"\nTrained with {SPLIT_WORDS[split]}"), _table(_head(report), map(_reading_cells, rows))]
-    parts.append(Text(f"\n{CAPTION}", style="dim"))
+        parts += [Text(f"\nTrained with {SPLIT_WORDS[split]}"), _readings(report, list(rows)).terminal(TIGHT)]
+    parts.append(Text(f"\n{_CAPTION}", style="dim"))
     if report["least_squares"]:
-        parts += [Text("\nLeast squares, one user out, 3D RMSE at the horizon, mm")]
-        parts.append(_table(_squares_head(report), map(_squares_cells, report["least_squares"])))
+        parts += [Text("\nLeast squares, one user out, 3D RMSE at the horizon, mm"), _squares(report).terminal(TIGHT)]
     parts.append(Text("\nPublished, and our range over the rows that its text allows, mm"))
-    parts.append(_table(("published", "figure", "rows", *NAMES), map(_published_cells, report["published"])))
-    parts += [Text(f"\n{entry['name']}: {_sentence(entry)}") for entry in report["published"]]
+    parts.append(_published(report).terminal(TIGHT))
+    for entry in report["published"]:
+        where = f" The figure is {standing(entry)} {NAMES[1]}." if standing(entry) else ""
+        parts.append(Text(f"\n{entry['name']}: {entry['verdict']}.{where}"))
     return Group(*parts)
 
 
-def headline(report: dict[str, Any]) -> str:
+def page_text(report: Mapping[str, Any]) -> str:
+    """Return the page ``docs/research/definitions.md``; no figure of ours in it is typed by hand."""
+    return filled(
+        Path(__file__).with_name("page.md"),
+        command=report["command"],
+        headline=_headline(report),
+        readings=_readings(report, report["rows"], with_split=True).markdown(),
+        squares=_squares(report).markdown(),
+        published=_published(report, with_verdict=True).markdown(),
+        said="\n\n".join(map(_said, report["published"])),
+    )
+
+
+def _headline(report: Mapping[str, Any]) -> str:
     """Return trials and people as a sentence."""
     n_trials, n_people = len(report["trials"]), len(report["people"])
     missing = "".join(f" No figure with {SPLIT_WORDS[split]}: it needs other trials." for split in report["missing"])
     return f"{n_trials} trials of {n_people} people: {', '.join(report['trials'])}.{missing}"
 
 
-def readings_markdown(report: dict[str, Any]) -> str:
-    """Return all rows of readings as one Markdown table, the split in a column."""
-    head = ("row", "trained with", *_head(report)[1:])
-    rows = []
-    for row in report["rows"]:
-        number, *cells = _reading_cells(row)
-        rows.append((number, SPLIT_WORDS[row["split"]], *cells))
-    return markdown_table(head, rows)
+def _said(entry: Mapping[str, Any]) -> str:
+    """Return what a publication says and leaves open."""
+    says = (f"Says: {entry['says']}", f"Leaves open: {'; '.join(entry['leaves_open'])}", f"Read: {entry['read']}")
+    items = "\n".join(f"- {text}." for text in (*says, entry["citation"]))
+    return f"**{entry['name']}**: {entry['figure']}.\n\n{items}"
 
 
-def squares_markdown(report: dict[str, Any]) -> str:
+def _readings(report: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], with_split: bool = False) -> Table:
+    """Return rows of readings, the split in a column if wanted."""
+    cells = []
+    for row in rows:
+        each = zip(*(row["mm"][name] for name in NAMES), strict=True)
+        split = [SPLIT_WORDS[row["split"]]] if with_split else []
+        reading = f"{ERROR_WORDS[row['error']]}, {SPAN_WORDS[row['span']]}"
+        cells.append([str(row["row"]), *split, reading, *(" ".join(map(_mm, both)) for both in each)])
+    words = ["trained with", "reading"] if with_split else ["reading"]
+    return Table("", ["row", *(Column(head, words=True) for head in words), *_horizons(report)], cells)
+
+
+def _squares(report: Mapping[str, Any]) -> Table:
     """Return the least squares with and without velocities."""
-    return markdown_table(_squares_head(report), map(_squares_cells, report["least_squares"]))
+    rows = [
+        (f"positions{' and velocity' * row['velocity']}, {row['rate_hz']} Hz", *map(_mm, row["mm"]))
+        for row in report["least_squares"]
+    ]
+    return Table("", ["past", *_horizons(report)], rows)
 
 
-def published_markdown(report: dict[str, Any]) -> str:
-    """Return the published figures with rows, range, standing and verdict."""
-    head = ("published", "figure", "rows", *(f"`{name}`" for name in NAMES), "the figure is", "verdict")
-    rows = [(*_published_cells(entry), _standing(entry), entry["verdict"]) for entry in report["published"]]
-    return markdown_table(head, rows)
+def _published(report: Mapping[str, Any], with_verdict: bool = False) -> Table:
+    """Return the published figures with rows and range, for the page with standing and verdict."""
+    rows = []
+    for entry in report["published"]:
+        ranges = [entry["ours_mm"].get(name) for name in NAMES]
+        words = (NONE if each is None else f"{_mm(each[0])} to {_mm(each[1])}" for each in ranges)
+        where = f"{standing(entry)} `{NAMES[1]}`" if standing(entry) else NONE
+        more = [where, entry["verdict"]] if with_verdict else []
+        rows.append([entry["name"], entry["figure"], _numbers(entry["rows"]), *words, *more])
+    names = [f"`{name}`" for name in NAMES] if with_verdict else NAMES
+    more = [Column(head, words=True) for head in ("the figure is", "verdict")] if with_verdict else []
+    return Table("", ["published", Column("figure", words=True), "rows", *names, *more], rows)
 
 
-def _standing(entry: dict[str, Any]) -> str:
-    where = standing(entry)
-    return f"{where} `{NAMES[1]}`" if where else "-"
-
-
-def _sentence(entry: dict[str, Any]) -> str:
-    where = standing(entry)
-    return f"{entry['verdict']}." + (f" The figure is {where} {NAMES[1]}." if where else "")
-
-
-def _head(report: dict[str, Any]) -> tuple[str, ...]:
-    return ("row", "reading", *_horizons(report))
-
-
-def _squares_head(report: dict[str, Any]) -> tuple[str, ...]:
-    return ("past", *_horizons(report))
-
-
-def _horizons(report: dict[str, Any]) -> list[str]:
+def _horizons(report: Mapping[str, Any]) -> list[str]:
     return [f"{horizon:g} s" for horizon in report["horizons_s"]]
-
-
-def _reading_cells(row: dict[str, Any]) -> tuple[str, ...]:
-    columns = zip(*(row["mm"][name] for name in NAMES), strict=True)
-    reading = f"{ERROR_WORDS[row['error']]}, {SPAN_WORDS[row['span']]}"
-    return (str(row["row"]), reading, *(" ".join(map(_mm, column)) for column in columns))
-
-
-def _squares_cells(row: dict[str, Any]) -> tuple[str, ...]:
-    inputs = "positions and velocity" if row["velocity"] else "positions"
-    return (f"{inputs}, {row['rate_hz']} Hz", *map(_mm, row["mm"]))
-
-
-def _published_cells(entry: dict[str, Any]) -> tuple[str, ...]:
-    ranges = [entry["ours_mm"].get(name) for name in NAMES]
-    words = ("-" if each is None else f"{_mm(each[0])} to {_mm(each[1])}" for each in ranges)
-    return (entry["name"], entry["figure"], _numbers(entry["rows"]), *words)
 
 
 def _numbers(rows: Sequence[int]) -> str:
@@ -250,12 +248,3 @@ def _numbers(rows: Sequence[int]) -> str:
 
 def _mm(value: float) -> str:
     return f"{value:.2f}" if value < 10 else f"{value:.1f}"
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 0, 0, 0))
-    for i, name in enumerate(head):
-        table.add_column(name, justify="left" if i < 2 else "right", no_wrap=True)
-    for row in rows:
-        table.add_row(*row)
-    return table

@@ -1,34 +1,18 @@
 """Results behind `docs/research/paper.md`: axes of its tables and computed values of their cells."""
 
-import os
-from collections.abc import Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from dataclasses import dataclass, replace
-from functools import cache
-from multiprocessing import get_context
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from tis.common.channels import Side
-from tis.common.node import Node
-from tis.common.runtime.recordings import load_recording
 from tis.common.scenario import Scenario
 from tis.common.scenario.reading import build_scenario
-from tis.common.sources.trajectory import Recording
-from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.logs.read.side_log import MemoryLog
-from tis.deploy.report.subjects.accuracy import accuracy_of_hand
-from tis.deploy.run.twin import drive
-from tis.deploy.shell.progress import PhaseProgress
+from tis.deploy.compare.cells.cell import Cell as Twin
+from tis.deploy.compare.cells.identity import cell_of, dump
+from tis.deploy.compare.results.pooled import pooled
 from tis.deploy.studies.paper.printed import BLOCK_ROWS, ORDER, ROWS, TRAIN_SAMPLES, PaperRow
 from tis.deploy.studies.paper.simulation import Reading, Simulated
-from tis.netem.build import build_netem
-from tis.patient_side.build import build_patient
-from tis.patient_side.identification.model_file import parse_models
 from tis.patient_side.statespace import ArmModel
-from tis.surgeon_side.build import build_surgeon
-
-# Cells of the paper's tables: twins in memory, run on all cores.
 
 Pairing = Literal["same_name", "cross"]
 Topology = Literal["observer", "teleoperation"]
@@ -40,7 +24,6 @@ ESTIMATORS: Final[dict[Method, tuple[str, ...]]] = {
     "moesp": ("hold", "moesp_kf"),
 }
 _MS_PER_SAMPLE: Final = 1000 / 30
-_POLL_S: Final = 1.0
 
 
 @dataclass(frozen=True)
@@ -89,10 +72,11 @@ def scenario_of(trial: Trial, pairing: Pairing, method: Method = "moesp", **chan
     return build_scenario(raw | changes, "tis paper")
 
 
-def cell_scenario(cell: Cell, trial: Trial, n_rows: int) -> Scenario:
-    """Return a cell's scenario; a given model lets the run begin within the training rows.
+def twin_of(cell: Cell, trial: Trial, n_rows: int, model_file: Path) -> Twin:
+    """Return the twin of a cell, with the models of a file, in a trial of ``n_rows``.
 
-    With the reading ``samples`` a delay of d means d sample periods.
+    A given model lets the run begin within the training rows. With the reading ``samples`` a delay of d means d
+    sample periods.
     """
     row, scale = cell.row, 1.0 if cell.reading == "ms" else _MS_PER_SAMPLE
     start = 0 if cell.sample == "in sample" else TRAIN_SAMPLES
@@ -102,64 +86,19 @@ def cell_scenario(cell: Cell, trial: Trial, n_rows: int) -> Scenario:
         "jitter": {"kind": "normal", "std_ms": row.jitter_ms * scale},
         "ordering": "reorder",
     }
-    base = scenario_of(trial, cell.pairing, cell.method)
-    return build_scenario(
-        base.model_dump(exclude_none=True)
-        | {
-            "topology": cell.topology,
-            "duration_s": (n_rows - 1 - start) / 30,
-            "drain_s": 0,
-            "source": base.source.model_dump() | {"start": start},
-            "network": {"forward": forward},
-            "identification": base.identification.model_dump() | {"train": "given.json"},
-        },
-        "tis paper",
-    )
+    raw = dump(scenario_of(trial, cell.pairing, cell.method))
+    raw |= {"topology": cell.topology, "duration_s": (n_rows - 1 - start) / 30, "drain_s": 0}
+    raw |= {"network": {"forward": forward}}
+    raw["source"] |= {"start": start}
+    raw["identification"] |= {"train": str(model_file)}
+    setting = f"row {row.number}, {cell.reading}, {cell.pairing}, {cell.topology}, {cell.sample}"
+    return cell_of(build_scenario(raw, "tis paper"), setting, trial.name, None, {})
 
 
-def run_cell(cell: Cell, trial: Trial, models: bytes) -> dict[str, Any]:
-    """Run one cell's twin and return the scores by estimator, names as in summary.json."""
-    whole = _recording(trial, cell.pairing)
-    scenario = cell_scenario(cell, trial, len(whole))
-    start = 0 if cell.sample == "in sample" else TRAIN_SAMPLES
-    recording = replace(whole, start=start)
-    (model,) = parse_models(models, "given model")
-    nodes: dict[Side, Node] = {
-        "surgeon": build_surgeon(scenario, recording),
-        "netem": build_netem(scenario),
-        "patient": build_patient(scenario, [model], recording),
-    }
-    logs = {side: MemoryLog(side) for side in nodes}
-    drive(scenario, nodes, logs)
-    run_logs = RunLogs(Path(), {side: log.log for side, log in logs.items()})
-    scores = accuracy_of_hand(run_logs, scenario, model.hand, model)
-    return {name: one.as_json() for name, one in scores.items()}
-
-
-@cache
-def _recording(trial: Trial, pairing: Pairing) -> Recording:
-    """Load a trial, once per process; the pairing selects the arm."""
-    return load_recording(scenario_of(trial, pairing))
-
-
-def run_cells(
-    cells: Sequence[Cell],
-    trial: Trial,
-    models: dict[tuple[Pairing, Method], bytes],
-    n_jobs: int | None,
-    progress: PhaseProgress,
-) -> dict[Cell, dict[str, Any]]:
-    """Run all cells in ``n_jobs`` processes (all cores when None); the result does not depend on their number."""
-    results: dict[Cell, dict[str, Any]] = {}
-    with ProcessPoolExecutor(n_jobs or os.cpu_count(), mp_context=get_context("spawn")) as pool:
-        futures = {pool.submit(run_cell, cell, trial, models[cell.pairing, cell.method]): cell for cell in cells}
-        pending = set(futures)
-        while pending:
-            done, pending = wait(pending, _POLL_S, return_when=FIRST_COMPLETED)
-            for future in done:
-                results[futures[future]] = future.result()
-            progress.advance("twins", len(done))
-    return {cell: results[cell] for cell in cells}
+def scores_of(result: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the scores by estimator, names as in summary.json, of a twin's result."""
+    (hand,) = result["hands"].values()
+    return {name: pooled([[hand]], name) for name in hand["estimators"]}
 
 
 PAIRINGS: Final[tuple[Pairing, ...]] = ("same_name", "cross")

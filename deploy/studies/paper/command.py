@@ -1,6 +1,6 @@
 """Command `tis paper`: identification, simulation, twins and the page."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
@@ -11,6 +11,11 @@ from rich.markup import escape
 from tis.common.errors import EXIT_OK, GET_REPORT
 from tis.common.runtime.recordings import load_recording, load_training
 from tis.common.scenario import Scenario
+from tis.common.sources.trajectory import Recording
+from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.engine.compute import compute as compute_twins
+from tis.deploy.compare.engine.compute import workers_of
+from tis.deploy.compare.engine.workers import Workers
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.early_checks import check_outputs
 from tis.deploy.shell.progress import PhaseProgress
@@ -27,8 +32,9 @@ from tis.deploy.studies.paper.cells import (
     all_cells,
     few_cells,
     meaningful,
-    run_cells,
     scenario_of,
+    scores_of,
+    twin_of,
 )
 from tis.deploy.studies.paper.page import page
 from tis.deploy.studies.paper.printed import ROWS
@@ -42,7 +48,7 @@ FORMATS: Final = ("svg", "pdf")
 EPSILONS: Final = ((1e-3, 1e-3), (1e-2, 1e-3), (1e-1, 1e-3), (1e-3, 1e-2))
 
 
-def compute(trial: Trial, cells: Sequence[Cell], n_jobs: int | None, progress: PhaseProgress) -> Results:
+def compute(trial: Trial, cells: Sequence[Cell], store: Store, workers: Workers, progress: PhaseProgress) -> Results:
     """Identify the models, run the paper's simulation and the twins of ``cells``; raises `DataError`."""
     progress.total("models", len(PAIRINGS) * len(METHODS))
     models: dict[tuple[Pairing, Method], ArmModel] = {}
@@ -50,7 +56,30 @@ def compute(trial: Trial, cells: Sequence[Cell], n_jobs: int | None, progress: P
         for method in METHODS:
             models[pairing, method] = _identified(scenario_of(trial, pairing, method))
             progress.advance("models")
-    # the paper's simulation, in each reading of its delays
+    recordings = {pairing: load_recording(scenario_of(trial, pairing)) for pairing in PAIRINGS}
+    simulated = _simulated(trial, models, recordings, progress)
+    epsilons = _epsilon_scores(trial)
+    progress.advance("simulations", len(EPSILONS))
+    # the same filters on packets
+    files = {key: store.path / "models" / f"{'_'.join(key)}.json" for key in models}
+    for key, model in models.items():
+        folder.write(files[key], dump_models([model]))
+    twins = {
+        cell: twin_of(cell, trial, len(recordings[cell.pairing]), files[cell.pairing, cell.method]) for cell in cells
+    }
+    outcome = compute_twins(list(twins.values()), {}, store, workers, progress)
+    outcome.check()
+    scores = {cell: scores_of(outcome.cells[twin.digest]) for cell, twin in twins.items()}
+    return Results(trial, recordings["cross"].label, models, simulated, epsilons, scores)
+
+
+def _simulated(
+    trial: Trial,
+    models: Mapping[tuple[Pairing, Method], ArmModel],
+    recordings: Mapping[Pairing, Recording],
+    progress: PhaseProgress,
+) -> dict[SimulationKey, Simulated]:
+    """Return the paper's simulation, in each reading of its delays."""
     keys = [
         (pairing, row, reading, as_printed)
         for pairing in PAIRINGS
@@ -60,21 +89,15 @@ def compute(trial: Trial, cells: Sequence[Cell], n_jobs: int | None, progress: P
         for as_printed in (False, True)
     ]
     progress.total("simulations", len(keys) + len(EPSILONS))
-    simulated: dict[SimulationKey, Simulated] = {}
-    recordings = {pairing: load_recording(scenario_of(trial, pairing)) for pairing in PAIRINGS}
+    found: dict[SimulationKey, Simulated] = {}
     for pairing, row, reading, as_printed in keys:
-        model, recording = models[pairing, "moesp_paper"], recordings[pairing]
-        hand, rate_hz = recording.hands[0], recording.rate_hz
-        found = simulate(row, reading, model, hand, rate_hz, trial.seed, as_printed)
-        simulated[pairing, row.number, reading, as_printed] = found
+        hand, rate_hz = recordings[pairing].hands[0], recordings[pairing].rate_hz
+        model = models[pairing, "moesp_paper"]
+        found[pairing, row.number, reading, as_printed] = simulate(
+            row, reading, model, hand, rate_hz, trial.seed, as_printed
+        )
         progress.advance("simulations")
-    epsilons = _epsilon_scores(trial)
-    progress.advance("simulations", len(EPSILONS))
-    # the same filters on packets
-    progress.total("twins", len(cells))
-    texts = {key: dump_models([model]) for key, model in models.items()}
-    scores = run_cells(cells, trial, texts, n_jobs, progress)
-    return Results(trial, recording.label, models, simulated, epsilons, scores)
+    return found
 
 
 def _identified(scenario: Scenario) -> ArmModel:
@@ -100,19 +123,17 @@ def _epsilon_scores(trial: Trial) -> dict[tuple[float, float], dict[str, Any]]:
 
 
 def write_paper(
-    trial: Trial, path: Path, figures: Path, quick: bool, n_jobs: int | None, out: Console, err: Console
+    trial: Trial, path: Path, place: Path, quick: bool, n_jobs: int | None, out: Console, err: Console
 ) -> int:
     """Compute everything, or with ``quick`` one table of twins, and write page and figures; raises `DataError`.
 
-    The figures go into a folder of their own; without matplotlib there are none, which is said.
+    The figures lie in ``place``, beside the twins; without matplotlib there are none, which is said.
     """
-    check_outputs(path)
+    store, workers = Store(place), workers_of(n_jobs, None, err.print)
     names = [f"{name}.{form}" for name in FIGURES for form in FORMATS]
-    if find_spec("matplotlib") is not None:
-        folder.made(figures)
-        check_outputs(*(figures / name for name in names))
-    with PhaseProgress(err) as progress:
-        results = compute(trial, few_cells() if quick else all_cells(), n_jobs, progress)
+    check_outputs(path, *(store.path / name for name in names))
+    with workers, PhaseProgress(err) as progress:
+        results = compute(trial, few_cells() if quick else all_cells(), store, workers, progress)
     folder.write(path, page(results))
     out.print(f"written to {path}: {len(results.cells)} twins, {len(results.simulated)} simulations", soft_wrap=True)
     if find_spec("matplotlib") is None:
@@ -123,6 +144,6 @@ def write_paper(
 
     for name, figure in zip(FIGURES, drawn(results), strict=True):
         for form in FORMATS:
-            folder.write(figures / f"{name}.{form}", rendered(figure, form))
-    out.print(escape(f"{', '.join(names)} lie in {figures}"), soft_wrap=True)
+            folder.write(place / f"{name}.{form}", rendered(figure, form))
+    out.print(escape(f"{', '.join(names)} lie in {place}"), soft_wrap=True)
     return EXIT_OK

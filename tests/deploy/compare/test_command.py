@@ -98,7 +98,7 @@ def test_an_interrupt_keeps_what_is_done_and_leaves_no_process(small: Path, tmp_
                 raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt), Processes(1) as workers:
-        compute(plan, store, workers, Interrupting(Console(quiet=True)))
+        compute(plan.cells, plan.trainings, store, workers, Interrupting(Console(quiet=True)))
     assert set(multiprocessing.active_children()) == before
     kept = [cell for cell in plan.cells if store.cell(cell.digest) is not None]
     assert len(kept) == 1

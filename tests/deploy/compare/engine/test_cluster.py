@@ -108,7 +108,7 @@ def foreign(cluster_dir: Path, worker: Start) -> None:
 
 def computed(plan: Plan, folder: Path, workers: Workers) -> Outcome:
     with workers:
-        return compute(plan, Store(folder), workers, PhaseProgress(Console(quiet=True)))
+        return compute(plan.cells, plan.trainings, Store(folder), workers, PhaseProgress(Console(quiet=True)))
 
 
 @pytest.mark.live  # the first one: the scheduler has no worker yet

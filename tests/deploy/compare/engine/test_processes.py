@@ -62,7 +62,7 @@ def plan_with(there: Path, name: str, **changes: Any) -> Plan:
 
 def computed(plan: Plan, folder: Path) -> Outcome:
     with Processes(2) as workers:
-        return compute(plan, Store(folder), workers, PhaseProgress(Console(quiet=True)))
+        return compute(plan.cells, plan.trainings, Store(folder), workers, PhaseProgress(Console(quiet=True)))
 
 
 def test_a_killed_process_costs_nothing_but_time(there: Path, tmp_path: Path, forked: None) -> None:
@@ -140,6 +140,6 @@ def test_what_another_comparison_has_stored_is_not_computed_again(
 
     monkeypatch.setattr(Store, "save_cell", saved)
     with Processes(1) as workers:
-        outcome = compute(plan, store, workers, PhaseProgress(Console(quiet=True)))
+        outcome = compute(plan.cells, plan.trainings, store, workers, PhaseProgress(Console(quiet=True)))
     assert len(outcome.cells) == len(plan.cells) == 6
     assert len(made) < 6

@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from tis.deploy.compare.results.figures import ratio_figure
-from tis.deploy.compare.results.tables import ratios, trials_csv, view
+from tis.deploy.compare.results.tables import csv, ratio_table, view
 
 
 def made_up(n_delays: int) -> dict[str, Any]:
@@ -37,8 +37,9 @@ def made_up(n_delays: int) -> dict[str, Any]:
 
 
 def test_each_point_is_a_line_with_a_column_for_each_axis() -> None:
-    head, lines = ratios(made_up(3), intervals=False)
-    assert head == ["delay_ms", "p_loss", "hold", "mine"]
+    table = ratio_table(made_up(3), intervals=False)
+    assert [column.title for column in table.full_columns()] == ["delay_ms", "p_loss", "hold", "mine"]
+    lines = list(table.texts())
     assert lines[3] == ["10", "0.1", "1.000", "0.110"]
     assert len(lines) == 6
 
@@ -53,7 +54,7 @@ def test_a_terminal_shows_no_table_for_each_of_many_points(n_delays: int, has_al
 
 
 def test_the_csv_has_a_column_for_each_axis() -> None:
-    head = trials_csv(made_up(2)).splitlines()[0].split(",")
+    head = csv(made_up(2)["by_trial"]).splitlines()[0].split(",")
     assert head[:3] == ["setting", "at_network.delay_ms", "at_network.p_loss"]
 
 

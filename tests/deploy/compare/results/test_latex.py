@@ -1,9 +1,10 @@
 from tests.deploy.compare.results.test_grid_tables import made_up
-from tis.deploy.compare.results.tables import latex_table, tabular
+from tis.deploy.compare.results.tables import latex
+from tis.deploy.present.table import Table
 
 
 def test_a_grid_is_a_tabular_with_its_command_above() -> None:
-    text = latex_table(made_up(2) | {"command": "tis compare\n  s"})
+    text = latex(made_up(2) | {"command": "tis compare\n  s"})
     lines = text.splitlines()
     assert lines[0] == "% tis compare s"
     assert lines[2] == r"\begin{tabular}{llrr}"
@@ -16,10 +17,10 @@ def test_what_latex_reads_as_a_command_is_text() -> None:
     report = made_up(1) | {"command": "c", "axes": ["a"]}
     for row in report["rows"]:
         row["estimator"] = {"hold": "hold", "mine": r"a_b%c\d^~#"}[row["estimator"]]
-    assert r"a\_b\%c\textbackslash{}d\textasciicircum{}\textasciitilde{}\#" in latex_table(report)
+    assert r"a\_b\%c\textbackslash{}d\textasciicircum{}\textasciitilde{}\#" in latex(report)
 
 
 def test_signs_of_figures_are_written_as_latex_has_them() -> None:
-    text = tabular(["method", "R²"], [["hold", "×2.5, 3 µs"]], "% c")
+    text = Table("", ["method", "R²"], [["hold", "×2.5, 3 µs"]]).latex("c")
     assert text.splitlines()[3] == r"method & R$^2$ \\"
     assert text.splitlines()[5] == r"hold & $\times$2.5, 3 $\mu$s \\"

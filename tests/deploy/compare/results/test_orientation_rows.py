@@ -6,7 +6,7 @@ import pytest
 from tis.deploy.compare.cells.sums import histogram
 from tis.deploy.compare.results.pooled import resampled
 from tis.deploy.compare.results.report import orientation_rows
-from tis.deploy.compare.results.tables import orientation_cells, orientation_ratios
+from tis.deploy.compare.results.tables import turn_ratio_table, turn_table
 
 
 def hand(n: int, held_deg: float, other_deg: float, covered: int) -> dict[str, Any]:
@@ -62,11 +62,11 @@ def test_a_method_that_one_hand_lacks_has_no_row() -> None:
 
 def test_tables_show_degrees_and_ratios() -> None:
     rows = [row for setting in ("33", "200") for row in orientation_rows({"setting": setting}, PEOPLE)]
-    cells = orientation_cells(rows[1])
-    assert cells[:3] == ["tangent_ls", "2.47", "0.600"]
-    assert orientation_cells(rows[0])[3] == "-"
+    hold, other, *_ = turn_table(rows).texts()
+    assert other[:3] == ["tangent_ls", "2.47", "0.600"]
+    assert hold[3] == "-"
     report = {"settings": [{"setting": "33", "n_cells": 3}, {"setting": "200", "n_cells": 3}], "orientation": rows}
-    head, lines = orientation_ratios(report)
-    assert head == ["orientation, deg (ratio)", "33", "200"]
-    assert lines[1] == ["tangent_ls", "2.47 (0.600)", "2.47 (0.600)"]
-    assert orientation_ratios(report, degrees=False)[1][1] == ["tangent_ls", "0.600", "0.600"]
+    table = turn_ratio_table(report)
+    assert table.columns == ["orientation, deg (ratio)", "33", "200"]
+    assert table.rows[1] == ["tangent_ls", "2.47 (0.600)", "2.47 (0.600)"]
+    assert turn_ratio_table(report, degrees=False).rows[1] == ["tangent_ls", "0.600", "0.600"]

@@ -14,8 +14,7 @@ from tis.deploy.compare.engine.compute import Outcome
 from tis.deploy.compare.plan import Plan, make_plan
 from tis.deploy.compare.results.pooled import interval_note
 from tis.deploy.compare.results.report import report
-from tis.deploy.studies.estimators.descriptions import DESCRIPTIONS
-from tis.deploy.studies.estimators.page import page_text
+from tis.deploy.studies.estimators.page import descriptions, page_text
 from tis.deploy.studies.estimators.sections import Section, command_of, sections
 
 
@@ -71,9 +70,9 @@ def found() -> list[tuple[Section, dict[str, Any]]]:
 
 
 def test_every_estimator_has_its_words() -> None:
-    without = [name for name in get_args(EstimatorName) if name not in DESCRIPTIONS]
-    assert without == []
-    for name, words in DESCRIPTIONS.items():
+    found = descriptions()
+    assert [name for name in get_args(EstimatorName) if name not in found] == []
+    for name, words in found.items():
         assert words.count(".") >= 2, name
         assert words.endswith(".")
 
@@ -85,7 +84,7 @@ def test_the_page_has_a_table_for_each_section_and_every_row_its_columns(
     text = page_text(found)
     assert len(found) == 7 + 2 + 1 + 1  # and an arm that lags, adaptation, and orientation
     for name in get_args(EstimatorName):
-        assert f"- **`{name}`**: {DESCRIPTIONS[name]}" in text
+        assert f"- **`{name}`**: {descriptions()[name]}" in text
     for section, made in found:
         assert f"## {section.title}\n" in text
         assert made["command"] in text

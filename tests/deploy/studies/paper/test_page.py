@@ -7,6 +7,7 @@ import pytest
 
 from tests.markdown_tables import ragged_rows
 from tests.patient_side.arm_models import static_model
+from tis.deploy.compare.cells.cell import run_cell
 from tis.deploy.studies.paper.cells import (
     METHODS,
     PAIRINGS,
@@ -15,15 +16,16 @@ from tis.deploy.studies.paper.cells import (
     Results,
     Trial,
     all_cells,
-    cell_scenario,
     few_cells,
     meaningful,
-    run_cell,
     scenario_of,
+    scores_of,
+    twin_of,
 )
 from tis.deploy.studies.paper.page import page
 from tis.deploy.studies.paper.printed import ROWS
 from tis.deploy.studies.paper.simulation import Simulated
+from tis.deploy.tools.synth import write_trials
 from tis.patient_side.identification.model_file import dump_models
 
 TRIAL = Trial(None, "Suturing", "D002", 7)
@@ -76,9 +78,13 @@ def test_row_6_as_samples_is_computed_nowhere() -> None:
     assert "| 6 | samples |" not in page(made_up_results(90.0))
 
 
-def test_a_cell_asks_for_what_it_says() -> None:
+def test_a_cell_asks_for_what_it_says(tmp_path: Path) -> None:
+    write_trials(tmp_path / "trials", 1, "Suturing", 1, 10.0, "a test")
+    model_file = tmp_path / "models.json"
+    model_file.write_bytes(dump_models([static_model()]))
+    trial = Trial(str(tmp_path / "trials"), "Suturing", "S001", 7)
     cell = Cell(ROWS[3], "samples", "cross", "observer", "held out", "moesp")
-    scenario = cell_scenario(cell, TRIAL, 2214)
+    scenario = twin_of(cell, trial, 2214, model_file).scenario
     assert scenario.source.start == 1240
     assert scenario.n_samples == 2214 - 1240 - 1
     delay = scenario.network.forward.delay
@@ -86,11 +92,11 @@ def test_a_cell_asks_for_what_it_says() -> None:
     assert delay.kind == "uniform"
     assert delay.low_ms == delay.high_ms == pytest.approx(5 * 1000 / 30)
     assert [rule.key for rule in scenario.generated_rules()] == ["tis/MTML/measured_cp", "tis/MTMR/measured_cp"]
-    whole = cell_scenario(replace(cell, sample="in sample", reading="ms"), TRIAL, 2214)
+    whole = twin_of(replace(cell, sample="in sample", reading="ms"), trial, 2214, model_file).scenario
     assert (whole.source.start, whole.n_samples) == (0, 2213)
 
 
-def test_one_cell_on_a_real_trial(jigsaws_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_cell_on_a_real_trial(jigsaws_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from tis.common.runtime.recordings import load_recording, load_training
     from tis.patient_side.build import identify_models
 
@@ -99,7 +105,9 @@ def test_one_cell_on_a_real_trial(jigsaws_dir: Path, monkeypatch: pytest.MonkeyP
     recording = load_recording(scenario)
     models = identify_models(scenario, recording, load_training(scenario, recording))
     cell = Cell(ROWS[3], "samples", "cross", "teleoperation", "held out", "moesp")
-    scores = run_cell(cell, TRIAL, dump_models(models))
+    (tmp_path / "models.json").write_bytes(dump_models(models))
+    twin = twin_of(cell, TRIAL, len(recording), tmp_path / "models.json")
+    scores = scores_of(run_cell(twin, None))
     assert set(scores) == {"hold", "moesp_kf"}
     assert scores["hold"]["n_scored"] > 800
     assert scores["moesp_kf"]["ratio_to_hold"] < 0.7

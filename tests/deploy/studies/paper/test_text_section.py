@@ -7,7 +7,7 @@ import pytest
 from tests.deploy.studies.paper.test_page import made_up_results
 from tests.markdown_tables import ragged_rows
 from tis.deploy.studies.paper.cells import SimulationKey
-from tis.deploy.studies.paper.page import implied_deviation, nearest_simulation, text_section
+from tis.deploy.studies.paper.page import implied_deviation, nearest_simulation, page
 from tis.deploy.studies.paper.printed import ROWS, TEXT
 from tis.deploy.studies.paper.simulation import Simulated
 
@@ -22,7 +22,7 @@ def test_r2_and_rmse_imply_the_deviation_of_the_signal() -> None:
 
 def test_the_text_is_in_no_row_of_the_table_and_row_2_is_nearest() -> None:
     assert all((row.accuracy_pct, row.rmse) != (TEXT.accuracy_pct, TEXT.rmse) for row in ROWS)
-    text = text_section(made_up_results(90.0)).replace("\n", " ")
+    text = page(made_up_results(90.0)).replace("\n", " ")
     assert "the nearest is row 2, which differs by up to 0.78 points of accuracy" in text  # 95.58 - 94.80
     assert "implies 0.145 to 0.216 for x" in text  # row 6: 0.0811 / sqrt(0.1405)
 
@@ -41,7 +41,7 @@ def test_the_run_nearest_on_every_axis_is_shown_with_its_figures() -> None:
     }
     results = replace(results, simulated={**results.simulated, **changed})
     assert nearest_simulation(results) == ("same_name", 4, "samples", False)
-    text = text_section(results)
+    text = page(results)
     assert "ours, row 4 read as samples | 94.00 96.00 97.00 | 0.0300 0.0200 0.0100" in text
     assert "within 0.80 points" in text
     assert ragged_rows(text) == []
