@@ -15,9 +15,9 @@ from tis.deploy.studies.methods.tables import detail_tables, main_table
 
 
 def test_each_adjective_stands_beside_a_measured_cell() -> None:
-    head, rows = main_table([hold(), figures("moesp_kf")])
-    assert head[-2:] == ["hold", "moesp_kf"]
-    by_title = {row[0]: row for row in rows}
+    table = main_table([hold(), figures("moesp_kf")])
+    assert table.columns[-2:] == ["hold", "moesp_kf"]
+    by_title = {row[0]: row for row in table.texts()}
     assert list(by_title) == [claim.title for claim in CLAIMS.values()]
     assert {title: row[-1] for title, row in by_title.items()} == {
         "Computational Complexity": "training: rows^1.00, size^2.00, step: rows^0.00, size^0.50",
@@ -37,13 +37,13 @@ def test_each_adjective_stands_beside_a_measured_cell() -> None:
 
 def test_a_setting_that_a_method_lacks_is_a_dash_and_a_measure_no_row() -> None:
     fewer = figures("moesp_kf", accuracy=figures("moesp_kf")["accuracy"][:1])
-    head, rows = detail_tables([figures("drmf"), fewer])["Ratio to hold by delay"]
-    assert head == ["method", "100 ms", "500 ms"]
-    assert rows == [
+    table = detail_tables([figures("drmf"), fewer])["Ratio to hold by delay"]
+    assert table.columns == ["method", "100 ms", "500 ms"]
+    assert list(table.texts()) == [
         ["drmf", "0.400 (0.350-0.450)", "0.800 (0.700-0.900)"],
         ["moesp_kf", "0.400 (0.350-0.450)", "-"],
     ]
-    assert detail_tables([hold()])["Ratio to hold by number of training trials"][1] == []
+    assert detail_tables([hold()])["Ratio to hold by number of training trials"].rows == []
 
 
 def test_the_page_has_even_tables_says_where_it_is_from_and_what_is_missing() -> None:
