@@ -1,7 +1,5 @@
 """Page of the comparison: every figure is computed, only words are typed."""
 
-import csv
-import io
 import json
 from collections.abc import Iterator, Mapping
 from importlib.util import find_spec
@@ -9,12 +7,13 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from tis.common.errors import GET_REPORT
+from tis.deploy.present.table import Table
 from tis.deploy.studies.methods.claims import FAMILY_TITLES, MEMBERS
 from tis.deploy.studies.methods.tables import detail_tables, main_table
 from tis.deploy.studies.methods.verdicts import verdicts
 from tis.deploy.studies.templates import filled
 
-# Files of the comparison: figures of every method as JSON and CSV, the paper's table for LaTeX, and plots.
+Report = Mapping[str, Any]
 
 _FORMATS: Final = ("svg", "pdf")
 PLOTS: Final = ("accuracy", "disturbances", "training", "steps")
@@ -31,7 +30,7 @@ class Files(NamedTuple):
     left_out: tuple[str, ...]
 
 
-def files_of(report: Mapping[str, Any]) -> Files:
+def files_of(report: Report) -> Files:
     """Return all forms of a report (see `tis.deploy.studies.methods.command.report_of`)."""
     files: dict[str, str | bytes] = {
         "methods.json": json.dumps(report, indent=1, allow_nan=False) + "\n",
@@ -49,21 +48,18 @@ def files_of(report: Mapping[str, Any]) -> Files:
     return Files(files, ())
 
 
-def csv_of(report: Mapping[str, Any]) -> str:
+def csv_of(report: Report) -> str:
     """Return all figures in long form: one row a number, with the setting that it was measured at."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_HEAD)
+    rows: list[tuple[Any, ...]] = []
     for figures in report["methods"]:
         for measure, content in figures.items():
-            entries = content if isinstance(content, list) else [content]
-            for entry in entries:
+            for entry in content if isinstance(content, list) else [content]:
                 if isinstance(entry, Mapping):
                     at = " ".join(f"{name}={entry[name]}" for name in _PLACES if name in entry)
-                    writer.writerows((figures["method"], measure, at, *each) for each in _numbers(entry))
+                    rows += [(figures["method"], measure, at, *each) for each in _numbers(entry)]
                 elif isinstance(entry, float):
-                    writer.writerow((figures["method"], measure, "", measure, entry))
-    return text.getvalue()
+                    rows.append((figures["method"], measure, "", measure, entry))
+    return Table("", _HEAD, rows).csv()
 
 
 def _numbers(entry: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, float]]:
@@ -79,32 +75,34 @@ def _numbers(entry: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
             yield f"{prefix}{name}", value
 
 
-Report = Mapping[str, Any]
-
-
 def page_text(report: Report, pictures: str | None = None) -> str:
     """Return the page of a report (see `tis.deploy.studies.methods.command.report_of`).
 
     ``pictures`` is the folder of the figures beside the page, None where they could not be drawn.
     """
     methods = report["methods"]
-    measures = []
+    blocks = []
     for title, table in detail_tables(methods).items():
         if table.rows:
-            name, words = _PICTURES.get(title, ("", ""))
-            picture = f"![{words}]({pictures}/{name}.svg)" if pictures is not None and name else ""
-            measures += [part for part in (f"### {title}", _NOTES.get(title, ""), picture, table.markdown()) if part]
+            blocks += [f"### {title}", *([_NOTES[title]] if title in _NOTES else [])]
+            if pictures is not None and title in _PICTURES:
+                name, words = _PICTURES[title]
+                blocks.append(f"![{words}]({pictures}/{name}.svg)")
+            blocks.append(table.markdown())
     return filled(
-        _TEMPLATE,
+        Path(__file__).with_name("page.md"),
         data=_data(report),
         command=report["command"],
-        families=_families(),
+        families="; ".join(
+            f"*{FAMILY_TITLES[family]}*: {', '.join(f'`{name}`' for name in names)}"
+            for family, names in MEMBERS.items()
+        ),
         quick=_QUICK if report["quick"] else "",
         gaps=_gaps(report),
-        main=main_table(methods).markdown(),
-        measures="\n\n".join(measures),
-        verdicts="\n".join(f"- **{title}**: {text}" for title, text in verdicts(methods).items()),
         **report["settings"],
+        table=main_table(methods).markdown(),
+        measures="\n\n".join(blocks),
+        verdicts="\n".join(f"- **{title}**: {text}" for title, text in verdicts(methods).items()),
     )
 
 
@@ -118,21 +116,14 @@ def _data(report: Report) -> str:
     return f"{kind}: {len(found['names'])} trials of {found['task']} by {people}{others}"
 
 
-def _families() -> str:
-    return "; ".join(
-        f"*{FAMILY_TITLES[family]}*: {', '.join(f'`{name}`' for name in names)}" for family, names in MEMBERS.items()
-    )
-
-
 def _gaps(report: Report) -> str:
-    """Return what is missing, by method; nothing where everything is there."""
-    found = [f"- `{each['method']}`: {'; '.join(each['gaps'])}" for each in report["methods"] if each["gaps"]]
-    absent = [f"`{name}`" for name in report["absent"]]
-    lines = [*found, *([f"- not among the methods: {', '.join(absent)}"] if absent else [])]
+    """Return what is missing, by method; empty where everything is there."""
+    lines = [f"- `{each['method']}`: {'; '.join(each['gaps'])}" for each in report["methods"] if each["gaps"]]
+    if report["absent"]:
+        lines.append(f"- not among the methods: {', '.join(f'`{name}`' for name in report['absent'])}")
     return "**What is missing.**\n\n" + "\n".join(lines) if lines else ""
 
 
-_TEMPLATE: Final = Path(__file__).with_name("page.md")
 _QUICK: Final = "This page was made with `--quick`: few people, short trials, few settings. Its figures are rough."
 _PICTURES: Final = {
     "Ratio to hold by delay": ("accuracy", "Ratio to hold against the delay, a line for each method"),

@@ -1,18 +1,16 @@
-"""Tables of the comparison: the paper's with a measured cell of each method beside its words; one of each measure."""
+"""Tables of the comparison: the paper's, with measured cells beside its words, and one of each measure."""
 
 from collections.abc import Callable, Sequence
 
 from tis.deploy.present.numbers import NONE, per_axis, with_interval
 from tis.deploy.present.table import Column, Table
-from tis.deploy.studies.methods.claims import CLAIMS, FAMILY_TITLES, Figures, exponent_text, loss_head, rate_text
+from tis.deploy.studies.methods.claims import CLAIMS, FAMILY_TITLES
+from tis.deploy.studies.methods.measured import Figures, exponent_text, loss_head, rate_text
 
 
 def main_table(methods: Sequence[Figures]) -> Table:
     """Return the paper's table: its features, its words on three families, and a measured cell of each method."""
-    heads: list[Column | str] = [
-        "feature",
-        *(Column(f"paper: {title}", words=True) for title in FAMILY_TITLES.values()),
-    ]
+    heads = ["feature", *(Column(f"paper: {title}", words=True) for title in FAMILY_TITLES.values())]
     rows = [[claim.title, *claim.words.values(), *map(claim.cell, methods)] for claim in CLAIMS.values()]
     return Table("", [*heads, *(str(figures["method"]) for figures in methods)], rows)
 
@@ -70,14 +68,7 @@ def _reliability(methods: Sequence[Figures]) -> Table:
 def _steps(methods: Sequence[Figures]) -> Table:
     rates = [Column("highest rate, one hand", show=rate_text), Column("both hands", show=rate_text)]
     at_1_khz = (Column("at 1 kHz: p50", "µs"), Column("p99", "µs"), "ratio to hold")
-    heads: tuple[Column | str, ...] = (
-        "method",
-        Column("p50", "µs"),
-        Column("p99", "µs"),
-        *rates,
-        *at_1_khz,
-        Column("training", "s"),
-    )
+    heads = ["method", Column("p50", "µs"), Column("p99", "µs"), *rates, *at_1_khz, Column("training", "s")]
     rows = []
     for figures in methods:
         step, fast = figures["step"], figures["fast"]
@@ -97,8 +88,7 @@ def _exponents(methods: Sequence[Figures]) -> Table:
     }
     laws = {str(figures["method"]): [figures["exponents"][name] for name in names] for figures in methods}
     rows = [[method, *each] for method, each in laws.items() if any(law is not None for law in each)]
-    columns = (Column(head, show=exponent_text) for head in names.values())
-    return Table("", ("method", *columns), rows)
+    return Table("", ["method", *(Column(head, show=exponent_text) for head in names.values())], rows)
 
 
 def _noise_head(entry: Figures) -> str:

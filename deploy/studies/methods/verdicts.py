@@ -9,7 +9,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, Literal
 
 from tis.deploy.present.numbers import number
-from tis.deploy.studies.methods.claims import CLAIMS, FAMILY_TITLES, MEMBERS, OURS, Claim, Figures, Merit, is_useful
+from tis.deploy.studies.methods.claims import CLAIMS, FAMILY_TITLES, MEMBERS, Claim
+from tis.deploy.studies.methods.findings import OURS
+from tis.deploy.studies.methods.measured import Figures, Merit, is_useful
 from tis.deploy.studies.methods.plans import HOLD
 
 Order = Literal["better", "worse", "not told apart"]

@@ -1,4 +1,4 @@
-from tis.deploy.studies.methods.claims import exponent_text
+from tis.deploy.studies.methods.measured import exponent_text
 
 
 def test_an_exponent_has_its_interval_if_there_is_one_and_no_negative_zero() -> None:

@@ -17,7 +17,7 @@ from tis.deploy.studies.methods.tables import detail_tables, main_table
 
 def test_each_adjective_stands_beside_a_measured_cell() -> None:
     table = main_table([hold(), figures("moesp_kf")])
-    assert [column.head for column in table.full_columns()][-2:] == ["hold", "moesp_kf"]
+    assert table.columns[-2:] == ["hold", "moesp_kf"]
     by_title = {row[0]: row for row in table.texts()}
     assert list(by_title) == [claim.title for claim in CLAIMS.values()]
     assert {title: row[-1] for title, row in by_title.items()} == {
@@ -39,8 +39,8 @@ def test_each_adjective_stands_beside_a_measured_cell() -> None:
 def test_a_setting_that_a_method_lacks_is_a_dash_and_a_measure_no_row() -> None:
     fewer = figures("moesp_kf", accuracy=figures("moesp_kf")["accuracy"][:1])
     table = detail_tables([figures("drmf"), fewer])["Ratio to hold by delay"]
-    assert [column.head for column in table.full_columns()] == ["method", "100 ms", "500 ms"]
-    assert [*table.texts()] == [
+    assert table.columns == ["method", "100 ms", "500 ms"]
+    assert list(table.texts()) == [
         ["drmf", "0.400 (0.350-0.450)", "0.800 (0.700-0.900)"],
         ["moesp_kf", "0.400 (0.350-0.450)", "-"],
     ]

@@ -5,7 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.deploy.studies.methods.made_up import figures, hold, law, scores
-from tis.deploy.studies.methods.claims import CLAIMS, Merit, growth_words
+from tis.deploy.studies.methods.claims import CLAIMS
+from tis.deploy.studies.methods.findings import growth_words
+from tis.deploy.studies.methods.measured import Merit
 from tis.deploy.studies.methods.verdicts import order_of, verdict_of, verdicts
 
 MERITS = st.floats(0.01, 100).flatmap(

@@ -1,0 +1,171 @@
+"""Measured cells of a method, and its merit: one number of which less is better, in each row of the paper's table."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final, NamedTuple
+
+from tis.deploy.present.numbers import NONE, number
+from tis.deploy.studies.methods.plans import ALL
+
+Figures = Mapping[str, Any]
+
+HZ_PER_KHZ: Final = 1000.0
+
+
+class Merit(NamedTuple):
+    """A figure of which less is better; ``low`` and ``high`` are its 95 % interval, None where it has none."""
+
+    value: float
+    low: float | None = None
+    high: float | None = None
+
+
+def exponent_text(law: Figures) -> str:
+    """Return an exponent with its interval."""
+    if law["low"] is None:
+        return f"{law['exponent']:z.2f}"
+    return f"{law['exponent']:z.2f} ({law['low']:z.2f} to {law['high']:z.2f})"
+
+
+def rate_text(rate_hz: float) -> str:
+    """Return a rate of ticks as text, from 10 kHz on in kHz."""
+    return f"{rate_hz:.0f} Hz" if rate_hz < 10 * HZ_PER_KHZ else f"{rate_hz / HZ_PER_KHZ:.0f} kHz"
+
+
+def loss_head(entry: Figures) -> str:
+    """Return the words for a share that is lost."""
+    return f"{entry['loss_pct']:g} %{' in bursts' if entry['bursts'] else ''}"
+
+
+def is_useful(figures: Figures) -> bool:
+    """Tell whether a method errs less than hold, on average over the delays: otherwise no other merit counts."""
+    ratio = mean_ratio(figures)
+    return ratio is None or ratio.value < 1.0
+
+
+def plain(value: float | None) -> Merit | None:
+    """Return a merit without an interval."""
+    return None if value is None else Merit(float(value))
+
+
+def exponent_of(name: str) -> Callable[[Figures], Merit | None]:
+    """Return the merit that is an exponent."""
+
+    def merit(figures: Figures) -> Merit | None:
+        law = figures["exponents"][name]
+        return None if law is None else Merit(law["exponent"], law["low"], law["high"])
+
+    return merit
+
+
+def ratio_of(entry: Figures | None, name: str = "ratio_to_hold") -> Merit | None:
+    """Return the merit that is a ratio of an entry."""
+    return None if entry is None else Merit(entry[name], entry["low"], entry["high"])
+
+
+def _at_worst(entry: Figures | None, what: str) -> str:
+    if entry is None:
+        return NONE
+    growth = "" if entry["growth"] is None else f"error ×{entry['growth']['ratio']:.2f}, "
+    return f"{what}: {growth}{entry['ratio_to_hold']:.3f} of hold's"
+
+
+def complexity_cell(figures: Figures) -> str:
+    """Return the exponents of training and step."""
+    laws = figures["exponents"]
+    words = {"train_rows": "training: rows", "train_size": "size", "step_rows": "step: rows", "step_size": "size"}
+    return ", ".join(f"{words[name]}^{laws[name]['exponent']:z.2f}" for name in words if laws[name]) or NONE
+
+
+def real_time_cell(figures: Figures) -> str:
+    """Return the times of a step and the highest rate."""
+    step = figures["step"]
+    if step is None:
+        return NONE
+    rate = "" if step["rate_hz"] is None else f"; up to {rate_text(step['rate_hz'])}"
+    return f"{number(step['p50_us'])} µs, p99 {number(step['p99_us'])}{rate}"
+
+
+def worst_loss(figures: Figures) -> Figures | None:
+    """Return the entry of the greatest loss, in bursts rather than independent."""
+    return max(figures["loss"], key=lambda entry: (entry["loss_pct"], entry["bursts"]), default=None)
+
+
+def loss_cell(figures: Figures) -> str:
+    """Return what the greatest loss does to the error."""
+    entry = worst_loss(figures)
+    return _at_worst(entry, "" if entry is None else loss_head(entry))
+
+
+def largest_growth(figures: Figures) -> Figures | None:
+    """Return the entry of the training on others after which the error is largest."""
+    return max(figures["adaptability"], key=lambda entry: float(entry["ratio"]), default=None)
+
+
+def adaptability_cell(figures: Figures) -> str:
+    """Return the largest growth of the error after training on others."""
+    entry = largest_growth(figures)
+    return NONE if entry is None else f"error ×{entry['ratio']:.2f} ({entry['trained_on']})"
+
+
+def enough_trials(figures: Figures) -> Merit | None:
+    """Return the number of trials that are enough; with all of them, one more than the largest number tried."""
+    enough = figures["enough_trials"]
+    tried = [int(entry["n_trials"]) for entry in figures["data"] if entry["n_trials"] != ALL]
+    return plain(None if enough is None else max(tried, default=0) + 1 if enough == ALL else int(enough))
+
+
+def data_cell(figures: Figures) -> str:
+    """Return the number of training trials that are enough."""
+    enough = figures["enough_trials"]
+    return NONE if enough is None else "1 trial is enough" if enough == "1" else f"{enough} trials are enough"
+
+
+def scalability_cell(figures: Figures) -> str:
+    """Return the rate that both hands allow, and the exponent of a step."""
+    step, law = figures["step"], figures["exponents"]["step_size"]
+    rate_hz = None if step is None else step["rate_both_hz"]
+    both = "" if rate_hz is None else f"both hands up to {rate_text(rate_hz)}"
+    return ", ".join(filter(None, (both, "" if law is None else f"step: size^{law['exponent']:z.2f}"))) or NONE
+
+
+def worst_noise(figures: Figures, measure: str) -> Figures | None:
+    """Return the entry of the greatest noise, after training without noise or with it (``noise_trained``)."""
+    return max(figures[measure], key=lambda entry: float(entry["noise_mm"]), default=None)
+
+
+def noise_cell(figures: Figures) -> str:
+    """Return what the greatest noise does to the error, after either training."""
+    entry, trained = worst_noise(figures, "noise"), worst_noise(figures, "noise_trained")
+    also = "" if trained is None else f"; trained with it {trained['ratio_to_hold']:.3f}"
+    return NONE if entry is None else _at_worst(entry, f"{entry['noise_mm']:g} mm") + also
+
+
+def training_cell(figures: Figures) -> str:
+    """Return the time of training."""
+    return NONE if figures["training_s"] is None else f"{number(figures['training_s'])} s"
+
+
+def reliability_cell(figures: Figures) -> str:
+    """Return error, missing estimates and coverage on a network that delays and loses."""
+    found = figures["reliability"]
+    if found is None:
+        return NONE
+    covered = "" if found["coverage_pct"] is None else f", {found['coverage_pct']:.1f} % in 95 % regions"
+    return f"p99 {number(found['error_p99_mm'])} mm, {found['missing_pct']:.3g} % missing{covered}"
+
+
+def mean_ratio(figures: Figures) -> Merit | None:
+    """Return the mean of the ratios to hold over the delays, and that of the bounds of their intervals."""
+    each = figures["accuracy"]
+    if not each:
+        return None
+    bounds = [
+        None if any(entry[name] is None for entry in each) else sum(entry[name] for entry in each) / len(each)
+        for name in ("low", "high")
+    ]
+    return Merit(sum(entry["ratio_to_hold"] for entry in each) / len(each), *bounds)
+
+
+def applications_cell(figures: Figures) -> str:
+    """Return the ratios to hold by delay."""
+    return " / ".join(f"{entry['ratio_to_hold']:.3f}" for entry in figures["accuracy"]) or NONE
