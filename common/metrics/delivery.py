@@ -113,13 +113,13 @@ def account(key: str, packets: KeyPackets) -> KeyAccount:
         "received but never released": without(n_received.value, n_released.value),
     }
     repeated = {name: len(entries) - counts[name] for name, entries in stations.items()}
-    violations = [f"{n} packets appear more than once in {name}: {key}" for name, n in repeated.items() if n > 0]
-    violations += [
-        f"{len(found)} packets: {what}; the first is {key} seq {found.min()}"
-        for what, found in impossible.items()
-        if len(found)
-    ]
-    return KeyAccount(counts, lost, tuple(violations))
+    twice = (f"{n} packets appear more than once in {name}: {key}" for name, n in repeated.items() if n > 0)
+    found = (
+        f"{len(seq)} packets: {what}; the first is {key} seq {seq.min()}"
+        for what, seq in impossible.items()
+        if len(seq)
+    )
+    return KeyAccount(counts, lost, (*twice, *found))
 
 
 def _copies(packets: KeyPackets, n_each: int) -> Ints:
