@@ -68,9 +68,8 @@ def account(key: str, packets: KeyPackets) -> KeyAccount:
     flipped bits and were rejected by the receiver. ``unplanned_loss`` is any other loss on either side of netem. Loss
     is as in RFC 7680, with the drain as its time-out.
 
-    Violations: an identifier that appears twice at one station; a packet that is offered but was not sent, released
-    or dropped but never offered, both released and dropped, or received but not released. Oracle: hand-made tables,
-    and sets, in the tests.
+    Violations: an identifier twice at one station; a packet that is offered but not sent, released or dropped but
+    never offered, both released and dropped, or received but not released. Oracle: tables and sets, in the tests.
     """
     # Transmissions as single integers, so that stations are compared as sets of integers.
     offered, sent = distinct(packets.offered), distinct(packets.sent)
