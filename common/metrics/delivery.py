@@ -69,31 +69,24 @@ def account(key: str, packets: KeyPackets) -> KeyAccount:
     flipped bits and were rejected by the receiver. ``unplanned_loss`` is any other loss on either side of netem. Loss
     is as in RFC 7680, with the drain as its time-out.
 
-    Violations: an identifier that appears twice at one station; a packet that is offered but was not sent, released
-    or dropped but never offered, both released and dropped, or received but not released. Oracle: hand-made tables,
-    and sets, in the tests.
+    Violations: an identifier twice at one station; a packet that is offered but not sent, released or dropped but
+    never offered, both released and dropped, or received but not released. Oracle: tables and sets, in the tests.
     """
     # Transmissions as single integers, so that stations are compared as sets of integers.
     offered, sent = distinct(packets.offered), distinct(packets.sent)
     indices = (packets.copied, packets.released.copy_index, packets.dropped.copy_index)
     n_each = 1 + max(int(index.max(initial=0)) for index in indices)
-    seq, n_made = packets.offered, packets.copied
-    each = (Transmissions(seq[n_made >= i], np.full(int((n_made >= i).sum()), i)) for i in range(1, n_each))
-    made = np.concatenate([_NONE, *(copies.names(n_each) for copies in each)])  # the copies that netem made
+    made = _copies(packets, n_each)
     known = distinct(np.concatenate([offered * n_each, made]))
     released, dropped = packets.released.names(n_each), packets.dropped.names(n_each)
     left, gone = distinct(released), distinct(dropped)
     held = without(without(known, left), gone)
     # After netem a copy cannot be told from its original, so messages are counted there.
     n_released, n_received = _counted(left // n_each), _counted(packets.received)
-    # of a message with copies, as many are lost as fewer arrived than were released
-    n_arrived = n_received.at(n_released.value)
-    n_lost = np.maximum(n_released.n - n_arrived, 0)
+    n_lost, n_repeated = _after_netem(n_released, n_received)
     was_corrupted = np.isin(n_released.value, packets.offered[packets.corrupted])
     rejected = min(int(n_lost[was_corrupted].sum()), packets.n_rejected)
     lost_before, lost_after = len(without(sent, offered)), int(n_lost.sum()) - rejected
-    # arrivals beyond the first are netem's duplicates as far as netem released as many
-    n_repeated = np.maximum(np.minimum(n_arrived, n_released.n) - 1, 0)
     lost = ~(np.isin(packets.offered, n_released.value) | np.isin(packets.offered, held // n_each))
     counts = {
         "sent": len(sent),
@@ -120,17 +113,20 @@ def account(key: str, packets: KeyPackets) -> KeyAccount:
         "received but never released": without(n_received.value, n_released.value),
     }
     repeated = {name: len(entries) - counts[name] for name, entries in stations.items()}
-    return KeyAccount(counts, lost, tuple(_violations(key, repeated, impossible)))
+    twice = (f"{n} packets appear more than once in {name}: {key}" for name, n in repeated.items() if n > 0)
+    found = (
+        f"{len(seq)} packets: {what}; the first is {key} seq {seq.min()}"
+        for what, seq in impossible.items()
+        if len(seq)
+    )
+    return KeyAccount(counts, lost, (*twice, *found))
 
 
-def _violations(key: str, repeated: Mapping[str, int], impossible: Mapping[str, Ints]) -> Iterator[str]:
-    """Yield a sentence on each station where packets appear more than once, and on each kind of impossible packet."""
-    for station, n_packets in repeated.items():
-        if n_packets > 0:
-            yield f"{n_packets} packets appear more than once in {station}: {key}"
-    for what, found in impossible.items():
-        if len(found):
-            yield f"{len(found)} packets: {what}; the first is {key} seq {found.min()}"
+def _copies(packets: KeyPackets, n_each: int) -> Ints:
+    """Return the identifiers of the copies that netem made."""
+    seq, n = packets.offered, packets.copied
+    each = (Transmissions(seq[n >= i], np.full(int((n >= i).sum()), i)) for i in range(1, n_each))
+    return np.concatenate([_NONE, *(copies.names(n_each) for copies in each)])
 
 
 class _Counted(NamedTuple):
@@ -146,6 +142,16 @@ class _Counted(NamedTuple):
         # searchsorted returns the length for values beyond the last one, which is no valid index
         place = np.minimum(np.searchsorted(self.value, value), len(self.value) - 1)
         return np.where(self.value[place] == value, self.n[place], 0)
+
+
+def _after_netem(released: _Counted, received: _Counted) -> tuple[Ints, Ints]:
+    """Return how many of each message released were lost behind netem, and how many arrived repeated by netem.
+
+    Of a message with copies, as many are lost as fewer arrived than were released; arrivals beyond the first are
+    netem's duplicates as far as netem released as many.
+    """
+    n_arrived = received.at(released.value)
+    return np.maximum(released.n - n_arrived, 0), np.maximum(np.minimum(n_arrived, released.n) - 1, 0)
 
 
 def distinct(values: Ints) -> Ints:

@@ -120,7 +120,7 @@ def error_figure(errors: Errors, x_range: Range1d) -> style.Figure | None:
     known = {name: each[scored] for name, each in errors.by_name.items() if np.isfinite(each[scored]).any()}
     largest = ", ".join(f"{n} {np.nanmax(each):.{errors.digits - 1}f} {unit}" for n, each in known.items())
     return style.Figure(
-        plots=(style.stacked([fig, _age_panel(view, x_range)] if has_age else [fig]),),
+        plots=(style.stacked([fig, _age_panel(view, x_range)]) if has_age else fig,),
         title=f"{errors.title} over time: {view.title}",
         caption=_caption(view, has_age, first_s > 0) if of_positions else _turn_caption(view),
         alt=f"Line chart of the {what} over run time. Largest error: {largest}.",
