@@ -9,6 +9,8 @@ from tis.common.topic import Topic
 from tis.common.topics import LOCAL, TOPICS
 
 _DERIVED: Final[Mapping[str, tuple[str, Mapping[str, str]]]] = {
+    "fates": ("A row for each message offered to netem: the decision of its models.", {}),
+    "releases": ("A row for each message or copy that left netem's buffer: when and how.", {}),
     "tracks": (
         "A row for each tick of the patient: the true position of the arm, and every estimate.",
         {"t_ns": "instant of the tick", "scored": "1: the tick counts in the summary's accuracy"},
@@ -29,7 +31,7 @@ _DERIVED: Final[Mapping[str, tuple[str, Mapping[str, str]]]] = {
         },
     ),
 }
-"""Tables that are computed: what a row is, and what its columns are."""
+"""Tables that are computed: what a row is, and what its columns are that are no fields of a record."""
 
 _ADDED: Final[Mapping[str, str]] = {"hand": "left or right", "side": "side of the log: surgeon or patient"}
 _OF_TABLE: Final = {topic.table: topic for topic in (*TOPICS.values(), *LOCAL.values())}
