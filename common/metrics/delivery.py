@@ -5,7 +5,6 @@ original. The three logs are matched by these identifiers after the drain. Packe
 ones as history, so samples have an account of their own.
 """
 
-from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple, Self
 
 import numpy as np

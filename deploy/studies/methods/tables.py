@@ -10,7 +10,10 @@ from tis.deploy.studies.methods.measured import Figures, exponent_text, loss_hea
 
 def main_table(methods: Sequence[Figures]) -> Table:
     """Return the paper's table: its features, its words on three families, and a measured cell of each method."""
-    heads = ["feature", *(Column(f"paper: {title}", words=True) for title in FAMILY_TITLES.values())]
+    heads: list[Column | str] = [
+        "feature",
+        *(Column(f"paper: {title}", words=True) for title in FAMILY_TITLES.values()),
+    ]
     rows = [[claim.title, *claim.words.values(), *map(claim.cell, methods)] for claim in CLAIMS.values()]
     return Table("", [*heads, *(str(figures["method"]) for figures in methods)], rows)
 
@@ -68,7 +71,14 @@ def _reliability(methods: Sequence[Figures]) -> Table:
 def _steps(methods: Sequence[Figures]) -> Table:
     rates = [Column("highest rate, one hand", show=rate_text), Column("both hands", show=rate_text)]
     at_1_khz = (Column("at 1 kHz: p50", "µs"), Column("p99", "µs"), "ratio to hold")
-    heads = ["method", Column("p50", "µs"), Column("p99", "µs"), *rates, *at_1_khz, Column("training", "s")]
+    heads: list[Column | str] = [
+        "method",
+        Column("p50", "µs"),
+        Column("p99", "µs"),
+        *rates,
+        *at_1_khz,
+        Column("training", "s"),
+    ]
     rows = []
     for figures in methods:
         step, fast = figures["step"], figures["fast"]
