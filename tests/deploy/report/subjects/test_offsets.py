@@ -3,8 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from tis.deploy.report.subjects.offsets import MAX_TICKS, actuation_ms, offsets
-from tis.deploy.report.subjects.tracking import Array, HandTrack
+from tis.deploy.report.subjects.tracking import MAX_ALIGNED, Array, HandTrack, actuation_ms, offsets
 
 
 def movement(t_s: Array) -> Array:
@@ -36,7 +35,7 @@ def test_an_arm_is_as_late_as_it_follows_the_active_estimate() -> None:
 
 
 def test_long_runs_are_aligned_in_part_and_missing_estimates_are_left_out() -> None:
-    assert offsets([a_track(MAX_TICKS + 50, hold=0.0)], "hold", 30)["n"] == MAX_TICKS
+    assert offsets([a_track(MAX_ALIGNED + 50, hold=0.0)], "hold", 30)["n"] == MAX_ALIGNED
     track = a_track(60, hold=0.0)
     track.estimates["hold"][:20] = np.nan
     assert offsets([track], "hold", 30)["n"] == 40
