@@ -134,7 +134,7 @@ def _answer(runs: Mapping[str, RunView], differences: Differences, found: Mappin
     """Return outages and live changes, the differences of the scenarios, and the runs with the least figures."""
     valid = {name: run for name, run in runs.items() if run.summary.valid}
     latencies = {name: run.summary.latency_ms.end_to_end["p50"] for name, run in valid.items()}
-    errors = {n: _error(r.summary.accuracy, r.scenario.active_estimator) for n, r in valid.items()}
+    errors = {n: _score(r.summary.accuracy, r.scenario.active_estimator, "rmse_3d_mm") for n, r in valid.items()}
     parts = [disturbances_text(name, each) for name, each in found.items()]
     parts.append(differences.statement(any(one.live for each in found.values() for one in each)))
     if len(valid) < len(runs):
@@ -290,7 +290,3 @@ def _outcomes(runs: Sequence[RunView]) -> dict[str, list[str]]:
 def _score(scores: Mapping[str, Scores], name: str, figure: str) -> float | None:
     found: float | None = scores[name][figure] if name in scores else None
     return found
-
-
-def _error(scores: Mapping[str, Scores], name: str) -> float | None:
-    return _score(scores, name, "rmse_3d_mm")

@@ -10,52 +10,53 @@ from tis.deploy.present.page import Page, Section, folded, note, page_html
 from tis.deploy.present.table import Column, Table
 from tis.deploy.report.answer import answer_section
 from tis.deploy.report.run_view import RunView
-from tis.deploy.report.subjects.accuracy import Scores, accuracy_page_table, accuracy_table, more_accuracy
-from tis.deploy.report.subjects.age import age_text, tick_mode_table
-from tis.deploy.report.subjects.clocks import clock_table
-from tis.deploy.report.subjects.devices import device_texts
-from tis.deploy.report.subjects.display import display_markup, display_tables
-from tis.deploy.report.subjects.identification import model_table
-from tis.deploy.report.subjects.intrusion import evidence_texts, quarantine_texts, refusal_texts
-from tis.deploy.report.subjects.latency import budget_bar, budget_ms, latency_page_table, latency_table
-from tis.deploy.report.subjects.logs import absence_texts
-from tis.deploy.report.subjects.network.link_figures import Link
-from tis.deploy.report.subjects.network.link_tables import (
-    delay_table,
-    fidelity_list,
-    key_tables,
-    packet_page_table,
-    packet_table,
-    release_table,
-    requested_table,
+from tis.deploy.report.subjects import (
+    accuracy,
+    age,
+    clocks,
+    devices,
+    display,
+    identification,
+    intrusion,
+    latency,
+    logs,
+    orientation,
+    own_estimators,
+    processors,
+    redundancy,
+    requirement_tables,
+    safety,
+    ticks,
 )
-from tis.deploy.report.subjects.orientation import orientation_page_table, orientation_table
-from tis.deploy.report.subjects.own_estimators import estimator_fault_texts
-from tis.deploy.report.subjects.processors import processor_table
-from tis.deploy.report.subjects.redundancy import redundancy_page_table, redundancy_table
-from tis.deploy.report.subjects.requirement_tables import verdict_tables
-from tis.deploy.report.subjects.safety import stop_texts
-from tis.deploy.report.subjects.ticks import tick_table
+from tis.deploy.report.subjects.accuracy import Scores
+from tis.deploy.report.subjects.network import link_tables
+from tis.deploy.report.subjects.network.link_figures import Link
 from tis.deploy.report.summary import Summary
 from tis.deploy.shell.run_dir import MANIFEST_FILE, SCENARIO_FILE, SUMMARY_FILE, model_file
 
 WARNINGS: Final[tuple[Callable[[Summary], Sequence[str]], ...]] = (
-    lambda s: evidence_texts(s.evidence),
-    lambda s: absence_texts(s.logs),
-    lambda s: quarantine_texts(s.quarantined),
-    lambda s: stop_texts(s.safety),
-    lambda s: device_texts(s.devices, s.external_arms),
-    lambda s: refusal_texts(s.refused),
-    lambda s: estimator_fault_texts(s.own_estimators),
+    lambda s: intrusion.evidence_texts(s.evidence),
+    lambda s: logs.absence_texts(s.logs),
+    lambda s: intrusion.quarantine_texts(s.quarantined),
+    lambda s: safety.stop_texts(s.safety),
+    lambda s: devices.device_texts(s.devices, s.external_arms),
+    lambda s: intrusion.refusal_texts(s.refused),
+    lambda s: own_estimators.estimator_fault_texts(s.own_estimators),
     lambda s: s.in_sample or (),
     lambda s: s.recording.warnings if s.recording else (),
 )
 TABLES: Final[tuple[Callable[[Summary], Iterable[Table]], ...]] = (
-    lambda s: [accuracy_table(scores, which) for which, scores in _by_hand(s)],
-    lambda s: [orientation_table(one, s.gripper_rad[hand], hand) for hand, one in s.orientation_deg.items()],
-    lambda s: display_tables(s.display),
-    lambda s: [redundancy_table(s.redundancy), packet_table(s.links), delay_table(s.links)],
-    lambda s: [latency_table(s.latency_ms, s.uncertainty_ms)],
+    lambda s: [accuracy.accuracy_table(scores, which) for which, scores in _by_hand(s)],
+    lambda s: [
+        orientation.orientation_table(one, s.gripper_rad[hand], hand) for hand, one in s.orientation_deg.items()
+    ],
+    lambda s: display.display_tables(s.display),
+    lambda s: [
+        redundancy.redundancy_table(s.redundancy),
+        link_tables.packet_table(s.links),
+        link_tables.delay_table(s.links),
+    ],
+    lambda s: [latency.latency_table(s.latency_ms, s.uncertainty_ms)],
 )
 """The tables of a terminal, each 80 columns wide at most; those without rows are left out."""
 
@@ -77,25 +78,29 @@ def _by_hand(summary: Summary) -> list[tuple[str, dict[str, Scores]]]:
 
 def sections(run: RunView) -> list[Section]:
     """Return the sections of a run's page in reading order, the answer first."""
-    from tis.deploy.report.plots import page_plots as plots  # loads Bokeh
+    from tis.deploy.report.plots.page_plots import page_figures  # loads Bokeh
 
     summary, links = run.summary, run.summary.links
-    shown = plots.RunPlots(run)
+    drawn = page_figures(run)
+    never = "Nothing to draw: at every tick the active estimate drove the arm as it was."
+    undriven = never if any(summary.safety.values()) else "Nothing to draw: the logs hold no set points."
     return [
         answer_section(run, run_warnings(summary)),
-        Section("error", "Error", shown.errors(), mark=run.mark),
+        Section("error", "Error", drawn["error"], mark=run.mark),
         Section("requirements", "Requirements of applications", markup=_requirements(summary)),
         Section("accuracy", "The estimators compared", markup=_accuracy(run), mark=run.mark),
-        Section("safety", "What drove the arm", shown.safety(), mark=run.mark, nothing=shown.without_safety),
-        Section("path", "The arm's movement", shown.movement(), mark=run.mark),
-        Section("delay", "Delay and loss", shown.delay()),
+        Section("safety", "What drove the arm", drawn["safety"], mark=run.mark, nothing=undriven),
+        Section("path", "The arm's movement", drawn["path"], mark=run.mark),
+        Section("delay", "Delay and loss", drawn["delay"]),
         Section("latency", "Latency", markup=_latency(run)),
         Section(
-            "distributions", "Distributions, and what age costs", shown.distributions(), mark=run.mark, beside=True
+            "distributions", "Distributions, and what age costs", drawn["distributions"], mark=run.mark, beside=True
         ),
-        Section("model", "Identification", shown.models(), _models(run), mark=run.mark, beside=True),
-        Section("network", "Requested and realised network", markup=fidelity_list(links) + _network(links)),
-        Section("clocks", "Clocks", shown.clocks(), before=_clocks(summary)),
+        Section("model", "Identification", drawn["model"], _models(run), mark=run.mark, beside=True),
+        Section(
+            "network", "Requested and realised network", markup=link_tables.fidelity_list(links) + _network(links)
+        ),
+        Section("clocks", "Clocks", drawn["clocks"], before=_clocks(summary)),
         Section("packets", "Packets and ticks", markup=_books(summary)),
         Section("repeat", "Repeat this run", markup=_repeat(run)),
     ]
@@ -104,7 +109,7 @@ def sections(run: RunView) -> list[Section]:
 def _requirements(summary: Summary) -> str:
     """Return the verdict on each set of requirements, with each requirement in numbers."""
     lead = note("p99: 99 of 100 are at or below it. Forward: to the patient; feedback: back.")
-    found = verdict_tables(summary.verdicts, summary.ticks.rate_hz)
+    found = requirement_tables.verdict_tables(summary.verdicts, summary.ticks.rate_hz)
     return lead + found if found else ""
 
 
@@ -112,9 +117,11 @@ def _accuracy(run: RunView) -> str:
     """Return the estimators beside hold, the orientation, the display, and the gain of redundancy."""
     summary, active, turning = run.summary, run.scenario.active_estimator, run.summary.active_orientation
     by_hand = summary.scores_by_hand(run.scenario.source.hands[0])
-    scored = "".join(accuracy_page_table(one, f"{hand} hand", active).html() for hand, one in by_hand.items())
+    scored = "".join(
+        accuracy.accuracy_page_table(one, f"{hand} hand", active).html() for hand, one in by_hand.items()
+    )
     turned = "".join(
-        _filled(orientation_page_table(one, summary.gripper_rad[hand], f"{hand} hand", turning))
+        _filled(orientation.orientation_page_table(one, summary.gripper_rad[hand], f"{hand} hand", turning))
         for hand, one in summary.orientation_deg.items()
     )
     if turned:
@@ -131,9 +138,9 @@ def _accuracy(run: RunView) -> str:
             "true position. R\u00b2: the share of the movement that the estimates follow; 100 % is all of it."
         )
         + turned
-        + more_accuracy(by_hand, active)
-        + display_markup(summary.display)
-        + _filled(redundancy_page_table(summary.redundancy))
+        + accuracy.more_accuracy(by_hand, active)
+        + display.display_markup(summary.display)
+        + _filled(redundancy.redundancy_page_table(summary.redundancy))
     )
 
 
@@ -148,17 +155,17 @@ def _latency(run: RunView) -> str:
     text = "The parts add up sample by sample, and so do their means; their medians and percentiles do not."
     if summary.mode == "twin":
         text += " In virtual time computing takes no time, so the surgeon's and the computing part are zero."
-    parts = latency_page_table(summary.latency_ms, summary.uncertainty_ms).html() + note(text)
-    parts += note(age_text(summary.age_of_information_ms))
-    bar = budget_bar(budget_ms(run.measured.latency))
-    return bar + tick_mode_table(summary.tick_modes).html() + folded("Each part in numbers", parts)
+    parts = latency.latency_page_table(summary.latency_ms, summary.uncertainty_ms).html() + note(text)
+    parts += note(age.age_text(summary.age_of_information_ms))
+    bar = latency.budget_bar(latency.budget_ms(run.measured.latency))
+    return bar + age.tick_mode_table(summary.tick_modes).html() + folded("Each part in numbers", parts)
 
 
 def _models(run: RunView) -> str:
     models = run.models
     warnings = dict.fromkeys(text for model in models.values() for text in model.warnings)
     words = "".join(f'<p><strong class="open">warning</strong> {escape(text)}</p>' for text in warnings)
-    table = model_table(models)
+    table = identification.model_table(models)
     return (table.html() if table.rows else note(table.note)) + words
 
 
@@ -168,11 +175,16 @@ def _network(links: Mapping[Direction, Link]) -> str:
         "Requested: by the scenario. Decided: what the models drew. Realised: measured in netem. A run of losses is "
         "how many messages in a row were lost."
     )
-    return requested_table(links).html() + words + release_table(links).html() + key_tables(links)
+    return (
+        link_tables.requested_table(links).html()
+        + words
+        + link_tables.release_table(links).html()
+        + link_tables.key_tables(links)
+    )
 
 
 def _clocks(summary: Summary) -> str:
-    table = clock_table(summary.clocks)
+    table = clocks.clock_table(summary.clocks)
     return table.html() if table.rows else note(table.note)
 
 
@@ -182,19 +194,19 @@ def _books(summary: Summary) -> str:
     rate = summary.redundancy.rate_text
     rejected = ", ".join(f"{side} {number(count)}" for side, count in summary.rejected.items()) or NONE
     return (
-        packet_page_table(summary.links).html()
+        link_tables.packet_page_table(summary.links).html()
         + note(
             "Dropped: by netem, as the scenario requests. Unplanned loss: lost on either side of netem. Foreign: "
             "messages of other programs on keys of the testbed."
             + (f" Left out, as they fall into gaps of damaged logs: {n_unlogged}." if n_unlogged else "")
             + (f" The surgeon sent {rate} (payload and attachment)." if rate else "")
         )
-        + tick_table({"patient": summary.ticks, "surgeon": summary.surgeon_ticks}).html()
+        + ticks.tick_table({"patient": summary.ticks, "surgeon": summary.surgeon_ticks}).html()
         + note(
             "A tick that has not begun when the next one is due is missed. Samples that arrived but were never the "
             f"freshest: {number(summary.superseded)}. Messages rejected: {rejected}."
         )
-        + _filled(processor_table(summary.processors))
+        + _filled(processors.processor_table(summary.processors))
     )
 
 

@@ -3,13 +3,35 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
+from tis.common.metrics.latency import latency_ms
+from tis.common.metrics.percentiles import summarise
 from tis.common.scenario import Scenario
-from tis.deploy.logs.read.load import RunLogs
+from tis.common.units import NS_PER_MS
+from tis.deploy.logs.read.load import RunLogs, run_id_in
 from tis.deploy.report.measured_run import MeasuredRun
+from tis.deploy.report.subjects import (
+    accuracy,
+    age,
+    clocks,
+    devices,
+    display,
+    identification,
+    intrusion,
+    orientation,
+    own_estimators,
+    processors,
+    safety,
+    tracking,
+)
+from tis.deploy.report.subjects.latency import Latency
+from tis.deploy.report.subjects.logs import count_of, log_states
 from tis.deploy.report.subjects.measured_values import measured_values
+from tis.deploy.report.subjects.redundancy import redundancy, surgeon_traffic
 from tis.deploy.report.subjects.requirements import verdicts
-from tis.deploy.report.subjects.ticks import active_duration_s
-from tis.deploy.report.summary import Summary, measured
+from tis.deploy.report.subjects.ticks import active_duration_s, tick_figures
+from tis.deploy.report.summary import Summary
 from tis.deploy.report.validity import invalidities
 from tis.patient_side.statespace import ArmModel
 
@@ -26,7 +48,7 @@ def summary_of(run: MeasuredRun, mode: str, exit_code: int | None, command: str)
 
     ``problems`` lists what makes the run invalid as a measurement; ``valid`` is true without any.
     """
-    found = measured(run, mode, exit_code, command)
+    found = _measured(run, mode, exit_code, command)
     problems = found.problems + invalidities(found, run.scenario, run.logs)
     tracks, samples_lost = list(run.tracks.values()), found.redundancy.loss_text
     values = measured_values(run.logs, run.scenario, run.used, run.latency, run.durations_ns, tracks, samples_lost)
@@ -38,3 +60,109 @@ def _over_s(logs: RunLogs, scenario: Scenario) -> float | None:
     """Return the duration of the measurement; None when a log is damaged."""
     lacking = (log for log in logs.sides.values() if not log.coverage.whole)
     return None if any(lacking) else active_duration_s(logs, "surgeon", scenario)
+
+
+def _measured(run: MeasuredRun, mode: str, exit_code: int | None, command: str) -> Summary:
+    """Return the figures of a run, not judged yet: its problems are only those of logs and books."""
+    logs, scenario = run.logs, run.scenario
+    traffic = surgeon_traffic(logs, active_duration_s(logs, "surgeon", scenario))
+    return Summary(
+        scenario=scenario.name,
+        seed=scenario.seed,
+        mode=mode,
+        run_id=run_id_in(logs),
+        exit=exit_code,
+        command=command,
+        duration_s=scenario.duration_s,
+        source=identification.source_label(scenario, devices.is_foreign(logs)),
+        active_estimator=scenario.active_estimator,
+        active_orientation=scenario.patient.orientation.active,
+        links={direction: link for direction, (link, _) in run.links.items()},
+        superseded=count_of(logs, "patient", "superseded"),
+        repeated=count_of(logs, "patient", "repeated"),
+        recovered=count_of(logs, "patient", "recovered"),
+        surgeon_traffic=traffic,
+        redundancy=redundancy(logs, scenario, run.arms, traffic),
+        security=scenario.security.kind,
+        refused=intrusion.refused(logs),
+        quarantined=intrusion.quarantined(logs),
+        evidence=intrusion.evidence_summary(logs, scenario),
+        rejected={side: count_of(logs, side, "rejected") for side in logs.sides if side != "netem"},
+        **devices.devices_summary(logs, scenario),
+        safety=safety.safety_summary(logs, scenario, run.tracks),
+        display=display.display_summary(logs, run.tracks),
+        ticks=tick_figures(logs, "patient", scenario),
+        surgeon_ticks=tick_figures(logs, "surgeon", scenario),
+        **_latency_and_age(run),
+        **_estimation(run),
+        **identification.recording_figures(logs, scenario, run.models),
+        processors=processors.processors_summary(logs),
+        logs=log_states(logs),
+        verdicts=[],
+        problems=logs.problems()
+        + identification.two_recordings(logs)
+        + [text for _, faults in run.links.values() for text in faults],
+        valid=False,
+    )
+
+
+def _latency_and_age(run: MeasuredRun) -> dict[str, Any]:
+    """Return latencies and ages, and what the clocks leave open of them."""
+    logs, scenario = run.logs, run.scenario
+    actuation_ns = [
+        NS_PER_MS * tracking.actuation_ms(track, scenario.active_estimator, scenario.rate_hz)
+        for track in run.tracks.values()
+    ]
+    others = {"actuation": np.concatenate([np.empty(0), *actuation_ns])}
+    others |= {name: run.durations_ns[name] for name in ("round_trip", "network_round_trip")}
+    arrivals = age.freshest_arrivals(logs, scenario.session, run.arms)
+    latency, age_ms = Latency(**latency_ms(run.latency, others)), summarise(run.durations_ns["age"] / NS_PER_MS)
+    over_time, modes = age.age_of_information_ms(logs, arrivals), age.tick_modes(logs, scenario, arrivals)
+    figures = {
+        "latency_ms.network": latency.network,
+        "latency_ms.end_to_end": latency.end_to_end,
+        "age_ms": age_ms,
+        "age_of_information_ms": {"mean": over_time.mean},
+        "age_of_information_ms.peak": over_time.peak,
+        **{f"tick_modes.{name}.age_when_used_ms": modes[name].age_when_used_ms for name in age.TICK_MODES},
+    }
+    bounds = clocks.one_way_uncertainty(figures, logs, run.used)
+    return {
+        "latency_ms": latency,
+        "age_ms": age_ms,
+        "age_of_information_ms": over_time,
+        "tick_modes": modes,
+        "clocks": clocks.clock_figures(logs),
+        "uncertainty_ms": bounds,
+        "not_resolvable": clocks.not_resolvable(figures, bounds),
+    }
+
+
+def _estimation(run: MeasuredRun) -> dict[str, Any]:
+    """Return the scores of the estimators, their origin, and the identified models."""
+    logs, scenario, models, tracks = run.logs, run.scenario, run.models, run.tracks
+    each = [(tracks[model.hand], model) for model in models]
+    scores = {one[1].hand: accuracy.pooled_accuracy(logs, scenario, [one]) for one in each}
+    pooled = scores[models[0].hand] if len(models) == 1 else accuracy.pooled_accuracy(logs, scenario, each)
+    own = own_estimators.own_estimators(logs, scenario)
+    wrists = {hand: orientation.wrist_track(logs, scenario, track, hand) for hand, track in tracks.items()}
+    found: dict[str, Any] = {
+        "accuracy": accuracy.with_failures(pooled, own),
+        "orientation_deg": {
+            hand: orientation.orientation_deg(logs, tracks[hand], wrist, hand) for hand, wrist in wrists.items()
+        },
+        "gripper_rad": {hand: orientation.gripper_rad(tracks[hand], wrist) for hand, wrist in wrists.items()},
+        "orientation_by_age": {
+            hand: orientation.orientation_by_age(logs, tracks[hand], wrist, hand) for hand, wrist in wrists.items()
+        },
+        "error_by_age": {
+            model.hand: tracking.errors_by_age(logs, tracks[model.hand], model.hand) for model in models
+        },
+        "own_estimators": own,
+    }
+    if models:
+        found["identification"] = identification.identified(models[0], scenario)
+    if len(models) > 1:
+        found["accuracy_by_hand"] = {hand: accuracy.with_failures(one, own) for hand, one in scores.items()}
+        found["identification_by_hand"] = {model.hand: identification.identified(model, scenario) for model in models}
+    return found

@@ -5,17 +5,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 from pydantic import ValidationError
 
 from tis.common.channels import Hand
 from tis.common.errors import DataError, Fault, one_line
-from tis.common.metrics.latency import latency_ms
-from tis.common.metrics.percentiles import summarise
-from tis.common.units import NS_PER_MS
-from tis.deploy.logs.read.load import run_id_in
 from tis.deploy.present.numbers import rounded_up
-from tis.deploy.report.measured_run import MeasuredRun
 from tis.deploy.report.section import (
     DirectionName,
     EstimatorName,
@@ -30,47 +24,34 @@ from tis.deploy.report.section import (
     statistics,
     with_uncertainty,
 )
-from tis.deploy.report.subjects.accuracy import Scores, pooled_accuracy, with_failures
+from tis.deploy.report.subjects.accuracy import Scores
 from tis.deploy.report.subjects.age import (
-    TICK_MODES,
     AgeOfInformation,
     TickModes,
-    age_of_information_ms,
-    freshest_arrivals,
-    tick_modes,
 )
-from tis.deploy.report.subjects.clocks import ClockFigures, clock_figures, not_resolvable, one_way_uncertainty
-from tis.deploy.report.subjects.devices import DeviceFigures, devices_summary, is_foreign
-from tis.deploy.report.subjects.display import DisplayFigures, display_summary
+from tis.deploy.report.subjects.clocks import ClockFigures
+from tis.deploy.report.subjects.devices import DeviceFigures
+from tis.deploy.report.subjects.display import DisplayFigures
 from tis.deploy.report.subjects.identification import (
     IdentifiedModel,
     PlayedRecording,
-    identified,
-    recording_figures,
-    source_label,
-    two_recordings,
 )
-from tis.deploy.report.subjects.intrusion import Evidence, evidence_summary, quarantined, refused
+from tis.deploy.report.subjects.intrusion import Evidence
 from tis.deploy.report.subjects.latency import (
     Latency,
 )
-from tis.deploy.report.subjects.logs import LogState, count_of, log_states
+from tis.deploy.report.subjects.logs import LogState
 from tis.deploy.report.subjects.network.link_figures import Link
-from tis.deploy.report.subjects.offsets import actuation_ms
 from tis.deploy.report.subjects.orientation import (
     AngleScores,
-    gripper_rad,
-    orientation_by_age,
-    orientation_deg,
-    wrist_track,
 )
-from tis.deploy.report.subjects.own_estimators import OwnEstimator, own_estimators
-from tis.deploy.report.subjects.processors import ProcessorFigures, processors_summary
-from tis.deploy.report.subjects.redundancy import KeyTraffic, Redundancy, redundancy, surgeon_traffic
+from tis.deploy.report.subjects.own_estimators import OwnEstimator
+from tis.deploy.report.subjects.processors import ProcessorFigures
+from tis.deploy.report.subjects.redundancy import KeyTraffic, Redundancy
 from tis.deploy.report.subjects.requirements import SetVerdict
-from tis.deploy.report.subjects.safety import SafetyFigures, safety_summary
-from tis.deploy.report.subjects.ticks import Ticks, active_duration_s, tick_figures
-from tis.deploy.report.subjects.tracking import AgeBins, TurnAgeBins, errors_by_age
+from tis.deploy.report.subjects.safety import SafetyFigures
+from tis.deploy.report.subjects.ticks import Ticks
+from tis.deploy.report.subjects.tracking import AgeBins, TurnAgeBins
 
 
 class Summary(Section):
@@ -176,107 +157,6 @@ class Summary(Section):
         """Return the scores by hand, without hands that have none; ``single`` is the hand where there is one."""
         by_hand = self.accuracy_by_hand or {single: self.accuracy}
         return {hand: scores for hand, scores in by_hand.items() if scores}
-
-
-def measured(run: MeasuredRun, mode: str, exit_code: int | None, command: str) -> Summary:
-    """Return the figures of a run, not judged yet: its problems are only those of logs and books."""
-    logs, scenario = run.logs, run.scenario
-    traffic = surgeon_traffic(logs, active_duration_s(logs, "surgeon", scenario))
-    return Summary(
-        scenario=scenario.name,
-        seed=scenario.seed,
-        mode=mode,
-        run_id=run_id_in(logs),
-        exit=exit_code,
-        command=command,
-        duration_s=scenario.duration_s,
-        source=source_label(scenario, is_foreign(logs)),
-        active_estimator=scenario.active_estimator,
-        active_orientation=scenario.patient.orientation.active,
-        links={direction: link for direction, (link, _) in run.links.items()},
-        superseded=count_of(logs, "patient", "superseded"),
-        repeated=count_of(logs, "patient", "repeated"),
-        recovered=count_of(logs, "patient", "recovered"),
-        surgeon_traffic=traffic,
-        redundancy=redundancy(logs, scenario, run.arms, traffic),
-        security=scenario.security.kind,
-        refused=refused(logs),
-        quarantined=quarantined(logs),
-        evidence=evidence_summary(logs, scenario),
-        rejected={side: count_of(logs, side, "rejected") for side in logs.sides if side != "netem"},
-        **devices_summary(logs, scenario),
-        safety=safety_summary(logs, scenario, run.tracks),
-        display=display_summary(logs, run.tracks),
-        ticks=tick_figures(logs, "patient", scenario),
-        surgeon_ticks=tick_figures(logs, "surgeon", scenario),
-        **_latency_and_age(run),
-        **_estimation(run),
-        **recording_figures(logs, scenario, run.models),
-        processors=processors_summary(logs),
-        logs=log_states(logs),
-        verdicts=[],
-        problems=logs.problems()
-        + two_recordings(logs)
-        + [text for _, faults in run.links.values() for text in faults],
-        valid=False,
-    )
-
-
-def _latency_and_age(run: MeasuredRun) -> dict[str, Any]:
-    """Return latencies and ages, and what the clocks leave open of them."""
-    logs, scenario = run.logs, run.scenario
-    actuation_ns = [
-        NS_PER_MS * actuation_ms(track, scenario.active_estimator, scenario.rate_hz) for track in run.tracks.values()
-    ]
-    others = {"actuation": np.concatenate([np.empty(0), *actuation_ns])}
-    others |= {name: run.durations_ns[name] for name in ("round_trip", "network_round_trip")}
-    arrivals = freshest_arrivals(logs, scenario.session, run.arms)
-    latency, age_ms = Latency(**latency_ms(run.latency, others)), summarise(run.durations_ns["age"] / NS_PER_MS)
-    over_time, modes = age_of_information_ms(logs, arrivals), tick_modes(logs, scenario, arrivals)
-    figures = {
-        "latency_ms.network": latency.network,
-        "latency_ms.end_to_end": latency.end_to_end,
-        "age_ms": age_ms,
-        "age_of_information_ms": {"mean": over_time.mean},
-        "age_of_information_ms.peak": over_time.peak,
-        **{f"tick_modes.{name}.age_when_used_ms": modes[name].age_when_used_ms for name in TICK_MODES},
-    }
-    bounds = one_way_uncertainty(figures, logs, run.used)
-    return {
-        "latency_ms": latency,
-        "age_ms": age_ms,
-        "age_of_information_ms": over_time,
-        "tick_modes": modes,
-        "clocks": clock_figures(logs),
-        "uncertainty_ms": bounds,
-        "not_resolvable": not_resolvable(figures, bounds),
-    }
-
-
-def _estimation(run: MeasuredRun) -> dict[str, Any]:
-    """Return the scores of the estimators, their origin, and the identified models."""
-    logs, scenario, models, tracks = run.logs, run.scenario, run.models, run.tracks
-    each = [(tracks[model.hand], model) for model in models]
-    scores = {one[1].hand: pooled_accuracy(logs, scenario, [one]) for one in each}
-    pooled = scores[models[0].hand] if len(models) == 1 else pooled_accuracy(logs, scenario, each)
-    own = own_estimators(logs, scenario)
-    wrists = {hand: wrist_track(logs, scenario, track, hand) for hand, track in tracks.items()}
-    found: dict[str, Any] = {
-        "accuracy": with_failures(pooled, own),
-        "orientation_deg": {hand: orientation_deg(logs, tracks[hand], wrist, hand) for hand, wrist in wrists.items()},
-        "gripper_rad": {hand: gripper_rad(tracks[hand], wrist) for hand, wrist in wrists.items()},
-        "orientation_by_age": {
-            hand: orientation_by_age(logs, tracks[hand], wrist, hand) for hand, wrist in wrists.items()
-        },
-        "error_by_age": {model.hand: errors_by_age(logs, tracks[model.hand], model.hand) for model in models},
-        "own_estimators": own,
-    }
-    if models:
-        found["identification"] = identified(models[0], scenario)
-    if len(models) > 1:
-        found["accuracy_by_hand"] = {hand: with_failures(one, own) for hand, one in scores.items()}
-        found["identification_by_hand"] = {model.hand: identified(model, scenario) for model in models}
-    return found
 
 
 _NO_SUCH_VALUE: Final = (LookupError, TypeError, ValueError, AttributeError, OverflowError)

@@ -124,21 +124,20 @@ def _life_text(at_ns: int, side: Side, row: Row) -> str:
 def _starved(summary: Summary, scenario: Scenario, logs: RunLogs) -> list[str]:
     """Return the problems of a run that was starved, ended early, lost messages outside netem or has no score."""
     problems = []
-    owners: dict[str, tuple[Side, str]] = {
-        "ticks": ("patient", "the run ended early"),
-        "surgeon_ticks": ("surgeon", "the surgeon ended early"),
-    }
-    ticks: dict[Side, Ticks] = {"patient": summary.ticks, "surgeon": summary.surgeon_ticks}
-    for name, (side, early) in owners.items():
-        count, planned, covered = ticks[side].count, ticks[side].planned, logs.coverage(side)
+    owners: tuple[tuple[str, Side, Ticks, str], ...] = (
+        ("ticks", "patient", summary.ticks, "the run ended early"),
+        ("surgeon_ticks", "surgeon", summary.surgeon_ticks, "the surgeon ended early"),
+    )
+    for name, side, ticks, early in owners:
+        count, planned, covered = ticks.count, ticks.planned, logs.coverage(side)
         if count is None or count >= planned:
             continue
         if covered is None or covered.whole or covered.away:
             problems.append(f"{name}: {count} of {planned} happened, {early}")
         else:
             problems.append(f"{name}: the log tells of {count} of {planned}")
-    for name, (side, _) in owners.items():
-        missed, count = ticks[side].missed or 0, ticks[side].count
+    for name, side, ticks, _ in owners:
+        missed, count = ticks.missed or 0, ticks.count
         if count is not None and missed > _MAX_MISSED_TICKS * count:
             problems.append(f"{name}: {missed} of {count} missed, {_why_missed(logs, side)}")
     for direction, link in summary.links.items():
@@ -163,12 +162,10 @@ def _why_missed(logs: RunLogs, side: Side) -> str:
     covered = logs.coverage(side)
     if covered is not None and covered.away and covered.away_counts:
         return "as it was started anew in mid-run (on_rejoin)"
-    own = [row["event"] for row in logs.of(side, PEERS) if row["peer"] == side]
-    stalled = any(
-        row["event"] == "stalled" and row["peer"] == side for one in logs.sides for row in logs.of(one, PEERS)
-    )
+    of_side = [(one, row["event"]) for one in logs.sides for row in logs.of(one, PEERS) if row["peer"] == side]
+    told = {event for by, event in of_side if by == side or event == "stalled"}  # a side knows best of itself
     for event, words in _OWN_CAUSES.items():
-        if event in own or (event == "stalled" and stalled):
+        if event in told:
             return f"as {words}"
     return f"the machine is too busy{contention_clause(shares_of(logs, side), side)}"
 

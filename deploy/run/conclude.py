@@ -1,6 +1,6 @@
 """The end of every run, live or twin: logs to summary, manifest, table and report."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -22,7 +22,6 @@ from tis.deploy.report.summarise import summary_of
 from tis.deploy.report.terminal import print_summary
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.guard import print_json
-from tis.patient_side.statespace import ArmModel
 
 
 @dataclass(frozen=True)
@@ -58,20 +57,22 @@ def conclude(run_dir: Path, scenario: Scenario, ending: Ending, out: Console, ou
 
 def _conclude(logs: RunLogs, scenario: Scenario, ending: Ending, out: Console, outputs: Outputs) -> int:
     models = models_in(logs)
-    _store_models(logs)
+    # the models attached to the patient's log become a file of the folder
+    attached = logs.attachments("patient")
+    for name in MODEL_FILES:
+        if name in attached:
+            folder.write(logs.run_dir / name, attached[name])
+    run = MeasuredRun.of(logs, scenario, models)
     if not outputs.merge or not can_merge(logs.run_dir):
-        return _summarise(logs, scenario, models, ending, out, outputs, None)
+        return _summarise(run, ending, out, outputs, None)
     opening = Opening(ending.command, models[0].warnings if models else ())
     with merging(logs.run_dir, scenario, logs.clocks.models(), opening) as under_way:
-        return _summarise(logs, scenario, models, ending, out, outputs, under_way)
+        return _summarise(run, ending, out, outputs, under_way)
 
 
-def _summarise(
-    logs: RunLogs, scenario: Scenario, models: Sequence[ArmModel], ending: Ending, out: Console, outputs: Outputs,
-    under_way: Merging | None,
-) -> int:  # fmt: skip
+def _summarise(run: MeasuredRun, ending: Ending, out: Console, outputs: Outputs, under_way: Merging | None) -> int:
+    logs = run.logs
     run_dir = logs.run_dir
-    run = MeasuredRun.of(logs, scenario, models)
     summary = summary_of(run, ending.mode, ending.exit_code, ending.command)
     folder.write_json(run_dir / folder.SUMMARY_FILE, summary.as_json())
     clocks = logs.clocks.hosts()
@@ -110,11 +111,3 @@ def conclude_again(run_dir: Path, out: Console, outputs: Outputs = EVERYTHING) -
     command = before.get("command", command_line())
     ending = Ending(mode, command, before.get("exit"), manifest.get("exit_codes", {}))
     return _conclude(logs, scenario, ending, out, outputs)
-
-
-def _store_models(logs: RunLogs) -> None:
-    """Copy the models attached to the patient's log to a file of the folder."""
-    log = logs.sides.get("patient")
-    for name in MODEL_FILES:
-        if log is not None and name in log.attachments:
-            folder.write(logs.run_dir / name, log.attachments[name])

@@ -58,73 +58,45 @@ def mark_disturbances(panel: figure, found: Sequence[Disturbance], colour: str, 
         style.shade(panel, one.begin_s, one.end_s, colour, fill_alpha=alpha, **edge)
 
 
-class RunPlots:
-    """The figures of a run; what several of them need is computed once."""
+def page_figures(run: RunView) -> dict[str, list[Figure | None]]:
+    """Return the figures of a run's page by the anchor of their section; what several need is computed once."""
+    logs, measured, views, part = run.logs, run.measured, list(run.hands.values()), run.scenario.identification
+    requests, netem = measured.requests, logs.sides.get("netem")
+    # before the columns fill memory
+    shared = {way: _shared(logs, way, request) for way, request in requests.items()}
+    varies = any(request.varies for request in requests.values())
+    spans = {way: request.spans(netem.last_ns) if netem else [] for way, request in requests.items()}
+    links = {way: link_columns(logs, way) for way in requests}
+    last_s = [float(view.track.t_ns.max()) / NS_PER_S for view in views if view.n_ticks]
+    last_s += [float(sent_s.max()) for link in links.values() if len(sent_s := link.all("sent_s"))]
+    x_range = time_range(max([run.scenario.duration_s, *last_s]))
+    driven = [set_points(logs, run.scenario, view.track, view.hand) for view in views]
+    errors = [one for view in views for one in errors_of(view)]
+    latency_ms, trips_ms = (ns / NS_PER_MS for ns in (measured.latency.end_to_end, measured.round_trips_ns))
+    limit_ms = run.scenario.limits.resolved().end_to_end_p99_ms
 
-    def __init__(self, run: RunView) -> None:
-        self._run = run
-        self._hands = list(run.hands.values())
-        requests, netem = run.measured.requests, run.logs.sides.get("netem")
-        # before the columns fill memory
-        self._shared = {way: _shared(run.logs, way, request) for way, request in requests.items()}
-        self._varies = any(request.varies for request in requests.values())
-        self._spans = {way: request.spans(netem.last_ns) if netem else [] for way, request in requests.items()}
-        self._links = {way: link_columns(run.logs, way) for way in requests}
-        last_s = [float(view.track.t_ns.max()) / NS_PER_S for view in self._hands if view.n_ticks]
-        last_s += [float(sent_s.max()) for link in self._links.values() if len(sent_s := link.all("sent_s"))]
-        self._x_range = time_range(max([run.scenario.duration_s, *last_s]))
-        self._driven = [set_points(run.logs, run.scenario, view.track, view.hand) for view in self._hands]
+    def with_marks(figure: Figure | None) -> Figure | None:
+        return marked(figure, run.disturbances, x_range)
 
-    def errors(self) -> list[Figure | None]:
-        """Return for each hand the errors of position and orientation over time."""
-        return [self._marked(error_figure(one, self._x_range)) for view in self._hands for one in errors_of(view)]
-
-    def safety(self) -> list[Figure | None]:
-        """Return for each hand the set point beside the estimate, where the safety state was not always tracking."""
-        pairs = zip(self._hands, self._driven, strict=True)
-        return [safety_figure(view, driven, self._x_range) for view, driven in pairs]
-
-    @property
-    def without_safety(self) -> str:
-        """Return why no set point is drawn."""
-        if all(driven is None for driven in self._driven):
-            return "Nothing to draw: the logs hold no set points."
-        return "Nothing to draw: at every tick the active estimate drove the arm as it was."
-
-    def movement(self) -> list[Figure | None]:
-        """Return each hand's path in space, then its position along each axis."""
-        drawn = [(path_figure(view), self._marked(tracking_figure(view, self._x_range))) for view in self._hands]
-        return [figure for figures in drawn for figure in figures]
-
-    def delay(self) -> list[Figure | None]:
-        """Return the delays over time."""
-        return [delay_figure(self._links, self._x_range, self._spans)]
-
-    def distributions(self) -> list[Figure | None]:
-        """Return the distributions of latency, delay, losses and release errors, and the errors by age."""
-        measured = self._run.measured
-        latency_ms, trips_ms = (ns / NS_PER_MS for ns in (measured.latency.end_to_end, measured.round_trips_ns))
-        limit_ms = self._run.scenario.limits.resolved().end_to_end_p99_ms
-        return [
+    moved = [(path_figure(view), with_marks(tracking_figure(view, x_range))) for view in views]
+    return {
+        "error": [with_marks(error_figure(one, x_range)) for one in errors],
+        "safety": [safety_figure(view, its, x_range) for view, its in zip(views, driven, strict=True)],
+        "path": [figure for figures in moved for figure in figures],
+        "delay": [delay_figure(links, x_range, spans)],
+        "distributions": [
             latency_cdf(latency_ms, trips_ms, limit_ms),
-            delay_cdf(self._links, self._shared, self._varies),
-            loss_figure(self._links),
-            release_figure(self._links),
-            *(age_figure(one) for view in self._hands for one in errors_of(view)),
-        ]
-
-    def models(self) -> list[Figure | None]:
-        """Return the singular values and the poles of the identified models."""
-        part = self._run.scenario.identification
-        drawn = [singular_figure(model, f"{hand} hand", part) for hand, model in self._run.models.items()]
-        return [*drawn, *map(poles_figure, self._run.measured.models)]
-
-    def clocks(self) -> list[Figure | None]:
-        """Return the exchanges of the clocks."""
-        return [clock_figure(self._run.logs.clocks)]
-
-    def _marked(self, figure: Figure | None) -> Figure | None:
-        return marked(figure, self._run.disturbances, self._x_range)
+            delay_cdf(links, shared, varies),
+            loss_figure(links),
+            release_figure(links),
+            *map(age_figure, errors),
+        ],
+        "model": [
+            *(singular_figure(model, f"{hand} hand", part) for hand, model in run.models.items()),
+            *map(poles_figure, measured.models),
+        ],
+        "clocks": [clock_figure(logs.clocks)],
+    }
 
 
 def _shared(logs: RunLogs, direction: Direction, request: Requested) -> RequestedPipeline | None:

@@ -21,9 +21,8 @@ from tis.deploy.present.page import css, folded
 from tis.deploy.present.palette import Look, look_of
 from tis.deploy.present.table import Cell, Column, Table
 from tis.deploy.report.section import Section, Statistics, means, statistics
-from tis.deploy.report.subjects.offsets import Offset, offsets
 from tis.deploy.report.subjects.own_estimators import OwnEstimator
-from tis.deploy.report.subjects.tracking import HandTrack, topic_of, track_of_hand
+from tis.deploy.report.subjects.tracking import HandTrack, Offset, offsets, topic_of, track_of_hand
 from tis.patient_side.statespace import ArmModel
 
 
@@ -199,15 +198,8 @@ def accuracy_table(accuracy: Mapping[str, Scores], which: str) -> Table:
         for name, entry in accuracy.items()
     ]
     note = "hold repeats the newest arm position that arrived" + ("; \u00b5s: time of one step" if timed else "")
-    columns: tuple[Column | str, ...] = (
-        "estimator",
-        "R\u00b2 % x",
-        "y",
-        "z",
-        "RMSE mm",
-        "/ hold",
-        *(("\u00b5s\nmedian", "\np99") if timed else ()),
-    )
+    columns: tuple[str, ...] = ("estimator", "R\u00b2 % x", "y", "z", "RMSE mm", "/ hold")
+    columns += ("\u00b5s\nmedian", "\np99") if timed else ()
     return Table(f"Position error at the tick{which}", columns, rows, note)
 
 
@@ -269,16 +261,9 @@ def more_accuracy(by_hand: Mapping[Hand, Mapping[str, Scores]], active: str) -> 
 
 def _offsets(accuracy: Mapping[str, Scores], which: str, active: str) -> Table:
     rows = [
-        (
-            name,
-            entry.max_3d_mm,
-            entry.r2_3d_pct,
-            entry.nrmse_fit_3d_pct,
-            entry.offset.time_ms["p50"],
-            entry.offset.time_ms["p95"],
-            entry.offset.value_rms_mm,
-        )
-        for name, entry in accuracy.items()
+        (name, one.max_3d_mm, one.r2_3d_pct, one.nrmse_fit_3d_pct, *late, one.offset.value_rms_mm)
+        for name, one in accuracy.items()
+        for late in [[one.offset.time_ms[name] for name in ("p50", "p95")]]
     ]
     columns: tuple[Column | str, ...] = (
         "estimator", "max error, mm", "R\u00b2 in 3D, %", "fit (NRMSE), %", "late by, median, ms", "late by, p95, ms",

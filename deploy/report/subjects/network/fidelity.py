@@ -267,16 +267,12 @@ def _check_order(verdict: Verdict, request: Requested, books: KeyBooks) -> None:
 
 def _spans_text(stretches: Sequence[Stretch]) -> str:
     """Return the first spans in words, and the number of the others."""
-    parts = [
-        f"from {one.begin_ns / NS_PER_S:.3f} s {'on' if one.end_ns >= FOREVER_NS else _until(one.end_ns)}"
-        for one in stretches[:_MAX_STRETCHES]
-    ]
+    parts = []
+    for one in stretches[:_MAX_STRETCHES]:
+        end = "on" if one.end_ns >= FOREVER_NS else f"to {one.end_ns / NS_PER_S:.3f} s"
+        parts.append(f"from {one.begin_ns / NS_PER_S:.3f} s {end}")
     n_more = len(stretches) - len(parts)
     return ", ".join([*parts, f"and {n_more} times more"] if n_more else parts)
-
-
-def _until(end_ns: int) -> str:
-    return f"to {end_ns / NS_PER_S:.3f} s"
 
 
 def _ms(ns: float) -> str:
