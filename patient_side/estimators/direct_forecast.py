@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.patient_side.identification.second_moments import Moved, random_walk, regression
+from tis.patient_side.identification.direct_ls import Moved, random_walk, regression
 from tis.patient_side.movement_models import DirectModel
 from tis.patient_side.playout import SourceBuffer
 from tis.patient_side.statespace import Array

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from tis.common.errors import DataError, Fault
 from tis.patient_side.estimators.direct_forecast import DirectForecast, arrived_past
 from tis.patient_side.estimators.protocol import Estimate
-from tis.patient_side.identification.second_moments import differences
+from tis.patient_side.identification.direct_ls import differences
 from tis.patient_side.movement_models import DirectModel
 from tis.patient_side.playout import Playout
 from tis.patient_side.statespace import ArmModel

@@ -8,17 +8,15 @@ from typing import Final, TypeVar, get_args
 from tis.common.errors import DataError
 from tis.common.scenario.estimator_names import EstimatorName, LearnedName, is_user_defined
 from tis.common.scenario.identification import Identification
+from tis.patient_side.identification.arx import fit_arx
 from tis.patient_side.identification.dataset import TrainingSet
 from tis.patient_side.identification.direct_ls import fit_direct
-from tis.patient_side.identification.fit_arx import fit_arx
-from tis.patient_side.identification.fit_autoregression import fit_autoregression
 from tis.patient_side.identification.fit_drmf import fit_drmf
-from tis.patient_side.identification.fit_innovations import fit_innovations
-from tis.patient_side.identification.fit_moesp_paper import fit_moesp_paper
-from tis.patient_side.identification.fit_subspace import fit_subspace
+from tis.patient_side.identification.fit_innovations import fit_autoregression, fit_innovations
 from tis.patient_side.identification.fit_wrist import fit_wrist
-from tis.patient_side.identification.fitted import Fitted
-from tis.patient_side.identification.methods import SUBSPACE_METHODS
+from tis.patient_side.identification.moesp_paper import fit_moesp_paper
+from tis.patient_side.identification.order import Fitted
+from tis.patient_side.identification.subspace_methods import SUBSPACE_METHODS, fit_subspace
 from tis.patient_side.movement_models import CompletionModel, DirectModel, InnovationsModel, WristModel
 from tis.patient_side.statespace import FilterModel
 

@@ -10,16 +10,14 @@ from tis.common.channels import Hand
 from tis.common.scenario.identification import Identification
 from tis.common.sources.provenance import training_rows
 from tis.common.sources.trajectory import Recording
-from tis.patient_side.identification.breakdown import breakdown_as_fault, explain_repeats
+from tis.patient_side.identification.arx import fit_arx
 from tis.patient_side.identification.companions import Companions, Stage, fit_companions, untimed
 from tis.patient_side.identification.dataset import TrainingSet, training_set
-from tis.patient_side.identification.fit_arx import fit_arx
-from tis.patient_side.identification.fit_moesp_paper import fit_moesp_paper
-from tis.patient_side.identification.fit_subspace import fit_subspace
-from tis.patient_side.identification.fitted import Fitted
 from tis.patient_side.identification.forecast import fit_forecast
-from tis.patient_side.identification.methods import SUBSPACE_METHODS
-from tis.patient_side.identification.order import OrderChoice
+from tis.patient_side.identification.moesp_paper import fit_moesp_paper
+from tis.patient_side.identification.order import Fitted, OrderChoice
+from tis.patient_side.identification.subspace_methods import SUBSPACE_METHODS, fit_subspace
+from tis.patient_side.identification.trials import breakdown_as_fault, explain_repeats
 from tis.patient_side.identification.validation import SimulationFit, fewest_rows, fit_text, simulate_on, split_trials
 from tis.patient_side.movement_models import InputForecast
 from tis.patient_side.statespace import ArmModel, Array, FilterModel

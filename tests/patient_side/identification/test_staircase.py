@@ -10,11 +10,11 @@ from tis.common.errors import DataError, Fault
 from tis.common.scenario.identification import Identification
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 from tis.patient_side.identification import stochastic_moesp
-from tis.patient_side.identification.breakdown import breakdown_as_fault, explain_repeats
 from tis.patient_side.identification.companions import fit_companions
 from tis.patient_side.identification.dataset import training_set
 from tis.patient_side.identification.identify import identify_with_orders
-from tis.patient_side.identification.methods import METHODS
+from tis.patient_side.identification.subspace_methods import METHODS
+from tis.patient_side.identification.trials import breakdown_as_fault, explain_repeats
 from tis.patient_side.statespace import Array
 
 _KERNELS = {**METHODS, "stochastic_moesp": stochastic_moesp.identify}
