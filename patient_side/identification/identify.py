@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -215,22 +216,15 @@ def _identified(
             *(() if identification.train == "own_head" else _doubts(trainings)),
         ),
         trained_on=training_rows(trainings),
-        innovations=beside.innovations,
-        n4sid=_about(rows.about_mean, beside.n4sid),
-        arx=_about(rows.about_mean, beside.arx),
-        autoregression=beside.autoregression,
-        direct=beside.direct,
-        paper=beside.paper,
-        drmf=beside.drmf,
-        wrist=beside.wrist,
+        **{field: _about(rows.about_mean, field, found) for field, found in beside.models.items()},
     )
     return Identified(model, fitted.orders, _validation_run(training, fitted))
 
 
-def _about(training: TrainingSet, model: FilterModel | None) -> FilterModel | None:
-    """Return a model with the hand's operating point; that of the paper's is the same for pooled hands."""
-    if model is None:
-        return None
+def _about(training: TrainingSet, field: str, model: Any) -> Any:
+    """Return a linear model with the hand's operating point; that of the paper's is the same for pooled hands."""
+    if not isinstance(model, FilterModel) or field == "paper":
+        return model
     return replace(model, input_offset_m=training.input_offset_m, output_offset_m=training.output_offset_m)
 
 

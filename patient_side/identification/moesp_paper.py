@@ -122,7 +122,7 @@ def first_run(space: StateSpace, u: Array, y: Array, epsilon_q: float, epsilon_r
     Raises `DataError` where it diverges, as it can with a model of many states that is far from stable. Oracles in
     test_paper_noise: filterpy's filter, and three samples worked by hand.
     """
-    from tis.patient_side.filters.kalman_update import (  # loads filterpy, as in the registry
+    from tis.patient_side.filters.kalman_update import (  # loads filterpy, as in the catalogue
         joseph_update,
         kalman_predict,
     )

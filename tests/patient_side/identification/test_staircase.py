@@ -96,7 +96,7 @@ def test_a_movement_that_tells_nothing_of_what_follows_has_an_innovations_model(
     # Increments a window apart: what past and future explain of each other is 0 to the last bit.
     u = _staircase(3, step, 0)
     training = training_set([_recording(u, 0.5 * u)], "left", pool_hands=False)
-    found = fit_companions(training, Identification(block_rows=5), ["innovations_kf"]).innovations
+    found = fit_companions(training, Identification(block_rows=5), ["innovations_kf"]).models["innovations"]
     assert found is not None
     assert np.all(np.isfinite(found.K))
     assert np.all(np.linalg.eigvalsh(found.Re) > 0)
