@@ -9,9 +9,8 @@ from tis.common.scenario.estimator_names import is_learned
 from tis.common.sources.trajectory import Recording
 from tis.common.ticker import SendPlan, Ticker
 from tis.common.units import ms_to_ns
-from tis.patient_side.estimators.guarded import NO_FACTORIES, Factories
+from tis.patient_side.estimators.guarded import NO_FACTORIES, Factories, build_any
 from tis.patient_side.estimators.protocol import Estimator
-from tis.patient_side.estimators.registry import build_any
 from tis.patient_side.external_arm import ExternalArm
 from tis.patient_side.hand import PatientHand
 from tis.patient_side.identification.companions import Stage, untimed

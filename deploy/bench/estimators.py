@@ -17,29 +17,20 @@ from rich.console import Console
 from rich.table import Table
 
 from tis.common.errors import EXIT_OK
-from tis.common.scenario.estimator_names import EstimatorName
+from tis.common.scenario.estimator_names import NAMES, EstimatorName
 from tis.common.scenario.identification import Identification
 from tis.common.scenario.source import SyntheticSource
 from tis.common.sources.synthetic import synthesise
 from tis.common.streams import Stream
 from tis.common.units import NS_PER_S, NS_PER_US, ms_to_ns, sample_instant_ns
+from tis.patient_side.catalogue import ESTIMATORS, build_estimator
 from tis.patient_side.estimators.protocol import Estimator
-from tis.patient_side.estimators.registry import build_estimator
 from tis.patient_side.identification.fit_innovations import fit_innovations
 from tis.patient_side.identification.identify import identify_arm
 from tis.patient_side.playout import Playout
 from tis.patient_side.statespace import ArmModel, Array
 
-ESTIMATORS: Final[tuple[EstimatorName, ...]] = (
-    "hold",
-    "damped_velocity",
-    "moesp_kf",
-    "n4sid_kf",
-    "arx_kf",
-    "innovations_kf",
-    "direct_ls",
-    "drmf",
-)
+BENCHED: Final = tuple(name for name in NAMES if ESTIMATORS[name].benched)
 RATE_HZ: Final = 30
 ORDER: Final = 20
 """Fixed number of states of `innovations_kf`, because the cost depends on it; the model identified by default is
@@ -95,7 +86,7 @@ Arrival = tuple[int, bool, int]
 """Arrival of a sample: ns of run time, whether it is the arm's, and its source index."""
 
 
-def bench_estimators(out: Console, names: Sequence[EstimatorName] = ESTIMATORS) -> int:
+def bench_estimators(out: Console, names: Sequence[EstimatorName] = BENCHED) -> int:
     """Measure every estimator on every network, print a table each, and return the exit code."""
     out.print(_load_average_text())
     model, identified, samples = bench_models()

@@ -17,8 +17,8 @@ from rich.console import Console
 from rich.table import Table
 
 from tis.common.errors import EXIT_OK
-from tis.patient_side.identification.methods import METHODS
-from tis.patient_side.identification.triangular import triangular_factor
+from tis.patient_side.identification.hankel import triangular_factor
+from tis.patient_side.identification.subspace_methods import METHODS
 from tis.patient_side.statespace import Array, StateSpace
 
 BLOCK_ROWS: Final = 10

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from tis.common.channels import Direction
+from tis.patient_side.catalogue import ESTIMATORS, Hue
 
 
 @dataclass(frozen=True)
@@ -71,28 +72,18 @@ class Look:
 
 
 TRUTH: Final = Look(INK)
+_HUES: Final[Mapping[Hue, Tone]] = {
+    "BLUE": BLUE,
+    "VERMILION": VERMILION,
+    "GREEN": GREEN,
+    "PINK": PINK,
+    "BROWN": BROWN,
+    "VIOLET": VIOLET,
+    "AMBER": AMBER,
+}
 _ESTIMATORS: Final[Mapping[str, Look]] = {
     "truth": TRUTH,
-    "hold": Look(VERMILION),
-    "hold_last_arrived": Look(VERMILION, "dashed"),
-    "static_gain": Look(GREEN),
-    "velocity": Look(PINK, "dashed"),
-    "damped_velocity": Look(PINK),
-    "moesp_kf": Look(VIOLET),
-    "n4sid_kf": Look(VIOLET, "dashed"),
-    "arx_kf": Look(BROWN),
-    "innovations_kf": Look(BLUE),
-    "adaptive_kf": Look(BLUE, "dotted"),
-    "direct_ls": Look(AMBER),
-    "drmf": Look(GREEN, "dotted"),
-    "paper": Look(BROWN, "dashed"),
-    "paper_as_printed": Look(AMBER, "dashed"),
-    "gpr": Look(GREEN, "dashdot"),
-    "srlsmf": Look(PINK, "dashdot"),
-    "srlsmf_l1": Look(VERMILION, "dashdot"),
-    "transformer": Look(VIOLET, "dashdot"),
-    "informer": Look(AMBER, "dashdot"),
-    "cnn": Look(BLUE, "dashdot"),
+    **{name: Look(_HUES[row.hue], row.dash) for name, row in ESTIMATORS.items()},
     "plant": Look(SLATE, "dotted"),
     "constant_rate": Look(PINK),
     "tangent_ls": Look(BLUE),

@@ -20,11 +20,11 @@ from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.early_checks import check_outputs, unwritable
 from tis.deploy.shell.guard import print_warnings
 from tis.patient_side.estimators.static_gain import dc_gain
-from tis.patient_side.identification.fit_narx import NarxStudy, fit_narx, n_terms
 from tis.patient_side.identification.identify import LOOKS_AHEAD, Identified, identify_hands, identify_with_orders
-from tis.patient_side.identification.methods import METHODS
 from tis.patient_side.identification.model_file import dump_models
+from tis.patient_side.identification.narx import NarxStudy, fit_narx, n_terms
 from tis.patient_side.identification.order import OrderChoice
+from tis.patient_side.identification.subspace_methods import METHODS
 from tis.patient_side.identification.validation import fit_text
 from tis.patient_side.learned_model import LearnedModel
 from tis.patient_side.learning.fit_network import Epoch

@@ -1,14 +1,140 @@
-"""Direct least squares: one regression for each horizon on the arm's past positions that have arrived."""
+"""Direct least squares: one regression for each horizon on the past samples that have arrived.
 
+The signal may be anything whose values have displacements in a vector space of d axes: a position, an orientation in
+the tangent space at the newest one, the angle of a gripper.
+"""
+
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from tis.common.errors import DataError, Fault
-from tis.patient_side.estimators.direct_forecast import DirectForecast, arrived_past
 from tis.patient_side.estimators.protocol import Estimate
-from tis.patient_side.identification.second_moments import differences
+from tis.patient_side.identification.direct_ls import Moved, differences, random_walk, regression
 from tis.patient_side.movement_models import DirectModel
-from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import ArmModel
+from tis.patient_side.playout import Playout, SourceBuffer
+from tis.patient_side.statespace import ArmModel, Array
+
+_INTERPOLATION_RATIO: Final = 8
+"""Minimum age of an interpolated past sample, in distances to its nearest arrived neighbour."""
+
+
+class ArrivedPast(NamedTuple):
+    """The past samples at L lags that are known (L,), K of them, from arrived ones.
+
+    Sample k lies ``share[k]`` of the way from index ``older[k]`` to ``younger[k]``; one that has arrived is both.
+    """
+
+    known: NDArray[np.bool_]
+    older: list[int]
+    younger: list[int]
+    share: Array
+
+    def moves(self, now: Array, get: Callable[[int], Array | None], moved: Moved) -> Array:
+        """Return the displacements (L, d) from ``now`` (v,), the newest value; 0 where the past is not known."""
+        if not self.older:
+            return np.zeros((len(self.known), moved(now, now).shape[-1]))
+        found = moved(now, np.array([get(index) for index in self.older]))
+        if self.share.any():
+            later = moved(now, np.array([get(index) for index in self.younger]))
+            share = self.share[:, None]
+            found = (1.0 - share) * found + share * later
+        if len(found) == len(self.known):
+            return found
+        whole = np.zeros((len(self.known), found.shape[-1]))
+        whole[self.known] = found
+        return whole
+
+
+def arrived_past(
+    buffer: SourceBuffer, lags: NDArray[np.int64], stride: int, get: Callable[[int], Array | None]
+) -> ArrivedPast:
+    """Return the known samples ``lags`` (L,) steps of ``stride`` samples before the newest; ``get`` reads a value.
+
+    A sample that has not arrived is interpolated if its nearest arrived neighbour is within an eighth of the distance
+    to the newest one.
+    """
+    newest = buffer.newest
+    known = np.zeros(len(lags), dtype=bool)
+    older, younger, share = [], [], []
+    for i, lag in enumerate(lags.tolist()):
+        distance = lag * stride
+        index = newest - distance
+        if get(index) is not None:
+            left = right = index
+        else:
+            left, right = buffer.newest_before(index), buffer.oldest_after(index)
+            near = min(index - left, right - index)
+            if left < 0 or _INTERPOLATION_RATIO * near > distance or get(left) is None or get(right) is None:
+                continue
+        known[i] = True
+        older.append(left)
+        younger.append(right)
+        share.append(0.0 if left == right else (index - left) / (right - left))
+    return ArrivedPast(known, older, younger, np.array(share))
+
+
+@dataclass(frozen=True)
+class DirectForecast:
+    """The regressions of a `DirectModel`; with missing samples, those on the others, from the same second moments.
+
+    Between two horizons the forecast is interpolated, as truth is between samples, and so is the covariance, which is
+    then an upper bound. Beyond the last horizon the forecast stays constant, and the covariance grows like that of a
+    random walk. Oracles: numpy's least squares on the arrived samples, the predictor of a known process.
+    """
+
+    model: DirectModel
+    _walk: Array = field(init=False, repr=False)
+    _fits: tuple[tuple[Array, Array], ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        direct = self.model
+        walk = random_walk(direct.past, direct.lags)
+        object.__setattr__(self, "_walk", walk)
+        fits = [
+            regression(direct, walk, direct.penalty[j], j, slice(direct.axes * n_lags))
+            for j, n_lags in enumerate(direct.n_lags.tolist())
+        ]
+        object.__setattr__(self, "_fits", tuple(fits))
+
+    def ahead(self, steps: float, moves: Array, known: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Return the displacement (d,) ``steps`` >= 0 steps after the newest sample, and its covariance (d, d).
+
+        ``moves`` (L, d) are the displacements to the past samples, of which ``known`` (L,) are known.
+        """
+        direct = self.model
+        past, known_axes = moves.reshape(-1), np.repeat(known, direct.axes)
+        upper = min(int(np.searchsorted(direct.horizons, steps)), len(direct.horizons) - 1)
+        moved, covariance = self._forecast(upper, past, known_axes)
+        above = float(direct.horizons[upper])
+        if steps > above:
+            return moved, covariance * (steps / above)
+        if upper == 0:
+            # Up to the first horizon: the sample itself is certain, and errors grow in proportion.
+            share = steps / above
+            return share * moved, share**2 * covariance
+        below = float(direct.horizons[upper - 1])
+        share = (steps - below) / (above - below)
+        moved_below, covariance_below = self._forecast(upper - 1, past, known_axes)
+        return (
+            (1.0 - share) * moved_below + share * moved,
+            (1.0 - share) * covariance_below + share * covariance,
+        )
+
+    def _forecast(self, horizon: int, past: Array, known: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Return the displacement (d,) up to a horizon, and its covariance (d, d)."""
+        direct = self.model
+        weights, left = self._fits[horizon]
+        if known[: len(weights)].all():
+            kept = np.arange(len(weights))
+        else:
+            kept = np.flatnonzero(known)[: len(weights)]
+            # Some regressors are missing: the regression on the others follows from the same second moments.
+            weights, left = regression(direct, self._walk, direct.penalty[horizon], horizon, kept)
+        return weights.T @ past[kept], direct.covariance_scale[horizon] * left
 
 
 def direct_ls(model: ArmModel) -> "DirectLs":

@@ -15,7 +15,9 @@ import numpy as np
 
 from tis.common.errors import Fault, InputError, one_line
 from tis.common.messages import MAX_SIZE
-from tis.patient_side.estimators.protocol import Estimate
+from tis.common.scenario.estimator_names import is_built_in
+from tis.patient_side.catalogue import build_estimator
+from tis.patient_side.estimators.protocol import Estimate, Estimator
 from tis.patient_side.playout import Playout
 from tis.patient_side.statespace import ArmModel, Array
 
@@ -73,6 +75,11 @@ class Guarded:
             if self.first is None:
                 self.first = FirstFault(now_ns, str(error) if isinstance(error, _NoEstimate) else one_line(error))
             return state, Estimate(None)
+
+
+def build_any(name: str, model: ArmModel, own: Factories) -> Estimator:
+    """Return the estimator called ``name``: a built-in one, or a user-defined one by ``own``, see `build_own`."""
+    return build_estimator(name, model) if is_built_in(name) else build_own(name, own[name], model)
 
 
 def build_own(name: str, factory: Factory, model: ArmModel) -> Guarded:

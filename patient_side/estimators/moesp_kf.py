@@ -9,17 +9,19 @@ The estimate is the arm as it will have been recorded: between the two neighbour
 is interpolated linearly, which is the definition of truth, and measurement noise counts.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from tis.common.errors import DataError, Fault
 from tis.common.units import NS_PER_S, sample_instant_ns
+from tis.patient_side.estimators.innovations_kf import InnovationsKf
 from tis.patient_side.estimators.protocol import Estimate
 from tis.patient_side.filters import kalman
 from tis.patient_side.filters.input_path import known_point, newest_velocity
 from tis.patient_side.horizon import PATIENCE_SAMPLES, horizon_samples
 from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import ArmModel, Array
+from tis.patient_side.statespace import ArmModel, Array, with_model
 
 
 @dataclass(frozen=True)
@@ -153,3 +155,20 @@ class MoespKf:
                 (1.0 - f) ** 2 * (H @ here_P @ H.T + R) + f**2 * there_P + f * (1.0 - f) * (across + across.T)
             )
         return Estimate(mean + self.model.output_offset_m, (covariance + covariance.T) / 2.0)
+
+
+def n4sid_kf(model: ArmModel) -> MoespKf:
+    """Return the estimator; raises `DataError` where the model file holds no such model."""
+    if model.n4sid is None:
+        raise DataError(Fault("model", "n4sid", "n4sid_kf needs the model that n4sid finds; the file holds none"))
+    return MoespKf(with_model(model, model.n4sid), name="n4sid_kf")
+
+
+def arx_kf(model: ArmModel) -> MoespKf | InnovationsKf:
+    """Return the estimator; raises `DataError` where the model file holds no such model."""
+    if model.arx is None:
+        raise DataError(Fault("model", "arx", "arx_kf needs the model that arx finds; the file holds none"))
+    own = with_model(model, model.arx)
+    if model.autoregression is None:
+        return MoespKf(own, name="arx_kf")
+    return InnovationsKf(replace(own, innovations=model.autoregression), name="arx_kf")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tis.patient_side.estimators.algorithm_1 import PaperState, Reading, position_m, read, start
+from tis.patient_side.estimators.paper_as_printed import PaperState, Reading, paper_model, position_m, read, start
 from tis.patient_side.estimators.protocol import Estimate
 from tis.patient_side.filters.kalman_update import kalman_predict, kalman_update
 from tis.patient_side.playout import Playout
@@ -51,3 +51,8 @@ class Paper:
         C = self.model.space.C
         covariance = C @ state.P @ C.T
         return (covariance + covariance.T) / 2.0 if self.model.space.order else None
+
+
+def paper(model: ArmModel) -> Paper:
+    """Return the estimator on the paper's model."""
+    return Paper(paper_model(model))

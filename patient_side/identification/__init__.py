@@ -2,12 +2,11 @@
 
 Where to look:
 
-- training rows: `dataset`, `trials`, `signals`;
-- linear models of arm and command: `methods` by name, `subspace` with `moesp`, `pi_moesp`, `n4sid`, `cva`; `arx`;
-  `output_error` for B, D and x0, `order`, `noise`, `validation`; `fit_subspace` and `fit_arx` combine these;
-- the arm's own movement: `fit_innovations` on `stochastic_moesp` with `fit_correction`, `fit_autoregression`,
-  `direct_ls`, `fit_drmf` on `arrival_draws`;
+- training rows: `dataset`, `trials`; arguments and result of a linear method: `linear_model`;
+- linear models of arm and command: `subspace_methods` (MOESP, past-input MOESP, N4SID, CVA) on `subspace` and
+  `hankel`; `arx`; `output_error` for B, D and x0, `order`, `noise`, `validation`;
+- the arm's own movement: `fit_innovations` on `stochastic_moesp` with `fit_correction`, `direct_ls`, `fit_drmf`;
 - the forecast of a command: `forecast`;
-- the paper's method: `fit_moesp_paper`; for comparison: `fit_narx`;
+- the paper's method: `moesp_paper`; for comparison: `narx`;
 - model files: `model_file`.
 """

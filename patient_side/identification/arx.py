@@ -11,15 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from tis.common.errors import DataError, Fault
-from tis.patient_side.identification.breakdown import breakdown_as_fault
-from tis.patient_side.identification.linear_model import LinearModel, Provenance
-from tis.patient_side.identification.noise import estimate_noise, innovations_noise
-from tis.patient_side.identification.output_error import fit_inputs
-from tis.patient_side.identification.signals import Signals, as_trials, check_numbers
-from tis.patient_side.identification.stability import STABLE_BELOW, stabilised
-from tis.patient_side.identification.trials import Scaling, Trial, check_trials
-from tis.patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
-from tis.patient_side.identification.validation import initial_state
+from tis.common.scenario.identification import Order
+from tis.patient_side.identification.dataset import TrainingSet
+from tis.patient_side.identification.hankel import COLUMNS_AT_ONCE, accumulate, empty_factor
+from tis.patient_side.identification.linear_model import LinearModel, Provenance, Signals, as_trials, check_numbers
+from tis.patient_side.identification.noise import estimate_noise, floored, innovations_noise
+from tis.patient_side.identification.order import Candidate, Fitted, choose_order, is_static
+from tis.patient_side.identification.output_error import STABLE_BELOW, fit_inputs, stabilised
+from tis.patient_side.identification.trials import Scaling, Trial, breakdown_as_fault, check_trials
+from tis.patient_side.identification.validation import HELD_BACK, initial_state, simulation_fit, split_trials
 from tis.patient_side.statespace import Array, StateSpace
 
 _NEGLIGIBLE = 1e-10
@@ -125,3 +125,51 @@ def fit_lags(
         " inside the unit circle and B, D, x0 and the noise fitted to that"
     )
     return StateSpace(A, B, space.C, D), x0, None, (warning,)
+
+
+def fit_arx(training: TrainingSet, largest: int, order: Order) -> Fitted:
+    """Return the ARX model of at most ``largest`` lags; ``order`` counts lags. Raises `DataError` with all faults."""
+    # Checks and scaling.
+    n_start = 2 * largest
+    check_trials(training.trials, largest, training.labels, HELD_BACK)
+    if isinstance(order, int):
+        check_lags(order, largest)
+    scaling = Scaling.of(training.trials)
+    scaled = scaling.scaled(training.trials)
+    fit_on, validate_on = split_trials(scaled)
+
+    # The number of lags: a model of the first rows for each, compared on the last rows.
+    factor_of_first = ArxFactor.of(fit_on, largest)
+    candidates = []
+    for lags in range(largest + 1):
+        space, x0, gain, _ = fit_lags(factor_of_first, lags, fit_on, n_start)
+        candidates.append(
+            Candidate.of(space, x0, fit_on, largest)
+            if gain is None
+            else Candidate(space, gain, floored(factor_of_first.residual(lags)))
+        )
+    orders = choose_order(candidates, factor_of_first.n_rows, validate_on, None, n_start)
+    chosen = orders.by_rule(order)
+    first_rows = candidates[chosen].space
+    fit = simulation_fit(first_rows, validate_on, n_start)
+
+    # The model of all rows.
+    factor = ArxFactor.of(scaled, largest)
+    scaled_space, x0, gain, unstable = fit_lags(factor, chosen, scaled, n_start)
+    space, out = scaling.unscaled(scaled_space), scaling.output
+    if gain is None:
+        noise, no_gain = estimate_noise(space, x0, training.trials, largest)
+    else:
+        noise, no_gain = innovations_noise(gain / out, out[:, None] * factor.residual(chosen) * out), ()
+    return Fitted(
+        space=space,
+        x0=x0[0],
+        noise=noise,
+        singular_values=np.empty(0),
+        orders=orders,
+        first_rows=scaling.unscaled(first_rows),
+        fit=fit,
+        n_start=n_start,
+        static=is_static(chosen, fit),
+        warnings=(*unstable, *no_gain),
+    )

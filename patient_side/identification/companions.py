@@ -1,30 +1,24 @@
 """Models for estimators with an identification method of their own, beside the scenario's chosen model."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field
-from typing import Final, TypeVar, get_args
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 from tis.common.errors import DataError
-from tis.common.scenario.estimator_names import EstimatorName, LearnedName, is_user_defined
+from tis.common.scenario.estimator_names import is_user_defined
 from tis.common.scenario.identification import Identification
+from tis.patient_side.catalogue import ESTIMATORS, code_at, users_of_fit
+from tis.patient_side.identification.arx import fit_arx
 from tis.patient_side.identification.dataset import TrainingSet
 from tis.patient_side.identification.direct_ls import fit_direct
-from tis.patient_side.identification.fit_arx import fit_arx
-from tis.patient_side.identification.fit_autoregression import fit_autoregression
 from tis.patient_side.identification.fit_drmf import fit_drmf
-from tis.patient_side.identification.fit_innovations import fit_innovations
-from tis.patient_side.identification.fit_moesp_paper import fit_moesp_paper
-from tis.patient_side.identification.fit_subspace import fit_subspace
+from tis.patient_side.identification.fit_innovations import fit_autoregression, fit_innovations
 from tis.patient_side.identification.fit_wrist import fit_wrist
-from tis.patient_side.identification.fitted import Fitted
-from tis.patient_side.identification.methods import SUBSPACE_METHODS
-from tis.patient_side.movement_models import CompletionModel, DirectModel, InnovationsModel, WristModel
+from tis.patient_side.identification.moesp_paper import fit_moesp_paper
+from tis.patient_side.identification.order import Fitted
+from tis.patient_side.identification.subspace_methods import SUBSPACE_METHODS, fit_subspace
 from tis.patient_side.statespace import FilterModel
-
-Model = TypeVar("Model")
-
-_ON_INNOVATIONS: Final[tuple[EstimatorName, ...]] = ("innovations_kf", "adaptive_kf", *get_args(LearnedName))
 
 Stage = Callable[[str], AbstractContextManager[None]]
 """Context in which the model for an estimator, or an orientation method, is fitted."""
@@ -36,45 +30,72 @@ def untimed(_: str) -> AbstractContextManager[None]:
 
 
 @dataclass(frozen=True)
-class Companions:
-    """The fields of `ArmModel` of the same names; None where they are not wanted, or the rows do not allow them."""
+class TrainingRows:
+    """What models are fitted to; ``about_lowest`` is None where the scenario's own method is the paper's."""
 
-    innovations: InnovationsModel | None = None
-    n4sid: FilterModel | None = None
-    arx: FilterModel | None = None
-    autoregression: InnovationsModel | None = None
-    direct: DirectModel | None = None
-    paper: FilterModel | None = None
-    drmf: CompletionModel | None = None
-    wrist: WristModel | None = None
+    training: TrainingSet
+    identification: Identification
+    about_lowest: Callable[[], TrainingSet] | None = None
+
+
+class Companions(NamedTuple):
+    """Models by the field of `ArmModel`, without those that are not wanted or that the rows do not allow."""
+
+    models: Mapping[str, Any]
     warnings: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class _Attempts:
-    """Fits for the estimators ``wanted`` (None: all), with a warning for each optional one that fails."""
+NO_MODELS = Companions({})
 
-    wanted: Collection[str] | None
-    stage: Stage
-    warnings: list[str] = field(default_factory=list)
 
-    def fit(self, name: EstimatorName, fit: Callable[[], Model], *, slow: bool = False) -> Model | None:
-        """Return the model for an estimator; raises `DataError` where it is wanted and cannot be fitted.
+def fit_paper(rows: TrainingRows) -> Companions:
+    """Return the paper's model, unless it is the scenario's own."""
+    if rows.about_lowest is None:
+        return NO_MODELS
+    training = rows.about_lowest()
+    fitted = fit_moesp_paper(training, rows.identification.model_copy(update={"order": "auto"}))
+    return Companions({"paper": _filter_model(training, fitted)})
 
-        A ``slow`` fit, of several seconds, is not tried for user-defined estimators.
-        """
-        if self.wanted is not None and name in self.wanted:
-            with self.stage(name):
-                return fit()
-        # A user-defined estimator may use any model, so all are tried for it.
-        if self.wanted is not None and (slow or not any(map(is_user_defined, self.wanted))):
-            return None
-        try:
-            with self.stage(name):
-                return fit()
-        except DataError as error:
-            self.warnings.append(f"no model for {name}: {'; '.join(map(str, error.faults))}")
-            return None
+
+def fit_arx_models(rows: TrainingRows) -> Companions:
+    """Return the model of ARX, and where validation chooses no lag the autoregression of the arm alone."""
+    training, block_rows = rows.training, rows.identification.block_rows
+    arx = _filter_model(training, fit_arx(training, block_rows, "auto"))
+    if arx.space.order:
+        return Companions({"arx": arx})
+    alone = fit_autoregression(training.trials, training.rate_hz, block_rows)
+    return Companions({"arx": arx, "autoregression": alone})
+
+
+def fit_movement(rows: TrainingRows) -> Companions:
+    """Return the innovations model of the arm's own movement."""
+    training, block_rows = rows.training, rows.identification.block_rows
+    grippers_rad, people = training.grippers_rad, training.people
+    fitted = fit_innovations(training.trials, training.rate_hz, block_rows, None, grippers_rad, people)
+    return Companions({"innovations": fitted.model}, tuple(fitted.warnings))
+
+
+def fit_n4sid(rows: TrainingRows) -> Companions:
+    """Return the model of N4SID."""
+    method, block_rows = SUBSPACE_METHODS["n4sid"], rows.identification.block_rows
+    return Companions(
+        {"n4sid": _filter_model(rows.training, fit_subspace(rows.training, method, block_rows, "auto"))}
+    )
+
+
+def fit_horizons(rows: TrainingRows) -> Companions:
+    """Return the regressions for each horizon."""
+    return Companions({"direct": fit_direct([y for _, y in rows.training.trials], rows.training.rate_hz)})
+
+
+def fit_completion(rows: TrainingRows) -> Companions:
+    """Return the factorisation's numbers."""
+    training = rows.training
+    return Companions({"drmf": fit_drmf([y for _, y in training.trials], training.rate_hz, training.people)})
+
+
+def _filter_model(training: TrainingSet, fitted: Fitted) -> FilterModel:
+    return FilterModel(fitted.space, fitted.noise, training.input_offset_m, training.output_offset_m, fitted.static)
 
 
 def fit_companions(
@@ -91,50 +112,29 @@ def fit_companions(
     A wanted model that cannot be fitted is a `DataError`, an optional one a warning; for a user-defined estimator all
     models are optional. ``stage`` measures each fit.
     """
-    attempts, block_rows = _Attempts(wanted, stage), identification.block_rows
-
-    def innovations() -> InnovationsModel:
-        grippers_rad, people = training.grippers_rad, training.people
-        fitted = fit_innovations(training.trials, training.rate_hz, block_rows, None, grippers_rad, people)
-        attempts.warnings.extend(fitted.warnings)
-        return fitted.model
-
-    # The order of the fits is that of the warnings.
-    paper = None
-    if about_lowest is not None:
-        user: EstimatorName = "paper" if wanted is None or "paper" in wanted else "paper_as_printed"
-        paper = attempts.fit(user, lambda: _paper_model(about_lowest(), identification))
-    arx = attempts.fit("arx_kf", lambda: _filter_model(training, fit_arx(training, block_rows, "auto")))
-    autoregression = None
-    if arx is not None and arx.space.order == 0:
-        with stage("arx_kf"):
-            autoregression = fit_autoregression(training.trials, training.rate_hz, block_rows)
-    n4sid = SUBSPACE_METHODS["n4sid"]
-    wrist, doubts = fit_wrist(training, wanted, stage)
-    attempts.warnings.extend(doubts)
-    moving: EstimatorName = "innovations_kf"
-    if wanted is not None:  # its other users share the model, and a fit is attempted under the name of one
-        moving = next((name for name in _ON_INNOVATIONS if name in wanted), moving)
-    return Companions(
-        attempts.fit(moving, innovations),
-        attempts.fit("n4sid_kf", lambda: _filter_model(training, fit_subspace(training, n4sid, block_rows, "auto"))),
-        arx,
-        autoregression,
-        attempts.fit("direct_ls", lambda: fit_direct([y for _, y in training.trials], training.rate_hz)),
-        paper,
-        attempts.fit(
-            "drmf",
-            lambda: fit_drmf([y for _, y in training.trials], training.rate_hz, training.people),
-            slow=True,
-        ),
-        wrist,
-        tuple(attempts.warnings),
-    )
-
-
-def _paper_model(training: TrainingSet, identification: Identification) -> FilterModel:
-    return _filter_model(training, fit_moesp_paper(training, identification.model_copy(update={"order": "auto"})))
-
-
-def _filter_model(training: TrainingSet, fitted: Fitted) -> FilterModel:
-    return FilterModel(fitted.space, fitted.noise, training.input_offset_m, training.output_offset_m, fitted.static)
+    rows = TrainingRows(training, identification, about_lowest)
+    models: dict[str, Any] = {}
+    warnings: list[str] = []
+    # A user-defined estimator may use any model, so all that are not slow are tried for it.
+    any_model = wanted is None or any(map(is_user_defined, wanted))
+    for name, row in ESTIMATORS.items():
+        if not row.fit:
+            continue
+        if row.fit.endswith(":fit_movement"):  # the warnings of orientations come before those of movements
+            models["wrist"], doubts = fit_wrist(training, wanted, stage)
+            warnings.extend(doubts)
+        users = [user for user in users_of_fit(name) if wanted is not None and user in wanted]
+        if not users and (not any_model or (row.slow and wanted is not None)):
+            continue
+        user = users[0] if users else name  # a fit is attempted under the name of one of its users
+        try:
+            with stage(user):
+                found = code_at(row.fit)(rows)
+        except DataError as error:
+            if users:
+                raise
+            warnings.append(f"no model for {user}: {'; '.join(map(str, error.faults))}")
+            continue
+        models |= found.models
+        warnings.extend(found.warnings)
+    return Companions(models, tuple(warnings))

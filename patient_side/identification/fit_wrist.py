@@ -10,9 +10,8 @@ from tis.common.errors import DataError
 from tis.patient_side.filters.input_path import damped_steps
 from tis.patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
 from tis.patient_side.identification.dataset import TrainingSet
-from tis.patient_side.identification.direct_ls import STEP_HZ, fit_direct, steps_of
+from tis.patient_side.identification.direct_ls import RESOLUTION, STEP_HZ, Moved, differences, fit_direct, steps_of
 from tis.patient_side.identification.forecast import DAMPINGS, HORIZONS_S, SPANS, relative_error
-from tis.patient_side.identification.second_moments import RESOLUTION, Moved, differences
 from tis.patient_side.movement_models import RateModel, WristModel
 from tis.patient_side.rotations import turned
 from tis.patient_side.statespace import Array

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -10,16 +11,14 @@ from tis.common.channels import Hand
 from tis.common.scenario.identification import Identification
 from tis.common.sources.provenance import training_rows
 from tis.common.sources.trajectory import Recording
-from tis.patient_side.identification.breakdown import breakdown_as_fault, explain_repeats
+from tis.patient_side.identification.arx import fit_arx
 from tis.patient_side.identification.companions import Companions, Stage, fit_companions, untimed
 from tis.patient_side.identification.dataset import TrainingSet, training_set
-from tis.patient_side.identification.fit_arx import fit_arx
-from tis.patient_side.identification.fit_moesp_paper import fit_moesp_paper
-from tis.patient_side.identification.fit_subspace import fit_subspace
-from tis.patient_side.identification.fitted import Fitted
 from tis.patient_side.identification.forecast import fit_forecast
-from tis.patient_side.identification.methods import SUBSPACE_METHODS
-from tis.patient_side.identification.order import OrderChoice
+from tis.patient_side.identification.moesp_paper import fit_moesp_paper
+from tis.patient_side.identification.order import Fitted, OrderChoice
+from tis.patient_side.identification.subspace_methods import SUBSPACE_METHODS, fit_subspace
+from tis.patient_side.identification.trials import breakdown_as_fault, explain_repeats
 from tis.patient_side.identification.validation import SimulationFit, fewest_rows, fit_text, simulate_on, split_trials
 from tis.patient_side.movement_models import InputForecast
 from tis.patient_side.statespace import ArmModel, Array, FilterModel
@@ -217,22 +216,15 @@ def _identified(
             *(() if identification.train == "own_head" else _doubts(trainings)),
         ),
         trained_on=training_rows(trainings),
-        innovations=beside.innovations,
-        n4sid=_about(rows.about_mean, beside.n4sid),
-        arx=_about(rows.about_mean, beside.arx),
-        autoregression=beside.autoregression,
-        direct=beside.direct,
-        paper=beside.paper,
-        drmf=beside.drmf,
-        wrist=beside.wrist,
+        **{field: _about(rows.about_mean, field, found) for field, found in beside.models.items()},
     )
     return Identified(model, fitted.orders, _validation_run(training, fitted))
 
 
-def _about(training: TrainingSet, model: FilterModel | None) -> FilterModel | None:
-    """Return a model with the hand's operating point; that of the paper's is the same for pooled hands."""
-    if model is None:
-        return None
+def _about(training: TrainingSet, field: str, model: Any) -> Any:
+    """Return a linear model with the hand's operating point; that of the paper's is the same for pooled hands."""
+    if not isinstance(model, FilterModel) or field == "paper":
+        return model
     return replace(model, input_offset_m=training.input_offset_m, output_offset_m=training.output_offset_m)
 
 

@@ -10,11 +10,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from tis.patient_side.identification.hankel import fill_hankel
-from tis.patient_side.identification.output_error import fit_response
-from tis.patient_side.identification.stability import STABLE_BELOW
+from tis.patient_side.identification.hankel import COLUMNS_AT_ONCE, accumulate, empty_factor, fill_hankel
+from tis.patient_side.identification.output_error import STABLE_BELOW, fit_response
 from tis.patient_side.identification.trials import Trial
-from tis.patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
 from tis.patient_side.statespace import Array, NoiseModel, StateSpace
 
 SENSOR_RESOLUTION_M = 1e-6

@@ -9,10 +9,10 @@ import numpy as np
 from tis.common.errors import DataError, Fault
 from tis.common.scenario.identification import Order
 from tis.patient_side.identification.noise import estimate_noise, innovations
-from tis.patient_side.identification.stability import STABLE_BELOW
+from tis.patient_side.identification.output_error import STABLE_BELOW
 from tis.patient_side.identification.trials import Trial
 from tis.patient_side.identification.validation import SimulationFit, prediction_error, simulation_fit
-from tis.patient_side.statespace import Array, StateSpace
+from tis.patient_side.statespace import Array, NoiseModel, StateSpace
 
 MAX_ORDER = 12
 _ENERGY_SHARE = 0.85
@@ -147,3 +147,24 @@ def smallest_sufficient(errors: Sequence[float]) -> int:
     best = min(errors)
     bound = max(_RELATIVE_TOLERANCE * best, NEGLIGIBLE_ERROR)
     return next(order for order, error in enumerate(errors) if error <= bound)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A model of all training rows, and the results of the order selection.
+
+    ``x0`` (n,) is the state at the first training row. ``singular_values`` are those of all rows, ``orders`` the
+    orders by the rules. ``first_rows`` is the model of the same order fitted before the validation rows, ``fit`` its
+    simulation of these, started from their first ``n_start`` rows.
+    """
+
+    space: StateSpace
+    x0: Array
+    noise: NoiseModel
+    singular_values: Array
+    orders: OrderChoice
+    first_rows: StateSpace
+    fit: SimulationFit
+    n_start: int
+    static: bool
+    warnings: tuple[str, ...]

@@ -1,16 +1,12 @@
-"""Stochastic MOESP: a model of outputs without inputs, from outputs alone.
+"""The innovations form of a stochastic model: its Kalman gain, from a discrete algebraic Riccati equation.
 
-The rows [Y_p; Y_f] of all trials are reduced to one triangular factor. Its block L21, the part of the future outputs
-that the past ones explain as instruments, has the column space of the extended observability matrix G (Verhaegen and
-Verdult, "Filtering and System Identification", 9.6, without inputs). The state at an instant is then the prediction
-of the future from the s outputs before it, ``x[k] = G^+ E(y_f | y_p)``: a fixed combination of these outputs. A and C
-are the regression of x[k+1] and y[k] on x[k], the noise covariances are those of its residuals, and the Kalman gain
-follows from them (Larimore 1990, "Canonical variate analysis in identification, filtering and adaptive control"; Van
-Overschee and De Moor, "Subspace Identification for Linear Systems", 3.4).
+For ``x[k+1] = A x[k] + w[k]``, ``y[k] = C x[k] + v[k]`` with the joint covariance [Q S; S' R] of w and v, the
+stationary one-step predictor has innovations e of covariance Re and the gain K:
 
-Both states of the regression are the same combination of outputs, one sample apart. Except for the trials' ends they
-therefore have the same covariance, and A is a contraction in it: stable, which the shift of G often is not. The
-residuals' covariances are positive semidefinite by construction, so the Riccati equation has a solution.
+    P = A P A' + Q - K Re K',   Re = C P C' + R,   K = (A P C' + S) Re^-1
+
+and ``x[k+1] = A x[k] + K e[k]``, ``y[k] = C x[k] + e[k]`` has the same second moments (Anderson and Moore, *Optimal
+Filtering*, 9.3). The cross term S must not be dropped.
 """
 
 from collections.abc import Sequence
@@ -19,16 +15,68 @@ from dataclasses import dataclass
 import numpy as np
 
 from tis.common.errors import DataError, Fault
-from tis.patient_side.identification.breakdown import breakdown_as_fault
-from tis.patient_side.identification.hankel import fill_hankel
-from tis.patient_side.identification.innovations_form import InnovationsForm, innovations_form
-from tis.patient_side.identification.linear_model import LinearModel, Provenance
-from tis.patient_side.identification.signals import Signals, as_arrays, check_numbers
-from tis.patient_side.identification.stability import STABLE_BELOW, stabilised
-from tis.patient_side.identification.trials import Scaling, check_trials, n_first
-from tis.patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
+from tis.patient_side.identification.hankel import COLUMNS_AT_ONCE, accumulate, empty_factor, fill_hankel
+from tis.patient_side.identification.linear_model import LinearModel, Provenance, Signals, as_arrays, check_numbers
+from tis.patient_side.identification.output_error import STABLE_BELOW, stabilised
+from tis.patient_side.identification.trials import Scaling, breakdown_as_fault, check_trials, n_first
 from tis.patient_side.identification.validation import initial_state
 from tis.patient_side.statespace import Array, NoiseModel, StateSpace
+
+_MAX_DOUBLINGS = 60
+_CONVERGED = 1e-15
+
+
+@dataclass(frozen=True)
+class InnovationsForm:
+    """``x[k+1] = A x[k] + K e[k]``, ``y[k] = C x[k] + e[k]`` with the covariance ``Re`` of e."""
+
+    A: Array
+    C: Array
+    K: Array
+    Re: Array
+
+    def in_units(self, scale: Array) -> "InnovationsForm":
+        """Return the same model of outputs multiplied by ``scale`` (p,)."""
+        out = scale[:, None]
+        return InnovationsForm(self.A, out * self.C, self.K / scale, out * self.Re * scale)
+
+
+def innovations_form(A: Array, C: Array, Q: Array, R: Array, S: Array) -> InnovationsForm:
+    """Return the innovations form for noises of covariances Q (n, n), R (p, p) > 0 and cross term S (n, p).
+
+    A - K C is stable where A is. Oracles in test_innovations_form: scipy's solver on the eigenvalues of a pencil, and
+    Kalman's recursion.
+    """
+    P = filter_riccati(A, C, Q, R, S)
+    Re = C @ P @ C.T + R
+    Re = (Re + Re.T) / 2
+    K = np.linalg.solve(Re, (A @ P @ C.T + S).T).T
+    return InnovationsForm(A, C, np.asarray(K), Re)
+
+
+def filter_riccati(A: Array, C: Array, Q: Array, R: Array, S: Array) -> Array:
+    """Return the stabilising solution P (n, n) of the filter's Riccati equation, cross term included.
+
+    Given y, the noise of the transition ``A - T C``, ``T = S R^-1``, is ``Q - T S'`` and independent of v; the
+    remaining equation is solved by doubling: every step covers twice as many samples (Anderson 1978, Int. J. Control
+    28:295). Unlike methods on eigenvalues it stays accurate with modes close to the unit circle.
+    """
+    n = len(A)
+    T = np.linalg.solve(R, S.T).T
+    a, h = (A - T @ C).T, Q - T @ S.T
+    g = C.T @ np.linalg.solve(R, C)
+    h = (h + h.T) / 2
+    for _ in range(_MAX_DOUBLINGS):
+        through = np.linalg.solve(np.eye(n) + g @ h, np.hstack([a, g]))
+        step = a.T @ h @ through[:, :n]
+        g = g + a @ through[:, n:] @ a.T
+        a = a @ through[:, :n]
+        h = h + step
+        g, h = (g + g.T) / 2, (h + h.T) / 2
+        if np.max(np.abs(step), initial=0.0) <= _CONVERGED * np.max(np.abs(h), initial=0.0):
+            break
+    return np.asarray(h)
+
 
 _NEGLIGIBLE = 1e-10
 _RESOLVED = 1e-18

@@ -16,9 +16,9 @@ import numpy as np
 from scipy.linalg import eig
 
 from tis.patient_side.filters.innovations_filter import AXES
-from tis.patient_side.identification.innovations_form import InnovationsForm
 from tis.patient_side.identification.noise import floored
 from tis.patient_side.identification.stochastic_moesp import (
+    InnovationsForm,
     StochasticSubspace,
     n_hankel_columns,
     output_factor,

@@ -14,16 +14,17 @@ from functools import partial
 import numpy as np
 
 from tis.common.errors import DataError, Fault
-from tis.patient_side.identification.breakdown import breakdown_as_fault
-from tis.patient_side.identification.linear_model import LinearModel, Provenance
+from tis.patient_side.identification.hankel import triangular_factor
+from tis.patient_side.identification.linear_model import LinearModel, Provenance, Signals, as_trials, check_numbers
 from tis.patient_side.identification.noise import estimate_noise
 from tis.patient_side.identification.order import NEGLIGIBLE_ERROR, Candidate
-from tis.patient_side.identification.output_error import fit_inputs, fit_inputs_by_innovations
-from tis.patient_side.identification.past_states import PastStates
-from tis.patient_side.identification.signals import Signals, as_trials, check_numbers
-from tis.patient_side.identification.stability import STABLE_BELOW, stabilised
-from tis.patient_side.identification.trials import Scaling, Trial, check_trials
-from tis.patient_side.identification.triangular import triangular_factor
+from tis.patient_side.identification.output_error import (
+    STABLE_BELOW,
+    fit_inputs,
+    fit_inputs_by_innovations,
+    stabilised,
+)
+from tis.patient_side.identification.trials import Scaling, Trial, breakdown_as_fault, check_trials
 from tis.patient_side.identification.validation import prediction_error
 from tis.patient_side.statespace import Array, StateSpace
 
@@ -207,6 +208,60 @@ def check_excitation(factor: Array, n_input_rows: int) -> tuple[str, ...]:
         f"the input excites some directions weakly: condition {condition:.2g} of its Hankel matrix,"
         f" above {_LARGE_CONDITION:.0e}",
     )
+
+
+@dataclass(frozen=True)
+class PastStates:
+    """Rows in the directions of a triangular factor (d): predicted futures, and the inputs and outputs of a sample.
+
+    ``now`` (d, s p) is the future of a sample as its past predicts it, without the future inputs' part, and ``after``
+    (d, s p) that of the next sample, by the same combination of its own past.
+    """
+
+    now: Array
+    after: Array
+    inputs: Array
+    outputs: Array
+
+    @classmethod
+    def of(cls, factor: Array, block_rows: int, n_inputs: int, n_outputs: int) -> "PastStates":
+        """Return the rows of `triangular_factor`'s result, whose columns are [U_f; U_p; Y_p; Y_f]."""
+        m, p = n_inputs, n_outputs
+        n_u, n_y = block_rows * m, block_rows * p
+        future_u, past_u, past_y, future_y = np.split(factor, [n_u, 2 * n_u, 2 * n_u + n_y], axis=1)
+        # The oblique projection: the factor's later rows are free of the future inputs.
+        new = slice(n_u, 2 * n_u + n_y)
+        by_past = np.linalg.lstsq(factor[new, new], future_y[new])[0]
+        later_u = np.hstack([past_u[:, m:], future_u[:, :m]])
+        later_y = np.hstack([past_y[:, p:], future_y[:, :p]])
+        return cls(
+            np.hstack([past_u, past_y]) @ by_past,
+            np.hstack([later_u, later_y]) @ by_past,
+            future_u[:, :m],
+            future_y[:, :p],
+        )
+
+    def dynamics(self, observability: Array) -> tuple[Array, Array]:
+        """Return A (n, n) and C (p, n) in the coordinates of an orthonormal basis (s p, n) of the outputs."""
+        n = observability.shape[1]
+        known, answers = self._regression(observability)
+        found = np.linalg.lstsq(known, answers)[0].T
+        return np.asarray(found[:n, :n]), np.asarray(found[n:, :n])
+
+    def excess(self, A: Array, C: Array, observability: Array) -> float:
+        """Return by how much, relatively, A and C miss the next state and the output by more than `dynamics` does."""
+        known, answers = self._regression(observability)
+        n = len(A)
+        least = answers - known @ np.linalg.lstsq(known, answers)[0]
+        rest = answers - known[:, :n] @ np.vstack([A, C]).T
+        rest = rest - known[:, n:] @ np.linalg.lstsq(known[:, n:], rest)[0]
+        own, other = least.T @ least, rest.T @ rest
+        floor = 1e-12 * np.trace(other) * np.eye(len(own))
+        return float(np.trace(np.linalg.solve(own + floor, other + floor)) / len(own)) - 1.0
+
+    def _regression(self, observability: Array) -> tuple[Array, Array]:
+        known = np.hstack([self.now @ observability, self.inputs])
+        return known, np.hstack([self.after @ observability, self.outputs])
 
 
 def realise(

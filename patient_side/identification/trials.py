@@ -1,9 +1,12 @@
 """Training trials as arrays: the checks before an identification, and its scaling."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tis.common.errors import DataError, Fault
 from tis.patient_side.statespace import Array, StateSpace
@@ -139,3 +142,58 @@ class Scaling:
 def _deviation(signals: Sequence[Array]) -> Array:
     squares = np.sum([np.square(signal - signal.mean(axis=0)).sum(axis=0) for signal in signals], axis=0)
     return np.asarray(np.sqrt(squares / sum(len(signal) for signal in signals)))
+
+
+_MAX_GROUPS = 6
+
+
+def held_out_groups(lengths: Sequence[int], people: Sequence[str]) -> list[NDArray[np.intp]]:
+    """Return the group of every row, by trial of ``lengths`` rows.
+
+    With several ``people``, whose names are in the order of the trials, a group is a person, or several where they
+    are more than six: what is fitted must serve a person whom it has not seen. Otherwise it is a stretch of rows, six
+    in all or one for each trial. Stretches of a trial lie one after another.
+    """
+    names = sorted(set(people))
+    if len(names) > 1:
+        of_name = {name: i * min(_MAX_GROUPS, len(names)) // len(names) for i, name in enumerate(names)}
+        return [np.full(n, of_name[name]) for n, name in zip(lengths, people, strict=True)]
+    n_stretches = -(-_MAX_GROUPS // len(lengths))
+    return [i * n_stretches + np.arange(n) * n_stretches // max(n, 1) for i, n in enumerate(lengths)]
+
+
+_MIN_REPEATED_SHARE: Final = 0.5
+
+
+@contextmanager
+def breakdown_as_fault(method: str) -> Iterator[None]:
+    """Raise `DataError` where linear algebra fails inside, for example on values that overflow.
+
+    Each method handles rank deficiency and unstable poles itself; this covers the remaining cases. Oracle:
+    staircases of any step and noise give a model or a fault, test_staircase.
+    """
+    try:
+        yield
+    except np.linalg.LinAlgError as error:
+        rule = f"{method} breaks down on them ({error}): choose another method, fewer block rows or more rows"
+        raise DataError(Fault("identification", "training rows", rule)) from error
+
+
+@contextmanager
+def explain_repeats(commands_m: Sequence[Array]) -> Iterator[None]:
+    """Add a hint to a `DataError` from inside where most rows of the commands (N, 3) repeat the row before.
+
+    A recorder slower than the rows causes such staircases; a smooth movement, also of weak excitation, has none.
+    """
+    try:
+        yield
+    except DataError as error:
+        same = [(np.diff(positions, axis=0) == 0.0).all(axis=1) for positions in commands_m]
+        share = float(np.mean(np.concatenate([np.zeros(1), *same])))
+        if share < _MIN_REPEATED_SHARE:
+            raise
+        rule = (
+            f"{share:.0%} of them repeat the row before, as with a recorder slower than the rows: a synthetic source"
+            " gives each row its own instant with source.recorder_hz=null"
+        )
+        raise DataError([*error.faults, Fault("identification", "training rows", rule)]) from error

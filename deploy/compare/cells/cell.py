@@ -9,22 +9,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from tis.common.channels import FOLLOWER
 from tis.common.runtime.recordings import load_recording, load_training, load_trials
 from tis.common.scenario import Scenario
+from tis.common.scenario.estimator_names import is_built_in
 from tis.common.scenario.reading import build_scenario
 from tis.deploy.compare.cells.forecasts import forecasts_of_twin
 from tis.deploy.compare.cells.scores import PARTS, own_faults, scores_of_twin, summary_of_twin
 from tis.patient_side.build import identify_models
+from tis.patient_side.catalogue import ESTIMATORS
 from tis.patient_side.estimators.guarded import check_own
 from tis.patient_side.identification.model_file import dump_models
 from tis.patient_side.models import factories, own_estimators, read_models
 from tis.patient_side.provenance import warnings_at_start
-
-_MODEL_OF: Final = {"paper_as_printed": "paper", "adaptive_kf": "innovations_kf"}
-"""Estimators that may share the model fitted for another one."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +87,8 @@ class FitTimes:
 
     def alone_s(self, name: str, all_s: float) -> float:
         """Return the time for one estimator alone, of ``all_s`` that the identification took for all of them."""
-        own = name if name in self.fits_s else _MODEL_OF.get(name, name)
+        row = ESTIMATORS[name] if is_built_in(name) else None
+        own = name if name in self.fits_s or row is None else row.fitted_with or name
         return all_s - sum(self.fits_s.values()) + self.fits_s.get(own, 0.0)
 
 

@@ -17,9 +17,8 @@ from tis.common.scenario.identification import is_model_file
 from tis.common.scenario.source import RecordedSource
 from tis.common.sources.trajectory import Recording
 from tis.patient_side.build import choose_models
-from tis.patient_side.estimators.guarded import Factories
+from tis.patient_side.estimators.guarded import Factories, build_any
 from tis.patient_side.estimators.protocol import Estimator
-from tis.patient_side.estimators.registry import build_any
 from tis.patient_side.models import models_for, read_models
 from tis.patient_side.statespace import ArmModel
 from tis.surgeon_side.build import sensor_noise

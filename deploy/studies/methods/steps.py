@@ -21,8 +21,8 @@ from tis.deploy.compare.cells.cell import with_models
 from tis.deploy.shell.progress import PhaseProgress
 from tis.deploy.studies.methods.plans import ALL, Measure
 from tis.deploy.studies.methods.trials import DELAY_MS, Extent
+from tis.patient_side.estimators.guarded import build_any
 from tis.patient_side.estimators.protocol import Estimator
-from tis.patient_side.estimators.registry import build_any
 from tis.patient_side.models import models_for
 
 # Highest rate of ticks that measured steps keep up with.

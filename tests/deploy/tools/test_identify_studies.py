@@ -9,8 +9,8 @@ from tests.deploy.commands import Call, call_in_one_line
 from tis.common.errors import DataError
 from tis.common.scenario.identification import Identification
 from tis.common.sources.trajectory import Array, HandRecording, PoseTrack, Recording
-from tis.patient_side.identification.fit_narx import fit_narx
 from tis.patient_side.identification.identify import identify_with_orders
+from tis.patient_side.identification.narx import fit_narx
 
 AHEAD = ("--set", "identification.inputs=[position, velocity]")
 ALLOWED = (*AHEAD, "--set", "identification.allow_lookahead=true")

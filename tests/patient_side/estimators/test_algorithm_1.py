@@ -33,9 +33,8 @@ from tis.common.node import Output, Record
 from tis.common.records import EstimateNote
 from tis.common.ticker import Ticker
 from tis.common.units import sample_instant_ns
-from tis.patient_side.estimators.algorithm_1 import read
 from tis.patient_side.estimators.paper import Paper
-from tis.patient_side.estimators.paper_as_printed import PaperAsPrinted
+from tis.patient_side.estimators.paper_as_printed import PaperAsPrinted, read
 from tis.patient_side.filters.paper_kalman import paper_filter
 from tis.patient_side.hand import PatientHand
 from tis.patient_side.node import PatientNode

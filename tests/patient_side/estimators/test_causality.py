@@ -29,7 +29,7 @@ from tests.patient_side.arm_models import (
 from tests.patient_side.filters.test_correction import correction
 from tis.common.scenario.estimator_names import EstimatorName
 from tis.common.units import sample_instant_ns
-from tis.patient_side.estimators.registry import build_estimator
+from tis.patient_side.catalogue import build_estimator
 from tis.patient_side.statespace import ArmModel, Array
 
 N = 40

@@ -22,8 +22,7 @@ from tis.common.errors import DataError
 from tis.common.units import sample_instant_ns
 from tis.patient_side.estimators.direct_ls import DirectLs, direct_ls
 from tis.patient_side.estimators.hold import Hold
-from tis.patient_side.identification.direct_ls import fit_direct
-from tis.patient_side.identification.second_moments import windows
+from tis.patient_side.identification.direct_ls import fit_direct, windows
 from tis.patient_side.playout import Playout
 from tis.patient_side.statespace import Array
 

@@ -10,9 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.patient_side.arm_models import static_model
-from tis.patient_side.estimators.guarded import Guarded, UnusableEstimatorError, build_own, check_own, checked
+from tis.patient_side.estimators.guarded import (
+    Guarded,
+    UnusableEstimatorError,
+    build_any,
+    build_own,
+    check_own,
+    checked,
+)
 from tis.patient_side.estimators.protocol import Estimate
-from tis.patient_side.estimators.registry import build_any
 from tis.patient_side.playout import Playout
 from tis.patient_side.statespace import ArmModel
 

@@ -20,10 +20,8 @@ from tests.patient_side.arm_models import (
     static_model,
 )
 from tis.common.errors import DataError
-from tis.patient_side.estimators.arx_kf import arx_kf
 from tis.patient_side.estimators.innovations_kf import InnovationsKf
-from tis.patient_side.estimators.moesp_kf import MoespKf
-from tis.patient_side.estimators.n4sid_kf import n4sid_kf
+from tis.patient_side.estimators.moesp_kf import MoespKf, arx_kf, n4sid_kf
 from tis.patient_side.estimators.protocol import Estimator
 from tis.patient_side.statespace import ArmModel, Array, FilterModel
 

@@ -13,7 +13,7 @@ from tests.patient_side.identification.known_systems import real_recording
 from tis.common.scenario.estimator_names import EstimatorName
 from tis.common.scenario.identification import Identification
 from tis.common.units import sample_instant_ns
-from tis.patient_side.estimators.registry import build_estimator
+from tis.patient_side.catalogue import build_estimator
 from tis.patient_side.identification.identify import identify_arm
 from tis.patient_side.statespace import ArmModel
 

@@ -19,7 +19,7 @@ from tests.patient_side.arm_models import (
 )
 from tis.common.scenario.estimator_names import EstimatorName
 from tis.common.units import sample_instant_ns
-from tis.patient_side.estimators.registry import build_estimator
+from tis.patient_side.catalogue import build_estimator
 from tis.patient_side.movement_models import InputForecast
 from tis.patient_side.statespace import ArmModel, Array, NoiseModel, StateSpace
 

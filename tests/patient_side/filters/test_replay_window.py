@@ -6,7 +6,7 @@ from tests.patient_side.movements import movement_model
 from tis.patient_side.filters.innovations_filter import build_innovations_filter
 from tis.patient_side.filters.replay_window import MAX_WINDOW, replay_window
 from tis.patient_side.filters.unbroken import Unbroken
-from tis.patient_side.identification.innovations_form import innovations_form
+from tis.patient_side.identification.stochastic_moesp import innovations_form
 from tis.patient_side.movement_models import InnovationsModel
 
 

@@ -1,6 +1,6 @@
 import numpy as np
 
-from tis.patient_side.identification.arrival_draws import arrival_draws
+from tis.patient_side.identification.fit_drmf import arrival_draws
 
 
 def test_each_draw_has_its_age_and_arrivals_are_lost_and_late() -> None:

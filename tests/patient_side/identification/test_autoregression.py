@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tis.patient_side.identification.arx import ArxFactor
-from tis.patient_side.identification.fit_autoregression import autoregression, fit_autoregression, schwarz_lags
+from tis.patient_side.identification.fit_innovations import autoregression, fit_autoregression, schwarz_lags
 from tis.patient_side.statespace import Array
 
 

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from tests.patient_side.arm_models import random_command
-from tis.patient_side.identification.direct_ls import Candidate, most_cautious
-from tis.patient_side.identification.second_moments import moments, random_walk, windows
+from tis.patient_side.identification.direct_ls import Candidate, moments, most_cautious, random_walk, windows
 from tis.patient_side.statespace import Array
 
 LAGS, HORIZONS = np.array([1, 2, 3]), np.array([1, 5, 10, 60])  # 60: most of a part of 72 rows

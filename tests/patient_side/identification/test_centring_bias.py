@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.patient_side.identification.known_systems import sorted_eigenvalues
-from tis.patient_side.identification.innovations_form import InnovationsForm
+from tis.patient_side.identification.stochastic_moesp import InnovationsForm
 from tis.patient_side.identification.structure import corrected, without_centring_bias
 
 

@@ -7,8 +7,7 @@ from tests.patient_side.arm_models import random_command
 from tis.common.errors import DataError
 from tis.common.scenario.source import SyntheticSource
 from tis.common.sources.synthetic import synthesise
-from tis.patient_side.identification.direct_ls import fit_direct
-from tis.patient_side.identification.second_moments import random_walk, regression, windows
+from tis.patient_side.identification.direct_ls import fit_direct, random_walk, regression, windows
 from tis.patient_side.movement_models import DirectModel
 from tis.patient_side.statespace import Array
 

@@ -27,8 +27,8 @@ from tis.patient_side.filters.unbroken import Unbroken
 from tis.patient_side.identification.correction_rows import CorrectionRows
 from tis.patient_side.identification.fit_correction import Moments, fit_correction, solutions
 from tis.patient_side.identification.fit_innovations import fit_innovations
-from tis.patient_side.identification.forecast_error import HeldBack
-from tis.patient_side.identification.held_out import held_out_groups
+from tis.patient_side.identification.level_and_scale import HeldBack
+from tis.patient_side.identification.trials import held_out_groups
 from tis.patient_side.movement_models import N_PARTS, N_TERMS, InnovationsModel
 from tis.patient_side.statespace import Array
 

@@ -18,8 +18,13 @@ from tis.patient_side.filters.innovations_filter import build_innovations_filter
 from tis.patient_side.filters.unbroken import Unbroken
 from tis.patient_side.identification.coverage import independent_windows, prediction_factor
 from tis.patient_side.identification.fit_innovations import FittedInnovations, fit_innovations
-from tis.patient_side.identification.forecast_error import HeldBack, error_over_hold
-from tis.patient_side.identification.level_and_scale import clearly_better, try_model, with_scale
+from tis.patient_side.identification.level_and_scale import (
+    HeldBack,
+    clearly_better,
+    error_over_hold,
+    try_model,
+    with_scale,
+)
 from tis.patient_side.identification.structure import Structure
 from tis.patient_side.identification.trials import Trial
 from tis.patient_side.movement_models import InnovationsModel

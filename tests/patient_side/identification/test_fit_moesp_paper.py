@@ -4,10 +4,9 @@ import pytest
 from tests.patient_side.identification.known_systems import Array, hand_like, markov, recording
 from tis.common.errors import DataError
 from tis.common.scenario.identification import Identification
-from tis.patient_side.identification.fit_moesp_paper import empirical_noise
 from tis.patient_side.identification.identify import identify_arm, identify_with_orders
 from tis.patient_side.identification.model_file import dump_models, parse_models
-from tis.patient_side.identification.moesp_paper import paper_model, paper_subspace
+from tis.patient_side.identification.moesp_paper import empirical_noise, paper_model, paper_subspace
 from tis.patient_side.statespace import StateSpace
 
 SETTLING = StateSpace(

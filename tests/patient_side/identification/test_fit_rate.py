@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 
 from tests.patient_side.orientation.turning import constant_turn, random_angles, random_turns
 from tis.common.sources.trajectory import Array
+from tis.patient_side.identification.direct_ls import differences
 from tis.patient_side.identification.fit_wrist import fit_rate
-from tis.patient_side.identification.second_moments import differences
 from tis.patient_side.rotations import turned
 
 

@@ -7,7 +7,7 @@ from tis.patient_side.estimators.innovations_kf import InnovationsKf
 from tis.patient_side.filters.activity import ActivityMean
 from tis.patient_side.filters.innovations_filter import build_innovations_filter
 from tis.patient_side.filters.unbroken import Unbroken
-from tis.patient_side.identification.forecast_error import HeldBack, error_over_hold
+from tis.patient_side.identification.level_and_scale import HeldBack, error_over_hold
 
 STRUCTURES = pytest.mark.parametrize("integrated", [False, True])
 

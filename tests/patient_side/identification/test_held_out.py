@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tis.patient_side.identification.held_out import held_out_groups
+from tis.patient_side.identification.trials import held_out_groups
 
 
 def test_people_are_held_out_where_there_are_several() -> None:

@@ -3,7 +3,7 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from tests.patient_side.identification.known_systems import innovation_markov, sorted_eigenvalues
-from tis.patient_side.identification.innovations_form import InnovationsForm, filter_riccati, innovations_form
+from tis.patient_side.identification.stochastic_moesp import InnovationsForm, filter_riccati, innovations_form
 
 
 def noisy_system(n: int, seed: int, radius: float = 0.9) -> tuple[np.ndarray, ...]:

@@ -8,15 +8,20 @@ import numpy as np
 import pytest
 
 from tests.patient_side.identification.known_systems import Array, Noisy, four_states
-from tis.patient_side.identification import cva, moesp, n4sid
+from tis.patient_side.identification.hankel import triangular_factor
 from tis.patient_side.identification.linear_model import LinearModel
-from tis.patient_side.identification.moesp import moesp_subspace
 from tis.patient_side.identification.noise import estimate_noise
-from tis.patient_side.identification.past_states import PastStates
-from tis.patient_side.identification.pi_moesp import pi_moesp_subspace
-from tis.patient_side.identification.subspace import FutureBlocks, Method, Realised, Subspace, fit_order, realise
+from tis.patient_side.identification.subspace import (
+    FutureBlocks,
+    Method,
+    PastStates,
+    Realised,
+    Subspace,
+    fit_order,
+    realise,
+)
+from tis.patient_side.identification.subspace_methods import METHODS, moesp_subspace, pi_moesp_subspace
 from tis.patient_side.identification.trials import Trial
-from tis.patient_side.identification.triangular import triangular_factor
 from tis.patient_side.identification.validation import prediction_error
 from tis.patient_side.statespace import StateSpace
 
@@ -100,7 +105,7 @@ def five_ahead(space: StateSpace, gain: Array, u: Array, y: Array) -> Array:
 
 # By shift alone moesp has .292 .472 .213 at order 6. nfoursid 1.0.2 and sippy_unipi 1.0.1 (N4SID, MOESP), each with
 # its own gain: .272 .449 .171 at order 6, .253 .394 .161 at order 10.
-@pytest.mark.parametrize("identify", [moesp.identify, n4sid.identify])
+@pytest.mark.parametrize("identify", [METHODS["moesp"], METHODS["n4sid"]])
 @pytest.mark.parametrize(
     ("order", "block_rows", "bounds"), [(6, 10, (0.272, 0.446, 0.181)), (10, 20, (0.256, 0.392, 0.165))]
 )
@@ -119,5 +124,5 @@ def test_the_evaporator_is_predicted_as_by_other_packages(
 
 def test_cva_survives_a_shift_that_is_far_off() -> None:
     u, y = tanks(6000, 2)
-    found = cva.identify(u[:3000], y[:3000], 6, 6)
+    found = METHODS["cva"](u[:3000], y[:3000], 6, 6)
     assert prediction_error(found.space, found.noise.gain, [(u[3000:], y[3000:])], 12) < 0.6

@@ -8,15 +8,15 @@ from hypothesis import strategies as st
 
 from tests.patient_side.identification.known_systems import Array, Noisy, four_states, markov, sorted_eigenvalues
 from tis.common.errors import DataError
-from tis.patient_side.identification import moesp
 from tis.patient_side.identification.hankel import block_hankel
 from tis.patient_side.identification.linear_model import LinearModel
+from tis.patient_side.identification.subspace_methods import METHODS
 
 SLICOT = Path(__file__).resolve().parents[4] / "shared" / "data" / "slicot" / "IB01AD.dat"
 
 
 def identify_moesp(trials: Sequence[tuple[Array, Array]], block_rows: int, order: int) -> LinearModel:
-    return moesp.identify([u for u, _ in trials], [y for _, y in trials], order, block_rows)
+    return METHODS["moesp"]([u for u, _ in trials], [y for _, y in trials], order, block_rows)
 
 
 def clean_trials(*lengths: int, seed: int = 0) -> tuple[list[tuple[Array, Array]], list[Array]]:

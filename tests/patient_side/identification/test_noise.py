@@ -3,8 +3,8 @@ import pytest
 from scipy.optimize import minimize
 
 from tests.patient_side.identification.known_systems import Array, Noisy, four_states
-from tis.patient_side.identification import moesp
 from tis.patient_side.identification.noise import SENSOR_RESOLUTION_M, estimate_noise, innovations
+from tis.patient_side.identification.subspace_methods import METHODS
 from tis.patient_side.statespace import NoiseModel, StateSpace
 
 
@@ -28,7 +28,7 @@ def test_a_filter_on_the_estimate_is_consistent_and_as_good_as_the_true_one(seed
     rng = np.random.default_rng(seed)
     true = Noisy(four_states(), 0.2 * rng.normal(size=(4, 4)), 0.3 * rng.normal(size=(3, 3)))
     training, fresh = true.run(3000, rng), true.run(3000, rng)
-    model = moesp.identify(*training, 4, 10)
+    model = METHODS["moesp"](*training, 4, 10)
     noise, warnings = estimate_noise(model.space, model.x0, [training], 10)
     assert warnings == ()
     found, squares = kalman_innovations(model.space, noise, *fresh, np.zeros((4, 4)))
@@ -43,7 +43,7 @@ def test_innovations_are_those_of_the_textbook_filter_at_rest() -> None:
     rng = np.random.default_rng(3)
     true = Noisy(four_states(), 0.1 * np.eye(4), 0.2 * np.eye(3))
     u, y = true.run(300, rng)
-    model = moesp.identify(u, y, 4, 6)
+    model = METHODS["moesp"](u, y, 4, 6)
     noise, _ = estimate_noise(model.space, [np.zeros(4)], [(u, y)], 6)
     gain = noise.S @ np.linalg.inv(noise.R)
     plain, _ = kalman_innovations(model.space, noise, u, y, np.zeros((4, 4)))
@@ -54,7 +54,7 @@ def test_the_joint_covariance_is_positive_semidefinite_and_the_filter_stable() -
     rng = np.random.default_rng(4)
     trials = [Noisy(four_states(), 0.3 * np.eye(4), 0.1 * np.eye(3)).run(n, rng) for n in (200, 30, 400)]
     for order in (1, 2, 4, 7):
-        model = moesp.identify([u for u, _ in trials], [y for _, y in trials], order, 6)
+        model = METHODS["moesp"]([u for u, _ in trials], [y for _, y in trials], order, 6)
         noise, _ = estimate_noise(model.space, model.x0, trials, 6)
         joint = np.block([[noise.Q, noise.S], [noise.S.T, noise.R]])
         assert np.array_equal(joint, joint.T)
@@ -70,7 +70,7 @@ def test_no_other_gain_predicts_much_better_even_for_a_model_that_is_too_small()
     rng = np.random.default_rng(8)
     slow = StateSpace(np.diag([0.99, 0.9, 0.7]), rng.normal(size=(3, 2)), rng.normal(size=(2, 3)), np.zeros((2, 2)))
     trial = Noisy(slow, 0.5 * np.eye(3), 0.1 * np.eye(2)).run(800, rng)
-    model = moesp.identify(*trial, 1, 6)
+    model = METHODS["moesp"](*trial, 1, 6)
     noise, _ = estimate_noise(model.space, model.x0, [trial], 6)
     gain = noise.S @ np.linalg.inv(noise.R)
 
@@ -99,7 +99,7 @@ def test_noise_below_the_sensors_resolution_is_floored() -> None:
     rng, system = np.random.default_rng(6), four_states()
     u = rng.normal(size=(400, 2))
     y = system.simulate(u)
-    model = moesp.identify(u, y, 4, 6)
+    model = METHODS["moesp"](u, y, 4, 6)
     noise, _ = estimate_noise(model.space, model.x0, [(u, y)], 6)
     assert pytest.approx(SENSOR_RESOLUTION_M**2 * np.eye(3)) == noise.R
     assert not noise.Q.any()

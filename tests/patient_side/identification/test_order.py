@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tests.patient_side.identification.known_systems import Array, Noisy, four_states
-from tis.patient_side.identification.moesp import moesp_subspace
+from tis.patient_side.identification.hankel import triangular_factor
 from tis.patient_side.identification.order import (
     Candidate,
     OrderChoice,
@@ -14,8 +14,8 @@ from tis.patient_side.identification.order import (
     smallest_sufficient,
 )
 from tis.patient_side.identification.subspace import FutureBlocks, fit_order
+from tis.patient_side.identification.subspace_methods import moesp_subspace
 from tis.patient_side.identification.trials import Scaling
-from tis.patient_side.identification.triangular import triangular_factor
 from tis.patient_side.identification.validation import split_trials
 
 

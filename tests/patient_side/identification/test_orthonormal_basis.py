@@ -6,7 +6,7 @@ from scipy.linalg import block_diag, solve_discrete_lyapunov
 from scipy.signal import lfilter
 
 from tests.patient_side.identification.known_systems import Array, four_states, sorted_eigenvalues
-from tis.patient_side.identification.orthonormal_basis import OrthonormalBasis
+from tis.patient_side.identification.output_error import OrthonormalBasis
 
 
 def with_eigenvalues(seed: int, n_pairs: int, n_real: int) -> Array:

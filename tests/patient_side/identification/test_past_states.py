@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 
 from tests.patient_side.identification.known_systems import Array, Noisy, four_states
-from tis.patient_side.identification.hankel import block_hankel
-from tis.patient_side.identification.past_states import PastStates
-from tis.patient_side.identification.triangular import triangular_factor
+from tis.patient_side.identification.hankel import block_hankel, triangular_factor
+from tis.patient_side.identification.subspace import PastStates
 
 S = 5
 

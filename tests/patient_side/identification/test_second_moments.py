@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from tests.patient_side.arm_models import random_command
-from tis.patient_side.identification.direct_ls import fit_direct
-from tis.patient_side.identification.second_moments import moments, pooled, random_walk, regression, windows
+from tis.patient_side.identification.direct_ls import fit_direct, moments, pooled, random_walk, regression, windows
 from tis.patient_side.statespace import Array
 
 LAGS, HORIZONS = np.array([1, 2, 4]), np.array([1, 3])

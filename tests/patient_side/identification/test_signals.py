@@ -7,18 +7,19 @@ import numpy as np
 import pytest
 
 from tis.common.errors import DataError
-from tis.patient_side.identification import arx, cva, moesp, n4sid, narx, pi_moesp, stochastic_moesp
-from tis.patient_side.identification.signals import as_trials
+from tis.patient_side.identification import arx, narx, stochastic_moesp
+from tis.patient_side.identification.linear_model import as_trials
+from tis.patient_side.identification.subspace_methods import METHODS as BY_NAME
 from tis.patient_side.statespace import Array
 
 Identify = Callable[..., Any]
 METHODS = pytest.mark.parametrize(
     "identify",
     [
-        moesp.identify,
-        pi_moesp.identify,
-        n4sid.identify,
-        cva.identify,
+        BY_NAME["moesp"],
+        BY_NAME["pi_moesp"],
+        BY_NAME["n4sid"],
+        BY_NAME["cva"],
         arx.identify,
         narx.identify,
         stochastic_moesp.identify,

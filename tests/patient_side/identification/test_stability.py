@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.patient_side.identification.known_systems import ROTATION, sorted_eigenvalues
-from tis.patient_side.identification.stability import STABLE_BELOW, stabilised
+from tis.patient_side.identification.output_error import STABLE_BELOW, stabilised
 
 
 def test_a_stable_matrix_comes_back_as_it_is() -> None:

@@ -10,11 +10,11 @@ from tis.common.errors import DataError, Fault
 from tis.common.scenario.identification import Identification
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 from tis.patient_side.identification import stochastic_moesp
-from tis.patient_side.identification.breakdown import breakdown_as_fault, explain_repeats
 from tis.patient_side.identification.companions import fit_companions
 from tis.patient_side.identification.dataset import training_set
 from tis.patient_side.identification.identify import identify_with_orders
-from tis.patient_side.identification.methods import METHODS
+from tis.patient_side.identification.subspace_methods import METHODS
+from tis.patient_side.identification.trials import breakdown_as_fault, explain_repeats
 from tis.patient_side.statespace import Array
 
 _KERNELS = {**METHODS, "stochastic_moesp": stochastic_moesp.identify}
@@ -96,7 +96,7 @@ def test_a_movement_that_tells_nothing_of_what_follows_has_an_innovations_model(
     # Increments a window apart: what past and future explain of each other is 0 to the last bit.
     u = _staircase(3, step, 0)
     training = training_set([_recording(u, 0.5 * u)], "left", pool_hands=False)
-    found = fit_companions(training, Identification(block_rows=5), ["innovations_kf"]).innovations
+    found = fit_companions(training, Identification(block_rows=5), ["innovations_kf"]).models["innovations"]
     assert found is not None
     assert np.all(np.isfinite(found.K))
     assert np.all(np.linalg.eigvalsh(found.Re) > 0)

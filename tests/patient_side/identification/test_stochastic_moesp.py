@@ -5,8 +5,8 @@ from tests.patient_side.identification.known_systems import Array, innovation_ma
 from tests.patient_side.movements import movement_model
 from tis.common.errors import DataError
 from tis.patient_side.identification.hankel import block_hankel
-from tis.patient_side.identification.innovations_form import InnovationsForm
 from tis.patient_side.identification.stochastic_moesp import (
+    InnovationsForm,
     identify,
     n_hankel_columns,
     output_factor,

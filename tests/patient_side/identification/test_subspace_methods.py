@@ -10,13 +10,10 @@ from scipy.linalg import sqrtm
 
 from tests.patient_side.identification.known_systems import Array, Noisy, four_states, markov, sorted_eigenvalues
 from tis.common.errors import DataError
-from tis.patient_side.identification.cva import cva_subspace
-from tis.patient_side.identification.hankel import block_hankel
-from tis.patient_side.identification.methods import METHODS, SUBSPACE_METHODS
+from tis.patient_side.identification.hankel import block_hankel, triangular_factor
 from tis.patient_side.identification.moesp_paper import paper_model, paper_subspace
-from tis.patient_side.identification.n4sid import n4sid_subspace
 from tis.patient_side.identification.subspace import FutureBlocks, Subspace
-from tis.patient_side.identification.triangular import triangular_factor
+from tis.patient_side.identification.subspace_methods import METHODS, SUBSPACE_METHODS, cva_subspace, n4sid_subspace
 from tis.patient_side.statespace import StateSpace
 
 Run = Callable[[int, np.random.Generator], tuple[Array, Array]]

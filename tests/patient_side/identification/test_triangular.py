@@ -4,8 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.patient_side.identification.known_systems import Array
-from tis.patient_side.identification.hankel import block_hankel
-from tis.patient_side.identification.triangular import accumulate, empty_factor, triangular_factor
+from tis.patient_side.identification.hankel import accumulate, block_hankel, empty_factor, triangular_factor
 
 
 def trials_of(*lengths: int, seed: int = 0) -> list[tuple[Array, Array]]:

@@ -7,8 +7,8 @@ from tests.patient_side.orientation.test_tangent_ls import method, movement
 from tests.patient_side.orientation.turning import random_angles, random_turns
 from tis.common.scenario.patient import OrientationMethod
 from tis.common.sources.trajectory import Array
+from tis.patient_side.identification.direct_ls import differences
 from tis.patient_side.identification.fit_wrist import fit_rate
-from tis.patient_side.identification.second_moments import differences
 from tis.patient_side.movement_models import WristModel
 from tis.patient_side.orientation.protocol import WristEstimate, WristMethod
 from tis.patient_side.orientation.registry import METHODS

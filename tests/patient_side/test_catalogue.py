@@ -4,7 +4,7 @@ import pytest
 
 from tests.patient_side.arm_models import static_model
 from tis.common.scenario.estimator_names import EstimatorName
-from tis.patient_side.estimators.registry import build_estimator
+from tis.patient_side.catalogue import build_estimator
 
 
 @pytest.mark.parametrize("name", get_args(EstimatorName))
