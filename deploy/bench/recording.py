@@ -13,9 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.box import SIMPLE
 from rich.console import Console
-from rich.table import Table
 
 from tis.common.channels import Side
 from tis.common.errors import EXIT_OK, DataError, Fault
@@ -24,6 +22,7 @@ from tis.common.records import TICKS
 from tis.common.runtime.recorder import RECORD_VARIABLE, TICKS_ONLY
 from tis.common.scenario import Scenario
 from tis.deploy.logs.read.load import load_run
+from tis.deploy.present.table import SIMPLE, Column, Table
 from tis.deploy.run.resolve import resolve
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.launch import launch
@@ -49,9 +48,9 @@ def bench_recording(seconds: float, rounds: int, out: Console) -> dict[str, Any]
             missed = ", ".join(f"{side} {int(its[2].sum())}" for side, its in ticks.items())
             what = "with" if records else "without"
             out.print(f"round {k + 1} {what} recording: missed ticks {missed}; load {os.getloadavg()[0]:.1f}")
-    table = Table(title=f"Ticks at {scenario.rate_hz} Hz", title_justify="left", box=SIMPLE)
-    for name in ("side", "recording", "ticks", "missed", *(f"late, {name}" for name in _SHOWN)):
-        table.add_column(name, justify="left" if name in ("side", "recording") else "right")
+    words = (Column("side", words=True, wraps=True), Column("recording", words=True, wraps=True))
+    numbers = (Column(head, wraps=True) for head in ("ticks", "missed", *(f"late, {name}" for name in _SHOWN)))
+    rows = []
     figures: dict[str, Any] = {"seconds": seconds, "rounds": rounds, "log_mb": float(np.mean(sizes_mb))}
     for side in _SIDES:
         figures[side] = {}
@@ -62,9 +61,9 @@ def bench_recording(seconds: float, rounds: int, out: Console) -> dict[str, Any]
             figures[side][what] = entry
             late_us = entry["lateness_us"]
             assert isinstance(late_us, dict)
-            cells = (f"{late_us[name]:.0f} us" for name in _SHOWN)
-            table.add_row(side, what, str(entry["count"]), str(entry["missed"]), *cells)
-    out.print(table)
+            late = (f"{late_us[name]:.0f} us" for name in _SHOWN)
+            rows.append((side, what, entry["count"], entry["missed"], *late))
+    out.print(Table(f"Ticks at {scenario.rate_hz} Hz", (*words, *numbers), rows).terminal(SIMPLE))
     out.print(f"Recording wrote {figures['log_mb']:.1f} MB a run, three logs together.", soft_wrap=True)
     return figures
 

@@ -12,9 +12,7 @@ from typing import Any, Final, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.box import SIMPLE
 from rich.console import Console
-from rich.table import Table
 
 from tis.common.channels import FOLLOWER, Side
 from tis.common.errors import EXIT_OK, DataError, Fault
@@ -22,6 +20,7 @@ from tis.common.host_records import PROCESSORS
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.read.load import load_run
+from tis.deploy.present.table import SIMPLE, Column, Table
 from tis.deploy.report.subjects.latency import sample_latency, used_samples
 from tis.deploy.run.resolve import resolve
 from tis.deploy.shell import run_dir as folder
@@ -54,16 +53,14 @@ def bench_security(seconds: float, rounds: int, out: Console) -> dict[str, Any]:
             load = os.getloadavg()[0]
             out.print(f"round {k + 1}: {'; '.join(_text(kind, found[kind][-1]) for kind in _KINDS)}; load {load:.1f}")
     middle = {kind: Price(*map(median, zip(*prices, strict=True))) for kind, prices in found.items()}
-    table = Table(title=f"Medians of {rounds} runs of {seconds:g} s at 200 Hz", title_justify="left", box=SIMPLE)
-    for name in ("security", "end to end", "network", "netem's CPU", "end to end beside none", "CPU beside none"):
-        table.add_column(name, justify="left" if name == "security" else "right")
+    rows = []
     for kind, price in middle.items():
         slower, dearer = (price[i] / middle["none"][i] for i in (0, 2))
-        table.add_row(
-            kind, f"{price.end_to_end_ms:.3f} ms", f"{price.network_ms:.3f} ms", f"{price.netem_cpu_pct:.1f} %",
-            f"{slower:.2f} x", f"{dearer:.2f} x",
-        )  # fmt: skip
-    out.print(table)
+        latency = (f"{price.end_to_end_ms:.3f} ms", f"{price.network_ms:.3f} ms")
+        rows.append((kind, *latency, f"{price.netem_cpu_pct:.1f} %", f"{slower:.2f} x", f"{dearer:.2f} x"))
+    heads = ("security", "end to end", "network", "netem's CPU", "end to end beside none", "CPU beside none")
+    columns = [Column(head, words=head == "security", wraps=True) for head in heads]
+    out.print(Table(f"Medians of {rounds} runs of {seconds:g} s at 200 Hz", columns, rows).terminal(SIMPLE))
     figures: dict[str, Any] = {kind: price._asdict() for kind, price in middle.items()}
     return {"seconds": seconds, "rounds": rounds, **figures}
 

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
 from tis.common.errors import EXIT_OK, GET_HOSTS, DataError, Fault, InputError
 from tis.deploy.cli.group import Commands, JsonOption
+from tis.deploy.present.table import Column, Look, Table
 from tis.deploy.shell.early_checks import can_certify
 from tis.deploy.shell.guard import ERR, OUT, guarded, print_json, words_to
 
@@ -108,13 +108,14 @@ def _print(found: "list[Certificate]", as_json: bool) -> None:
             ]
         )
         return
-    table = Table("name", "valid until", "days left", "for", box=None, header_style="bold")
+    columns = [Column(head, words=True, wraps=True) for head in ("name", "valid until", "days left", "for")]
+    rows = []
     for each in found:
         left = each.days_left(now)
-        until = "-" if each.until is None else f"{each.until:%Y-%m-%d %H:%M} UTC"
-        days = "-" if left is None else f"{left:.0f}"
-        table.add_row(each.name, until, days, escape(each.fault or ", ".join(each.hosts)))
-    OUT.print(table)
+        until = None if each.until is None else f"{each.until:%Y-%m-%d %H:%M} UTC"
+        days = None if left is None else f"{left:.0f}"
+        rows.append((each.name, until, days, each.fault or ", ".join(each.hosts)))
+    OUT.print(Table("", columns, rows).terminal(Look(None)))
 
 
 def _check_extra() -> None:

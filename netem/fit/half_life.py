@@ -34,6 +34,15 @@ class HalfLife(NamedTuple):
     correlated_share: float | None
     why: str
 
+    @property
+    def words(self) -> str:
+        """Return the correlation in words."""
+        if self.seconds is None:
+            return f"none: {self.why}"
+        within = "" if self.interval is None else f" (95 %: {self.interval[0]:.4g} to {self.interval[1]:.4g})"
+        share = 100 * (self.correlated_share or 0.0)
+        return f"half-life {self.seconds:.4g} s{within}, {share:.0f} % of the variance"
+
 
 class _Lag(NamedTuple):
     """Pairs of messages at one lag: summed products of scores by part, number of pairs, times between them."""

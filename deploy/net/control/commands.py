@@ -8,7 +8,6 @@ from typing import Any, Final, get_args
 from pydantic import ValidationError
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from tis.common.channels import Direction
 from tis.common.errors import EXIT_OK, Fault, InputError
@@ -27,9 +26,10 @@ from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.scenario.overrides import KINDS, complete_stage
 from tis.common.scenario.reading import apply_settings, parse_yaml
 from tis.deploy.net.library.profiles import profile_path, read_profile
+from tis.deploy.present.numbers import NONE
+from tis.deploy.present.table import PLAIN, Column, Table
 from tis.netem.expected.figures import direction_label
 
-_NONE: Final = "-"
 _CHANGED: Final = " *"
 
 
@@ -39,14 +39,10 @@ def print_state(state: EmulatorState, address: EmulatorAddress, out: Console) ->
     both = (("forward", state.forward), ("feedback", state.feedback))
     ways = {name: of for name, of in both if of is not None}
     out.print(f"{address.endpoint}, {address.prefix}: run time {state.at_s or 0.0:.3f} s")
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for heading in ("", *(direction_label(name) for name in ways)):
-        table.add_column(heading, overflow="fold")
-    for name in _names(ways.values()):
-        table.add_row(name, *(escape(_stage(of.pipeline, of.now, name)) for of in ways.values()))
-    for name, cells in _rows(list(ways.values())):
-        table.add_row(name, *map(escape, cells))
-    out.print(table)
+    columns = [Column(head, words=True, wraps=True) for head in ("", *(direction_label(name) for name in ways))]
+    rows = [(name, *(_stage(of.pipeline, of.now, name) for of in ways.values())) for name in _names(ways.values())]
+    rows += [(name, *cells) for name, cells in _rows(list(ways.values()))]
+    out.print(Table("", columns, rows).terminal(PLAIN))
     if any(of.pipeline != of.now for of in ways.values()):
         out.print("* differs from the scenario")
     for name, of in ways.items():
@@ -67,7 +63,7 @@ def _rows(ways: list[DirectionState]) -> list[tuple[str, list[str]]]:
     if any(way.stall for way in ways):
         rows.append(("stall", ["yes" if way.stall else "no" for way in ways]))
     if any(way.state for way in ways):
-        rows.append(("state", [way.state or _NONE for way in ways]))
+        rows.append(("state", [way.state or NONE for way in ways]))
     if any(way.scale_rate != 1.0 for way in ways):
         rows.append(("bit rate", [f"x {way.scale_rate:g}" for way in ways]))
     if any((way.scale_delay, way.add_delay_ms) != (1.0, 0.0) for way in ways):
@@ -75,7 +71,7 @@ def _rows(ways: list[DirectionState]) -> list[tuple[str, list[str]]]:
     if any(way.add_p_loss for way in ways):
         rows.append(("further loss", [f"{way.add_p_loss:g}" for way in ways]))
     if any(way.until_s is not None for way in ways):
-        rows.append(("next change", [_NONE if way.until_s is None else f"{way.until_s:.3f} s" for way in ways]))
+        rows.append(("next change", [NONE if way.until_s is None else f"{way.until_s:.3f} s" for way in ways]))
     counts = {"offered": "offered", "released": "released", "held": "held_at_end"}
     counted = [(name, [str(way.counters.get(count, 0)) for way in ways]) for name, count in counts.items()]
     return [*rows, *counted, ("dropped", [_dropped(way.counters) for way in ways])]
@@ -117,7 +113,7 @@ def _words(value: Any) -> str:
     if isinstance(value, list):
         return f"({len(value)} points)"
     if value is None:
-        return _NONE
+        return NONE
     return f"{value:g}" if isinstance(value, float) else str(value).lower() if isinstance(value, bool) else str(value)
 
 

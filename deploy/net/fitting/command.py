@@ -4,18 +4,18 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Final
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from tis.common.channels import Direction
 from tis.common.errors import EXIT_OK, Fault, InputError
 from tis.deploy.net.fitting.fit import Ways, cautions, fit_records, plain, profile_of, records, unfitted_lines
 from tis.deploy.net.fitting.run_records import RUN_HEADER_FIELDS
 from tis.deploy.net.library.profiles import SUFFIXES, dump_profile
-from tis.deploy.net.terminal import print_fit
+from tis.deploy.present.numbers import four_digits
+from tis.deploy.present.table import PLAIN, Cell, Column, Table
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.early_checks import check_outputs
 from tis.deploy.shell.guard import print_warnings
@@ -24,6 +24,58 @@ from tis.netem.fit.backlogs import MESSAGE_BYTES, Backlogs
 from tis.netem.fit.direction import DirectionFit
 from tis.netem.fit.joint_states import JointStates
 from tis.netem.fit.marginal import MarginalName
+
+_CLOSES: Final = {True: "yes", False: Cell("no", "bold red")}
+
+
+def print_fit(fits: dict[Direction, DirectionFit], out: Console, wanted: bool = False) -> None:
+    """Print the candidates and the chosen fit of each direction."""
+    seen: list[DirectionFit] = []
+    for direction, fit in fits.items():
+        if fit in seen:
+            continue
+        seen.append(fit)
+        name = direction if sum(other is fit for other in fits.values()) == 1 else "both ways"
+        out.print(f"[bold]{name}[/bold]: {fit.n} messages in {fit.duration_s:.3f} s, {fit.n_lost} lost")
+        out.print(_candidates(fit).terminal(PLAIN))
+        for left_out in fit.left_out:
+            out.print(f"left out: {left_out}", soft_wrap=True)
+        out.print(f"taken: {fit.marginal.chosen} ({_why_taken(fit, wanted)})", soft_wrap=True)
+        out.print(f"correlation: {fit.half_life.words}", soft_wrap=True)
+        for stage in ("duplicate", "corrupt", "ordering"):
+            if stage in fit.stages:
+                given = fit.stages[stage]
+                out.print(f"{stage}: {_listed(given) if isinstance(given, Mapping) else given}")
+        low, high = fit.losses.p_loss_interval
+        runs = fit.losses.mean_burst_interval
+        burst = ""
+        if runs is not None:
+            burst = f"; mean run {four_digits(fit.losses.mean_burst)} (95 %: {runs[0]:.4g} to {runs[1]:.4g})"
+        out.print(f"loss: {100 * fit.losses.p_loss:.4g} % (95 %: {100 * low:.4g} to {100 * high:.4g}){burst}")
+
+
+def _candidates(fit: DirectionFit) -> Table:
+    columns = (
+        Column("distribution", words=True, wraps=True),
+        Column("KS", wraps=True, show="{:.4f}".format),
+        Column("BIC", wraps=True, show="{:.0f}".format),
+        Column("parameters", words=True, wraps=True),
+    )
+    rows = []
+    for one in fit.marginal.candidates:
+        parameters = {name: value for name, value in one.stage.items() if name not in ("kind", "points")}
+        if "points" in one.stage:
+            parameters["points"] = len(one.stage["points"])
+        taken = " <-" if one.name == fit.marginal.chosen else ""
+        listed = ", ".join(f"{name} {value}" for name, value in parameters.items())
+        rows.append((f"{one.name}{taken}", one.ks, one.bic, listed))
+    return Table("", columns, rows)
+
+
+def _why_taken(fit: DirectionFit, wanted: bool) -> str:
+    if wanted:
+        return "as requested"
+    return fit.steady or f"a family must have KS <= {fit.marginal.ks_bound:.4f}"
 
 
 def print_structure(fits: Mapping[Direction, DirectionFit], out: Console) -> None:
@@ -41,21 +93,19 @@ def print_structure(fits: Mapping[Direction, DirectionFit], out: Console) -> Non
             _print_replays(fit, out)
 
 
-def _print_outages(name: str, before: str, process: Mapping[str, Any], lengths_s: Floats, out: Console) -> None:
-    parameters = ", ".join(f"{name} {_plain(value)}" for name, value in process.items())
+def _print_outages(name: str, before: str, process: Mapping[str, object], lengths_s: Floats, out: Console) -> None:
     out.print(
         f"{name}: {len(lengths_s)}, of {lengths_s.min():.4g} to {lengths_s.max():.4g} s, taken out before the "
-        f"{before} were fitted: {parameters}",
+        f"{before} were fitted: {_listed(process)}",
         soft_wrap=True,
     )
 
 
 def _print_backlogs(backlogs: Backlogs, out: Console) -> None:
-    parameters = ", ".join(f"{name} {_plain(value)}" for name, value in backlogs.stage.items())
     out.print(
         f"backlogs: {backlogs.n}, up to {backlogs.highest_ms:.4g} ms, growing by {1000 * backlogs.rising:.4g} and "
-        f"shrinking by {1000 * backlogs.falling:.4g} ms a second: {parameters}; the rate holds for messages of "
-        f"{MESSAGE_BYTES} bytes",
+        f"shrinking by {1000 * backlogs.falling:.4g} ms a second: {_listed(backlogs.stage)}; the rate holds for "
+        f"messages of {MESSAGE_BYTES} bytes",
         soft_wrap=True,
     )
 
@@ -73,22 +123,25 @@ def _print_states(states: JointStates, out: Console) -> None:
 
 
 def _print_replays(fit: DirectionFit, out: Console) -> None:
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    table.add_column(f"{fit.n_replays} replays", no_wrap=True)
-    for heading in ("record", "mean", "middle 95 %"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("closes", no_wrap=True)
-    for one in fit.closures:
-        middle = f"{one.low:.4g} to {one.high:.4g}"
-        table.add_row(
-            one.name, f"{one.record:.4g}", f"{one.mean:.4g}", middle, "yes" if one.closes else "[bold red]no[/]"
-        )
-    out.print(table)
+    columns = (
+        Column(f"{fit.n_replays} replays", words=True),
+        *(Column(head, show="{:.4g}".format) for head in ("record", "mean", "middle 95 %")),
+        Column("closes", words=True),
+    )
+    rows = [
+        (each.name, each.record, each.mean, f"{each.low:.4g} to {each.high:.4g}", _CLOSES[each.closes])
+        for each in fit.closures
+    ]
+    out.print(Table("", columns, rows).terminal(PLAIN))
+
+
+def _listed(values: Mapping[str, object]) -> str:
+    return ", ".join(f"{name} {_plain(value)}" for name, value in values.items())
 
 
 def _plain(value: object) -> str:
     if isinstance(value, dict):
-        return "(" + ", ".join(f"{name} {_plain(item)}" for name, item in value.items()) + ")"
+        return f"({_listed(value)})"
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 

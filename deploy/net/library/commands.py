@@ -1,22 +1,27 @@
 """Commands ``tis net profiles`` and ``tis net stages``: the library, and the reference of all kinds of stages."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Final, NamedTuple, get_args
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from tis.common.channels import Direction
 from tis.common.errors import EXIT_OK, Fault, InputError
 from tis.common.runtime.scenario_files import load_traces
-from tis.common.scenario.profile import Profile
+from tis.common.scenario.profile import Number, Profile, numeric_paths
 from tis.deploy.net.library.profiles import find_profile, shipped_names
-from tis.deploy.net.library.stage_reference import Kind, network_page, sections
-from tis.deploy.net.terminal import Figures, print_library, print_profile
+from tis.deploy.net.library.stage_reference import PARAMETER_COLUMNS, Kind, network_page, sections
+from tis.deploy.present.numbers import four_digits
+from tis.deploy.present.table import PLAIN, Column, Table
 from tis.deploy.shell import run_dir as folder
-from tis.netem.expected.figures import direction_figures
+from tis.netem.expected.figures import DirectionFigures, direction_figures
+
+Figures = dict[Direction, DirectionFigures]
+
+_ROOMY: Final = 110
 
 
 def list_profiles(out: Console, as_json: bool) -> int:
@@ -51,17 +56,122 @@ def _plain(profile: Profile, figures: Figures) -> dict[str, Any]:
     return {"title": profile.title, "figures": {direction: of._asdict() for direction, of in figures.items()}}
 
 
+def print_library(of: list[tuple[Profile, Figures]], out: Console) -> None:
+    """Print one line per profile, two where the directions differ; all figures are computed from the models."""
+    roomy = out.width >= _ROOMY  # titles on a narrow terminal would push the figures out
+    columns = (Column("profile", words=True), Column("way", words=True), *_HEADS)
+    rows = []
+    for profile, figures in of:
+        alike = figures["forward"] == figures["feedback"]
+        for way, its in [("both", figures["forward"])] if alike else figures.items():
+            first = way != "feedback"
+            rows.append((profile.name if first else "", way, *_cells(its), profile.title if first else ""))
+    table = Table("", (*columns, Column("title", words=True, wraps=True)), rows)
+    if not roomy:
+        table = Table("", columns, [row[:-1] for row in rows])
+    out.print(table.terminal(PLAIN if roomy else PLAIN._replace(padding=(0, 1, 0, 0))))
+    out.print("One way, in ms, of messages that arrive; loss outside outages; out: share of time in outage.")
+
+
+def print_profile(profile: Profile, figures: Figures, out: Console) -> None:
+    """Print a profile with every number, its source and its basis."""
+    out.print(f"[bold]{profile.name}[/bold]  {escape(profile.title)}")
+    if profile.notes:
+        out.print(escape(profile.notes))
+    alike = figures["forward"] == figures["feedback"]
+    for direction, its in [("both ways", figures["forward"])] if alike else figures.items():
+        mean, p50, p99, loss, burst, outage = _cells(its)
+        out.print(
+            f"{direction}: mean {mean} ms, p50 {p50}, p99 {p99}; loss {loss} %, mean burst {burst}; outage {outage} %"
+            + (f"; stalled {four_digits(its.stall_pct)} %" if its.stall_pct else "")
+        )
+    columns = [Column(head, words=True, wraps=True) for head in ("number", "value", "basis", "source", "note")]
+    rows = [(of, value, its.basis, its.source, its.note) for of, value, its in number_rows(profile)]
+    out.print(Table("", columns, rows).terminal(PLAIN))
+    for name, text in profile.sources.items():
+        out.print(f"{name}: {escape(text)}")
+
+
+_HEADS: Final = ("mean ms", "p50", "p99", "loss %", "burst", "out %")
+
+
+def _cells(of: DirectionFigures) -> tuple[str, ...]:
+    values = (of.mean_ms, of.p50_ms, of.p99_ms, of.loss_pct, of.mean_burst, of.outage_pct)
+    return tuple(four_digits(value) for value in values)
+
+
+_POINTS: Final = "points"
+_WAYS: Final = ("forward", "feedback")
+
+Steps = tuple[str, ...]
+
+
+class NumberRow(NamedTuple):
+    """One row: path, value, and the profile's entry with source and basis."""
+
+    of: str
+    value: str
+    number: Number
+
+
+def number_rows(profile: Profile) -> list[NumberRow]:
+    """Return the rows of a profile in its order; every number belongs to exactly one row."""
+    network = profile.partial()
+    alike = _alike(profile, network)
+    grouped: dict[tuple[Steps, int], tuple[Number, list[Steps]]] = {}
+    for path in numeric_paths(network):
+        number = profile.basis_of(path)
+        if number is None or (alike and path[0] == "feedback"):
+            continue
+        base = path[: path.index(_POINTS) + 1] if _POINTS in path else path
+        grouped.setdefault((base, profile.numbers.index(number)), (number, []))[1].append(path)
+    return [_row(base, number, paths, network, alike) for (base, _), (number, paths) in grouped.items()]
+
+
+def _alike(profile: Profile, network: Mapping[str, Any]) -> bool:
+    """Tell whether both directions have equal values with equal sources."""
+    forward, feedback = (network.get(way) for way in _WAYS)
+    if forward != feedback or not forward:
+        return False
+    return all(
+        profile.basis_of(("forward", *path)) == profile.basis_of(("feedback", *path))
+        for path in numeric_paths(forward)
+    )
+
+
+def _row(base: Steps, number: Number, paths: list[Steps], network: Mapping[str, Any], alike: bool) -> NumberRow:
+    of = ("both", *base[1:]) if alike and base[0] in _WAYS else base
+    if base[-1] != _POINTS:
+        return NumberRow(".".join(of), f"{_value(network, base):g}", number)
+    places = sorted({int(path[len(base)]) for path in paths})
+    points = [_value(network, (*base, str(place))) for place in places]
+    if len(points) == 1:
+        return NumberRow(".".join((*of, str(places[0]))), _point(points[0]), number)
+    return NumberRow(".".join(of), f"{len(points)} points, {_point(points[0])} to {_point(points[-1])}", number)
+
+
+def _point(point: Mapping[str, float]) -> str:
+    return f"p {point['p']:g}: {point['delay_ms']:g} ms"
+
+
+def _value(tree: Any, path: Steps) -> Any:
+    for step in path:
+        tree = tree[int(step)] if isinstance(tree, list) else tree[step]
+    return tree
+
+
 def print_stages(name: str | None, out: Console) -> int:
     """Print one line per kind, or one section with every parameter; raises `InputError` for an unknown name."""
     found = {section.name: section for section in sections()}
     if name is None:
-        table = Table(box=None, padding=(0, 2, 0, 0))
-        for heading in ("stage", "kind", "parameters, [optional]"):
-            table.add_column(heading, overflow="fold", no_wrap=heading != "parameters, [optional]")
-        for section in found.values():
-            for place, kind in enumerate(section.kinds):
-                table.add_row(section.name if place == 0 else "", kind.name, escape(_brief(kind)))
-        out.print(table)
+        columns = [Column(head, words=True) for head in ("stage", "kind")]
+        rows = [
+            (section.name if place == 0 else "", kind.name, _brief(kind))
+            for section in found.values()
+            for place, kind in enumerate(section.kinds)
+        ]
+        columns.append(Column("parameters, [optional]", words=True, wraps=True))
+        out.print(Table("", columns, rows).terminal(PLAIN))
         out.print(
             "Stages act from the top down to ordering. `tis net stages NAME` explains one, `--out PAGE.md` all."
         )
@@ -69,15 +179,12 @@ def print_stages(name: str | None, out: Console) -> int:
     if name not in found:
         raise InputError(Fault("tis net stages", "NAME", f"must be one of {', '.join(found)}", name))
     out.print(escape(f"{name}: {found[name].meaning}"), soft_wrap=True)
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for heading in ("kind", "parameter", "values", "default", "meaning"):
-        table.add_column(heading, overflow="fold")
-    for kind in found[name].kinds:
-        for place, one in enumerate(kind.parameters):
-            default = "required" if one.required else one.default
-            cells = (kind.name if place == 0 else "", one.name, one.values, default, one.meaning)
-            table.add_row(*map(escape, cells))
-    out.print(table)
+    explained = [
+        (kind.name if place == 0 else "", one.name, one.values, one.shown_default, one.meaning)
+        for kind in found[name].kinds
+        for place, one in enumerate(kind.parameters)
+    ]
+    out.print(Table("", PARAMETER_COLUMNS, explained).terminal(PLAIN))
     return EXIT_OK
 
 

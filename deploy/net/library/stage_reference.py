@@ -7,6 +7,7 @@ from typing import Any, Final, NamedTuple
 from tis.common.scenario.network import NetworkPart
 from tis.common.scenario.network.conditions import Change
 from tis.common.scenario.network.pipeline import Pipeline
+from tis.deploy.present.table import Column, Table
 from tis.netem.build import build_links
 from tis.netem.control.control import Control
 
@@ -22,6 +23,11 @@ class Parameter(NamedTuple):
     default: str
     meaning: str
     required: bool
+
+    @property
+    def shown_default(self) -> str:
+        """Return the default, or that a value is required."""
+        return "required" if self.required else self.default
 
 
 class Kind(NamedTuple):
@@ -199,18 +205,22 @@ def network_page() -> str:
     return "\n".join(parts)
 
 
+PARAMETER_COLUMNS: Final = [
+    Column(head, words=True, wraps=True) for head in ("kind", "parameter", "values", "default", "meaning")
+]
+
+
 def _table(section: Section) -> str:
-    lines = [f"### {section.name}", "", section.meaning, ""]
-    lines += ["| kind | parameter | values | default | meaning |", "|---|---|---|---|---|"]
+    rows = []
     explained: set[Parameter] = set()
     for kind in section.kinds:
         for place, one in enumerate(kind.parameters):
             name = f"`{kind.name}`" if kind.name and place == 0 else ""
-            default = "required" if one.required else one.default
-            meaning = "as above" if one in explained else one.meaning.replace("|", "\\|")
-            lines.append(f"| {name} | `{one.name}` | {one.values} | {default} | {meaning} |")
+            meaning = "as above" if one in explained else one.meaning
+            rows.append((name, f"`{one.name}`", one.values, one.shown_default, meaning))
             explained.add(one)
-    return "\n".join([*lines, ""])
+    table = Table("", PARAMETER_COLUMNS, rows).markdown()
+    return f"### {section.name}\n\n{section.meaning}\n\n{table}\n"
 
 
 def _requests() -> str:

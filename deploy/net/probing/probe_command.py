@@ -15,18 +15,18 @@ from rich.markup import escape
 
 from tis.common.clocks import PPM
 from tis.common.errors import EXIT_OK, Fault, PeerError
-from tis.common.metrics.percentiles import is_resolvable
+from tis.common.metrics.percentiles import TAIL, Summary, is_resolvable, uncertainties
 from tis.common.runtime.zenoh_session import ZenohOptions
 from tis.common.trace import Trace, render_trace
 from tis.common.units import NS_PER_MS
+from tis.deploy.net.probing.delay_figures import PathFigures, path_figures
 from tis.deploy.net.probing.delay_figures import as_json as plain
-from tis.deploy.net.probing.delay_figures import path_figures
 from tis.deploy.net.probing.ends import Ends, check_key, open_end
 from tis.deploy.net.probing.far_end import FarEnd
 from tis.deploy.net.probing.idle_relay import open_idle_relay
 from tis.deploy.net.probing.probe import Plan, Probed, probe
 from tis.deploy.net.probing.receiving_end import LocalReceivingEnd
-from tis.deploy.net.terminal import delay_uncertainties, print_path
+from tis.deploy.present.numbers import four_digits
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.early_checks import check_outputs
 from tis.deploy.shell.guard import print_warnings
@@ -158,3 +158,55 @@ def _json_figures(probed: Probed, trace: Trace) -> dict[str, Any]:
         fields |= {"uncertainty_ms": uncertainty_ms, "not_resolvable": unsure, "n_impossible": paired.n_impossible}
     counts = {"n_skipped": probed.n_skipped, "n_duplicates": paired.n_duplicates, "n_late": paired.n_late}
     return {**fields, **counts, "about": dict(trace.about)}
+
+
+def print_path(figures: PathFigures, out: Console, probed: Probed) -> None:
+    """Print a record's figures, with the counts of the probe."""
+    low, high = figures.losses.p_loss_interval
+    share = 100 * figures.n_lost / figures.n
+    out.print(
+        f"{figures.n} messages, {figures.n - figures.n_lost} arrived, {figures.n_lost} lost: {share:.4g} % "
+        f"(95 %: {100 * low:.4g} to {100 * high:.4g})"
+    )
+    if figures.n_runs:
+        out.print(
+            f"runs of losses {figures.n_runs}, mean {four_digits(figures.losses.mean_burst)}, "
+            f"longest {figures.longest_run}"
+        )
+    uncertainty = {} if probed.clock.shared else delay_uncertainties(probed)
+    delay = ", ".join(f"{name} {_figure(value, uncertainty.get(name))}" for name, value in figures.delay_ms.items())
+    out.print(f"delay, ms: {delay}")
+    pdv_p99, ipdv_p50, ipdv_p99, jitter = map(four_digits, figures.variation)
+    out.print(
+        f"variation, ms: PDV p99 {pdv_p99} (RFC 5481), IPDV p50 {ipdv_p50}, p99 {ipdv_p99} (RFC 3393), "
+        f"jitter {jitter} (RFC 3550)"
+    )
+    out.print(f"correlation: {figures.half_life.words}")
+    if figures.n_overtaken:
+        out.print(f"overtaken by a later message: {figures.n_overtaken}")
+    counts = {
+        "duplicates": probed.paired.n_duplicates,
+        "arrived after the timeout": probed.paired.n_late,
+        "skipped, their send instant had passed": probed.n_skipped,
+        "foreign messages on the key": probed.paired.n_foreign,
+        "arrived before they were sent, because a clock was set": probed.paired.n_impossible,
+    }
+    for what, n in counts.items():
+        if n:
+            out.print(f"{what}: {n}")
+
+
+def delay_uncertainties(probed: Probed) -> Summary:
+    """Return the uncertainty of each delay figure, ms; none for ``std``, which an offset does not change."""
+    arrived = probed.paired.delay_ns >= 0
+    delay_ms, uncertainty_ms = (
+        ns[arrived] / NS_PER_MS for ns in (probed.paired.delay_ns, probed.paired.uncertainty_ns)
+    )
+    return uncertainties(delay_ms, uncertainty_ms, TAIL, ("mean", "max"))
+
+
+def _figure(value: float | None, uncertainty_ms: float | None) -> str:
+    if uncertainty_ms is None:
+        return four_digits(value)
+    remark = "" if is_resolvable(value, uncertainty_ms) else " (not resolvable)"
+    return f"{four_digits(value)} ± {four_digits(uncertainty_ms)}{remark}"

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from tis.common.scenario.profile import Profile, numeric_paths
+from tis.deploy.net.library.commands import number_rows
 from tis.deploy.net.library.profiles import build_profile, find_profile, shipped_names
-from tis.deploy.net.terminal import number_rows
 
 
 def _fitted(feedback_ms: float = 1.0) -> Profile:
