@@ -169,7 +169,7 @@ def _turn(row: Mapping[str, Any], degrees: bool) -> str:
 
 def _tables(report: Report) -> list[tuple[Table, Rows, Table | None]]:
     """Return of each setting the table of its scores, the rows behind it, and that of its orientation methods."""
-    found = []
+    found: list[tuple[Table, Rows, Table | None]] = []
     for about in report["settings"]:
         if about["n_cells"]:
             rows, turns = (
