@@ -47,8 +47,7 @@ def admissible(
         store = Store(out_dir or Path("runs") / "admissible" / order.name)
         check_outputs(*(store.path / name for name in (*_ALWAYS, *_FIGURES)))
         evaluation = Evaluation(order.estimators, order.limits, store, workers, err)
-        study = Study.of(order.name, order.request, order.axes, evaluation, order.effort)
-        report = study.run(order.fresh_seed, order.profiles, order.candidates, command_line())
+        report = Study(order, evaluation).run(command_line())
     print_warnings(err, *report["warnings"][:_SHOWN_WARNINGS])
     if len(report["warnings"]) > _SHOWN_WARNINGS:
         more = len(report["warnings"]) - _SHOWN_WARNINGS

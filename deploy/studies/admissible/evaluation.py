@@ -19,8 +19,16 @@ from tis.deploy.compare.plan import Plan, Request, make_plan
 from tis.deploy.compare.results.pooled import person
 from tis.deploy.run.resolve import resolve
 from tis.deploy.shell.progress import PhaseProgress
-from tis.deploy.studies.admissible.criterion import COMMAND, MIN_PERSONS, Limit, bound_of
-from tis.deploy.studies.admissible.figures import OF_CELLS, name_faults, of_cells, of_summaries
+from tis.deploy.studies.admissible.criterion import (
+    COMMAND,
+    MIN_PERSONS,
+    OF_CELLS,
+    Limit,
+    bound_of,
+    name_faults,
+    of_cells,
+    of_summaries,
+)
 
 Flat = Mapping[str, float | None]
 """Numbers of a summary by their paths."""

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 from tis.common.errors import DataError, Fault, InputError
 from tis.common.scenario import Scenario
@@ -13,28 +13,14 @@ from tis.deploy.compare.grid import COMMAND as COMPARE
 from tis.deploy.compare.grid import Sweep
 from tis.deploy.compare.plan import Request, make_plan, names_given, people_of, read_all
 from tis.deploy.run.resolve import resolve
-from tis.deploy.studies.admissible.criterion import COMMAND, Limit, parse_limit
+from tis.deploy.studies.admissible.criterion import COMMAND, parse_limit
 from tis.deploy.studies.admissible.evaluation import check_persons
-from tis.deploy.studies.admissible.profiles import Redundancy, profile_names, redundancies
+from tis.deploy.studies.admissible.profiles import profile_names, redundancies
 from tis.deploy.studies.admissible.region import Axis, axis_faults, parse_axis, whole_fault
-from tis.deploy.studies.admissible.study import Effort
+from tis.deploy.studies.admissible.study import Effort, Order
 
 DEFAULT_SYNTHETIC_SEEDS = 8
 DEFAULT_RECORDED_SEEDS = 4
-
-
-class Order(NamedTuple):
-    """Everything that the options of a call determine."""
-
-    name: str
-    request: Request
-    axes: tuple[Axis, ...]
-    limits: tuple[Limit, ...]
-    estimators: tuple[str, ...]
-    effort: Effort
-    fresh_seed: int
-    profiles: list[str]
-    candidates: list[Redundancy]
 
 
 def order_of(given: dict[str, Any]) -> Order:

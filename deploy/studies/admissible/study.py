@@ -1,13 +1,14 @@
 """A study of admissible networks: border, checks on fresh seeds, profiles; its report as JSON values."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import Any, Final, NamedTuple
 
 from tis.common.streams import Stream
 from tis.deploy.compare.plan import Request
 from tis.deploy.studies.admissible.border import Border, Margins, find_border
+from tis.deploy.studies.admissible.criterion import Limit
 from tis.deploy.studies.admissible.evaluation import Evaluation, Judged, Network
 from tis.deploy.studies.admissible.profiles import PlacedProfile, Redundancy, place_of, place_profiles
 from tis.deploy.studies.admissible.region import Axis, Place, Region
@@ -77,62 +78,65 @@ class Effort(NamedTuple):
     n_checks: int = 20
 
 
-@dataclass
-class Study:
-    """A scenario's name, the request and axes of a study, and its networks as they are judged."""
+class Order(NamedTuple):
+    """What the options of a call determine: a scenario's name, what varies, limits, effort and profiles."""
 
     name: str
     request: Request
     axes: tuple[Axis, ...]
-    evaluation: Evaluation
+    limits: tuple[Limit, ...]
+    estimators: tuple[str, ...]
     effort: Effort
-    points: list[dict[str, Any]]
+    fresh_seed: int
+    profiles: list[str]
+    candidates: list[Redundancy]
 
-    @classmethod
-    def of(
-        cls, name: str, request: Request, axes: tuple[Axis, ...], evaluation: Evaluation, effort: Effort
-    ) -> "Study":
-        """Return a study of which nothing is judged yet."""
-        return cls(name, request, axes, evaluation, effort, [])
 
-    def run(
-        self, fresh_seed: int, profiles: Sequence[str], candidates: Sequence[Redundancy], command: str
-    ) -> dict[str, Any]:
+@dataclass
+class Study:
+    """An order, and its networks as they are judged."""
+
+    order: Order
+    evaluation: Evaluation
+    points: list[dict[str, Any]] = field(default_factory=list)
+
+    def run(self, command: str) -> dict[str, Any]:
         """Return the report. Raises `InputError` and `DataError`."""
-        self.evaluation.check_names(self.request, self._network((0.0,) * len(self.axes)))
-        names = self.evaluation.estimators
+        order, names = self.order, self.order.estimators
+        self.evaluation.check_names(order.request, self._network((0.0,) * len(order.axes)))
+        effort = order.effort
         border = find_border(
-            self._margins, len(self.axes), len(names), self.effort.tolerance, self.effort.max_points * len(names)
+            self._margins, len(order.axes), len(names), effort.tolerance, effort.max_points * len(names)
         )
-        checks = self._checks(border, fresh_seed)
-        placed = place_profiles(self.evaluation, self.request, profiles, candidates)
+        checks = self._checks(border)
+        placed = place_profiles(self.evaluation, order.request, order.profiles, order.candidates)
         return {
-            "scenario": self.name,
+            "scenario": order.name,
             "command": command,
-            "limits": [limit._asdict() for limit in self.evaluation.limits],
-            "axes": [vars(axis) for axis in self.axes],
+            "limits": [limit._asdict() for limit in order.limits],
+            "axes": [vars(axis) for axis in order.axes],
             "persons": list(self.evaluation.persons),
-            "n_seeds": self.request.n_seeds,
+            "n_seeds": order.request.n_seeds,
             "trained_on": self.evaluation.trained_on,
-            **self.effort._asdict(),
+            **effort._asdict(),
             "estimators": {name: self._of_estimator(i, border, checks[name]) for i, name in enumerate(names)},
             "points": self.points,
             "profiles": [self._of_profile(one) for one in placed],
-            "profiles_tried": [one._asdict() for one in candidates] if profiles else [],
+            "profiles_tried": [one._asdict() for one in order.candidates] if order.profiles else [],
             "n_points": self.evaluation.n_networks,
             "n_twins": self.evaluation.n_twins,
             "warnings": self._warnings(border, checks),
         }
 
     def _network(self, place: Place) -> Network:
-        return {axis.path: axis.text(share) for axis, share in zip(self.axes, place, strict=True)}
+        return {axis.path: axis.text(share) for axis, share in zip(self.order.axes, place, strict=True)}
 
     def _values(self, place: Place) -> dict[str, float]:
-        return {axis.path: axis.value(share) for axis, share in zip(self.axes, place, strict=True)}
+        return {axis.path: axis.value(share) for axis, share in zip(self.order.axes, place, strict=True)}
 
     def _margins(self, places: Sequence[Place]) -> list[Margins]:
         """Judge places for the border's search."""
-        judged = self._judged(self.request, places, _SEARCH)
+        judged = self._judged(self.order.request, places, _SEARCH)
         return [list(one.margins.values()) for one in judged]
 
     def _judged(self, request: Request, places: Sequence[Place], kind: str) -> list[Judged]:
@@ -141,15 +145,15 @@ class Study:
             self.points.append({"kind": kind, "at": self._values(place), **_verdicts(one)})
         return judged
 
-    def _checks(self, border: Border, fresh_seed: int) -> dict[str, Check]:
+    def _checks(self, border: Border) -> dict[str, Check]:
         """Judge places inside and outside of each region on fresh seeds, those of all estimators in one plan."""
-        n_axes, names = len(self.axes), self.evaluation.estimators
+        n_axes, names = len(self.order.axes), self.order.estimators
         places = {
-            name: drawn(region, self.effort.n_checks, n_axes)
+            name: drawn(region, self.order.effort.n_checks, n_axes)
             for name, region in zip(names, border.regions, strict=True)
         }
         every = list(dict.fromkeys(place for both in places.values() for half in both for place in half))
-        fresh = replace(self.request, seed=fresh_seed)
+        fresh = replace(self.order.request, seed=self.order.fresh_seed)
         judged = dict(zip(every, self._judged(fresh, every, _CHECK) if every else [], strict=True))
         return {name: _check(places[name], judged, name) for name in names}
 
@@ -169,8 +173,8 @@ class Study:
     def _alone(self, region: Region) -> dict[str, float | None]:
         """Return how far each axis may go while the others are at their best; None for an empty region."""
         found: dict[str, float | None] = {}
-        for i, axis in enumerate(self.axes):
-            direction = tuple(float(i == j) for j in range(len(self.axes)))
+        for i, axis in enumerate(self.order.axes):
+            direction = tuple(float(i == j) for j in range(len(self.order.axes)))
             radii = [v.radius for simplex in region.simplices for v in simplex if v.direction == direction]
             share = radii[0] if radii else None
             start = region.start[i]
@@ -193,7 +197,12 @@ class Study:
             name: value if value is None or isfinite(value) else None for name, value in one.forward._asdict().items()
         }
         sent = {"packets_per_s": one.judged.packets_per_s, "bytes_per_s": one.judged.bytes_per_s}
-        about = {"name": one.name, "title": one.title, "forward": forward, "at": place_of(one.forward, self.axes)}
+        about = {
+            "name": one.name,
+            "title": one.title,
+            "forward": forward,
+            "at": place_of(one.forward, self.order.axes),
+        }
         return {**about, **_verdicts(one.judged), **sent, "redundancy": helped}
 
     def _warnings(self, border: Border, checks: dict[str, Check]) -> list[str]:

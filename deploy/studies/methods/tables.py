@@ -10,12 +10,9 @@ from tis.deploy.studies.methods.measured import Figures, exponent_text, loss_hea
 
 def main_table(methods: Sequence[Figures]) -> Table:
     """Return the paper's table: its features, its words on three families, and a measured cell of each method."""
-    heads: list[Column | str] = [
-        "feature",
-        *(Column(f"paper: {title}", words=True) for title in FAMILY_TITLES.values()),
-    ]
+    said = [Column(f"paper: {title}", words=True) for title in FAMILY_TITLES.values()]
     rows = [[claim.title, *claim.words.values(), *map(claim.cell, methods)] for claim in CLAIMS.values()]
-    return Table("", [*heads, *(str(figures["method"]) for figures in methods)], rows)
+    return Table("", ["feature", *said, *(str(figures["method"]) for figures in methods)], rows)
 
 
 def detail_tables(methods: Sequence[Figures]) -> dict[str, Table]:
@@ -69,16 +66,9 @@ def _reliability(methods: Sequence[Figures]) -> Table:
 
 
 def _steps(methods: Sequence[Figures]) -> Table:
-    rates = [Column("highest rate, one hand", show=rate_text), Column("both hands", show=rate_text)]
-    at_1_khz = (Column("at 1 kHz: p50", "µs"), Column("p99", "µs"), "ratio to hold")
-    heads: list[Column | str] = [
-        "method",
-        Column("p50", "µs"),
-        Column("p99", "µs"),
-        *rates,
-        *at_1_khz,
-        Column("training", "s"),
-    ]
+    p99, rate = Column("p99", "µs"), Column("highest rate, one hand", show=rate_text)
+    times = (Column("p50", "µs"), p99, rate, Column("both hands", show=rate_text))
+    at_1_khz = (Column("at 1 kHz: p50", "µs"), p99, "ratio to hold")
     rows = []
     for figures in methods:
         step, fast = figures["step"], figures["fast"]
@@ -86,7 +76,7 @@ def _steps(methods: Sequence[Figures]) -> Table:
             of_fast = [None] * 3 if fast is None else [fast["step_p50_us"], fast["step_p99_us"], _ratio(fast)]
             measured = [step[name] for name in ("p50_us", "p99_us", "rate_hz", "rate_both_hz")]
             rows.append([str(figures["method"]), *measured, *of_fast, figures["training_s"]])
-    return Table("", heads, rows)
+    return Table("", ["method", *times, *at_1_khz, Column("training", "s")], rows)
 
 
 def _exponents(methods: Sequence[Figures]) -> Table:

@@ -177,12 +177,8 @@ def _packets(results: Results) -> str:
         "moesp_kf": "moesp",
         "hold": "moesp",
     }
-    heads: tuple[Column | str, ...] = (
-        "row",
-        Column("reading", words=True),
-        "paper prints",
-        *(f"`{name}`" for name in names),
-    )
+    ours = [f"`{name}`" for name in names]
+    heads: list[Column | str] = ["row", Column("reading", words=True), "paper prints", *ours, "`moesp_kf` / hold"]
     all_tables = [(t, pairing, sample) for t in TOPOLOGIES for pairing in PAIRINGS for sample in SAMPLES]
     blocks = []
     for topology, pairing, sample in all_tables:
@@ -194,10 +190,10 @@ def _packets(results: Results) -> str:
                 name: results.cells[Cell(row, reading, pairing, topology, sample, method)][name]
                 for name, method in names.items()
             }
-            ours = [per_axis(score["r2_pct"]) for score in scores.values()]
+            found = [per_axis(score["r2_pct"]) for score in scores.values()]
             ratio = f"{scores['moesp_kf']['ratio_to_hold']:.2f}"
-            rows.append((str(row.number), reading, per_axis(row.accuracy_pct), *ours, ratio))
-        table = Table("", (*heads, "`moesp_kf` / hold"), rows)
+            rows.append((str(row.number), reading, per_axis(row.accuracy_pct), *found, ratio))
+        table = Table("", heads, rows)
         blocks.append(f"### {topology}, {_PAIR[pairing]}, {sample}\n\n{table.markdown()}")
     n = len(all_tables)
     if len(blocks) < n:

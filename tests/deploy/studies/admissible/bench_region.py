@@ -21,8 +21,9 @@ from tis.deploy.compare.engine.processes import Processes
 from tis.deploy.compare.plan import Request
 from tis.deploy.studies.admissible.border import find_border
 from tis.deploy.studies.admissible.evaluation import Evaluation, Judged
-from tis.deploy.studies.admissible.options import Order, order_of
+from tis.deploy.studies.admissible.options import order_of
 from tis.deploy.studies.admissible.region import Place
+from tis.deploy.studies.admissible.study import Order
 
 _SEEDS, _FRESH_SEEDS = 4, 20
 _MANY = 20_000

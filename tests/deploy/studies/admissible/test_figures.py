@@ -8,8 +8,7 @@ import pytest
 from tis.deploy.compare.cells.cell import Cell, run_cell, train
 from tis.deploy.compare.cells.identity import summarised
 from tis.deploy.compare.plan import Request, make_plan
-from tis.deploy.studies.admissible.criterion import Limit
-from tis.deploy.studies.admissible.figures import ESTIMATOR, OF_CELLS, name_faults, of_cells, of_summaries
+from tis.deploy.studies.admissible.criterion import ESTIMATOR, OF_CELLS, Limit, name_faults, of_cells, of_summaries
 
 LOSSY = "network={forward: {delay: {kind: constant, delay_ms: 60}, loss: {kind: bernoulli, p_loss: 0.2}}}"
 SHORT = ("identification={train_samples: 240, block_rows: 4, order: 0}", "estimators=[hold, damped_velocity]")
