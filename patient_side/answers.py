@@ -1,12 +1,15 @@
-"""Messages and records of a hand's estimates."""
+"""Messages and records of a hand's estimates, and the faults of user-defined estimators."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Self
 
-from tis.common.channels import Channel
+from tis.common.channels import Channel, Hand
 from tis.common.header import Header
 from tis.common.messages import FeedbackPose, Vector3
 from tis.common.node import Emission, Record
-from tis.common.records import EstimateNote
+from tis.common.records import ESTIMATOR_FAULTS, FAULTY_STEPS, EstimateNote, EstimatorFault
+from tis.patient_side.estimators.guarded import Guarded
 from tis.patient_side.hand import PatientHand
 from tis.patient_side.orientation.wrist import Wrist
 
@@ -46,3 +49,33 @@ def estimate_record(
         step_ns=step_ns,
     )
     return Record(hand.topics[i], t_ns, note)
+
+
+@dataclass(frozen=True)
+class OwnEstimators:
+    """All user-defined estimators, each with its hand; usually none."""
+
+    guarded: Sequence[tuple[Hand, Guarded]]
+
+    @classmethod
+    def among(cls, hands: Sequence[PatientHand]) -> Self:
+        """Return the user-defined estimators of these hands."""
+        own = [(hand.channels.hand, each) for hand in hands for each in hand.estimators if isinstance(each, Guarded)]
+        return cls(own)
+
+    def first_faults(self) -> Iterator[Record]:
+        """Yield the first fault of each, once."""
+        for hand, guarded in self.guarded:
+            if guarded.first is not None and not guarded.reported:
+                guarded.reported = True
+                t_ns, reason = guarded.first
+                fault = EstimatorFault(t_ns=t_ns, hand=hand, estimator=guarded.name, reason=reason)
+                yield Record(ESTIMATOR_FAULTS, t_ns, fault)
+
+    def counters(self) -> dict[str, int]:
+        """Return the number of failed steps over all hands, by the counter's name."""
+        found: dict[str, int] = {}
+        for _, guarded in self.guarded:
+            name = f"{FAULTY_STEPS}.{guarded.name}"
+            found[name] = found.get(name, 0) + guarded.n_faults
+        return found

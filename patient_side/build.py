@@ -17,7 +17,7 @@ from tis.patient_side.identification.companions import Stage, untimed
 from tis.patient_side.identification.identify import identify_hands
 from tis.patient_side.learning.train import with_learned
 from tis.patient_side.node import PatientNode
-from tis.patient_side.orientation.registry import build_methods
+from tis.patient_side.orientation.methods import build_methods
 from tis.patient_side.phase_lock import PhaseLock
 from tis.patient_side.plant.build import build_plant
 from tis.patient_side.plant.protocol import Plant

@@ -78,11 +78,11 @@ _FITS: Final = "identification.companions:"
 
 ESTIMATORS: Final[Mapping[EstimatorName, EstimatorRow]] = MappingProxyType(
     {
-        "hold": EstimatorRow(_plain("hold:Hold"), "VERMILION", benched=True),
-        "hold_last_arrived": EstimatorRow(_plain("hold_last_arrived:HoldLastArrived"), "VERMILION", "dashed"),
-        "static_gain": EstimatorRow(_of_model("static_gain:StaticGain"), "GREEN"),
-        "velocity": EstimatorRow(_plain("velocity:Velocity"), "PINK", "dashed"),
-        "damped_velocity": EstimatorRow(_of_model("damped_velocity:DampedVelocity"), "PINK", benched=True),
+        "hold": EstimatorRow(_plain("simple:Hold"), "VERMILION", benched=True),
+        "hold_last_arrived": EstimatorRow(_plain("simple:HoldLastArrived"), "VERMILION", "dashed"),
+        "static_gain": EstimatorRow(_of_model("simple:StaticGain"), "GREEN"),
+        "velocity": EstimatorRow(_plain("simple:Velocity"), "PINK", "dashed"),
+        "damped_velocity": EstimatorRow(_of_model("simple:DampedVelocity"), "PINK", benched=True),
         "moesp_kf": EstimatorRow(_of_model("moesp_kf:MoespKf"), "VIOLET", benched=True),
         "paper": EstimatorRow(_of_model("paper:paper"), "BROWN", "dashed", _FITS + "fit_paper"),
         "paper_as_printed": EstimatorRow(

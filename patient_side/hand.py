@@ -10,8 +10,7 @@ from tis.common.messages import MAX_SIZE, Pose, SafetyMode, Vector3
 from tis.common.records import ESTIMATES, ORIENTATIONS
 from tis.common.scenario.estimator_names import plain_name
 from tis.patient_side.estimators.protocol import Estimator
-from tis.patient_side.orientation.protocol import NOTHING, WristEstimate, WristMethod
-from tis.patient_side.orientation.wrist import Stated, Wrist
+from tis.patient_side.orientation.wrist import NOTHING, Stated, Wrist, WristEstimate, WristMethod
 from tis.patient_side.plant.protocol import Plant, PlantOutput
 from tis.patient_side.playout import Playout
 from tis.patient_side.safety.evidence import Evidence

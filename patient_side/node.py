@@ -31,14 +31,13 @@ from tis.common.safety_records import SINCE_MS, STOPS, STOPS_IN_FORCE
 from tis.common.stop_messages import ReleaseRule
 from tis.common.ticker import Ticker
 from tis.common.units import NS_PER_MS
-from tis.patient_side.answers import answer, estimate_record
+from tis.patient_side.answers import OwnEstimators, answer, estimate_record
 from tis.patient_side.arm_motion import move, moved_notes
 from tis.patient_side.driven import drive, foreign_set_point, left_place, safety_change, set_point
 from tis.patient_side.estimators.protocol import Estimate
 from tis.patient_side.external_arm import external_arms
 from tis.patient_side.hand import Begun, Fresh, PatientHand, finite, std_m
 from tis.patient_side.orientation.wrist import Stated, answered, orientation_note, stated
-from tis.patient_side.own_estimators import OwnEstimators
 from tis.patient_side.phase_lock import PhaseLock
 from tis.patient_side.playout import Playout, SourceBuffer
 from tis.patient_side.rotations import unit

@@ -25,8 +25,7 @@ from tis.common.sources.jigsaws import MIN_ROWS, RATE_HZ, trial_text
 from tis.common.sources.population import MAX_TRIALS, SPREAD, person, population
 from tis.common.sources.synthetic import synthesise
 from tis.common.sources.trajectory import Recording
-from tis.patient_side.plant.build import executing_plant
-from tis.patient_side.plant.execution import executed
+from tis.patient_side.plant.build import executed, executing_plant
 
 _TEXT: Final = """\
 SYNTHETIC DATA: these movements were computed, not recorded.

@@ -7,8 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from tis.common.errors import GET_DYNAMICS, DataError, Fault, InputError
-from tis.patient_side.dynamics.base_parameters import BaseParameters
-from tis.patient_side.dynamics.parameters import N_OF_LINK, PER_LINK, pseudo_inertia
+from tis.patient_side.dynamics.parameters import N_OF_LINK, PER_LINK, BaseParameters, pseudo_inertia
 from tis.patient_side.plant.arm_geometry import N_JOINTS
 from tis.patient_side.statespace import Array
 

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.streams import Stream
-from tis.patient_side.dynamics.parameters import N_PARAMETERS
-from tis.patient_side.dynamics.regressor import regressor
+from tis.patient_side.dynamics.parameters import N_PARAMETERS, regressor
 from tis.patient_side.plant.arm_geometry import HIGH, LOW, N_JOINTS
 from tis.patient_side.statespace import Array
 

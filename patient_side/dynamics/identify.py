@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from tis.common.scenario.patient import MujocoPlant
 from tis.common.streams import Stream
-from tis.patient_side.dynamics.base_parameters import BaseParameters, base_parameters
 from tis.patient_side.dynamics.consistent_fit import consistent_fit
 from tis.patient_side.dynamics.excitation import excitation
-from tis.patient_side.dynamics.parameters import true_parameters
+from tis.patient_side.dynamics.parameters import BaseParameters, base_parameters, true_parameters
 from tis.patient_side.dynamics.readings import Equations, clean_equations, equations, read
 from tis.patient_side.plant.arm_geometry import INSERTION, N_JOINTS
 from tis.patient_side.plant.physics import ArmPhysics

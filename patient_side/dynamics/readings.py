@@ -9,8 +9,7 @@ from scipy.special import ndtri
 
 from tis.common.streams import Stream
 from tis.patient_side.dynamics.excitation import MAX_SPEED
-from tis.patient_side.dynamics.parameters import NAMES
-from tis.patient_side.dynamics.regressor import regressor
+from tis.patient_side.dynamics.parameters import NAMES, regressor
 from tis.patient_side.plant.physics import Motion
 from tis.patient_side.statespace import Array
 

@@ -1,12 +1,12 @@
-"""Estimators of the arm's present position: one file each, one protocol.
+"""Estimators of the arm's present position: one protocol.
 
 Where to look:
 
 - the interface: `protocol`; the names that scenarios use: `tis.patient_side.catalogue`; those of users: `guarded`;
-- simple: `hold` (the reference of all scores), `hold_last_arrived`, `velocity`, `damped_velocity`, `static_gain`;
+- in `simple`: hold (the reference of all scores), hold_last_arrived, velocity, damped_velocity, static_gain;
 - Kalman filters: `moesp_kf` with `n4sid_kf` and `arx_kf`, the same filter on other models, `innovations_kf` on the
   arm's own movement, and `adaptive_kf`, which tracks that one's scales; their updates live in
-  `tis.patient_side.filters`, see `filters.kalman_update`;
+  `tis.patient_side.filters`, see `filters.kalman`;
 - a regression for each horizon: `direct_ls`;
 - a completed Hankel matrix: `drmf`, on `filters.hankel_completion`;
 - the paper's Algorithm 1: `paper_as_printed`, `paper` (its update repaired).

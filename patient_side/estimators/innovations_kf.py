@@ -23,7 +23,6 @@ from tis.common.errors import DataError, Fault
 from tis.common.units import sample_instant_ns
 from tis.patient_side.estimators.protocol import Estimate
 from tis.patient_side.filters.activity import Activity, ActivityMean
-from tis.patient_side.filters.checkpoint_ring import Checkpoint, Ring, rewound, trimmed
 from tis.patient_side.filters.correction import clock_of
 from tis.patient_side.filters.innovations_filter import (
     AXES,
@@ -35,11 +34,18 @@ from tis.patient_side.filters.innovations_filter import (
 )
 from tis.patient_side.filters.lag_forecast import LagForecasts
 from tis.patient_side.filters.recent_past import N_INCREMENTS, RecentPast
-from tis.patient_side.filters.replay_window import replay_window
+from tis.patient_side.filters.replay import (
+    Checkpoint,
+    Ring,
+    Uncertainty,
+    UncertaintyTree,
+    replay_window,
+    rewound,
+    trimmed,
+)
 from tis.patient_side.filters.row_clock import NO_PHASE, Phasor, RowClock
 from tis.patient_side.filters.stand_in import PAIRS, Offset, StandIn
 from tis.patient_side.filters.unbroken import Unbroken
-from tis.patient_side.filters.uncertainty import Uncertainty, UncertaintyTree
 from tis.patient_side.horizon import horizon_samples
 from tis.patient_side.playout import Playout
 from tis.patient_side.statespace import ArmModel, Array

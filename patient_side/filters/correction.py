@@ -15,13 +15,20 @@ and the ways to means over 1, 3 and 10 s. They vary with the terms t:
   object (Jeannerod 1984, J. Motor Behavior 16:235). It is 0 at the usual opening and for an unknown gripper.
 - the phase of the clock behind the rows, where there is one (`row_clock`).
 
-*Fourier features* (`fourier_features`) are cosines of random projections of f: the ways to six running means, each
+*Fourier features* are cosines of random projections of f: the ways to six running means, each
 limited by a hyperbolic tangent, x and g. They know directions, which the coefficients do not. s is the hand's usual
 move at its present activity.
 
 All of f and t is bounded, increments larger than nearly all of the training rows fade the coefficients, and both
 corrections are fitted with priors (`fit_correction`): where training rows do not support them they vanish, and the
 forecast is the linear one. A jump of the arm is no such increment: no state holds it (`follow_jump`).
+
+Random Fourier features: cosines of random projections, which together stand for a Gaussian kernel.
+
+    cos(F f + phi),   F = N / (l s),   phi = 2 pi U - F m
+
+N is normal, U uniform, m and s are mean and deviation of the inputs f in the training rows, and l is the kernel's
+length (Rahimi and Recht 2007, "Random features for large-scale kernel machines").
 """
 
 from dataclasses import dataclass
@@ -29,13 +36,31 @@ from math import log, sqrt, tanh
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import ndtri
 
-from tis.patient_side.filters.fourier_features import projections
+from tis.common.streams import Stream
 from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter
 from tis.patient_side.filters.recent_past import N_INCREMENTS, SLOW_MEANS
 from tis.patient_side.filters.row_clock import N_CLOCK_TERMS, Phasor, RowClock
 from tis.patient_side.movement_models import MEANS_S, N_PARTS, N_TERMS, Correction
 from tis.patient_side.statespace import Array
+
+LENGTH = 3.5
+"""Length of the kernel, in deviations of the inputs."""
+
+
+def projections(centre: Array, deviation: Array, n_features: int) -> Array:
+    """Return F and phi side by side (M, K + 1) for K inputs with these means and deviations.
+
+    They are drawn from a fixed stream, so a model file does without them. Oracle: the Gaussian kernel.
+    """
+    n_inputs = len(centre)
+    draws = Stream.named(0, "fourier features").uniforms(0, n_features * (n_inputs + 1))
+    normal = ndtri(draws[n_features:]).reshape(n_features, n_inputs)
+    frequencies = normal / (LENGTH * deviation)
+    phases = 2.0 * np.pi * draws[:n_features] - frequencies @ centre
+    return np.hstack([frequencies, phases[:, None]])
+
 
 N_USED_INCREMENTS = N_PARTS - 2 - SLOW_MEANS
 N_MOVEMENT_TERMS = N_TERMS - N_CLOCK_TERMS

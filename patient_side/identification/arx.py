@@ -3,6 +3,8 @@
 ``y[k] = B0 u[k] + sum_i (A_i y[k-i] + B_i u[k-i]) + e[k]``, i = 1..lags. Its filter needs no Riccati equation: in
 observer form the Kalman gain consists of the A_i, and the residual is the innovation (Ljung, "System
 Identification", sections 4.2 and 10.1). Without inputs it is the vector AR model.
+
+ARX on a training set: number of lags by a rule, innovations form, detection of a pure gain.
 """
 
 from collections.abc import Sequence

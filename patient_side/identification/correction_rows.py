@@ -18,8 +18,8 @@ from tis.patient_side.filters.correction import (
     movement_terms,
     movements,
     openness,
+    projections,
 )
-from tis.patient_side.filters.fourier_features import projections
 from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter
 from tis.patient_side.filters.recent_past import N_INCREMENTS
 from tis.patient_side.filters.row_clock import N_CLOCK_TERMS, evidence_of, terms_of

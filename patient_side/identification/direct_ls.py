@@ -1,4 +1,9 @@
-"""Second moments of a signal's past and future, and least squares on them.
+"""Multi-horizon least squares: one regression for each horizon, from past to future directly.
+
+The training rows are reduced to their second moments: see `second_moments`. Cross-validation selects for each horizon
+the shrinkage towards holding the last position and the number of lags: see `cautious_choice`.
+
+Second moments of a signal's past and future, and least squares on them.
 
 A sample's past is the signal some steps ago relative to it, its future that some steps ahead: of an arm's position
 the differences, of its orientation the rotation vectors. Least squares on a subset of the regressors needs the

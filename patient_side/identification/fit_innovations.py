@@ -1,4 +1,7 @@
-"""The arm's own movement by stochastic MOESP: structure, order and drift by validation."""
+"""The arm's own movement by stochastic MOESP: structure, order and drift by validation.
+
+The arm's own movement by a vector autoregression: `arx` where commands do not predict the future.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,6 @@
-"""Forecast errors of an innovations model on positions that it was not fitted to, some samples ahead.
+"""Level drift and covariance scale of an innovations model, fitted by running its filter over rows.
+
+Forecast errors of an innovations model on positions that it was not fitted to, some samples ahead.
 
 The filter runs over each trial from its first row, as in a run, and its forecasts are compared with the rows
 held back. All trials run side by side: they share their gains, which do not depend on data.

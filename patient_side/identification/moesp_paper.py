@@ -17,6 +17,8 @@ is ``[0; D; C B; C A B; ...]``, D in block row k, so with L1 split into blocks o
     M = [M1(1); ...; M1(d)],    L = [L1(k), [L1(k+1) ... L1(d)] O_k(first d - k block rows)], k = 1..d.
 
 The state is scaled as in the printed listing: the data are not divided by the root of the number of columns.
+
+The paper's identification: min-max scaling, Algorithm 2, order by 85 % energy, empirical Q and R.
 """
 
 from collections.abc import Sequence
@@ -122,7 +124,7 @@ def first_run(space: StateSpace, u: Array, y: Array, epsilon_q: float, epsilon_r
     Raises `DataError` where it diverges, as it can with a model of many states that is far from stable. Oracles in
     test_paper_noise: filterpy's filter, and three samples worked by hand.
     """
-    from tis.patient_side.filters.kalman_update import (  # loads filterpy, as in the catalogue
+    from tis.patient_side.filters.kalman import (  # loads filterpy, as in the catalogue
         joseph_update,
         kalman_predict,
     )

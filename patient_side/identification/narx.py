@@ -5,6 +5,8 @@ factors. Orthogonal forward regression selects the monomials: each step adds the
 residual, as long as Schwarz's criterion falls (Chen, Billings and Luo 1989, Int. J. Control 50:1873). The
 coefficients are then regularised. Stability is not guaranteed, so that a free run clips its outputs to the training
 range plus a margin.
+
+NARX on a training set: number of lags by validation. For comparison only: filters need a linear model.
 """
 
 from collections.abc import Sequence

@@ -4,6 +4,15 @@ With A and C fixed, ``y[k] = C A^k x0 + sum_{j<k} C A^(k-1-j) B u[j] + D u[k]`` 
 response is a combination of the states of an orthonormal filter bank with A's poles (`orthonormal_basis`), the
 same for all outputs: these states, the inputs and the outputs of each trial are reduced to one small triangle, and
 only its rows are expanded over the p outputs.
+
+An orthonormal filter basis with given poles: a chain of all-pass sections.
+
+Every response of a system with state matrix A, for any B, C and initial state, is a combination of the n states of
+such a chain with A's eigenvalues as poles (Takenaka and Malmquist 1925; Kautz 1954; Heuberger, Van den Hof and
+Bosgra 1995, IEEE Trans. Autom. Control 40:451). The combination has the norm of the response, so that no choice of
+coordinates makes the problem ill-conditioned, and a signal passes n filters instead of n p.
+
+Stabilisation: eigenvalues move into the unit circle, as a filter on an unstable model diverges in gaps.
 """
 
 from collections.abc import Sequence

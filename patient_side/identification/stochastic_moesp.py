@@ -1,4 +1,18 @@
-"""The innovations form of a stochastic model: its Kalman gain, from a discrete algebraic Riccati equation.
+"""Stochastic MOESP: a model of outputs without inputs, from outputs alone.
+
+The rows [Y_p; Y_f] of all trials are reduced to one triangular factor. Its block L21, the part of the future outputs
+that the past ones explain as instruments, has the column space of the extended observability matrix G (Verhaegen and
+Verdult, "Filtering and System Identification", 9.6, without inputs). The state at an instant is then the prediction
+of the future from the s outputs before it, ``x[k] = G^+ E(y_f | y_p)``: a fixed combination of these outputs. A and C
+are the regression of x[k+1] and y[k] on x[k], the noise covariances are those of its residuals, and the Kalman gain
+follows from them (Larimore 1990, "Canonical variate analysis in identification, filtering and adaptive control"; Van
+Overschee and De Moor, "Subspace Identification for Linear Systems", 3.4).
+
+Both states of the regression are the same combination of outputs, one sample apart. Except for the trials' ends they
+therefore have the same covariance, and A is a contraction in it: stable, which the shift of G often is not. The
+residuals' covariances are positive semidefinite by construction, so the Riccati equation has a solution.
+
+The innovations form of a stochastic model: its Kalman gain, from a discrete algebraic Riccati equation.
 
 For ``x[k+1] = A x[k] + w[k]``, ``y[k] = C x[k] + v[k]`` with the joint covariance [Q S; S' R] of w and v, the
 stationary one-step predictor has innovations e of covariance Re and the gain K:

@@ -5,6 +5,15 @@ Below a system's own order the shift can fail; A and C are then those of `past_s
 The methods (`moesp`, `pi_moesp`, `n4sid`, `cva`) differ in the part of the factor that they use, that is, in the part
 of the future outputs that the past explains, and in the weighting of its column space, which is that of the extended
 observability matrix (Van Overschee and De Moor 1995, Automatica 31:1853).
+
+States as the past's prediction of the future, and A and C by least squares on them.
+
+The shift of the extended observability matrix (`subspace`) gives the A of the system where the order is that of the
+system. Below it, the matrix's column space is cut off, is no longer invariant under a shift, and its A answers for no
+error in the outputs. The regression of the next state and the output on state and input (Van Overschee and De Moor
+1996, "Subspace Identification for Linear Systems", 4.4) is the best prediction one sample ahead that so few states of
+the past allow. Its price is a bias where the past's window is too short for the state, which does not fade with the
+number of rows; the shift has none.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,4 +1,9 @@
-"""Training trials as arrays: the checks before an identification, and its scaling."""
+"""Training trials as arrays: the checks before an identification, and its scaling.
+
+Groups of training rows that are held out together.
+
+Breakdown of linear algebra on unsuitable training rows, as a fault with a remedy.
+"""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

@@ -18,8 +18,7 @@ from tis.patient_side.learned.layers import Shapes
 from tis.patient_side.learned.networks import Network
 from tis.patient_side.learned_model import Singles, Weights
 from tis.patient_side.learning.calibration import AGES, nearest_age
-from tis.patient_side.learning.examples import Examples
-from tis.patient_side.learning.turns import rotations
+from tis.patient_side.learning.examples import Examples, rotations
 from tis.patient_side.model_fields import Floats
 
 # Steps of a network's training by Adam: the one place that calls JAX and Optax.

@@ -17,8 +17,7 @@ from tis.common.streams import Stream
 from tis.patient_side.learned.gaussian_process import AGES, features_of, kernel
 from tis.patient_side.learned_model import Singles
 from tis.patient_side.learning.examples import Examples
-from tis.patient_side.learning.process_noise import Noise, noise_on
-from tis.patient_side.learning.process_scales import chosen_rows
+from tis.patient_side.learning.process_scales import Noise, chosen_rows, noise_on
 from tis.patient_side.model_fields import Floats
 
 # A symmetric matrix as a randomised low-rank part plus a sparse one, for kernel matrices too large to invert.

@@ -26,8 +26,7 @@ from tis.patient_side.learning.examples import Examples, Track, examples_of
 from tis.patient_side.learning.fit_gpr import fit_gpr
 from tis.patient_side.learning.fit_network import Epoch, Judged, judge, some_of, train_network
 from tis.patient_side.learning.fit_srlsmf import fit_srlsmf
-from tis.patient_side.learning.process_noise import Noise
-from tis.patient_side.learning.process_scales import inverse_lengths, turned
+from tis.patient_side.learning.process_scales import Noise, inverse_lengths, turned
 from tis.patient_side.model_fields import Floats
 from tis.patient_side.statespace import ArmModel
 

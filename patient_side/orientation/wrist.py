@@ -1,15 +1,49 @@
-"""Orientation and gripper of an arm as messages and records carry them."""
+"""Orientation and gripper of an arm as messages and records carry them.
+
+The interface of an orientation method: a pure function of the arrived samples and an instant.
+"""
 
 from math import sqrt
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Protocol
 
 from tis.common.channels import Hand
 from tis.common.messages import MAX_SIZE, Pose, Quaternion, Vector3
 from tis.common.records import OrientationNote
-from tis.patient_side.orientation.protocol import WristEstimate
+from tis.common.scenario.patient import OrientationMethod
+from tis.patient_side.playout import SourceBuffer
 from tis.patient_side.rotations import Quaternion as Components
 from tis.patient_side.rotations import is_orientation
 from tis.patient_side.statespace import Array
+
+
+class WristEstimate(NamedTuple):
+    """Orientation and gripper of the arm at an instant; None where there is no estimate, or no covariance.
+
+    ``orientation`` (4,) is a unit quaternion x, y, z, w. ``covariance_rad2`` (3, 3) is that of the rotation vector
+    from the estimate to the truth, in the body frame of the estimate; ``gripper_variance_rad2`` that of the gripper.
+    """
+
+    orientation: Array | None
+    covariance_rad2: Array | None = None
+    gripper_rad: float | None = None
+    gripper_variance_rad2: float | None = None
+
+
+NOTHING = WristEstimate(None)
+
+
+class WristMethod(Protocol):
+    """A method without a state: it reads the arm's arrived samples only, which makes it causal."""
+
+    @property
+    def name(self) -> OrientationMethod:
+        """Return the name that scenarios use."""
+        ...
+
+    def estimate(self, arm: SourceBuffer, age_samples: float) -> WristEstimate:
+        """Return the estimate ``age_samples`` >= 0 sample periods, fractions included, after the newest sample."""
+        ...
+
 
 _ROUNDED: Final = 1e-12
 """Variance in rad^2 that rounding may take away."""

@@ -11,8 +11,8 @@ from tis.common.messages import FeedbackPose, Quaternion, SampledPose
 from tis.common.node import Emission, Output, Record
 from tis.common.records import ESTIMATES, FRESH, TICKS, EstimateNote, FreshNote, PhaseNote, PromptNote, TickNote
 from tis.common.ticker import Ticker
-from tis.patient_side.estimators.hold import Hold
 from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.estimators.simple import Hold
 from tis.patient_side.hand import PatientHand
 from tis.patient_side.node import PatientNode
 from tis.patient_side.phase_lock import PhaseLock

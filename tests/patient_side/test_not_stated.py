@@ -8,11 +8,10 @@ import pytest
 from tests.nodes import LEFT, Stamp, a_pose, an_arrival
 from tis.common.node import Emission
 from tis.common.ticker import Ticker
-from tis.patient_side.estimators.hold import Hold
+from tis.patient_side.estimators.simple import Hold
 from tis.patient_side.hand import PatientHand
 from tis.patient_side.node import PatientNode
-from tis.patient_side.orientation.protocol import WristEstimate
-from tis.patient_side.orientation.wrist import stated, stated_turn
+from tis.patient_side.orientation.wrist import WristEstimate, stated, stated_turn
 from tis.patient_side.plant.protocol import PlantOutput
 from tis.patient_side.playout import Playout
 

@@ -13,10 +13,10 @@ from tis.common.records import ORIENTATIONS, OrientationNote, PromptNote
 from tis.common.scenario.patient import OrientationMethod
 from tis.common.scenario.safety import Safety
 from tis.common.ticker import Ticker
-from tis.patient_side.estimators.hold import Hold
+from tis.patient_side.estimators.simple import Hold
 from tis.patient_side.hand import PatientHand
 from tis.patient_side.node import PatientNode
-from tis.patient_side.orientation.protocol import WristEstimate
+from tis.patient_side.orientation.wrist import WristEstimate
 from tis.patient_side.playout import Playout, SourceBuffer
 from tis.patient_side.safety.limits import limits_of
 from tis.patient_side.safety.safety_state import SafetyFilter

@@ -17,7 +17,7 @@ from tis.deploy.bench.estimators import (
     bench_models,
     step_times_us,
 )
-from tis.patient_side.estimators.hold import Hold
+from tis.patient_side.estimators.simple import Hold
 from tis.patient_side.statespace import ArmModel
 
 N_TICKS = 200

@@ -1,9 +1,7 @@
 import numpy as np
 import pytest
 
-from tis.patient_side.dynamics.base_parameters import base_parameters
-from tis.patient_side.dynamics.parameters import true_parameters
-from tis.patient_side.dynamics.regressor import regressor
+from tis.patient_side.dynamics.parameters import base_parameters, regressor, true_parameters
 from tis.patient_side.plant.arm_geometry import HIGH, LOW
 
 

@@ -5,10 +5,16 @@ import pytest
 
 from tis.common.errors import GET_DYNAMICS, InputError
 from tis.patient_side.dynamics import consistent_fit as module
-from tis.patient_side.dynamics.base_parameters import base_parameters
 from tis.patient_side.dynamics.consistent_fit import check_solver, consistent_fit
-from tis.patient_side.dynamics.parameters import NAMES, joints, links, pseudo_inertia, true_parameters
-from tis.patient_side.dynamics.regressor import regressor
+from tis.patient_side.dynamics.parameters import (
+    NAMES,
+    base_parameters,
+    joints,
+    links,
+    pseudo_inertia,
+    regressor,
+    true_parameters,
+)
 from tis.patient_side.plant.arm_geometry import HIGH, LOW
 from tis.patient_side.statespace import Array
 

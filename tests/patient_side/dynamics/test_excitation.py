@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tis.common.streams import Stream
-from tis.patient_side.dynamics.base_parameters import base_parameters
 from tis.patient_side.dynamics.excitation import MAX_SPEED, excitation, fourier
+from tis.patient_side.dynamics.parameters import base_parameters
 from tis.patient_side.plant.arm_geometry import HIGH, LOW
 
 

@@ -4,10 +4,8 @@ from scipy.stats import kstest
 
 from tis.common.scenario.patient import MujocoPlant
 from tis.common.streams import Stream
-from tis.patient_side.dynamics.base_parameters import base_parameters
-from tis.patient_side.dynamics.parameters import true_parameters
+from tis.patient_side.dynamics.parameters import base_parameters, regressor, true_parameters
 from tis.patient_side.dynamics.readings import clean_equations, equations, read
-from tis.patient_side.dynamics.regressor import regressor
 from tis.patient_side.plant.physics import ArmPhysics, Motion
 from tis.patient_side.statespace import Array
 

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from tis.patient_side.dynamics.parameters import true_parameters
-from tis.patient_side.dynamics.regressor import regressor
+from tis.patient_side.dynamics.parameters import regressor, true_parameters
 from tis.patient_side.plant.arm_geometry import HIGH, LOW, link_frames
 from tis.patient_side.plant.arm_links import COM_M, MASS_KG
 from tis.patient_side.plant.mjcf import arm_mjcf

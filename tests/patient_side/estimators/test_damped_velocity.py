@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tests.patient_side.arm_models import arm_model, random_noise, random_space, static_model
-from tis.patient_side.estimators.damped_velocity import DampedVelocity
 from tis.patient_side.estimators.protocol import Estimate, Estimator
+from tis.patient_side.estimators.simple import DampedVelocity
 from tis.patient_side.movement_models import InputForecast
 from tis.patient_side.playout import Playout
 from tis.patient_side.statespace import ArmModel

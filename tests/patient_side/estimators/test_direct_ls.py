@@ -21,7 +21,7 @@ from tests.patient_side.identification.known_systems import real_recording
 from tis.common.errors import DataError
 from tis.common.units import sample_instant_ns
 from tis.patient_side.estimators.direct_ls import DirectLs, direct_ls
-from tis.patient_side.estimators.hold import Hold
+from tis.patient_side.estimators.simple import Hold
 from tis.patient_side.identification.direct_ls import fit_direct, windows
 from tis.patient_side.playout import Playout
 from tis.patient_side.statespace import Array

@@ -21,7 +21,7 @@ from tests.patient_side.identification.known_systems import real_recording
 from tis.common.errors import DataError
 from tis.common.units import sample_instant_ns
 from tis.patient_side.estimators.drmf import Drmf, drmf
-from tis.patient_side.estimators.hold import Hold
+from tis.patient_side.estimators.simple import Hold
 from tis.patient_side.identification import fit_drmf as fitting
 from tis.patient_side.identification.fit_drmf import fit_drmf
 from tis.patient_side.movement_models import CompletionModel, Factorisation

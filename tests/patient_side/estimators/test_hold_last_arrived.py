@@ -1,7 +1,7 @@
 import numpy as np
 
-from tis.patient_side.estimators.hold_last_arrived import HoldLastArrived
 from tis.patient_side.estimators.protocol import Estimator
+from tis.patient_side.estimators.simple import HoldLastArrived
 from tis.patient_side.playout import Playout
 
 

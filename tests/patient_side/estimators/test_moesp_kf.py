@@ -23,8 +23,8 @@ from tests.patient_side.arm_models import (
     truth_at_ticks,
 )
 from tis.common.units import sample_instant_ns
-from tis.patient_side.estimators.hold import Hold
 from tis.patient_side.estimators.moesp_kf import FilterState, MoespKf
+from tis.patient_side.estimators.simple import Hold
 from tis.patient_side.filters.kalman import BIAS_STEP, augment
 from tis.patient_side.horizon import PATIENCE_SAMPLES, horizon_samples
 from tis.patient_side.playout import Playout

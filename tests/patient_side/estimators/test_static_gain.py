@@ -5,7 +5,7 @@ import pytest
 
 from tests.patient_side.arm_models import at_operating_point, random_space, static_model
 from tis.patient_side.estimators.protocol import Estimator
-from tis.patient_side.estimators.static_gain import StaticGain, dc_gain
+from tis.patient_side.estimators.simple import StaticGain, dc_gain
 from tis.patient_side.playout import Playout
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tis.patient_side.estimators.protocol import Estimator
-from tis.patient_side.estimators.velocity import Velocity
+from tis.patient_side.estimators.simple import Velocity
 from tis.patient_side.playout import Playout
 
 ESTIMATOR: Estimator = Velocity()

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tis.patient_side.filters.checkpoint_ring import Checkpoint, Ring, rewound, trimmed
+from tis.patient_side.filters.replay import Checkpoint, Ring, rewound, trimmed
 
 
 def ring_at(indices: list[int]) -> Ring:

@@ -22,8 +22,8 @@ from tis.patient_side.filters.correction import (
     movement_terms,
     movements,
     openness,
+    projections,
 )
-from tis.patient_side.filters.fourier_features import projections
 from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter, build_innovations_filter
 from tis.patient_side.filters.recent_past import RecentPast
 from tis.patient_side.filters.row_clock import NO_PHASE, RowClock

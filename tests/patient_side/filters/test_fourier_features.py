@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tis.patient_side.filters.fourier_features import LENGTH, projections
+from tis.patient_side.filters.correction import LENGTH, projections
 
 
 def test_their_mean_product_is_the_gaussian_kernel() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
-from tis.patient_side.filters.kalman_update import joseph_update, kalman_predict, kalman_update
+from tis.patient_side.filters.kalman import joseph_update, kalman_predict, kalman_update
 from tis.patient_side.statespace import Array
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from tests.patient_side.movements import movement_model
 from tis.patient_side.filters.innovations_filter import build_innovations_filter
-from tis.patient_side.filters.replay_window import MAX_WINDOW, replay_window
+from tis.patient_side.filters.replay import MAX_WINDOW, replay_window
 from tis.patient_side.filters.unbroken import Unbroken
 from tis.patient_side.identification.stochastic_moesp import innovations_form
 from tis.patient_side.movement_models import InnovationsModel

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tis.patient_side.filters.robust_factorisation import largest, left_factor, low_rank_part
+from tis.patient_side.filters.hankel_completion import largest, left_factor, low_rank_part
 from tis.patient_side.statespace import Array
 
 

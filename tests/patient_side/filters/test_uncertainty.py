@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.patient_side.movements import movement_model
-from tis.patient_side.filters import uncertainty
+from tis.patient_side.filters import replay
 from tis.patient_side.filters.innovations_filter import build_innovations_filter
-from tis.patient_side.filters.uncertainty import Uncertainty, UncertaintyTree
+from tis.patient_side.filters.replay import Uncertainty, UncertaintyTree
 
 FILTER = build_innovations_filter(movement_model(4), 20)
 
@@ -43,7 +43,7 @@ def test_a_row_that_stays_broken_keeps_no_chain() -> None:
 
 
 def test_what_is_kept_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(uncertainty, "_MAX_KEPT", 10)
+    monkeypatch.setattr(replay, "_MAX_KEPT", 10)
     tree = UncertaintyTree(FILTER)
     for stage in range(50):
         tree.take(tree.root(stage, FILTER.start_covariance), 2)

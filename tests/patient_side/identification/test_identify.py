@@ -18,7 +18,7 @@ from tis.common.scenario.identification import Identification
 from tis.common.scenario.source import SyntheticSource
 from tis.common.sources.provenance import RecordedRows
 from tis.common.sources.synthetic import synthesise
-from tis.patient_side.estimators.static_gain import dc_gain
+from tis.patient_side.estimators.simple import dc_gain
 from tis.patient_side.identification.identify import identify_arm, identify_with_orders
 
 

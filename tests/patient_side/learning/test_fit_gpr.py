@@ -8,7 +8,7 @@ from tis.patient_side.learned.gaussian_process import AGES, N_FEATURES, features
 from tis.patient_side.learning import fit_gpr as module
 from tis.patient_side.learning.examples import examples_of
 from tis.patient_side.learning.fit_gpr import fit_gpr, whiten
-from tis.patient_side.learning.process_noise import noise_on
+from tis.patient_side.learning.process_scales import noise_on
 
 SCALE = np.full(N_FEATURES, 0.2)
 

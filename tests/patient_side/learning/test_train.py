@@ -19,7 +19,7 @@ from tis.patient_side.learning import fit_gpr, fit_srlsmf
 from tis.patient_side.learning import train as module
 from tis.patient_side.learning.examples import Examples
 from tis.patient_side.learning.fit_network import Epoch
-from tis.patient_side.learning.process_noise import Noise, noise_on
+from tis.patient_side.learning.process_scales import Noise, noise_on
 from tis.patient_side.learning.train import with_learned
 from tis.patient_side.model_fields import Floats
 from tis.patient_side.statespace import ArmModel

@@ -1,6 +1,6 @@
 import numpy as np
 
-from tis.patient_side.learning.turns import rotations
+from tis.patient_side.learning.examples import rotations
 
 
 def test_rotations_turn_and_nothing_else() -> None:

@@ -3,7 +3,7 @@ import pytest
 
 from tests.patient_side.orientation.turning import angle_deg, arrived, constant_turn
 from tis.patient_side.movement_models import RateModel
-from tis.patient_side.orientation.constant_rate import ConstantRate
+from tis.patient_side.orientation.methods import ConstantRate
 from tis.patient_side.playout import SourceBuffer
 
 HORIZONS = np.array([1.0, 4.0, 30.0])

@@ -1,7 +1,7 @@
 import numpy as np
 
 from tests.patient_side.orientation.turning import arrived, constant_turn
-from tis.patient_side.orientation.hold import Hold
+from tis.patient_side.orientation.methods import Hold
 from tis.patient_side.playout import SourceBuffer
 
 

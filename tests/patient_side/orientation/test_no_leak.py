@@ -10,8 +10,8 @@ from tis.common.sources.trajectory import Array
 from tis.patient_side.identification.direct_ls import differences
 from tis.patient_side.identification.fit_wrist import fit_rate
 from tis.patient_side.movement_models import WristModel
-from tis.patient_side.orientation.protocol import WristEstimate, WristMethod
-from tis.patient_side.orientation.registry import METHODS
+from tis.patient_side.orientation.methods import METHODS
+from tis.patient_side.orientation.wrist import WristEstimate, WristMethod
 from tis.patient_side.playout import SourceBuffer
 from tis.patient_side.rotations import turned
 

@@ -1,6 +1,6 @@
 from tests.patient_side.orientation.test_no_leak import model
 from tis.patient_side.movement_models import WristModel
-from tis.patient_side.orientation.registry import build_methods
+from tis.patient_side.orientation.methods import build_methods
 
 
 def test_all_methods_are_built_in_the_order_of_their_names() -> None:

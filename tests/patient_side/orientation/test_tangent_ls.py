@@ -10,7 +10,7 @@ from tests.patient_side.orientation.turning import angle_deg, arrived, constant_
 from tis.common.metrics.consistency import CHI2_3_95
 from tis.common.sources.trajectory import Array
 from tis.patient_side.identification.direct_ls import fit_direct
-from tis.patient_side.orientation.tangent_ls import TangentLs
+from tis.patient_side.orientation.methods import TangentLs
 from tis.patient_side.playout import SourceBuffer
 from tis.patient_side.rotations import turned
 

@@ -6,7 +6,7 @@ from tis.common.errors import InputError
 from tis.common.scenario import Scenario
 from tis.common.servo import servo_transition
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
-from tis.patient_side.plant.execution import executed
+from tis.patient_side.plant.build import executed
 
 
 def a_scenario(**plant: object) -> Scenario:

@@ -11,10 +11,8 @@ from tis.common.scenario import Scenario
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 from tis.common.streams import Stream
 from tis.common.units import sample_instant_ns
-from tis.patient_side.plant.build import build_plant, noise_label
+from tis.patient_side.plant.build import ReplayPlant, ServoPlant, build_plant, noise_label
 from tis.patient_side.plant.protocol import Reference
-from tis.patient_side.plant.replay import ReplayPlant
-from tis.patient_side.plant.servo import ServoPlant
 from tis.patient_side.statespace import Array
 
 NOISE = Stream.named(1, noise_label("PSM2"))

@@ -10,7 +10,7 @@ from tis.common.stop_messages import LATCH
 from tis.common.ticker import Ticker
 from tis.common.units import sample_instant_ns
 from tis.patient_side.driven import drive
-from tis.patient_side.estimators.hold import Hold
+from tis.patient_side.estimators.simple import Hold
 from tis.patient_side.hand import Fresh, PatientHand
 from tis.patient_side.node import PatientNode
 from tis.patient_side.orientation.wrist import LEVEL, Wrist

@@ -20,7 +20,7 @@ from tis.deploy.report.subjects.age import ages_ns
 from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.twin import build_sides, drive
 from tis.patient_side.build import identify_models
-from tis.patient_side.estimators.hold import Hold
+from tis.patient_side.estimators.simple import Hold
 from tis.patient_side.playout import Playout
 
 

@@ -17,7 +17,7 @@ from tis.deploy.report.subjects.tracking import HandTrack
 from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, drive
-from tis.patient_side.orientation.protocol import WristEstimate
+from tis.patient_side.orientation.wrist import WristEstimate
 from tis.patient_side.playout import SourceBuffer
 
 MS = 1_000_000

@@ -11,8 +11,8 @@ from tis.deploy.shell.progress import PhaseProgress
 from tis.deploy.studies.methods.plans import ALL
 from tis.deploy.studies.methods.steps import Play, Stepped, play_rounds
 from tis.deploy.studies.methods.trials import Extent
-from tis.patient_side.estimators.hold import Hold
 from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.estimators.simple import Hold
 from tis.patient_side.playout import Playout
 
 EXTENT = Extent(n_rounds=3, n_ticks=100)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tis.common.metrics.consistency import CHI2_3_95
-from tis.patient_side.filters.adaptation import Adaptation, Adapter, Forecast, Scales, octave_of
+from tis.patient_side.estimators.adaptive_kf import Adaptation, Adapter, Forecast, Scales, octave_of
 from tis.patient_side.playout import Playout
 from tis.patient_side.statespace import Array
 

@@ -10,8 +10,8 @@ from tis.common.node import Emission, Output, Record
 from tis.common.records import ESTIMATES, ESTIMATOR_FAULTS, FAULTY_STEPS, CounterNote, EstimateNote, EstimatorFault
 from tis.common.ticker import Ticker
 from tis.patient_side.estimators.guarded import Guarded
-from tis.patient_side.estimators.hold import Hold
 from tis.patient_side.estimators.protocol import Estimate, Estimator
+from tis.patient_side.estimators.simple import Hold
 from tis.patient_side.hand import PatientHand
 from tis.patient_side.node import PatientNode
 from tis.patient_side.playout import Playout

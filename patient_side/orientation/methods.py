@@ -1,0 +1,164 @@
+"""The methods for orientation and gripper by name: hold, a constant rate, least squares in the tangent space.
+
+Least squares in the tangent space: `direct_ls` for orientation and gripper.
+
+At the newest orientation R the past is ``log(R^-1 R_past)`` and the future ``log(R^-1 R_future)``, rotation vectors
+in the body frame of R. One regression for each horizon forecasts d, and the estimate is ``R exp(d)``.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Final, Literal
+
+import numpy as np
+
+from tis.common.scenario.patient import OrientationMethod
+from tis.patient_side.estimators.direct_ls import DirectForecast, arrived_past
+from tis.patient_side.filters.input_path import damped_steps
+from tis.patient_side.identification.direct_ls import differences
+from tis.patient_side.movement_models import DirectModel, RateModel, WristModel
+from tis.patient_side.orientation.wrist import NOTHING, WristEstimate, WristMethod
+from tis.patient_side.playout import SourceBuffer
+from tis.patient_side.rotations import at_end, turned, turned_by
+from tis.patient_side.statespace import Array
+
+
+@dataclass(frozen=True)
+class ConstantRate:
+    """No estimate while no sample of the arm has arrived; no movement while only one has.
+
+    A rate that is not damped loses to hold beyond 200 ms, as hands stop and turn back. The covariance is that of the
+    training rows; beyond the last horizon the forecast stays constant, and it grows like that of a random walk.
+    Oracle: an arm that turns at a constant speed about a known axis.
+    """
+
+    orientation: RateModel
+    gripper: RateModel
+    name: Literal["constant_rate"] = "constant_rate"
+
+    def estimate(self, arm: SourceBuffer, age_samples: float) -> WristEstimate:
+        """Return the newest orientation and gripper, moved on at their damped rates."""
+        newest = arm.orientation(arm.newest)
+        if newest is None:
+            return NOTHING
+        moved, covariance = np.zeros(3), _covariance(self.orientation, age_samples)
+        other = _earlier(arm, self.orientation)
+        earlier = arm.orientation(other)
+        if earlier is not None:
+            steps = _steps(self.orientation, age_samples) * self.orientation.stride / (arm.newest - other)
+            moved = -steps * turned(newest, earlier)
+        gripper_rad = arm.gripper_rad(arm.newest)
+        if gripper_rad is not None:
+            other = _earlier(arm, self.gripper)
+            earlier_rad = arm.gripper_rad(other) if other >= 0 else None
+            if earlier_rad is not None:
+                steps = _steps(self.gripper, age_samples) * self.gripper.stride / (arm.newest - other)
+                gripper_rad += steps * (gripper_rad - earlier_rad)
+        return WristEstimate(
+            turned_by(newest, moved),
+            at_end(moved, covariance),
+            gripper_rad,
+            float(_covariance(self.gripper, age_samples)[0, 0]),
+        )
+
+
+def _earlier(arm: SourceBuffer, model: RateModel) -> int:
+    """Return the arrived sample that the rate is measured from: nearest to the model's span ago, or -1."""
+    wanted = arm.newest - model.velocity_span * model.stride
+    older, younger = arm.newest_before(wanted + 1), arm.oldest_after(wanted)
+    return (
+        older
+        if older >= 0 and (younger == arm.newest or wanted - older <= younger - wanted)
+        else (younger if younger != arm.newest else -1)
+    )
+
+
+def _steps(model: RateModel, age_samples: float) -> float:
+    """Return the distance that the forecast covers, in steps of the rate."""
+    return damped_steps(model.damping, min(age_samples / model.stride, float(model.horizons[-1])))
+
+
+def _covariance(model: RateModel, age_samples: float) -> Array:
+    """Return the error's covariance (d, d): interpolated between horizons, from 0 at age 0."""
+    steps, horizons = age_samples / model.stride, model.horizons
+    at = int(np.searchsorted(horizons, steps))
+    if at == len(horizons):
+        return np.asarray(model.covariance[-1] * (steps / horizons[-1]))
+    if at == 0:
+        return np.asarray(model.covariance[0] * (steps / horizons[0]) ** 2)
+    share = (steps - horizons[at - 1]) / (horizons[at] - horizons[at - 1])
+    return np.asarray((1.0 - share) * model.covariance[at - 1] + share * model.covariance[at])
+
+
+@dataclass(frozen=True)
+class Hold:
+    """No estimate while no sample of the arm has arrived, and no covariance."""
+
+    name: Literal["hold"] = "hold"
+
+    def estimate(self, arm: SourceBuffer, age_samples: float) -> WristEstimate:  # noqa: ARG002  protocol
+        """Return the freshest orientation and gripper angle."""
+        return WristEstimate(arm.orientation(arm.newest), None, arm.gripper_rad(arm.newest))
+
+
+@dataclass(frozen=True)
+class TangentLs:
+    """No estimate while no sample of the arm has arrived.
+
+    Samples that have not arrived are replaced as `DirectForecast` does. Oracles: numpy's least squares row by row, an
+    arm that turns at a constant speed, and coverage on synthetic movements.
+    """
+
+    orientation: DirectModel
+    gripper: DirectModel
+    name: Literal["tangent_ls"] = "tangent_ls"
+    _orientation: DirectForecast = field(init=False, repr=False)
+    _gripper: DirectForecast = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_orientation", DirectForecast(self.orientation))
+        object.__setattr__(self, "_gripper", DirectForecast(self.gripper))
+
+    def estimate(self, arm: SourceBuffer, age_samples: float) -> WristEstimate:
+        """Return the forecast from the newest sample, and its covariances."""
+        newest = arm.orientation(arm.newest)
+        if newest is None:
+            return NOTHING
+        lags, stride = self.orientation.lags, self.orientation.stride
+        past = arrived_past(arm, lags, stride, arm.orientation)
+        steps = age_samples / stride
+        moved, covariance = self._orientation.ahead(steps, past.moves(newest, arm.orientation, turned), past.known)
+        at, turned_covariance = turned_by(newest, moved), at_end(moved, covariance)
+        # The same samples, so the same past: both models have the same lags.
+        now = arm.gripper_angle(arm.newest)
+        if now is None:
+            return WristEstimate(at, turned_covariance)
+        opened, variance = self._gripper.ahead(steps, past.moves(now, arm.gripper_angle, differences), past.known)
+        return WristEstimate(at, turned_covariance, float(now[0] + opened[0]), float(variance[0, 0]))
+
+
+def _constant_rate(model: WristModel) -> WristMethod | None:
+    if model.rate is None or model.gripper_rate is None:
+        return None
+    return ConstantRate(model.rate, model.gripper_rate)
+
+
+def _tangent_ls(model: WristModel) -> WristMethod | None:
+    if model.direct is None or model.gripper_direct is None:
+        return None
+    return TangentLs(model.direct, model.gripper_direct)
+
+
+METHODS: Final[Mapping[OrientationMethod, Callable[[WristModel], WristMethod | None]]] = MappingProxyType(
+    {"hold": lambda _: Hold(), "constant_rate": _constant_rate, "tangent_ls": _tangent_ls}
+)
+
+
+def build_methods(names: Iterable[OrientationMethod], model: WristModel | None) -> tuple[WristMethod, ...]:
+    """Return the methods called ``names``, without those that the model has nothing for; hold needs nothing.
+
+    So a model file from before orientations were estimated serves as it did: its arm's orientation is held.
+    """
+    built = (METHODS[name](WristModel() if model is None else model) for name in names)
+    return tuple(method for method in built if method is not None)
