@@ -1,7 +1,7 @@
 """Benchmarks: ``tis bench``, each figure beside a reference measured in the same run."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -32,8 +32,7 @@ def netem(
     """Measure the emulator's release error and throughput, beside a native Zenoh router."""
     from tis.deploy.bench.netem import bench_netem
 
-    check_outputs(out)
-    return _write_figures(bench_netem(seconds, OUT), out)
+    return _measured(lambda: bench_netem(seconds, OUT), out)
 
 
 @app.command()
@@ -81,8 +80,7 @@ def cells(
     """Time a cell of `tis compare`, which keeps no logs, beside a twin with logs."""
     from tis.deploy.bench.cells import bench_cells
 
-    check_outputs(out)
-    return _write_figures(bench_cells(seconds, rounds, OUT), out)
+    return _measured(lambda: bench_cells(seconds, rounds, OUT), out)
 
 
 @app.command()
@@ -97,8 +95,7 @@ def logs(
     """Measure the size of recordings on disk, and the time and memory to merge and report them."""
     from tis.deploy.bench.logs import bench_logs
 
-    check_outputs(out)
-    return _write_figures(bench_logs(seconds, whole, OUT), out)
+    return _measured(lambda: bench_logs(seconds, whole, OUT), out)
 
 
 @app.command()
@@ -113,8 +110,7 @@ def recording(
     """Measure the effect of recording on a live run at 1 kHz: missed ticks and lateness, with and without it."""
     from tis.deploy.bench.recording import bench_recording
 
-    check_outputs(out)
-    return _write_figures(bench_recording(seconds, rounds, OUT), out)
+    return _measured(lambda: bench_recording(seconds, rounds, OUT), out)
 
 
 @app.command()
@@ -129,11 +125,13 @@ def security(
         raise InputError(Fault("tis bench security", "", f"needs the package cryptography: {GET_HOSTS}"))
     from tis.deploy.bench.security import bench_security
 
+    return _measured(lambda: bench_security(seconds, rounds, OUT), out)
+
+
+def _measured(measure: Callable[[], Mapping[str, Any]], out: Path | None) -> int:
+    """Measure, and write the figures to ``out``, which is checked before."""
     check_outputs(out)
-    return _write_figures(bench_security(seconds, rounds, OUT), out)
-
-
-def _write_figures(figures: Mapping[str, Any], out: Path | None) -> int:
+    figures = measure()
     if out is not None:
         from tis.deploy.shell.run_dir import write
 
