@@ -1,12 +1,23 @@
 """Command `admissible`: the networks in which limits hold."""
 
 from enum import StrEnum
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from tis.deploy.cli.group import Commands, JobsOption, JsonOption, ScenarioArg, SchedulerOption, SeedOption, SetOption
+from tis.deploy.cli.group import (
+    Commands,
+    EstimatorsOption,
+    JobsOption,
+    JsonOption,
+    ScenarioArg,
+    SchedulerOption,
+    SeedOption,
+    SetOption,
+    StudyFolderOption,
+    TrialDurationOption,
+    TrialsOption,
+)
 from tis.deploy.shell.guard import ERR, guarded, words_to
 
 app = Commands("Studies")
@@ -27,18 +38,9 @@ _Over = Annotated[
     list[str] | None,
     typer.Option(metavar="a.b=FIRST..LAST[:log]", help="Field of the scenario that varies; several span a box."),
 ]
-_Estimators = Annotated[
-    str | None, typer.Option(metavar="A,B,C", help="Estimators by name or module:factory; by default the scenario's.")
-]
-_Trials = Annotated[
-    str | None, typer.Option(metavar="D001,E003", help="Trials of the task; by default all in the folder.")
-]
 _People = Annotated[str | None, typer.Option(metavar="D,E", help="People, instead of --trials: all of theirs.")]
 _Seeds = Annotated[
     int | None, typer.Option("--seeds", min=1, help="Seeds per trial (4), or synthetic people, a seed each (8).")
-]
-_Duration = Annotated[
-    float | None, typer.Option(help="Use at most this much of each trial, in s; by default all of it.")
 ]
 _Profiles = Annotated[
     str, typer.Option(metavar="all|none|A,B", help="Profiles of the library that are judged as networks, too.")
@@ -52,10 +54,6 @@ _Points = Annotated[int, typer.Option("--points", min=1, help="Most networks of 
 _Checks = Annotated[
     int, typer.Option("--checks", min=0, help="Networks judged again on fresh seeds, half of them inside.")
 ]
-_Out = Annotated[
-    Path | None,
-    typer.Option("--out", help="Folder of the results, by default below runs/; a second call resumes there."),
-]
 
 
 @app.command()
@@ -64,13 +62,13 @@ def admissible(
     scenario: ScenarioArg,
     limits: _Limits = None,
     over: _Over = None,
-    estimators: _Estimators = None,
-    trials: _Trials = None,
+    estimators: EstimatorsOption = None,
+    trials: TrialsOption = None,
     people: _People = None,
     n_seeds: _Seeds = None,
     settings: SetOption = None,
     seed: SeedOption = None,
-    duration_s: _Duration = None,
+    duration_s: TrialDurationOption = None,
     profiles: _Profiles = "all",
     max_copies: _MaxCopies = 4,
     cheapest_by: _Cheapest = Price.BYTES,
@@ -79,7 +77,7 @@ def admissible(
     n_checks: _Checks = 20,
     jobs: JobsOption = None,
     scheduler: SchedulerOption = None,
-    out_dir: _Out = None,
+    out_dir: StudyFolderOption = None,
     as_json: JsonOption = False,
 ) -> int:
     """Find the networks in which limits hold with 95 % confidence over people.

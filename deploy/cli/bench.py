@@ -1,7 +1,7 @@
 """Benchmarks: ``tis bench``, each figure beside a reference measured in the same run."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,6 +14,9 @@ from tis.deploy.shell.guard import OUT, guarded
 
 app = Commands(no_args_is_help=True, help="Measure speed and punctuality on this machine.")
 
+FiguresOption = Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")]
+RunLengthOption = Annotated[float, typer.Option(min=2, max=600, help="Length of each run, in s.")]
+
 
 @app.callback()
 def bench() -> None:
@@ -24,14 +27,12 @@ def bench() -> None:
 @guarded
 def netem(
     seconds: Annotated[float, typer.Option(min=0.5, max=600, help="Measuring time per figure, s.")] = 5.0,
-    out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
+    out: FiguresOption = None,
 ) -> int:
     """Measure the emulator's release error and throughput, beside a native Zenoh router."""
     from tis.deploy.bench.netem import bench_netem
 
-    check_outputs(out)
-    figures = bench_netem(seconds, OUT)
-    return _write_figures(figures, out)
+    return _measured(lambda: bench_netem(seconds, OUT), out)
 
 
 @app.command()
@@ -74,13 +75,12 @@ def estimators() -> int:
 def cells(
     seconds: Annotated[float, typer.Option(min=3, max=3600, help="Length of each twin, in s.")] = 60.0,
     rounds: Annotated[int, typer.Option(min=1, max=50, help="Number of twins of each kind.")] = 5,
-    out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
+    out: FiguresOption = None,
 ) -> int:
     """Time a cell of `tis compare`, which keeps no logs, beside a twin with logs."""
     from tis.deploy.bench.cells import bench_cells
 
-    check_outputs(out)
-    return _write_figures(bench_cells(seconds, rounds, OUT), out)
+    return _measured(lambda: bench_cells(seconds, rounds, OUT), out)
 
 
 @app.command()
@@ -90,51 +90,48 @@ def logs(
     whole: Annotated[
         bool, typer.Option("--whole", help="Measure an hour at 30 Hz and ten minutes at 1 kHz; takes 10 minutes.")
     ] = False,
-    out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
+    out: FiguresOption = None,
 ) -> int:
     """Measure the size of recordings on disk, and the time and memory to merge and report them."""
     from tis.deploy.bench.logs import bench_logs
 
-    check_outputs(out)
-    figures = bench_logs(seconds, whole, OUT)
-    return _write_figures(figures, out)
+    return _measured(lambda: bench_logs(seconds, whole, OUT), out)
 
 
 @app.command()
 @guarded
 def recording(
-    seconds: Annotated[float, typer.Option(min=2, max=600, help="Length of each run, in s.")] = 20.0,
+    seconds: RunLengthOption = 20.0,
     rounds: Annotated[
         int, typer.Option(min=1, max=50, help="Number of runs with recording, and of as many without.")
     ] = 3,
-    out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
+    out: FiguresOption = None,
 ) -> int:
     """Measure the effect of recording on a live run at 1 kHz: missed ticks and lateness, with and without it."""
     from tis.deploy.bench.recording import bench_recording
 
-    check_outputs(out)
-    figures = bench_recording(seconds, rounds, OUT)
-    return _write_figures(figures, out)
+    return _measured(lambda: bench_recording(seconds, rounds, OUT), out)
 
 
 @app.command()
 @guarded
 def security(
-    seconds: Annotated[float, typer.Option(min=2, max=600, help="Length of each run, in s.")] = 10.0,
+    seconds: RunLengthOption = 10.0,
     rounds: Annotated[int, typer.Option(min=1, max=50, help="Number of runs of each kind.")] = 3,
-    out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
+    out: FiguresOption = None,
 ) -> int:
     """Measure the price of passwords and TLS: latency end to end, and netem's processor time."""
     if not can_certify():
         raise InputError(Fault("tis bench security", "", f"needs the package cryptography: {GET_HOSTS}"))
     from tis.deploy.bench.security import bench_security
 
+    return _measured(lambda: bench_security(seconds, rounds, OUT), out)
+
+
+def _measured(measure: Callable[[], Mapping[str, Any]], out: Path | None) -> int:
+    """Measure, and write the figures to ``out``, which is checked before."""
     check_outputs(out)
-    figures = bench_security(seconds, rounds, OUT)
-    return _write_figures(figures, out)
-
-
-def _write_figures(figures: Mapping[str, Any], out: Path | None) -> int:
+    figures = measure()
     if out is not None:
         from tis.deploy.shell.run_dir import write
 

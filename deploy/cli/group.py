@@ -35,6 +35,19 @@ VerboseOption = Annotated[bool, typer.Option("--verbose", "-v", help="Print all 
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the data as JSON on standard output, and words on standard error.")
 ]
+EstimatorsOption = Annotated[
+    str | None, typer.Option(metavar="A,B,C", help="Estimators by name or module:factory; by default the scenario's.")
+]
+TrialsOption = Annotated[
+    str | None, typer.Option(metavar="D001,E003", help="Trials of the task; by default all in the folder.")
+]
+TrialDurationOption = Annotated[
+    float | None, typer.Option(help="Use at most this much of each trial, in s; by default all of it.")
+]
+StudyFolderOption = Annotated[
+    Path | None,
+    typer.Option("--out", help="Folder of the results, by default below runs/; a second call resumes there."),
+]
 JobsOption = Annotated[int | None, typer.Option(min=1, help="Processes; by default one per core.")]
 SchedulerOption = Annotated[
     str | None, typer.Option(metavar="tcp://HOST:8786", help="Compute on the workers of this Dask scheduler instead.")

@@ -71,9 +71,7 @@ def view(
     east: Annotated[
         str, typer.Option("--east", metavar="ENDPOINT", help="Endpoint of netem on the patient's network.")
     ] = "tcp/127.0.0.1:7448",
-    prefix: Annotated[
-        str, typer.Option(help="Prefix of the emulator's control keys: the scenario's session.")
-    ] = "tis",
+    prefix: PrefixOption = "tis",
     address: AddressOption = "127.0.0.1",
     port: PortOption = 0,
     hosts: HostOption = None,

@@ -9,12 +9,16 @@ from rich.markup import escape
 from tis.common.errors import Fault, InputError
 from tis.deploy.cli.group import (
     Commands,
+    EstimatorsOption,
     JobsOption,
     JsonOption,
     OptionalScenarioArg,
     SchedulerOption,
     SeedOption,
     SetOption,
+    StudyFolderOption,
+    TrialDurationOption,
+    TrialsOption,
 )
 from tis.deploy.shell.guard import ERR, OUT, guarded, words_to
 
@@ -39,13 +43,8 @@ def compare(
         Path | None,
         typer.Option(metavar="FILE.yaml", help="A study file, which names scenario, settings, axes and estimators."),
     ] = None,
-    estimators: Annotated[
-        str | None,
-        typer.Option(metavar="A,B,C", help="Estimators by name or module:factory; by default the scenario's."),
-    ] = None,
-    trials: Annotated[
-        str | None, typer.Option(metavar="D001,E003", help="Trials of the task; by default all in the folder.")
-    ] = None,
+    estimators: EstimatorsOption = None,
+    trials: TrialsOption = None,
     people: Annotated[
         str | None, typer.Option(metavar="D,E", help="People whose trials are compared, instead of --trials.")
     ] = None,
@@ -56,15 +55,10 @@ def compare(
     zipped: Annotated[bool, typer.Option("--zip", help="Take the values of several sweeps side by side.")] = False,
     settings: SetOption = None,
     seed: SeedOption = None,
-    duration_s: Annotated[
-        float | None, typer.Option(help="Use at most this much of each trial, in s; by default all of it.")
-    ] = None,
+    duration_s: TrialDurationOption = None,
     jobs: JobsOption = None,
     scheduler: SchedulerOption = None,
-    out_dir: Annotated[
-        Path | None,
-        typer.Option("--out", help="Folder of the results, by default below runs/; a second call resumes there."),
-    ] = None,
+    out_dir: StudyFolderOption = None,
     as_json: JsonOption = False,
     page: Annotated[
         Path | None, typer.Option(help="Compute and write the page that compares the estimators instead.")

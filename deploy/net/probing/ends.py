@@ -2,12 +2,20 @@
 
 import time
 from dataclasses import replace
-from typing import NamedTuple, Self
+from typing import Any, Final, NamedTuple, Self
 
 import zenoh
 
 from tis.common.errors import Fault, InputError, PeerError
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
+
+QUALITY_OF_SERVICE: Final[dict[str, Any]] = {
+    "congestion_control": zenoh.CongestionControl.DROP,
+    "reliability": zenoh.Reliability.RELIABLE,
+    "priority": zenoh.Priority.REAL_TIME,
+    "express": True,
+}
+"""How a probe's messages are published."""
 
 
 class Ends(NamedTuple):

@@ -5,20 +5,20 @@ alone. It runs as long as the probe, because the load of a machine changes.
 """
 
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import zenoh
 
-from tis.common.errors import Fault, PeerError
+from tis.common.errors import PeerError
 from tis.common.header import Header
 from tis.common.runtime.clock import monotonic_ns
 from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.scheduling import sharpen_timers
-from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
+from tis.common.runtime.zenoh_session import ZenohOptions
+from tis.deploy.net.probing.ends import QUALITY_OF_SERVICE, open_end
 from tis.deploy.net.probing.receiving_end import LocalReceivingEnd
 from tis.netem.fit.record import Spread
 
@@ -27,12 +27,6 @@ _MIN_MESSAGES: Final = 30
 _N_WARM_UP: Final = 5  # the first messages set up the route
 _TIMEOUT_S: Final = 2.0
 _KEY: Final = "idle"
-_QOS: Final[dict[str, Any]] = {
-    "congestion_control": zenoh.CongestionControl.DROP,
-    "reliability": zenoh.Reliability.RELIABLE,
-    "priority": zenoh.Priority.REAL_TIME,
-    "express": True,
-}
 
 
 class IdleRelay:
@@ -40,7 +34,7 @@ class IdleRelay:
 
     def __init__(self, sender: zenoh.Session, receiver: LocalReceivingEnd) -> None:
         self._receiver = receiver
-        self._publisher = sender.declare_publisher(_KEY, **_QOS)
+        self._publisher = sender.declare_publisher(_KEY, **QUALITY_OF_SERVICE)
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._send, name="idle relay", daemon=True)
         self._thread.start()
@@ -74,7 +68,7 @@ def open_idle_relay() -> Iterator[IdleRelay | None]:
         except (PeerError, OSError):
             yield None
             return
-        relay = east[0].declare_publisher(_KEY, **_QOS)
+        relay = east[0].declare_publisher(_KEY, **QUALITY_OF_SERVICE)
         # a put in a callback may stall its session; this session has no other work
         subscriber = west[0].declare_subscriber(_KEY, lambda sample: relay.put(b"", attachment=sample.attachment))
         stack.callback(subscriber.undeclare)
@@ -87,11 +81,8 @@ def open_idle_relay() -> Iterator[IdleRelay | None]:
 
 def _network(stack: ExitStack, endpoint: str) -> tuple[zenoh.Session, zenoh.Session]:
     """Open a router and a client of it; raises `PeerError`."""
-    options = ZenohOptions(listen=[endpoint])
-    router = stack.enter_context(open_router(configure("router", options), endpoint, "probe"))
-    give_up = time.monotonic() + _TIMEOUT_S
-    config = configure("client", ZenohOptions(connect=[endpoint]))
-    client = open_client(config, lambda: time.monotonic() >= give_up, lambda: None)
-    if client is None:
-        raise PeerError(Fault("probe", endpoint, f"no answer within {_TIMEOUT_S:g} s"))
-    return router, stack.enter_context(client)
+    router, client = (
+        stack.enter_context(open_end(endpoint, listens, ZenohOptions(), _TIMEOUT_S, "probe"))
+        for listens in (True, False)
+    )
+    return router, client

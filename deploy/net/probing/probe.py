@@ -17,6 +17,7 @@ from tis.common.header import Header
 from tis.common.runtime.clock import monotonic_ns
 from tis.common.runtime.scheduling import sharpen_timers
 from tis.common.units import NS_PER_S, s_to_ns
+from tis.deploy.net.probing.ends import QUALITY_OF_SERVICE
 from tis.deploy.net.probing.receiving_end import WARM_UP, Paired, ReceivingEnd, last_received, pair
 
 _WARM_UP_EVERY_S: Final = 0.05
@@ -59,13 +60,7 @@ def probe(sender: zenoh.Session, receiver: ReceivingEnd, plan: Plan) -> Probed:
     later than ``timeout_s`` counts as lost (RFC 7680). Ctrl-C ends the sending early, and so does an unavailable far
     end; then the messages up to the last one known to have arrived are kept.
     """
-    publisher = sender.declare_publisher(
-        plan.key,
-        congestion_control=zenoh.CongestionControl.DROP,
-        reliability=zenoh.Reliability.RELIABLE,
-        priority=zenoh.Priority.REAL_TIME,
-        express=True,
-    )
+    publisher = sender.declare_publisher(plan.key, **QUALITY_OF_SERVICE)
     try:
         with low_latency():
             _warm_up(publisher, receiver, plan)
