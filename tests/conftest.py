@@ -91,7 +91,7 @@ def without_report(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let `tis compare` compute in this process: for tests that do not look at its processes."""
-    monkeypatch.setattr("tis.deploy.compare.engine.processes.ProcessPoolExecutor", InThisProcess)
+    monkeypatch.setattr("tis.deploy.compare.engine.workers.ProcessPoolExecutor", InThisProcess)
 
 
 @pytest.fixture(scope="session")

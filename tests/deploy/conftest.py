@@ -42,7 +42,7 @@ def small(tmp_path: Path, written_trials: Path, monkeypatch: pytest.MonkeyPatch)
 def forked(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let processes begin as copies of one that has loaded what they compute with: they die as all others do."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["tis.deploy.compare.engine.processes"])
+    context.set_forkserver_preload(["tis.deploy.compare.engine.workers"])
     monkeypatch.setattr(multiprocessing, "get_context", lambda _: context)
 
 

@@ -10,8 +10,7 @@ from tis.common.errors import DataError, Fault, InputError
 from tis.deploy.compare.cells.cell import Cell, Training
 from tis.deploy.compare.cells.store import Store
 from tis.deploy.compare.engine.cluster import Cluster
-from tis.deploy.compare.engine.processes import Processes
-from tis.deploy.compare.engine.workers import Computed, Failure, Result, Unit, Workers
+from tis.deploy.compare.engine.workers import Computed, Failure, Processes, Result, Unit, Workers
 from tis.deploy.shell.progress import PhaseProgress
 
 # Choice of the workers of a comparison.

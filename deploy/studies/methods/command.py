@@ -16,7 +16,7 @@ from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.early_checks import check_outputs
 from tis.deploy.shell.guard import print_faults
 from tis.deploy.shell.progress import PhaseProgress
-from tis.deploy.studies.methods.claims import MEMBERS
+from tis.deploy.studies.methods.claims import MEMBERS, verdicts
 from tis.deploy.studies.methods.computing import Computed, compute_methods
 from tis.deploy.studies.methods.figures import figures_of
 from tis.deploy.studies.methods.page import NAMES, Files, files_of, page_text
@@ -34,7 +34,6 @@ from tis.deploy.studies.methods.trials import (
     find_trials,
     methods_of,
 )
-from tis.deploy.studies.methods.verdicts import verdicts
 
 _SYNTHETIC_S: Final = 60.0
 _QUICK_SYNTHETIC_S: Final = 12.0

@@ -14,7 +14,7 @@ from tests.deploy.commands import Call, call
 from tis.deploy.compare import command
 from tis.deploy.compare.cells.store import Store
 from tis.deploy.compare.engine.compute import compute
-from tis.deploy.compare.engine.processes import Processes
+from tis.deploy.compare.engine.workers import Processes
 from tis.deploy.compare.plan import Request, make_plan
 from tis.deploy.shell.progress import PhaseProgress
 

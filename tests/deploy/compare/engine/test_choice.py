@@ -5,7 +5,7 @@ import pytest
 from tis.common.errors import InputError
 from tis.deploy.compare.engine.cluster import Cluster
 from tis.deploy.compare.engine.compute import workers_of
-from tis.deploy.compare.engine.processes import Processes
+from tis.deploy.compare.engine.workers import Processes
 
 
 def test_a_scheduler_stands_for_a_cluster() -> None:

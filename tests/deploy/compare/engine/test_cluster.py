@@ -23,8 +23,7 @@ from tis.deploy.compare.engine import cluster
 from tis.deploy.compare.engine import cluster as module
 from tis.deploy.compare.engine.cluster import Cluster
 from tis.deploy.compare.engine.compute import Outcome, compute
-from tis.deploy.compare.engine.processes import Processes
-from tis.deploy.compare.engine.workers import Workers
+from tis.deploy.compare.engine.workers import Processes, Workers
 from tis.deploy.compare.plan import Plan, Request, make_plan
 from tis.deploy.shell.progress import PhaseProgress
 

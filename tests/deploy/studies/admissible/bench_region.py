@@ -17,11 +17,11 @@ from tis.common.runtime.recordings import list_trials
 from tis.common.scenario.source import JigsawsSource
 from tis.common.streams import Stream
 from tis.deploy.compare.cells.store import Store
-from tis.deploy.compare.engine.processes import Processes
+from tis.deploy.compare.engine.workers import Processes
 from tis.deploy.compare.plan import Request
 from tis.deploy.studies.admissible.border import find_border
+from tis.deploy.studies.admissible.command import order_of
 from tis.deploy.studies.admissible.evaluation import Evaluation, Judged
-from tis.deploy.studies.admissible.options import order_of
 from tis.deploy.studies.admissible.region import Place
 from tis.deploy.studies.admissible.study import Order
 

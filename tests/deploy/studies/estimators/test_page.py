@@ -14,8 +14,7 @@ from tis.deploy.compare.engine.compute import Outcome
 from tis.deploy.compare.plan import Plan, make_plan
 from tis.deploy.compare.results.pooled import interval_note
 from tis.deploy.compare.results.report import report
-from tis.deploy.studies.estimators.page import descriptions, page_text
-from tis.deploy.studies.estimators.sections import Section, command_of, sections
+from tis.deploy.studies.estimators.page import Section, command_of, descriptions, page_text, sections
 
 
 def _result(plan: Plan, worse: float) -> dict[str, Any]:

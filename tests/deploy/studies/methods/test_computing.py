@@ -9,7 +9,7 @@ from rich.console import Console
 from tis.common.errors import DataError, Fault, InputError
 from tis.deploy.compare.cells import cell as cells
 from tis.deploy.compare.cells.store import Store
-from tis.deploy.compare.engine.processes import Processes
+from tis.deploy.compare.engine.workers import Processes
 from tis.deploy.compare.plan import Plan
 from tis.deploy.studies.methods import computing
 from tis.deploy.studies.methods.computing import compute_methods

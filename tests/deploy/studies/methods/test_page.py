@@ -11,8 +11,7 @@ from tests.markdown_tables import ragged_rows
 from tis.common.errors import GET_REPORT
 from tis.deploy.studies.methods import page as files_module
 from tis.deploy.studies.methods.claims import CLAIMS
-from tis.deploy.studies.methods.page import NAMES, csv_of, files_of, page_text
-from tis.deploy.studies.methods.tables import detail_tables, main_table
+from tis.deploy.studies.methods.page import NAMES, csv_of, detail_tables, files_of, main_table, page_text
 
 
 def test_each_adjective_stands_beside_a_measured_cell() -> None:

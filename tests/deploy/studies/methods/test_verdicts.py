@@ -5,10 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.deploy.studies.methods.made_up import figures, hold, law, scores
-from tis.deploy.studies.methods.claims import CLAIMS
-from tis.deploy.studies.methods.findings import growth_words
-from tis.deploy.studies.methods.measured import Merit
-from tis.deploy.studies.methods.verdicts import order_of, verdict_of, verdicts
+from tis.deploy.studies.methods.claims import CLAIMS, order_of, verdict_of, verdicts
+from tis.deploy.studies.methods.measured import Merit, growth_words
 
 MERITS = st.floats(0.01, 100).flatmap(
     lambda value: st.floats(0, 1).map(lambda share: Merit(value, value * (1 - share), value * (1 + share)))

@@ -17,7 +17,7 @@ from tests.documented_estimator import FILE, documented_estimator
 from tis.common.runtime.recordings import load_recording
 from tis.deploy.compare.cells.store import Store
 from tis.deploy.compare.engine.compute import Outcome, compute
-from tis.deploy.compare.engine.processes import Processes
+from tis.deploy.compare.engine.workers import Processes
 from tis.deploy.compare.plan import Plan, Request, make_plan
 from tis.deploy.shell.progress import PhaseProgress
 
@@ -68,7 +68,7 @@ def computed(plan: Plan, folder: Path) -> Outcome:
 def test_a_killed_process_costs_nothing_but_time(there: Path, tmp_path: Path, forked: None) -> None:
     plan = plan_with(there, "Once", n_seeds=3)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tis.deploy.compare.engine.processes.ProcessPoolExecutor", InThisProcess)
+        patch.setattr("tis.deploy.compare.engine.workers.ProcessPoolExecutor", InThisProcess)
         undisturbed = computed(plan, tmp_path / "undisturbed")
     Path("kill").touch()
     disturbed = computed(plan, tmp_path / "disturbed")
