@@ -6,7 +6,6 @@ from typing import Final
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from tis.common.channels import Hand
 from tis.common.errors import EXIT_OK, GET_REPORT, DataError, Fault, InputError
@@ -16,6 +15,8 @@ from tis.common.scenario.estimator_names import LearnedName, is_learned
 from tis.common.scenario.identification import Identification, is_model_file
 from tis.common.sources.provenance import in_words
 from tis.common.sources.trajectory import Recording
+from tis.deploy.present.numbers import NONE
+from tis.deploy.present.table import FRAMED, Column, Table
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.early_checks import check_outputs, unwritable
 from tis.deploy.shell.guard import print_warnings
@@ -46,13 +47,9 @@ def compare_with_linear(
         print_warnings(err, LOOKS_AHEAD)
     for hand, arm, study in studies:
         title = f"{hand} hand, {arm}: held-back rows, simulated; error: rms over the movement's deviation"
-        table = Table(title=title, title_justify="left")
-        for header in ("model", "order", "fit, % x y z", "error"):
-            table.add_column(header)
-        table.add_row(*_narx_row(study))
-        for method in METHODS:
-            table.add_row(*_linear_row(trainings, hand, identification, method, recording.pairing))
-        out.print(table)
+        linear = [_linear_row(trainings, hand, identification, method, recording.pairing) for method in METHODS]
+        columns = [Column(head, words=True, wraps=True) for head in ("model", "order", "fit, % x y z", "error")]
+        out.print(Table(title, columns, [_narx_row(study), *linear]).terminal(FRAMED))
     out.print("narx serves this comparison only: the filters of a run need a linear model", soft_wrap=True)
 
 
@@ -70,7 +67,7 @@ def _linear_row(
     try:
         found = identify_with_orders(trainings, hand, linear, pairing)
     except DataError as error:
-        return [method, "-", escape("; ".join(fault.rule for fault in error.faults)), "-"]
+        return [method, NONE, "; ".join(fault.rule for fault in error.faults), NONE]
     fits = " ".join(fit_text(share, 3) for share in found.model.fit_pct)
     order = "static" if found.model.static else str(found.model.order)
     residual = (sum(1 - share / 100 for share in found.model.fit_pct) / len(found.model.fit_pct)) ** 0.5
@@ -144,7 +141,7 @@ def identify_and_print(
     ahead = not from_file and scenario.identification.looks_ahead
     print_warnings(err, *warnings_at_start(scenario, recording, models), *_plant_unused(scenario))
     for i, model in enumerate(models):
-        out.print(_table(model, found[i].orders if found else None, ahead))
+        out.print(_table(model, found[i].orders if found else None, ahead).terminal(FRAMED))
     if out_file is not None:
         folder.write(out_file, dump_models(models))
         out.print(
@@ -251,9 +248,6 @@ def _order_by_rule(orders: OrderChoice) -> list[tuple[str, int | str]]:
 
 
 def _table(model: ArmModel, orders: OrderChoice | None, looks_ahead: bool) -> Table:
-    table = Table(title=f"{model.hand} hand, {model.arm}", title_justify="left", show_header=False)
-    table.add_column("")
-    table.add_column("")
     kind = "a static relation, order 0" if model.static else f"order {order_text(model)}"
     counted = "order" if model.n_lags is None else "lags"
     rows = {
@@ -272,6 +266,4 @@ def _table(model: ArmModel, orders: OrderChoice | None, looks_ahead: bool) -> Ta
         f"velocity over {model.forecast.velocity_span} samples",
     }
     rows |= {learned.method: learned_text(learned) for learned in model.learned}
-    for name, text in rows.items():
-        table.add_row(name, escape(text))
-    return table
+    return Table(f"{model.hand} hand, {model.arm}", [Column("", words=True, wraps=True)] * 2, list(rows.items()))

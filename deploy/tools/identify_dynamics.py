@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from tis.common.errors import EXIT_OK, Fault, InputError
 from tis.common.scenario import Scenario
+from tis.deploy.present.table import FRAMED, Cell, Table
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.early_checks import check_outputs
 from tis.patient_side.dynamics.consistent_fit import check_solver
@@ -47,8 +47,8 @@ def identify_dynamics_and_print(
     check_outputs(out_file)
     assert plant.kind == "mujoco"
     found = identify_dynamics(plant, scenario.seed)
-    out.print(_parameters(found))
-    out.print(_torques(found))
+    out.print(_parameters(found).terminal(FRAMED))
+    out.print(_torques(found).terminal(FRAMED))
     for line in _in_words(found):
         out.print(line, soft_wrap=True)
     if out_file is not None:
@@ -63,26 +63,23 @@ def errors_pct(found: Dynamics) -> Array:
 
 
 def _parameters(found: Dynamics) -> Table:
-    table = Table(title="Base parameters, in SI units", title_justify="left")
-    table.add_column("parameter")
-    for name in ("true", "identified", "error, %", "std, %"):
-        table.add_column(name, justify="right")
     std_pct = 100.0 * found.std / np.abs(found.identified)
-    rows = zip(found.base.names(), found.true, found.identified, errors_pct(found), std_pct, strict=True)
-    for i, (name, true, identified, error, std) in enumerate(rows):
-        style = None if found.determined[i] else "dim"
-        table.add_row(name, f"{true:.4g}", f"{identified:.4g}", f"{error:+.2f}", f"{std:.2g}", style=style)
-    return table
+    each = zip(found.base.names(), found.true, found.identified, errors_pct(found), std_pct, strict=True)
+    texts = [
+        (name, f"{true:.4g}", f"{value:.4g}", f"{error:+.2f}", f"{std:.2g}") for name, true, value, error, std in each
+    ]
+    styles = ["" if determined else "dim" for determined in found.determined]
+    rows = [[Cell(text, style) for text in row] for row, style in zip(texts, styles, strict=True)]
+    return Table("Base parameters, in SI units", ("parameter", "true", "identified", "error, %", "std, %"), rows)
 
 
 def _torques(found: Dynamics) -> Table:
-    table = Table(title="Torques on the validation movements, rms error in % of the rms torque", title_justify="left")
-    table.add_column("joint")
-    for name in ("consistent fit", "plain least squares", "share of what is not determined"):
-        table.add_column(name, justify="right")
-    for joint, *values in zip(JOINTS, found.error_pct, found.plain_error_pct, found.undetermined_pct, strict=True):
-        table.add_row(joint, *(f"{value:.3f}" for value in values))
-    return table
+    each = zip(JOINTS, found.error_pct, found.plain_error_pct, found.undetermined_pct, strict=True)
+    return Table(
+        "Torques on the validation movements, rms error in % of the rms torque",
+        ("joint", "consistent fit", "plain least squares", "share of what is not determined"),
+        [(joint, *(f"{value:.3f}" for value in values)) for joint, *values in each],
+    )
 
 
 def _in_words(found: Dynamics) -> list[str]:

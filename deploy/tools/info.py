@@ -7,7 +7,6 @@ from typing import Any, Final, NamedTuple, get_args
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from tis.common.channels import Side
 from tis.common.errors import EXIT_OK, DataError
@@ -18,6 +17,7 @@ from tis.deploy.logs.describe import Described, describe
 from tis.deploy.logs.log_file import truncated_start
 from tis.deploy.logs.log_paths import log_file, recovered_name, recovery_of
 from tis.deploy.logs.read.load import RunLogs, check_written_by_tis, load_run, scenario_in
+from tis.deploy.present.table import FRAMED, Column, Table
 from tis.deploy.report.summary import Summary, readable, summary_in
 from tis.deploy.report.terminal import print_summary
 from tis.deploy.shell import run_dir as folder
@@ -123,17 +123,14 @@ def print_files(run_dir: Path, states: States, out: Console) -> None:
         versions = ", ".join(f"{name} {value}" for name, value in (found if isinstance(found, dict) else {}).items())
         revision = manifest.get("git_revision") or "unknown"
         out.print(escape(f"command {manifest.get('command', '-')}, revision {revision}, {versions}"))
-    table = Table(title="Logs", title_justify="left")
-    for name in ("log", "messages", "until s", "size kB", "state"):
-        table.add_column(name, justify="left" if name in ("log", "state") else "right")
-    for name, state in states.items():
-        if state is not None:
-            table.add_row(name, *(escape(cell) for cell in state.cells))
-        elif name == folder.MERGED_FILE:
-            table.add_row(name, "", "", "", "missing, see tis merge")
-        else:
-            table.add_row(name, "", "", "", "missing")
-    out.print(table)
+    missing = {folder.MERGED_FILE: "missing, see tis merge"}
+    rows = [
+        (name, *(("", "", "", missing.get(name, "missing")) if state is None else state.cells))
+        for name, state in states.items()
+    ]
+    heads = {"log": True, "messages": False, "until s": False, "size kB": False, "state": True}
+    columns = [Column(head, words=words, wraps=True) for head, words in heads.items()]
+    out.print(Table("Logs", columns, rows).terminal(FRAMED))
 
 
 def _logs(run_dir: Path) -> list[str]:

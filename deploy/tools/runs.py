@@ -1,17 +1,15 @@
 """`tis runs`: the run folders below a folder, with their key figures."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from rich import box
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.markup import escape
 from rich.measure import Measurement
-from rich.table import Table
 
 from tis.common.errors import EXIT_OK, DataError, Fault, InputError
-from tis.deploy.present.numbers import number
+from tis.deploy.present.table import Column, Look, Table
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.guard import print_json
 
@@ -29,20 +27,20 @@ class Wanted(NamedTuple):
     valid: bool | None
 
 
-COLUMNS: Final[dict[str, tuple[str, Callable[[Listed], str]]]] = {
-    "run_dir": ("run", lambda run: run["run_dir"]),
-    "mode": ("mode", lambda run: run["mode"] or "-"),
-    "valid": ("valid", lambda run: {True: "yes", False: "no", None: "-"}[run["valid"]]),
-    "end_to_end_p50_ms": ("median", lambda run: number(run["end_to_end_p50_ms"])),
-    "end_to_end_p99_ms": ("p99 ms", lambda run: number(run["end_to_end_p99_ms"])),
-    "loss_pct": ("loss %", lambda run: number(run["loss_pct"])),
-    "rmse_3d_mm": ("error mm", lambda run: number(run["rmse_3d_mm"])),
-    "ratio_to_hold": ("/ hold", lambda run: number(run["ratio_to_hold"])),
+COLUMNS: Final = {
+    "run_dir": Column("run", words=True, wraps=True),
+    "mode": Column("mode", words=True),
+    "valid": Column("valid", words=True),
+    "end_to_end_p50_ms": Column("median"),
+    "end_to_end_p99_ms": Column("p99 ms"),
+    "loss_pct": Column("loss %"),
+    "rmse_3d_mm": Column("error mm"),
+    "ratio_to_hold": Column("/ hold"),
 }
-"""Columns of the table by key in ``--json``: head and text."""
+"""Columns of the table by key in ``--json``."""
 
+_LOOK: Final = Look("SIMPLE_HEAD", edge=False, pad_edge=False, padding=(0, 1, 0, 0))
 _MAX_WIDTH: Final = 1000
-_TEXTS: Final = ("run_dir", "mode", "valid")
 SORTED_BY: Final[Mapping[str, str]] = {
     "written": "written",
     "run": "run_dir",
@@ -78,7 +76,8 @@ def list_runs(wanted: Wanted, out: Console, err: Console, as_json: bool) -> int:
     if as_json:
         print_json(chosen)
     elif chosen:
-        _print_whole(_table(chosen), out)
+        rows = [[run[name] for name in COLUMNS] for run in chosen]
+        _print_whole(Table("", list(COLUMNS.values()), rows).terminal(_LOOK), out)
     text = f"{len(chosen)} of {len(found)} runs below {wanted.base}"
     if found and not chosen:
         text += f"; there are {_kinds(found, 'scenario')}; {_kinds(found, 'mode')}"
@@ -86,7 +85,7 @@ def list_runs(wanted: Wanted, out: Console, err: Console, as_json: bool) -> int:
     return EXIT_OK
 
 
-def _print_whole(table: Table, out: Console) -> None:
+def _print_whole(table: RenderableType, out: Console) -> None:
     """Print a table at its own width, so that names of runs stay whole in a narrow terminal."""
     width = out.width
     out.width = max(width, Measurement.get(out, out.options.update(max_width=_MAX_WIDTH), table).maximum)
@@ -138,13 +137,3 @@ def _ordered(runs: Sequence[Listed], wanted: Wanted) -> list[Listed]:
     known = [run for run in runs if run[key] is not None]
     unknown = [run for run in runs if run[key] is None]
     return sorted(known, key=lambda run: run[key], reverse=wanted.reverse) + unknown
-
-
-def _table(runs: Sequence[Listed]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
-    for name, (head, _) in COLUMNS.items():
-        is_text = name in _TEXTS
-        table.add_column(head, justify="left" if is_text else "right", overflow="fold", no_wrap=name != "run_dir")
-    for run in runs:
-        table.add_row(*(escape(text(run)) for _, text in COLUMNS.values()))
-    return table

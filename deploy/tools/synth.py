@@ -8,8 +8,6 @@ from typing import Final, get_args
 
 import yaml
 from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError
 from tis.common.scenario import Scenario
@@ -25,6 +23,7 @@ from tis.common.sources.jigsaws import MIN_ROWS, RATE_HZ, trial_text
 from tis.common.sources.population import MAX_TRIALS, SPREAD, person, population
 from tis.common.sources.synthetic import synthesise
 from tis.common.sources.trajectory import Recording
+from tis.deploy.present.table import FRAMED, Table
 from tis.patient_side.plant.build import executed, executing_plant
 
 _TEXT: Final = """\
@@ -169,15 +168,13 @@ def print_calibration(seed: int, out: Console) -> int:
     arms = [hand.follower for trial in trials for hand in trial.hands]
     found = median_statistics([arm.position_m for arm in arms], RATE_HZ)
     found |= median_statistics([arm.orientation for arm in arms], RATE_HZ, turning_statistics)
-    table = Table(title="The arms' tips", title_justify="left")
-    table.add_column("median over trials and arms")
-    for name in ("recorded", "synthetic", "ratio"):
-        table.add_column(name, justify="right")
     known = {**RECORDED_SUTURING, **RECORDED_TURNING}
     ratios = {name: found[name] / recorded for name, recorded in known.items()}
-    for name, recorded in known.items():
-        table.add_row(escape(name), f"{recorded:.4g}", f"{found[name]:.3g}", f"{ratios[name]:.2f}")
-    out.print(table)
+    rows = [
+        (name, f"{recorded:.4g}", f"{found[name]:.3g}", f"{ratios[name]:.2f}") for name, recorded in known.items()
+    ]
+    columns = ("median over trials and arms", "recorded", "synthetic", "ratio")
+    out.print(Table("The arms' tips", columns, rows).terminal(FRAMED))
     far = [name for name, ratio in ratios.items() if abs(ratio - 1.0) > TOLERANCE]
     outcome = "all within" if not far else f"{len(far)} of {len(ratios)} outside"
     out.print(
