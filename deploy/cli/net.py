@@ -32,7 +32,7 @@ def profiles(
     as_json: JsonOption = False,
 ) -> int:
     """List the profile library with the figures of its models, or show one profile with its sources."""
-    from tis.deploy.net.library.commands import list_profiles, show_profile
+    from tis.deploy.net.library import list_profiles, show_profile
 
     return list_profiles(OUT, as_json) if name is None else show_profile(name, OUT, as_json)
 
@@ -48,7 +48,7 @@ def stages(
     ] = None,
 ) -> int:
     """List the stages of a network with their kinds and parameters, and the sections that change them over time."""
-    from tis.deploy.net.library.commands import print_stages, write_page
+    from tis.deploy.net.library import print_stages, write_page
 
     return print_stages(name, OUT) if out is None else write_page(out, OUT)
 
@@ -114,9 +114,9 @@ def probe(
     the delay includes the way back.
     """
     from tis.common.runtime.zenoh_session import ZenohOptions
-    from tis.deploy.net.probing.ends import Ends
-    from tis.deploy.net.probing.probe import Plan
-    from tis.deploy.net.probing.probe_command import probe_and_print
+    from tis.deploy.net.ends import Ends
+    from tis.deploy.net.probe import Plan
+    from tis.deploy.net.probe_command import probe_and_print
 
     if count is not None and seconds is not None:
         raise InputError(Fault("tis net probe", "--seconds", "must not be given together with --count"))
@@ -148,7 +148,7 @@ def reflect(
     Each arrival is stamped by this host's own clock, which needs no synchronisation.
     """
     from tis.common.runtime.zenoh_session import ZenohOptions
-    from tis.deploy.net.probing.reflector import run_reflector
+    from tis.deploy.net.reflector import run_reflector
 
     return run_reflector(connect, listen, ZenohOptions((), (), config, cfg or (), insecure), key, wait_s, ERR)
 
@@ -191,8 +191,8 @@ def fit(
     The fit replays itself: printed are mean, quantiles, autocorrelation, the longest run of losses and the seconds
     above 20 % loss of the record, beside those of the replays. What does not close is warned of by name.
     """
-    from tis.deploy.net.fitting.command import fit_and_print
-    from tis.deploy.net.fitting.fit import Ways
+    from tis.deploy.net.fit import Ways
+    from tis.deploy.net.fit_command import fit_and_print
     from tis.netem.fit.marginal import MarginalName
 
     for option, value, allowed in (

@@ -35,7 +35,7 @@ def show(
 ) -> int:
     """Show the current state of a running emulator in both directions."""
     from tis.common.runtime.emulator_client import emulator_address
-    from tis.deploy.net.control.commands import show as show_state
+    from tis.deploy.net.control import show as show_state
 
     return show_state(emulator_address(connect, prefix, config, cfg), OUT, as_json)
 
@@ -88,7 +88,7 @@ def set_(
     profile must be without outages, states, timeline and rules.
     """
     from tis.common.runtime.emulator_client import emulator_address
-    from tis.deploy.net.control.commands import seconds, set_change, set_profile
+    from tis.deploy.net.control import seconds, set_change, set_profile
 
     address = emulator_address(connect, prefix, config, cfg)
     given = bool(settings or yaml_text)
@@ -130,7 +130,7 @@ def outage(
     With --stall they wait, and leave together at the end.
     """
     from tis.common.runtime.emulator_client import emulator_address
-    from tis.deploy.net.control.commands import check_direction, request, seconds
+    from tis.deploy.net.control import check_direction, request, seconds
 
     check_direction(direction)
     content = {"direction": direction, "for_ms": seconds(length, "LENGTH") * 1000}
@@ -149,6 +149,6 @@ def reset(
 ) -> int:
     """End all changes of a running emulator: the scenario's own network applies again."""
     from tis.common.runtime.emulator_client import emulator_address
-    from tis.deploy.net.control.commands import request
+    from tis.deploy.net.control import request
 
     return request(emulator_address(connect, prefix, config, cfg), "reset", {}, OUT, as_json)

@@ -185,7 +185,7 @@ def stop(
     the TOKEN that ends it; a release tells whether the arms are still stopped.
     """
     from tis.common.runtime.emulator_client import emulator_address
-    from tis.deploy.net.control.emergency import Token, release_all, release_one, stop_arms
+    from tis.deploy.net.emergency import Token, release_all, release_one, stop_arms
 
     address = emulator_address(connect, prefix, config, cfg)
     if not release:

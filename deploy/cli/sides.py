@@ -32,7 +32,7 @@ def _scenario_path(name: str) -> Path:
 
 
 def _library(name: str) -> Mapping[str, Any]:
-    from tis.deploy.net.library.profiles import library
+    from tis.deploy.net.profiles import library
 
     return library(name)
 

@@ -34,6 +34,14 @@ class HalfLife(NamedTuple):
     correlated_share: float | None
     why: str
 
+    @property
+    def words(self) -> str:
+        """Return the half-life with its interval and share, or why there is none."""
+        if self.seconds is None or self.correlated_share is None:
+            return f"none: {self.why}"
+        within = "" if self.interval is None else " (95 %: {:.4g} to {:.4g})".format(*self.interval)
+        return f"half-life {self.seconds:.4g} s{within}, {100 * self.correlated_share:.0f} % of the variance"
+
 
 class _Lag(NamedTuple):
     """Pairs of messages at one lag: summed products of scores by part, number of pairs, times between them."""
