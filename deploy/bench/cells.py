@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from rich.console import Console
-from rich.table import Table
 
 from tis.common.runtime.recordings import load_recording
 from tis.deploy.compare.cells.scores import logged_scores, unlogged_scores
+from tis.deploy.present.table import FRAMED, Column, Row, Table
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
 from tis.patient_side.build import identify_models
@@ -30,21 +30,19 @@ _ESTIMATORS: Final = (("hold", "innovations_kf"), ("hold", "velocity", "damped_v
 
 def bench_cells(seconds: float, rounds: int, out: Console) -> dict[str, Any]:
     """Measure twins of ``seconds``, print a table, and return its figures by estimators."""
-    table = Table(title=f"a twin of {seconds:g} s, one hand, 30 Hz", title_justify="left")
-    for heading in ("estimators", "twin with"):
-        table.add_column(heading)
-    for heading in ("CPU, s", "× real time", "of the first"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    rows: list[Row] = []
     figures: dict[str, Any] = {}
     for names in _ESTIMATORS:
         least_s = _measured(seconds, rounds, names)
         reference_s = least_s["log files"]
         for i, (kind, spent_s) in enumerate(least_s.items()):
             cells = (f"{spent_s:.3f}", f"{seconds / spent_s:.0f}", f"{spent_s / reference_s:.3f}")
-            table.add_row("" if i else ", ".join(names), kind, *cells)
-        table.add_section()
+            rows.append(("" if i else ", ".join(names), kind, *cells))
+        rows.append(())
         figures[",".join(names)] = least_s
-    out.print(table)
+    columns = [Column(head, words=True, wraps=True) for head in ("estimators", "twin with")]
+    columns += [Column(head) for head in ("CPU, s", "× real time", "of the first")]
+    out.print(Table(f"a twin of {seconds:g} s, one hand, 30 Hz", columns, rows).terminal(FRAMED))
     return figures
 
 

@@ -14,7 +14,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from tis.common.errors import EXIT_OK
 from tis.common.scenario.estimator_names import EstimatorName
@@ -23,6 +22,7 @@ from tis.common.scenario.source import SyntheticSource
 from tis.common.sources.synthetic import synthesise
 from tis.common.streams import Stream
 from tis.common.units import NS_PER_S, NS_PER_US, ms_to_ns, sample_instant_ns
+from tis.deploy.present.table import FRAMED, Table
 from tis.patient_side.estimators.protocol import Estimator
 from tis.patient_side.estimators.registry import build_estimator
 from tis.patient_side.identification.fit_innovations import fit_innovations
@@ -115,17 +115,16 @@ def bench_estimators(out: Console, names: Sequence[EstimatorName] = ESTIMATORS) 
     largest = dict.fromkeys(estimators, 0.0)
     for network in NETWORKS:
         title = f"{network.name}, both streams, {RATE_HZ} Hz: time of a step"
-        table = Table(title=title, title_justify="left")
-        for heading in ("", "p50, µs", "p99, µs", "× steady", "steps", "plays"):
-            table.add_column(heading, justify="right" if heading else "left", no_wrap=heading in ("", "× steady"))
+        rows = []
         for row in estimators:
             measured = times[network, row]
             steps_us = measured.least_us[_WARM:]
             p50, p99 = np.percentile(steps_us, [50, 99])
             ratio = float(p99 / np.median(times[steady, row].least_us[_WARM:]))
             largest[row] = max(largest[row], ratio)
-            table.add_row(row, f"{p50:.1f}", f"{p99:.1f}", f"{ratio:.1f}", str(len(steps_us)), str(measured.n_plays))
-        out.print(table)
+            rows.append((row, f"{p50:.1f}", f"{p99:.1f}", f"{ratio:.1f}", len(steps_us), measured.n_plays))
+        columns = ("", "p50, µs", "p99, µs", "× steady", "steps", "plays")
+        out.print(Table(title, columns, rows).terminal(FRAMED))
     if bounded in largest:
         verdict = "kept" if largest[bounded] <= MAX_RATIO else "MISSED"
         text = f"{bounded}: p99 at most {largest[bounded]:.1f} times its steady median"

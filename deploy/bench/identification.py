@@ -14,9 +14,9 @@ from typing import Any, Final
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from tis.common.errors import EXIT_OK
+from tis.deploy.present.table import FRAMED, Table
 from tis.patient_side.identification.methods import METHODS
 from tis.patient_side.identification.triangular import triangular_factor
 from tis.patient_side.statespace import Array, StateSpace
@@ -63,13 +63,12 @@ def bench_identification(out: Console) -> int:
     """Measure every method and peer at every size, print a table each, and return the exit code."""
     for size in SIZES:
         u, y = simulated_trials(size.n_trials, size.n_rows, size.n_channels, seed=1)
-        table = Table(title=f"{size.name}: {BLOCK_ROWS} block rows, order {ORDER}", title_justify="left")
-        for heading in ("", "median, ms", "peak memory, MB", "bound"):
-            table.add_column(heading, justify="right" if heading else "left")
+        rows = []
         for who, call in _calls(size).items():
             measured = measure(who, call, u, y, size.n_repeats)
-            table.add_row(who, f"{measured.time_ms:.1f}", f"{measured.memory_mb:.1f}", _verdict(size, measured))
-        out.print(table)
+            rows.append((who, f"{measured.time_ms:.1f}", f"{measured.memory_mb:.1f}", _verdict(size, measured)))
+        title = f"{size.name}: {BLOCK_ROWS} block rows, order {ORDER}"
+        out.print(Table(title, ("", "median, ms", "peak memory, MB", "bound"), rows).terminal(FRAMED))
     return EXIT_OK
 
 

@@ -15,14 +15,12 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final
 
-from rich.box import SIMPLE
 from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from tis.common.channels import Side
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
 from tis.deploy.bench.measured_command import measure
+from tis.deploy.present.table import SIMPLE, Column, Row, Table
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
 from tis.deploy.shell import run_dir as folder
@@ -83,9 +81,7 @@ def bench_logs(seconds: float, whole: bool, out: Console) -> dict[str, Any]:
     ``whole``: recordings of the full length. Otherwise two, of ``seconds`` and a third of it, with a linear
     extrapolation to the full length.
     """
-    table = Table(title="Recordings", title_justify="left", box=SIMPLE)
-    for name in ("rate", "recorded", "what", "measured", "for the whole", "bound", "load"):
-        table.add_column(name, justify="right" if name in ("measured", "for the whole", "bound") else "left")
+    rows: list[Row] = []
     lengths = {k: (case.whole_s,) if whole else (seconds, seconds / _SHORTER_BY) for k, case in enumerate(CASES)}
     figures: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as scratch:
@@ -93,10 +89,10 @@ def bench_logs(seconds: float, whole: bool, out: Console) -> dict[str, Any]:
         for k, case in enumerate(CASES):
             found, *less = (_measure(recorded[k, length_s], length_s, out) for length_s in lengths[k])
             figures[f"{case.rate_hz}_hz"] = found
-            for row in _rows(case, found, less[0] if less else None):
-                table.add_row(*row)
-            table.add_section()
-    out.print(table)
+            rows += [*_rows(case, found, less[0] if less else None), ()]
+    heads = ("rate", "recorded", "what", "measured", "for the whole", "bound", "load")
+    columns = [Column(head, words=head not in ("measured", "for the whole", "bound")) for head in heads]
+    out.print(Table("Recordings", columns, rows).terminal(SIMPLE))
     out.print("The whole is an hour at 30 Hz, and ten minutes at 1 kHz.", soft_wrap=True)
     return figures
 
@@ -142,7 +138,7 @@ def _mb(path: Path) -> float:
     return path.stat().st_size * _MB
 
 
-def _rows(case: Case, found: Mapping[str, float], less: Mapping[str, float] | None) -> Iterator[Sequence[str]]:
+def _rows(case: Case, found: Mapping[str, float], less: Mapping[str, float] | None) -> Iterator[Row]:
     lines = [
         ("logs_mb", "the three logs", "MB", None),
         ("merged_mb", "run.mcap", "MB", None),
@@ -160,5 +156,4 @@ def _rows(case: Case, found: Mapping[str, float], less: Mapping[str, float] | No
         load = found.get(f"{what}, load")
         shown = "" if load is None else f"{load:.1f}"
         measured = (f"{found[name]:.2f} {unit}", f"{value:.1f} {unit}")
-        cells = (f"{case.rate_hz} Hz", f"{found['recorded_s']:g} s", what, *measured, verdict, shown)
-        yield tuple(map(escape, cells))
+        yield f"{case.rate_hz} Hz", f"{found['recorded_s']:g} s", what, *measured, verdict, shown

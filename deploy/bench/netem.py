@@ -14,13 +14,13 @@ from typing import Any, Final
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from tis.common.runtime.process import free_endpoints
 from tis.common.scenario.network import NetworkPart
 from tis.common.units import NS_PER_S
 from tis.deploy.bench.relays import Relay, bare_loop, least_relay, native_router, netem
 from tis.deploy.bench.traffic import flood, paced
+from tis.deploy.present.table import FRAMED, Column, Table
 from tis.netem.expected.simulate import simulate
 
 _BYTES: Final = 256
@@ -47,10 +47,9 @@ def bench_netem(seconds: float, out: Console) -> dict[str, Any]:
         with out.status(f"measuring: {title}"):
             rows += step(seconds, figures)
         time.sleep(_PAUSE_S)
-    table = Table("figure", "measured", "bound", title=f"netem on {figures['cores']} cores, {seconds:g} s each")
-    for row in rows:
-        table.add_row(*row)
-    out.print(table)
+    columns = [Column(head, words=True, wraps=True) for head in ("figure", "measured", "bound")]
+    title = f"netem on {figures['cores']} cores, {seconds:g} s each"
+    out.print(Table(title, columns, rows).terminal(FRAMED))
     out.print(f"load average before: {figures['load_1min']:.2f}; other load on the machine shows in the tails")
     return figures
 

@@ -1,7 +1,7 @@
 """Benchmarks: ``tis bench``, each figure beside a reference measured in the same run."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,32 +10,26 @@ import typer
 from tis.common.errors import EXIT_OK, GET_HOSTS, Fault, InputError
 from tis.deploy.cli.group import Commands
 from tis.deploy.shell.early_checks import can_certify, check_outputs
-from tis.deploy.shell.guard import OUT, guarded
+from tis.deploy.shell.guard import OUT
 
 app = Commands(no_args_is_help=True, help="Measure speed and punctuality on this machine.")
 
-
-@app.callback()
-def bench() -> None:
-    """Measure speed and punctuality on this machine."""
+_JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")]
+_RunLength = Annotated[float, typer.Option(min=2, max=600, help="Length of each run, in s.")]
 
 
 @app.command()
-@guarded
 def netem(
     seconds: Annotated[float, typer.Option(min=0.5, max=600, help="Measuring time per figure, s.")] = 5.0,
-    out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
+    out: _JsonFile = None,
 ) -> int:
     """Measure the emulator's release error and throughput, beside a native Zenoh router."""
     from tis.deploy.bench.netem import bench_netem
 
-    check_outputs(out)
-    figures = bench_netem(seconds, OUT)
-    return _write_figures(figures, out)
+    return _measured(lambda: bench_netem(seconds, OUT), out)
 
 
 @app.command()
-@guarded
 def models(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="The page to write; by default runs/emulator.md.")
@@ -52,7 +46,6 @@ def models(
 
 
 @app.command()
-@guarded
 def identification() -> int:
     """Time the identification methods at three sizes, beside other packages if they are installed."""
     from tis.deploy.bench.identification import bench_identification
@@ -61,7 +54,6 @@ def identification() -> int:
 
 
 @app.command()
-@guarded
 def estimators() -> int:
     """Time a step of each estimator on precomputed arrivals."""
     from tis.deploy.bench.estimators import bench_estimators
@@ -70,71 +62,63 @@ def estimators() -> int:
 
 
 @app.command()
-@guarded
 def cells(
     seconds: Annotated[float, typer.Option(min=3, max=3600, help="Length of each twin, in s.")] = 60.0,
     rounds: Annotated[int, typer.Option(min=1, max=50, help="Number of twins of each kind.")] = 5,
-    out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
+    out: _JsonFile = None,
 ) -> int:
     """Time a cell of `tis compare`, which keeps no logs, beside a twin with logs."""
     from tis.deploy.bench.cells import bench_cells
 
-    check_outputs(out)
-    return _write_figures(bench_cells(seconds, rounds, OUT), out)
+    return _measured(lambda: bench_cells(seconds, rounds, OUT), out)
 
 
 @app.command()
-@guarded
 def logs(
     seconds: Annotated[float, typer.Option(min=60, max=3600, help="Length of the recordings, in s.")] = 120.0,
     whole: Annotated[
         bool, typer.Option("--whole", help="Measure an hour at 30 Hz and ten minutes at 1 kHz; takes 10 minutes.")
     ] = False,
-    out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
+    out: _JsonFile = None,
 ) -> int:
     """Measure the size of recordings on disk, and the time and memory to merge and report them."""
     from tis.deploy.bench.logs import bench_logs
 
-    check_outputs(out)
-    figures = bench_logs(seconds, whole, OUT)
-    return _write_figures(figures, out)
+    return _measured(lambda: bench_logs(seconds, whole, OUT), out)
 
 
 @app.command()
-@guarded
 def recording(
-    seconds: Annotated[float, typer.Option(min=2, max=600, help="Length of each run, in s.")] = 20.0,
+    seconds: _RunLength = 20.0,
     rounds: Annotated[
         int, typer.Option(min=1, max=50, help="Number of runs with recording, and of as many without.")
     ] = 3,
-    out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
+    out: _JsonFile = None,
 ) -> int:
     """Measure the effect of recording on a live run at 1 kHz: missed ticks and lateness, with and without it."""
-    from tis.deploy.bench.recording import bench_recording
+    from tis.deploy.bench.live_runs import bench_recording
 
-    check_outputs(out)
-    figures = bench_recording(seconds, rounds, OUT)
-    return _write_figures(figures, out)
+    return _measured(lambda: bench_recording(seconds, rounds, OUT), out)
 
 
 @app.command()
-@guarded
 def security(
-    seconds: Annotated[float, typer.Option(min=2, max=600, help="Length of each run, in s.")] = 10.0,
+    seconds: _RunLength = 10.0,
     rounds: Annotated[int, typer.Option(min=1, max=50, help="Number of runs of each kind.")] = 3,
-    out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
+    out: _JsonFile = None,
 ) -> int:
     """Measure the price of passwords and TLS: latency end to end, and netem's processor time."""
     if not can_certify():
         raise InputError(Fault("tis bench security", "", f"needs the package cryptography: {GET_HOSTS}"))
-    from tis.deploy.bench.security import bench_security
+    from tis.deploy.bench.live_runs import bench_security
 
+    return _measured(lambda: bench_security(seconds, rounds, OUT), out)
+
+
+def _measured(bench: Callable[[], Mapping[str, Any]], out: Path | None) -> int:
+    """Measure, which prints the figures, and write them to a file if one is named; return the exit code."""
     check_outputs(out)
-    figures = bench_security(seconds, rounds, OUT)
-    return _write_figures(figures, out)
-
-
-def _write_figures(figures: Mapping[str, Any], out: Path | None) -> int:
+    figures = bench()
     if out is not None:
         from tis.deploy.shell.run_dir import write
 

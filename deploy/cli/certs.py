@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
 from tis.common.errors import EXIT_OK, GET_HOSTS, DataError, Fault, InputError
 from tis.deploy.cli.group import Commands, JsonOption
+from tis.deploy.present.table import PLAIN, Column, Table
 from tis.deploy.shell.early_checks import can_certify
-from tis.deploy.shell.guard import ERR, OUT, guarded, print_json, words_to
+from tis.deploy.shell.guard import ERR, OUT, print_json, words_to
 
 if TYPE_CHECKING:
     from tis.deploy.tools.certificates import Certificate
@@ -30,7 +30,6 @@ _FOLDER = Path("certs")
 
 
 @app.command()
-@guarded
 def init(
     folder: FolderOption = _FOLDER, hosts: HostOption = None, days: DaysOption = None, as_json: JsonOption = False
 ) -> int:
@@ -59,7 +58,6 @@ def init(
 
 
 @app.command()
-@guarded
 def issue(
     name: Annotated[str, typer.Argument(metavar="NAME", help="surgeon, netem, patient, or a further client.")],
     folder: FolderOption = _FOLDER,
@@ -82,7 +80,6 @@ def issue(
 
 
 @app.command()
-@guarded
 def show(folder: FolderOption = _FOLDER, as_json: JsonOption = False) -> int:
     """List the certificates, for whom they are and how long they are valid; exit code 4 if one cannot be used."""
     _check_extra()
@@ -108,13 +105,14 @@ def _print(found: "list[Certificate]", as_json: bool) -> None:
             ]
         )
         return
-    table = Table("name", "valid until", "days left", "for", box=None, header_style="bold")
+    rows = []
     for each in found:
         left = each.days_left(now)
         until = "-" if each.until is None else f"{each.until:%Y-%m-%d %H:%M} UTC"
         days = "-" if left is None else f"{left:.0f}"
-        table.add_row(each.name, until, days, escape(each.fault or ", ".join(each.hosts)))
-    OUT.print(table)
+        rows.append((each.name, until, days, each.fault or ", ".join(each.hosts)))
+    columns = [Column(head, words=True, wraps=True) for head in ("name", "valid until", "days left", "for")]
+    OUT.print(Table("", columns, rows).terminal(PLAIN._replace(padding=(0, 1, 0, 1))))
 
 
 def _check_extra() -> None:

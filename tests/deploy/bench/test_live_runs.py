@@ -8,9 +8,11 @@ import pytest
 from rich.console import Console
 
 from tests.deploy.hold_only import HOLD
+from tis.common.runtime.credentials import credentials
 from tis.common.runtime.recorder import RECORD_VARIABLE
 from tis.common.scenario import Scenario
-from tis.deploy.bench import recording
+from tis.deploy.bench import live_runs
+from tis.deploy.bench.live_runs import Price, bench_security
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides
 from tis.patient_side.identification.model_io import dump_models
@@ -33,9 +35,9 @@ def test_both_ways_are_run_and_the_ticks_of_both_are_there(tmp_path: Path, monke
     def with_model(name: str, _: object, seed: int | None, duration_s: float) -> Scenario:
         return resolve(name, settings, seed, duration_s)
 
-    monkeypatch.setattr(recording, "resolve", with_model)
+    monkeypatch.setattr(live_runs, "resolve", with_model)
     text = io.StringIO()
-    figures = recording.bench_recording(SECONDS, 1, Console(file=text, width=120))
+    figures = live_runs.bench_recording(SECONDS, 1, Console(file=text, width=120))
     for side in ("surgeon", "patient"):
         for what in ("with", "without"):
             entry = figures[side][what]
@@ -46,3 +48,22 @@ def test_both_ways_are_run_and_the_ticks_of_both_are_there(tmp_path: Path, monke
     assert figures["log_mb"] > 0.1
     assert "without recording: missed ticks surgeon" in text.getvalue()
     assert RECORD_VARIABLE not in os.environ
+
+
+def test_each_kind_runs_as_often_with_credentials_that_exist(monkeypatch: pytest.MonkeyPatch) -> None:
+    ran: list[str] = []
+
+    def price(scenario: Scenario, where: Path) -> Price:
+        kind = scenario.security.kind
+        for side in ("surgeon", "netem", "patient"):
+            assert bool(credentials(scenario.security, side)) == (kind != "none")
+        ran.append(kind)
+        return {"none": Price(2.0, 1.0, 10.0), "password": Price(2.0, 1.0, 11.0), "mtls": Price(3.0, 1.5, 12.0)}[kind]
+
+    monkeypatch.setattr(live_runs, "_price", price)
+    out = io.StringIO()
+    figures = bench_security(1.0, 3, Console(file=out, width=120))
+    assert ran == ["none", "password", "mtls", "password", "mtls", "none", "mtls", "none", "password"], "interleaved"
+    assert figures["mtls"] == {"end_to_end_ms": 3.0, "network_ms": 1.5, "netem_cpu_pct": 12.0}
+    [row] = [line for line in out.getvalue().splitlines() if line.strip().startswith("mtls")]
+    assert row.split() == ["mtls", "3.000", "ms", "1.500", "ms", "12.0", "%", "1.50", "x", "1.20", "x"]
