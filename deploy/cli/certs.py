@@ -9,7 +9,6 @@ from rich.markup import escape
 
 from tis.common.errors import EXIT_OK, GET_HOSTS, DataError, Fault, InputError
 from tis.deploy.cli.group import Commands, JsonOption
-from tis.deploy.present.table import PLAIN, Column, Table
 from tis.deploy.shell.early_checks import can_certify
 from tis.deploy.shell.guard import ERR, OUT, print_json, words_to
 
@@ -105,6 +104,8 @@ def _print(found: "list[Certificate]", as_json: bool) -> None:
             ]
         )
         return
+    from tis.deploy.present.table import PLAIN, Column, Table
+
     rows = []
     for each in found:
         left = each.days_left(now)

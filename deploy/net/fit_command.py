@@ -21,8 +21,7 @@ from tis.deploy.shell.early_checks import check_outputs
 from tis.deploy.shell.guard import print_warnings
 from tis.netem.draws.blocks import Floats
 from tis.netem.fit.backlogs import MESSAGE_BYTES, Backlogs
-from tis.netem.fit.direction import DirectionFit
-from tis.netem.fit.joint_states import JointStates
+from tis.netem.fit.direction import DirectionFit, JointStates
 from tis.netem.fit.marginal import MarginalName
 
 _CANDIDATES: Final = (

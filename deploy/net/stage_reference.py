@@ -2,6 +2,8 @@
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from string import Template
 from typing import Any, Final, NamedTuple
 
 from tis.common.scenario.network import NetworkPart
@@ -186,23 +188,15 @@ REQUESTS: Final[tuple[tuple[str, Any], ...]] = (
 )
 """Requests that a running emulator accepts, whatever its network."""
 
+_PAGE: Final = Path(__file__).with_name("network_page.md")
 _NOW_NS: Final = 2_000_400_000
 
 
 def network_page() -> str:
     """Return the page (oracle: the file in the repository and its examples, test_network_page)."""
-    parts = [
-        _HEAD,
-        "```yaml",
-        EXAMPLE.rstrip(),
-        "```",
-        _TABLES,
-        *map(_table, sections()),
-        _CONTROL,
-        _requests(),
-        _REST,
-    ]
-    return "\n".join(parts)
+    words = Template(_PAGE.read_text(encoding="utf-8"))
+    tables = "\n".join(map(_table, sections()))
+    return words.substitute(example=EXAMPLE.rstrip(), tables=tables, requests=_requests())
 
 
 def _table(section: Section) -> str:
@@ -225,55 +219,3 @@ def _requests() -> str:
     lines = ["```", *(f"tis/netem/control/{name:8} {json.dumps(one)}" for name, one in REQUESTS), "```", ""]
     lines += [f"The answer to the first, at {_NOW_NS * 1e-9:.4f} s of run time:", "", "```"]
     return "\n".join([*lines, answer.model_dump_json(exclude_none=True, exclude_defaults=True), "```"])
-
-
-_HEAD: Final = """# Networks: how they are written, and changed while they run
-
-The tables are read off the models that check a scenario, the examples are run by a test. `tis net stages --out
-PAGE.md` writes this page.
-
-## A network
-
-A network has two directions. `forward` is west to east (surgeon to patient), `feedback` east to west. Each has a
-pipeline of stages, all optional, that act in the order of the tables below. All numbers are one way; times are in the
-unit that the name ends with; probabilities lie between 0 and 1.
-"""
-_TABLES: Final = """
-`tis netem --west EP --east EP --scenario-network FILE.yaml 'demo/**'` runs it between any two Zenoh networks; in a
-scenario it stands below `network:`. `--set forward.delay.delay_ms=80` changes one value, `--set forward.loss=null`
-takes a stage away, and a stage's `kind` may be left out where the parameters tell it. In `tis run`, `twin` and
-`validate` the same begins with `network.`, which `tis netem` takes, too; in `tis net set` the direction stands before
-it (`tis net set forward delay.delay_ms=80`).
-
-## What can be set
-
-`tis net stages` prints the same. `a.b` is a value within a value, `a[].b` within each item of a list.
-"""
-_CONTROL: Final = """## Control while it runs
-
-`tis net show|set|outage|reset` do what any Zenoh application can do on the keys `tis/netem/control/...` of either
-network (`tis` is the scenario's `session`, or `tis netem --prefix`). These keys do not cross netem.
-
-| key | get | put |
-|---|---|---|
-| `.../state` | what holds now in both directions, with all counters | - |
-| `.../schema` | the JSON Schema of the requests below | - |
-| `.../set`, `.../outage`, `.../profile`, `.../reset` | does what its payload asks for; the reply says what came of \
-it | the same; the answer is put on `.../acknowledged` |
-
-Payloads are JSON:
-"""
-_REST: Final = """
-- A request is done as a whole or refused as a whole, with `reasons`. `id`, at most 100 characters, comes back.
-- `set` takes what a `change` of the tables above may hold, for one direction or both; or a list of up to 32 such
-  requests, which begin together. It holds from the next ms on, or from `at_s` of run time; for `for_s`, or for good.
-  `ramp_s` lets factors and additions grow and shrink.
-- What is set for good takes the place of what was set for good before. What is set for a while comes on top: the
-  later stage wins, factors multiply (`scale_delay` 2 and then 3 are 6 while both last), additions add.
-- `profile` ends all that was asked for before and lets both directions be those of a network: of the one given, or of
-  the library's profile of that name (`tis run`'s emulator has no library; `tis net set --profile` brings its own).
-  A network with `outages`, `states`, `timeline` or `rules` is refused: start with it. A trace must be one that the
-  network named at the start.
-- `reset` ends all that was asked for. Messages in flight are not touched, except that a rate holds at once for what
-  waits. All of it is logged.
-"""
