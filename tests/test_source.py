@@ -11,7 +11,6 @@ MAX_LINES = 60
 LONG_BY_NATURE = {
     "netem/bridge/command.py: netem_command": "it holds the next",
     "netem/bridge/command.py: command": "typer reads one parameter per option off the signature",
-    "deploy/cli/studies.py: compare": "the same",
 }
 
 

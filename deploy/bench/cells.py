@@ -30,22 +30,18 @@ _ESTIMATORS: Final = (("hold", "innovations_kf"), ("hold", "velocity", "damped_v
 
 def bench_cells(seconds: float, rounds: int, out: Console) -> dict[str, Any]:
     """Measure twins of ``seconds``, print a table, and return its figures by estimators."""
-    columns = (
-        Column("estimators", words=True, wraps=True),
-        Column("twin with", words=True, wraps=True),
-        Column("CPU", "s", show="{:.3f}".format),
-        Column("× real time", show="{:.0f}".format),
-        Column("of the first", show="{:.3f}".format),
-    )
     rows: list[Row] = []
     figures: dict[str, Any] = {}
     for names in _ESTIMATORS:
         least_s = _measured(seconds, rounds, names)
         reference_s = least_s["log files"]
         for i, (kind, spent_s) in enumerate(least_s.items()):
-            rows.append(("" if i else ", ".join(names), kind, spent_s, seconds / spent_s, spent_s / reference_s))
+            cells = (f"{spent_s:.3f}", f"{seconds / spent_s:.0f}", f"{spent_s / reference_s:.3f}")
+            rows.append(("" if i else ", ".join(names), kind, *cells))
         rows.append(())
         figures[",".join(names)] = least_s
+    columns = [Column(head, words=True, wraps=True) for head in ("estimators", "twin with")]
+    columns += [Column(head) for head in ("CPU, s", "× real time", "of the first")]
     out.print(Table(f"a twin of {seconds:g} s, one hand, 30 Hz", columns, rows).terminal(FRAMED))
     return figures
 

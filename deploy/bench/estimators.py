@@ -114,6 +114,7 @@ def bench_estimators(out: Console, names: Sequence[EstimatorName] = BENCHED) -> 
     steady, bounded = next(network for network in NETWORKS if network.steady), _row("innovations_kf", identified)
     largest = dict.fromkeys(estimators, 0.0)
     for network in NETWORKS:
+        title = f"{network.name}, both streams, {RATE_HZ} Hz: time of a step"
         rows = []
         for row in estimators:
             measured = times[network, row]
@@ -121,9 +122,9 @@ def bench_estimators(out: Console, names: Sequence[EstimatorName] = BENCHED) -> 
             p50, p99 = np.percentile(steps_us, [50, 99])
             ratio = float(p99 / np.median(times[steady, row].least_us[_WARM:]))
             largest[row] = max(largest[row], ratio)
-            rows.append((row, p50, p99, ratio, len(steps_us), measured.n_plays))
-        title = f"{network.name}, both streams, {RATE_HZ} Hz: time of a step"
-        out.print(Table(title, _COLUMNS, rows).terminal(FRAMED))
+            rows.append((row, f"{p50:.1f}", f"{p99:.1f}", f"{ratio:.1f}", len(steps_us), measured.n_plays))
+        columns = ("", "p50, µs", "p99, µs", "× steady", "steps", "plays")
+        out.print(Table(title, columns, rows).terminal(FRAMED))
     if bounded in largest:
         verdict = "kept" if largest[bounded] <= MAX_RATIO else "MISSED"
         text = f"{bounded}: p99 at most {largest[bounded]:.1f} times its steady median"

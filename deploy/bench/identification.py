@@ -73,9 +73,9 @@ def bench_identification(out: Console) -> int:
         rows = []
         for who, call in _calls(size).items():
             measured = measure(who, call, u, y, size.n_repeats)
-            rows.append((who, measured.time_ms, measured.memory_mb, _verdict(size, measured)))
-        table = Table(f"{size.name}: {BLOCK_ROWS} block rows, order {ORDER}", _COLUMNS, rows)
-        out.print(table.terminal(FRAMED))
+            rows.append((who, f"{measured.time_ms:.1f}", f"{measured.memory_mb:.1f}", _verdict(size, measured)))
+        title = f"{size.name}: {BLOCK_ROWS} block rows, order {ORDER}"
+        out.print(Table(title, ("", "median, ms", "peak memory, MB", "bound"), rows).terminal(FRAMED))
     return EXIT_OK
 
 

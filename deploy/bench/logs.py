@@ -81,8 +81,6 @@ def bench_logs(seconds: float, whole: bool, out: Console) -> dict[str, Any]:
     ``whole``: recordings of the full length. Otherwise two, of ``seconds`` and a third of it, with a linear
     extrapolation to the full length.
     """
-    heads = ("rate", "recorded", "what", "measured", "for the whole", "bound", "load")
-    columns = [Column(head, words=head in ("rate", "recorded", "what", "load"), wraps=True) for head in heads]
     rows: list[Row] = []
     lengths = {k: (case.whole_s,) if whole else (seconds, seconds / _SHORTER_BY) for k, case in enumerate(CASES)}
     figures: dict[str, Any] = {}
@@ -92,6 +90,8 @@ def bench_logs(seconds: float, whole: bool, out: Console) -> dict[str, Any]:
             found, *less = (_measure(recorded[k, length_s], length_s, out) for length_s in lengths[k])
             figures[f"{case.rate_hz}_hz"] = found
             rows += [*_rows(case, found, less[0] if less else None), ()]
+    heads = ("rate", "recorded", "what", "measured", "for the whole", "bound", "load")
+    columns = [Column(head, words=head not in ("measured", "for the whole", "bound")) for head in heads]
     out.print(Table("Recordings", columns, rows).terminal(SIMPLE))
     out.print("The whole is an hour at 30 Hz, and ten minutes at 1 kHz.", soft_wrap=True)
     return figures
@@ -156,4 +156,4 @@ def _rows(case: Case, found: Mapping[str, float], less: Mapping[str, float] | No
         load = found.get(f"{what}, load")
         shown = "" if load is None else f"{load:.1f}"
         measured = (f"{found[name]:.2f} {unit}", f"{value:.1f} {unit}")
-        yield (f"{case.rate_hz} Hz", f"{found['recorded_s']:g} s", what, *measured, verdict, shown)
+        yield f"{case.rate_hz} Hz", f"{found['recorded_s']:g} s", what, *measured, verdict, shown

@@ -14,6 +14,7 @@ from tis.common.scenario.network import NetworkPart
 from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.streams import Stream
 from tis.common.units import NS_PER_MS
+from tis.deploy.present.table import Table
 from tis.netem.expected.simulate import Simulated, simulate
 from tis.netem.stages.delay import latency_of
 from tis.netem.stages.loss import expected_loss
@@ -161,9 +162,8 @@ def _simulated(pipeline: dict[str, Any], gap_ns: int = _GAP_NS) -> Simulated:
     return simulate(network, "forward", _SEED, np.arange(_N, dtype=np.int64) * gap_ns)
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [f"| {' | '.join(row)} |" for row in (head, ["---"] + ["---:"] * (len(head) - 1), *rows)]
-    return "\n".join(lines)
+def _markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    return Table("", heads, rows).markdown()
 
 
 def _delay_table() -> str:
@@ -174,7 +174,7 @@ def _delay_table() -> str:
         asked = [model.mean_ns, model.std_ns, *model.quantiles_ns([0.5, 0.99, 0.999])]
         came = [drawn_ms.mean(), drawn_ms.std(), *np.percentile(drawn_ms, [50, 99, 99.9])]
         rows.append([name, *(f"{a / NS_PER_MS:.3f} / {c:.3f}" for a, c in zip(asked, came, strict=True))])
-    return _table(["asked / drawn", "mean", "sd", "p50", "p99", "p99.9"], rows)
+    return _markdown(["asked / drawn", "mean", "sd", "p50", "p99", "p99.9"], rows)
 
 
 def _jitter_table() -> str:
@@ -213,7 +213,7 @@ def _jitter_table() -> str:
         f"{_overtaken(ours_ms):.1f} %",
     ]
     head = ["asked", "sd, tc-netem's algorithm", "neighbours, tc-netem's", "sd, here", "neighbours, here"]
-    return _table([*head, "overtaken, tc-netem's", "overtaken, here"], [*rows, row])
+    return _markdown([*head, "overtaken, tc-netem's", "overtaken, here"], [*rows, row])
 
 
 def _neighbours(delays_ms: NDArray[np.float64]) -> float:
@@ -245,7 +245,7 @@ def _loss_table() -> str:
         pipeline = Pipeline.model_validate({"loss": part})
         expected = expected_loss(pipeline.loss, {})
         rows.append(_loss_row(name, expected.p_loss, expected.mean_burst, _simulated({"loss": part}).lost))
-    return _table(["model", "asked", "lost", "burst asked", "burst drawn"], rows)
+    return _markdown(["model", "asked", "lost", "burst asked", "burst drawn"], rows)
 
 
 def _tc_table() -> str:
@@ -258,4 +258,4 @@ def _tc_table() -> str:
         rows.append(
             [f"loss {100 * p_loss:g}% {100 * rho:g}%", f"{100 * theirs.mean():.4g} %", f"{100 * ours.mean():.4g} %"]
         )
-    return _table(["asked", "tc-netem's algorithm", "here"], rows)
+    return _markdown(["asked", "tc-netem's algorithm", "here"], rows)

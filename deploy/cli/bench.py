@@ -10,24 +10,18 @@ import typer
 from tis.common.errors import EXIT_OK, GET_HOSTS, Fault, InputError
 from tis.deploy.cli.group import Commands
 from tis.deploy.shell.early_checks import can_certify, check_outputs
-from tis.deploy.shell.guard import OUT, guarded
+from tis.deploy.shell.guard import OUT
 
 app = Commands(no_args_is_help=True, help="Measure speed and punctuality on this machine.")
 
-FiguresOption = Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")]
-RunLengthOption = Annotated[float, typer.Option(min=2, max=600, help="Length of each run, in s.")]
-
-
-@app.callback()
-def bench() -> None:
-    """Measure speed and punctuality on this machine."""
+_JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")]
+_RunLength = Annotated[float, typer.Option(min=2, max=600, help="Length of each run, in s.")]
 
 
 @app.command()
-@guarded
 def netem(
     seconds: Annotated[float, typer.Option(min=0.5, max=600, help="Measuring time per figure, s.")] = 5.0,
-    out: FiguresOption = None,
+    out: _JsonFile = None,
 ) -> int:
     """Measure the emulator's release error and throughput, beside a native Zenoh router."""
     from tis.deploy.bench.netem import bench_netem
@@ -36,7 +30,6 @@ def netem(
 
 
 @app.command()
-@guarded
 def models(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="The page to write; by default runs/emulator.md.")
@@ -53,7 +46,6 @@ def models(
 
 
 @app.command()
-@guarded
 def identification() -> int:
     """Time the identification methods at three sizes, beside other packages if they are installed."""
     from tis.deploy.bench.identification import bench_identification
@@ -62,7 +54,6 @@ def identification() -> int:
 
 
 @app.command()
-@guarded
 def estimators() -> int:
     """Time a step of each estimator on precomputed arrivals."""
     from tis.deploy.bench.estimators import bench_estimators
@@ -71,11 +62,10 @@ def estimators() -> int:
 
 
 @app.command()
-@guarded
 def cells(
     seconds: Annotated[float, typer.Option(min=3, max=3600, help="Length of each twin, in s.")] = 60.0,
     rounds: Annotated[int, typer.Option(min=1, max=50, help="Number of twins of each kind.")] = 5,
-    out: FiguresOption = None,
+    out: _JsonFile = None,
 ) -> int:
     """Time a cell of `tis compare`, which keeps no logs, beside a twin with logs."""
     from tis.deploy.bench.cells import bench_cells
@@ -84,13 +74,12 @@ def cells(
 
 
 @app.command()
-@guarded
 def logs(
     seconds: Annotated[float, typer.Option(min=60, max=3600, help="Length of the recordings, in s.")] = 120.0,
     whole: Annotated[
         bool, typer.Option("--whole", help="Measure an hour at 30 Hz and ten minutes at 1 kHz; takes 10 minutes.")
     ] = False,
-    out: FiguresOption = None,
+    out: _JsonFile = None,
 ) -> int:
     """Measure the size of recordings on disk, and the time and memory to merge and report them."""
     from tis.deploy.bench.logs import bench_logs
@@ -99,39 +88,37 @@ def logs(
 
 
 @app.command()
-@guarded
 def recording(
-    seconds: RunLengthOption = 20.0,
+    seconds: _RunLength = 20.0,
     rounds: Annotated[
         int, typer.Option(min=1, max=50, help="Number of runs with recording, and of as many without.")
     ] = 3,
-    out: FiguresOption = None,
+    out: _JsonFile = None,
 ) -> int:
     """Measure the effect of recording on a live run at 1 kHz: missed ticks and lateness, with and without it."""
-    from tis.deploy.bench.recording import bench_recording
+    from tis.deploy.bench.live_runs import bench_recording
 
     return _measured(lambda: bench_recording(seconds, rounds, OUT), out)
 
 
 @app.command()
-@guarded
 def security(
-    seconds: RunLengthOption = 10.0,
+    seconds: _RunLength = 10.0,
     rounds: Annotated[int, typer.Option(min=1, max=50, help="Number of runs of each kind.")] = 3,
-    out: FiguresOption = None,
+    out: _JsonFile = None,
 ) -> int:
     """Measure the price of passwords and TLS: latency end to end, and netem's processor time."""
     if not can_certify():
         raise InputError(Fault("tis bench security", "", f"needs the package cryptography: {GET_HOSTS}"))
-    from tis.deploy.bench.security import bench_security
+    from tis.deploy.bench.live_runs import bench_security
 
     return _measured(lambda: bench_security(seconds, rounds, OUT), out)
 
 
-def _measured(measure: Callable[[], Mapping[str, Any]], out: Path | None) -> int:
-    """Measure, and write the figures to ``out``, which is checked before."""
+def _measured(bench: Callable[[], Mapping[str, Any]], out: Path | None) -> int:
+    """Measure, which prints the figures, and write them to a file if one is named; return the exit code."""
     check_outputs(out)
-    figures = measure()
+    figures = bench()
     if out is not None:
         from tis.deploy.shell.run_dir import write
 

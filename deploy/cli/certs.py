@@ -9,9 +9,9 @@ from rich.markup import escape
 
 from tis.common.errors import EXIT_OK, GET_HOSTS, DataError, Fault, InputError
 from tis.deploy.cli.group import Commands, JsonOption
-from tis.deploy.present.table import Column, Look, Table
+from tis.deploy.present.table import Column, Table
 from tis.deploy.shell.early_checks import can_certify
-from tis.deploy.shell.guard import ERR, OUT, guarded, print_json, words_to
+from tis.deploy.shell.guard import ERR, OUT, print_json, words_to
 
 if TYPE_CHECKING:
     from tis.deploy.tools.certificates import Certificate
@@ -30,7 +30,6 @@ _FOLDER = Path("certs")
 
 
 @app.command()
-@guarded
 def init(
     folder: FolderOption = _FOLDER, hosts: HostOption = None, days: DaysOption = None, as_json: JsonOption = False
 ) -> int:
@@ -59,7 +58,6 @@ def init(
 
 
 @app.command()
-@guarded
 def issue(
     name: Annotated[str, typer.Argument(metavar="NAME", help="surgeon, netem, patient, or a further client.")],
     folder: FolderOption = _FOLDER,
@@ -82,7 +80,6 @@ def issue(
 
 
 @app.command()
-@guarded
 def show(folder: FolderOption = _FOLDER, as_json: JsonOption = False) -> int:
     """List the certificates, for whom they are and how long they are valid; exit code 4 if one cannot be used."""
     _check_extra()
@@ -108,14 +105,16 @@ def _print(found: "list[Certificate]", as_json: bool) -> None:
             ]
         )
         return
-    columns = [Column(head, words=True, wraps=True) for head in ("name", "valid until", "days left", "for")]
+    from tis.deploy.present.table import PLAIN
+
     rows = []
     for each in found:
         left = each.days_left(now)
-        until = None if each.until is None else f"{each.until:%Y-%m-%d %H:%M} UTC"
-        days = None if left is None else f"{left:.0f}"
+        until = "-" if each.until is None else f"{each.until:%Y-%m-%d %H:%M} UTC"
+        days = "-" if left is None else f"{left:.0f}"
         rows.append((each.name, until, days, each.fault or ", ".join(each.hosts)))
-    OUT.print(Table("", columns, rows).terminal(Look(None)))
+    columns = [Column(head, words=True, wraps=True) for head in ("name", "valid until", "days left", "for")]
+    OUT.print(Table("", columns, rows).terminal(PLAIN._replace(padding=(0, 1, 0, 1))))
 
 
 def _check_extra() -> None:

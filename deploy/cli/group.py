@@ -1,12 +1,27 @@
-"""Groups of commands: help in sections, 80 columns wide, and options that are not given twice."""
+"""Groups of commands: help in sections, 80 columns wide, options given once, and those that many commands share."""
 
+import inspect
 import re
 from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
+
+from tis.common.runtime.side_cli import CfgOption, ConfigOption, InsecureOption
+from tis.deploy.shell.guard import guarded, words_to
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from tis.common.runtime.emulator_client import EmulatorAddress
+    from tis.common.runtime.zenoh_session import ZenohOptions
+    from tis.common.scenario import Scenario
+    from tis.deploy.run.conclude import Outputs
+    from tis.deploy.view.page_process import PageAddress
 
 _SCENARIO: Final = typer.Argument(
     metavar="SCENARIO", help="A scenario file (YAML), or the name of a shipped scenario."
@@ -18,19 +33,9 @@ SetOption = Annotated[
     typer.Option("--set", metavar="a.b=VALUE", help="Override a value (YAML); null removes an optional one."),
 ]
 SeedOption = Annotated[int | None, typer.Option(help="Override the seed.")]
-DurationOption = Annotated[float | None, typer.Option(help="Override the duration, in s.")]
 RunDirOption = Annotated[Path | None, typer.Option(help="Folder for the run; by default a new one below runs/.")]
-ReportOption = Annotated[bool, typer.Option("--report/--no-report", help="Write report.html at the end.")]
-AddressOption = Annotated[
-    str, typer.Option(help="Address of the live page; any address but loopback requires a token.")
-]
-PortOption = Annotated[int, typer.Option(min=0, max=65535, help="Port of the live page; 0: any free port.")]
-HostOption = Annotated[
-    list[str] | None,
-    typer.Option("--host", metavar="NAME", help="Another name of this host under which the live page may be opened."),
-]
-MergeOption = Annotated[bool, typer.Option("--merge/--no-merge", help="Merge the logs into run.mcap at the end.")]
 RunDirArg = Annotated[Path, typer.Argument(metavar="RUN_DIR", help="Folder of a run.")]
+PrefixOption = Annotated[str, typer.Option(help="Prefix of the emulator's control keys: the scenario's session.")]
 VerboseOption = Annotated[bool, typer.Option("--verbose", "-v", help="Print all tables instead of the main figures.")]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the data as JSON on standard output, and words on standard error.")
@@ -52,6 +57,138 @@ JobsOption = Annotated[int | None, typer.Option(min=1, help="Processes; by defau
 SchedulerOption = Annotated[
     str | None, typer.Option(metavar="tcp://HOST:8786", help="Compute on the workers of this Dask scheduler instead.")
 ]
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options that stand together: a command with a parameter of this type has one option for each field."""
+
+
+@dataclass(frozen=True)
+class ScenarioOptions(Options):
+    """A scenario and what overrides it."""
+
+    scenario: ScenarioArg
+    settings: SetOption = None
+    seed: SeedOption = None
+    duration_s: Annotated[float | None, typer.Option(help="Override the duration, in s.")] = None
+
+    def resolve(self) -> "Scenario":
+        """Return the scenario; raises `InputError`."""
+        from tis.deploy.run.resolve import resolve
+
+        return resolve(self.scenario, self.settings or (), self.seed, self.duration_s)
+
+
+@dataclass(frozen=True)
+class OutputOptions(Options):
+    """What a command on a run writes and prints."""
+
+    report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html at the end.")] = True
+    merge: Annotated[bool, typer.Option("--merge/--no-merge", help="Merge the logs into run.mcap at the end.")] = True
+    verbose: VerboseOption = False
+    as_json: JsonOption = False
+
+    @property
+    def wanted(self) -> "Outputs":
+        """Return the wanted outputs."""
+        from tis.deploy.run.conclude import Outputs
+
+        return Outputs(self.report, self.merge, self.verbose, self.as_json)
+
+    @property
+    def words(self) -> "Console":
+        """Return the console for words."""
+        return words_to(self.as_json)
+
+
+@dataclass(frozen=True)
+class PageOptions(Options):
+    """Where the live page is."""
+
+    address: Annotated[
+        str, typer.Option(help="Address of the live page; any address but loopback requires a token.")
+    ] = "127.0.0.1"
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the live page; 0: any free port.")] = 0
+    hosts: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--host", metavar="NAME", help="Another name of this host under which the live page may be opened."
+        ),
+    ] = None
+
+    @property
+    def page(self) -> "PageAddress":
+        """Return the page's address."""
+        from tis.deploy.view.page_process import PageAddress
+
+        return PageAddress(self.address, self.port, tuple(self.hosts or ()))
+
+
+@dataclass(frozen=True)
+class ConnectionOptions(Options):
+    """Zenoh's own options."""
+
+    config: ConfigOption = None
+    cfg: CfgOption = None
+    insecure: InsecureOption = False
+
+    def zenoh(self, connect: list[str] | None = None, listen: list[str] | None = None) -> "ZenohOptions":
+        """Return the options of a session with these endpoints."""
+        from tis.common.runtime.zenoh_session import ZenohOptions
+
+        return ZenohOptions(
+            tuple(connect or ()), tuple(listen or ()), self.config, tuple(self.cfg or ()), self.insecure
+        )
+
+
+@dataclass(frozen=True)
+class EmulatorOptions(Options):
+    """Where a running emulator is."""
+
+    connect: Annotated[
+        str | None,
+        typer.Option(
+            "--connect",
+            "-e",
+            metavar="ENDPOINT",
+            help="One of the emulator's networks, west or east; by default the endpoint of --config, "
+            "else tcp/127.0.0.1:7447.",
+        ),
+    ] = None
+    prefix: PrefixOption = "tis"
+    config: ConfigOption = None
+    cfg: CfgOption = None
+
+    @property
+    def emulator(self) -> "EmulatorAddress":
+        """Return the emulator's address; raises `InputError`."""
+        from tis.common.runtime.emulator_client import emulator_address
+
+        return emulator_address(self.connect, self.prefix, self.config, self.cfg)
+
+
+def spread(command: Callable[..., int]) -> Callable[..., int]:
+    """Return a command whose parameters of `Options` are given as one keyword for each of their fields."""
+    parameters, groups = [], {}
+    for one in inspect.signature(command, eval_str=True).parameters.values():
+        if not (isinstance(one.annotation, type) and issubclass(one.annotation, Options)):
+            parameters.append(one.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+            continue
+        kinds = get_type_hints(one.annotation, include_extras=True)
+        groups[one.name] = one.annotation, [field.name for field in fields(one.annotation)]
+        for name, field in inspect.signature(one.annotation).parameters.items():
+            parameters.append(field.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=kinds[name]))
+
+    @wraps(command)
+    def called(**given: Any) -> int:
+        for name, (group, names) in groups.items():
+            given[name] = group(**{field: given.pop(field) for field in names})
+        return command(**given)
+
+    called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]  # what typer reads
+    called.__annotations__ = {one.name: one.annotation for one in parameters}
+    return called
 
 
 SECTIONS: Final = (
@@ -137,9 +274,13 @@ class Commands(typer.Typer):
         self._panel = panel
 
     def command(self, name: str | None = None, **options: Any) -> Callable[[Any], Any]:
-        """Register a command, as `typer.Typer.command` does."""
+        """Register a command that returns its exit code; errors become lines, `Options` one option for each field."""
+        return lambda command: self.register(guarded(spread(command)), name, **options)
+
+    def register(self, command: Callable[..., None], name: str | None = None, **options: Any) -> Any:
+        """Register a command that ends by `typer.Exit`, as `typer.Typer.command` does."""
         options.setdefault("rich_help_panel", self._panel)
-        return super().command(name, cls=OneCommand, **options)
+        return super().command(name, cls=OneCommand, **options)(command)
 
 
 def _panel_of(one: Any) -> str | None:

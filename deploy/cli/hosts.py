@@ -5,9 +5,8 @@ from typing import Annotated
 
 import typer
 
-from tis.common.runtime.side_cli import CfgOption, ConfigOption, InsecureOption
-from tis.deploy.cli.group import Commands, JsonOption, MergeOption, ReportOption, RunDirOption, VerboseOption
-from tis.deploy.shell.guard import ERR, guarded, words_to
+from tis.deploy.cli.group import Commands, ConnectionOptions, OutputOptions, RunDirOption
+from tis.deploy.shell.guard import ERR
 
 app = Commands("Run on several hosts")
 
@@ -17,14 +16,11 @@ HostsArg = Annotated[
 
 
 @app.command()
-@guarded
 def up(
+    *,
     hosts: HostsArg,
     run_dir: RunDirOption = None,
-    report: ReportOption = True,
-    merge: MergeOption = True,
-    verbose: VerboseOption = False,
-    as_json: JsonOption = False,
+    outputs: OutputOptions,
     wait_s: Annotated[
         float, typer.Option(min=0, max=86_400, help="A side gives up when the others are not there after so many s.")
     ] = 120.0,
@@ -38,15 +34,13 @@ def up(
     all sides, and their logs are collected.
     """
     from tis.deploy.hosts.up import up as run_up
-    from tis.deploy.run.conclude import Outputs
 
-    outputs = Outputs(report, merge, verbose, as_json)
-    return run_up(hosts, run_dir, wait_s, insecure, outputs, words_to(as_json), ERR)
+    return run_up(hosts, run_dir, wait_s, insecure, outputs.wanted, outputs.words, ERR)
 
 
 @app.command()
-@guarded
 def collect(
+    *,
     sources: Annotated[
         list[str] | None,
         typer.Argument(metavar="HOSTS_FILE | ENDPOINT", help="The hosts file of `tis up`, or endpoints of offers."),
@@ -69,13 +63,8 @@ def collect(
     wait_s: Annotated[
         float | None, typer.Option(min=0, help="Over Zenoh: give up after so many s; by default never.")
     ] = None,
-    report: ReportOption = True,
-    merge: MergeOption = True,
-    verbose: VerboseOption = False,
-    as_json: JsonOption = False,
-    config: ConfigOption = None,
-    cfg: CfgOption = None,
-    insecure: InsecureOption = False,
+    outputs: OutputOptions,
+    connection: ConnectionOptions,
 ) -> int:
     """Collect the logs of a run from its hosts into one folder, and summarise it.
 
@@ -83,28 +72,22 @@ def collect(
     host offers its folder: tis collect --offer RUN_DIR --connect ENDPOINT, and
     one of them collects: tis collect --listen ENDPOINT --run-dir RUN_DIR.
     """
-    from tis.common.runtime.zenoh_session import ZenohOptions
     from tis.deploy.hosts.collect import Asked, check_options
-    from tis.deploy.run.conclude import Outputs
 
     asked = Asked(tuple(sources or ()), offer, tuple(connect or ()), tuple(listen or ()), run)
     kind = check_options(asked)
-    places = asked.connect if kind == "offer" else asked.sources
-    options = ZenohOptions(places, asked.listen, config, tuple(cfg or ()), insecure)
-    outputs, words = Outputs(report, merge, verbose, as_json), words_to(as_json)
     if kind == "hosts":
         from tis.deploy.hosts.collect import collect_from_hosts
 
-        return collect_from_hosts(Path(asked.sources[0]), run, run_dir, outputs, words, ERR)
+        return collect_from_hosts(Path(asked.sources[0]), run, run_dir, outputs.wanted, outputs.words, ERR)
     from tis.deploy.hosts.zenoh_logs import collect_over_zenoh, offer_logs
 
     if offer is not None:
-        return offer_logs(offer, options, ERR)
-    return collect_over_zenoh(options, run_dir, wait_s, outputs, words, ERR)
+        return offer_logs(offer, connection.zenoh(connect, listen), ERR)
+    return collect_over_zenoh(connection.zenoh(sources, listen), run_dir, wait_s, outputs.wanted, outputs.words, ERR)
 
 
 @app.command(hidden=True)
-@guarded
 def host() -> int:
     """Obey one request of `tis up` or `tis collect`, on a host."""
     from tis.deploy.hosts.agent import obey, standard_streams

@@ -5,20 +5,7 @@ from typing import Annotated, Any
 import typer
 
 from tis.common.runtime.process import run_to_end
-from tis.deploy.cli import (
-    admissible,
-    bench,
-    certs,
-    hosts,
-    imports,
-    logs,
-    net,
-    report,
-    runs,
-    scenarios,
-    sides,
-    studies,
-)
+from tis.deploy.cli import bench, certs, hosts, logs, net, runs, scenarios, sides, studies
 from tis.deploy.cli.group import Commands
 from tis.deploy.shell.guard import OUT, version_text
 
@@ -40,7 +27,7 @@ def tis(
     """Run a surgeon, an impaired network and a patient as separate processes that talk over Zenoh."""
 
 
-for group in (runs, hosts, logs, report, scenarios, imports, studies, admissible, sides):
+for group in (runs, hosts, logs, scenarios, studies, sides):
     app.add_typer(group.app)
 app.add_typer(bench.app, name="bench", rich_help_panel="Studies")
 app.add_typer(net.app, name="net", rich_help_panel="Networks")

@@ -1,4 +1,4 @@
-"""Commands on networks: ``tis net`` with the profile library, the stages, the probe, its reflector and the fit."""
+"""Commands on networks: ``tis net``, to look at profiles and stages, measure, fit, and change a running one."""
 
 from pathlib import Path
 from typing import Annotated, Any, get_args
@@ -6,25 +6,15 @@ from typing import Annotated, Any, get_args
 import typer
 
 from tis.common.errors import DataError, Fault, InputError
-from tis.common.runtime.side_cli import CfgOption, ConfigOption, InsecureOption
-from tis.deploy.cli.group import Commands, JsonOption
-from tis.deploy.cli.net_control import app as control_app
-from tis.deploy.shell.guard import ERR, OUT, guarded
+from tis.deploy.cli.group import Commands, ConnectionOptions, EmulatorOptions, JsonOption
+from tis.deploy.shell.guard import ERR, OUT
 
 app = Commands(
     no_args_is_help=True, help="Inspect, measure and fit networks; change a running one (show, set, outage, reset)."
 )
 
-app.add_typer(control_app)
-
-
-@app.callback()
-def net() -> None:
-    """Inspect, measure and fit networks; change a running one (show, set, outage, reset)."""
-
 
 @app.command()
-@guarded
 def profiles(
     name: Annotated[
         str | None, typer.Argument(metavar="NAME", help="A profile or a profile file (.yaml) to print in full.")
@@ -32,13 +22,12 @@ def profiles(
     as_json: JsonOption = False,
 ) -> int:
     """List the profile library with the figures of its models, or show one profile with its sources."""
-    from tis.deploy.net.library.commands import list_profiles, show_profile
+    from tis.deploy.net.library import list_profiles, show_profile
 
     return list_profiles(OUT, as_json) if name is None else show_profile(name, OUT, as_json)
 
 
 @app.command()
-@guarded
 def stages(
     name: Annotated[
         str | None, typer.Argument(metavar="NAME", help="A stage to explain, or rules, outages, states, timeline.")
@@ -48,7 +37,7 @@ def stages(
     ] = None,
 ) -> int:
     """List the stages of a network with their kinds and parameters, and the sections that change them over time."""
-    from tis.deploy.net.library.commands import print_stages, write_page
+    from tis.deploy.net.library import print_stages, write_page
 
     return print_stages(name, OUT) if out is None else write_page(out, OUT)
 
@@ -81,16 +70,14 @@ _TraceOption = Annotated[
 
 
 @app.command()
-@guarded
 def probe(
+    *,
     connect: _CommonEndOption = None,
     from_end: _FromOption = None,
     to_end: _ToOption = None,
     listen: _ListenOption = None,
     reflector: _ReflectorOption = False,
-    config: ConfigOption = None,
-    cfg: CfgOption = None,
-    insecure: InsecureOption = False,
+    connection: ConnectionOptions,
     key: _KeyOption = "tis/net/probe",
     rate_hz: Annotated[float, typer.Option(min=0.1, max=20_000, help="Messages per second.")] = 100.0,
     count: Annotated[int | None, typer.Option(min=2, max=5_000_000, help="Number of messages.")] = None,
@@ -113,31 +100,28 @@ def probe(
     one way only if --to is reached without crossing the path again. Otherwise
     the delay includes the way back.
     """
-    from tis.common.runtime.zenoh_session import ZenohOptions
-    from tis.deploy.net.probing.ends import Ends
-    from tis.deploy.net.probing.probe import Plan
-    from tis.deploy.net.probing.probe_command import probe_and_print
+    from tis.deploy.net.ends import Ends
+    from tis.deploy.net.probe import Plan
+    from tis.deploy.net.probe_command import probe_and_print
 
     if count is not None and seconds is not None:
         raise InputError(Fault("tis net probe", "--seconds", "must not be given together with --count"))
     n_messages = count if count is not None else max(2, round((seconds or 10.0) * rate_hz))
     ends = Ends.of(connect, from_end, to_end, listen, reflector)
     plan = Plan(key, rate_hz, n_messages, size, timeout_s, wait_s)
-    return probe_and_print(ends, ZenohOptions((), (), config, cfg or (), insecure), plan, out, OUT, ERR, as_json)
+    return probe_and_print(ends, connection.zenoh(), plan, out, OUT, ERR, as_json)
 
 
 @app.command()
-@guarded
 def reflect(
+    *,
     connect: Annotated[
         str | None, typer.Option("--connect", "-e", metavar="ENDPOINT", help="Connect to this router.")
     ] = None,
     listen: Annotated[
         str | None, typer.Option("--listen", "-l", metavar="ENDPOINT", help="Listen here as a router.")
     ] = None,
-    config: ConfigOption = None,
-    cfg: CfgOption = None,
-    insecure: InsecureOption = False,
+    connection: ConnectionOptions,
     key: Annotated[
         str, typer.Option(help="The probe's key; the clock and the time stamps are served below it.")
     ] = "tis/net/probe",
@@ -147,14 +131,12 @@ def reflect(
 
     Each arrival is stamped by this host's own clock, which needs no synchronisation.
     """
-    from tis.common.runtime.zenoh_session import ZenohOptions
-    from tis.deploy.net.probing.reflector import run_reflector
+    from tis.deploy.net.reflector import run_reflector
 
-    return run_reflector(connect, listen, ZenohOptions((), (), config, cfg or (), insecure), key, wait_s, ERR)
+    return run_reflector(connect, listen, connection.zenoh(), key, wait_s, ERR)
 
 
 @app.command()
-@guarded
 def fit(
     source: Annotated[
         Path,
@@ -191,8 +173,8 @@ def fit(
     The fit replays itself: printed are mean, quantiles, autocorrelation, the longest run of losses and the seconds
     above 20 % loss of the record, beside those of the replays. What does not close is warned of by name.
     """
-    from tis.deploy.net.fitting.command import fit_and_print
-    from tis.deploy.net.fitting.fit import Ways
+    from tis.deploy.net.fit import Ways
+    from tis.deploy.net.fit_command import fit_and_print
     from tis.netem.fit.marginal import MarginalName
 
     for option, value, allowed in (
@@ -208,3 +190,108 @@ def fit(
         raise InputError(Fault("tis net fit", "--received", "must name the receiver's capture beside the sender's"))
     chosen: Any = None if distribution == "auto" else distribution
     return fit_and_print(source, out, name, way, chosen, OUT, ERR, as_json, replays, received)  # type: ignore[arg-type]
+
+
+@app.command()
+def show(at: EmulatorOptions, as_json: JsonOption = False) -> int:
+    """Show the current state of a running emulator in both directions."""
+    from tis.deploy.net.control import show as show_state
+
+    return show_state(at.emulator, OUT, as_json)
+
+
+_DirectionArg = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="[forward|feedback|both]", help="forward: west to east; feedback: back. Not with --profile."
+    ),
+]
+_SettingsArg = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="[a.b=VALUE]...", help="Such as delay.delay_ms=50; `tis net stages` lists them."),
+]
+_YamlOption = Annotated[
+    str | None, typer.Option("--yaml", metavar="TEXT", help="Stages in YAML; a.b=VALUE overrides them.")
+]
+_ForOption = Annotated[
+    str | None, typer.Option("--for", metavar="LENGTH", help="Duration, such as 10s; by default permanent.")
+]
+_RampOption = Annotated[
+    str | None, typer.Option(metavar="LENGTH", help="Time in which factors and additions grow, such as 2s.")
+]
+_AtOption = Annotated[float | None, typer.Option("--at-s", help="Begin at this run time, s; by default immediately.")]
+_ProfileOption = Annotated[
+    str | None, typer.Option(metavar="NAME", help="Apply a profile to both directions; earlier changes end.")
+]
+
+
+@app.command("set")
+def set_(
+    *,
+    direction: _DirectionArg = None,
+    settings: _SettingsArg = None,
+    yaml_text: _YamlOption = None,
+    for_: _ForOption = None,
+    ramp: _RampOption = None,
+    at_s: _AtOption = None,
+    profile: _ProfileOption = None,
+    at: EmulatorOptions,
+    as_json: JsonOption = False,
+) -> int:
+    """Change a running emulator's network: tis net set forward delay.delay_ms=50 loss.p_loss=0.05 --for 10s.
+
+    A permanent change replaces the permanent one before. Changes with --for add
+    up: the later stage wins, factors (scale_...) multiply, additions sum. A
+    profile must be without outages, states, timeline and rules.
+    """
+    from tis.deploy.net.control import seconds, set_change, set_profile
+
+    address, given = at.emulator, bool(settings or yaml_text)
+    if profile is not None:
+        if direction or given or for_ or ramp or at_s is not None:
+            raise InputError(
+                Fault(
+                    "tis net set",
+                    "--profile",
+                    "must be given alone: it applies to both directions, immediately and permanently",
+                )
+            )
+        return set_profile(address, profile, OUT, as_json)
+    if direction is None or not given:
+        rule = "must read: tis net set forward|feedback|both a.b=VALUE ..., or --yaml TEXT, or --profile NAME"
+        raise InputError(Fault("tis net set", "", rule))
+    times = {} if at_s is None else {"at_s": at_s}
+    times |= {} if for_ is None else {"for_s": seconds(for_, "--for")}
+    times |= {} if ramp is None else {"ramp_s": seconds(ramp, "--ramp")}
+    return set_change(address, direction, settings or (), yaml_text, times, OUT, as_json)
+
+
+@app.command()
+def outage(
+    *,
+    length: Annotated[str, typer.Argument(metavar="LENGTH", help="Duration, such as 500ms or 2s.")],
+    direction: Annotated[str, typer.Option(help="forward (west to east), feedback (east to west) or both.")] = "both",
+    stall: Annotated[
+        bool, typer.Option("--stall", help="Messages wait for the end instead of being lost, as in a handover.")
+    ] = False,
+    at: EmulatorOptions,
+    as_json: JsonOption = False,
+) -> int:
+    """Silence a running emulator for a while, starting now; messages offered meanwhile are lost.
+
+    With --stall they wait, and leave together at the end.
+    """
+    from tis.deploy.net.control import check_direction, request, seconds
+
+    check_direction(direction)
+    content = {"direction": direction, "for_ms": seconds(length, "LENGTH") * 1000}
+    content |= {"effect": "stall"} if stall else {}
+    return request(at.emulator, "outage", content, OUT, as_json)
+
+
+@app.command()
+def reset(at: EmulatorOptions, as_json: JsonOption = False) -> int:
+    """End all changes of a running emulator: the scenario's own network applies again."""
+    from tis.deploy.net.control import request
+
+    return request(at.emulator, "reset", {}, OUT, as_json)

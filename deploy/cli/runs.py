@@ -8,63 +8,45 @@ import typer
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK
 from tis.common.runtime.side_cli import CfgOption, ConfigOption, InsecureOption
 from tis.deploy.cli.group import (
-    AddressOption,
     Commands,
-    DurationOption,
-    HostOption,
+    EmulatorOptions,
     JsonOption,
-    MergeOption,
-    PortOption,
-    ReportOption,
+    OutputOptions,
+    PageOptions,
+    PrefixOption,
     RunDirArg,
     RunDirOption,
-    ScenarioArg,
-    SeedOption,
-    SetOption,
+    ScenarioOptions,
     VerboseOption,
 )
-from tis.deploy.cli.net_control import EndpointOption, PrefixOption
-from tis.deploy.shell.guard import ERR, OUT, guarded, print_faults, print_json, print_warnings, words_to
+from tis.deploy.shell.guard import ERR, OUT, print_faults, print_json, print_warnings, words_to
 
 app = Commands("Run")
 
 
 @app.command()
-@guarded
 def run(
-    scenario: ScenarioArg,
-    settings: SetOption = None,
-    seed: SeedOption = None,
-    duration_s: DurationOption = None,
+    *,
+    scenario: ScenarioOptions,
     run_dir: RunDirOption = None,
-    report: ReportOption = True,
-    merge: MergeOption = True,
-    verbose: VerboseOption = False,
-    as_json: JsonOption = False,
+    outputs: OutputOptions,
     view: Annotated[bool, typer.Option("--view", help="Open a live page during the run and print its URL.")] = False,
-    address: AddressOption = "127.0.0.1",
-    port: PortOption = 0,
-    hosts: HostOption = None,
+    at: PageOptions,
     insecure: InsecureOption = False,
     foreign_surgeon: Annotated[
         bool, typer.Option("--foreign-surgeon", help="Another program is the surgeon, by the protocol; needs hosts.")
     ] = False,
 ) -> int:
     """Run a scenario live, as three processes on this machine in real time."""
-    from tis.deploy.run.conclude import Outputs
     from tis.deploy.run.live import run_live
-    from tis.deploy.run.resolve import resolve
-    from tis.deploy.view.page_process import PageAddress
 
-    page = PageAddress(address, port, tuple(hosts or ())) if view else None
-    outputs = Outputs(report, merge, verbose, as_json)
-    chosen = resolve(scenario, settings or (), seed, duration_s)
-    return run_live(chosen, run_dir, words_to(as_json), ERR, outputs, page, insecure, foreign_surgeon)
+    page = at.page if view else None
+    return run_live(scenario.resolve(), run_dir, outputs.words, ERR, outputs.wanted, page, insecure, foreign_surgeon)
 
 
 @app.command()
-@guarded
 def view(
+    *,
     west: Annotated[
         str, typer.Option("--west", metavar="ENDPOINT", help="Endpoint of netem on the surgeon's network.")
     ] = "tcp/127.0.0.1:7447",
@@ -72,9 +54,7 @@ def view(
         str, typer.Option("--east", metavar="ENDPOINT", help="Endpoint of netem on the patient's network.")
     ] = "tcp/127.0.0.1:7448",
     prefix: PrefixOption = "tis",
-    address: AddressOption = "127.0.0.1",
-    port: PortOption = 0,
-    hosts: HostOption = None,
+    at: PageOptions,
     wait_s: Annotated[
         float | None, typer.Option("--wait-s", help="Give up without netem within this time, s; by default never.")
     ] = None,
@@ -83,40 +63,29 @@ def view(
 ) -> int:
     """Open a live page on a present or future run: movement, delays, losses and the network's controls."""
     from tis.common.runtime.zenoh_session import ZenohOptions
-    from tis.deploy.view.page_process import PageAddress, attach_page
+    from tis.deploy.view.page_process import attach_page
 
-    page, zenoh = PageAddress(address, port, tuple(hosts or ())), ZenohOptions(config=config, cfg=tuple(cfg or ()))
-    return attach_page((west, east), prefix, zenoh, page, wait_s, ERR)
+    zenoh = ZenohOptions(config=config, cfg=tuple(cfg or ()))
+    return attach_page((west, east), prefix, zenoh, at.page, wait_s, ERR)
 
 
 @app.command()
-@guarded
 def twin(
-    scenario: ScenarioArg,
-    settings: SetOption = None,
-    seed: SeedOption = None,
-    duration_s: DurationOption = None,
+    *,
+    scenario: ScenarioOptions,
     run_dir: RunDirOption = None,
     against: Annotated[
         Path | None, typer.Option(metavar="RUN_DIR", help="Compare every packet's fate with those of this live run.")
     ] = None,
-    report: ReportOption = True,
-    merge: MergeOption = True,
-    verbose: VerboseOption = False,
-    as_json: JsonOption = False,
+    outputs: OutputOptions,
 ) -> int:
     """Run the same three sides in virtual time, faster than real time and bit-equal from run to run."""
-    from tis.deploy.run.conclude import Outputs
-    from tis.deploy.run.resolve import resolve
     from tis.deploy.run.virtual import run_virtual
 
-    chosen = resolve(scenario, settings or (), seed, duration_s)
-    outputs = Outputs(report, merge, verbose, as_json)
-    return run_virtual(chosen, run_dir, against, words_to(as_json), ERR, outputs)
+    return run_virtual(scenario.resolve(), run_dir, against, outputs.words, ERR, outputs.wanted)
 
 
 @app.command()
-@guarded
 def replay(run_dir: RunDirArg) -> int:
     """Replay a run's recorded arrivals through its patient and compare the estimates bit for bit."""
     from tis.deploy.run.replay import replay as replay_run
@@ -138,7 +107,6 @@ def _print_schema(wanted: bool) -> None:
 
 
 @app.command()
-@guarded
 def summarize(
     run_dir: RunDirArg,
     verbose: VerboseOption = False,
@@ -161,8 +129,8 @@ def summarize(
 
 
 @app.command()
-@guarded
 def stop(
+    *,
     reason: Annotated[
         str, typer.Argument(metavar="REASON|TOKEN", help="Text for the log; with --release what ends one stop.")
     ] = "",
@@ -170,10 +138,7 @@ def stop(
         bool,
         typer.Option("--release", help="End the stop of TOKEN; without TOKEN every stop that this client may end."),
     ] = False,
-    connect: EndpointOption = None,
-    prefix: PrefixOption = "tis",
-    config: ConfigOption = None,
-    cfg: CfgOption = None,
+    at: EmulatorOptions,
 ) -> int:
     """Stop the arms of a running session now, beside the emulated network, until --release.
 
@@ -182,10 +147,9 @@ def stop(
     They move again when every stop in force has been released. A stop prints
     the TOKEN that ends it; a release tells whether the arms are still stopped.
     """
-    from tis.common.runtime.emulator_client import emulator_address
-    from tis.deploy.net.control.emergency import Token, release_all, release_one, stop_arms
+    from tis.deploy.net.emergency import Token, release_all, release_one, stop_arms
 
-    address = emulator_address(connect, prefix, config, cfg)
+    address = at.emulator
     if not release:
         done = stop_arms(address, reason)
         ending = "" if done.token is None else f"; release it with: tis stop --release {done.token}"

@@ -1,20 +1,20 @@
-"""Commands on a scenario and its data: `new`, `validate`, `identify`, `synth`."""
+"""Commands on a scenario and its data: `new`, `validate`, `identify`, `synth`, `import`."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from rich.markup import escape
 
 from tis.common.errors import EXIT_OK, Fault, InputError
-from tis.deploy.cli.group import Commands, DurationOption, OptionalScenarioArg, ScenarioArg, SeedOption, SetOption
-from tis.deploy.shell.guard import ERR, OUT, guarded, print_warnings
+from tis.deploy.cli.group import Commands, OptionalScenarioArg, ScenarioArg, SeedOption, SetOption
+from tis.deploy.shell.guard import ERR, OUT, print_warnings
 
 app = Commands("Scenarios and data")
 
 
 @app.command()
-@guarded
 def new(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the scenario, and of its file without .yaml.")],
 ) -> int:
@@ -25,13 +25,12 @@ def new(
 
 
 @app.command()
-@guarded
 def validate(
     scenario: OptionalScenarioArg = None,
     schema: Annotated[bool, typer.Option("--schema", help="Print the JSON Schema of scenarios.")] = False,
     settings: SetOption = None,
     seed: SeedOption = None,
-    duration_s: DurationOption = None,
+    duration_s: Annotated[float | None, typer.Option(help="Override the duration, in s.")] = None,
 ) -> int:
     """Check a scenario and the traces it names, and print it with all defaults."""
     # imported late, here and below: a command that fails or helps need not wait for numpy
@@ -57,7 +56,6 @@ def validate(
 
 
 @app.command()
-@guarded
 def identify(
     scenario: ScenarioArg,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write the model to this file (.json).")] = None,
@@ -89,7 +87,6 @@ def identify(
 
 
 @app.command()
-@guarded
 def synth(
     out_dir: Annotated[
         Path | None, typer.Argument(metavar="OUT_FOLDER", help="A new or empty folder for the trials.")
@@ -150,3 +147,98 @@ def synth(
                 soft_wrap=True,
             )
     return print_calibration(seed, OUT) if check else EXIT_OK
+
+
+_COMMAND = "tis import"
+
+PositionUnit = Annotated[Literal["m", "cm", "mm"], typer.Option(help="LeRobot: unit of positions.")]
+AngleUnit = Annotated[Literal["rad", "deg"], typer.Option(help="LeRobot: unit of roll, pitch and yaw.")]
+GripperUnit = Annotated[Literal["rad", "deg"], typer.Option(help="LeRobot: unit of gripper angles.")]
+RateOption = Annotated[
+    float | None,
+    typer.Option(
+        min=0.001,
+        max=1_000_000,
+        help="Rows per second; by default the streams' own instants, where they share them, else the rate of the "
+        "first.",
+    ),
+]
+TopicOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--topic", metavar="DEVICE=TOPIC", help="Poses of MTML, MTMR, PSM1 or PSM2; by default CRTK's names."
+    ),
+]
+JawOption = Annotated[
+    list[str] | None,
+    typer.Option("--jaw", metavar="DEVICE=TOPIC", help="Joint states whose first angle is the gripper's."),
+]
+NamesOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--names",
+        metavar="VECTOR=NAME,...",
+        help="LeRobot: names of the elements of observation.state or action, like left_x,left_y,left_z,left_jaw.",
+    ),
+]
+
+
+@app.command("import")
+def import_(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SOURCE",
+            help="An .mcap file, a rosbag2 folder, a .bag, a LeRobot set (its folder) or a JIGSAWS trial (.txt).",
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The table to write: .parquet or .csv.")],
+    rate_hz: RateOption = None,
+    topic: TopicOption = None,
+    jaw: JawOption = None,
+    names: NamesOption = None,
+    episode: Annotated[int, typer.Option(min=0, help="LeRobot: the episode.")] = 0,
+    position_unit: PositionUnit = "m",
+    angle_unit: AngleUnit = "rad",
+    gripper_unit: GripperUnit = "rad",
+    skip_unreadable: Annotated[
+        bool, typer.Option("--skip-unreadable", help="Leave out messages that cannot be read, and count them.")
+    ] = False,
+    task: Annotated[str | None, typer.Option(help="Name of the task, for reports.")] = None,
+    person: Annotated[str | None, typer.Option(help="Who moves, for identification.train: others.")] = None,
+) -> int:
+    """Import a recording of poses into a table that `source: {kind: table}` plays.
+
+    It lists what it found. Streams of different instants are put on one
+    clock; rows within gaps are left out. MCAP logs of tis need no options.
+    """
+    from tis.deploy.recordings_import.command import import_recording
+    from tis.deploy.recordings_import.found import Wanted
+
+    wanted = Wanted(
+        topics=_pairs("--topic", topic),
+        jaws=_pairs("--jaw", jaw),
+        names={vector: tuple(text.split(",")) for vector, text in _pairs("--names", names).items()},
+        position_unit=position_unit,
+        angle_unit=angle_unit,
+        gripper_unit=gripper_unit,
+        episode=episode,
+        skips_unreadable=skip_unreadable,
+    )
+    stated = {name: value for name, value in (("task", task), ("person", person)) if value}
+    return import_recording(source, out, wanted, rate_hz, stated, OUT, ERR)
+
+
+def _pairs(option: str, given: Sequence[str] | None) -> dict[str, str]:
+    """Return the values of a repeated option NAME=VALUE; raises `InputError`."""
+    pairs, faults = {}, []
+    for text in given or ():
+        name, equals, value = text.partition("=")
+        if not (name and equals and value):
+            faults.append(Fault(_COMMAND, option, "must read NAME=VALUE", text))
+        elif name in pairs:
+            faults.append(Fault(_COMMAND, option, "names one thing twice", name))
+        pairs[name] = value
+    if faults:
+        raise InputError(faults)
+    return pairs

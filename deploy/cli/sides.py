@@ -9,7 +9,7 @@ import typer
 
 from tis.common.runtime.side_cli import side_command
 from tis.deploy.cli.group import Commands
-from tis.deploy.shell.guard import ERR, guarded
+from tis.deploy.shell.guard import ERR
 from tis.netem.bridge.command import netem_command
 
 if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, not for the help
@@ -32,7 +32,7 @@ def _scenario_path(name: str) -> Path:
 
 
 def _library(name: str) -> Mapping[str, Any]:
-    from tis.deploy.net.library.profiles import library
+    from tis.deploy.net.profiles import library
 
     return library(name)
 
@@ -62,15 +62,14 @@ def _surgeon(scenario: "Scenario", options: "SideOptions", status: "Status") -> 
         return _side_of("surgeon", "tis.surgeon_side.__main__")(scenario, options, status)
 
 
-app.command("surgeon")(side_command("surgeon", _surgeon, _scenario_path, _library, get_args(DeviceKind)))
-app.command("netem")(netem_command(_side_of("netem", "tis.netem.__main__"), _scenario_path, _library, _close_folder))
-app.command("patient")(
-    side_command("patient", _side_of("patient", "tis.patient_side.__main__"), _scenario_path, _library)
+app.register(side_command("surgeon", _surgeon, _scenario_path, _library, get_args(DeviceKind)), "surgeon")
+app.register(netem_command(_side_of("netem", "tis.netem.__main__"), _scenario_path, _library, _close_folder), "netem")
+app.register(
+    side_command("patient", _side_of("patient", "tis.patient_side.__main__"), _scenario_path, _library), "patient"
 )
 
 
 @app.command()
-@guarded
 def device(
     kind: Annotated[DeviceKind, typer.Argument(help="mouse, in a window; or gamepad.")],
     connect: Annotated[

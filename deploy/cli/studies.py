@@ -1,5 +1,7 @@
-"""Commands that compute many twins: `compare` and `paper`."""
+"""Commands that compute many twins: `compare`, `paper`, and `admissible`, the networks in which limits hold."""
 
+from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,23 +11,22 @@ from rich.markup import escape
 from tis.common.errors import Fault, InputError
 from tis.deploy.cli.group import (
     Commands,
-    EstimatorsOption,
     JobsOption,
     JsonOption,
     OptionalScenarioArg,
+    Options,
+    ScenarioArg,
     SchedulerOption,
     SeedOption,
     SetOption,
     StudyFolderOption,
-    TrialDurationOption,
-    TrialsOption,
 )
-from tis.deploy.shell.guard import ERR, OUT, guarded, words_to
+from tis.deploy.shell.guard import ERR, OUT, words_to
 
 app = Commands("Studies")
 
 
-_SweepOption = Annotated[
+_Sweeps = Annotated[
     list[str] | None,
     typer.Option(
         "--sweep",
@@ -35,27 +36,45 @@ _SweepOption = Annotated[
 ]
 
 
-@app.command()
-@guarded
-def compare(
-    scenario: OptionalScenarioArg = None,
+@dataclass(frozen=True)
+class Compared(Options):
+    """What is compared: a study's file, or a scenario with its variations."""
+
+    scenario: OptionalScenarioArg = None
     study: Annotated[
         Path | None,
         typer.Option(metavar="FILE.yaml", help="A study file, which names scenario, settings, axes and estimators."),
-    ] = None,
-    estimators: EstimatorsOption = None,
-    trials: TrialsOption = None,
+    ] = None
+    estimators: Annotated[
+        str | None,
+        typer.Option(metavar="A,B,C", help="Estimators by name or module:factory; by default the scenario's."),
+    ] = None
+    trials: Annotated[
+        str | None, typer.Option(metavar="D001,E003", help="Trials of the task; by default all in the folder.")
+    ] = None
     people: Annotated[
         str | None, typer.Option(metavar="D,E", help="People whose trials are compared, instead of --trials.")
-    ] = None,
-    seeds: Annotated[
-        int | None, typer.Option(min=1, help="Seeds per trial (1), or per synthetic source (5).")
-    ] = None,
-    sweeps: _SweepOption = None,
-    zipped: Annotated[bool, typer.Option("--zip", help="Take the values of several sweeps side by side.")] = False,
-    settings: SetOption = None,
-    seed: SeedOption = None,
-    duration_s: TrialDurationOption = None,
+    ] = None
+    n_seeds: Annotated[
+        int | None, typer.Option("--seeds", min=1, help="Seeds per trial (1), or per synthetic source (5).")
+    ] = None
+    sweeps: _Sweeps = None
+    zipped: Annotated[bool, typer.Option("--zip", help="Take the values of several sweeps side by side.")] = False
+    settings: SetOption = None
+    seed: SeedOption = None
+    duration_s: Annotated[
+        float | None, typer.Option(help="Use at most this much of each trial, in s; by default all of it.")
+    ] = None
+
+    def given(self) -> dict[str, Any]:
+        """Return the options by name, None for those that are not given."""
+        return {**vars(self), "zipped": self.zipped or None}
+
+
+@app.command()
+def compare(
+    *,
+    compared: Compared,
     jobs: JobsOption = None,
     scheduler: SchedulerOption = None,
     out_dir: StudyFolderOption = None,
@@ -82,10 +101,7 @@ def compare(
     """
     from tis.deploy.compare.engine.compute import workers_of
 
-    given: dict[str, Any] = {"scenario": scenario, "estimators": estimators, "trials": trials, "n_seeds": seeds}
-    given |= {"study": study, "people": people, "sweeps": sweeps, "zipped": zipped or None, "settings": settings}
-    given |= {"seed": seed, "duration_s": duration_s}
-    out = words_to(as_json)
+    given, out = compared.given(), words_to(as_json)
     workers = workers_of(jobs, scheduler, lambda text: ERR.print(escape(text), style="dim", soft_wrap=True))
     if definitions:
         from tis.deploy.studies.definitions.command import compare_definitions
@@ -103,7 +119,6 @@ def compare(
 
 
 @app.command()
-@guarded
 def paper(
     path: Annotated[
         str | None, typer.Option(help="Folder of JIGSAWS; by default TIS_JIGSAWS, else data/jigsaws.")
@@ -155,3 +170,93 @@ def paper(
         raise InputError(Fault("tis paper", "--estimators", "must be given with --methods"))
     page, place = out or page_file("paper.md"), folder or Path("runs") / "paper"
     return write_paper(Trial(path, task, trial, seed), page, place, quick, jobs, OUT, ERR)
+
+
+class Price(StrEnum):
+    """Prices of redundancy, as values of an option."""
+
+    BYTES = "bytes"
+    PACKETS = "packets"
+
+
+_Limits = Annotated[
+    list[str] | None,
+    typer.Option("--limit", metavar="NAME=V", help="A figure's limit, or NAME<=V, NAME>=V. All must hold."),
+]
+_Over = Annotated[
+    list[str] | None,
+    typer.Option(metavar="a.b=FIRST..LAST[:log]", help="Field of the scenario that varies; several span a box."),
+]
+_Estimators = Annotated[
+    str | None, typer.Option(metavar="A,B,C", help="Estimators by name or module:factory; by default the scenario's.")
+]
+_Trials = Annotated[
+    str | None, typer.Option(metavar="D001,E003", help="Trials of the task; by default all in the folder.")
+]
+_People = Annotated[str | None, typer.Option(metavar="D,E", help="People, instead of --trials: all of theirs.")]
+_Seeds = Annotated[
+    int | None, typer.Option("--seeds", min=1, help="Seeds per trial (4), or synthetic people, a seed each (8).")
+]
+_Duration = Annotated[
+    float | None, typer.Option(help="Use at most this much of each trial, in s; by default all of it.")
+]
+_Profiles = Annotated[
+    str, typer.Option(metavar="all|none|A,B", help="Profiles of the library that are judged as networks, too.")
+]
+_MaxCopies = Annotated[
+    int, typer.Option(min=1, max=64, help="Most copies of each sample that are tried for a profile outside.")
+]
+_Cheapest = Annotated[Price, typer.Option(help="Price of a redundancy: bytes or packets a second.")]
+_Tolerance = Annotated[float, typer.Option(min=0.002, max=0.2, help="Error of the border, as a share of an axis.")]
+_Points = Annotated[int, typer.Option("--points", min=1, help="Most networks of each border's search.")]
+_Checks = Annotated[
+    int, typer.Option("--checks", min=0, help="Networks judged again on fresh seeds, half of them inside.")
+]
+_Out = Annotated[
+    Path | None,
+    typer.Option("--out", help="Folder of the results, by default below runs/; a second call resumes there."),
+]
+
+
+@dataclass(frozen=True)
+class Searched(Options):
+    """Limits, networks and effort of the search."""
+
+    scenario: ScenarioArg
+    limits: _Limits = None
+    over: _Over = None
+    estimators: _Estimators = None
+    trials: _Trials = None
+    people: _People = None
+    n_seeds: _Seeds = None
+    settings: SetOption = None
+    seed: SeedOption = None
+    duration_s: _Duration = None
+    profiles: _Profiles = "all"
+    max_copies: _MaxCopies = 4
+    cheapest_by: _Cheapest = Price.BYTES
+    tolerance: _Tolerance = 0.02
+    max_points: _Points = 150
+    n_checks: _Checks = 20
+
+
+@app.command()
+def admissible(
+    *,
+    searched: Searched,
+    jobs: JobsOption = None,
+    scheduler: SchedulerOption = None,
+    out_dir: _Out = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Find the networks in which limits hold with 95 % confidence over people.
+
+    The answer to "how bad may my network be?": the region of each estimator
+    within the box of --over, its border found by adaptive sampling; the
+    profiles of the library placed in it; and the least redundancy that helps
+    those outside.
+    """
+    from tis.deploy.studies.admissible.command import admissible as find_admissible
+
+    given = {**vars(searched), "cheapest_by": searched.cheapest_by.value}
+    return find_admissible(given, out_dir, as_json, jobs, scheduler, words_to(as_json), ERR)

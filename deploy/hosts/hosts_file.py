@@ -17,7 +17,7 @@ from tis.common.runtime.scenario_files import read_scenario
 from tis.common.scenario import Scenario
 from tis.common.scenario.base import Part, RuleText
 from tis.common.scenario.faults import faults
-from tis.deploy.net.library.profiles import library
+from tis.deploy.net.profiles import library
 from tis.deploy.run.resolve import is_file, scenario_path
 
 _MAX_SCENARIO_CHARS: Final = 150

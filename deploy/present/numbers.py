@@ -33,6 +33,11 @@ def shown(value: Any) -> str:
     return ("no", "yes")[value] if isinstance(value, bool) else number(value)
 
 
+def known(value: float | None) -> str:
+    """Return a number with four significant digits, a question mark for one that is not known (None, NaN)."""
+    return "?" if value is None or math.isnan(value) else f"{value:.4g}"
+
+
 def fixed(value: float | None, digits: int, below: float = _DIVERGED) -> str:
     """Return a number with ``digits`` decimals, a dash for none, a power of ten from ``below`` on."""
     if value is None:

@@ -12,7 +12,7 @@ from tis.common.runtime.scenario_files import read_scenario
 from tis.common.scenario import Scenario
 from tis.common.scenario import reading as scenario_io
 from tis.common.scenario.overrides import Override, apply_overrides, blamed
-from tis.deploy.net.library.profiles import library
+from tis.deploy.net.profiles import library
 from tis.deploy.shell.shipped_scenarios import SHIPPED, shipped_names
 
 

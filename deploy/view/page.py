@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final
+from typing import Final, get_args
 
 from bokeh.core.properties import Int
 from bokeh.document import Document
@@ -13,11 +13,13 @@ from bokeh.models import CustomJS, InlineStyleSheet, Model
 from bokeh.models.widgets.inputs import Select
 from bokeh.models.widgets.markups import Div
 
+from tis.common.channels import Direction, Side
 from tis.common.scenario.control import EmulatorState
 from tis.common.units import NS_PER_S
 from tis.deploy.present import page as shell
-from tis.deploy.present.palette import AMBER, GREEN, TONES, Tone
+from tis.deploy.present.palette import AMBER, GREEN, RED, SLATE, TONES, Tone
 from tis.deploy.present.plot_style import THEME
+from tis.deploy.report.network_picture import DirectionFigures, network_picture
 from tis.deploy.report.plots.scene_3d import live_camera_controls
 from tis.deploy.view.controls import Controls
 from tis.deploy.view.feed import SHOWN_S, Feed
@@ -25,7 +27,6 @@ from tis.deploy.view.page_text import (
     PageContext,
     RunOutput,
     figures_html,
-    network_html,
     run_html,
     run_text,
     state_html,
@@ -34,7 +35,9 @@ from tis.deploy.view.page_text import (
 from tis.deploy.view.plots import ESTIMATE, HOLD, LOST, SCENE, STREAM_TONES, TRUTH, Plots
 from tis.deploy.view.steering import Steering
 from tis.deploy.watch.book import WINDOW_S
+from tis.deploy.watch.live_figures import LiveFigures
 from tis.deploy.watch.observer import Attendance, Observer
+from tis.deploy.watch.streams import StreamName
 
 # Pace of a page: the browser says which frame it has drawn, and gets no other before.
 
@@ -70,6 +73,40 @@ class Pace(DataModel):
     def end_frame(self) -> None:
         """Ask for an answer; call it after the last change of a frame."""
         self.sent += 1
+
+
+# The network on the live page: state of the three sides and of both directions, as a picture.
+
+_STREAMS: Final[dict[Direction, StreamName]] = {"forward": "arm", "feedback": "answers"}
+
+
+def network_html(
+    attendance: Attendance, now_s: float, context: PageContext, found: LiveFigures, state: EmulatorState | None
+) -> str:
+    """Return the picture of the sides and of both directions, with the figures of the last seconds."""
+    links = {direction: _direction(direction, found, state) for direction in get_args(Direction)}
+    return network_picture(links, {side: _side(side, attendance, now_s, context) for side in get_args(Side)})
+
+
+def _direction(direction: Direction, found: LiveFigures, state: EmulatorState | None) -> DirectionFigures:
+    """Return the figures of the arm's samples or of the estimates on their way back, and netem's outage."""
+    seen = found.streams.get(_STREAMS[direction])
+    now = None if state is None else getattr(state, direction)
+    outage_s = 0.0 if now is not None and now.outage else None
+    if seen is None:
+        return DirectionFigures(None, None, outage_s)
+    return DirectionFigures(seen.delay_p50_ms, seen.loss_pct, outage_s)
+
+
+def _side(side: Side, attendance: Attendance, now_s: float, context: PageContext) -> tuple[str, Tone]:
+    """Return the state of a side in words, and its colour."""
+    if "netem" in attendance.left:
+        return "has ended", SLATE
+    if side in attendance.left:
+        return "has left", RED
+    if side in attendance.present:
+        return "running" if now_s > 0 else "ready", GREEN
+    return "starting" if context.beside else "not there yet", AMBER
 
 
 FRAME_MS: Final = 200

@@ -5,17 +5,14 @@ from html import escape
 from types import MappingProxyType
 from typing import Final, NamedTuple, get_args
 
-from tis.common.channels import Direction, Side
+from tis.common.channels import Side
 from tis.common.clocks import UNKNOWN_DRIFT_PPM
 from tis.common.peer_life import NO_ALARMS, TEXTS, Alarm
 from tis.common.scenario.control import DirectionState, EmulatorState
 from tis.common.units import NS_PER_S
-from tis.deploy.present.palette import AMBER, GREEN, RED, SLATE, Tone
-from tis.deploy.report.network_picture import DirectionFigures, network_picture
 from tis.deploy.watch.live_figures import LiveFigures
 from tis.deploy.watch.observer import Attendance, Vantage
 from tis.deploy.watch.safety import Stretch
-from tis.deploy.watch.streams import StreamName
 
 _NO_VALUE: Final = "–"
 _KINDS: Final = {"constant": "", "bernoulli": "each message by itself"}
@@ -27,9 +24,6 @@ _END_TO_END: Final = (
     "End to end goes by the newest sample that the patient has, command or arm position, so it can be below the "
     "one-way delay, which is that of every arm position."
 )
-
-
-_STREAMS: Final[dict[Direction, StreamName]] = {"forward": "arm", "feedback": "answers"}
 
 
 class RunOutput(NamedTuple):
@@ -168,35 +162,6 @@ def vantage_text(found: Vantage | None, context: PageContext) -> str:
         f"{seen} End to end and age go from the surgeon's clock to the patient's, as compared when the run began: on "
         f"two hosts they drift apart, by up to {UNKNOWN_DRIFT_PPM / 1000:g} ms a second. The report corrects both."
     )
-
-
-def network_html(
-    attendance: Attendance, now_s: float, context: PageContext, found: LiveFigures, state: EmulatorState | None
-) -> str:
-    """Return the picture of the sides and of both directions, with the figures of the last seconds."""
-    links = {direction: _direction(direction, found, state) for direction in get_args(Direction)}
-    return network_picture(links, {side: _side(side, attendance, now_s, context) for side in get_args(Side)})
-
-
-def _direction(direction: Direction, found: LiveFigures, state: EmulatorState | None) -> DirectionFigures:
-    """Return the figures of the arm's samples or of the estimates on their way back, and netem's outage."""
-    seen = found.streams.get(_STREAMS[direction])
-    now = None if state is None else getattr(state, direction)
-    outage_s = 0.0 if now is not None and now.outage else None
-    if seen is None:
-        return DirectionFigures(None, None, outage_s)
-    return DirectionFigures(seen.delay_p50_ms, seen.loss_pct, outage_s)
-
-
-def _side(side: Side, attendance: Attendance, now_s: float, context: PageContext) -> tuple[str, Tone]:
-    """Return the state of a side in words, and its colour."""
-    if "netem" in attendance.left:
-        return "has ended", SLATE
-    if side in attendance.left:
-        return "has left", RED
-    if side in attendance.present:
-        return "running" if now_s > 0 else "ready", GREEN
-    return "starting" if context.beside else "not there yet", AMBER
 
 
 def state_html(state: EmulatorState | None) -> str:

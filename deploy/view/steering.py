@@ -11,9 +11,9 @@ import zenoh
 from tis.common.errors import InputError, TisError
 from tis.common.runtime.emulator_client import EmulatorAddress, Remote, connected
 from tis.common.scenario.control import Acknowledgement, EmulatorState
-from tis.deploy.net.control.commands import change_requests, profile_request
-from tis.deploy.net.control.emergency import release_all, stop_arms
-from tis.deploy.net.library.profiles import shipped_names
+from tis.deploy.net.control import change_requests, profile_request
+from tis.deploy.net.emergency import release_all, stop_arms
+from tis.deploy.net.profiles import shipped_names
 
 
 def live_profiles() -> list[str]:

@@ -15,7 +15,7 @@ from tis.deploy.compare.study import Study
 from tis.deploy.export.columns import unit_of
 from tis.deploy.hosts.hosts_file import HostsFile, LocalHost, NamespaceHost, SshHost
 from tis.deploy.logs import limits
-from tis.deploy.net.library.stage_reference import network_page as network_page
+from tis.deploy.net.stage_reference import network_page as network_page
 from tis.deploy.report.summary import Summary
 from tis.deploy.shell.run_dir import MAX_JSON_BYTES
 from tis.deploy.shell.shipped_scenarios import shipped_names

@@ -5,6 +5,7 @@ the wait grows by (L + l) / R - 1 seconds a second, at most up to the queue's le
 the slopes tell R and L in units of l, and the record's message length tells l.
 """
 
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from tis.common.trace import LOST, Trace
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.netem.draws.blocks import Floats
+from tis.netem.fit.record import rounded
 
 MESSAGE_BYTES: Final = 256
 """Length that a record's messages are assumed to have, as simulations of a network have it."""
@@ -34,6 +36,7 @@ _MIN_LOAD: Final = 0.02
 _CROSS_MS: Final = 2.0
 _SMOOTHED: Final = 9
 _MS_PER_S: Final = 1000.0
+_rounded: Final = partial(rounded, digits=6)
 
 
 class Backlogs(NamedTuple):
@@ -153,7 +156,3 @@ def _stage(trace: Trace, found: list[_Ramps], rising: float, falling: float) -> 
         "mean_off_s": _rounded(max(cycle_s - on_s, interval_s)),
     }
     return stage
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.6g}")

@@ -13,13 +13,12 @@ from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.netem.fit.backlogs import find_backlogs
 from tis.netem.fit.closure import Closure, closures, replay, replays
 from tis.netem.fit.cycle import Cycle, fit_cycle
-from tis.netem.fit.direction import DirectionFit, fit_direction
+from tis.netem.fit.direction import DirectionFit, FittedState, JointStates, change_of, earlier, fit_direction
 from tis.netem.fit.half_life import fit_half_life
-from tis.netem.fit.joint_states import FittedState, JointStates, change_of, earlier
 from tis.netem.fit.loss_chain import Bools
 from tis.netem.fit.marginal import MarginalName
 from tis.netem.fit.outages import find_stalls
-from tis.netem.fit.record import DirectionRecord
+from tis.netem.fit.record import DirectionRecord, rounded
 from tis.netem.fit.switching import fit_switching, successors
 
 REPLAYS: Final = 100
@@ -218,7 +217,7 @@ def _coherence(record: DirectionRecord, cycle: Cycle, within: Bools) -> float | 
     found = inf if half_life.seconds is None else half_life.seconds  # too few to tell: one draw in each period
     stretch_s = sum(length for length, leaf in zip(cycle.lengths_s, cycle.leaves, strict=True) if leaf != cycle.base)
     at_once = found > stretch_s / 2
-    return float(f"{max(sum(cycle.lengths_s) / 4 if at_once else found, 0.001):.4g}")
+    return rounded(max(sum(cycle.lengths_s) / 4 if at_once else found, 0.001))
 
 
 def _with_states(
@@ -240,7 +239,7 @@ def _with_states(
     )
     stages.pop("correlation", None)
     if half_life.seconds is not None and base.marginal.chosen != "constant":
-        stages["correlation"] = {"half_life_s": float(f"{half_life.seconds:.4g}")}
+        stages["correlation"] = {"half_life_s": rounded(half_life.seconds)}
     names = ["good", "bad", "other"][:n_states]
     interval_s = float(np.median(np.diff(sent_ns))) / NS_PER_S
     durations = successors(model.transition, names, interval_s)

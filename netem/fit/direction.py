@@ -1,6 +1,6 @@
-"""The fit of one direction of a network to its record: the stages of a pipeline and their uncertainty."""
+"""The fit of one direction of a network to its record: pipeline stages, joint states, and their uncertainty."""
 
-from math import log
+from math import log, sqrt
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -12,11 +12,82 @@ from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.netem.fit.backlogs import Backlogs
 from tis.netem.fit.closure import Closure
 from tis.netem.fit.half_life import HalfLife, fit_half_life
-from tis.netem.fit.joint_states import JointStates
 from tis.netem.fit.loss_chain import Bools, loss_stage
-from tis.netem.fit.marginal import Marginal, MarginalName, fit_marginal
+from tis.netem.fit.marginal import Marginal, MarginalName, fit_marginal, quantile_table
 from tis.netem.fit.outages import FoundOutages, FoundStalls, find_outages
-from tis.netem.fit.record import DirectionRecord, Spread
+from tis.netem.fit.record import DirectionRecord, Spread, rounded
+
+_ALWAYS: Final = 0.98
+_CERTAIN: Final = 3.0
+_MIN_DELAYS: Final = 5
+_ALIKE: Final = 1.2
+_NOTICED: Final = 0.1
+_TOLERANCE: Final = 0.03
+
+
+class FittedState(NamedTuple):
+    """One state: its ``name``, the fields of its duration and succession, and what it changes in a pipeline."""
+
+    name: str
+    duration: dict[str, Any]
+    change: dict[str, Any]
+
+
+class JointStates(NamedTuple):
+    """The states of one direction; ``kind`` is ``markov`` or ``cycle``, ``note`` describes how they were found."""
+
+    kind: str
+    states: tuple[FittedState, ...]
+    note: str
+
+    def network(self, *directions: Direction) -> dict[str, Any]:
+        """Return the states as in a network, with the same change in each of ``directions``."""
+        return {
+            "kind": self.kind,
+            "states": [
+                {"name": state.name, **state.duration}
+                | (dict.fromkeys(directions, state.change) if state.change else {})
+                for state in self.states
+            ],
+        }
+
+
+def change_of(delay_ns: NDArray[np.int64], in_base_ns: NDArray[np.int64]) -> dict[str, Any]:
+    """Return what a state changes in the pipeline of the base state, from the messages of both.
+
+    ``delay_ns`` (n,) and ``in_base_ns`` (m,) are negative where lost. A delay that is only shifted becomes
+    ``add_delay_ms``; one that has another spread becomes a table of quantiles.
+    """
+    lost, lost_in_base = delay_ns < 0, in_base_ns < 0
+    if len(lost) and lost.mean() > _ALWAYS:
+        return {"outage": True}
+    change: dict[str, Any] = {}
+    expected = float(lost_in_base.mean()) * len(lost)
+    if abs(int(lost.sum()) - expected) > _CERTAIN * sqrt(expected + 1):
+        change["loss"] = loss_stage(lost) or {"kind": "bernoulli", "p_loss": 0.0}
+    there, base = delay_ns[~lost] / NS_PER_MS, in_base_ns[~lost_in_base] / NS_PER_MS
+    if len(there) < _MIN_DELAYS or not len(base):
+        return change
+    more, spread, of_spread = float(there.mean() - base.mean()), float(there.std()), float(base.std())
+    alike = of_spread / _ALIKE <= spread <= of_spread * _ALIKE
+    if alike and abs(more) <= _NOTICED * of_spread:
+        return change
+    if alike and more > 0:
+        return {**change, "add_delay_ms": rounded(more)}
+    return {**change, "delay": quantile_table(delay_ns[~lost], _TOLERANCE).stage(6)}
+
+
+def earlier(change: dict[str, Any], by_ms: float) -> dict[str, Any]:
+    """Return a change with delays that are ``by_ms`` shorter, and not below the shortest of its table."""
+    if "add_delay_ms" in change:
+        return {**change, "add_delay_ms": rounded(max(change["add_delay_ms"] - by_ms, 0.0))}
+    if change.get("delay", {}).get("kind") != "quantiles":
+        return change
+    points = change["delay"]["points"]
+    least_ms = points[0]["delay_ms"]
+    shorter = [{**point, "delay_ms": rounded(max(point["delay_ms"] - by_ms, least_ms), 6)} for point in points]
+    return {**change, "delay": {"kind": "quantiles", "points": shorter}}
+
 
 _MIN_OVERTAKEN: Final = 1e-3
 MIN_RECEIVED: Final = 30
@@ -101,7 +172,7 @@ def fit_direction(
     stages |= _copy_and_flip_stages(record, n_received)
     stages["delay"] = marginal.stage
     if half_life.seconds is not None and marginal.chosen != "constant":
-        stages["correlation"] = {"half_life_s": float(f"{half_life.seconds:.4g}")}
+        stages["correlation"] = {"half_life_s": rounded(half_life.seconds)}
     if record.n_dropped_late:
         stages["ordering"] = "drop_late"
     elif overtaken > _MIN_OVERTAKEN:
@@ -147,11 +218,7 @@ def _copy_and_flip_stages(record: DirectionRecord, n_received: int) -> dict[str,
     """Return the stages for duplicated and corrupted messages, if the record has any."""
     stages: dict[str, Any] = {}
     if record.n_copied:
-        stages["duplicate"] = {"p_duplicate": _share(record.n_copied, n_received)}
+        stages["duplicate"] = {"p_duplicate": rounded(record.n_copied / n_received)}
     if record.flips is not None and record.flips.n:
-        stages["corrupt"] = {"p_corrupt": _share(record.flips.n, n_received), "bits": record.flips.bits}
+        stages["corrupt"] = {"p_corrupt": rounded(record.flips.n / n_received), "bits": record.flips.bits}
     return stages
-
-
-def _share(n: int, of: int) -> float:
-    return float(f"{n / of:.4g}")

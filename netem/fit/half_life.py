@@ -36,12 +36,11 @@ class HalfLife(NamedTuple):
 
     @property
     def words(self) -> str:
-        """Return the correlation in words."""
-        if self.seconds is None:
+        """Return the half-life with its interval and share, or why there is none."""
+        if self.seconds is None or self.correlated_share is None:
             return f"none: {self.why}"
-        within = "" if self.interval is None else f" (95 %: {self.interval[0]:.4g} to {self.interval[1]:.4g})"
-        share = 100 * (self.correlated_share or 0.0)
-        return f"half-life {self.seconds:.4g} s{within}, {share:.0f} % of the variance"
+        within = "" if self.interval is None else " (95 %: {:.4g} to {:.4g})".format(*self.interval)
+        return f"half-life {self.seconds:.4g} s{within}, {100 * self.correlated_share:.0f} % of the variance"
 
 
 class _Lag(NamedTuple):

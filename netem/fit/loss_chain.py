@@ -8,6 +8,7 @@ import scipy
 from numpy.typing import NDArray
 
 from tis.netem.draws.blocks import Floats
+from tis.netem.fit.record import rounded
 
 _MIN_LOST: Final = 20
 _BEGINNINGS: Final = ((0.3, 3), (0.5, 20), (0.5, 150), (0.9, 20))
@@ -38,14 +39,14 @@ def loss_stage(lost: Bools, tied: Bools | None = None) -> dict[str, Any] | None:
         return None
     p = n_lost / n
     tied = np.ones(n - 1, dtype=np.bool_) if tied is None else tied
-    options = [(_bic(_of_share(n_lost, n), 1, n), {"kind": "bernoulli", "p_loss": _rounded(p)})]
+    options = [(_bic(_of_share(n_lost, n), 1, n), {"kind": "bernoulli", "p_loss": rounded(p)})]
     now, then = lost[:-1][tied], lost[1:][tied]
     n_bad, n_good = int(now.sum()), int((~now).sum())
     starts, ends = int((~now & then).sum()), int((now & ~then).sum())
     if n_bad and ends and p < 1:
         gilbert = _of_share(starts, n_good) + _of_share(ends, n_bad) + _of_share(n_lost, n) / n
         burst = max(n_bad / ends, 1.0, p / (1 - p))
-        options.append((_bic(gilbert, 2, n), {"kind": "burst", "p_loss": _rounded(p), "mean_burst": _rounded(burst)}))
+        options.append((_bic(gilbert, 2, n), {"kind": "burst", "p_loss": rounded(p), "mean_burst": rounded(burst)}))
     chain = fit_loss_chain(lost, tied)
     if chain is not None:
         options.append((_bic(chain.log_likelihood, 4, n), _stage(chain)))
@@ -147,11 +148,11 @@ def _powers(matrix: Floats, n: NDArray[np.int64]) -> tuple[Floats, Floats]:
 def _stage(chain: LossChain) -> dict[str, Any]:
     stage = {
         "kind": "gilbert_elliott",
-        "p_bad": max(_rounded(chain.p_bad), 1e-9),
-        "p_good": max(_rounded(chain.p_good), 1e-9),
-        "p_loss_bad": _rounded(chain.p_loss_bad),
+        "p_bad": max(rounded(chain.p_bad), 1e-9),
+        "p_good": max(rounded(chain.p_good), 1e-9),
+        "p_loss_bad": rounded(chain.p_loss_bad),
     }
-    return stage if chain.p_loss_good < 1e-7 else {**stage, "p_loss_good": _rounded(chain.p_loss_good)}
+    return stage if chain.p_loss_good < 1e-7 else {**stage, "p_loss_good": rounded(chain.p_loss_good)}
 
 
 def _of_share(k: int, n: int) -> float:
@@ -161,7 +162,3 @@ def _of_share(k: int, n: int) -> float:
 
 def _bic(log_likelihood: float, n_parameters: int, n: int) -> float:
     return -2 * log_likelihood + n_parameters * log(n)
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.4g}")

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tis.common.units import NS_PER_MS
 from tis.netem.draws.blocks import Floats
 from tis.netem.fit.families import FAMILIES, Fitted
+from tis.netem.fit.record import rounded
 
 MarginalName = Literal[
     "constant", "uniform", "normal", "lognormal", "exponential", "gamma", "pareto", "hyperexponential", "quantiles"
@@ -126,16 +127,16 @@ def _rounded(stage: dict[str, Any]) -> dict[str, Any]:
     """Round a fitted stage to significant digits; weights still sum to 1."""
 
     def significant(value: Any) -> Any:
-        return float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value
+        return rounded(value, _DIGITS) if isinstance(value, float) else value
 
-    rounded = {
+    found = {
         key: [significant(item) for item in value] if isinstance(value, list) else significant(value)
         for key, value in stage.items()
     }
-    if "weights" in rounded:
-        *others, _ = rounded["weights"]
-        rounded["weights"] = [*others, round(1 - sum(others), _DIGITS + 2)]
-    return rounded
+    if "weights" in found:
+        *others, _ = found["weights"]
+        found["weights"] = [*others, round(1 - sum(others), _DIGITS + 2)]
+    return found
 
 
 class QuantileTable(NamedTuple):
@@ -147,7 +148,7 @@ class QuantileTable(NamedTuple):
     def stage(self, digits: int) -> dict[str, Any]:
         """Return the table as a scenario's ``delay``, in ms with so many significant digits."""
         points = [
-            {"p": float(f"{p:.{digits}g}"), "delay_ms": float(f"{delay_ns / NS_PER_MS:.{digits}g}")}
+            {"p": rounded(p, digits), "delay_ms": rounded(delay_ns / NS_PER_MS, digits)}
             for p, delay_ns in zip(self.p, self.delay_ns, strict=True)
         ]
         return {"kind": "quantiles", "points": points}

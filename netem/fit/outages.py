@@ -4,6 +4,7 @@ Outages are runs of losses that are too long for the record's bursts; stalls are
 after which all that waited arrives at once.
 """
 
+from functools import partial
 from math import log, sqrt
 from typing import Any, Final, NamedTuple
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from tis.common.trace import LOST, Trace
 from tis.common.units import NS_PER_S
 from tis.netem.draws.blocks import Floats
+from tis.netem.fit.record import rounded
 
 _MIN_OUTAGE_S: Final = 0.05
 _MIN_RATIO: Final = 5.0
@@ -23,7 +25,7 @@ _MAX_EXPECTED: Final = 0.02
 
 _ERRORS: Final = 2.0
 _CONSTANT: Final = 0.1
-_DIGITS: Final = 6
+_rounded: Final = partial(rounded, digits=6)
 _ENOUGH: Final = 4
 _MIN_STALLS: Final = 4
 _MIN_STALL_S: Final = 0.04
@@ -129,10 +131,6 @@ def _span(x: Floats) -> dict[str, float]:
     """Return the bounds of a uniform distribution: beyond the extremes by the mean distance of ordered values."""
     beyond = float(x.max() - x.min()) / (len(x) - 1)
     return {"low_s": _rounded(max(0.0, float(x.min()) - beyond)), "high_s": _rounded(float(x.max()) + beyond)}
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.{_DIGITS}g}")
 
 
 class FoundStalls(NamedTuple):

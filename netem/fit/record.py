@@ -24,6 +24,11 @@ _MIN_NS: Final = NS_PER_US
 _WORDS: Final = re.compile(r"([0-9]+(?:\.[0-9]+)?) \(p95 - p5\), ([0-9]+(?:\.[0-9]+)?) \(max - min\)", re.ASCII)
 
 
+def rounded(value: float, digits: int = 4) -> float:
+    """Return a fitted parameter with as many significant digits as a profile states."""
+    return float(f"{value:.{digits}g}")
+
+
 class Spread(NamedTuple):
     """The spread of delays, in ns: of most (p95 - p5), of nearly all (p99 - p1) and of all (max - min)."""
 

@@ -18,6 +18,7 @@ from tis.common.units import NS_PER_S
 from tis.netem.draws.blocks import Floats
 from tis.netem.fit.half_life import gaussian_scores
 from tis.netem.fit.loss_chain import Bools
+from tis.netem.fit.record import rounded
 
 _MAX_STEPS: Final = 40
 _LEAST_STEPS: Final = 2
@@ -172,11 +173,11 @@ def successors(transition: Floats, names: list[str], interval_s: float) -> list[
     for i, row in enumerate(transition):
         leaves = 1.0 - row[i]
         following = [
-            {"to": name, "weight": float(f"{row[j] / leaves:.4g}")}
+            {"to": name, "weight": rounded(row[j] / leaves)}
             for j, name in enumerate(names)
             if j != i and row[j] / leaves > 1e-4
         ]
-        found.append({"mean_s": float(f"{max(interval_s / leaves, 0.001):.4g}"), "next": following})
+        found.append({"mean_s": rounded(max(interval_s / leaves, 0.001)), "next": following})
     return found
 
 

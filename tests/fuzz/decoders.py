@@ -19,7 +19,7 @@ from tests.common.runtime.recordings.tables import movement, write_csv, write_pa
 from tests.common.sources.trials import rows_of, text_of
 from tests.common.test_device import BY_HAND as POSE_STAMPED
 from tests.deploy.logs.hostile_files import channel, chunk, message, packed
-from tests.deploy.net.fitting.test_captures import frame
+from tests.deploy.net.test_foreign_records import frame
 from tests.deploy.recordings_import.foreign_files import STORE, json_mcap, ros_mcap, ros_messages
 from tests.fuzz.host_decoders import HOST_DECODERS
 from tests.fuzz.scratch_folder import scratch_folder
@@ -73,10 +73,9 @@ from tis.deploy.logs.describe import describe
 from tis.deploy.logs.log_paths import recovery_of
 from tis.deploy.logs.read.load import load_side
 from tis.deploy.logs.recover import recover
-from tis.deploy.net.fitting.captures import parse_capture
-from tis.deploy.net.fitting.round_trips import parse_round_trips
-from tis.deploy.net.library.profiles import SHIPPED, build_profile
-from tis.deploy.net.probing.reflector import Batch
+from tis.deploy.net.foreign_records import parse_capture, parse_round_trips
+from tis.deploy.net.profiles import SHIPPED, build_profile
+from tis.deploy.net.reflector import Batch
 from tis.deploy.recordings_import.files import read_mcap
 from tis.deploy.recordings_import.found import Wanted as Foreign
 from tis.deploy.recordings_import.messages import decoder, in_ros

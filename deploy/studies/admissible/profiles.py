@@ -9,7 +9,7 @@ from tis.common.errors import InputError
 from tis.common.runtime.scenario_files import load_traces
 from tis.common.scenario.surgeon import SurgeonPart
 from tis.deploy.compare.plan import Request
-from tis.deploy.net.library.profiles import find_profile, shipped_names
+from tis.deploy.net.profiles import find_profile, shipped_names
 from tis.deploy.studies.admissible.evaluation import Evaluation, Judged
 from tis.deploy.studies.admissible.region import Axis
 from tis.netem.expected.figures import DirectionFigures, direction_figures

@@ -11,8 +11,8 @@ import zenoh
 from tests.deploy.commands import Call, call
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from tis.common.trace import Trace, parse_trace, render_trace
-from tis.deploy.net.fitting.fit import cautions
-from tis.deploy.net.library.profiles import find_profile, shipped_names
+from tis.deploy.net.fit import cautions
+from tis.deploy.net.profiles import find_profile, shipped_names
 from tis.netem.fit.direction import fit_direction
 from tis.netem.fit.half_life import HalfLife
 from tis.netem.fit.record import DirectionRecord

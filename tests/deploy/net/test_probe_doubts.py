@@ -8,11 +8,9 @@ from rich.console import Console
 
 from tis.common.clocks import SHARED, ClockModel, Exchanges, fit_clock
 from tis.common.trace import Trace, parse_trace, render_trace
-from tis.deploy.net.probing.delay_figures import path_figures
-from tis.deploy.net.probing.ends import Ends
-from tis.deploy.net.probing.probe import Plan, Probed
-from tis.deploy.net.probing.probe_command import comparison, delay_uncertainties, print_path, trace_of
-from tis.deploy.net.probing.receiving_end import Paired
+from tis.deploy.net.ends import Ends
+from tis.deploy.net.probe import Paired, Plan, Probed
+from tis.deploy.net.probe_command import comparison, delay_uncertainties, path_figures, print_path, trace_of
 from tis.netem.fit.record import Spread
 
 MS = 1_000_000

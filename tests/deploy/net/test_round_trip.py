@@ -8,8 +8,8 @@ import pytest
 
 from tis.common.scenario.network import NetworkPart
 from tis.common.trace import LOST, Trace, render_trace
-from tis.deploy.net.fitting.fit import Records, fit_records, profile_of, records
-from tis.deploy.net.library.profiles import dump_profile, library
+from tis.deploy.net.fit import Records, fit_records, profile_of, records
+from tis.deploy.net.profiles import dump_profile, library
 from tis.netem.expected.simulate import simulate
 from tis.netem.fit.half_life import fit_half_life
 from tis.netem.fit.record import DirectionRecord

@@ -7,11 +7,11 @@ from tis.common.channels import Side
 from tis.common.scenario.control import DirectionState, EmulatorState
 from tis.common.scenario.network.conditions import Change, TimelineEntry
 from tis.common.scenario.network.pipeline import Pipeline
+from tis.deploy.view.page import network_html
 from tis.deploy.view.page_text import (
     PageContext,
     RunOutput,
     figures_html,
-    network_html,
     run_html,
     run_text,
     state_html,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tis.common.scenario.network import NetworkPart
-from tis.deploy.net.library.profiles import find_profile
+from tis.deploy.net.profiles import find_profile
 from tis.netem.expected.figures import direction_figures
 from tis.netem.expected.simulate import simulate
 

@@ -5,7 +5,7 @@ from typing import Any, Final
 import pytest
 
 from tis.common.scenario.network import NetworkPart
-from tis.deploy.net.library.profiles import find_profile
+from tis.deploy.net.profiles import find_profile
 from tis.netem.expected.figures import direction_figures, synopsis
 
 SLOW: Final = {"delay": {"kind": "constant", "delay_ms": 40}}

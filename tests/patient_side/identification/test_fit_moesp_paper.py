@@ -139,3 +139,13 @@ def test_an_energy_rule_that_asks_for_more_than_the_shift_shows_is_cut_and_says_
     model = identify_arm([recording("T", {"left": noise})], "left", paper(block_rows=2), "")
     assert model.order == 3
     assert any("takes 5 states, 2 block rows show 3: these are used" in w for w in model.warnings)
+
+
+def test_beside_a_model_about_the_mean_the_papers_stays_about_the_lower_ends() -> None:
+    u, y = pair(600)
+    model = identify_arm([recording("T", {"left": (u, y)})], "left", Identification(), "", ["paper", "n4sid_kf"])
+    assert model.paper is not None
+    assert model.n4sid is not None
+    assert np.array_equal(model.paper.input_offset_m, u.min(axis=0))
+    assert np.array_equal(model.paper.output_offset_m, y.min(axis=0))
+    assert np.array_equal(model.n4sid.output_offset_m, model.output_offset_m)

@@ -1,1 +1,0 @@
-"""Requests to a running emulator: `tis net show`, `set`, `outage`, `reset`."""

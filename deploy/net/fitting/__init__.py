@@ -1,1 +1,0 @@
-"""Fit of profiles to recorded traces and runs: `tis net fit`."""

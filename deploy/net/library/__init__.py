@@ -1,1 +1,0 @@
-"""Library of network profiles, and reference of the stages."""

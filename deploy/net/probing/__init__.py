@@ -1,1 +1,0 @@
-"""Measurement of a network: probe and reflector."""

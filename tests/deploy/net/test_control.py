@@ -1,0 +1,228 @@
+"""``tis net show|set|outage|reset`` against a bridge in this process, and what they make of their words."""
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.common.runtime.live_zenoh import a_router
+from tests.deploy.commands import call
+from tests.netem.bridge.controlled_bridge import Running, running_bridge
+from tis.common.errors import InputError
+from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
+from tis.common.scenario.control import Acknowledgement, EmulatorState
+from tis.common.scenario.network.pipeline import Pipeline
+from tis.deploy.net.control import read_change, seconds
+
+NORMAL = {"delay": {"kind": "normal", "mean_ms": 30, "std_ms": 2}}
+LOSSY = {"loss": {"kind": "bernoulli", "p_loss": 0.1}}
+RATED = {"rate": {"kbit_s": 8, "queue": {"kind": "codel", "target_ms": 9}}}
+
+Tis = Callable[..., tuple[int, str, str]]
+
+
+@pytest.mark.parametrize(
+    ("now", "settings", "change"),
+    [
+        ({}, ["delay.delay_ms=50"], {"delay": {"kind": "constant", "delay_ms": 50}}),
+        (NORMAL, ["delay.mean_ms=40"], {"delay": {"kind": "normal", "mean_ms": 40, "std_ms": 2}}),
+        (NORMAL, ["delay.delay_ms=50"], {"delay": {"kind": "constant", "delay_ms": 50}}),
+        (NORMAL, ["delay.shape=3", "delay.scale_ms=2"], {"delay": {"kind": "pareto", "shape": 3, "scale_ms": 2}}),
+        (NORMAL, ["jitter.std_ms=1"], {"jitter": {"kind": "normal", "std_ms": 1}}),
+        (LOSSY, ["loss.mean_burst=4"], {"loss": {"kind": "burst", "p_loss": 0.1, "mean_burst": 4}}),
+        (LOSSY, ["loss={kind: bernoulli, p_loss: 0}"], {"loss": {"kind": "bernoulli", "p_loss": 0}}),
+        (RATED, ["rate.kbit_s=9"], {"rate": {"kbit_s": 9, "queue": {"kind": "codel", "target_ms": 9}}}),
+        (RATED, ["rate.queue.kind=tail_drop"], {"rate": {"kbit_s": 8}}),  # the default queue
+        ({}, ["rate=link", "scale_delay=2", "outage=true"], {"rate": "link", "scale_delay": 2, "outage": True}),
+        (NORMAL, ["correlation.half_life_s=3"], {"correlation": {"half_life_s": 3}}),
+    ],
+)
+def test_what_is_given_in_part_is_completed(now: dict[str, Any], settings: list[str], change: dict[str, Any]) -> None:
+    found = read_change(settings, None, Pipeline.model_validate(now))
+    assert found.model_dump(exclude_none=True, exclude_defaults=True) == change
+
+
+def test_settings_override_the_yaml_beside_them() -> None:
+    found = read_change(["delay.delay_ms=7"], "{delay: {kind: constant, delay_ms: 5}, ordering: reorder}", Pipeline())
+    assert found.model_dump(exclude_unset=True) == {
+        "delay": {"kind": "constant", "delay_ms": 7}, "ordering": "reorder",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("settings", "fault"),
+    [
+        (["delay.delay_ms=-3"], "tis net set: delay.delay_ms: must be at least 0 (got -3)"),
+        (["delay.foo=3"], "tis net set: delay: must be kind: constant|uniform|normal|lognormal"),
+        (["loss.mean_burst=3", "loss.p_bad=0.1"], "no kind has mean_burst and p_bad together (see `tis net stages`)"),
+        (["los.p_loss=1"], "tis net set: los: unknown key, did you mean 'loss'? (got {'p_loss': 1})"),
+        (["delay.mean_ms=3"], "tis net set: delay.std_ms: is required"),
+        (["delay"], "tis net set: delay: must read a.b=VALUE"),
+        (["delay.delay_ms=[1"], "tis net set: delay.delay_ms: not YAML"),
+    ],
+)
+def test_what_is_wrong_is_said_in_the_words_of_the_scenario(settings: list[str], fault: str) -> None:
+    with pytest.raises(InputError) as error:
+        read_change(settings, None, Pipeline())
+    assert fault in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected_s"), [("500ms", 0.5), ("2s", 2), ("1.5min", 90), ("250us", 0.00025), ("1h", 3600)]
+)
+def test_a_length_of_time_has_its_unit(text: str, expected_s: float) -> None:
+    assert seconds(text, "--for") == pytest.approx(expected_s, rel=1e-12)
+
+
+@pytest.mark.parametrize("text", ["500", "2 days", "-1s", "", "1e3s", "s"])
+def test_what_is_no_length_of_time_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match=r"must be a duration such as 500ms, 2s or 1\.5min"):
+        seconds(text, "--for")
+
+
+@pytest.fixture
+def tis(monkeypatch: pytest.MonkeyPatch) -> Tis:
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def net(*words: str) -> tuple[int, str, str]:
+        return call("net", *words)
+
+    return net
+
+
+@pytest.fixture
+def bridge() -> Iterator[Running]:
+    with running_bridge(forward=NORMAL, feedback=LOSSY) as made:
+        yield made
+
+
+@pytest.mark.live
+def test_a_running_emulator_is_shown_changed_and_reset(bridge: Running, tis: Tis) -> None:
+    where = ("-e", bridge.endpoint)
+    code, out, _ = tis("set", "both", "delay.mean_ms=40", "delay.std_ms=1", "--for", "1h", *where)
+    assert code == 0
+    assert "forward (west to east): in force from" in out
+    assert "feedback (east to west): in force from" in out
+    assert tis("set", "forward", "loss.p_loss=0.05", "outage=false", *where)[0] == 0
+    code, out, _ = tis("outage", "20s", "--direction", "feedback", "--json", *where)
+    done = Acknowledgement.model_validate_json(out)
+    assert code == 0
+    assert [(one.direction, (one.until_ns or 0) - one.from_ns) for one in done.held] == [("feedback", 20 * 10**9)]
+
+    code, out, _ = tis("show", *where)
+    assert code == 0
+    assert "forward (west to east)" in out
+    words = " ".join(out.split())
+    assert "delay normal mean_ms 40 std_ms 1 * normal mean_ms 40 std_ms 1 *" in words
+    assert "loss bernoulli p_loss 0.05 * bernoulli p_loss 0.1 " in words
+    assert "outage no yes" in words
+    assert "for 3600 s: delay normal mean_ms 40 std_ms 1" in words
+    assert "changed, feedback: from" in words
+
+    code, out, _ = tis("reset", "--json", *where)
+    assert Acknowledgement.model_validate_json(out).accepted
+    state = EmulatorState.model_validate_json(tis("show", "--json", *where)[1])
+    assert state.forward is not None
+    assert state.forward.added == ()
+
+
+@pytest.mark.live
+def test_a_profile_is_looked_up_here(bridge: Running, tis: Tis) -> None:
+    where = ("-e", bridge.endpoint)
+    assert tis("set", "forward", "scale_delay=2", "--for", "1h", *where)[0] == 0
+    code, out, _ = tis("set", "--profile", "geo_satellite", *where)
+    assert code == 0
+    assert "earlier changes end at" in out
+    forward = json.loads(tis("show", "--json", *where)[1])["forward"]
+    assert forward["now"]["delay"] != forward["pipeline"]["delay"]
+    assert forward["scale_delay"] == 1
+    code, _, err = tis("set", "--profile", "starlink_2022_eu", *where)
+    assert code == 2
+    assert "profile: must be a static network to apply it during a run; this one has states" in err
+    assert tis("set", "--profile", "nowhere", *where)[0] == 2
+
+
+@pytest.mark.live
+def test_a_refusal_is_one_line_for_each_fault(bridge: Running, tis: Tis) -> None:
+    code, out, err = tis("outage", "25h", "-e", bridge.endpoint)
+    assert (code, out, err) == (2, "", "tis: netem: for_ms: must be at most 8.64e+07 (got 90000000.0)\n")
+    code, out, err = tis("set", "forward", "scale_delay=2", "--ramp", "2s", "--for", "1s", "-e", bridge.endpoint)
+    assert (code, err) == (2, "tis: netem: 0: ramp_s must be at most half of for_s = 1.0\n")
+
+
+@pytest.mark.parametrize(
+    ("words", "fault"),
+    [
+        (["set", "west", "outage=true"], "direction: must be one of both, forward, feedback (got 'west')"),
+        (["set", "forward"], "must read: tis net set forward|feedback|both a.b=VALUE"),
+        (["set", "forward", "--profile", "x"], "--profile: must be given alone"),
+        (["outage", "soon"], "LENGTH: must be a duration such as 500ms"),
+        (["outage", "1s", "--direction", "up"], "direction: must be one of both, forward, feedback (got 'up')"),
+        (["show", "--prefix", "a/**"], "--prefix: must be a single chunk of a key, such as tis"),
+        (
+            ["set", "forward", "network.forward.delay.delay_ms=3"],
+            "network.forward.delay.delay_ms: must begin with the stage, did you mean 'delay.delay_ms'?",
+        ),
+        (
+            ["set", "both", "feedback.outage=true"],
+            "feedback.outage: must begin with the stage, did you mean 'outage'?",
+        ),
+        (["reset", "-c", "/no/such.json5"], "--config: /no/such.json5: No such file or directory"),
+        (["show", "--cfg", "junk"], "--cfg: junk: must read KEY:VALUE"),
+        (["show", "-e", "junk"], "--connect: must be PROTOCOL/ADDRESS"),
+    ],
+)
+def test_bad_words_are_refused_before_anybody_is_asked(words: list[str], fault: str, tis: Tis) -> None:
+    code, out, err = tis(*words)
+    assert (code, out) == (2, "")
+    assert fault in err
+    assert len(err.splitlines()) == 1
+
+
+@pytest.mark.live
+def test_where_nobody_answers_the_place_is_named(tis: Tis) -> None:
+    endpoint, _ = free_endpoints()
+    code, _, err = tis("show", "-e", endpoint)
+    assert (code, err) == (
+        3,
+        f"tis: tis net: {endpoint}: cannot connect: nothing listens there, or it refuses this client (-c, --cfg)\n",
+    )
+    with a_router(endpoint):
+        code, _, err = tis("reset", "-e", endpoint, "--prefix", "lab")
+    assert (code, err) == (
+        3,
+        f"tis: tis net: {endpoint}: connected, but nothing answers on lab/netem/control/reset: "
+        "there is no emulator\n",
+    )
+
+
+@pytest.mark.live
+def test_where_an_emulator_goes_by_another_prefix_it_is_named(bridge: Running, tis: Tis) -> None:
+    code, _, err = tis("outage", "1s", "-e", bridge.endpoint, "--prefix", "lab")
+    assert (code, err) == (
+        3,
+        f"tis: tis net: {bridge.endpoint}: connected, but nothing answers on lab/netem/control/outage: use --prefix "
+        "tis\n",
+    )
+    assert not bridge.bridge.in_outage("forward")
+
+
+@pytest.mark.live
+def test_zenoh_s_own_options_lead_to_a_network_that_asks_for_a_password(tis: Tis, tmp_path: Path) -> None:
+    endpoint, _ = free_endpoints()
+    users, file = tmp_path / "users.txt", tmp_path / "netem.json5"
+    users.write_text("lab:secret")
+    auth = {"user": "lab", "password": "secret", "dictionary_file": str(users)}
+    # a file that netem could have, too: what it says of listening is not for a client
+    content = {"mode": "router", "transport": {"auth": {"usrpwd": auth}}, "listen": {"endpoints": [endpoint]}}
+    file.write_text(json.dumps(content))
+    to_connect = f'connect/endpoints:["{endpoint}"]'
+    with open_router(configure("router", ZenohOptions(config=file)), endpoint):
+        assert "cannot connect" in tis("show", "-e", endpoint)[2]
+        for words in (("-c", str(file), "-e", endpoint), ("-c", str(file), "--cfg", to_connect)):
+            code, _, err = tis("show", *words)
+            assert code == 3
+            assert f"{endpoint}: connected, but nothing answers" in err

@@ -1,0 +1,167 @@
+"""The command `tis stop` and the live page's buttons against a patient that carries requests out."""
+
+import queue
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+import zenoh
+
+from tests.common.runtime.live_zenoh import a_router
+from tests.deploy.commands import call_in_one_line
+from tis.common.node import Arrival, Emission
+from tis.common.runtime.emulator_client import EmulatorAddress
+from tis.common.runtime.process import free_endpoints
+from tis.common.stop_messages import LATCH, EmergencyStop, ReleaseRule
+from tis.deploy.net import emergency
+from tis.deploy.view.steering import Steering
+from tis.patient_side.safety.emergency_stop import EmergencyStops
+
+pytestmark = pytest.mark.live
+
+
+class _Patient:
+    """Answers requests as the patient does; those on ``deaf_to`` do not reach it, as netem drops them."""
+
+    def __init__(self, session: zenoh.Session, endpoint: str, rule: ReleaseRule, deaf_to: str) -> None:
+        self.endpoint, self.stops, self.is_latched = endpoint, EmergencyStops("tis", rule), False
+        self._session, self._lock, self._deaf_to = session, threading.Lock(), deaf_to
+        self._heard = [session.declare_subscriber(key, self._take) for key in self.stops.keys]
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        if str(sample.key_expr) != self._deaf_to:
+            self.take(str(sample.key_expr), sample.payload.to_bytes())
+
+    def take(self, key: str, payload: bytes) -> None:
+        with self._lock:
+            arrival = Arrival("east", key, payload, b"", time.monotonic_ns())
+            outputs, is_done = self.stops.take(arrival, self.is_latched)
+            self.is_latched = self.is_latched and not (is_done and not self.stops.is_stopped)
+        for one in outputs:
+            if isinstance(one, Emission):
+                self._session.put(one.key, one.payload)
+
+    def foreign_stop(self, number: int, reason: str, lock: str = "") -> None:
+        request = EmergencyStop(stop=True, number=number, reason=reason, lock=lock)
+        self.take("tis/@tis/stop", request.model_dump_json().encode())
+
+    def tis(self, *words: str) -> tuple[int, str, str]:
+        return call_in_one_line("stop", *words, "--connect", self.endpoint)
+
+
+@contextmanager
+def _patient(rule: ReleaseRule = "anyone", deaf_to: str = "") -> Iterator[_Patient]:
+    endpoint = free_endpoints()[0]
+    with a_router(endpoint) as session:
+        yield _Patient(session, endpoint, rule, deaf_to)
+
+
+def _stopped(patient: _Patient, reason: str = "") -> str:
+    """Stop the arms; return the token."""
+    code, out, err = patient.tis(*([reason] if reason else []))
+    assert (code, out[:31]) == (0, "stopped, confirmed by the patie"), err
+    return out.split("release it with: tis stop --release ")[1]
+
+
+def test_each_stop_is_ended_by_its_token_and_the_rest_is_told() -> None:
+    with _patient("stopper") as patient:
+        one, other = _stopped(patient, "a hand"), _stopped(patient, "smoke")
+        code, out, _ = patient.tis("--release", one)
+        assert (code, out[:8]) == (0, "released")
+        number = other.split("-")[0]
+        assert out.endswith(f"; the arms stay stopped by 1 other stop (number {number}: smoke)")
+        code, _, err = patient.tis("--release", one)
+        assert (code, "is in force: the arms are stopped by 1 stop (" in err) == (2, True), err
+        code, _, err = patient.tis("--release", f"{number}-guessed")
+        assert (code, f"the secret is not that of stop {number}" in err) == (2, True), err
+        code, out, _ = patient.tis("--release", other)
+        assert (code, out.endswith(" ms")) == (0, True), out
+        assert patient.stops.counters()["releases_by_others"] == 0
+
+
+def test_without_a_token_all_are_ended_where_anyone_may() -> None:
+    with _patient() as patient:
+        for number in range(1, 8):  # more than are released in a second
+            patient.foreign_stop(number, "")
+        _stopped(patient)
+        code, out, err = patient.tis("--release")
+        assert (code, out[:8], "other" in out) == (0, "released", False), err
+        assert (patient.stops.n_releases, patient.stops.n_by_others) == (8, 1)
+        code, out, _ = patient.tis("--release")
+        assert (code, out[:23]) == (0, "no stop is in force, as")
+        patient.is_latched = True
+        assert patient.tis("--release")[1][:8] == "released"
+        assert not patient.is_latched
+
+
+def test_without_a_token_what_is_needed_is_told_where_only_the_stopper_may() -> None:
+    with _patient("stopper") as patient:
+        token = _stopped(patient, "smoke")
+        code, _, err = patient.tis("--release")
+        number = token.split("-")[0]
+        assert (code, f"the arms stay stopped by 1 stop (number {number}: smoke)" in err) == (2, True), err
+        assert "patient.safety.release is stopper" in err
+        assert patient.stops.is_stopped
+        patient.tis("--release", token)
+        patient.foreign_stop(5, "no lock\x1b[2J")
+        code, _, err = patient.tis("--release")
+        assert (code, "(number 5: no lock?[2J)" in err) == (2, True), err
+        assert patient.tis("--release", "5")[0] == 0
+
+
+def test_a_release_that_netem_does_not_pass_on_is_told_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(emergency, "TIME_OUT_S", 0.5)
+    with _patient("named", deaf_to="tis/@tis/release") as patient:
+        token = _stopped(patient)
+        for words in (["--release"], ["--release", token]):
+            code, _, err = patient.tis(*words)
+            assert code == 3
+            assert "it hears only the clients in patient.safety.releasers" in err
+        assert patient.stops.is_stopped
+
+
+def test_a_patient_that_answers_others_only_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(emergency, "TIME_OUT_S", 0.5)
+    with _patient(deaf_to="tis/@tis/stop") as patient:
+        ending = threading.Event()
+
+        def talk() -> None:
+            for number in range(1, 1000):
+                patient.foreign_stop(number, "another")
+                if ending.wait(0.01):
+                    return
+
+        talker = threading.Thread(target=talk)
+        talker.start()
+        code, _, err = patient.tis()
+        ending.set()
+        talker.join()
+    assert code == 3
+    assert "did not answer within 0.5 s, but others" in err
+    assert "It told last: stopped by " in err
+
+
+def test_the_live_page_ends_its_own_stops_and_with_anyone_those_of_others() -> None:
+    for rule, ends_others in (("anyone", True), ("stopper", False)):
+        told: queue.Queue[str] = queue.Queue()
+        with _patient(rule) as patient:  # type: ignore[arg-type]
+            steering = Steering(EmulatorAddress(patient.endpoint))
+            try:
+                steering.stop(told.put)
+                assert told.get(timeout=60).startswith("stopped, confirmed")
+                patient.foreign_stop(7, "smoke", "0" * 64)
+                steering.release(told.put)
+                answer = told.get(timeout=60)
+            finally:
+                steering.close()
+            assert answer.startswith("released")
+            assert ("the arms stay stopped by 1 other stop (number 7: smoke)" in answer) != ends_others
+            assert (7 in patient.stops.in_force.by_number) != ends_others
+
+
+@pytest.mark.parametrize("word", ["0", str(LATCH), "1-", "yes"])
+def test_what_is_no_token_is_refused_before_anything_is_sent(word: str) -> None:
+    code, _, err = call_in_one_line("stop", "--release", word, "--connect", "tcp/127.0.0.1:1")
+    assert (code, "--release: must be a token as tis stop prints it" in err) == (2, True), err
