@@ -5,37 +5,19 @@ Only the text is checked here; `tis.common.runtime.user_code` imports the factor
 
 import difflib
 import re
-from typing import Annotated, Final, Literal, TypeGuard, get_args
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 from pydantic import WithJsonSchema
 
+from tis.common.estimators import ESTIMATORS, LEARNED
 from tis.common.scenario.base import obeys
 
-EstimatorName = Literal[
-    "hold",
-    "hold_last_arrived",
-    "static_gain",
-    "velocity",
-    "damped_velocity",
-    "moesp_kf",
-    "n4sid_kf",
-    "arx_kf",
-    "innovations_kf",
-    "adaptive_kf",
-    "direct_ls",
-    "drmf",
-    "paper",
-    "paper_as_printed",
-    "gpr",
-    "srlsmf",
-    "srlsmf_l1",
-    "transformer",
-    "informer",
-    "cnn",
-]
-LearnedName = Literal["gpr", "srlsmf", "srlsmf_l1", "transformer", "informer", "cnn"]
-"""Estimators whose models are trained, which takes minutes: only where they are named."""
-NAMES: Final[tuple[EstimatorName, ...]] = get_args(EstimatorName)
+if TYPE_CHECKING:
+    LearnedName = str
+else:  # the schema lists them
+    LearnedName = Literal[LEARNED]
+    """Estimators whose models are trained, which takes minutes: only where they are named."""
+NAMES: Final = tuple(ESTIMATORS)
 
 _WORD: Final = r"[A-Za-z_][A-Za-z0-9_]*"
 _PATTERN: Final = rf"^[A-Za-z][A-Za-z0-9_]*(\.{_WORD})*:{_WORD}(\.{_WORD})*$"
@@ -51,14 +33,14 @@ def is_user_defined(name: str) -> bool:
     return ":" in name
 
 
-def is_built_in(name: str) -> TypeGuard[EstimatorName]:
+def is_built_in(name: str) -> bool:
     """Tell whether a name is that of a built-in estimator."""
-    return name in NAMES
+    return name in ESTIMATORS
 
 
-def is_learned(name: str) -> TypeGuard[LearnedName]:
+def is_learned(name: str) -> bool:
     """Tell whether an estimator's model is trained by a learned method."""
-    return name in get_args(LearnedName)
+    return name in LEARNED
 
 
 def plain_name(name: str) -> str:

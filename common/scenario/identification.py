@@ -1,11 +1,12 @@
 """Identification of the arm's model before a run, training of learned methods, and the estimators of a run."""
 
 from collections.abc import Sequence
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
 from tis.common.errors import Fault, InputError
+from tis.common.estimators import LEARNED
 from tis.common.scenario.base import Part, Positive, RuleText
 from tis.common.scenario.estimator_names import AnyEstimatorName, LearnedName, each_once, is_learned
 from tis.common.units import MM_PER_M
@@ -66,15 +67,21 @@ def _model_file_or_name(train: str) -> str:
 LinearMethod = Literal["moesp", "pi_moesp", "n4sid", "cva", "arx", "moesp_paper", "narx"]
 
 
+if TYPE_CHECKING:
+    _Method = str
+else:
+    _Method = Literal[LinearMethod, LearnedName]
+
+
 class Identification(Part):
     """Identification of the arm's model before the run."""
 
-    method: Literal[LinearMethod, LearnedName] = Field(
+    method: _Method = Field(
         "moesp",
         description="Method of identification. moesp: past-output MOESP; pi_moesp: MOESP with past inputs as "
         "instruments, for coloured noise; n4sid: oblique projection; cva: canonical variates; arx: least squares. "
         "All of these estimate D and x0. moesp_paper: the paper's Algorithm 2, as printed. narx: a polynomial NARX "
-        "model, in `tis identify` only. gpr, srlsmf, srlsmf_l1, transformer, informer, cnn: moesp, and the model of "
+        f"model, in `tis identify` only. {', '.join(LEARNED)}: moesp, and the model of "
         "the estimator of that name is trained.",
     )
     inputs: Annotated[tuple[Literal["position", "velocity"], ...], AfterValidator(_position_and_more)] = Field(

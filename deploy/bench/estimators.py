@@ -16,14 +16,15 @@ import numpy as np
 from rich.console import Console
 
 from tis.common.errors import EXIT_OK
-from tis.common.scenario.estimator_names import NAMES, EstimatorName
+from tis.common.estimators import ESTIMATORS
+from tis.common.scenario.estimator_names import NAMES
 from tis.common.scenario.identification import Identification
 from tis.common.scenario.source import SyntheticSource
 from tis.common.sources.synthetic import synthesise
 from tis.common.streams import Stream
 from tis.common.units import NS_PER_S, NS_PER_US, ms_to_ns, sample_instant_ns
 from tis.deploy.present.table import FRAMED, Column, Table
-from tis.patient_side.catalogue import ESTIMATORS, build_estimator
+from tis.patient_side.estimators.builders import build_estimator
 from tis.patient_side.estimators.protocol import Estimator
 from tis.patient_side.identification.fit_innovations import fit_innovations
 from tis.patient_side.identification.identify import identify_arm
@@ -95,7 +96,7 @@ Arrival = tuple[int, bool, int]
 """Arrival of a sample: ns of run time, whether it is the arm's, and its source index."""
 
 
-def bench_estimators(out: Console, names: Sequence[EstimatorName] = BENCHED) -> int:
+def bench_estimators(out: Console, names: Sequence[str] = BENCHED) -> int:
     """Measure every estimator on every network, print a table each, and return the exit code."""
     out.print(_load_average_text())
     model, identified, samples = bench_models()
@@ -133,7 +134,7 @@ def bench_estimators(out: Console, names: Sequence[EstimatorName] = BENCHED) -> 
     return EXIT_OK
 
 
-def _row(name: EstimatorName, model: ArmModel) -> str:
+def _row(name: str, model: ArmModel) -> str:
     """Return the name of an estimator's row, for `innovations_kf` with the size and structure of its model."""
     if name != "innovations_kf" or model.innovations is None:
         return name

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from tis.common.channels import Direction
-from tis.patient_side.catalogue import ESTIMATORS, Hue
+from tis.common.estimators import ESTIMATORS, Hue
 
 
 @dataclass(frozen=True)

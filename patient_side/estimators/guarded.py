@@ -16,7 +16,7 @@ import numpy as np
 from tis.common.errors import Fault, InputError, one_line
 from tis.common.messages import MAX_SIZE
 from tis.common.scenario.estimator_names import is_built_in
-from tis.patient_side.catalogue import build_estimator
+from tis.patient_side.estimators.builders import build_estimator
 from tis.patient_side.estimators.protocol import Estimate, Estimator
 from tis.patient_side.playout import Playout
 from tis.patient_side.statespace import ArmModel, Array

@@ -3,12 +3,12 @@
 from collections.abc import Callable, Collection, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from tis.common.errors import DataError
+from tis.common.estimators import ESTIMATORS, users_of_fit
 from tis.common.scenario.estimator_names import is_user_defined
 from tis.common.scenario.identification import Identification
-from tis.patient_side.catalogue import ESTIMATORS, code_at, users_of_fit
 from tis.patient_side.identification.arx import fit_arx
 from tis.patient_side.identification.dataset import TrainingSet
 from tis.patient_side.identification.direct_ls import fit_direct
@@ -19,6 +19,8 @@ from tis.patient_side.identification.moesp_paper import fit_moesp_paper
 from tis.patient_side.identification.order import Fitted
 from tis.patient_side.identification.subspace_methods import SUBSPACE_METHODS, fit_subspace
 from tis.patient_side.statespace import FilterModel
+
+_FIRST: Final = ("paper", "arx_kf", "innovations_kf")
 
 Stage = Callable[[str], AbstractContextManager[None]]
 """Context in which the model for an estimator, or an orientation method, is fitted."""
@@ -98,6 +100,11 @@ def _filter_model(training: TrainingSet, fitted: Fitted) -> FilterModel:
     return FilterModel(fitted.space, fitted.noise, training.input_offset_m, training.output_offset_m, fitted.static)
 
 
+def _in_order(name: str) -> int:
+    """Return the place of a fit: that of its warnings in a model file."""
+    return _FIRST.index(name) if name in _FIRST else len(_FIRST)
+
+
 def fit_companions(
     training: TrainingSet,
     identification: Identification,
@@ -117,10 +124,11 @@ def fit_companions(
     warnings: list[str] = []
     # A user-defined estimator may use any model, so all that are not slow are tried for it.
     any_model = wanted is None or any(map(is_user_defined, wanted))
-    for name, row in ESTIMATORS.items():
+    for name in sorted(ESTIMATORS, key=_in_order):
+        row = ESTIMATORS[name]
         if not row.fit:
             continue
-        if row.fit.endswith(":fit_movement"):  # the warnings of orientations come before those of movements
+        if row.fit == fit_movement.__name__:  # the warnings of orientations come before those of movements
             models["wrist"], doubts = fit_wrist(training, wanted, stage)
             warnings.extend(doubts)
         users = [user for user in users_of_fit(name) if wanted is not None and user in wanted]
@@ -129,7 +137,7 @@ def fit_companions(
         user = users[0] if users else name  # a fit is attempted under the name of one of its users
         try:
             with stage(user):
-                found = code_at(row.fit)(rows)
+                found = globals()[row.fit](rows)
         except DataError as error:
             if users:
                 raise

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from tis.common.channels import FOLLOWER
+from tis.common.estimators import ESTIMATORS
 from tis.common.runtime.recordings import load_recording, load_training, load_trials
 from tis.common.scenario import Scenario
 from tis.common.scenario.estimator_names import is_built_in
@@ -19,7 +20,6 @@ from tis.common.scenario.reading import build_scenario
 from tis.deploy.compare.cells.forecasts import forecasts_of_twin
 from tis.deploy.compare.cells.scores import PARTS, own_faults, scores_of_twin, summary_of_twin
 from tis.patient_side.build import identify_models
-from tis.patient_side.catalogue import ESTIMATORS
 from tis.patient_side.estimators.guarded import check_own
 from tis.patient_side.identification.model_file import dump_models
 from tis.patient_side.models import factories, own_estimators, read_models

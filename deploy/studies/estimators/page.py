@@ -9,15 +9,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
 from pathlib import Path
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final, Literal
 
 import yaml
 from rich.console import Console
 
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK
+from tis.common.estimators import ESTIMATORS
 from tis.common.runtime.recordings import list_trials
 from tis.common.runtime.recordings.jigsaws import JIGSAWS_VARIABLE
-from tis.common.scenario.estimator_names import EstimatorName, is_learned
+from tis.common.scenario.estimator_names import NAMES, is_learned
 from tis.common.scenario.source import JigsawsSource
 from tis.deploy.compare.cells.store import Store
 from tis.deploy.compare.command import run
@@ -35,7 +36,6 @@ from tis.deploy.shell.guard import print_faults
 from tis.deploy.studies.paper.printed import ROWS
 from tis.deploy.studies.templates import filled
 
-NAMES: Final = get_args(EstimatorName)
 _COMPARED: Final = tuple(name for name in NAMES if name != "adaptive_kf" and not is_learned(name))
 """Estimators of the large tables; the adaptive one has tables of its own, the learned ones a page (`tis paper`)."""
 _ESTIMATORS: Final = {
@@ -129,18 +129,11 @@ def write_page(page: Path, out_dir: Path | None, workers: Workers, out: Console,
     return EXIT_INVALID_RUN if failed else EXIT_OK
 
 
-def descriptions() -> dict[str, str]:
-    """Return what each estimator is good for, in words."""
-    words: dict[str, str] = yaml.safe_load((_HERE / "words.yaml").read_text(encoding="utf-8"))
-    return words
-
-
 def page_text(found: Sequence[tuple[Section, Report]]) -> str:
     """Return the page."""
-    words = descriptions()
     return filled(
         _HERE / "page.md",
-        words="\n".join(f"- **`{name}`**: {words[name]}" for name in NAMES),
+        words="\n".join(f"- **`{name}`**: {ESTIMATORS[name].words}" for name in NAMES),
         few_people=_few_people(found),
         sections="\n\n".join(block for section, report in found for block in _blocks(section, report)),
     )

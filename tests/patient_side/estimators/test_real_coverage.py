@@ -10,14 +10,13 @@ import pytest
 
 from tests.patient_side.arm_models import LOST, RATE_HZ, Streams, inside_95, play, truth_at_ticks
 from tests.patient_side.identification.known_systems import real_recording
-from tis.common.scenario.estimator_names import EstimatorName
 from tis.common.scenario.identification import Identification
 from tis.common.units import sample_instant_ns
-from tis.patient_side.catalogue import build_estimator
+from tis.patient_side.estimators.builders import build_estimator
 from tis.patient_side.identification.identify import identify_arm
 from tis.patient_side.statespace import ArmModel
 
-WITH_COVARIANCE: list[EstimatorName] = [
+WITH_COVARIANCE: list[str] = [
     *("damped_velocity", "moesp_kf", "n4sid_kf", "arx_kf", "innovations_kf", "direct_ls", "drmf"),
 ]
 N = 1000
@@ -52,12 +51,12 @@ def known(jigsaws_dir: Path) -> list[tuple[ArmModel, list[Streams]]]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WITH_COVARIANCE)
-def test_95_per_cent_are_about_95_per_cent(known: list[tuple[ArmModel, list[Streams]]], name: EstimatorName) -> None:
+def test_95_per_cent_are_about_95_per_cent(known: list[tuple[ArmModel, list[Streams]]], name: str) -> None:
     for network in range(len(NETWORKS)):
         inside = [share for model, streams in known for share in _inside(name, model, streams[network])]
         assert 0.90 <= np.mean(inside) <= 0.98
 
 
-def _inside(name: EstimatorName, model: ArmModel, streams: Streams) -> list[bool]:
+def _inside(name: str, model: ArmModel, streams: Streams) -> list[bool]:
     scored = slice(100, -1)
     return inside_95(play(build_estimator(name, model), streams)[scored], truth_at_ticks(streams.y)[scored])

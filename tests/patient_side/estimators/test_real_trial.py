@@ -17,9 +17,8 @@ from tests.patient_side.arm_models import (
     static_model,
     truth_at_ticks,
 )
-from tis.common.scenario.estimator_names import EstimatorName
 from tis.common.units import sample_instant_ns
-from tis.patient_side.catalogue import build_estimator
+from tis.patient_side.estimators.builders import build_estimator
 from tis.patient_side.movement_models import InputForecast
 from tis.patient_side.statespace import ArmModel, Array, NoiseModel, StateSpace
 
@@ -56,7 +55,7 @@ def trial(jigsaws_dir: Path) -> tuple[ArmModel, Array, Array]:
     return fitted(u[:TRAIN], y[:TRAIN]), u[TRAIN:], y[TRAIN:]
 
 
-def ratio(name: EstimatorName, model: ArmModel, streams: Streams) -> float:
+def ratio(name: str, model: ArmModel, streams: Streams) -> float:
     scored = slice(70, -1)
     estimates = positions(play(build_estimator(name, model), streams))[scored]
     assert np.all(np.isfinite(estimates))

@@ -3,18 +3,19 @@
 import shlex
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import pytest
 import yaml
 
 from tests.markdown_tables import ragged_rows
-from tis.common.scenario.estimator_names import EstimatorName
+from tis.common.estimators import ESTIMATORS
+from tis.common.scenario.estimator_names import NAMES
 from tis.deploy.compare.engine.compute import Outcome
 from tis.deploy.compare.plan import Plan, make_plan
 from tis.deploy.compare.results.pooled import interval_note
 from tis.deploy.compare.results.report import report
-from tis.deploy.studies.estimators.page import Section, command_of, descriptions, page_text, sections
+from tis.deploy.studies.estimators.page import Section, command_of, page_text, sections
 
 
 def _result(plan: Plan, worse: float) -> dict[str, Any]:
@@ -69,11 +70,9 @@ def found() -> list[tuple[Section, dict[str, Any]]]:
 
 
 def test_every_estimator_has_its_words() -> None:
-    found = descriptions()
-    assert [name for name in get_args(EstimatorName) if name not in found] == []
-    for name, words in found.items():
-        assert words.count(".") >= 2, name
-        assert words.endswith(".")
+    for name, row in ESTIMATORS.items():
+        assert row.words.count(".") >= 2, name
+        assert row.words.endswith(".")
 
 
 def test_the_page_has_a_table_for_each_section_and_every_row_its_columns(
@@ -82,8 +81,8 @@ def test_the_page_has_a_table_for_each_section_and_every_row_its_columns(
     monkeypatch.delenv("TIS_JIGSAWS", raising=False)
     text = page_text(found)
     assert len(found) == 7 + 2 + 1 + 1  # and an arm that lags, adaptation, and orientation
-    for name in get_args(EstimatorName):
-        assert f"- **`{name}`**: {descriptions()[name]}" in text
+    for name in NAMES:
+        assert f"- **`{name}`**: {ESTIMATORS[name].words}" in text
     for section, made in found:
         assert f"## {section.title}\n" in text
         assert made["command"] in text
