@@ -8,12 +8,9 @@ bounded, and so is the lag of the arm behind its commands). From there to now ev
 The estimate is the arm as it will have been recorded: between the two neighbouring sample instants the output
 is interpolated linearly, which is the definition of truth, and measurement noise counts.
 
-The Kalman filter of `moesp_kf` on the model that N4SID finds.
-
-The Kalman filter on the least-squares model with the last outputs and commands as regressors.
-
-Where validation chooses one lag or more, it is the filter of `moesp_kf` on that model in innovations form. Where it
-chooses none, the command determines the arm's present position but not its future one: then it is the filter of
+`n4sid_kf` is the same filter on the model that N4SID finds. `arx_kf` is it on the least-squares model with the last
+outputs and commands as regressors, in innovations form, where validation chooses one lag or more. Where it chooses
+none, the command determines the arm's present position but not its future one: then `arx_kf` is the filter of
 `innovations_kf`, on the autoregression of the arm alone.
 """
 

@@ -1,9 +1,4 @@
-"""Estimators without a filter: the arm holds, goes on at its velocity, or follows a gain.
-
-Hold the last arrival: the arm stays at the sample that arrived last, however old it is.
-
-The behaviour of a receiver that ignores source stamps: an overtaken packet moves the arm back in time.
-"""
+"""Estimators without a filter: the arm holds, goes on at its velocity, or follows a gain."""
 
 from dataclasses import dataclass, field
 
@@ -18,7 +13,7 @@ from tis.patient_side.statespace import ArmModel, Array, StateSpace
 
 @dataclass(frozen=True)
 class Hold:
-    """No estimate while no sample of the arm has arrived, and no covariance."""
+    """The arm stays at its freshest sample; no estimate while none has arrived, and no covariance."""
 
     name: str = "hold"
 
@@ -32,7 +27,11 @@ class Hold:
 
 @dataclass(frozen=True)
 class HoldLastArrived:
-    """No estimate while no sample of the arm has arrived, and no covariance."""
+    """The arm stays at the sample that arrived last, however old it is; no covariance.
+
+    This is a receiver that ignores source stamps: an overtaken packet moves the arm back in time. No estimate while
+    no sample of the arm has arrived.
+    """
 
     name: str = "hold_last_arrived"
 
