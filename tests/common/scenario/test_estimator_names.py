@@ -75,7 +75,7 @@ def test_a_slip_in_one_of_ours_is_guessed_and_anything_else_is_told_what_there_i
     ]
     (fault,) = faults(estimators=["hold"], active_estimator="mine")
     assert fault.startswith("s: active_estimator: no such estimator; there are hold, hold_last_arrived, ")
-    assert fault.endswith("cnn, and module:factory for a user-defined one (got 'mine')")
+    assert fault.endswith(f"{NAMES[-1]}, and module:factory for a user-defined one (got 'mine')")
 
 
 def test_two_names_that_topics_could_not_tell_apart_are_refused() -> None:
