@@ -2,7 +2,7 @@
 
 Where to look:
 
-- the interface: `protocol`; the rows by name: `tis.common.estimators`, built by `builders`; those of users: `guarded`;
+- the interface: `protocol`; rows by name: `tis.common.estimators`, built by `builders`; those of users: `guarded`;
 - in `simple`: hold (the reference of all scores), hold_last_arrived, velocity, damped_velocity, static_gain;
 - Kalman filters: `moesp_kf` with `n4sid_kf` and `arx_kf`, the same filter on other models, `innovations_kf` on the
   arm's own movement, and `adaptive_kf`, which tracks that one's scales; their updates live in
