@@ -98,8 +98,9 @@ def parse_played(text: bytes, where: str) -> tuple[RecordedRows, dict[str, Any]]
 
 @dataclass(frozen=True)
 class _Played(RecordedRows):
-    """The complete content of the attachment."""
+    """The complete content of the attachment; a device has no rows."""
 
+    n_rows: Annotated[int, Field(ge=0)]
     file: str | None
     warnings: list[str]
 

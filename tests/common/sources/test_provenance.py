@@ -1,7 +1,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tis.common.scenario.live_source import LiveSource
 from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.live import unmade_movement
 from tis.common.sources.provenance import (
     RecordedRows,
     dump_played,
@@ -48,3 +50,9 @@ def test_what_a_run_plays_and_what_it_was_trained_on_lie_side_by_side() -> None:
     rows, told = parse_played(dump_played(recording, 60).encode(), "a.mcap")
     assert rows == played_rows(recording, 60)
     assert (told["file"], told["warnings"]) == (None, list(recording.warnings))
+
+
+def test_a_device_plays_no_rows() -> None:
+    device = unmade_movement(LiveSource(kind="live"), 30)
+    rows, _ = parse_played(dump_played(device, 60).encode(), "a.mcap")
+    assert rows == RecordedRows("live device", "", 0, 0, 30)
