@@ -52,11 +52,6 @@ def significant(value: float, digits: int = 3) -> str:
     return format_float_positional(float(f"{value:.{digits}g}") if abs(value) < 1000 else round(value), trim="-")
 
 
-def four_digits(value: float | None) -> str:
-    """Return a number with four significant digits, ``?`` for none and nan."""
-    return "?" if value is None or math.isnan(value) else f"{value:.4g}"
-
-
 def rounded_up(value: float, digits: int) -> str:
     """Return a value with ``digits`` decimals, rounded up as bounds must be."""
     return f"{math.ceil(round(value * 10**digits, 6)) / 10**digits:.{digits}f}"

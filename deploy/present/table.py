@@ -113,13 +113,6 @@ class Table:
             if row:
                 yield [_text(column, value) for column, value in zip(columns, row, strict=True)]
 
-    def without_empty_columns(self) -> Self:
-        """Return the table without the columns that are empty in every row."""
-        kept = [i for i, texts in enumerate(zip(*self.texts(), strict=True)) if any(texts)]
-        columns = [self.full_columns()[i] for i in kept]
-        rows = [[row[i] for i in kept] if row else () for row in self.rows]
-        return type(self)(self.title, columns, rows, self.note, self.marked)
-
     def terminal(self, look: Look = REPORT) -> "RenderableType":
         """Return the table for `rich`, the note below it as wide as the console."""
         from rich import box, table

@@ -1,4 +1,4 @@
-"""Validity of a run as a measurement: what makes it invalid, beside damaged logs and books that do not balance."""
+"""Validity of a run as a measurement: its faults, beside damaged logs and books that do not balance."""
 
 from operator import itemgetter
 from typing import Final

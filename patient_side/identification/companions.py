@@ -20,8 +20,6 @@ from tis.patient_side.identification.order import Fitted
 from tis.patient_side.identification.subspace_methods import SUBSPACE_METHODS, fit_subspace
 from tis.patient_side.statespace import FilterModel
 
-_FIRST: Final = ("paper", "arx_kf", "innovations_kf")
-
 Stage = Callable[[str], AbstractContextManager[None]]
 """Context in which the model for an estimator, or an orientation method, is fitted."""
 
@@ -100,9 +98,8 @@ def _filter_model(training: TrainingSet, fitted: Fitted) -> FilterModel:
     return FilterModel(fitted.space, fitted.noise, training.input_offset_m, training.output_offset_m, fitted.static)
 
 
-def _in_order(name: str) -> int:
-    """Return the place of a fit: that of its warnings in a model file."""
-    return _FIRST.index(name) if name in _FIRST else len(_FIRST)
+FITS: Final = (fit_paper, fit_arx_models, fit_movement, fit_n4sid, fit_horizons, fit_completion)
+"""Fits that rows of `tis.common.estimators` name, in the order of their warnings in a model file."""
 
 
 def fit_companions(
@@ -124,20 +121,19 @@ def fit_companions(
     warnings: list[str] = []
     # A user-defined estimator may use any model, so all that are not slow are tried for it.
     any_model = wanted is None or any(map(is_user_defined, wanted))
-    for name in sorted(ESTIMATORS, key=_in_order):
-        row = ESTIMATORS[name]
-        if not row.fit:
-            continue
-        if row.fit == fit_movement.__name__:  # the warnings of orientations come before those of movements
+    owners = {row.fit: name for name, row in ESTIMATORS.items()}
+    for fit in FITS:
+        name = owners[fit.__name__]
+        if fit is fit_movement:  # the warnings of orientations come before those of movements
             models["wrist"], doubts = fit_wrist(training, wanted, stage)
             warnings.extend(doubts)
         users = [user for user in users_of_fit(name) if wanted is not None and user in wanted]
-        if not users and (not any_model or (row.slow and wanted is not None)):
+        if not users and (not any_model or (ESTIMATORS[name].slow and wanted is not None)):
             continue
         user = users[0] if users else name  # a fit is attempted under the name of one of its users
         try:
             with stage(user):
-                found = globals()[row.fit](rows)
+                found = fit(rows)
         except DataError as error:
             if users:
                 raise

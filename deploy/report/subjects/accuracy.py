@@ -22,7 +22,7 @@ from tis.deploy.present.palette import Look, look_of
 from tis.deploy.present.table import Cell, Column, Table
 from tis.deploy.report.section import Section, Statistics, means, statistics
 from tis.deploy.report.subjects.own_estimators import OwnEstimator
-from tis.deploy.report.subjects.tracking import HandTrack, Offset, offsets, topic_of, track_of_hand
+from tis.deploy.report.subjects.tracking import HandTrack, Offset, offsets, topic_of
 from tis.patient_side.statespace import ArmModel
 
 
@@ -80,11 +80,6 @@ _NAME_WIDTH: Final = 17
 _MAX_WITHOUT_ESTIMATE: Final = 0.01
 _MAX_BAR: Final = 3
 _CUT: Final = "\u00bb"
-
-
-def accuracy_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand, model: ArmModel) -> dict[str, Scores]:
-    """Return the scores of all estimators for one hand, and of an arm that executes set points."""
-    return pooled_accuracy(logs, scenario, [(track_of_hand(logs, scenario, hand), model)])
 
 
 def pooled_accuracy(

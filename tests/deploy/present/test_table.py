@@ -79,11 +79,6 @@ def test_markdown() -> None:
     assert Table("", ("a",), [("x\\|y",)]).markdown() == "| a |\n|---|\n| x\\|y |"
 
 
-def test_empty_columns_are_left_out() -> None:
-    table = Table("", ("a", "b", Column("c", words=True)), [("x", "", "1"), (), ("y", "", "")])
-    assert table.without_empty_columns().markdown() == "| a | c |\n|---|---|\n| x | 1 |\n| y |  |"
-
-
 def test_csv_has_unrounded_values() -> None:
     assert TABLE.csv() == 'method,"error, mm",kind,share\nhold,12.345,a|b,1.0\nkalman_1,,none,0.25\n'
     records: list[dict[str, object]] = [{"a": "x", "b": 1.5}, {"a": "y", "b": None}]

@@ -7,8 +7,9 @@ import pytest
 from tests.patient_side.identification.known_systems import hand_like, recording, sorted_eigenvalues
 from tests.patient_side.identification.test_fit_drmf import few_draws
 from tis.common.errors import DataError
+from tis.common.estimators import ESTIMATORS
 from tis.common.scenario.identification import Identification
-from tis.patient_side.identification.companions import fit_companions
+from tis.patient_side.identification.companions import FITS, fit_companions
 from tis.patient_side.identification.dataset import TrainingSet, training_set
 from tis.patient_side.statespace import StateSpace
 
@@ -76,3 +77,7 @@ def test_a_user_defined_estimator_gets_all_models_and_wanted_ones_stay_required(
     assert any("no model for n4sid_kf: " in warning for warning in found.warnings)
     with pytest.raises(DataError, match="block rows"):
         fitted(short, Identification(), {"n4sid_kf", "lab:F"})
+
+
+def test_the_fits_are_those_that_rows_of_estimators_name() -> None:
+    assert sorted(fit.__name__ for fit in FITS) == sorted(row.fit for row in ESTIMATORS.values() if row.fit)

@@ -19,17 +19,24 @@ from tests.deploy.report.hand_made import (
     write_run,
 )
 from tests.patient_side.arm_models import static_model
+from tis.common.channels import Hand
 from tis.common.messages import Vector3
 from tis.common.node import Record
 from tis.common.records import PLANT, EstimateNote, PlantNote
-from tis.deploy.report.subjects.accuracy import accuracy_of_hand
-from tis.deploy.report.subjects.tracking import MAX_ALIGNED, Array, HandTrack, actuation_ms, offsets
+from tis.common.scenario import Scenario
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.report.subjects.accuracy import Scores, pooled_accuracy
+from tis.deploy.report.subjects.tracking import MAX_ALIGNED, Array, HandTrack, actuation_ms, offsets, track_of_hand
 
 MODEL = static_model()  # its output range is 0.1 m on every axis
 # The arm moves 1 mm in x every 100 ms; y and z stand still.
 TRUTH = [truth(k, 100 * k, (0.001 * k, 0.0, 0.0)) for k in range(60)]
 FIRST = message(COMMAND, 0, 0, log_ms=50)  # so the scored ticks begin at 2050 ms
 TICKS_MS = (2000, 2050, 2150, 2250)  # the truth there: 20, 20.5, 21.5, 22.5 mm
+
+
+def _accuracy(logs: RunLogs, scenario: Scenario, hand: Hand) -> dict[str, Scores]:
+    return pooled_accuracy(logs, scenario, [(track_of_hand(logs, scenario, hand), MODEL)])
 
 
 def _at_mm(*x_mm: float | None, name: str) -> list[Record]:
@@ -41,7 +48,7 @@ def test_errors_are_scored_from_2_s_after_the_first_arrival(tmp_path: Path) -> N
     hold = _at_mm(999, 18.5, 19.5, 20.5, name="hold")  # 2 mm behind at each scored tick
     kalman = _at_mm(999, 20.5, None, 23.5, name="innovations_kf")  # 0 mm, none (counts as hold's 2 mm), 1 mm
     logs = write_run(tmp_path, surgeon=TRUTH, patient=[FIRST, *hold, *kalman])
-    accuracy = accuracy_of_hand(logs, a_scenario(), "left", MODEL)
+    accuracy = _accuracy(logs, a_scenario(), "left")
     assert list(accuracy) == ["hold", "innovations_kf"]
     assert accuracy["hold"]["rmse_3d_mm"] == pytest.approx(2)
     assert accuracy["hold"]["ratio_to_hold"] == 1
@@ -59,7 +66,7 @@ def test_estimators_come_in_the_scenarios_order_and_unasked_ones_last(tmp_path: 
     rows = [row for name in names for row in _at_mm(20, 20, 20, 20, name=name)]
     logs = write_run(tmp_path, surgeon=TRUTH, patient=[FIRST, *rows])
     scenario = a_scenario(estimators=["innovations_kf", "hold", "damped_velocity"])
-    assert list(accuracy_of_hand(logs, scenario, "left", MODEL)) == [
+    assert list(_accuracy(logs, scenario, "left")) == [
         "innovations_kf",
         "hold",
         "damped_velocity",
@@ -72,7 +79,7 @@ def test_step_times_are_percentiles_in_us_and_null_where_nobody_measured(tmp_pat
     steps_ns = (10_000, 30_000, 20_000, 400_000)
     kalman = [estimate(k, t, "innovations_kf", (0.02, 0, 0), step_ns=steps_ns[k]) for k, t in enumerate(TICKS_MS)]
     logs = write_run(tmp_path, surgeon=TRUTH, patient=[FIRST, *_at_mm(20, 20, 20, 20, name="hold"), *kalman])
-    accuracy = accuracy_of_hand(logs, a_scenario(), "left", MODEL)
+    accuracy = _accuracy(logs, a_scenario(), "left")
     assert accuracy["innovations_kf"]["step_us"] == {"p50": 20, "p99": 400}
     assert accuracy["hold"]["step_us"] == {"p50": None, "p99": None}
 
@@ -84,8 +91,8 @@ def test_two_hands_are_scored_apart(tmp_path: Path) -> None:
     right = [estimate(k, t, "hold", (0.0, 0.0, 0.205), hand="right") for k, t in enumerate(TICKS_MS)]
     logs = write_run(tmp_path, surgeon=[*TRUTH, *right_truth], patient=[FIRST, *left, *right])
     scenario = a_scenario()
-    assert accuracy_of_hand(logs, scenario, "left", MODEL)["hold"]["rmse_3d_mm"] == pytest.approx(1)
-    found = accuracy_of_hand(logs, scenario, "right", MODEL)["hold"]
+    assert _accuracy(logs, scenario, "left")["hold"]["rmse_3d_mm"] == pytest.approx(1)
+    found = _accuracy(logs, scenario, "right")["hold"]
     assert found["rmse_3d_mm"] == pytest.approx((500 / 3) ** 0.5)  # 0, 10, 20 mm
     assert found["r2_pct"] == [None, None, pytest.approx(100 * (1 - 500 / 200))]
 
@@ -101,10 +108,10 @@ def test_a_servos_arm_is_scored_beside_the_estimators(tmp_path: Path) -> None:
     ]  # 3 mm ahead
     logs = write_run(tmp_path, surgeon=TRUTH, patient=[FIRST, *_at_mm(0, 18.5, 19.5, 20.5, name="hold"), *plant])
     servo = a_scenario(patient={"plant": {"kind": "servo"}})
-    assert accuracy_of_hand(logs, servo, "left", MODEL)["plant"]["rmse_3d_mm"] == pytest.approx(3)
-    assert accuracy_of_hand(logs, servo, "left", MODEL)["plant"]["ratio_to_hold"] == pytest.approx(1.5)
-    assert accuracy_of_hand(logs, servo, "left", MODEL)["plant"]["clamped_pct"] == pytest.approx(25)  # 1 tick of 4
-    assert "plant" not in accuracy_of_hand(logs, a_scenario(), "left", MODEL)
+    assert _accuracy(logs, servo, "left")["plant"]["rmse_3d_mm"] == pytest.approx(3)
+    assert _accuracy(logs, servo, "left")["plant"]["ratio_to_hold"] == pytest.approx(1.5)
+    assert _accuracy(logs, servo, "left")["plant"]["clamped_pct"] == pytest.approx(25)  # 1 tick of 4
+    assert "plant" not in _accuracy(logs, a_scenario(), "left")
 
 
 def test_without_truth_without_estimates_or_without_hold_there_is_no_score(tmp_path: Path) -> None:
@@ -114,13 +121,13 @@ def test_without_truth_without_estimates_or_without_hold_there_is_no_score(tmp_p
     for name, (surgeon, patient) in cases.items():
         (tmp_path / name).mkdir()
         logs = write_run(tmp_path / name, surgeon=surgeon, patient=patient)
-        assert accuracy_of_hand(logs, a_scenario(), "left", MODEL) == {}, name
+        assert _accuracy(logs, a_scenario(), "left") == {}, name
 
 
 def test_without_an_arrival_nothing_is_scored_and_the_figures_are_null(tmp_path: Path) -> None:
     write_log(tmp_path, "netem", [])
     logs = write_run(tmp_path, surgeon=TRUTH, patient=_at_mm(20, 20, 20, 20, name="hold"))
-    entry = accuracy_of_hand(logs, a_scenario(), "left", MODEL)["hold"]
+    entry = _accuracy(logs, a_scenario(), "left")["hold"]
     assert entry["n_scored"] == 0
     assert entry["rmse_3d_mm"] is entry["ratio_to_hold"] is None
 
@@ -145,7 +152,7 @@ def test_nees_is_against_truth_nis_where_the_arms_samples_reached_the_patient(tm
     ]
     hold = [estimate(k, t, "hold", (0.005, 0, 0)) for k, t in enumerate(at_ms)]
     logs = write_run(tmp_path, surgeon=truths, patient=[*arrived, *hold, *stated])
-    accuracy = accuracy_of_hand(logs, a_scenario(), "left", MODEL)
+    accuracy = _accuracy(logs, a_scenario(), "left")
     nees, nis = accuracy["moesp_kf"]["nees"], accuracy["moesp_kf"]["nis"]
     assert (nees["n"], nis["n"]) == (3, 2)
     assert nees["mean"] == [pytest.approx(5 / 3), 0, 0]
