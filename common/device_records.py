@@ -1,8 +1,8 @@
 """Records of devices and arms that join a run by keys: what they did that the figures do not show."""
 
-from typing import Final, Literal
+from typing import Annotated, Final, Literal
 
-from pydantic import Field
+from msgspec import Meta
 
 from tis.common.channels import Hand
 from tis.common.messages import Message
@@ -17,17 +17,20 @@ Refusal = Literal["undecodable", "not_finite", "no_rotation", "backwards", "floo
 DeviceEvent = Literal["first", "silent", "back", "refused"]
 
 
-class DeviceNote(Message):
+class DeviceNote(Message, frozen=True):
     """A change in what a device sends: its first pose, a silence, its return, or a first refusal of each kind."""
 
-    at_ns: int = Field(description="Run time of the tick that noticed it, in ns.")
-    hand: Hand = Field(description="Hand whose device is concerned.")
-    event: DeviceEvent = Field(
-        description="first: its first pose; silent: no pose for longer than silent_after_ms, the last one holds; "
-        "back: poses again; refused: a message was not used, for the first time for this reason."
-    )
-    for_ns: int = Field(description="How long there was no pose, in ns; 0 for first and refused.")
-    reason: str = Field("", max_length=200, description="Reason for a refusal; empty otherwise.")
+    at_ns: Annotated[int, Meta(description="Run time of the tick that noticed it, in ns.")]
+    hand: Annotated[Hand, Meta(description="Hand whose device is concerned.")]
+    event: Annotated[
+        DeviceEvent,
+        Meta(
+            description="first: its first pose; silent: no pose for longer than silent_after_ms, the last one holds; "
+            "back: poses again; refused: a message was not used, for the first time for this reason."
+        ),
+    ]
+    for_ns: Annotated[int, Meta(description="How long there was no pose, in ns; 0 for first and refused.")]
+    reason: Annotated[str, Meta(max_length=200, description="Reason for a refusal; empty otherwise.")] = ""
 
 
 DEVICES: Final = Topic("/tis/devices", DeviceNote, stamps=("at_ns",))

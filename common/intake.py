@@ -5,11 +5,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from pydantic import ValidationError
+from msgspec import DecodeError
 
 from tis.common.channels import Channel
 from tis.common.header import Header
-from tis.common.messages import Pose
+from tis.common.messages import Pose, decode
 from tis.common.node import Arrival, Record
 from tis.common.records import REJECTED, Rejected
 from tis.common.units import NS_PER_S
@@ -103,11 +103,9 @@ class Intake:
         if len(arrival.payload) > _MAX_BYTES:
             return self._reject(arrival, f"the payload has more than {_MAX_BYTES} bytes")
         try:
-            message = channel.payload.model_validate_json(arrival.payload)
-        except ValidationError as error:
-            return self._reject(
-                arrival, f"the payload is no {channel.payload.__name__}: {error.error_count()} faults"
-            )
+            message = decode(arrival.payload, channel.payload)
+        except DecodeError:
+            return self._reject(arrival, f"the payload is no {channel.payload.__name__}")
         if not 0 <= message.sample_ns <= arrival.recv_ns + _MAX_LEAD_NS:
             return self._reject(arrival, "the sample instant lies outside the run")
         content = hash((header.sent_ns, arrival.payload))

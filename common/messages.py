@@ -3,10 +3,11 @@
 Sequence number and send time travel in the attachment (`tis.common.header`), outside the payload.
 """
 
+from collections.abc import Callable, Mapping
 from itertools import pairwise
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, Any, Final, Literal, TypeVar, get_args, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, FailFast, Field, model_validator
+from msgspec import DecodeError, Meta, Struct, json
 
 MAX_SIZE: Final = 1e9
 """Size of the largest number in a message. In metres it lies beyond the Moon; sums of its squares do not overflow."""
@@ -17,107 +18,135 @@ _MAX_STAMP: Final = 1 << 62
 MAX_HISTORY: Final = 256
 """Number of earlier poses in a message."""
 
-Finite = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-MAX_SIZE, le=MAX_SIZE)]
+Finite = Annotated[float, Meta(ge=-MAX_SIZE, le=MAX_SIZE)]
+Instant = Annotated[int, Meta(ge=-_MAX_STAMP, le=_MAX_STAMP)]
 
 
-class Message(BaseModel):
-    """Base of every payload: immutable, no unknown fields, finite numbers up to `MAX_SIZE` only."""
+class Message(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
+    """Base of every payload: immutable, no unknown fields, finite numbers up to `MAX_SIZE` only.
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    `decode` checks the fields; what a side computes is checked where it is computed, as a message is built at each
+    tick. No message refers to itself, so the garbage collector need not follow them.
+    """
 
 
-class Vector3(Message):
+Decoded = TypeVar("Decoded", bound=Message)
+
+encode: Final[Callable[[Message], bytes]] = json.Encoder().encode
+"""Return a message's JSON."""
+
+
+def decode(payload: bytes, model: type[Decoded]) -> Decoded:
+    """Return the message in a payload; raises `msgspec.DecodeError` for whatever is none."""
+    try:
+        return json.decode(payload, type=model)
+    except (UnicodeError, RecursionError) as error:
+        raise DecodeError(str(error)) from None
+
+
+def field_types(model: type[Message]) -> dict[str, Any]:
+    """Return the type of each field, without its bounds."""
+    return get_type_hints(model)
+
+
+def meanings(model: type[Message]) -> Mapping[str, str]:
+    """Return the description of each field; "" without one."""
+    hints = get_type_hints(model, include_extras=True)
+    notes = {name: [one for one in get_args(hint) if isinstance(one, Meta)] for name, hint in hints.items()}
+    return {name: next((note.description for note in found if note.description), "") for name, found in notes.items()}
+
+
+class Vector3(Message, frozen=True):
     """A vector in Cartesian coordinates; the unit is that of the field."""
 
-    x: Finite = Field(description="Component along x.")
-    y: Finite = Field(description="Component along y.")
-    z: Finite = Field(description="Component along z.")
+    x: Annotated[Finite, Meta(description="Component along x.")]
+    y: Annotated[Finite, Meta(description="Component along y.")]
+    z: Annotated[Finite, Meta(description="Component along z.")]
 
 
-class Quaternion(Message):
+class Quaternion(Message, frozen=True):
     """A unit quaternion, scalar last."""
 
-    x: Finite = Field(description="Vector part, x.")
-    y: Finite = Field(description="Vector part, y.")
-    z: Finite = Field(description="Vector part, z.")
-    w: Finite = Field(description="Scalar part.")
+    x: Annotated[Finite, Meta(description="Vector part, x.")]
+    y: Annotated[Finite, Meta(description="Vector part, y.")]
+    z: Annotated[Finite, Meta(description="Vector part, z.")]
+    w: Annotated[Finite, Meta(description="Scalar part.")]
 
 
-class Pose(Message):
+class Pose(Message, frozen=True):
     """A Cartesian pose of a tool tip, as in CRTK's ``measured_cp`` and ``setpoint_cp``."""
 
-    sample_ns: int = Field(
-        strict=True,
-        ge=-_MAX_STAMP,
-        le=_MAX_STAMP,
-        description="Run time at which the pose was sampled, or that it is estimated for, in ns.",
-    )
-    position_m: Vector3 = Field(description="Position of the tool tip, in m.")
-    orientation: Quaternion = Field(description="Orientation of the tool tip.")
-    gripper_rad: Finite = Field(description="Opening angle of the gripper, in rad.")
+    sample_ns: Annotated[
+        Instant,
+        Meta(
+            description="Run time at which the pose was sampled, or that it is estimated for, in ns.",
+        ),
+    ]
+    position_m: Annotated[Vector3, Meta(description="Position of the tool tip, in m.")]
+    orientation: Annotated[Quaternion, Meta(description="Orientation of the tool tip.")]
+    gripper_rad: Annotated[Finite, Meta(description="Opening angle of the gripper, in rad.")]
 
 
-class SampledPose(Pose):
+class SampledPose(Pose, frozen=True, omit_defaults=True):
     """A pose of a sampled stream and, where the scenario configures a history, the poses before it.
 
     Without a history the payload holds the fields of `Pose` only.
     """
 
-    history: Annotated[tuple[Pose, ...], FailFast()] = Field(
-        (), max_length=MAX_HISTORY, description="Poses sampled before this one, by ascending sample_ns."
-    )
+    history: Annotated[
+        tuple[Pose, ...],
+        Meta(max_length=MAX_HISTORY, description="Poses sampled before this one, by ascending sample_ns."),
+    ] = ()
 
-    @model_validator(mode="after")
-    def _in_order(self) -> Self:
+    def __post_init__(self) -> None:
         if self.history:
             instants = [*(pose.sample_ns for pose in self.history), self.sample_ns]
             if instants[0] < 0 or any(later <= sooner for sooner, later in pairwise(instants)):
                 raise ValueError("history must be ordered by sample instant, and before the pose's own")
-        return self
-
-    def payload(self) -> bytes:
-        """Return the payload's bytes."""
-        return self.model_dump_json(exclude=None if self.history else {"history"}).encode()
 
 
-class FeedbackPose(Pose):
+class FeedbackPose(Pose, frozen=True):
     """A pose from the patient's side, with the command that it answers, from which the round trip is measured."""
 
-    tick: int = Field(strict=True, ge=0, le=_MAX_STAMP, description="Number of the patient's tick, from 0.")
-    command_sample_ns: int | None = Field(
-        strict=True,
-        ge=-_MAX_STAMP,
-        le=_MAX_STAMP,
-        description="Sample instant of the newest command at that tick, in ns; null: none has arrived.",
-    )
+    tick: Annotated[int, Meta(ge=0, le=_MAX_STAMP, description="Number of the patient's tick, from 0.")]
+    command_sample_ns: Annotated[
+        Instant | None,
+        Meta(
+            description="Sample instant of the newest command at that tick, in ns; null: none has arrived.",
+        ),
+    ]
 
 
 SafetyMode = Literal["tracking", "resuming", "hold", "slow_stop", "safe"]
 
 
-class SetPoint(Pose):
+class SetPoint(Pose, frozen=True):
     """The pose that drives the patient's arm, as in CRTK's ``servo_cp``: the active estimate within its limits."""
 
-    hand: Literal["left", "right"] = Field(description="Hand whose arm is driven.")
-    tick: int = Field(ge=0, description="Number of the patient's tick, from 0.")
-    mode: SafetyMode = Field(description="Safety state: tracking, resuming, hold, slow_stop or safe.")
-    age_ns: int | None = Field(description="Age of the newest sample, in ns; null: none has arrived.")
+    hand: Annotated[Literal["left", "right"], Meta(description="Hand whose arm is driven.")]
+    tick: Annotated[int, Meta(ge=0, description="Number of the patient's tick, from 0.")]
+    mode: Annotated[SafetyMode, Meta(description="Safety state: tracking, resuming, hold, slow_stop or safe.")]
+    age_ns: Annotated[int | None, Meta(description="Age of the newest sample, in ns; null: none has arrived.")]
 
 
-class PredictedPose(Pose):
+class PredictedPose(Pose, frozen=True):
     """The pose at which the surgeon's display draws the arm when the newest command has taken effect.
 
     The position is predicted; orientation and gripper are those of that command. Sampled when the command was.
     """
 
-    hand: Literal["left", "right"] = Field(description="Hand whose arm is displayed.")
-    tick: int = Field(ge=0, description="Number of the surgeon's tick, from 0, which is that of the command.")
-    shown_tick: int = Field(ge=0, description="Number of the patient's tick whose feedback is displayed beside it.")
-    shown_m: Vector3 = Field(description="Position of the arm in that feedback, in m.")
-    command_ns: int = Field(description="Sample instant of the newest command behind that feedback, in ns.")
-    round_trip_ns: int = Field(
-        description="Time from that command to the arrival of the feedback, by the surgeon's clock, in ns."
-    )
+    hand: Annotated[Literal["left", "right"], Meta(description="Hand whose arm is displayed.")]
+    tick: Annotated[
+        int, Meta(ge=0, description="Number of the surgeon's tick, from 0, which is that of the command.")
+    ]
+    shown_tick: Annotated[
+        int, Meta(ge=0, description="Number of the patient's tick whose feedback is displayed beside it.")
+    ]
+    shown_m: Annotated[Vector3, Meta(description="Position of the arm in that feedback, in m.")]
+    command_ns: Annotated[int, Meta(description="Sample instant of the newest command behind that feedback, in ns.")]
+    round_trip_ns: Annotated[
+        int, Meta(description="Time from that command to the arrival of the feedback, by the surgeon's clock, in ns.")
+    ]
 
 
 def position_m(pose: Pose) -> tuple[float, float, float]:

@@ -4,10 +4,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from pydantic import BaseModel
-
 from tis.common.channels import Network
 from tis.common.header import Header
+from tis.common.messages import Message
 from tis.common.peer_life import Alarm
 
 
@@ -27,8 +26,8 @@ class Record:
 
     topic: str
     log_ns: int
-    data: BaseModel | bytes
-    schema: type[BaseModel] | None = None
+    data: Message | bytes
+    schema: type[Message] | None = None
     publish_ns: int | None = None
     seq: int = 0
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Annotated, Final, Literal, NamedTuple
 
-from pydantic import Field
+from msgspec import Meta
+from msgspec import field as struct_field
 
 from tis.common.channels import Side
 from tis.common.messages import Message
@@ -47,26 +48,30 @@ _MAX_DRIFT_NS: Final = NS_PER_MS
 _MAX_STAMP_NS: Final = 1 << 60
 """Size of the largest instant: 36 years. Differences of differences still fit a log."""
 
-Stamp = Annotated[int, Field(ge=-_MAX_STAMP_NS, le=_MAX_STAMP_NS)]
+Stamp = Annotated[int, Meta(ge=-_MAX_STAMP_NS, le=_MAX_STAMP_NS)]
 
 
-class Beat(Message):
+class Beat(Message, frozen=True):
     """A sign of life of one side."""
 
-    side: Side = Field(description="Side that sends it.")
-    at_ns: Stamp = Field(description="Its run time, in ns.")
-    loop_ns: Stamp = Field(description="Run time of its loop's last turn, in ns.")
-    doing: str = Field("", max_length=200, description="What the loop does in this turn, where that may take long.")
-    views: dict[Side, View] = Field(
-        default_factory=dict, max_length=3, description="What netem knows of other sides that are not well."
-    )
-    alarms: dict[Alarm, Stamp] = Field(
-        default_factory=dict,
-        max_length=8,
-        description="What the side has evidence of, and the run time at which it began, in ns. conflict: samples of "
-        "the surgeon came in two versions; foreign_set_point: somebody else sends set points; foreign_release: a "
-        "release came from another than the stopper; stop_flood: requests to stop or to release flood it.",
-    )
+    side: Annotated[Side, Meta(description="Side that sends it.")]
+    at_ns: Annotated[Stamp, Meta(description="Its run time, in ns.")]
+    loop_ns: Annotated[Stamp, Meta(description="Run time of its loop's last turn, in ns.")]
+    doing: Annotated[
+        str, Meta(max_length=200, description="What the loop does in this turn, where that may take long.")
+    ] = ""
+    views: Annotated[
+        dict[Side, View], Meta(max_length=3, description="What netem knows of other sides that are not well.")
+    ] = struct_field(default_factory=dict)
+    alarms: Annotated[
+        dict[Alarm, Stamp],
+        Meta(
+            max_length=8,
+            description="What the side has evidence of, and the run time at which it began, in ns. conflict: samples of "
+            "the surgeon came in two versions; foreign_set_point: somebody else sends set points; foreign_release: a "
+            "release came from another than the stopper; stop_flood: requests to stop or to release flood it.",
+        ),
+    ] = struct_field(default_factory=dict)
 
 
 class Change(NamedTuple):

@@ -3,7 +3,7 @@
 import hashlib
 from typing import Annotated, Final, Literal
 
-from pydantic import Field
+from msgspec import Meta
 
 from tis.common.messages import Message
 
@@ -28,43 +28,53 @@ StopRefusal = Literal[
 ]
 """Reason for which a request is not carried out; "": it is, or it asks for nothing."""
 
-_Number = Annotated[int, Field(ge=0, lt=N_NUMBERS)]
+_Number = Annotated[int, Meta(ge=0, lt=N_NUMBERS)]
 
 
-class EmergencyStop(Message):
+class EmergencyStop(Message, frozen=True):
     """A request to stop the arms now, or to end one stop; one that ends none asks for the state."""
 
-    stop: bool = Field(strict=True, description="true: stop; false: release.")
-    reason: str = Field("", max_length=200, description="Text for the log.")
-    number: _Number = Field(0, description="Number of the request, by which its answer is known.")
-    lock: str = Field(
-        "",
-        pattern=r"^([0-9a-f]{64})?$",
-        description="In a stop: SHA-256 of a secret that only the stopper knows, in hex; empty: none.",
-    )
-    ends: _Number = Field(0, description="In a release: number of the stop that it ends; 0: it ends none, and asks.")
-    secret: str = Field("", max_length=64, description="In a release: the secret of that stop.")
+    stop: Annotated[bool, Meta(description="true: stop; false: release.")]
+    reason: Annotated[str, Meta(max_length=200, description="Text for the log.")] = ""
+    number: Annotated[_Number, Meta(description="Number of the request, by which its answer is known.")] = 0
+    lock: Annotated[
+        str,
+        Meta(
+            pattern=r"^([0-9a-f]{64})?\Z",
+            description="In a stop: SHA-256 of a secret that only the stopper knows, in hex; empty: none.",
+        ),
+    ] = ""
+    ends: Annotated[
+        _Number, Meta(description="In a release: number of the stop that it ends; 0: it ends none, and asks.")
+    ] = 0
+    secret: Annotated[str, Meta(max_length=64, description="In a release: the secret of that stop.")] = ""
 
 
-class StopState(Message):
+class StopState(Message, frozen=True, kw_only=True):
     """The state of the arms when a request was read; it answers the request, whether carried out or not."""
 
-    number: _Number = Field(description="Number of the request.")
-    stop: bool = Field(strict=True, description="true: the arms are stopped; false: they are not.")
-    led_by: _Number = Field(description="Number of the request that last stopped or released them; 0: none did.")
-    under: _Number = Field(description="Number under which the requested stop is in force; 0: it is not.")
-    in_force: Annotated[tuple[_Number, ...], Field(max_length=MAX_IN_FORCE + 1)] = Field(
-        description="Numbers of the stops in force, the oldest first."
-    )
+    number: Annotated[_Number, Meta(description="Number of the request.")]
+    stop: Annotated[bool, Meta(description="true: the arms are stopped; false: they are not.")]
+    led_by: Annotated[
+        _Number, Meta(description="Number of the request that last stopped or released them; 0: none did.")
+    ]
+    under: Annotated[_Number, Meta(description="Number under which the requested stop is in force; 0: it is not.")]
+    in_force: Annotated[
+        tuple[_Number, ...],
+        Meta(max_length=MAX_IN_FORCE + 1, description="Numbers of the stops in force, the oldest first."),
+    ]
     reasons: Annotated[
-        tuple[Annotated[str, Field(max_length=MAX_REASON_CHARS)], ...], Field(max_length=MAX_REASONS)
-    ] = Field(description="Beginnings of the reasons of the first of them.")
-    latched: bool = Field(strict=True, description="true: an arm stands until a release ends its latch.")
-    shared: bool = Field(
-        False, strict=True, description="true: ``under`` is in force for all stops beyond 64, and has no secret."
-    )
-    release: ReleaseRule = Field(description="Who may release: anyone, stopper or named.")
-    refused: StopRefusal = Field(description="Why the request was not carried out; empty: it was, or it asked only.")
+        tuple[Annotated[str, Meta(max_length=MAX_REASON_CHARS)], ...],
+        Meta(max_length=MAX_REASONS, description="Beginnings of the reasons of the first of them."),
+    ]
+    latched: Annotated[bool, Meta(description="true: an arm stands until a release ends its latch.")]
+    shared: Annotated[
+        bool, Meta(description="true: ``under`` is in force for all stops beyond 64, and has no secret.")
+    ] = False
+    release: Annotated[ReleaseRule, Meta(description="Who may release: anyone, stopper or named.")]
+    refused: Annotated[
+        StopRefusal, Meta(description="Why the request was not carried out; empty: it was, or it asked only.")
+    ]
 
 
 def lock_of(secret: str) -> str:

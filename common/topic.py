@@ -56,7 +56,7 @@ class Topic(str):
     ) -> Self:
         """Return the topic of a key."""
         self = super().__new__(cls, key)
-        self.model, self.fields = model, tuple(fields or model.model_fields)
+        self.model, self.fields = model, tuple(fields or model.__struct_fields__)
         self.stamps, self.samples = tuple(stamps), tuple(samples)
         self.is_group, self.is_frequent, self.is_recomputable = is_group, is_frequent, is_recomputable
         self.table = key.rpartition("/")[2] if table is None else table

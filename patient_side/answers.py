@@ -6,7 +6,7 @@ from typing import Self
 
 from tis.common.channels import Channel, Hand
 from tis.common.header import Header
-from tis.common.messages import FeedbackPose, Vector3
+from tis.common.messages import FeedbackPose, Vector3, encode
 from tis.common.node import Emission, Record
 from tis.common.records import ESTIMATOR_FAULTS, FAULTY_STEPS, EstimateNote, EstimatorFault
 from tis.patient_side.estimators.guarded import Guarded
@@ -27,7 +27,7 @@ def answer(
         tick=k,
         command_sample_ns=None if hand.freshest is None else hand.freshest.sample_ns,
     )
-    payload = message.model_dump_json().encode()
+    payload = encode(message)
 
     def on_sent(sent_ns: int) -> Sequence[Record]:
         return (Record(key, sent_ns, payload, channel.payload, sent_ns, number),)

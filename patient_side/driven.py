@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from math import inf
 
-from pydantic import ValidationError
+from msgspec import DecodeError
 
 from tis.common.header import Header
-from tis.common.messages import SafetyMode, SetPoint, Vector3, components, position_m
+from tis.common.messages import SafetyMode, SetPoint, Vector3, components, decode, encode, position_m
 from tis.common.node import Arrival, Emission, Record
 from tis.common.records import REJECTED, Rejected
 from tis.common.safety_records import QUARANTINE, SAFETY, QuarantineNote, SafetyNote
@@ -58,7 +58,7 @@ def set_point(session: str, hand: PatientHand, place: Place, wrist: Wrist, tick:
         mode=hand.safety_state.mode,
         age_ns=_age_ns(hand, t_ns),
     )
-    payload = message.model_dump_json().encode()
+    payload = encode(message)
 
     def on_sent(sent_ns: int) -> Sequence[Record]:
         return (Record(key, sent_ns, payload, channel.payload, sent_ns, tick),)
@@ -71,8 +71,8 @@ def left_place(payload: bytes | None) -> Left | None:
     if payload is None:
         return None
     try:
-        last = SetPoint.model_validate_json(payload)
-    except ValidationError:
+        last = decode(payload, SetPoint)
+    except DecodeError:
         return None
     turn = components(last.orientation)
     wrist = point.WristPose(turn, last.gripper_rad) if is_orientation(turn) else None
@@ -86,8 +86,8 @@ def foreign_set_point(hand: PatientHand, arrival: Arrival) -> Sequence[Record]:
         return ()
     header = Header.unpack(arrival.attachment)
     try:
-        sent = SetPoint.model_validate_json(arrival.payload)
-    except ValidationError:
+        sent = decode(arrival.payload, SetPoint)
+    except DecodeError:
         head = arrival.payload[:32].hex()
         note = Rejected(key=arrival.key, recv_ns=arrival.recv_ns, reason="a foreign set point", head_hex=head)
         return (Record(REJECTED, arrival.recv_ns, note),)

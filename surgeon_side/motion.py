@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, NamedTuple, Protocol
 
 from tis.common.channels import Channel, HandChannels
-from tis.common.messages import Pose, Quaternion, SampledPose, Vector3
+from tis.common.messages import Pose, Quaternion, SampledPose, Vector3, encode
 from tis.common.node import Arrival, Record
 from tis.common.sources.sensor_noise import Error, SensorNoise
 from tis.common.sources.trajectory import PoseTrack, Recording
@@ -155,11 +155,12 @@ class Samples:
             error = NO_ERROR if self._noise is None else self._noise.error(key, k)
             pose = pose_at(where, sample_ns, error)
             if self._n_earlier:
-                sampled = SampledPose.model_construct(**dict(pose), history=tuple(earlier))
-                messages.append(SampleMessage(channel, key, sampled, sampled.payload()))
+                own = pose.sample_ns, pose.position_m, pose.orientation, pose.gripper_rad
+                sampled = SampledPose(*own, history=tuple(earlier))
+                messages.append(SampleMessage(channel, key, sampled, encode(sampled)))
                 earlier.append(pose)
             else:
-                messages.append(SampleMessage(channel, key, pose, pose.model_dump_json().encode()))
+                messages.append(SampleMessage(channel, key, pose, encode(pose)))
         return messages
 
 

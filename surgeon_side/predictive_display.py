@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from tis.common.channels import Channel, Hand, HandChannels
 from tis.common.header import Header
-from tis.common.messages import MAX_SIZE, FeedbackPose, Pose, PredictedPose, Vector3, position_m
+from tis.common.messages import MAX_SIZE, FeedbackPose, Pose, PredictedPose, Vector3, encode, position_m
 from tis.common.node import Emission, Record
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.surgeon_side.commanded_arm import CommandedArm, Place, Servo
@@ -200,7 +200,7 @@ class Displays:
                 display.command(tick, message.message)
                 predicted = display.show(tick, message.message) if tick % self._every == 0 else None
                 if predicted is not None:
-                    shown.append(_emission(channel, key, tick, predicted.model_dump_json().encode()))
+                    shown.append(_emission(channel, key, tick, encode(predicted)))
         return shown
 
 

@@ -5,10 +5,11 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from msgspec.structs import replace
 
 from tis.common.channels import Network, hand_channels
 from tis.common.header import Header
-from tis.common.messages import Pose, Quaternion, Vector3
+from tis.common.messages import Pose, Quaternion, Vector3, encode
 from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 
@@ -33,8 +34,8 @@ def an_arrival(
 ) -> Arrival:
     attachment = Header(stamp.seq, stamp.sent_ns).pack() if isinstance(stamp, Stamp) else stamp
     if isinstance(pose, Pose):
-        stamped = pose.model_copy(update={"sample_ns": stamp.sample_ns}) if isinstance(stamp, Stamp) else pose
-        payload = stamped.model_dump_json().encode()
+        stamped = replace(pose, sample_ns=stamp.sample_ns) if isinstance(stamp, Stamp) else pose
+        payload = encode(stamped)
     else:
         payload = pose
     return Arrival(network, key, payload, attachment, recv_ns)

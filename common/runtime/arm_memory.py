@@ -13,9 +13,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final, NamedTuple, Self
 
-from pydantic import BaseModel
-
 from tis.common.errors import DataError, Fault
+from tis.common.messages import Message, encode
 from tis.common.node import Record
 from tis.common.runtime.loop import Recorder
 
@@ -73,7 +72,7 @@ class ArmMemory:
         number = self._numbers.get(record.topic)
         if number is None or self._page is None:
             return
-        data = record.data.model_dump_json().encode() if isinstance(record.data, BaseModel) else record.data
+        data = encode(record.data) if isinstance(record.data, Message) else record.data
         if len(data) > _SLOT_BYTES - _HEAD.size:
             return
         self._numbers[record.topic] = number = number + 1

@@ -5,20 +5,22 @@ from functools import cache
 from types import ModuleType
 from typing import Any
 
-from pydantic import BaseModel
+import msgspec
+
+from tis.common.messages import Message
 
 
 @cache
-def flat_schema(model: type[BaseModel]) -> bytes:
+def flat_schema(model: type[Message]) -> bytes:
     """Return the model's JSON Schema with definitions inlined and ``X | None`` written as ``X``."""
-    schema = model.model_json_schema()
-    return json.dumps(_inline(schema, schema.get("$defs", {}))).encode()
+    (schema,), definitions = msgspec.json.schema_components([model], ref_template="{name}")
+    return json.dumps(_inline(schema, definitions)).encode()
 
 
 def prepare_schemas(module: ModuleType) -> None:
     """Compute the schemas of all models of a module in advance: each takes milliseconds, too long for a tick."""
     for value in vars(module).values():
-        if isinstance(value, type) and issubclass(value, BaseModel) and value is not BaseModel:
+        if isinstance(value, type) and issubclass(value, Message) and value is not Message:
             flat_schema(value)
 
 
@@ -28,10 +30,10 @@ def _inline(node: Any, definitions: dict[str, Any]) -> Any:
     if not isinstance(node, dict):
         return node
     if "$ref" in node:
-        return _inline(definitions[node["$ref"].removeprefix("#/$defs/")], definitions)
+        return _inline(definitions[node["$ref"]], definitions)
     # X | None becomes X; its description and other keywords stay, a default null goes.
     if "anyOf" in node:
         chosen = next(branch for branch in node["anyOf"] if branch.get("type") != "null")
         rest = {key: value for key, value in node.items() if key not in ("anyOf", "default")}
         return _inline(chosen | rest, definitions)
-    return {key: _inline(value, definitions) for key, value in node.items() if key != "$defs"}
+    return {key: _inline(value, definitions) for key, value in node.items()}

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Final, Self
 
 import numpy as np
-from pydantic import BaseModel
 
 from tis.common.errors import DataError, Fault
+from tis.common.messages import Message, encode
 from tis.common.node import Record
 from tis.common.runtime.chunk_writer import MESSAGE_HEAD_BYTES, QUICK, THOROUGH, ChunkWriter, encode_message
 from tis.common.runtime.json_schema import flat_schema
@@ -50,7 +50,7 @@ class McapLog:
         self._log_ns: list[int] = []
         self._n_bytes = 0
         self._channels: dict[str, int] = {}
-        self._schemas: dict[type[BaseModel], int] = {}
+        self._schemas: dict[type[Message], int] = {}
 
     @property
     def path(self) -> Path:
@@ -68,9 +68,9 @@ class McapLog:
     def record(self, record: Record) -> None:
         """Write one record."""
         data, schema = record.data, record.schema
-        if isinstance(data, BaseModel):
+        if isinstance(data, Message):
             schema = type(data)
-            data = data.model_dump_json().encode()
+            data = encode(data)
         channel = self._channels.get(record.topic)
         if channel is None:
             channel = self._register(record.topic, schema)
@@ -124,7 +124,7 @@ class McapLog:
         every_ns = self._flush_every_ns
         return every_ns is not None and bool(self._log_ns) and log_ns - self._log_ns[0] >= every_ns
 
-    def _register(self, topic: str, schema: type[BaseModel] | None) -> int:
+    def _register(self, topic: str, schema: type[Message] | None) -> int:
         schema_id = 0
         if schema is not None:
             if schema not in self._schemas:

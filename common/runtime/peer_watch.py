@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Any, Final, get_args
 
 import zenoh
-from pydantic import ValidationError
+from msgspec import DecodeError
 
 from tis.common.channels import SIDE_ON, Network, Side
+from tis.common.messages import decode, encode
 from tis.common.node import Record
 from tis.common.peer_life import BEAT_EVERY_NS, NO_ALARMS, Alarm, Beat, Change, PeerLife, View, described
 from tis.common.records import PEERS, PeerNote
@@ -67,7 +68,7 @@ class Beats:
 
     def send(self, beat: Beat) -> None:
         """Send this side's beat on each of its networks; a full queue drops it."""
-        payload = beat.model_dump_json()
+        payload = encode(beat)
         for publisher in self._own:
             publisher.put(payload)
 
@@ -86,8 +87,8 @@ class Beats:
                 return
             payload = sample.payload.to_bytes()
             try:
-                beat = Beat.model_validate_json(payload)
-            except ValidationError:
+                beat = decode(payload, Beat)
+            except DecodeError:
                 return
             if str(sample.key_expr) != self._keys.beat(beat.side) or home not in (None, beat.side):
                 return
@@ -148,8 +149,7 @@ class PeerWatch:
                 self._lives[beat.side].hear(beat, now_ns)
         found += self._look_at_others(now_ns)
         views = self._unwell() if self._side == "netem" else {}
-        told = {"views": views, "alarms": dict(alarms)}
-        self._beats.send(Beat(side=self._side, at_ns=now_ns, loop_ns=loop_ns, doing=doing, **told))
+        self._beats.send(Beat(self._side, now_ns, loop_ns, doing, views, dict(alarms)))
         return found
 
     def own_changes(self) -> list[Change]:

@@ -15,8 +15,9 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Final, Protocol
 
-from pydantic import BaseModel
+from msgspec.structs import astuple
 
+from tis.common.messages import Message
 from tis.common.node import Record
 from tis.common.records import COUNTERS, TICKS, UNRECORDED, CounterNote
 from tis.common.runtime.loop import Recorder
@@ -178,7 +179,9 @@ class ThreadedRecorder:
     def _made(self, make: Callable[[], Iterable[Record]]) -> list[Record]:
         """Return the records of a batch, and remember how large it is."""
         records = list(make())
-        columns = (column for record in records if isinstance(record.data, BaseModel) for _, column in record.data)
+        columns = (
+            column for record in records if isinstance(record.data, Message) for column in astuple(record.data)
+        )
         n_rows = sum(len(column) for column in columns if isinstance(column, tuple)) // _N_COLUMNS
         self._batch_bytes = max(self._batch_bytes, _ROW_BYTES * n_rows)
         return records

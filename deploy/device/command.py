@@ -11,6 +11,7 @@ from typing import Final, get_args
 import zenoh
 
 from tis.common.errors import EXIT_OK, Fault, InputError, PeerError
+from tis.common.messages import encode
 from tis.common.runtime.control import ControlKeys
 from tis.common.runtime.process import Interrupt, child_environment
 from tis.common.runtime.side_cli import endpoints_for
@@ -96,7 +97,7 @@ def _publish(inputs: Inputs, session: zenoh.Session, key: str, rate_hz: int, nam
         stamp_ns = time.monotonic_ns()
         handle = inputs.read(stamp_ns - before_ns)
         before_ns = stamp_ns
-        publisher.put(handle.pose(stamp_ns).model_dump_json())
+        publisher.put(encode(handle.pose(stamp_ns)))
         n_sent += 1
         over.wait(max(0.0, (stamp_ns + NS_PER_S // rate_hz - time.monotonic_ns()) / NS_PER_S))
     watch.undeclare()  # type: ignore[no-untyped-call]

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, NamedTuple, get_args
 
 from tis.common.channels import Side
+from tis.common.messages import meanings
 from tis.common.topic import Topic
 from tis.common.topics import LOCAL, TOPICS
 
@@ -119,13 +120,14 @@ def _topic(table: str) -> Topic | None:
 
 def _meaning(table: str, name: str) -> str:
     topic = _topic(table)
-    fields = {} if topic is None else topic.model.model_fields
+    told = {} if topic is None else meanings(topic.model)
     texts = _DERIVED[table][1] if table in _DERIVED else {}
     of_axis = _AXIS.fullmatch(name)
-    vector = fields.get(f"{of_axis[1]}{of_axis[3] or ''}") if of_axis else None
-    found = fields.get(name, vector)
-    if found is not None and found.description:
-        return f"{found.description} Component {of_axis[2]}." if found is vector and of_axis else found.description
+    if told.get(name):
+        return told[name]
+    vector = told.get(f"{of_axis[1]}{of_axis[3] or ''}") if of_axis else None
+    if vector and of_axis:
+        return f"{vector} Component {of_axis[2]}."
     by_name = (text.format(*match.groups()) for pattern, text in _BY_NAME if (match := pattern.fullmatch(name)))
     return texts.get(name) or _ADDED.get(name) or next(by_name, "")
 

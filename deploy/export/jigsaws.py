@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from pydantic import ValidationError
+from msgspec import DecodeError
 
 from tis.common.channels import FOLLOWER, Channel, Hand, Side
 from tis.common.errors import DataError, Fault, InputError
-from tis.common.messages import Pose, position_m
+from tis.common.messages import Pose, decode, position_m
 from tis.common.runtime.chunk_writer import by_channel
 from tis.common.scenario import Scenario
 from tis.common.sources.jigsaws import MIN_ROWS, RATE_HZ, trial_text
@@ -100,8 +100,8 @@ def _blocks(run_dir: Path, side: Side) -> Iterator[tuple[LogFile, Block]]:
 
 def _pose(model: type[Pose], payload: bytes, key: str) -> Pose:
     try:
-        pose = model.model_validate_json(payload)
-    except ValidationError:
+        pose = decode(payload, model)
+    except DecodeError:
         raise other_version(key) from None
     turn = pose.orientation
     if abs(pose.sample_ns) > MAX_NUMBER or not 0.5 < math.hypot(turn.x, turn.y, turn.z, turn.w) < 2:

@@ -10,10 +10,11 @@ from types import TracebackType
 from typing import Final, NamedTuple, Self
 
 import zenoh
-from pydantic import ValidationError
+from msgspec import DecodeError
 
 from tis.common.channels import release_key, stop_key, stopped_key
 from tis.common.errors import Fault, InputError, PeerError
+from tis.common.messages import decode, encode
 from tis.common.runtime.emulator_client import EmulatorAddress, connected
 from tis.common.runtime.zenoh_session import publisher_of
 from tis.common.stop_messages import LATCH, EmergencyStop, StopState, lock_of
@@ -51,7 +52,7 @@ class StopLine:
         A release travels on a key of its own, as not everybody may use it; a question travels with the stops.
         """
         publisher = self._releases if request.ends else self._stops
-        self._awaited, payload, begun_s = request.number, request.model_dump_json(), time.monotonic()
+        self._awaited, payload, begun_s = request.number, encode(request), time.monotonic()
         while time.monotonic() - begun_s < TIME_OUT_S:
             publisher.put(payload)
             with suppress(queue.Empty):
@@ -65,8 +66,8 @@ class StopLine:
 
     def _hear(self, sample: zenoh.Sample) -> None:
         try:
-            state = StopState.model_validate_json(sample.payload.to_bytes())
-        except ValidationError:
+            state = decode(sample.payload.to_bytes(), StopState)
+        except DecodeError:
             return
         if str(sample.key_expr) != self._key:
             return

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Final, NamedTuple, get_args
 
 import numpy as np
+from msgspec import convert
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
@@ -115,7 +116,7 @@ def run_records(run_dir: Path) -> dict[Direction, DirectionRecord]:
     logs = RunLogs(run_dir, {"netem": log})
     with_foreign = folder.SCENARIO_FILE not in log.attachments
     network, seed = _recorded_network(run_dir, path, log.attachments, log.metadata)
-    notes = [ControlNote.model_validate(row) for row in logs.of("netem", CONTROL)]
+    notes = [convert(row, ControlNote) for row in logs.of("netem", CONTROL)]
     about = {} if log.coverage.problem is None else {"lack": log.coverage.problem}
     if network.states is not None:
         names = ", ".join(state.name for state in network.states.states)

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from pydantic import ValidationError
+from msgspec import DecodeError, to_builtins
 from pydantic_core import from_json
 
 from tis.common.channels import direction_of, is_set_point
 from tis.common.errors import DataError, Fault
 from tis.common.header import Header
-from tis.common.messages import Pose, Quaternion, Vector3
+from tis.common.messages import Pose, Quaternion, Vector3, decode, encode
 from tis.common.node import Arrival, Emission, Record
 from tis.common.records import COUNTERS, ESTIMATES, ORIENTATIONS, PROMPT, TICKS, UNRECORDED
 from tis.common.runtime.arm_memory import RESUMED_FILE, parse_resumed
@@ -101,7 +101,7 @@ class Estimates:
     def record(self, record: Record) -> None:
         """Keep an estimate or a set point."""
         if is_set_point(record.topic) or _is_estimate(record.topic):
-            row = from_json(record.data) if isinstance(record.data, bytes) else record.data.model_dump()
+            row = from_json(record.data) if isinstance(record.data, bytes) else to_builtins(record.data)
             self.rows[_address(row)] = _value(row)
 
 
@@ -225,15 +225,15 @@ def _contradiction(payload: bytes) -> Iterator[Arrival]:
     Other messages in quarantine have changed nothing.
     """
     try:
-        note = QuarantineNote.model_validate_json(payload)
-    except ValidationError:
+        note = decode(payload, QuarantineNote)
+    except DecodeError:
         raise other_version(QUARANTINE) from None
     if note.kind != "conflicting":
         return
     level = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
     place = Vector3(x=note.x_m, y=note.y_m, z=note.z_m)
     pose = Pose(sample_ns=note.sample_ns, position_m=place, orientation=level, gripper_rad=_NOBODYS_RAD)
-    yield Arrival("east", note.key, pose.model_dump_json().encode(), Header(note.seq).pack(), note.recv_ns)
+    yield Arrival("east", note.key, encode(pose), Header(note.seq).pack(), note.recv_ns)
 
 
 def _arrivals(path: Path, session: str) -> deque[Arrival | RecordedStop]:
@@ -246,8 +246,8 @@ def _arrivals(path: Path, session: str) -> deque[Arrival | RecordedStop]:
             key = file.topic(channel)
             if key == STOPS:
                 try:
-                    note = StopNote.model_validate_json(payload)
-                except ValidationError:
+                    note = decode(payload, StopNote)
+                except DecodeError:
                     raise other_version(STOPS) from None
                 if not note.refused:
                     found.append(RecordedStop(log_ns, note.leaves_stopped))

@@ -4,6 +4,7 @@ import time
 from pathlib import Path
 from typing import Final
 
+from msgspec import convert
 from rich.console import Console
 from rich.markup import escape
 
@@ -36,7 +37,7 @@ def run_virtual(
     if against is not None:
         _check_same_scenario(scenario, against)
     live = None if against is None else load_run(against)
-    notes = [] if live is None else [ControlNote.model_validate(row) for row in live.of("netem", CONTROL)]
+    notes = [] if live is None else [convert(row, ControlNote) for row in live.of("netem", CONTROL)]
     recording = load_recording(scenario)
     kept = None if live is None else live.attachments("netem")
     nodes, models, warnings = build_sides(scenario, notes, kept, recording)

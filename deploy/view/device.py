@@ -12,7 +12,7 @@ import zenoh
 from tis.common.channels import FOLLOWER, Hand
 from tis.common.device import DevicePose
 from tis.common.errors import TisError
-from tis.common.messages import Vector3
+from tis.common.messages import Vector3, encode
 from tis.common.runtime.zenoh_session import ZenohOptions, open_client, publisher_of, visitor
 from tis.common.scenario import Scenario
 from tis.common.units import MM_PER_M
@@ -94,7 +94,7 @@ class DeviceDoor:
         if publisher is None:
             return False
         try:
-            publisher.put(pose.model_dump_json())
+            publisher.put(encode(pose))
         except zenoh.ZError:
             return False
         return True

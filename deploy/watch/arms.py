@@ -7,11 +7,11 @@ from math import degrees, dist, sqrt
 from typing import Final, Generic, NamedTuple, TypeVar
 
 import numpy as np
+from msgspec import DecodeError
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from tis.common.channels import FOLLOWER, Channel, HandChannels, Network, hand_channels
-from tis.common.messages import FeedbackPose, PredictedPose, position_m
+from tis.common.messages import FeedbackPose, PredictedPose, decode, position_m
 from tis.common.units import MM_PER_M, NS_PER_S
 from tis.patient_side.rotations import turned, turned_by
 
@@ -208,16 +208,16 @@ class Displays:
         arm = self._arm_of[network, key]
         try:
             if network == "west":
-                pose = PredictedPose.model_validate_json(payload)
+                pose = decode(payload, PredictedPose)
                 shown, late_ns = pose.shown_m, pose.sample_ns - pose.command_ns
                 row = DisplayRow(pose.sample_ns, (shown.x, shown.y, shown.z), position_m(pose), late_ns)
                 _add(self.rows[arm], row, now_ns)
             else:
-                feedback = FeedbackPose.model_validate_json(payload)
+                feedback = decode(payload, FeedbackPose)
                 command_ns = feedback.command_sample_ns
                 if command_ns is not None:
                     _add(self.arms[arm], ArmRow(feedback.sample_ns, position_m(feedback), command_ns), now_ns)
-        except ValidationError:
+        except DecodeError:
             return
 
     def errors(self, begin_ns: int) -> DisplayErrors | None:

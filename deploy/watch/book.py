@@ -5,11 +5,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Final, NamedTuple, TypeVar
 
-from pydantic import ValidationError
+from msgspec import DecodeError
 
 from tis.common.channels import ORIGIN, Network, is_set_point, local_keys
 from tis.common.header import Header
-from tis.common.messages import FeedbackPose, Pose, components, position_m
+from tis.common.messages import FeedbackPose, Pose, components, decode, position_m
 from tis.common.peer_life import Alarm, Beat
 from tis.common.runtime.control import ControlKeys
 from tis.common.units import NS_PER_MS, NS_PER_S
@@ -114,8 +114,8 @@ class LiveBook:
             self._decode(stream, header, seen, at_origin)
 
     def _hear(self, payload: bytes) -> None:
-        with suppress(ValidationError):
-            beat = Beat.model_validate_json(payload)
+        with suppress(DecodeError):
+            beat = decode(payload, Beat)
             if beat.side == "patient":
                 self.alarms = {**beat.alarms, **self.alarms}
 
@@ -171,8 +171,8 @@ class LiveBook:
 
     def _decode(self, stream: Stream, header: Header, seen: Sighting, at_origin: bool) -> None:
         try:
-            pose = stream.channel.payload.model_validate_json(seen.payload)
-        except ValidationError:
+            pose = decode(seen.payload, stream.channel.payload)
+        except DecodeError:
             return
         where_m, turn = position_m(pose), unit(components(pose.orientation))
         motion = self._motion[stream.device]

@@ -4,9 +4,9 @@ from collections import deque
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-from pydantic import ValidationError
+from msgspec import DecodeError
 
-from tis.common.messages import SetPoint
+from tis.common.messages import SetPoint, decode
 from tis.common.units import NS_PER_S
 
 _MAX_CHANGES: Final = 100
@@ -32,8 +32,8 @@ class SafetyStates:
     def take(self, arm: str, payload: bytes, now_ns: int) -> None:
         """Note a set point; what is none, a late one, and one far ahead of the run's time is ignored."""
         try:
-            point = SetPoint.model_validate_json(payload)
-        except ValidationError:
+            point = decode(payload, SetPoint)
+        except DecodeError:
             return
         if arm not in self._changes and len(self._changes) >= _MAX_ARMS:
             return

@@ -5,8 +5,6 @@ import re
 from collections.abc import Iterator
 from typing import Any, Literal, get_args, get_origin
 
-from pydantic import BaseModel
-
 from from_code.markdown import code, prose, table
 from from_code.sources import (
     MAX_JSON_BYTES,
@@ -22,6 +20,7 @@ from from_code.sources import (
     limits,
     unit_of,
 )
+from tis.common.messages import Message, field_types, meanings
 
 _HEAD = """# Logs
 
@@ -125,14 +124,15 @@ def _is_imported(name: str, package: str) -> bool:
     return any(pattern.search(path.read_text(encoding="utf-8")) for path in sorted((ROOT / package).rglob("*.py")))
 
 
-def _fields(model: type[BaseModel], name: str, topic: str) -> Iterator[str]:
+def _fields(model: type[Message], name: str, topic: str) -> Iterator[str]:
     yield f"### {name}\n"
     if topic:
         yield f"Topic `{topic}`.\n"
     yield "\n\n".join(prose(paragraph) for paragraph in (inspect.getdoc(model) or "").split("\n\n")) + "\n"
+    types = field_types(model)
     rows = [
-        (code(field), _type(info.annotation), unit_of(field), prose(info.description or ""))
-        for field, info in model.model_fields.items()
+        (code(field), _type(types[field]), unit_of(field), prose(meaning))
+        for field, meaning in meanings(model).items()
     ]
     yield table(("field", "type", "unit", "meaning"), rows) + "\n"
 

@@ -134,14 +134,14 @@ class Ledger:
 
     def _fate_batch(self, flow: _Flow, rows: list[_FateRow]) -> FateBatch:
         seq, offered_ns, outcome, delay_ns, release_ns, n_bytes, copies, flipped = zip(*rows, strict=True)
-        return FateBatch.model_construct(
+        return FateBatch(
             direction=self._direction, key=flow[0], foreign=flow[1], seq=seq, offered_ns=offered_ns, outcome=outcome,
             delay_ns=delay_ns, release_ns=release_ns, n_bytes=n_bytes, copies=copies, flipped=flipped,
         )  # fmt: skip
 
     def _release_batch(self, flow: _Flow, rows: list[_ReleaseRow]) -> ReleaseBatch:
         seq, copy_index, offered_ns, release_ns, released_ns, departure, queued_ns = zip(*rows, strict=True)
-        return ReleaseBatch.model_construct(
+        return ReleaseBatch(
             direction=self._direction, key=flow[0], foreign=flow[1], seq=seq, copy_index=copy_index,
             offered_ns=offered_ns, release_ns=release_ns, released_ns=released_ns, departure=departure,
             queued_ns=queued_ns,

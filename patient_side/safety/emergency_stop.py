@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from pydantic import ValidationError
+from msgspec import DecodeError
 
 from tis.common.channels import release_key, stop_key, stopped_key
-from tis.common.messages import Message
+from tis.common.messages import Message, decode, encode
 from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.peer_life import Alarm
 from tis.common.records import REJECTED, Rejected
@@ -106,11 +106,11 @@ class EmergencyStops:
         ``is_latched``: an arm is safe until a release.
         """
         if len(arrival.payload) > _MAX_BYTES:
-            return Taken(self._reject(arrival, 1), is_done=False)
+            return Taken(self._reject(arrival), is_done=False)
         try:
-            request = EmergencyStop.model_validate_json(arrival.payload)
-        except ValidationError as error:
-            return Taken(self._reject(arrival, error.error_count()), is_done=False)
+            request = decode(arrival.payload, EmergencyStop)
+        except DecodeError:
+            return Taken(self._reject(arrival), is_done=False)
         at_ns, was_stopped = arrival.recv_ns, self.is_stopped
         verdict = self._stop(request) if request.stop else self._release(request, arrival, is_latched)
         if verdict.is_done:
@@ -146,8 +146,8 @@ class EmergencyStops:
         """
         try:
             if in_force is not None:
-                self.in_force.resume(StopsInForceNote.model_validate_json(in_force))
-            elif last is not None and StopNote.model_validate_json(last).leaves_stopped:
+                self.in_force.resume(decode(in_force, StopsInForceNote))
+            elif last is not None and decode(last, StopNote).leaves_stopped:
                 self.in_force.add(Stop(0, "", BEFORE))
         except ValueError:
             self.in_force.add(Stop(0, "", BEFORE))
@@ -211,16 +211,17 @@ class EmergencyStops:
             release=self.rule,
             refused=verdict.refused,
         )
-        return Emission("east", self.answer_key, state.model_dump_json().encode(), b"", lambda _: ())
+        return Emission("east", self.answer_key, encode(state), b"", lambda _: ())
 
-    def _reject(self, arrival: Arrival, n_faults: int) -> list[Output]:
+    def _reject(self, arrival: Arrival) -> list[Output]:
         self.n_rejected += 1
         if not self._rejects.admits(arrival.recv_ns):  # of their own: garbage must not silence requests
             self._raise("stop_flood", arrival.recv_ns)
             return []
-        reason = f"the payload is no EmergencyStop: {n_faults} faults"
         head = arrival.payload[:32].hex()
-        note = Rejected(key=arrival.key, recv_ns=arrival.recv_ns, reason=reason, head_hex=head)
+        note = Rejected(
+            key=arrival.key, recv_ns=arrival.recv_ns, reason="the payload is no EmergencyStop", head_hex=head
+        )
         return [self._record(REJECTED, arrival.recv_ns, note)]
 
     def _record(self, topic: str, at_ns: int, note: Message) -> Record:

@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import get_args
 
+from msgspec.structs import replace
+
 from tis.common.intake import Accepted, Intake
 from tis.common.messages import SampledPose, position_m
 from tis.common.node import Arrival, Record
@@ -83,7 +85,7 @@ class GatedIntake:
             if kind is not None:
                 self._count(kind, key, recv_ns)
         sound = tuple(pose for pose, kind in zip(message.history, kinds, strict=True) if kind is None)
-        return accepted._replace(message=message.model_copy(update={"history": sound}))
+        return accepted._replace(message=replace(message, history=sound))
 
     def counters(self) -> dict[str, int]:
         """Return the numbers of messages received, duplicated, rejected, of another run, and quarantined by kind."""

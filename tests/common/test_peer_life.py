@@ -4,8 +4,10 @@ import json
 from itertools import product
 
 import pytest
+from msgspec.structs import replace
 from pydantic import ValidationError
 
+from tis.common.messages import decode
 from tis.common.peer_life import Beat, Change, PeerLife, described
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.limits import MAX_NUMBER
@@ -140,9 +142,9 @@ def test_an_alarm_of_a_beat_is_told_once_with_when_it_began() -> None:
     life = PeerLife("patient")
     _live(life, 0, 1_000)
     for at_ms in (1_000, 1_200):
-        life.hear(_beat(at_ms).model_copy(update={"alarms": {"conflict": 700 * _MS}}), at_ms * _MS)
+        life.hear(replace(_beat(at_ms), alarms={"conflict": 700 * _MS}), at_ms * _MS)
     assert life.look(1_200 * _MS, True, False, None) == [Change("patient", "conflict", 700 * _MS, 0)]
-    life.hear(_beat(1_400).model_copy(update={"alarms": {"conflict": 900 * _MS}}), 1_400 * _MS)
+    life.hear(replace(_beat(1_400), alarms={"conflict": 900 * _MS}), 1_400 * _MS)
     assert life.look(1_400 * _MS, True, False, None) == []
     text = described(Change("patient", "conflict", 700 * _MS, 0), "surgeon")
     assert text.startswith("patient receives samples of the surgeon in two versions")
@@ -157,7 +159,7 @@ def test_no_beat_makes_a_note_that_no_log_can_hold() -> None:
         for i in range(12):
             now_ns = (12 * k + i) * 200 * _MS
             try:
-                life.hear(Beat.model_validate_json(payload), now_ns)
+                life.hear(decode(payload, Beat), now_ns)
             except ValidationError:
                 continue
             changes += life.look(now_ns, True, False, None)

@@ -12,6 +12,7 @@ from tests.fuzz.episode import Episode, Log
 from tests.fuzz.hostile import odd_header
 from tis.common.channels import Direction, Network, keys_of
 from tis.common.header import Header
+from tis.common.messages import decode, encode
 from tis.common.node import Record
 from tis.common.records import CONTROL, ControlNote
 from tis.common.scenario.control import EVERY_STATE, control_prefix
@@ -120,7 +121,7 @@ def control_episode(episode: Episode, quick: bool = False) -> Iterator[None]:
                 log.log.record(record)
         # the changes repeated in virtual time
         if rng.random() < 0.5:
-            kept = [ControlNote.model_validate_json(note.model_dump_json()) for note in notes]
+            kept = [decode(encode(note).decode(), ControlNote) for note in notes]
             assert all(record.topic == CONTROL for record in bridge.records)
             for way in WAYS:
                 changed_conditions(network, way, 3, kept).at(bridge.now_ns)

@@ -33,7 +33,7 @@ from tis.common.errors import TisError
 from tis.common.header import Header
 from tis.common.host_records import CLOCK, PROCESSORS, ClockNote, ProcessorNote
 from tis.common.intake import Intake
-from tis.common.messages import FeedbackPose, Quaternion, SampledPose, Vector3
+from tis.common.messages import FeedbackPose, Quaternion, SampledPose, Vector3, encode
 from tis.common.node import Arrival, Record
 from tis.common.records import (
     CONTROL,
@@ -273,9 +273,9 @@ def _whole_log() -> bytes:
 
 
 _DEVICE = b'{"stamp_ns": 5, "position_m": {"x": 0.1, "y": 0, "z": -1}, "gripper_rad": 0.3, "clutch": true}'
-_SAMPLED = SampledPose(**_pose()).payload()
+_SAMPLED = encode(SampledPose(**_pose()))
 _TWO_POSES = [(k, json.loads(_SAMPLED) | {"sample_ns": k}) for k in (1, 2)]
-_FEEDBACK = FeedbackPose(**_pose(tick=3, command_sample_ns=4)).model_dump_json().encode()
+_FEEDBACK = encode(FeedbackPose(**_pose(tick=3, command_sample_ns=4)))
 _WHOLE = _whole_log()
 _HEAD = _WHOLE[: _WHOLE.index(b"\x09", 8)]
 _FATES = FateBatch(
@@ -300,9 +300,9 @@ _NOTES = (
     (5, ProcessorNote(from_ns=0, to_ns=9, processors="0-3,6", own_ns=4)),
     (6, EstimateNote(tick=1, t_ns=1, hand="left", estimator="hold", position_m=Vector3(x=0.0, y=0.0, z=0.0))),
 )
-_STOP = EmergencyStop(stop=True, reason="smoke", number=7, lock=lock_of("a")).model_dump_json().encode()
-_RELEASE = EmergencyStop(stop=False, number=8, ends=7, secret="a").model_dump_json().encode()
-_IN_FORCE = StopsInForceNote(at_ns=5, stops=f"7:{lock_of('a')} 8:", others=1).model_dump_json().encode()
+_STOP = encode(EmergencyStop(stop=True, reason="smoke", number=7, lock=lock_of("a")))
+_RELEASE = encode(EmergencyStop(stop=False, number=8, ends=7, secret="a"))
+_IN_FORCE = encode(StopsInForceNote(at_ns=5, stops=f"7:{lock_of('a')} 8:", others=1))
 _REQUEST = b'{"direction":"both","change":{"loss_pct":3},"for_s":2}'
 _PLAYED = {"label": "a", "digest": "b", "first_row": 0, "n_rows": 3, "rate_hz": 30, "file": None, "warnings": ["x"]}
 _SCENARIO = (SHIPPED.parent / "scenarios" / "lossy.yaml").read_bytes()
@@ -408,7 +408,7 @@ DECODERS: dict[str, Decoder] = {
     "CDR": Decoder(_cdr, [_cdr_pose()]),
     "chunk": Decoder(_chunk, [packed(message(b"abc"))[9:]], (ValueError, McapError)),
     "records of a chunk": Decoder(parse_records, [channel(1, "/a") + message(b"abc")], (ValueError, SpentError)),
-    "records": Decoder(_records, [bytes([k]) + note.model_dump_json().encode() for k, note in _NOTES]),
+    "records": Decoder(_records, [bytes([k]) + encode(note) for k, note in _NOTES]),
     "MCAP file": Decoder(_log, [_WHOLE]),
     "summary and manifest": Decoder(_json_files, [_SUMMARY]),
     **{name: Decoder(*arguments) for name, arguments in HOST_DECODERS.items()},

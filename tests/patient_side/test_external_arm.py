@@ -3,7 +3,7 @@ from typing import Any
 
 from tests.patient_side.arm_models import static_model
 from tis.common.device_records import DeviceNote
-from tis.common.messages import FeedbackPose
+from tis.common.messages import FeedbackPose, decode
 from tis.common.node import Arrival, Emission, Record
 from tis.common.records import PLANT, PlantNote
 from tis.common.runtime.recordings import load_movement
@@ -89,7 +89,7 @@ def test_the_patient_listens_to_the_arm_and_sends_its_newest_pose_with_its_age()
     node.wake(2 * MS)
     outputs = list(node.wake(35_333_333))
     sent = [each for each in outputs if isinstance(each, Emission) and each.key == "tis/PSM2/measured_cp"]
-    (message,) = [FeedbackPose.model_validate_json(each.payload) for each in sent]
+    (message,) = [decode(each.payload, FeedbackPose) for each in sent]
     assert message.position_m.x == 0.25
     (note,) = [each.data for each in outputs if isinstance(each, Record) and each.topic == PLANT]
     assert isinstance(note, PlantNote)

@@ -4,10 +4,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from tests.nodes import LEFT, Stamp, a_pose, an_arrival
 from tis.common.header import Header
-from tis.common.messages import FeedbackPose, Quaternion, SampledPose
+from tis.common.messages import FeedbackPose, Quaternion, SampledPose, decode, encode
 from tis.common.node import Emission, Output, Record
 from tis.common.records import ESTIMATES, FRESH, TICKS, EstimateNote, FreshNote, PhaseNote, PromptNote, TickNote
 from tis.common.ticker import Ticker
@@ -52,7 +53,7 @@ def test_a_tick_uses_what_has_arrived_and_publishes_for_its_nominal_instant() ->
     (answer,) = [o for o in outputs if isinstance(o, Emission)]
     assert (answer.network, answer.key, answer.attachment) == ("east", "tis/PSM2/estimated_cp", Header(0))
     assert (answer.network, answer.key) in node.publishes()
-    pose = FeedbackPose.model_validate_json(answer.payload)
+    pose = decode(answer.payload, FeedbackPose)
     assert (pose.position_m.x, pose.position_m.y) == (0.0, -1.0)
     assert (pose.tick, pose.sample_ns, pose.command_sample_ns) == (0, PHASE_NS, 0)
     (note,) = _estimates(outputs)
@@ -163,7 +164,7 @@ SAMPLES = [a_pose(k / 10, sample_ns=k * 10**9 // 30) for k in range(8)]
 
 
 def _packet(k: int, history: int) -> bytes:
-    return SampledPose(**dict(SAMPLES[k]), history=tuple(SAMPLES[max(0, k - history) : k])).payload()
+    return encode(SampledPose(**dict(SAMPLES[k]), history=tuple(SAMPLES[max(0, k - history) : k])))
 
 
 @given(arrived=st.lists(st.tuples(st.integers(0, 7), st.integers(0, 3)), max_size=24), history=st.integers(0, 4))
@@ -224,7 +225,7 @@ def test_a_fresher_sample_is_answered_at_its_arrival_from_all_that_arrived_by_th
     node.receive(an_arrival(ARM, 500, Stamp(0, 0, 100), a_pose()))  # with the same stamp: it counts too
     outputs = list(node.wake(700))
     (answer,) = [o for o in outputs if isinstance(o, Emission)]
-    pose = FeedbackPose.model_validate_json(answer.payload)
+    pose = decode(answer.payload, FeedbackPose)
     assert (pose.position_m.x, pose.position_m.y, pose.sample_ns, pose.command_sample_ns) == (0, 0, 500, 0)
     (note,) = _prompt(outputs)
     assert (note.t_ns, note.begin_ns, note.key, note.seq, note.answer) == (500, 700, COMMAND, 0, 0)
@@ -258,12 +259,12 @@ def test_after_the_last_tick_nothing_is_answered() -> None:
 
 def test_answers_carry_the_orientation_of_the_arms_newest_pose_not_the_masters() -> None:
     node = _node()
-    turned = a_pose().model_copy(update={"orientation": Quaternion(x=1, y=0, z=0, w=0), "gripper_rad": 0.25})
+    turned = replace(a_pose(), orientation=Quaternion(x=1, y=0, z=0, w=0), gripper_rad=0.25)
     node.receive(an_arrival(ARM, 500, Stamp(1, 1000, 1), turned))
     node.receive(an_arrival(ARM, 600, Stamp(0, 0, 1), a_pose()))
     node.receive(an_arrival(COMMAND, 700, Stamp(2, 2000, 1), a_pose()))
     (answer,) = [o for o in node.wake(PHASE_NS) if isinstance(o, Emission)]
-    pose = FeedbackPose.model_validate_json(answer.payload)
+    pose = decode(answer.payload, FeedbackPose)
     assert (pose.orientation.x, pose.gripper_rad, pose.command_sample_ns) == (1, 0.25, 2000)
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.nodes import LEFT, Stamp, an_arrival
-from tis.common.messages import FeedbackPose, Pose, Quaternion, SetPoint, Vector3
+from tis.common.messages import FeedbackPose, Pose, Quaternion, SetPoint, Vector3, decode, encode
 from tis.common.node import Emission, Output, Record
 from tis.common.records import ORIENTATIONS, OrientationNote, PromptNote
 from tis.common.scenario.patient import OrientationMethod
@@ -73,7 +73,7 @@ def tick(node: PatientNode, k: int) -> list[Output]:
 def message(outputs: list[Output], channel: str) -> Pose:
     (found,) = [o for o in outputs if isinstance(o, Emission) and o.key.endswith(channel)]
     model = SetPoint if channel == "servo_cp" else FeedbackPose
-    return model.model_validate_json(found.payload)
+    return decode(found.payload, model)
 
 
 def degrees_of(pose: Pose) -> float:
@@ -169,7 +169,7 @@ def test_a_new_process_turns_on_from_where_the_arm_was_left() -> None:
         sample_ns=0, position_m=Vector3(x=0.0, y=0.0, z=0.0), orientation=Quaternion(x=x, y=y, z=z, w=w),
         gripper_rad=0.2, hand="left", tick=0, mode="tracking", age_ns=0,
     )  # fmt: skip
-    node.resume({"tis/PSM2/servo_cp": left.model_dump_json().encode()})
+    node.resume({"tis/PSM2/servo_cp": encode(left)})
     waiting = message(tick(node, 0), "servo_cp")
     assert degrees_of(waiting) == pytest.approx(-30.0)
     assert waiting.gripper_rad == 0.2

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from tis.common.device import DeviceSample
 from tis.common.device_records import DEVICES, DeviceNote
 from tis.common.header import Header
-from tis.common.messages import Pose
+from tis.common.messages import Pose, decode
 from tis.common.node import Arrival, Emission, Record
 from tis.common.records import TRUTH, TruthRow
 from tis.common.scenario.live_source import LiveSource
@@ -130,7 +130,7 @@ def pose(ms: int, x: float, key: str = LEFT, **more: Any) -> Arrival:
 
 def sent(outputs: Any) -> dict[str, float]:
     emissions = [output for output in outputs if isinstance(output, Emission)]
-    return {each.key: Pose.model_validate_json(each.payload).position_m.x for each in emissions}
+    return {each.key: decode(each.payload, Pose).position_m.x for each in emissions}
 
 
 def notes(outputs: Any) -> list[tuple[str, int, int, str]]:

@@ -3,11 +3,12 @@ import json
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import to_builtins
 from scipy.spatial.transform import Rotation
 
 from tests.nodes import Stamp, a_pose, a_recording, an_arrival
 from tis.common.header import Header
-from tis.common.messages import FeedbackPose, Pose, PredictedPose, SampledPose, Vector3
+from tis.common.messages import FeedbackPose, Pose, PredictedPose, SampledPose, Vector3, decode, encode
 from tis.common.node import Emission, Record
 from tis.common.records import TICKS, TRUTH, TickNote, TruthRow
 from tis.common.ticker import Ticker
@@ -38,10 +39,10 @@ def test_sample_k_goes_out_on_both_streams_with_its_row_and_instant() -> None:
     streams = [(command.network, command.key), (arm.network, arm.key)]
     assert list(node.publishes()) == [*streams, ("west", "tis/PSM2/predicted_cp")]
     row = a_recording(50).hands[0]
-    assert Pose.model_validate_json(command.payload).sample_ns == PERIOD_NS
-    sent = Pose.model_validate_json(command.payload).position_m
+    assert decode(command.payload, Pose).sample_ns == PERIOD_NS
+    sent = decode(command.payload, Pose).position_m
     assert [sent.x, sent.y, sent.z] == row.command.position_m[11].tolist()
-    sent = Pose.model_validate_json(arm.payload).position_m
+    sent = decode(arm.payload, Pose).position_m
     assert [sent.x, sent.y, sent.z] == row.follower.position_m[11].tolist()
 
 
@@ -76,8 +77,8 @@ def test_the_truth_is_logged_one_sample_ahead_also_over_missed_ticks() -> None:
 def test_feedback_is_logged_as_it_arrived() -> None:
     node = _node()
     pose = a_pose(0.5)
-    feedback = FeedbackPose(**pose.model_dump(), tick=4, command_sample_ns=100)
-    payload = feedback.model_dump_json().encode()
+    feedback = FeedbackPose(**to_builtins(pose), tick=4, command_sample_ns=100)
+    payload = encode(feedback)
     arrival = an_arrival("tis/PSM2/estimated_cp", 7_000, Stamp(4, 5_000, 6_000), payload, "west")
     (flown,) = node.receive(arrival)
     assert isinstance(flown, Record)
@@ -91,7 +92,7 @@ def _commands(outputs: object) -> list[tuple[int, int, list[int]]]:
     found = []
     for emission in _emissions(outputs):
         if emission.key == "tis/MTML/measured_cp":
-            pose = SampledPose.model_validate_json(emission.payload)
+            pose = decode(emission.payload, SampledPose)
             assert isinstance(emission.attachment, Header)
             found.append((emission.attachment.seq, pose.sample_ns, [earlier.sample_ns for earlier in pose.history]))
     return found
@@ -133,7 +134,7 @@ def test_history_holds_the_samples_before_oldest_first() -> None:
 def test_without_history_the_bytes_are_those_of_a_plain_pose() -> None:
     command, _ = _emissions(_node().wake(0))
     assert "history" not in json.loads(command.payload)
-    assert Pose.model_validate_json(command.payload).model_dump_json().encode() == command.payload
+    assert encode(decode(command.payload, Pose)) == command.payload
 
 
 def test_a_missed_sample_has_no_copies_no_history_and_leaves_its_numbers_free() -> None:
@@ -188,7 +189,7 @@ def test_a_surgeon_that_comes_back_goes_on_where_the_hand_is_now() -> None:
     outputs = [*node.wake(10 * PERIOD_NS + 3 + 10_000_000), *node.wake(11 * PERIOD_NS + 3)]
     sent = _emissions(outputs)
     assert [emission.attachment for emission in sent] == [Header(22), Header(22)]
-    assert [Pose.model_validate_json(emission.payload).sample_ns for emission in sent] == [366_666_666] * 2
+    assert [decode(emission.payload, Pose).sample_ns for emission in sent] == [366_666_666] * 2
     rows = [o.data for o in outputs if isinstance(o, Record) and isinstance(o.data, TruthRow)]
     assert [row.index for row in rows] == list(range(13))
     assert node.counters()["ticks_missed"] == 0
@@ -197,15 +198,15 @@ def test_a_surgeon_that_comes_back_goes_on_where_the_hand_is_now() -> None:
 def test_the_display_is_published_and_logged_once_the_arm_has_answered() -> None:
     node = _node(n_ticks=3)
     node.wake(0)
-    feedback = FeedbackPose(**a_pose(0.5).model_dump(), tick=0, command_sample_ns=0)
-    payload = feedback.model_dump_json().encode()
+    feedback = FeedbackPose(**to_builtins(a_pose(0.5)), tick=0, command_sample_ns=0)
+    payload = encode(feedback)
     node.receive(an_arrival("tis/PSM2/estimated_cp", 6_000, Stamp(0, 5_000, 6_000), payload, "west"))
     assert len(_emissions(node.wake(PERIOD_NS))) == 2, "an estimate is not the arm"
     node.receive(an_arrival("tis/PSM2/measured_cp", PERIOD_NS + 7_000, Stamp(0, 5_000, 6_000), payload, "west"))
     *samples, display = _emissions(node.wake(2 * PERIOD_NS + 1))
     assert [one.key for one in samples] == ["tis/MTML/measured_cp", "tis/PSM2/setpoint_cp"]
     assert (display.network, display.key, display.attachment) == ("west", "tis/PSM2/predicted_cp", Header(2))
-    shown = PredictedPose.model_validate_json(display.payload)
+    shown = decode(display.payload, PredictedPose)
     assert (shown.shown_m, shown.round_trip_ns) == (feedback.position_m, PERIOD_NS + 7_000)
     x_m = a_recording(50).hands[0].follower.position_m[:3, 0]
     assert shown.position_m.x == 0.5 + x_m[2] - x_m[0]
@@ -217,12 +218,12 @@ def test_the_display_is_published_and_logged_once_the_arm_has_answered() -> None
 def test_a_fast_display_shows_every_ninth_tick_and_knows_all_commands() -> None:
     recording = a_recording(50, rate_hz=1000)
     node = SurgeonNode("tis", RecordedMotion(recording), Ticker(1000, 30))
-    payload = FeedbackPose(**a_pose(0.5).model_dump(), tick=0, command_sample_ns=0).model_dump_json().encode()
+    payload = encode(FeedbackPose(**to_builtins(a_pose(0.5)), tick=0, command_sample_ns=0))
     node.wake(0)
     node.receive(an_arrival("tis/PSM2/measured_cp", 400_000, Stamp(0, 0, 0), payload, "west"))
     woken = [node.wake(k * 1_000_000) for k in range(1, 30)]
     sent = [one for outputs in woken for one in _emissions(outputs)]
-    shown = [PredictedPose.model_validate_json(one.payload) for one in sent if one.key.endswith("predicted_cp")]
+    shown = [decode(one.payload, PredictedPose) for one in sent if one.key.endswith("predicted_cp")]
     assert [display.tick for display in shown] == [9, 18, 27]
     x_m = recording.hands[0].follower.position_m[:, 0]
     assert [display.position_m.x for display in shown] == [0.5 + x_m[k] - x_m[0] for k in (9, 18, 27)]

@@ -2,10 +2,12 @@
 
 from collections.abc import Iterable
 
+from msgspec import to_builtins
+
 from tests.nodes import a_pose, a_recording
 from tis.common.channels import hand_channels
 from tis.common.header import Header
-from tis.common.messages import FeedbackPose
+from tis.common.messages import FeedbackPose, encode
 from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.records import REJECTED, TICKS, TRUTH
 from tis.common.ticker import Ticker
@@ -82,14 +84,14 @@ def test_it_says_nothing_and_logs_answers() -> None:
     witness = a_witness()
     assert witness.publishes() == ()
     assert witness.next_wake_ns() is None
-    payload = FeedbackPose(**a_pose().model_dump(), tick=4, command_sample_ns=100).model_dump_json().encode()
+    payload = encode(FeedbackPose(**to_builtins(a_pose()), tick=4, command_sample_ns=100))
     (record,) = witness.receive(Arrival("west", "tis/PSM2/estimated_cp", payload, Header(4, 5, RUN).pack(), 9_000))
     assert (record.log_ns, record.publish_ns, record.seq) == (9_000, 5, 4)
 
 
 def test_what_is_of_another_run_or_no_pose_is_rejected() -> None:
     witness = a_witness()
-    good = a_pose().model_dump_json().encode()
+    good = encode(a_pose())
     for payload, attachment in (
         (good, Header(0, 0, RUN + 1).pack()), (b"junk", Header(0, 0, RUN).pack()), (good, b""),
     ):  # fmt: skip
@@ -102,6 +104,6 @@ def test_what_is_of_another_run_or_no_pose_is_rejected() -> None:
 def test_a_sample_of_the_far_future_makes_no_million_missed_ticks() -> None:
     witness = WitnessNode("tis", [hand_channels("left", "PSM2")], 1000, 4_000_000)
     witness.join(RUN)
-    pose = a_pose(sample_ns=3_000 * 10**9).model_dump_json().encode()
+    pose = encode(a_pose(sample_ns=3_000 * 10**9))
     arrival = Arrival("west", "tis/MTML/measured_cp", pose, Header(0, 0, RUN).pack(), 3_000 * 10**9)
     assert len(witness.receive(arrival)) == 1

@@ -10,6 +10,7 @@ import zenoh
 
 from tests.nodes import a_pose
 from tis.common.header import Header
+from tis.common.messages import encode
 from tis.common.runtime.control import ControlKeys, Epoch
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario.control import control_prefix
@@ -45,7 +46,7 @@ def lie(session: zenoh.Session) -> None:
 
 def speak_for_the_patient(session: zenoh.Session) -> None:
     """Send an estimate, as only the patient may."""
-    session.put("tis/PSM2/estimated_cp", a_pose(0).model_dump_json(), attachment=Header(0).pack())
+    session.put("tis/PSM2/estimated_cp", encode(a_pose(0)).decode(), attachment=Header(0).pack())
     time.sleep(_SETTLE_S)
 
 
@@ -58,5 +59,5 @@ def cause_an_outage(session: zenoh.Session) -> list[Any]:
 
 def of_another_run(session: zenoh.Session) -> None:
     """Send a command with the number of another run."""
-    session.put("tis/MTML/measured_cp", a_pose(0).model_dump_json(), attachment=Header(0, 0, 0xBAD).pack())
+    session.put("tis/MTML/measured_cp", encode(a_pose(0)).decode(), attachment=Header(0, 0, 0xBAD).pack())
     time.sleep(_SETTLE_S)

@@ -21,6 +21,7 @@ from tests.nodes import a_pose
 from tests.system.browser import chromium, live_page
 from tests.system.conftest import RunHere, StartHere, is_right_but_for_the_machine
 from tis.common.header import Header
+from tis.common.messages import encode
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 
 pytestmark = pytest.mark.live
@@ -53,8 +54,8 @@ def _url(process: "subprocess.Popen[str]") -> str:
 
 def _speak_nonsense(west: str) -> None:
     config = configure("client", ZenohOptions(connect=[west]))
-    whole = a_pose(9.0).model_dump_json().encode()
-    future = a_pose(9.0, sample_ns=10**17).model_dump_json().encode()
+    whole = encode(a_pose(9.0))
+    future = encode(a_pose(9.0, sample_ns=10**17))
     with zenoh.open(config) as session:
         key = "tis/MTML/measured_cp"
         session.put(key, b"")

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from itertools import chain
 from operator import itemgetter
 from types import NoneType
-from typing import Annotated, Any, Final, Literal, Protocol, get_args, get_origin
+from typing import Any, Final, Literal, Protocol, get_args, get_origin
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -214,8 +214,6 @@ class ArrayColumn:
 def column_of(annotation: Any, is_limited: bool = True) -> Column:
     """Return an empty column for a field of a flat model, by its annotation."""
     kinds = [kind for kind in get_args(annotation) if kind is not NoneType]
-    if get_origin(annotation) is Annotated:
-        return column_of(kinds[0], is_limited)
     if get_origin(annotation) is Literal:
         return WordColumn(is_limited)
     if kinds:  # X | None
@@ -225,4 +223,4 @@ def column_of(annotation: Any, is_limited: bool = True) -> Column:
         return IntColumn(annotation)
     if annotation is float:
         return RealColumn()
-    return WordColumn(is_limited) if annotation is str else RealColumn(tuple(annotation.model_fields))
+    return WordColumn(is_limited) if annotation is str else RealColumn(annotation.__struct_fields__)

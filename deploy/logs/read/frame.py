@@ -8,8 +8,10 @@ from operator import itemgetter
 from typing import Any, Final, Self, overload
 
 import numpy as np
+from msgspec.structs import fields
 from numpy.typing import NDArray
 
+from tis.common.messages import field_types
 from tis.common.topic import Topic
 from tis.deploy.logs.payloads import Row
 from tis.deploy.logs.read.columns import ArrayColumn, Column, Flags, IntColumn, Ints, WordColumn, column_of
@@ -35,9 +37,13 @@ class Frame(Sequence[Row]):
         """Return an empty frame for a topic's records; None: for those of an unknown one, with any fields."""
         if topic is None:
             return cls({})
-        fields = {name: topic.model.model_fields[name] for name in topic.fields}
-        found = cls({name: column_of(field.annotation, topic.is_frequent) for name, field in fields.items()})
-        found._defaults = {name: field.default for name, field in fields.items() if not field.is_required()}
+        types = field_types(topic.model)
+        found = cls({name: column_of(types[name], topic.is_frequent) for name in topic.fields})
+        found._defaults = {
+            field.name: field.default
+            for field in fields(topic.model)
+            if field.name in topic.fields and not field.required
+        }
         return found
 
     @classmethod

@@ -8,8 +8,9 @@ from hashlib import blake2b
 from typing import Any, Final, get_args
 
 import numpy as np
+from msgspec import to_builtins
 from numpy.typing import DTypeLike, NDArray
-from pydantic import BaseModel, TypeAdapter
+from pydantic import TypeAdapter
 
 from tis.common.channels import Direction, Side
 from tis.common.errors import DataError, Fault
@@ -178,9 +179,9 @@ class MemoryLog:
     def record(self, record: Record) -> None:
         """Keep one record."""
         key = record.topic
-        if isinstance(record.data, BaseModel):
+        if isinstance(record.data, Message):
             waiting: list[Any] = self._rows[key]
-            waiting.append(record.data.model_dump())
+            waiting.append(to_builtins(record.data))
             self._log.n_messages += 1
             self._log.last_ns = max(self._log.last_ns, record.log_ns)
         else:

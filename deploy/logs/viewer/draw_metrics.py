@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from tis.common.channels import Direction, Hand, Side
 from tis.common.clocks import ClockModel
+from tis.common.messages import encode
 from tis.common.runtime.chunk_writer import Ints
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.payloads import Row, json_row, json_rows
@@ -29,7 +30,7 @@ class DelayStream:
             log_ns = int(records.log_ns[i])
             delay_ms = (log_ns - int(records.publish_ns[i])) / NS_PER_MS
             sample = DelaySample(direction=self._direction, key=self._key, seq=int(records.seq[i]), delay_ms=delay_ms)
-            yield Drawn(f"{DELAY}/{self._direction}", DelaySample, log_ns, sample.model_dump_json().encode())
+            yield Drawn(f"{DELAY}/{self._direction}", DelaySample, log_ns, encode(sample))
 
 
 class Freshest:
@@ -81,7 +82,7 @@ class AgeStream:
             age_ms = (due_ns - sample_ns) / NS_PER_MS
             topic = self._topics.of_hand(AGE, hand)
             for at_ns, age in zip(records.log_ns[chosen][known].tolist(), age_ms[known].tolist(), strict=True):
-                yield Drawn(topic, AgeSample, at_ns, AgeSample(age_ms=age).model_dump_json().encode())
+                yield Drawn(topic, AgeSample, at_ns, encode(AgeSample(age_ms=age)))
 
 
 def line(at_ns: int, level: foxglove.Level, name: str, text: str) -> Drawn:

@@ -7,10 +7,10 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel
 from scipy.spatial.transform import Rotation
 
 from tis.common.channels import Hand
+from tis.common.messages import Message, encode
 from tis.common.metrics.tracking import angles_deg, error_vectors, orientation_at
 from tis.common.runtime.chunk_writer import Ints
 from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S
@@ -246,11 +246,11 @@ class OrientationStream(ScoredStream):
 
 
 def _samples(
-    topic: str, model: type[BaseModel], field: str, at_ns: Ints, errors: NDArray[np.float64]
+    topic: str, model: type[Message], field: str, at_ns: Ints, errors: NDArray[np.float64]
 ) -> Iterator[Drawn]:
     known = np.isfinite(errors)
     for at, error in zip(at_ns[known].tolist(), errors[known].tolist(), strict=True):
-        yield Drawn(topic, model, at, model(**{field: round(error, 4)}).model_dump_json().encode())
+        yield Drawn(topic, model, at, encode(model(**{field: round(error, 4)})))
 
 
 def _xyz(point: Mapping[str, float]) -> tuple[float, float, float]:

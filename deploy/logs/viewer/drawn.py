@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol, overload
 
 import numpy as np
-from pydantic import BaseModel
 
 from tis.common.channels import FOLLOWER, Arm, Direction, Hand, HandChannels, Side, hand_channels
 from tis.common.messages import Message
@@ -61,25 +60,25 @@ class RunTopics:
         return tuple(row.hand for row in self.channels)
 
 
-class ErrorSample(Message):
+class ErrorSample(Message, frozen=True):
     """How far an estimate is from truth at its tick (truth interpolated between samples), to 0.1 um."""
 
     error_mm: float
 
 
-class TurnErrorSample(Message):
+class TurnErrorSample(Message, frozen=True):
     """The angle between an estimated orientation and the true one at its tick."""
 
     error_deg: float
 
 
-class AgeSample(Message):
+class AgeSample(Message, frozen=True):
     """The age at a tick: its instant minus that of the freshest sample, clocks aligned."""
 
     age_ms: float
 
 
-class DelaySample(Message):
+class DelaySample(Message, frozen=True):
     """One message's way from sending to arrival, clocks aligned."""
 
     direction: Direction
@@ -97,7 +96,7 @@ class Drawn(NamedTuple):
     """One message to add; ``kind`` is a name in `foxglove.SCHEMAS`, or the model of a JSON payload."""
 
     topic: str
-    kind: str | type[BaseModel]
+    kind: str | type[Message]
     log_ns: int
     payload: bytes
 

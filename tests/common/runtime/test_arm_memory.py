@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tis.common.errors import DataError
+from tis.common.messages import decode
 from tis.common.node import Record
 from tis.common.runtime.arm_memory import ArmMemory, dump_resumed, parse_resumed, remembered
 from tis.common.safety_records import STOPS, StopNote
@@ -54,7 +55,7 @@ def test_each_topic_has_its_own_last_record_and_others_are_passed_over(tmp_path:
         found = remembered(path, TOPICS)
         memory.forget()
     assert found[TOPICS[0]] == b"two"
-    assert StopNote.model_validate_json(found[STOPS]).reason == "smoke"
+    assert decode(found[STOPS], StopNote).reason == "smoke"
     assert len(logged) == 5
     assert remembered(path, TOPICS) == {}
     with ArmMemory(tmp_path / "none", ()) as memory:
@@ -99,7 +100,7 @@ def test_a_stop_is_remembered_whatever_its_reason(tmp_path: Path) -> None:
         path = tmp_path / str(k)
         with ArmMemory(path, [STOPS]) as memory:
             memory.keep(Record(STOPS, 1, StopNote(at_ns=10**18, stop=True, reason=letter * 200)))
-            assert StopNote.model_validate_json(remembered(path, [STOPS])[STOPS]).stop
+            assert decode(remembered(path, [STOPS])[STOPS], StopNote).stop
 
 
 def test_what_was_left_stays_known_however_often_processes_are_killed(tmp_path: Path) -> None:

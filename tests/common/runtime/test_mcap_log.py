@@ -9,7 +9,7 @@ from mcap.stream_reader import StreamReader
 from tests.log_reader import LogReader
 from tests.nodes import a_pose
 from tis.common.errors import DataError
-from tis.common.messages import FeedbackPose, Pose
+from tis.common.messages import FeedbackPose, Pose, encode
 from tis.common.node import Record
 from tis.common.records import EstimateNote, TickNote
 from tis.common.runtime.json_schema import flat_schema
@@ -23,7 +23,7 @@ def _tick(k: int) -> Record:
 
 def test_a_log_opens_in_the_reference_reader_with_its_schemas(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    payload = a_pose(0.1).model_dump_json().encode()
+    payload = encode(a_pose(0.1))
     with McapLog(path, {"side": "surgeon"}) as log:
         log.attach("scenario.yaml", b"version: 1")
         log.record(_tick(1))

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.nodes import a_recording
-from tis.common.messages import Pose, SampledPose
+from tis.common.messages import Pose, SampledPose, decode
 from tis.common.node import Emission, Record
 from tis.common.records import TRUTH, TruthRow
 from tis.common.sources.sensor_noise import SensorNoise, with_noise
@@ -26,9 +26,7 @@ def _sent(noise: SensorNoise | None, redundancy: Redundancy = ONCE, n_ticks: int
 
 
 def _positions(outputs: list[Emission | Record], key: str) -> list[tuple[float, float, float]]:
-    poses = [
-        Pose.model_validate_json(each.payload) for each in outputs if isinstance(each, Emission) and each.key == key
-    ]
+    poses = [decode(each.payload, Pose) for each in outputs if isinstance(each, Emission) and each.key == key]
     return [(pose.position_m.x, pose.position_m.y, pose.position_m.z) for pose in poses]
 
 
@@ -74,7 +72,7 @@ def test_copies_and_history_carry_the_error_of_their_sample() -> None:
     seen: dict[int, set[float]] = {}
     for each in outputs:
         if isinstance(each, Emission) and each.key == COMMAND:
-            pose = SampledPose.model_validate_json(each.payload)
+            pose = decode(each.payload, SampledPose)
             for one in (pose, *pose.history):
                 seen.setdefault(one.sample_ns, set()).add(one.position_m.x)
     assert len(seen) == 4

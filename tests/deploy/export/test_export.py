@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from tests.log_reader import LogReader
 from tests.nodes import a_pose
@@ -124,6 +125,6 @@ def test_the_second_jigsaws_trial_is_what_the_patient_made_of_it(run_dir: Path, 
 def test_an_orientation_that_is_no_rotation_is_one_line(turn: tuple[float, float, float, float]) -> None:
     """A log is only as sound as who wrote it; scipy refuses a quaternion without length."""
     x, y, z, w = turn
-    pose = a_pose(0).model_copy(update={"orientation": Quaternion(x=x, y=y, z=z, w=w)})
+    pose = replace(a_pose(0), orientation=Quaternion(x=x, y=y, z=z, w=w))
     with pytest.raises(DataError, match="tis/PSM2/setpoint_cp"):
         jigsaws._pose(Pose, pose.model_dump_json().encode(), "tis/PSM2/setpoint_cp")

@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from msgspec.structs import replace
 
 from tests.deploy.report.hand_made import ARM, COMMAND, ESTIMATED, MS, a_scenario
 from tests.log_reader import LogReader, cut
 from tests.nodes import a_pose
 from tis.common.channels import Side
 from tis.common.clocks import ClockModel
-from tis.common.messages import Quaternion, Vector3
+from tis.common.messages import Quaternion, Vector3, encode
 from tis.common.node import Record
 from tis.common.records import (
     ESTIMATES,
@@ -150,7 +151,7 @@ def test_it_is_indexed_and_holds_what_was_made_of_the_run(run_dir: Path, scenari
 
 def test_the_other_clock_s_stamps_are_moved_to_the_reference_s(tmp_path: Path) -> None:
     """The patient's clock is 3 s behind and 50 ppm slow; what it received was published by the surgeon's."""
-    pose = a_pose(sample_ns=40 * MS).model_dump_json().encode()
+    pose = encode(a_pose(sample_ns=40 * MS))
     at_ns = 2_000_000_000
     found = _merge(
         tmp_path / "r",
@@ -178,8 +179,8 @@ def test_poses_frames_and_errors_are_those_of_the_records(tmp_path: Path) -> Non
         tmp_path / "r",
         {
             "surgeon": [
-                Record(ARM, 0, a_pose(0.25, -0.5, 0.125).model_dump_json().encode(), type(a_pose()), 0, 0),
-                Record(COMMAND, 0, a_pose(0.5).model_dump_json().encode(), type(a_pose()), 0, 0),
+                Record(ARM, 0, encode(a_pose(0.25, -0.5, 0.125)), type(a_pose()), 0, 0),
+                Record(COMMAND, 0, encode(a_pose(0.5)), type(a_pose()), 0, 0),
                 *(_truth(k, 0.01 * k) for k in range(4)),
             ],
             "patient": [_estimate(50, 0.002), _estimate(150, None), _estimate(250, 0.025)],
@@ -206,7 +207,7 @@ def test_estimates_are_drawn_with_the_orientation_of_the_answers_and_its_error(t
         note = _truth(k, 0.0).data
         assert isinstance(note, TruthRow)
         turn = Vector3(x=0.0, y=0.0, z=np.radians(40.0 * k))
-        return Record(TRUTH, 100 * k * MS, note.model_copy(update={"rotation_rad": turn}))
+        return Record(TRUTH, 100 * k * MS, replace(note, rotation_rad=turn))
 
     def stated(method: str, degrees: float) -> Record:
         half = np.radians(degrees) / 2
@@ -316,7 +317,7 @@ def test_both_hands_are_drawn_the_first_under_the_plain_names(run_dir: Path) -> 
 
 def test_a_fast_stream_is_thinned_where_it_is_drawn_and_nowhere_else(tmp_path: Path) -> None:
     scenario = a_scenario(rate_hz=1000, patient={"tick_phase_ms": 0.5})
-    payload = a_pose().model_dump_json().encode()
+    payload = encode(a_pose())
     records = [Record(COMMAND, k * MS, payload, type(a_pose()), k * MS, k) for k in range(1000)]
     logs = _write(tmp_path / "r", {"surgeon": records})
     merge_logs(logs, tmp_path / "run.mcap", RunTopics.of(scenario, {}), {})

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tis.common.messages import FeedbackPose, Pose, Quaternion, SampledPose, Vector3
+from tis.common.messages import FeedbackPose, Pose, Quaternion, SampledPose, Vector3, encode
 from tis.common.runtime.chunk_writer import MESSAGE_HEAD_BYTES
 from tis.deploy.logs.blocks import Block
 from tis.deploy.logs.payloads import NO_INSTANT, payload_instants
@@ -22,18 +22,18 @@ POSE: dict[str, Any] = {
 def _bytes(sample_ns: int, command_ns: int | None, kind: str) -> bytes:
     pose: dict[str, Any] = {"sample_ns": sample_ns, "gripper_rad": 0.0, **POSE}
     if kind == "feedback":
-        return FeedbackPose(**pose, tick=3, command_sample_ns=command_ns).model_dump_json().encode()
+        return encode(FeedbackPose(**pose, tick=3, command_sample_ns=command_ns))
     if kind == "history":
         before = Pose(**{**pose, "sample_ns": max(sample_ns, 1) - 1})
         now = SampledPose(**{**pose, "sample_ns": max(sample_ns, 1)}, history=(before,))
-        return now.payload()
+        return encode(now)
     if kind == "spaced":
         return json.dumps({"command_sample_ns": command_ns, "x": [1], "sample_ns": sample_ns}).encode()
     if kind == "short":
         return json.dumps({"sample_ns": sample_ns}, separators=(",", ":")).encode()
     if kind == "none":
         return b"[1,2]"
-    return SampledPose(**pose).payload()
+    return encode(SampledPose(**pose))
 
 
 KINDS = st.sampled_from(["sampled", "feedback", "history", "spaced", "short", "none"])

@@ -11,6 +11,7 @@ import zenoh
 
 from tests.common.runtime.live_zenoh import a_router
 from tests.deploy.commands import call_in_one_line
+from tis.common.messages import encode
 from tis.common.node import Arrival, Emission
 from tis.common.runtime.emulator_client import EmulatorAddress
 from tis.common.runtime.process import free_endpoints
@@ -45,7 +46,7 @@ class _Patient:
 
     def foreign_stop(self, number: int, reason: str, lock: str = "") -> None:
         request = EmergencyStop(stop=True, number=number, reason=reason, lock=lock)
-        self.take("tis/@tis/stop", request.model_dump_json().encode())
+        self.take("tis/@tis/stop", encode(request))
 
     def tis(self, *words: str) -> tuple[int, str, str]:
         return call_in_one_line("stop", *words, "--connect", self.endpoint)

@@ -14,6 +14,7 @@ from tests.deploy.report.hand_made import MS, a_scenario, fate, release, write_l
 from tests.log_reader import LogReader
 from tis.common.channels import Direction
 from tis.common.errors import DataError
+from tis.common.messages import decode
 from tis.common.node import Record
 from tis.common.records import CONTROL, FATES, ControlNote, FateBatch
 from tis.common.scenario.reading import dump_scenario
@@ -60,7 +61,7 @@ def test_the_trace_of_a_real_twin_is_what_its_log_says(twin: Path) -> None:
     expected = []
     for topic, message in LogReader(twin / "netem.mcap").messages():
         if topic == FATES:
-            batch = FateBatch.model_validate_json(message.data)
+            batch = decode(message.data, FateBatch)
             if batch.direction == "forward" and batch.key == key:
                 rows = zip(batch.offered_ns, batch.delay_ns, batch.outcome, strict=True)
                 expected += [(at_ns, ns if how == "deliver" else -1) for at_ns, ns, how in rows]
@@ -122,7 +123,7 @@ def test_the_queue_of_a_rate_counts_and_who_still_waits_in_it_is_left_out(tmp_pa
 def _queued(i: int) -> Record:
     of = fate("k", i, 100 * (i + 1), 10)
     assert isinstance(of.data, FateBatch)
-    return replace(of, data=of.data.model_copy(update={"release_ns": (0,)}))
+    return replace(of, data=replace(of.data, release_ns=(0,)))
 
 
 CHANGE = '[{"at_s": 0.3, "for_s": 0.2, "direction": "forward", "set": {"add_delay_ms": 50}}]'

@@ -3,10 +3,12 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from msgspec import to_builtins
+
 from tests.nodes import a_pose
 from tis.common.channels import Direction, Hand, Side
 from tis.common.host_records import CLOCK, ClockNote
-from tis.common.messages import FeedbackPose, Vector3
+from tis.common.messages import FeedbackPose, Vector3, encode
 from tis.common.node import Record
 from tis.common.records import (
     COUNTERS,
@@ -54,16 +56,16 @@ def message(key: str, seq: int, sent_ms: float, log_ms: float | None = None, sam
     pose = a_pose(sample_ns=round(sample_ms * MS))
     sent_ns = round(sent_ms * MS)
     log_ns = sent_ns if log_ms is None else round(log_ms * MS)
-    return Record(key, log_ns, pose.model_dump_json().encode(), type(pose), sent_ns, seq)
+    return Record(key, log_ns, encode(pose), type(pose), sent_ns, seq)
 
 
 def answer(tick: int, sent_ms: float, command_ms: float | None, log_ms: float | None = None) -> Record:
     """The patient's estimate, which answers the command sampled at ``command_ms``."""
     command_ns = None if command_ms is None else round(command_ms * MS)
-    pose = FeedbackPose(**a_pose().model_dump(), tick=tick, command_sample_ns=command_ns)
+    pose = FeedbackPose(**to_builtins(a_pose()), tick=tick, command_sample_ns=command_ns)
     sent_ns = round(sent_ms * MS)
     log_ns = sent_ns if log_ms is None else round(log_ms * MS)
-    return Record(ESTIMATED, log_ns, pose.model_dump_json().encode(), FeedbackPose, sent_ns, tick)
+    return Record(ESTIMATED, log_ns, encode(pose), FeedbackPose, sent_ns, tick)
 
 
 def fate(

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec import to_builtins
 
 from tests.deploy.report.partial import part, summary_of
 from tis.common.channels import Side
@@ -27,7 +28,7 @@ def _logs(*notes: tuple[Side, float, Side, Event, float, str]) -> RunLogs:
         note = PeerNote(
             at_ns=round(at_s * NS_PER_S), peer=peer, event=event, for_ns=round(for_s * NS_PER_S), doing=doing
         )
-        logs.sides[by].add_rows(PEERS, [note.model_dump()])
+        logs.sides[by].add_rows(PEERS, [to_builtins(note)])
     return logs
 
 

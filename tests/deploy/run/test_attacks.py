@@ -9,12 +9,13 @@ from typing import Any, cast
 
 import pytest
 from mcap.reader import make_reader
+from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from tests.deploy.run.attacker import Attacker, Forged
 from tests.nodes import a_pose
 from tis.common.channels import Side, release_key, stop_key
-from tis.common.messages import Quaternion, SetPoint, Vector3
+from tis.common.messages import Quaternion, SetPoint, Vector3, encode
 from tis.common.node import Node
 from tis.common.runtime.recordings import load_recording
 from tis.common.safety_records import QUARANTINE
@@ -50,7 +51,7 @@ def _pose(k: int, place_m: Sequence[float], **fields: object) -> bytes:
     """Return a pose at a place with the instant of sample ``k``."""
     x, y, z = place_m
     pose = a_pose(x, y, z, sample_ns=sample_instant_ns(k, RATE_HZ))
-    return pose.model_copy(update=fields).model_dump_json().encode()
+    return encode(replace(pose, update=fields))
 
 
 def _pair(at_ns: int, k: int, seq: int, metres: float) -> Iterator[Forged]:
@@ -226,8 +227,8 @@ def test_true_places_with_another_wrist_end_nothing(tmp_path: Path, movement: Re
 
 def test_an_emergency_stop_stops_within_its_bounds_and_the_summary_says_so(tmp_path: Path) -> None:
     """At the largest movement of the two seconds, for three seconds."""
-    stop = EmergencyStop(stop=True, number=1).model_dump_json().encode()
-    release = EmergencyStop(stop=False, number=2, ends=1).model_dump_json().encode()
+    stop = encode(EmergencyStop(stop=True, number=1))
+    release = encode(EmergencyStop(stop=False, number=2, ends=1))
     messages = [
         Forged(3 * NS_PER_S, stop_key("tis"), 0, stop),
         Forged(6 * NS_PER_S, release_key("tis"), 0, release),

@@ -154,7 +154,7 @@ def _decision(record: Record) -> tuple[object, ...]:
 
 def _a_ns_later(record: Record) -> Record:
     assert isinstance(record.data, FateBatch)
-    return replace(record, data=record.data.model_copy(update={"delay_ns": (record.data.delay_ns[0] + 1,)}))
+    return replace(record, data=replace(record.data, delay_ns=(record.data.delay_ns[0] + 1,)))
 
 
 def _again(tmp_path: Path, live: list[Record], scenario: Scenario) -> FateComparison:

@@ -3,6 +3,7 @@ import math
 import pytest
 
 from tests.nodes import an_arrival
+from tis.common.messages import encode
 from tis.common.scenario import Scenario
 from tis.common.units import sample_instant_ns
 from tis.deploy.run.resolve import resolve
@@ -26,7 +27,7 @@ def test_the_source_commands_the_arm_exactly_as_far_as_the_page_moved(settings: 
     for k, moved_mm in enumerate([(0.0, 0.0, 0.0), (4.0, -3.0, 2.0)]):
         pose = device_pose(device, moved_mm, 0.7, clutch=False, stamp_ns=k)
         t_ns = sample_instant_ns(k, 30)
-        motion.take(an_arrival(device.key, t_ns, b"", pose.model_dump_json().encode(), "west"))
+        motion.take(an_arrival(device.key, t_ns, b"", encode(pose), "west"))
         motion.advance(k, t_ns)
         places.append(motion.poses(k)[0].arm)
     moved = [1e3 * (b - a) for a, b in zip(places[0].position_m, places[1].position_m, strict=True)]

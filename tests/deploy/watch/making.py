@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from tis.common.channels import Channel, Network, hand_channels
 from tis.common.header import Header
-from tis.common.messages import FeedbackPose, Pose, Quaternion, Vector3
+from tis.common.messages import FeedbackPose, Pose, Quaternion, Vector3, encode
 from tis.common.units import NS_PER_MS, sample_instant_ns
 from tis.deploy.watch.book import LiveBook, Sighting
 
@@ -21,7 +21,7 @@ def sighting(network: Network, channel: Channel, seq: int, sent_ns: int, at_ns: 
 
 def pose(sample_ns: int, x_m: float) -> bytes:
     place = Vector3(x=x_m, y=0.0, z=0.0)
-    return Pose(sample_ns=sample_ns, position_m=place, orientation=_LEVEL, gripper_rad=0.0).model_dump_json().encode()
+    return encode(Pose(sample_ns=sample_ns, position_m=place, orientation=_LEVEL, gripper_rad=0.0))
 
 
 def answer(k: int, t_ns: int, x_m: float, fresh_ns: int | None) -> bytes:
@@ -29,7 +29,7 @@ def answer(k: int, t_ns: int, x_m: float, fresh_ns: int | None) -> bytes:
         sample_ns=t_ns, position_m=Vector3(x=x_m, y=0.0, z=0.0), orientation=_LEVEL, gripper_rad=0.0, tick=k,
         command_sample_ns=fresh_ns,
     )  # fmt: skip
-    return message.model_dump_json().encode()
+    return encode(message)
 
 
 def a_run(n: int, rate_hz: int = 100, delay_ms: int = 20, lost: frozenset[int] = frozenset()) -> Iterator[Sighting]:

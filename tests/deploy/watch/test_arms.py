@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.deploy.watch.making import LEFT, sighting
-from tis.common.messages import FeedbackPose, PredictedPose, Quaternion, Vector3
+from tis.common.messages import FeedbackPose, PredictedPose, Quaternion, Vector3, encode
 from tis.common.units import NS_PER_MS
 from tis.deploy.watch.arms import ArmMotion, ArmRow, DisplayRow, Displays, Trail
 from tis.deploy.watch.book import LiveBook
@@ -101,7 +101,7 @@ def _display(t_ms: int, shown_m: float, predicted_m: float, late_ms: int = 200) 
         gripper_rad=0.0, hand="left", tick=0, shown_tick=0, shown_m=Vector3(x=shown_m, y=0.0, z=0.0),
         command_ns=(t_ms - late_ms) * NS_PER_MS, round_trip_ns=180 * NS_PER_MS,
     )  # fmt: skip
-    return message.model_dump_json().encode()
+    return encode(message)
 
 
 def _arm(t_ms: int, x_m: float, command_ms: int | None) -> bytes:
@@ -109,7 +109,7 @@ def _arm(t_ms: int, x_m: float, command_ms: int | None) -> bytes:
         sample_ns=t_ms * NS_PER_MS, position_m=Vector3(x=x_m, y=0.0, z=0.0), orientation=_LEVEL, gripper_rad=0.0,
         tick=0, command_sample_ns=None if command_ms is None else command_ms * NS_PER_MS,
     )  # fmt: skip
-    return message.model_dump_json().encode()
+    return encode(message)
 
 
 def _filled() -> Displays:

@@ -1,7 +1,7 @@
 """Safety states that an observer shows."""
 
 from tis.common.header import Header
-from tis.common.messages import Quaternion, SafetyMode, SetPoint, Vector3
+from tis.common.messages import Quaternion, SafetyMode, SetPoint, Vector3, encode
 from tis.common.peer_life import Beat
 from tis.common.runtime.control import ControlKeys
 from tis.common.units import NS_PER_S
@@ -70,8 +70,8 @@ def test_the_book_keeps_what_the_patient_has_evidence_of() -> None:
     alarm = Beat(side="patient", at_ns=5, loop_ns=5, alarms={"conflict": 3 * NS_PER_S})
     for beat in (
         b"{}",
-        alarm.model_dump_json().encode(),
-        Beat(side="patient", at_ns=6, loop_ns=6).model_dump_json().encode(),
+        encode(alarm),
+        encode(Beat(side="patient", at_ns=6, loop_ns=6)),
     ):
         book.take(Sighting("east", key, 5, b"", beat))
     assert book.alarms == {"conflict": 3 * NS_PER_S}

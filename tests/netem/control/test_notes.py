@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from tests.netem.making import are_alike, link, offer, packet, scenario
 from tis.common.channels import Direction
+from tis.common.messages import decode, encode
 from tis.common.records import FATES, ControlNote, FateBatch
 from tis.common.zenoh_syntax import KeySet
 from tis.netem.conditions.conditions import Condition
@@ -28,7 +29,7 @@ def _links() -> dict[Direction, Link]:
 def _noted(control: Control, operation: str, request: Any, at_ns: int) -> ControlNote:
     _, (record,) = control.handle(operation, json.dumps(request).encode(), at_ns)
     assert isinstance(record.data, ControlNote)
-    return ControlNote.model_validate_json(record.data.model_dump_json())
+    return decode(encode(record.data).decode(), ControlNote)
 
 
 def test_changes_and_clearings_have_the_run_times_at_which_they_came() -> None:

@@ -18,6 +18,7 @@ import numpy as np
 from tests.deploy.run.attacker import Attacker, Forged
 from tests.nodes import a_pose
 from tis.common.channels import Side, release_key, stop_key
+from tis.common.messages import encode
 from tis.common.node import Node, Record
 from tis.common.records import EstimateNote
 from tis.common.runtime.loop import Recorder
@@ -140,7 +141,7 @@ def one(number: int, name: str = "default") -> Resumed:
 
 
 def _request(at_s: float, stop: bool) -> Forged:
-    payload = EmergencyStop(stop=stop, number=1 + (not stop), ends=0 if stop else 1).model_dump_json().encode()
+    payload = encode(EmergencyStop(stop=stop, number=1 + (not stop), ends=0 if stop else 1))
     return Forged(int(at_s * NS_PER_S), stop_key("tis") if stop else release_key("tis"), 0, payload)
 
 
@@ -152,7 +153,7 @@ def _jumps(recording: Recording, at_s: float, draw: random.Random) -> list[Forge
         for channel, track in ((hand.channels.command, hand.command), (hand.channels.arm, hand.follower)):
             x_m, y_m, z_m = track.position_m[recording.start + k].tolist()
             at_ns = sample_instant_ns(k, rate_hz)
-            payload = a_pose(x_m + off_m, y_m, z_m, sample_ns=at_ns).model_dump_json().encode()
+            payload = encode(a_pose(x_m + off_m, y_m, z_m, sample_ns=at_ns))
             found.append(Forged(at_ns + NS_PER_MS, channel.key("tis"), k, payload))
     return found
 

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from tis.common.messages import encode
 from tis.common.node import Arrival
 from tis.common.stop_messages import EmergencyStop, lock_of
 
@@ -11,7 +12,7 @@ LOCK = lock_of(SECRET)
 
 
 def request(key: str, at_ns: int, **fields: Any) -> Arrival:
-    return Arrival("east", key, EmergencyStop(**fields).model_dump_json().encode(), b"", at_ns)
+    return Arrival("east", key, encode(EmergencyStop(**fields)), b"", at_ns)
 
 
 def a_stop(number: int, at_ns: int = 5, lock: str = "", reason: str = "") -> Arrival:

@@ -18,6 +18,7 @@ from tests.patient_side.safety.stop_requests import (
     a_stop,
     request,
 )
+from tis.common.messages import decode, encode
 from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.records import REJECTED
 from tis.common.safety_records import STOPS, STOPS_IN_FORCE, StopNote, StopsInForceNote
@@ -29,7 +30,7 @@ from tis.patient_side.safety.emergency_stop import EmergencyStops
 def _state(outputs: list[Output]) -> StopState:
     (answer,) = [one for one in outputs if isinstance(one, Emission)]
     assert (answer.network, answer.key) == ("east", ANSWER_KEY)
-    return StopState.model_validate_json(answer.payload)
+    return decode(answer.payload, StopState)
 
 
 def _notes(outputs: list[Output]) -> list[StopNote]:
@@ -219,7 +220,7 @@ class _Twin:
     released_ns: list[int] = field(default_factory=list)
 
     def take(self, arrival: Arrival) -> None:
-        asked = EmergencyStop.model_validate_json(arrival.payload)
+        asked = decode(arrival.payload, EmergencyStop)
         before = set(self.in_force)
         outputs, is_done = self.stops.take(arrival)
         if is_done and asked.stop:
@@ -236,7 +237,7 @@ class _Twin:
             assert _state(outputs).refused == "ended before"
         for one in outputs:
             if isinstance(one, Emission):
-                state = StopState.model_validate_json(one.payload)
+                state = decode(one.payload, StopState)
                 assert (state.number, state.stop) == (asked.number, bool(self.in_force))
                 assert set(state.in_force) == self.in_force
         assert sum(arrival.recv_ns - t_ns < NS_PER_S for t_ns in self.released_ns) <= 5
@@ -282,7 +283,7 @@ def test_a_new_process_goes_on_with_the_stops_in_force() -> None:
     again = EmergencyStops("tis", "stopper")
     assert isinstance(kept, Record)
     assert isinstance(kept.data, StopsInForceNote)
-    assert again.resume(kept.data.model_dump_json().encode(), None)
+    assert again.resume(encode(kept.data), None)
     assert _state(again.take(a_release(6, ends=5, secret=SECRET)).outputs).refused == "wrong secret"
     assert _state(again.take(a_release(7, ends=4, secret=SECRET)).outputs).in_force == (5,)
     outputs, _ = again.take(a_release(8, ends=5, secret="another"))
@@ -290,7 +291,7 @@ def test_a_new_process_goes_on_with_the_stops_in_force() -> None:
     kept = outputs[0]
     assert isinstance(kept, Record)
     assert isinstance(kept.data, StopsInForceNote)
-    assert not EmergencyStops("tis").resume(kept.data.model_dump_json().encode(), None)
+    assert not EmergencyStops("tis").resume(encode(kept.data), None)
     assert not EmergencyStops("tis").resume(None, None)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from tests.nodes import a_pose
 from tis.common.messages import Pose, Quaternion
@@ -96,7 +97,7 @@ def _turned(k: int, angle_deg: float, gripper_rad: float = 0.5) -> Pose:
     half = radians(angle_deg) / 2
     turn = Quaternion(x=0.0, y=0.0, z=sin(half), w=cos(half))
     at_ns = sample_instant_ns(k, RATE_HZ)
-    return a_pose(_where_m(k), sample_ns=at_ns).model_copy(update={"orientation": turn, "gripper_rad": gripper_rad})
+    return replace(a_pose(_where_m(k), sample_ns=at_ns), orientation=turn, gripper_rad=gripper_rad)
 
 
 def _whole_gate() -> StreamGate:
@@ -138,7 +139,7 @@ def test_a_turn_to_and_fro_beyond_any_hand_is_refused() -> None:
 def test_a_sample_of_no_orientation_hides_no_turn() -> None:
     gate = _whole_gate()
     assert gate.refusal(_turned(0, 0.0), 0, DELAY_NS) is None
-    none = _turned(1, 0.0).model_copy(update={"orientation": Quaternion(x=0.0, y=0.0, z=0.0, w=0.0)})
+    none = replace(_turned(1, 0.0), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=0.0))
     assert gate.refusal(none, 1, none.sample_ns + DELAY_NS) is None
     turned = _turned(2, 170.0)
     assert gate.refusal(turned, 2, turned.sample_ns + DELAY_NS) == "turn_speed"
@@ -147,7 +148,7 @@ def test_a_sample_of_no_orientation_hides_no_turn() -> None:
 def test_a_sample_of_no_orientation_contradicts_no_copy_of_itself() -> None:
     """It came before the sample between it and the one before, whose orientation is another."""
     gate = _whole_gate()
-    none = _turned(2, 0.0).model_copy(update={"orientation": Quaternion(x=0.0, y=0.0, z=0.0, w=0.0)})
+    none = replace(_turned(2, 0.0), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=0.0))
     assert gate.refusal(_turned(0, 0.0), 0, DELAY_NS) is None
     assert gate.refusal(none, 2, none.sample_ns + DELAY_NS) is None
     assert gate.refusal_of_earlier(_turned(1, 20.0)) is None

@@ -1,8 +1,10 @@
 """Arms that are stopped, released or latched: what the set points do, without a network."""
 
+from msgspec.structs import replace
+
 from tests.nodes import LEFT, Stamp, a_pose, an_arrival
 from tests.patient_side.safety.stop_requests import RELEASE_KEY, STOP_KEY, a_release, a_stop
-from tis.common.messages import SetPoint, Vector3
+from tis.common.messages import SetPoint, Vector3, decode
 from tis.common.node import Arrival, Emission, Record
 from tis.common.safety_records import SafetyNote
 from tis.common.scenario.safety import Safety
@@ -26,7 +28,7 @@ def _moving(node: PatientNode, k: int) -> list[SetPoint | SafetyNote]:
     found: list[SetPoint | SafetyNote] = []
     for output in node.wake(sample_ns + 2_000_000):
         if isinstance(output, Emission) and output.key.endswith("servo_cp"):
-            found.append(SetPoint.model_validate_json(output.payload))
+            found.append(decode(output.payload, SetPoint))
         elif isinstance(output, Record) and isinstance(output.data, SafetyNote):
             found.append(output.data)
     return found
@@ -66,7 +68,7 @@ def test_a_latched_arm_resumes_after_a_release_of_the_latch() -> None:
             node.receive(an_arrival("tis/PSM2/setpoint_cp", sample_ns, stamp, a_pose(0.002)))
         for output in node.wake(sample_ns + 2_000_000):
             if isinstance(output, Emission) and output.key.endswith("servo_cp"):
-                modes[k] = SetPoint.model_validate_json(output.payload).mode
+                modes[k] = decode(output.payload, SetPoint).mode
     assert (modes[9], modes[199], modes[249]) == ("tracking", "safe", "safe")
     assert modes[250] == "resuming"
     assert node.counters()["releases"] == 1
@@ -83,11 +85,11 @@ def test_while_stopped_orientation_and_gripper_stay_and_garbage_ends_nothing() -
         if k in (12, 14):
             node.receive(Arrival("east", STOP_KEY, b"{}", b"", sample_instant_ns(k, 30) - 1))
         sample_ns = sample_instant_ns(k, 30)
-        pose = a_pose(0.002 * k).model_copy(update={"gripper_rad": 0.01 * k})
+        pose = replace(a_pose(0.002 * k), gripper_rad=0.01 * k)
         node.receive(an_arrival("tis/PSM2/setpoint_cp", sample_ns, Stamp(k, sample_ns, sample_ns), pose))
         for output in node.wake(sample_ns + 2_000_000):
             if isinstance(output, Emission) and output.key.endswith("servo_cp"):
-                point = SetPoint.model_validate_json(output.payload)
+                point = decode(output.payload, SetPoint)
                 grippers[k], modes[k] = point.gripper_rad, point.mode
     assert grippers[9] == grippers[10] == grippers[29] == 0.09
     assert modes[29] == "safe"

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
+from msgspec import convert
 from numpy.typing import NDArray
 
 from tis.common.channels import Direction
@@ -135,7 +136,7 @@ class Requested:
             traces = {}
         network = scenario.network
         rules = compile_rules(network, scenario.name, scenario.impaired_keys, scenario.generated_rules())
-        notes = [ControlNote.model_validate(row) for row in logs.of("netem", CONTROL)]
+        notes = [convert(row, ControlNote) for row in logs.of("netem", CONTROL)]
         changed = tuple(_changed(direction, notes))
         states = () if network.states is None else network.states.states
         changes = [entry.set for entry in network.timeline] + [getattr(state, direction) for state in states]

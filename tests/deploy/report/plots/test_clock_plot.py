@@ -4,6 +4,7 @@ import numpy as np
 from bokeh.models import ColumnDataSource
 from bokeh.models.renderers import GlyphRenderer
 from bokeh.plotting import figure
+from msgspec import to_builtins
 
 from tests.common.clocks.wrong_clock import S
 from tests.deploy.logs.read.test_clocks import asked, compared
@@ -17,7 +18,7 @@ def _rows(*records: Record) -> dict[str, list[dict[str, Any]]]:
     rows: dict[str, list[dict[str, Any]]] = {}
     for record in records:
         assert isinstance(record.data, Message)
-        rows.setdefault(record.topic, []).append(record.data.model_dump())
+        rows.setdefault(record.topic, []).append(to_builtins(record.data))
     return rows
 
 

@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from msgspec import to_builtins
+
 from tests.deploy.report.outline import Outline
 from tests.deploy.report.partial import part
 from tis.common.host_records import ProcessorNote
@@ -15,7 +17,7 @@ NOTE = ProcessorNote(
 
 
 def _entry(**changes: object) -> Any:
-    shares = processor_shares(NOTE.model_dump() | changes)
+    shares = processor_shares(to_builtins(NOTE) | changes)
     assert shares is not None
     return part(ProcessorFigures, shares)
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from tests.deploy.report.hand_made import (
     COMMAND,
@@ -51,7 +52,7 @@ def test_sides_of_one_host_are_not_other_programs_to_each_other(tmp_path: Path) 
 
 def test_sides_of_other_hosts_have_other_processors(tmp_path: Path) -> None:
     far = ClockNote(boot_id="far", reference_boot_id="n", shared=False, epoch_ns=0, reference_epoch_ns=0)
-    near = far.model_copy(update={"boot_id": "n", "shared": True})
+    near = replace(far, boot_id="n", shared=True)
     write_log(tmp_path, "surgeon", [Record(CLOCK, 0, far), noted(1, 8, 12)])
     write_log(tmp_path, "netem", [noted(2, 8, 12)])
     write_log(tmp_path, "patient", [Record(CLOCK, 0, near), noted(3, 8, 12)])

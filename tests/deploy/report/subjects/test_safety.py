@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
+from msgspec import to_builtins
 
 from tis.common.records import COUNTERS
 from tis.common.safety_records import STOPS, StopNote
@@ -107,7 +108,7 @@ def test_requests_are_counted_by_what_came_of_them(run_dir: Path) -> None:
     ]
     counts = {"stop_requests_refused": 3, "stop_requests_flooded": 29_000}
     del logs.sides["patient"].rows[COUNTERS]
-    logs.sides["patient"].add_rows(STOPS, [note.model_dump() for note in notes])
+    logs.sides["patient"].add_rows(STOPS, [to_builtins(note) for note in notes])
     logs.sides["patient"].add_rows(COUNTERS, [{"name": name, "value": n} for name, n in counts.items()])
     left = safety_summary(logs, scenario, {"left": track_of_hand(logs, scenario, "left")})["left"]
     assert left is not None
