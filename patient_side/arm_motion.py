@@ -53,7 +53,8 @@ def _reference(hand: PatientHand, driven: Driven) -> Reference | None:
         return None
     is_known = hand.pose is not None
     orientation = unit(components(driven.wrist.orientation)) if is_known else None
-    return Reference(np.array(driven.place), orientation, driven.wrist.gripper_rad)
+    turn = None if orientation is None else np.array(orientation)
+    return Reference(np.array(driven.place), turn, driven.wrist.gripper_rad)
 
 
 def _moved_wrist(moved: PlantOutput, driven: Wrist) -> Wrist:

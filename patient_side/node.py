@@ -197,8 +197,6 @@ class PatientNode:
         where_m, orientation = np.array(position_m(pose)), unit(components(pose.orientation))
         if self._own.guarded:  # user-defined estimators share the arrays with all others
             where_m.setflags(write=False)
-            if orientation is not None:
-                orientation.setflags(write=False)
         return buffer.add(index, where_m, pose.gripper_rad, orientation)
 
     def wake(self, now_ns: int) -> Iterable[Output]:
