@@ -79,7 +79,7 @@ def at_end(vector: Floats, covariance: Floats) -> Floats:
             (ac + y, bc - x, on + second * c * c),
         )
     )
-    return jacobian.dot(covariance).dot(jacobian.T)
+    return np.asarray(jacobian.dot(covariance).dot(jacobian.T))
 
 
 def is_orientation(quaternion: Quaternion) -> bool:

@@ -128,7 +128,7 @@ class TangentLs:
         """Return the forecast from the newest sample, and its covariances."""
         steps = age_samples / self.orientation.stride
         rows = arm.wrists(arm.newest - self._distances)
-        if rows is None or np.isnan(rows).any():
+        if rows is None:
             return self._of_some(arm, steps)
         # All past samples have arrived, each with orientation and gripper.
         now, past = rows[0], rows[1:]
