@@ -3,8 +3,8 @@ import json
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from msgspec.structs import replace
-from pydantic import ValidationError
+from msgspec import DecodeError
+from msgspec.structs import asdict, replace
 
 from tis.common.messages import (
     MAX_SIZE,
@@ -28,7 +28,7 @@ feedback = st.builds(
     orientation=quaternions,
     gripper_rad=finite,
     tick=st.integers(0, 2**40),
-    command_sample_ns=st.none() | st.integers(-(2**63), 2**63),
+    command_sample_ns=st.none() | st.integers(-(2**62), 2**62),
 )
 POSE = Pose(
     sample_ns=7, position_m=Vector3(x=0.1, y=-0.2, z=0.3), orientation=Quaternion(x=0, y=0, z=0, w=1), gripper_rad=0.5
@@ -38,11 +38,11 @@ POSE = Pose(
 @settings(deadline=None, max_examples=50)
 @given(feedback)
 def test_every_bit_survives_the_wire(message: FeedbackPose) -> None:
-    assert decode(encode(message).decode(), FeedbackPose) == message
+    assert decode(encode(message), FeedbackPose) == message
 
 
 def test_what_flies_is_plain_json_in_si_units() -> None:
-    assert json.loads(encode(POSE).decode()) == {
+    assert json.loads(encode(POSE)) == {
         "sample_ns": 7,
         "position_m": {"x": 0.1, "y": -0.2, "z": 0.3},
         "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
@@ -52,23 +52,23 @@ def test_what_flies_is_plain_json_in_si_units() -> None:
 
 @pytest.mark.parametrize("bad", ["NaN", "Infinity", "null", '"a"', "1e999"])
 def test_numbers_that_are_none_are_refused(bad: str) -> None:
-    with pytest.raises(ValidationError):
-        decode(f'{{"x": {bad}, "y": 0, "z": 0}}', Vector3)
+    with pytest.raises(DecodeError):
+        decode(f'{{"x": {bad}, "y": 0, "z": 0}}'.encode(), Vector3)
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"x": 1, "y": 2}', '{"x": 1, "y": 2, "z": 3, "w": 4}'])
 def test_damaged_or_foreign_payloads_are_refused(text: str) -> None:
-    with pytest.raises(ValidationError):
-        decode(text, Vector3)
+    with pytest.raises(DecodeError):
+        decode(text.encode(), Vector3)
 
 
 def test_a_pose_is_not_a_feedback_pose() -> None:
-    with pytest.raises(ValidationError):
-        decode(encode(POSE).decode(), FeedbackPose)
+    with pytest.raises(DecodeError):
+        decode(encode(POSE), FeedbackPose)
 
 
 def test_messages_do_not_change() -> None:
-    with pytest.raises(ValidationError, match="frozen"):
+    with pytest.raises(AttributeError, match="immutable"):
         POSE.gripper_rad = 1.0  # type: ignore[misc]
 
 
@@ -81,18 +81,18 @@ def _before(sample_ns: int) -> Pose:
 
 
 def test_a_sampled_pose_without_history_flies_as_a_pose_and_an_old_payload_is_one() -> None:
-    plain = decode(encode(POSE).decode(), SampledPose)
+    plain = decode(encode(POSE), SampledPose)
     assert plain.history == ()
     assert encode(plain) == encode(POSE)
 
 
 def test_history_survives_the_wire() -> None:
-    message = SampledPose(**dict(POSE), history=(_before(0), _before(6)))
+    message = SampledPose(**asdict(POSE), history=(_before(0), _before(6)))
     assert decode(encode(message), SampledPose) == message
 
 
 @pytest.mark.parametrize("instants", [(-1,), (7,), (8,), (3, 3), (4, 2)])
 def test_a_history_that_is_not_of_the_past_in_order_is_refused(instants: tuple[int, ...]) -> None:
-    text = encode(SampledPose.model_construct(**dict(POSE), history=tuple(map(_before, instants))))
-    with pytest.raises(ValidationError, match="history must be ordered"):
+    text = encode(POSE)[:-1] + b',"history":[' + b",".join(encode(_before(one)) for one in instants) + b"]}"
+    with pytest.raises(DecodeError, match="history must be ordered"):
         decode(text, SampledPose)
