@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from itertools import pairwise
 from typing import Annotated, Any, Final, Literal, TypeVar, get_args, get_type_hints
 
-from msgspec import DecodeError, Meta, Struct, json
+from msgspec import DecodeError, Meta, Struct, json, to_builtins
 
 MAX_SIZE: Final = 1e9
 """Size of the largest number in a message. In metres it lies beyond the Moon; sums of its squares do not overflow."""
@@ -32,8 +32,23 @@ class Message(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
 
 Decoded = TypeVar("Decoded", bound=Message)
 
-encode: Final[Callable[[Message], bytes]] = json.Encoder().encode
+
+def _plain(value: object) -> object:
+    """Return a number or text of a derived type as itself: numpy's float64 is a float, also for mypy."""
+    for kind in (float, int, str):
+        if isinstance(value, kind):
+            return kind(value)
+    raise TypeError(f"no message holds a {type(value).__name__}")
+
+
+encode: Final[Callable[[Message], bytes]] = json.Encoder(enc_hook=_plain).encode
 """Return a message's JSON."""
+
+
+def as_row(message: Message) -> dict[str, Any]:
+    """Return a message's fields as a reader of its JSON would find them."""
+    row: dict[str, Any] = to_builtins(message, enc_hook=_plain)
+    return row
 
 
 def decode(payload: bytes, model: type[Decoded]) -> Decoded:

@@ -67,9 +67,10 @@ class Beat(Message, frozen=True):
         dict[Alarm, Stamp],
         Meta(
             max_length=8,
-            description="What the side has evidence of, and the run time at which it began, in ns. conflict: samples of "
-            "the surgeon came in two versions; foreign_set_point: somebody else sends set points; foreign_release: a "
-            "release came from another than the stopper; stop_flood: requests to stop or to release flood it.",
+            description="What the side has evidence of, and the run time at which it began, in ns. conflict: samples "
+            "of the surgeon came in two versions; foreign_set_point: somebody else sends set points; "
+            "foreign_release: a release came from another than the stopper; stop_flood: requests to stop or to "
+            "release flood it.",
         ),
     ] = struct_field(default_factory=dict)
 

@@ -50,10 +50,10 @@ class PeerNote(Message, frozen=True):
         Event,
         Meta(
             description="left: its process ended; frozen: it stands still; link_down: nothing gets through to it; "
-            "silent: one of these; back: it is heard again; stalled: its loop stays in one step; resumed: it goes on; "
-            "clock_step: its clock stepped; suspended: its host was; conflict: it receives samples in two versions; "
-            "foreign_set_point: it hears set points for its arm that it did not send; foreign_release: a release came "
-            "from another than the stopper; stop_flood: requests to stop or to release flood it."
+            "silent: one of these; back: it is heard again; stalled: its loop stays in one step; resumed: it goes "
+            "on; clock_step: its clock stepped; suspended: its host was; conflict: it receives samples in two "
+            "versions; foreign_set_point: it hears set points for its arm that it did not send; foreign_release: a "
+            "release came from another than the stopper; stop_flood: requests to stop or to release flood it."
         ),
     ]
     for_ns: Annotated[int, Meta(description="How long it has been so, or how far the clock stepped, in ns.")]
@@ -237,8 +237,8 @@ class FateBatch(Message, frozen=True):
     outcome: Annotated[
         tuple[Outcome, ...],
         Meta(
-            description="Decision: deliver, or dropped by a loss model (loss), by an outage, as no rule admits the key "
-            "(refused), by a full buffer (overflow) or a full queue (queue_full)."
+            description="Decision: deliver, or dropped by a loss model (loss), by an outage, as no rule admits the "
+            "key (refused), by a full buffer (overflow) or a full queue (queue_full)."
         ),
     ] = ()
     delay_ns: Annotated[
@@ -247,8 +247,8 @@ class FateBatch(Message, frozen=True):
     release_ns: Annotated[
         tuple[int, ...],
         Meta(
-            description="Decided run time of the release, after ordering, in ns; 0 where the packet is dropped, or where "
-            "a queue decides later (see the release batch)."
+            description="Decided run time of the release, after ordering, in ns; 0 where the packet is dropped, or "
+            "where a queue decides later (see the release batch)."
         ),
     ] = ()
     n_bytes: Annotated[tuple[int, ...], Meta(description="Size of the payload, in bytes.")] = ()
@@ -277,8 +277,8 @@ class ReleaseBatch(Message, frozen=True):
     departure: Annotated[
         tuple[Departure, ...],
         Meta(
-            description="released, or the reason of the drop: overtaken (late), CoDel (codel), policy of a full buffer "
-            "(evicted)."
+            description="released, or the reason of the drop: overtaken (late), CoDel (codel), policy of a full "
+            "buffer (evicted)."
         ),
     ] = ()
     queued_ns: Annotated[
@@ -326,9 +326,9 @@ class CounterNote(Message, frozen=True):
     name: Annotated[
         str,
         Meta(
-            description="Name of the counter. The surgeon's traffic on a key is in sent_packets.KEY and sent_bytes.KEY, "
-            "the failed steps of a user-defined estimator, over all hands, in faulty_steps.ESTIMATOR, the records that a "
-            "log lacks since the disk was too slow in unrecorded.TOPIC."
+            description="Name of the counter. The surgeon's traffic on a key is in sent_packets.KEY and "
+            "sent_bytes.KEY, the failed steps of a user-defined estimator, over all hands, in "
+            "faulty_steps.ESTIMATOR, the records that a log lacks since the disk was too slow in unrecorded.TOPIC."
         ),
     ]
     value: Annotated[int, Meta(description="Final value.")]

@@ -23,8 +23,9 @@ class QuarantineNote(Message, frozen=True):
         str,
         Meta(
             description="conflicting: another content came before under its number; ahead: sampled later than now; "
-            "number: its number is not that of its sample; place, speed, acceleration, turn_speed, turn_acceleration, "
-            "gripper: beyond what an arm can do; foreign_set_point: a set point that the patient did not send."
+            "number: its number is not that of its sample; place, speed, acceleration, turn_speed, "
+            "turn_acceleration, gripper: beyond what an arm can do; foreign_set_point: a set point that the patient "
+            "did not send."
         ),
     ]
 
@@ -50,10 +51,10 @@ class SafetyNote(Message, frozen=True):
     cause: Annotated[
         SafetyCause,
         Meta(
-            description="first: the first estimate; age, uncertainty, no_estimate: the data became unsound; conflict: "
-            "samples came in two versions, so some are forged; "
-            "emergency_stop; latched: safe until a release; break: the data came back after a gap; sound: the data are "
-            "sound again; met: the set point met the estimate."
+            description="first: the first estimate; age, uncertainty, no_estimate: the data became unsound; "
+            "conflict: samples came in two versions, so some are forged; emergency_stop; latched: safe until a "
+            "release; break: the data came back after a gap; sound: the data are sound again; met: the set point met "
+            "the estimate."
         ),
     ]
     age_ns: Annotated[int | None, Meta(description="Age of the newest sample, in ns; null: none has arrived.")]

@@ -144,7 +144,8 @@ class PredictiveDisplay:
             at + to - since
             for at, to, since in zip(position_m(feedback), newest_m, self.shown.modelled_m, strict=True)
         )
-        if not max(abs(x), abs(y), abs(z)) <= MAX_SIZE:  # a damaged feedback, at the end of what a pose can be
+        # a damaged feedback, at the end of what a pose can be
+        if not all(abs(part) <= MAX_SIZE for part in (x, y, z)):
             return None
         return PredictedPose(
             sample_ns=commanded.sample_ns,

@@ -2,6 +2,7 @@
 
 import json
 from functools import cache
+from inspect import cleandoc
 from types import ModuleType
 from typing import Any
 
@@ -29,11 +30,16 @@ def _inline(node: Any, definitions: dict[str, Any]) -> Any:
         return [_inline(item, definitions) for item in node]
     if not isinstance(node, dict):
         return node
-    if "$ref" in node:
-        return _inline(definitions[node["$ref"]], definitions)
+    if "$ref" in node:  # what a field says of itself stands before what its model says
+        own = {key: value for key, value in node.items() if key != "$ref"}
+        return _inline(definitions[node["$ref"]] | own, definitions)
     # X | None becomes X; its description and other keywords stay, a default null goes.
     if "anyOf" in node:
         chosen = next(branch for branch in node["anyOf"] if branch.get("type") != "null")
         rest = {key: value for key, value in node.items() if key not in ("anyOf", "default")}
         return _inline(chosen | rest, definitions)
+    if "enum" in node and "type" not in node:  # Foxglove reads no field without a type; all of ours are words
+        node = {"type": "string"} | node
+    if isinstance(node.get("description"), str):  # a docstring as it stands in the code
+        node = node | {"description": cleandoc(node["description"])}
     return {key: _inline(value, definitions) for key, value in node.items()}

@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 
 from tis.common.errors import MAX_SHOWN, Fault, capped
+from tis.common.messages import MAX_SIZE
 from tis.common.sources.table_columns import DeviceLayout
 from tis.common.sources.trajectory import Array, PoseTrack, not_rotations, one_hemisphere
 
@@ -140,9 +141,9 @@ def finite_faults(columns: Columns, where: str) -> list[Fault]:
 def pose_track(columns: Columns, device: DeviceLayout, where: str) -> tuple[PoseTrack, list[Fault]]:
     """Return the poses of a device from finite columns: m, unit quaternions x y z w in one hemisphere, rad.
 
-    Faults name rows whose quaternion is not of norm 1 or whose matrix is no rotation, within 0.01, at most five of
-    each; quaternions within are normalised, and matrices replaced by the nearest rotation. Oracle: the same rotation
-    in every form, test_table_poses.
+    Faults name rows whose quaternion is not of norm 1 or whose matrix is no rotation, within 0.01, and those with a
+    number that no message holds, at most five of each; quaternions within are normalised, and matrices replaced by
+    the nearest rotation. Oracle: the same rotation in every form, test_table_poses.
     """
     pose, units = device.columns, device.units
     position_m = _M_PER[units.position] * _stacked(columns, pose.position)
@@ -157,7 +158,17 @@ def pose_track(columns: Columns, device: DeviceLayout, where: str) -> tuple[Pose
     elif pose.euler is not None:
         angles_rad = _RAD_PER[units.angle] * _stacked(columns, pose.euler)
         orientation = scipy.spatial.transform.Rotation.from_euler(pose.euler_axes, angles_rad).as_quat()
+    faults += _too_large(position_m, "m", pose.position, where)
+    faults += _too_large(gripper[:, np.newaxis], "rad", [pose.gripper or ""], where)
     return PoseTrack(position_m, one_hemisphere(orientation), gripper), faults
+
+
+def _too_large(values: Array, unit: str, names: Sequence[str], where: str) -> list[Fault]:
+    """Return the faults of rows (N, C) with numbers that no message holds: they would overflow between two rows."""
+    bad = np.flatnonzero((np.abs(values) > MAX_SIZE).any(axis=1))
+    rule = f"must be of at most {MAX_SIZE:g} {unit} (columns {' '.join(names)})"
+    found = [Fault(where, f"row {i}", rule, float(np.abs(values[i]).max())) for i in bad[:MAX_SHOWN]]
+    return capped(found, len(bad), where, rule)
 
 
 def unit_doubts(columns: Columns, device: DeviceLayout) -> list[str]:

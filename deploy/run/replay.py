@@ -7,13 +7,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from msgspec import DecodeError, to_builtins
+from msgspec import DecodeError
 from pydantic_core import from_json
 
 from tis.common.channels import direction_of, is_set_point
 from tis.common.errors import DataError, Fault
 from tis.common.header import Header
-from tis.common.messages import Pose, Quaternion, Vector3, decode, encode
+from tis.common.messages import Pose, Quaternion, Vector3, as_row, decode, encode
 from tis.common.node import Arrival, Emission, Record
 from tis.common.records import COUNTERS, ESTIMATES, ORIENTATIONS, PROMPT, TICKS, UNRECORDED
 from tis.common.runtime.arm_memory import RESUMED_FILE, parse_resumed
@@ -101,7 +101,7 @@ class Estimates:
     def record(self, record: Record) -> None:
         """Keep an estimate or a set point."""
         if is_set_point(record.topic) or _is_estimate(record.topic):
-            row = from_json(record.data) if isinstance(record.data, bytes) else to_builtins(record.data)
+            row = from_json(record.data) if isinstance(record.data, bytes) else as_row(record.data)
             self.rows[_address(row)] = _value(row)
 
 

@@ -32,7 +32,7 @@ MERGED_FILE: Final = "run.mcap"
 MAX_JSON_BYTES: Final = 8_000_000
 """Size of a summary or manifest, which take some 0.1 MB; as Python objects JSON takes up to 25 times its size."""
 
-_LIBRARIES: Final = ("tis-testbed", "eclipse-zenoh", "numpy", "scipy", "filterpy", "mcap", "pydantic")
+_LIBRARIES: Final = ("tis-testbed", "eclipse-zenoh", "numpy", "scipy", "filterpy", "mcap", "msgspec", "pydantic")
 
 
 def create(path: Path, scenario: Scenario) -> Path:

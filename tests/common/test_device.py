@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import ValidationError
+from msgspec import DecodeError
 
 from tis.common.device import (
     MAX_PER_TICK,
@@ -21,7 +21,7 @@ from tis.common.messages import decode
 
 
 def test_only_the_position_is_required() -> None:
-    pose = decode('{"position_m": {"x": 0.1, "y": 0, "z": -0.2}}', DevicePose)
+    pose = decode(b'{"position_m": {"x": 0.1, "y": 0, "z": -0.2}}', DevicePose)
     assert (pose.position_m.x, pose.position_m.y, pose.position_m.z) == (0.1, 0.0, -0.2)
     assert pose.orientation.w == 1.0
     assert (pose.stamp_ns, pose.gripper_rad, pose.clutch, pose.buttons) == (None, 0.0, False, ())
@@ -41,15 +41,14 @@ def test_only_the_position_is_required() -> None:
     ],
 )
 def test_anything_else_is_refused(text: str) -> None:
-    with pytest.raises(ValidationError):
-        decode(text, DevicePose)
+    with pytest.raises(DecodeError):
+        decode(text.encode(), DevicePose)
 
 
 def test_a_message_of_faulty_buttons_is_not_read_to_its_end() -> None:
     """128 of them between two samples would take longer than a period of 30 Hz."""
-    with pytest.raises(ValidationError) as caught:
+    with pytest.raises(DecodeError, match=r"at `\$\.buttons\[0\]`"):
         decode(b'{"buttons": [' + b"{}," * 600 + b"{}]}", DevicePose)
-    assert caught.value.error_count() == 2  # and there is no position
 
 
 # sec 1, nanosec 2, frame "base", x y z = 1 2 3, quaternion 0 0 0 1; little endian, written by hand
@@ -203,8 +202,8 @@ def test_of_a_flood_the_newest_count_and_the_rest_is_counted() -> None:
 
 @given(st.lists(st.binary(max_size=80)))
 def test_every_message_is_used_or_counted_once(contents: list[bytes]) -> None:
-    for decode in (from_json, from_ros2):
-        gate = DeviceGate(decode, 500 * MS)
+    for reading in (from_json, from_ros2):
+        gate = DeviceGate(reading, 500 * MS)
         for i, content in enumerate(contents):
             gate.take(i, content)
         gate.drain()

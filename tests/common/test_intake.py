@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import to_builtins
-from msgspec.structs import replace
+from msgspec.structs import asdict
 
 from tests.nodes import LEFT, Stamp, a_pose, an_arrival
 from tis.common.header import Header
@@ -44,7 +44,7 @@ def test_each_kind_of_foreign_message_is_counted_with_its_reason() -> None:
         "the attachment is not ours": an_arrival(KEY, 5, b"", a_pose()),
         "the sample instant lies outside the run": an_arrival(KEY, 5, Stamp(0, 2_000_000_000, 0), a_pose()),
         "the send time lies outside the run": an_arrival(KEY, 5, Stamp(0, 0, 2**63 - 1), a_pose()),
-        "the payload is no SampledPose: 1 faults": an_arrival(KEY, 5, Stamp(0, 0, 0), whole[:-20]),
+        "the payload is no SampledPose": an_arrival(KEY, 5, Stamp(0, 0, 0), whole[:-20]),
         "no channel has this key": an_arrival("tis/MTMR/measured_cp", 5, Stamp(0, 0, 0), a_pose()),
     }
     intake = _intake()
@@ -66,7 +66,7 @@ def test_a_send_time_before_the_run_is_rejected() -> None:
 
 @pytest.mark.parametrize("field", ["tick", "command_sample_ns"])
 def test_an_answer_with_a_number_that_no_log_can_hold_is_rejected(field: str) -> None:
-    answer = {**json.loads(encode(a_pose()).decode()), "tick": 3, "command_sample_ns": 0}
+    answer = {**json.loads(encode(a_pose())), "tick": 3, "command_sample_ns": 0}
     for number, is_accepted in ((2**62, True), (2**62 + 1, False), (10**400, False), (5.0, False), ("5", False)):
         payload = json.dumps({**answer, field: number}).encode()
         key = LEFT.estimated.key("tis")
@@ -142,13 +142,12 @@ def test_a_long_message_of_faults_is_not_read_to_its_end(earlier: str) -> None:
         _, (record,) = _intake().take(an_arrival(KEY, 5, Stamp(0, 0, 0), _with_history(n, earlier)))
         assert isinstance(record.data, Rejected)
         reasons.append(record.data.reason)
-    n_faults = {"{}": 4, "0": 1}[earlier]
-    assert reasons == [f"the payload is no SampledPose: {n_faults} faults", "the payload has more than 262144 bytes"]
+    assert reasons == ["the payload is no SampledPose", "the payload has more than 262144 bytes"]
 
 
 def test_the_longest_history_of_a_scenario_is_accepted_and_a_longer_one_is_not() -> None:
     for n, is_accepted in ((MAX_HISTORY, True), (MAX_HISTORY + 1, False)):
         earlier = tuple(a_pose(-1e9 / 3, -1e9 / 7, -1e9 / 9, sample_ns=k) for k in range(n))
-        pose = replace(SampledPose(**dict(a_pose(sample_ns=10**6))), history=earlier)
-        accepted, _ = _intake().take(an_arrival(KEY, 5, Stamp(0, 0, 0), pose.payload()))
+        pose = SampledPose(**asdict(a_pose(sample_ns=10**6)), history=earlier)
+        accepted, _ = _intake().take(an_arrival(KEY, 5, Stamp(0, 0, 0), encode(pose)))
         assert (accepted is not None) == is_accepted

@@ -121,7 +121,7 @@ def control_episode(episode: Episode, quick: bool = False) -> Iterator[None]:
                 log.log.record(record)
         # the changes repeated in virtual time
         if rng.random() < 0.5:
-            kept = [decode(encode(note).decode(), ControlNote) for note in notes]
+            kept = [decode(encode(note), ControlNote) for note in notes]
             assert all(record.topic == CONTROL for record in bridge.records)
             for way in WAYS:
                 changed_conditions(network, way, 3, kept).at(bridge.now_ns)

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from msgspec.structs import replace
+from msgspec.structs import asdict, replace
 
 from tests.nodes import LEFT, Stamp, a_pose, an_arrival
 from tis.common.header import Header
@@ -164,7 +164,7 @@ SAMPLES = [a_pose(k / 10, sample_ns=k * 10**9 // 30) for k in range(8)]
 
 
 def _packet(k: int, history: int) -> bytes:
-    return encode(SampledPose(**dict(SAMPLES[k]), history=tuple(SAMPLES[max(0, k - history) : k])))
+    return encode(SampledPose(**asdict(SAMPLES[k]), history=tuple(SAMPLES[max(0, k - history) : k])))
 
 
 @given(arrived=st.lists(st.tuples(st.integers(0, 7), st.integers(0, 3)), max_size=24), history=st.integers(0, 4))

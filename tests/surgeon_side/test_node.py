@@ -3,7 +3,7 @@ import json
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from msgspec import to_builtins
+from msgspec.structs import asdict
 from scipy.spatial.transform import Rotation
 
 from tests.nodes import Stamp, a_pose, a_recording, an_arrival
@@ -77,7 +77,7 @@ def test_the_truth_is_logged_one_sample_ahead_also_over_missed_ticks() -> None:
 def test_feedback_is_logged_as_it_arrived() -> None:
     node = _node()
     pose = a_pose(0.5)
-    feedback = FeedbackPose(**to_builtins(pose), tick=4, command_sample_ns=100)
+    feedback = FeedbackPose(**asdict(pose), tick=4, command_sample_ns=100)
     payload = encode(feedback)
     arrival = an_arrival("tis/PSM2/estimated_cp", 7_000, Stamp(4, 5_000, 6_000), payload, "west")
     (flown,) = node.receive(arrival)
@@ -198,7 +198,7 @@ def test_a_surgeon_that_comes_back_goes_on_where_the_hand_is_now() -> None:
 def test_the_display_is_published_and_logged_once_the_arm_has_answered() -> None:
     node = _node(n_ticks=3)
     node.wake(0)
-    feedback = FeedbackPose(**to_builtins(a_pose(0.5)), tick=0, command_sample_ns=0)
+    feedback = FeedbackPose(**asdict(a_pose(0.5)), tick=0, command_sample_ns=0)
     payload = encode(feedback)
     node.receive(an_arrival("tis/PSM2/estimated_cp", 6_000, Stamp(0, 5_000, 6_000), payload, "west"))
     assert len(_emissions(node.wake(PERIOD_NS))) == 2, "an estimate is not the arm"
@@ -218,7 +218,7 @@ def test_the_display_is_published_and_logged_once_the_arm_has_answered() -> None
 def test_a_fast_display_shows_every_ninth_tick_and_knows_all_commands() -> None:
     recording = a_recording(50, rate_hz=1000)
     node = SurgeonNode("tis", RecordedMotion(recording), Ticker(1000, 30))
-    payload = encode(FeedbackPose(**to_builtins(a_pose(0.5)), tick=0, command_sample_ns=0))
+    payload = encode(FeedbackPose(**asdict(a_pose(0.5)), tick=0, command_sample_ns=0))
     node.wake(0)
     node.receive(an_arrival("tis/PSM2/measured_cp", 400_000, Stamp(0, 0, 0), payload, "west"))
     woken = [node.wake(k * 1_000_000) for k in range(1, 30)]

@@ -3,7 +3,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from msgspec import to_builtins
+from msgspec.structs import asdict
 
 from tests.nodes import a_pose
 from tis.common.messages import MAX_SIZE, FeedbackPose, Pose, Vector3
@@ -25,7 +25,7 @@ def _command(tick: int) -> Pose:
 
 
 def _feedback(tick: int, t_ns: int, x_m: float, command_ns: int | None) -> FeedbackPose:
-    return FeedbackPose(**to_builtins(a_pose(x_m, sample_ns=t_ns)), tick=tick, command_sample_ns=command_ns)
+    return FeedbackPose(**asdict(a_pose(x_m, sample_ns=t_ns)), tick=tick, command_sample_ns=command_ns)
 
 
 def _display() -> PredictiveDisplay:

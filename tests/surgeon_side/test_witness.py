@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from msgspec import to_builtins
+from msgspec.structs import asdict
 
 from tests.nodes import a_pose, a_recording
 from tis.common.channels import hand_channels
@@ -84,7 +84,7 @@ def test_it_says_nothing_and_logs_answers() -> None:
     witness = a_witness()
     assert witness.publishes() == ()
     assert witness.next_wake_ns() is None
-    payload = encode(FeedbackPose(**to_builtins(a_pose()), tick=4, command_sample_ns=100))
+    payload = encode(FeedbackPose(**asdict(a_pose()), tick=4, command_sample_ns=100))
     (record,) = witness.receive(Arrival("west", "tis/PSM2/estimated_cp", payload, Header(4, 5, RUN).pack(), 9_000))
     assert (record.log_ns, record.publish_ns, record.seq) == (9_000, 5, 4)
 

@@ -28,7 +28,7 @@ _ALL_OF: Final = ("common", "surgeon_side", "netem", "patient_side")
 _CELL: Final = "deploy/compare/cells/cell.py"
 _SUMMARY: Final = "deploy/report/summarise.py"
 _IMPORT: Final = re.compile(r"^from tis\.(deploy[\w.]*) import (\([^)]*\)|.+)", re.MULTILINE)
-_LIBRARIES: Final = ("numpy", "scipy", "filterpy", "pydantic")
+_LIBRARIES: Final = ("numpy", "scipy", "filterpy", "msgspec", "pydantic")
 _IRRELEVANT_FIELDS: Final = ("name", "limits", "hosts", "security", "on_peer_loss", "peer_timeout_s", "on_log_loss")
 """Fields of a scenario without influence on a twin."""
 

@@ -5,7 +5,8 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from msgspec import to_builtins
+from msgspec import convert
+from msgspec.structs import asdict
 
 from tis.common.host_records import ProcessorNote
 from tis.common.metrics.processor_shares import numbers_of, processor_shares
@@ -18,7 +19,7 @@ def a_note(**changes: Any) -> dict[str, Any]:
     """Ten seconds of two processors: 6 s busy, of which 1 s this process; 8 idle, 1 waiting, 5 stolen."""
     known = {"busy_ns": 6 * S, "idle_ns": 8 * S, "iowait_ns": S, "steal_ns": 5 * S}
     base = {"from_ns": -S, "to_ns": 9 * S, "processors": "0-1", "own_ns": S}
-    return to_builtins(ProcessorNote(**(base | known | changes)))
+    return asdict(convert(base | known | changes, ProcessorNote))
 
 
 def test_shares_by_hand() -> None:

@@ -5,6 +5,7 @@ import shutil
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -68,7 +69,7 @@ def test_a_batch_counts_with_the_rows_that_the_largest_so_far_had() -> None:
     def batch() -> list[Record]:
         rows = tuple(range(1000))
         names = ("seq", "offered_ns", "delay_ns", "release_ns", "n_bytes", "copies", "flipped")
-        columns = dict.fromkeys(names, rows) | {"outcome": ("loss",) * 1000}
+        columns: dict[str, Any] = dict.fromkeys(names, rows) | {"outcome": ("loss",) * 1000}
         return [Record(FATES, 0, FateBatch(direction="forward", key="k", **columns))]
 
     log = SlowLog()

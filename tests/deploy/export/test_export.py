@@ -13,7 +13,7 @@ from tests.log_reader import LogReader
 from tests.nodes import a_pose
 from tis.common.channels import hand_channels
 from tis.common.errors import DataError
-from tis.common.messages import Pose, Quaternion
+from tis.common.messages import Pose, Quaternion, encode
 from tis.common.scenario import Scenario
 from tis.common.sources.jigsaws import COLUMNS, parse_trial, pose_track
 from tis.deploy.export import jigsaws
@@ -127,4 +127,4 @@ def test_an_orientation_that_is_no_rotation_is_one_line(turn: tuple[float, float
     x, y, z, w = turn
     pose = replace(a_pose(0), orientation=Quaternion(x=x, y=y, z=z, w=w))
     with pytest.raises(DataError, match="tis/PSM2/setpoint_cp"):
-        jigsaws._pose(Pose, pose.model_dump_json().encode(), "tis/PSM2/setpoint_cp")
+        jigsaws._pose(Pose, encode(pose), "tis/PSM2/setpoint_cp")

@@ -257,7 +257,7 @@ def test_truth_before_a_long_gap_is_not_forgotten_while_estimates_wait_for_it() 
     truth = Truth(RunTopics.of(a_scenario(), {}))
     for seconds in ((0, 1), range(11, 21)):
         at_ns = 1_000_000_000 * np.array(seconds, dtype=np.int64)
-        rows = [_truth(k, float(k)).data.model_dump_json().encode() for k in seconds]  # type: ignore[union-attr]
+        rows = [encode(_truth(k, float(k)).data) for k in seconds]  # type: ignore[arg-type]
         list(truth.take(Records(at_ns, at_ns, np.zeros_like(at_ns), rows)))
     found = truth.at("left", np.array([6_000_000_000, 20_000_000_000]))
     assert found[:, 0].tolist() == [6.0, 20.0]

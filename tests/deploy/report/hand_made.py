@@ -3,7 +3,9 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from msgspec import to_builtins
+import numpy as np
+from msgspec.structs import asdict
+from numpy.typing import ArrayLike
 
 from tests.nodes import a_pose
 from tis.common.channels import Direction, Hand, Side
@@ -45,6 +47,11 @@ ESTIMATED = "tis/PSM2/estimated_cp"
 Position = tuple[float, float, float]
 
 
+def ints(values: ArrayLike) -> tuple[int, ...]:
+    """Return whole numbers of an array as a record holds them."""
+    return tuple(np.asarray(values, dtype=np.int64).tolist())
+
+
 def a_scenario(duration_s: float = 0.1, **changes: object) -> Scenario:
     """Three samples at 30 Hz, the left hand."""
     raw = {"version": 1, "name": "by_hand", "duration_s": duration_s, "source": {"kind": "synthetic"}}
@@ -62,7 +69,7 @@ def message(key: str, seq: int, sent_ms: float, log_ms: float | None = None, sam
 def answer(tick: int, sent_ms: float, command_ms: float | None, log_ms: float | None = None) -> Record:
     """The patient's estimate, which answers the command sampled at ``command_ms``."""
     command_ns = None if command_ms is None else round(command_ms * MS)
-    pose = FeedbackPose(**to_builtins(a_pose()), tick=tick, command_sample_ns=command_ns)
+    pose = FeedbackPose(**asdict(a_pose()), tick=tick, command_sample_ns=command_ns)
     sent_ns = round(sent_ms * MS)
     log_ns = sent_ns if log_ms is None else round(log_ms * MS)
     return Record(ESTIMATED, log_ns, encode(pose), FeedbackPose, sent_ns, tick)

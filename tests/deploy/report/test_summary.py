@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pydantic import BaseModel
 
 from tests.deploy.report.hand_made import (
     ARM,
@@ -27,6 +26,7 @@ from tests.deploy.report.hand_made import (
 )
 from tests.patient_side.arm_models import static_model
 from tis.common.errors import EXIT_OK
+from tis.common.messages import Message, encode
 from tis.common.node import Record
 from tis.common.scenario import Scenario
 from tis.deploy.logs.read.load import RunLogs, load_run
@@ -274,5 +274,5 @@ def test_two_hands_have_scores_models_and_ways_of_their_own(tmp_path: Path) -> N
 
 
 def _json(record: Record) -> bytes:
-    assert isinstance(record.data, BaseModel)
-    return record.data.model_dump_json().encode()
+    assert isinstance(record.data, Message)
+    return encode(record.data)

@@ -39,19 +39,14 @@ HOLD = "patient.orientation={methods: [hold], active: hold}"
 
 def _at(k: int, metres: float) -> bytes:
     """Return a pose ``metres`` off along each axis, with the instant of sample ``k``."""
-    return (
-        a_pose(sample_ns=sample_instant_ns(k, RATE_HZ))
-        .model_dump_json()
-        .replace('"position_m":{"x":0.0,"y":0.0,"z":0.0}', f'"position_m":{{"x":{metres},"y":{metres},"z":{metres}}}')
-        .encode()
-    )
+    return encode(a_pose(metres, metres, metres, sample_ns=sample_instant_ns(k, RATE_HZ)))
 
 
 def _pose(k: int, place_m: Sequence[float], **fields: object) -> bytes:
     """Return a pose at a place with the instant of sample ``k``."""
     x, y, z = place_m
     pose = a_pose(x, y, z, sample_ns=sample_instant_ns(k, RATE_HZ))
-    return encode(replace(pose, update=fields))
+    return encode(replace(pose, **fields))
 
 
 def _pair(at_ns: int, k: int, seq: int, metres: float) -> Iterator[Forged]:
@@ -183,10 +178,10 @@ def test_two_contents_under_one_number_hold_the_arm_and_the_run_says_since_when(
 
 
 def test_foreign_set_points_are_counted_told_and_logged(tmp_path: Path) -> None:
-    point = SetPoint(
+    point = encode(SetPoint(
         sample_ns=0, position_m=Vector3(x=0.0, y=0.0, z=0.0), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
         gripper_rad=0.0, hand="left", tick=0, mode="tracking", age_ns=0,
-    ).model_dump_json().encode()  # fmt: skip
+    ))  # fmt: skip
     key = "tis/PSM2/servo_cp"
     messages = [Forged(ATTACK_NS + i * NS_PER_MS, key, i, point if i % 2 or i < 4 else b"{}") for i in range(400)]
     found = _run(tmp_path / "run", messages)

@@ -9,10 +9,10 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from tests.deploy.report.hand_made import MS, counter, fate, release, write_log
+from tests.deploy.report.hand_made import MS, counter, fate, ints, release, write_log
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, DataError
 from tis.common.node import Record
-from tis.common.records import FATES, RELEASES, FateBatch, ReleaseBatch
+from tis.common.records import FATES, RELEASES, Departure, FateBatch, Outcome, ReleaseBatch
 from tis.common.runtime.scenario_files import load_traces, trace_attachments
 from tis.common.scenario.network import NetworkPart
 from tis.deploy.cli.main import app
@@ -50,19 +50,20 @@ def _records(network: NetworkPart, later_ms: float = 0.0, error_ns: int = 1000) 
     through = ~drawn.lost
     delay_ns = (drawn.delay_ns + round(later_ms * MS)) * through
     left_ns = offered_ns + delay_ns
-    outcomes = [
+    outcomes: tuple[Outcome, ...] = tuple(
         "outage" if out else "loss" if lost else "deliver" for out, lost in zip(drawn.outage, drawn.lost, strict=True)
-    ]
+    )
     fates = FateBatch(
-        direction="forward", key=KEY, foreign=True, seq=tuple(range(N)), offered_ns=offered_ns.tolist(),
-        outcome=outcomes, delay_ns=delay_ns.tolist(), release_ns=(left_ns * through).tolist(), n_bytes=(100,) * N,
+        direction="forward", key=KEY, foreign=True, seq=tuple(range(N)), offered_ns=ints(offered_ns),
+        outcome=outcomes, delay_ns=ints(delay_ns), release_ns=ints(left_ns * through), n_bytes=(100,) * N,
         copies=(0,) * N, flipped=(0,) * N,
     )  # fmt: skip
     seq = np.flatnonzero(through)
+    departures: tuple[Departure, ...] = ("released",)
     releases = ReleaseBatch(
-        direction="forward", key=KEY, foreign=True, seq=seq.tolist(), copy_index=(0,) * len(seq),
-        offered_ns=offered_ns[seq].tolist(), release_ns=left_ns[seq].tolist(),
-        released_ns=(left_ns[seq] + error_ns).tolist(), departure=("released",) * len(seq), queued_ns=(0,) * len(seq),
+        direction="forward", key=KEY, foreign=True, seq=ints(seq), copy_index=(0,) * len(seq),
+        offered_ns=ints(offered_ns[seq]), release_ns=ints(left_ns[seq]),
+        released_ns=ints(left_ns[seq] + error_ns), departure=departures * len(seq), queued_ns=(0,) * len(seq),
     )  # fmt: skip
     counts = {"forward.offered": N, "forward.copied": 0, "forward.released": len(seq), "forward.held_at_end": 0}
     return [

@@ -12,7 +12,7 @@ from tis.deploy.watch.safety import SafetyStates, Stretch
 def _point(at_s: float, mode: SafetyMode) -> bytes:
     place, level = Vector3(x=0.0, y=0.0, z=0.0), Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
     at_ns = round(at_s * NS_PER_S)
-    return (
+    return encode(
         SetPoint(
             sample_ns=at_ns,
             position_m=place,
@@ -23,8 +23,6 @@ def _point(at_s: float, mode: SafetyMode) -> bytes:
             mode=mode,
             age_ns=0,
         )
-        .model_dump_json()
-        .encode()
     )
 
 

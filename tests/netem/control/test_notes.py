@@ -29,7 +29,7 @@ def _links() -> dict[Direction, Link]:
 def _noted(control: Control, operation: str, request: Any, at_ns: int) -> ControlNote:
     _, (record,) = control.handle(operation, json.dumps(request).encode(), at_ns)
     assert isinstance(record.data, ControlNote)
-    return decode(encode(record.data).decode(), ControlNote)
+    return decode(encode(record.data), ControlNote)
 
 
 def test_changes_and_clearings_have_the_run_times_at_which_they_came() -> None:

@@ -1,6 +1,6 @@
 """Reception at the patient: every message is used, or counted and named."""
 
-from msgspec import to_builtins
+from msgspec.structs import asdict
 
 from tests.nodes import Stamp, a_pose, an_arrival
 from tis.common.channels import hand_channels
@@ -71,7 +71,7 @@ def test_a_history_is_used_without_the_samples_that_the_gate_refuses() -> None:
     assert _take(intake, 0, 0.0) == "used"
     earlier = tuple(a_pose(x, sample_ns=sample_instant_ns(k, 30)) for k, x in ((0, 0.5), (1, 0.001), (2, 9.0)))
     at_ns = sample_instant_ns(3, 30)
-    message = SampledPose(**to_builtins(a_pose(0.002, sample_ns=at_ns)), history=earlier)
+    message = SampledPose(**asdict(a_pose(0.002, sample_ns=at_ns)), history=earlier)
     arrival = an_arrival(COMMAND, at_ns + DELAY_NS, Stamp(3, at_ns, at_ns), encode(message))
     accepted, records = intake.take(arrival)
     assert accepted is not None

@@ -33,10 +33,10 @@ def _refused(track: PoseTrack, device: str, rate_hz: int, centre_m: Array, seed:
     for i in np.argsort(recv_ns).tolist():
         x, y, z = track.position_m[k[i]].tolist()
         a, b, c, d = track.orientation[k[i]].tolist()
-        pose = Pose.model_construct(  # unchecked, as there are many
+        pose = Pose(
             sample_ns=instants[i],
-            position_m=Vector3.model_construct(x=x, y=y, z=z),
-            orientation=Quaternion.model_construct(x=a, y=b, z=c, w=d),
+            position_m=Vector3(x=x, y=y, z=z),
+            orientation=Quaternion(x=a, y=b, z=c, w=d),
             gripper_rad=float(track.gripper_rad[k[i]]),
         )
         kind = gate.refusal(pose, int(k[i]), int(recv_ns[i]))

@@ -219,3 +219,15 @@ def test_the_path_is_recorded_absolute(tmp_path: Path, monkeypatch: pytest.Monke
     source = located(scenario_of("t.csv")).source
     assert source.kind == "table"
     assert source.path == str(tmp_path / "t.csv")
+
+
+def test_numbers_that_no_message_holds_are_refused_by_row(tmp_path: Path) -> None:
+    """Between two of them an interpolation overflows, and a pose would fly with null for a number."""
+    columns = movement(600, rate_hz=100.0)
+    columns["MTML_x_m"][[7, 8]] = 1.7e308, -1.7e308
+    columns["PSM2_gripper_rad"][3] = 2e9
+    assert faults_of(write_parquet(tmp_path / "t.parquet", columns), resample=True) == [
+        "FILE: row 7: must be of at most 1e+09 m (columns MTML_x_m MTML_y_m MTML_z_m) (got 1.7e+308)",
+        "FILE: row 8: must be of at most 1e+09 m (columns MTML_x_m MTML_y_m MTML_z_m) (got 1.7e+308)",
+        "FILE: row 3: must be of at most 1e+09 rad (columns PSM2_gripper_rad) (got 2000000000.0)",
+    ]

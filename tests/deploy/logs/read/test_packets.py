@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import BaseModel
 
 from tests.deploy.report.hand_made import ARM, COMMAND, MS, fate, release, write_log, write_run
 from tis.common.errors import DataError
+from tis.common.messages import Message
 from tis.common.node import Record
 from tis.common.records import FATES, RELEASES
 from tis.deploy.logs.read.load import load_run
@@ -54,14 +54,14 @@ def test_without_a_log_there_is_nothing(tmp_path: Path) -> None:
         assert [len(frame.column(name)) for name in frame.names] == [0] * n_columns
 
 
-class _Old(BaseModel):
+class _Old(Message, frozen=True):
     direction: str = "forward"
     key: str = COMMAND
     foreign: bool = False
     seq: int = 4
 
 
-class _Torn(_Old):
+class _Torn(_Old, frozen=True):
     seq: tuple[int, ...] = (1, 2)  # type: ignore[assignment]
     offered_ns: tuple[int, ...] = (1,)
     outcome: tuple[str, ...] = ("deliver",)
@@ -75,7 +75,7 @@ class _Torn(_Old):
 @pytest.mark.parametrize(
     "data", [_Old(), _Torn(), _Torn(seq=(1,), outcome=("swallowed",)), _Torn(seq=(1,), delay_ns=(2**70,))]
 )
-def test_a_log_of_another_version_is_refused_by_name_and_topic(tmp_path: Path, data: BaseModel) -> None:
+def test_a_log_of_another_version_is_refused_by_name_and_topic(tmp_path: Path, data: Message) -> None:
     for topic in (FATES, RELEASES):
         write_log(tmp_path, "netem", [Record(topic, 0, data)])
         with pytest.raises(DataError, match=rf"netem\.mcap: {topic}: holds"):

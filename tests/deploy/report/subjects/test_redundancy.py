@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from msgspec import to_builtins
+from msgspec.structs import asdict, replace
 
 from tests.deploy.report.hand_made import ARM, COMMAND, a_scenario, counter, message, tick, write_run
 from tests.nodes import a_pose
 from tis.common.channels import Arm, Hand
 from tis.common.header import HEADER_BYTES
-from tis.common.messages import Pose, SampledPose, encode
+from tis.common.messages import SampledPose, encode
 from tis.common.records import SENT_BYTES, SENT_PACKETS
 from tis.common.scenario.surgeon import MAX_COPY_DELAY_MS
 from tis.deploy.logs.read.load import load_run
@@ -83,12 +83,12 @@ def test_who_sends_once_has_no_rows(tmp_path: Path) -> None:
 @settings(max_examples=25)
 @given(n=st.integers(1, 12), history=st.integers(0, 6), copies=st.integers(1, 3))
 def test_the_size_of_a_packet_alone_is_that_of_its_pose_as_it_flies(n: int, history: int, copies: int) -> None:
-    poses = [Pose(**{**to_builtins(a_pose()), "sample_ns": 10**9 + k}) for k in range(n)]
+    poses = [replace(a_pose(), sample_ns=10**9 + k) for k in range(n)]
     sizes = [
-        len(encode(SampledPose(**dict(pose), history=tuple(poses[max(0, k - history) : k])))) + HEADER_BYTES
+        len(encode(SampledPose(**asdict(pose), history=tuple(poses[max(0, k - history) : k])))) + HEADER_BYTES
         for k, pose in enumerate(poses)
     ] * copies
-    alone = len(encode(poses[0]).decode()) + HEADER_BYTES
+    alone = len(encode(poses[0])) + HEADER_BYTES
     assert alone_bytes(sum(sizes) / len(sizes), n, history) == pytest.approx(alone)
 
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.deploy.report.hand_made import COMMAND, MS, a_scenario, counter, fate, message, release, write_run
+from tests.deploy.report.hand_made import COMMAND, MS, a_scenario, counter, fate, ints, message, release, write_run
 from tis.common.node import Record
-from tis.common.records import CONTROL, FATES, RELEASES, ControlNote, FateBatch, Outcome, ReleaseBatch
+from tis.common.records import CONTROL, FATES, RELEASES, ControlNote, Departure, FateBatch, Outcome, ReleaseBatch
 from tis.common.scenario import Scenario
 from tis.deploy.report.subjects.network.link_summary import link_summary
 from tis.netem.expected.simulate import Simulated, simulate
@@ -33,26 +33,27 @@ def _drawn(scenario: Scenario, n: int) -> Simulated:
 def _logged(drawn: Simulated, error_ns: int = 0) -> list[Record]:
     """What netem would log; every packet leaves ``error_ns`` later than decided."""
     n = len(drawn.offered_ns)
-    outcomes: list[Outcome] = [
+    outcomes: tuple[Outcome, ...] = tuple(
         "outage" if out else "loss" if lost else "deliver" for out, lost in zip(drawn.outage, drawn.lost, strict=True)
-    ]
+    )
     through = ~drawn.lost
     copies = through & (drawn.copy_delay_ns >= 0)
     release_ns = drawn.offered_ns + drawn.delay_ns
     fates = FateBatch(
-        direction="forward", key=COMMAND, seq=tuple(range(n)), offered_ns=drawn.offered_ns, outcome=outcomes,
-        delay_ns=drawn.delay_ns, release_ns=release_ns * through, n_bytes=(100,) * n, copies=copies.astype(int),
-        flipped=drawn.n_flips * through,
+        direction="forward", key=COMMAND, seq=tuple(range(n)), offered_ns=ints(drawn.offered_ns), outcome=outcomes,
+        delay_ns=ints(drawn.delay_ns), release_ns=ints(release_ns * through), n_bytes=(100,) * n,
+        copies=ints(copies), flipped=ints(drawn.n_flips * through),
     )  # fmt: skip
     seq = np.concatenate([np.flatnonzero(through), np.flatnonzero(copies)])
     copy_index = np.concatenate([np.zeros(through.sum(), int), np.ones(copies.sum(), int)])
     left_ns = np.where(copy_index == 0, release_ns[seq], drawn.offered_ns[seq] + drawn.copy_delay_ns[seq])
     in_turn = np.lexsort((copy_index, seq))  # fifo: none leaves before an earlier one
     left_ns[in_turn] = np.maximum.accumulate(left_ns[in_turn])
+    departures: tuple[Departure, ...] = ("released",)
     releases = ReleaseBatch(
-        direction="forward", key=COMMAND, seq=seq, copy_index=copy_index, offered_ns=drawn.offered_ns[seq],
-        release_ns=left_ns, released_ns=left_ns + error_ns, departure=("released",) * len(seq),
-        queued_ns=(0,) * len(seq),
+        direction="forward", key=COMMAND, seq=ints(seq), copy_index=ints(copy_index),
+        offered_ns=ints(drawn.offered_ns[seq]), release_ns=ints(left_ns), released_ns=ints(left_ns + error_ns),
+        departure=departures * len(seq), queued_ns=(0,) * len(seq),
     )  # fmt: skip
     return [Record(FATES, 0, fates), Record(RELEASES, 0, releases)]
 
