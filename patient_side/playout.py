@@ -30,7 +30,7 @@ class SourceBuffer:
     -1 while nothing has arrived; ``n_added`` counts all samples added. ``get`` returns a sample's position, or None
     when it has not arrived. The gripper's angle in rad and the orientation, a unit quaternion (4,) x, y, z, w, are
     kept where the sample has them, in rings of arrays, from which a method reads many at once. Oracle: a plain list.
-    ``_whole`` is the index at each place of the rings whose sample has both.
+    ``_at`` is the index at each place of the rings.
     """
 
     depth: int
@@ -39,7 +39,7 @@ class SourceBuffer:
     n_added: int = 0
     get: Callable[[int], Array | None] = field(init=False, repr=False, compare=False)
     _samples: dict[int, Array] = field(default_factory=dict, repr=False)
-    _whole: NDArray[np.int64] = field(init=False, repr=False, compare=False)
+    _at: NDArray[np.int64] = field(init=False, repr=False, compare=False)
     _wrists: Array = field(init=False, repr=False, compare=False)
     _mask: int = field(init=False, repr=False, compare=False)
     _indices: list[int] = field(default_factory=list, repr=False)
@@ -50,7 +50,7 @@ class SourceBuffer:
         self.get = self._samples.get  # the dict's own method, as estimators call it often
         n_places = 1 << (self.depth - 1).bit_length()  # so that a mask finds the place
         self._mask = n_places - 1
-        self._whole, self._wrists = np.full(n_places, _NEVER), np.full((n_places, 5), nan)
+        self._at, self._wrists = np.full(n_places, _NEVER), np.full((n_places, 5), nan)
 
     def add(
         self,
@@ -64,7 +64,7 @@ class SourceBuffer:
             return False
         self._samples[index] = position_m
         place = index & self._mask
-        self._whole[place] = _NEVER if orientation is None or gripper_rad is None else index
+        self._at[place] = index
         self._wrists[place] = (
             *(_NOWHERE if orientation is None else orientation),
             nan if gripper_rad is None else gripper_rad,
@@ -85,13 +85,23 @@ class SourceBuffer:
         """Return whether sample ``index`` has arrived and is still stored."""
         return index in self._samples
 
-    def wrists(self, indices: NDArray[np.int64]) -> Array | None:
-        """Return orientation and gripper (N, 5) at falling indices (N,); None unless all have arrived with both."""
-        places = indices & self._mask
+    def wrists(self, indices: NDArray[np.int64]) -> Array:
+        """Return orientation and gripper (N, 5) at indices (N,) that have arrived, NaN where there is none."""
+        return self._wrists.take(indices & self._mask, axis=0)
+
+    def all_arrived(self, indices: NDArray[np.int64]) -> bool:
+        """Tell whether all of the falling indices (N,) have arrived and are still stored."""
         # The fastest comparison of few numbers is that of their bytes.
-        if self._whole.take(places).tobytes() != indices.tobytes() or indices.item(-1) <= self.newest - self.depth:
-            return None
-        return self._wrists.take(places, axis=0)
+        known = self._at.take(indices & self._mask).tobytes() == indices.tobytes()
+        return known and indices.item(-1) > self.newest - self.depth
+
+    def arrived(self, indices: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Tell which of the indices (N,) have arrived and are still stored."""
+        return np.asarray((self._at.take(indices & self._mask) == indices) & (indices > self.newest - self.depth))
+
+    def positions_m(self, indices: NDArray[np.int64]) -> Array:
+        """Return the positions (N, 3) at indices (N,) that have arrived."""
+        return np.array([self._samples[index] for index in indices.tolist()])
 
     def orientation(self, index: int) -> Array | None:
         """Return the orientation (4,) at ``index``, None without one."""
@@ -110,11 +120,6 @@ class SourceBuffer:
             return None
         found = self._wrists.item(index & self._mask, 4)
         return None if isnan(found) else found
-
-    def gripper_angle(self, index: int) -> Array | None:
-        """Return `gripper_rad` as a signal of one axis (1,)."""
-        found = self.gripper_rad(index)
-        return None if found is None else np.array([found])
 
     def added_since(self, n_added: int) -> list[int]:
         """Return the indices added after the first ``n_added``, in order of arrival; at most the last ``depth``.

@@ -7,7 +7,7 @@ the tangent space at the newest one, the angle of a gripper.
 from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,19 +32,27 @@ class ArrivedPast(NamedTuple):
     """
 
     known: NDArray[np.bool_]
-    older: list[int]
-    younger: list[int]
+    older: NDArray[np.int64]
+    younger: NDArray[np.int64]
     share: Array
 
-    def moves(self, now: Array, get: Callable[[int], Array | None], moved: Moved) -> Array:
-        """Return the displacements (L, d) from ``now`` (v,), the newest value; 0 where the past is not known."""
-        if not self.older:
+    def only(self, kept: NDArray[np.bool_]) -> Self:
+        """Return those of the known samples that are ``kept`` (K,)."""
+        known = self.known.copy()
+        known[known] = kept
+        return self._replace(known=known, older=self.older[kept], younger=self.younger[kept], share=self.share[kept])
+
+    def moves(self, now: Array, values: Callable[[NDArray[np.int64]], Array], moved: Moved) -> Array:
+        """Return the displacements (L, d) from ``now`` (v,), the newest value; 0 where the past is not known.
+
+        ``values`` returns those (K, v) at indices (K,).
+        """
+        if not len(self.older):
             return np.zeros((len(self.known), moved(now, now).shape[-1]))
-        found = moved(now, np.array([get(index) for index in self.older]))
+        found = moved(now, values(self.older))
         if self.share.any():
-            later = moved(now, np.array([get(index) for index in self.younger]))
             share = self.share[:, None]
-            found = (1.0 - share) * found + share * later
+            found = (1.0 - share) * found + share * moved(now, values(self.younger))
         if len(found) == len(self.known):
             return found
         whole = np.zeros((len(self.known), found.shape[-1]))
@@ -52,32 +60,22 @@ class ArrivedPast(NamedTuple):
         return whole
 
 
-def arrived_past(
-    buffer: SourceBuffer, lags: NDArray[np.int64], stride: int, get: Callable[[int], Array | None]
-) -> ArrivedPast:
-    """Return the known samples ``lags`` (L,) steps of ``stride`` samples before the newest; ``get`` reads a value.
+def arrived_past(buffer: SourceBuffer, lags: NDArray[np.int64], stride: int) -> ArrivedPast:
+    """Return the known samples ``lags`` (L,) steps of ``stride`` samples before the newest.
 
     A sample that has not arrived is interpolated if its nearest arrived neighbour is within an eighth of the distance
     to the newest one.
     """
-    newest = buffer.newest
-    known = np.zeros(len(lags), dtype=bool)
-    older, younger, share = [], [], []
-    for i, lag in enumerate(lags.tolist()):
-        distance = lag * stride
-        index = newest - distance
-        if get(index) is not None:
-            left = right = index
-        else:
-            left, right = buffer.newest_before(index), buffer.oldest_after(index)
-            near = min(index - left, right - index)
-            if left < 0 or _INTERPOLATION_RATIO * near > distance or get(left) is None or get(right) is None:
-                continue
-        known[i] = True
-        older.append(left)
-        younger.append(right)
-        share.append(0.0 if left == right else (index - left) / (right - left))
-    return ArrivedPast(known, older, younger, np.array(share))
+    distances = lags * stride
+    older = buffer.newest - distances
+    known = buffer.arrived(older)
+    younger, share = older.copy(), np.zeros(len(lags))
+    for i in np.flatnonzero(~known).tolist():
+        index = older.item(i)
+        left, right = buffer.newest_before(index), buffer.oldest_after(index)
+        if left >= 0 and _INTERPOLATION_RATIO * min(index - left, right - index) <= distances.item(i):
+            known[i], older[i], younger[i], share[i] = True, left, right, (index - left) / (right - left)
+    return ArrivedPast(known, older[known], younger[known], share[known])
 
 
 @dataclass(frozen=True)
@@ -181,6 +179,6 @@ class DirectLs:
         if newest is None:
             return None, Estimate(None)
         steps = max(playout.age_samples(arm.newest, now_ns) / direct.stride, 0.0)
-        past = arrived_past(arm, direct.lags, direct.stride, arm.get)
-        moved, covariance = self._forecast.ahead(steps, past.moves(newest, arm.get, differences), past.known)
+        past = arrived_past(arm, direct.lags, direct.stride)
+        moved, covariance = self._forecast.ahead(steps, past.moves(newest, arm.positions_m, differences), past.known)
         return None, Estimate(newest + moved, covariance)

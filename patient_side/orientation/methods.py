@@ -8,6 +8,7 @@ in the body frame of R. One regression for each horizon forecasts d, and the est
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from math import isnan
 from types import MappingProxyType
 from typing import Final, Literal
 
@@ -127,30 +128,40 @@ class TangentLs:
     def estimate(self, arm: SourceBuffer, age_samples: float) -> WristEstimate:
         """Return the forecast from the newest sample, and its covariances."""
         steps = age_samples / self.orientation.stride
-        rows = arm.wrists(arm.newest - self._distances)
-        if rows is None:
-            return self._of_some(arm, steps)
-        # All past samples have arrived, each with orientation and gripper.
-        now, past = rows[0], rows[1:]
-        moved, covariance = self._orientation.ahead(steps, turned(now[:4], past[:, :4]))
-        opened, variance = self._gripper.ahead(steps, past[:, 4:] - now[4])
-        at = turned_by(now[:4], moved), at_end(moved, covariance)
-        return WristEstimate(*at, now.item(4) + opened.item(0), variance.item(0))
+        indices = arm.newest - self._distances
+        if arm.all_arrived(indices):  # as nearly always
+            rows = arm.wrists(indices)
+            found = self._ahead(steps, rows[0], turned(rows[0, :4], rows[1:, :4]), rows[1:, 4:] - rows[0, 4], None)
+            if found.orientation is not None:
+                return found
+        return self._of_some(arm, steps)
 
     def _of_some(self, arm: SourceBuffer, steps: float) -> WristEstimate:
-        """Return the estimate where samples of the past are missing."""
-        newest = arm.orientation(arm.newest)
-        if newest is None:
+        """Return the estimate where samples of the past are missing, or have no orientation."""
+        if arm.newest < 0:
             return NOTHING
-        past = arrived_past(arm, self.orientation.lags, self.orientation.stride, arm.orientation)
-        moved, covariance = self._orientation.ahead(steps, past.moves(newest, arm.orientation, turned), past.known)
-        at, turned_covariance = turned_by(newest, moved), at_end(moved, covariance)
-        # The same samples, so the same past: both models have the same lags.
-        now = arm.gripper_angle(arm.newest)
-        if now is None:
+        (now,), past = (
+            arm.wrists(arm.newest - self._distances[:1]),
+            arrived_past(arm, self.orientation.lags, self.orientation.stride),
+        )
+        past = past.only(~np.isnan(arm.wrists(past.older)[:, 0] + arm.wrists(past.younger)[:, 0]))
+        turns = past.moves(now[:4], lambda indices: arm.wrists(indices)[:, :4], turned)
+        openings = past.moves(now[4:], lambda indices: arm.wrists(indices)[:, 4:], differences)
+        return self._ahead(steps, now, turns, openings, past.known)
+
+    def _ahead(
+        self, steps: float, now: Array, turns: Array, openings: Array, known: NDArray[np.bool_] | None
+    ) -> WristEstimate:
+        """Return the estimate from the newest wrist (5,), and the displacements from it to the past ones (L, d)."""
+        moved, covariance = self._orientation.ahead(steps, turns, known)
+        at = turned_by(now[:4], moved)
+        if isnan(at.item(0)):
+            return NOTHING
+        opened, variance = self._gripper.ahead(steps, openings, known)
+        gripper_rad, turned_covariance = now.item(4) + opened.item(0), at_end(moved, covariance)
+        if isnan(gripper_rad):
             return WristEstimate(at, turned_covariance)
-        opened, variance = self._gripper.ahead(steps, past.moves(now, arm.gripper_angle, differences), past.known)
-        return WristEstimate(at, turned_covariance, float(now[0] + opened[0]), float(variance[0, 0]))
+        return WristEstimate(at, turned_covariance, gripper_rad, variance.item(0))
 
 
 def _constant_rate(model: WristModel) -> WristMethod | None:

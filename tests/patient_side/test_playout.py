@@ -88,7 +88,11 @@ def test_orientations_are_kept_by_index_and_go_with_their_samples() -> None:
     assert [buffer.orientation(i) is not None for i in range(-1, 5)] == [False, True, True, True, True, False]
     assert buffer.orientation(2) is not None
     assert np.array_equal(buffer.orientation(2), turns[2])  # type: ignore[arg-type]
-    assert buffer.gripper_angle(2) == np.array([0.2])
+    assert buffer.wrists(np.array([2])).tolist() == [[*turns[2], 0.2]]
     buffer.add(6, np.zeros(3), None, None)  # 0 to 2 are stale now
     assert [buffer.orientation(i) is not None for i in range(7)] == [False, False, False, True, False, False, False]
-    assert float(buffer.gripper_angle(6)[0]) == 0.1 * 3  # type: ignore[index]  # that of the sample before
+    assert buffer.gripper_rad(6) == 0.1 * 3  # that of the sample before
+    assert buffer.arrived(np.array([6, 5, 3, 2])).tolist() == [True, False, True, False]
+    assert buffer.all_arrived(np.array([6, 3]))
+    assert not buffer.all_arrived(np.array([6, 5]))
+    assert not buffer.all_arrived(np.array([3, 2]))
