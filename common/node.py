@@ -1,8 +1,9 @@
 """A side as a pure state machine: arrivals and the time go in, messages and records come out."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple, Protocol
+
+from msgspec import Struct
 
 from tis.common.channels import Network
 from tis.common.header import Header
@@ -20,8 +21,7 @@ class Arrival(NamedTuple):
     recv_ns: int
 
 
-@dataclass(frozen=True, slots=True)
-class Record:
+class Record(Struct, frozen=True):
     """An entry of the log: a model, or a payload's bytes as received, with their model in ``schema``."""
 
     topic: str
@@ -32,8 +32,7 @@ class Record:
     seq: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class Emission:
+class Emission(Struct, frozen=True):
     """A message to send; a `Header` is stamped with the send time, other attachments are passed on unchanged.
 
     ``on_sent`` is called with the run time at which the message left, and returns the records to log.

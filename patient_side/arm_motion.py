@@ -30,9 +30,9 @@ def move(session: str, hand: PatientHand, driven: Driven, tick: int, t_ns: int) 
     yield answer(session, hand, hand.channels.measured, at, wrist, tick, t_ns, tick)
 
 
-def moved_notes(hand: PatientHand, tick: int, t_ns: int) -> Iterator[Record]:
-    """Yield the record of a hand's arm at a tick, and what an arm of another program did or sent."""
-    external = hand.plant if isinstance(hand.plant, ExternalArm) else None
+def moved_notes(hand: PatientHand, tick: int, t_ns: int) -> list[Record]:
+    """Return the record of a hand's arm at a tick, and what an arm of another program did or sent."""
+    external, notes = hand.plant if isinstance(hand.plant, ExternalArm) else None, []
     if hand.moved is not None:
         note = PlantNote(
             tick=tick,
@@ -42,9 +42,10 @@ def moved_notes(hand: PatientHand, tick: int, t_ns: int) -> Iterator[Record]:
             age_ns=None if external is None else external.age_ns(t_ns),
             clamped=hand.moved.is_clamped,
         )
-        yield Record(PLANT, t_ns, note)
+        notes.append(Record(PLANT, t_ns, note))
     if external is not None:
-        yield from external.notes()
+        notes += external.notes()
+    return notes
 
 
 def _reference(hand: PatientHand, driven: Driven) -> Reference | None:
@@ -53,7 +54,8 @@ def _reference(hand: PatientHand, driven: Driven) -> Reference | None:
         return None
     is_known = hand.pose is not None
     orientation = unit(components(driven.wrist.orientation)) if is_known else None
-    return Reference(np.array(driven.place), orientation, driven.wrist.gripper_rad)
+    turn = None if orientation is None else np.array(orientation)
+    return Reference(np.array(driven.place), turn, driven.wrist.gripper_rad)
 
 
 def _moved_wrist(moved: PlantOutput, driven: Wrist) -> Wrist:

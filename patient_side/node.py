@@ -197,8 +197,6 @@ class PatientNode:
         where_m, orientation = np.array(position_m(pose)), unit(components(pose.orientation))
         if self._own.guarded:  # user-defined estimators share the arrays with all others
             where_m.setflags(write=False)
-            if orientation is not None:
-                orientation.setflags(write=False)
         return buffer.add(index, where_m, pose.gripper_rad, orientation)
 
     def wake(self, now_ns: int) -> Iterable[Output]:
@@ -239,7 +237,7 @@ class PatientNode:
             yield from move(self.session, hand, done.driven, k, t_ns)
         # The other estimators and the records.
         for hand, done in zip(self.hands, begun, strict=True):
-            yield from self._notes(hand, done, k, t_ns)
+            yield from self._notes(hand, done, k, t_ns)  # a list: each step of a generator costs time
         if self._own.guarded:
             yield from self._own.first_faults()
         yield self._tick_note(k, begin_ns)
@@ -351,21 +349,22 @@ class PatientNode:
         hand.n_not_stated += not is_whole
         return found, self.stopwatch_ns() - begun_ns
 
-    def _notes(self, hand: PatientHand, begun: Begun, k: int, t_ns: int) -> Iterator[Record]:
-        """Run the hand's other estimators, and yield the records of its tick."""
+    def _notes(self, hand: PatientHand, begun: Begun, k: int, t_ns: int) -> list[Record]:
+        """Run the hand's other estimators, and return the records of its tick."""
         of_hand = hand.channels.hand
-        yield estimate_record(hand, 0, k, t_ns, begun.where_m, begun.std_m, begun.step_ns)
+        notes = [estimate_record(hand, 0, k, t_ns, begun.where_m, begun.std_m, begun.step_ns)]
         for i in range(1, len(hand.estimators)):
             estimate, step_ns = self._step(hand, i, t_ns)
             stated_m = finite(estimate.position_m)
-            yield estimate_record(hand, i, k, t_ns, stated_m, std_m(stated_m, estimate.covariance_m2), step_ns)
+            spread_m = std_m(stated_m, estimate.covariance_m2)
+            notes.append(estimate_record(hand, i, k, t_ns, stated_m, spread_m, step_ns))
         for i, (method, topic) in enumerate(zip(hand.methods, hand.method_topics, strict=True)):
             turn, step_ns = self._turn(hand, i, t_ns) if i else (begun.wrist, begun.wrist_step_ns)
-            yield Record(topic, t_ns, orientation_note(k, t_ns, of_hand, method.name, turn, step_ns))
+            notes.append(Record(topic, t_ns, orientation_note(k, t_ns, of_hand, method.name, turn, step_ns)))
         change = safety_change(hand, begun.mode_before, t_ns)
         if change is not None:
-            yield change
-        yield from moved_notes(hand, k, t_ns)
+            notes.append(change)
+        notes += moved_notes(hand, k, t_ns)
         fresh = hand.freshest
         if fresh is not None and fresh.sample_ns > hand.used_sample_ns:
             hand.used_sample_ns = fresh.sample_ns
@@ -377,9 +376,10 @@ class PatientNode:
                 sample_ns=fresh.sample_ns,
                 answer=begun.number if self.on_arrival else None,
             )
-            yield Record(FRESH, t_ns, fresh_note)
+            notes.append(Record(FRESH, t_ns, fresh_note))
         if hand.prompt_ns is not None and hand.prompt_ns <= t_ns:
             hand.prompt_ns = None
+        return notes
 
     def _tick_note(self, k: int, begin_ns: int, missed: bool = False) -> Record:
         note = TickNote(tick=k, due_ns=self.ticker.due_ns(k), begin_ns=begin_ns, missed=missed)

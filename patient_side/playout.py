@@ -7,13 +7,19 @@ that are new since its last step. A sample may arrive several times: the first c
 
 from bisect import bisect_left, bisect_right, insort
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from math import isnan, nan
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tis.common.units import sample_index, sample_instant_ns
 from tis.patient_side.statespace import Array
+
+_NOWHERE: Final = (nan, nan, nan, nan)
+_NEVER: Final = -(1 << 62)
 
 
 @dataclass
@@ -23,7 +29,8 @@ class SourceBuffer:
     It keeps the newest ``depth`` indices; ``newest`` and ``last_arrived``, the index added last whatever its age, are
     -1 while nothing has arrived; ``n_added`` counts all samples added. ``get`` returns a sample's position, or None
     when it has not arrived. The gripper's angle in rad and the orientation, a unit quaternion (4,) x, y, z, w, are
-    stored separately, where the sample has them. Oracle: a plain list.
+    kept where the sample has them, in rings of arrays, from which a method reads many at once. Oracle: a plain list.
+    ``_whole`` is the index at each place of the rings whose sample has both.
     """
 
     depth: int
@@ -32,28 +39,36 @@ class SourceBuffer:
     n_added: int = 0
     get: Callable[[int], Array | None] = field(init=False, repr=False, compare=False)
     _samples: dict[int, Array] = field(default_factory=dict, repr=False)
-    orientation: Callable[[int], Array | None] = field(init=False, repr=False, compare=False)
-    _grippers_rad: dict[int, float] = field(default_factory=dict, repr=False)
-    _orientations: dict[int, Array] = field(default_factory=dict, repr=False)
+    _whole: NDArray[np.int64] = field(init=False, repr=False, compare=False)
+    _wrists: Array = field(init=False, repr=False, compare=False)
+    _mask: int = field(init=False, repr=False, compare=False)
     _indices: list[int] = field(default_factory=list, repr=False)
     _arrivals: deque[int] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         self._arrivals = deque(maxlen=self.depth)
-        self.get = self._samples.get  # the dicts' own methods, as estimators call them often
-        self.orientation = self._orientations.get
+        self.get = self._samples.get  # the dict's own method, as estimators call it often
+        n_places = 1 << (self.depth - 1).bit_length()  # so that a mask finds the place
+        self._mask = n_places - 1
+        self._whole, self._wrists = np.full(n_places, _NEVER), np.full((n_places, 5), nan)
 
     def add(
-        self, index: int, position_m: Array, gripper_rad: float | None = None, orientation: Array | None = None
+        self,
+        index: int,
+        position_m: Array,
+        gripper_rad: float | None = None,
+        orientation: Sequence[float] | Array | None = None,
     ) -> bool:
         """Add a sample; False when it is a duplicate, negative or older than the buffer's depth."""
         if index < 0 or index <= self.newest - self.depth or index in self._samples:
             return False
         self._samples[index] = position_m
-        if gripper_rad is not None:
-            self._grippers_rad[index] = gripper_rad
-        if orientation is not None:
-            self._orientations[index] = orientation
+        place = index & self._mask
+        self._whole[place] = _NEVER if orientation is None or gripper_rad is None else index
+        self._wrists[place] = (
+            *(_NOWHERE if orientation is None else orientation),
+            nan if gripper_rad is None else gripper_rad,
+        )
         insort(self._indices, index)
         self.last_arrived = index
         self.n_added += 1
@@ -63,8 +78,6 @@ class SourceBuffer:
             n_stale = bisect_right(self._indices, index - self.depth)
             for stale in self._indices[:n_stale]:
                 del self._samples[stale]
-                self._grippers_rad.pop(stale, None)
-                self._orientations.pop(stale, None)
             del self._indices[:n_stale]
         return True
 
@@ -72,10 +85,31 @@ class SourceBuffer:
         """Return whether sample ``index`` has arrived and is still stored."""
         return index in self._samples
 
+    def wrists(self, indices: NDArray[np.int64]) -> Array | None:
+        """Return orientation and gripper (N, 5) at falling indices (N,); None unless all have arrived with both."""
+        places = indices & self._mask
+        # The fastest comparison of few numbers is that of their bytes.
+        if self._whole.take(places).tobytes() != indices.tobytes() or indices.item(-1) <= self.newest - self.depth:
+            return None
+        return self._wrists.take(places, axis=0)
+
+    def orientation(self, index: int) -> Array | None:
+        """Return the orientation (4,) at ``index``, None without one."""
+        if index not in self._samples:
+            return None
+        found = self._wrists[index & self._mask, :4].copy()
+        return None if isnan(found[0]) else found
+
     def gripper_rad(self, index: int) -> float | None:
         """Return the gripper's angle at ``index``, else at the arrived sample before it, else None."""
-        found = self._grippers_rad.get(index)
-        return self._grippers_rad.get(self.newest_before(index)) if found is None else found
+        found = self._gripper_rad(index)
+        return self._gripper_rad(self.newest_before(index)) if found is None else found
+
+    def _gripper_rad(self, index: int) -> float | None:
+        if index not in self._samples:
+            return None
+        found = self._wrists.item(index & self._mask, 4)
+        return None if isnan(found) else found
 
     def gripper_angle(self, index: int) -> Array | None:
         """Return `gripper_rad` as a signal of one axis (1,)."""

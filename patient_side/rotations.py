@@ -21,13 +21,17 @@ _SIGN: Final = np.array(
     [[1.0, 1.0, -1.0, -1.0], [-1.0, 1.0, 1.0, -1.0], [1.0, -1.0, 1.0, -1.0], [1.0, 1.0, 1.0, 1.0]]
 )
 """Conjugate of a quaternion q times p: the matrix ``q[_PLACE] * _SIGN`` times p."""
+_CONJUGATE: Final = np.array(
+    [[_SIGN[i, j] * (_PLACE[i, j] == k) for j in range(4) for i in range(4)] for k in range(4)]
+)
+"""q times this (4, 16) is that matrix, transposed and flat."""
 
 
-def unit(quaternion: Quaternion) -> Floats | None:
-    """Return the unit quaternion (4,) of the same orientation; None without one: its norm is 0 or not finite."""
+def unit(quaternion: Quaternion) -> Quaternion | None:
+    """Return the unit quaternion of the same orientation; None without one: its norm is 0 or not finite."""
     x, y, z, w = quaternion
     norm = sqrt(x * x + y * y + z * z + w * w)
-    return np.array([x / norm, y / norm, z / norm, w / norm]) if _MIN_NORM < norm < inf else None
+    return (x / norm, y / norm, z / norm, w / norm) if _MIN_NORM < norm < inf else None
 
 
 def turned(now: Floats, other: Floats) -> Floats:
@@ -36,10 +40,13 @@ def turned(now: Floats, other: Floats) -> Floats:
     ``log(R_now^-1 R_other)``: in the body frame of ``now``, of length 0 to pi. The shapes are broadcast.
     """
     # The conjugate of now times other, as a matrix times a vector: scalar part last.
-    between = np.einsum("...ij,...j->...i", now[..., _PLACE] * _SIGN, other)
+    if now.ndim == 1:  # as at each tick
+        between = other.dot(now.dot(_CONJUGATE).reshape(4, 4))
+    else:
+        between = np.einsum("...ij,...j->...i", now[..., _PLACE] * _SIGN, other)
     vector, w = between[..., :3], between[..., 3]
     # The sine of half the angle, floored where it equals the half angle to double precision.
-    sine = np.maximum(np.sqrt(np.einsum("...i,...i->...", vector, vector)), _SMALL)
+    sine = np.maximum(np.sqrt(np.vecdot(vector, vector)), _SMALL)
     factor = np.copysign(2.0 * np.arctan2(sine, np.abs(w)) / sine, w)
     return np.asarray(vector * factor[..., None])
 
@@ -62,9 +69,17 @@ def at_end(vector: Floats, covariance: Floats) -> Floats:
         first, second = 0.5 - square / 24.0, 1.0 / 6.0 - square / 120.0
     else:
         first, second = (1.0 - cos(angle)) / square, (angle - sin(angle)) / (angle * square)
-    cross = np.array([[0.0, -c, b], [c, 0.0, -a], [-b, a, 0.0]])
-    jacobian = np.eye(3) - first * cross + second * (cross @ cross)
-    return np.asarray(jacobian @ covariance @ jacobian.T)
+    # I - first [v] + second [v]^2, as [v]^2 = v v^T - |v|^2 I.
+    on, x, y, z = 1.0 - second * square, first * a, first * b, first * c
+    ab, ac, bc = second * a * b, second * a * c, second * b * c
+    jacobian = np.array(
+        (
+            (on + second * a * a, ab + z, ac - y),
+            (ab - z, on + second * b * b, bc + x),
+            (ac + y, bc - x, on + second * c * c),
+        )
+    )
+    return np.asarray(jacobian.dot(covariance).dot(jacobian.T))
 
 
 def is_orientation(quaternion: Quaternion) -> bool:

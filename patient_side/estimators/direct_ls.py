@@ -4,6 +4,7 @@ The signal may be anything whose values have displacements in a vector space of 
 the tangent space at the newest one, the angle of a gripper.
 """
 
+from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
@@ -18,6 +19,8 @@ from tis.patient_side.movement_models import DirectModel
 from tis.patient_side.playout import Playout, SourceBuffer
 from tis.patient_side.statespace import ArmModel, Array
 
+_MAX_PATTERNS: Final = 256
+"""Patterns of missing samples whose regressions are kept."""
 _INTERPOLATION_RATIO: Final = 8
 """Minimum age of an interpolated past sample, in distances to its nearest arrived neighbour."""
 
@@ -89,34 +92,41 @@ class DirectForecast:
     model: DirectModel
     _walk: Array = field(init=False, repr=False)
     _fits: tuple[tuple[Array, Array], ...] = field(init=False, repr=False)
+    _horizons: list[int] = field(init=False, repr=False)
+    _partial: dict[tuple[int, bytes], tuple[Array, Array]] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         direct = self.model
         walk = random_walk(direct.past, direct.lags)
         object.__setattr__(self, "_walk", walk)
-        fits = [
-            regression(direct, walk, direct.penalty[j], j, slice(direct.axes * n_lags))
-            for j, n_lags in enumerate(direct.n_lags.tolist())
-        ]
+        fits = [self._fit(j, slice(direct.axes * n_lags)) for j, n_lags in enumerate(direct.n_lags.tolist())]
         object.__setattr__(self, "_fits", tuple(fits))
+        object.__setattr__(self, "_horizons", direct.horizons.tolist())
+        object.__setattr__(self, "_partial", {})
 
-    def ahead(self, steps: float, moves: Array, known: NDArray[np.bool_]) -> tuple[Array, Array]:
+    def _fit(self, horizon: int, kept: slice | NDArray[np.int64]) -> tuple[Array, Array]:
+        """Return the weights (d, n) of a horizon on some regressors, and the covariance (d, d) that they leave."""
+        direct = self.model
+        weights, left = regression(direct, self._walk, direct.penalty[horizon], horizon, kept)
+        return np.ascontiguousarray(weights.T), direct.covariance_scale[horizon] * left
+
+    def ahead(self, steps: float, moves: Array, known: NDArray[np.bool_] | None = None) -> tuple[Array, Array]:
         """Return the displacement (d,) ``steps`` >= 0 steps after the newest sample, and its covariance (d, d).
 
-        ``moves`` (L, d) are the displacements to the past samples, of which ``known`` (L,) are known.
+        ``moves`` (L, d) are the displacements to the past samples, of which ``known`` (L,) are known; None: all.
         """
-        direct = self.model
-        past, known_axes = moves.reshape(-1), np.repeat(known, direct.axes)
-        upper = min(int(np.searchsorted(direct.horizons, steps)), len(direct.horizons) - 1)
+        past, horizons = moves.reshape(-1), self._horizons
+        known_axes = None if known is None or known.all() else np.repeat(known, self.model.axes)
+        upper = min(bisect_left(horizons, steps), len(horizons) - 1)
         moved, covariance = self._forecast(upper, past, known_axes)
-        above = float(direct.horizons[upper])
+        above = horizons[upper]
         if steps > above:
             return moved, covariance * (steps / above)
         if upper == 0:
             # Up to the first horizon: the sample itself is certain, and errors grow in proportion.
             share = steps / above
             return share * moved, share**2 * covariance
-        below = float(direct.horizons[upper - 1])
+        below = horizons[upper - 1]
         share = (steps - below) / (above - below)
         moved_below, covariance_below = self._forecast(upper - 1, past, known_axes)
         return (
@@ -124,17 +134,21 @@ class DirectForecast:
             (1.0 - share) * covariance_below + share * covariance,
         )
 
-    def _forecast(self, horizon: int, past: Array, known: NDArray[np.bool_]) -> tuple[Array, Array]:
+    def _forecast(self, horizon: int, past: Array, known: NDArray[np.bool_] | None) -> tuple[Array, Array]:
         """Return the displacement (d,) up to a horizon, and its covariance (d, d)."""
-        direct = self.model
-        weights, left = self._fits[horizon]
-        if known[: len(weights)].all():
-            kept = np.arange(len(weights))
-        else:
-            kept = np.flatnonzero(known)[: len(weights)]
-            # Some regressors are missing: the regression on the others follows from the same second moments.
-            weights, left = regression(direct, self._walk, direct.penalty[horizon], horizon, kept)
-        return weights.T @ past[kept], direct.covariance_scale[horizon] * left
+        weights, covariance = self._fits[horizon]
+        n = weights.shape[1]
+        if known is None or known[:n].all():
+            return weights.dot(past[:n]), covariance
+        # Some regressors are missing: the regression on the others follows from the same second moments.
+        kept = np.flatnonzero(known)[:n]
+        pattern = horizon, kept.tobytes()
+        if pattern not in self._partial:
+            if len(self._partial) >= _MAX_PATTERNS:
+                self._partial.clear()
+            self._partial[pattern] = self._fit(horizon, kept)
+        weights, covariance = self._partial[pattern]
+        return weights.dot(past[kept]), covariance
 
 
 def direct_ls(model: ArmModel) -> "DirectLs":

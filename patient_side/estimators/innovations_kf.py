@@ -159,14 +159,15 @@ class InnovationsKf:
             return None
         before = ring[-1]
         index = before.source_index + 1
-        n_commands = command.n_added - state.n_command
+        # Without a gain commands cannot stand in, and do not count.
+        n_commands = 0 if self._stand_in is None else command.n_added - state.n_command
         if arm.newest != index or before.uncertainty is not None or n_commands > 1:
             return None
         pairs, offset = state.pairs, state.offset
         if n_commands:
             if command.last_arrived != index or not pairs:
                 return None
-        elif command.newest >= index:
+        elif self._stand_in is not None and command.newest >= index:
             return None
         sample = arm.get(index)
         if sample is None:

@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tis.common.scenario.patient import OrientationMethod
 from tis.patient_side.estimators.direct_ls import DirectForecast, arrived_past
@@ -115,19 +116,33 @@ class TangentLs:
     name: Literal["tangent_ls"] = "tangent_ls"
     _orientation: DirectForecast = field(init=False, repr=False)
     _gripper: DirectForecast = field(init=False, repr=False)
+    _distances: NDArray[np.int64] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        distances = np.concatenate([[0], self.orientation.lags * self.orientation.stride])
+        object.__setattr__(self, "_distances", distances)
         object.__setattr__(self, "_orientation", DirectForecast(self.orientation))
         object.__setattr__(self, "_gripper", DirectForecast(self.gripper))
 
     def estimate(self, arm: SourceBuffer, age_samples: float) -> WristEstimate:
         """Return the forecast from the newest sample, and its covariances."""
+        steps = age_samples / self.orientation.stride
+        rows = arm.wrists(arm.newest - self._distances)
+        if rows is None:
+            return self._of_some(arm, steps)
+        # All past samples have arrived, each with orientation and gripper.
+        now, past = rows[0], rows[1:]
+        moved, covariance = self._orientation.ahead(steps, turned(now[:4], past[:, :4]))
+        opened, variance = self._gripper.ahead(steps, past[:, 4:] - now[4])
+        at = turned_by(now[:4], moved), at_end(moved, covariance)
+        return WristEstimate(*at, now.item(4) + opened.item(0), variance.item(0))
+
+    def _of_some(self, arm: SourceBuffer, steps: float) -> WristEstimate:
+        """Return the estimate where samples of the past are missing."""
         newest = arm.orientation(arm.newest)
         if newest is None:
             return NOTHING
-        lags, stride = self.orientation.lags, self.orientation.stride
-        past = arrived_past(arm, lags, stride, arm.orientation)
-        steps = age_samples / stride
+        past = arrived_past(arm, self.orientation.lags, self.orientation.stride, arm.orientation)
         moved, covariance = self._orientation.ahead(steps, past.moves(newest, arm.orientation, turned), past.known)
         at, turned_covariance = turned_by(newest, moved), at_end(moved, covariance)
         # The same samples, so the same past: both models have the same lags.

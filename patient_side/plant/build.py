@@ -18,7 +18,7 @@ from tis.patient_side.plant.arm_geometry import INSERTION, N_JOINTS
 from tis.patient_side.plant.physics import ArmPhysics
 from tis.patient_side.plant.protocol import Plant, PlantOutput, Reference
 from tis.patient_side.plant.simulated_arm import SimulatedArm
-from tis.patient_side.rotations import turned, turned_by
+from tis.patient_side.rotations import after_turn, turn_to
 from tis.patient_side.statespace import Array
 
 
@@ -54,17 +54,19 @@ class ReplayPlant:
             turned_to = None if orientation is None else orientation[-1]
             angle_rad = None if gripper_rad is None else float(gripper_rad[-1])
             return None, PlantOutput(position, position, turned_to, angle_rad)
-        here, there = self.recorded_m[at], self.recorded_m[at + 1]
+        # Plain numbers: on so few of them Python is faster than numpy.
+        here, there = self.recorded_m[at : at + 2].tolist()
         begun_ns = sample_instant_ns(at, self.rate_hz)
         period_ns, since_ns = sample_instant_ns(at + 1, self.rate_hz) - begun_ns, max(now_ns - begun_ns, 0)
-        speed = (there - here) / period_ns
-        position = speed * since_ns + here
+        position = np.array([(b - a) / period_ns * since_ns + a for a, b in zip(here, there, strict=True)])
         share = since_ns / period_ns
         turned_to = angle_rad = None
         if orientation is not None:
-            turned_to = turned_by(orientation[at], share * turned(orientation[at], orientation[at + 1]))
+            a, b = map(tuple, orientation[at : at + 2].tolist())
+            x, y, z = turn_to(a, b)
+            turned_to = np.array(after_turn(a, (share * x, share * y, share * z)))
         if gripper_rad is not None:
-            angle_rad = float((1.0 - share) * gripper_rad[at] + share * gripper_rad[at + 1])
+            angle_rad = (1.0 - share) * gripper_rad.item(at) + share * gripper_rad.item(at + 1)
         return None, PlantOutput(position, position, turned_to, angle_rad)
 
 

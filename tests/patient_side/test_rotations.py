@@ -61,8 +61,7 @@ def test_many_orientations_at_once_are_each_alone() -> None:
 
 def test_a_quaternion_of_any_length_becomes_a_unit_and_one_of_no_length_none() -> None:
     found = unit((0.0, 0.0, 3.0, 4.0))
-    assert found is not None
-    assert found.tolist() == [0.0, 0.0, 0.6, 0.8]
+    assert found == (0.0, 0.0, 0.6, 0.8)
     assert unit((0.0, 0.0, 0.0, 0.0)) is None
     assert unit((1e-9, 0.0, 0.0, 0.0)) is None
 

@@ -22,7 +22,7 @@ def test_a_late_sample_does_not_replace_a_fresher_one() -> None:
     before = Hold().estimate(buffer, 1.0)
     buffer.add(4, np.zeros(3), 4.0, np.array([0.0, 0.0, 0.0, 1.0]))
     after = Hold().estimate(buffer, 1.0)
-    assert after.orientation is before.orientation
+    assert np.array_equal(after.orientation, before.orientation)  # type: ignore[arg-type]
     assert after.gripper_rad == 9.0
 
 
