@@ -67,22 +67,24 @@ class McapLog:
 
     def record(self, record: Record) -> None:
         """Write one record."""
-        data, schema = record.data, record.schema
-        if isinstance(data, Message):
-            schema = type(data)
-            data = encode(data)
+        data, log_ns, publish_ns = record.data, record.log_ns, record.publish_ns
+        if isinstance(data, bytes):
+            payload, schema = data, record.schema
+        else:
+            payload, schema = encode(data), type(data)
         channel = self._channels.get(record.topic)
         if channel is None:
             channel = self._register(record.topic, schema)
-        publish_ns = record.log_ns if record.publish_ns is None else record.publish_ns
-        # MCAP's times are unsigned and its sequence numbers have 32 bits.
-        log_ns, publish_ns = max(0, record.log_ns), max(0, publish_ns)
-        if self._spans(log_ns):
+        if publish_ns is None:
+            publish_ns = log_ns
+        if log_ns < 0 or publish_ns < 0:  # MCAP's times are unsigned, and its sequence numbers have 32 bits
+            log_ns, publish_ns = max(0, log_ns), max(0, publish_ns)
+        if self._flush_every_ns is not None and self._log_ns and log_ns - self._log_ns[0] >= self._flush_every_ns:
             self.flush()
-        self._records.append(encode_message(channel, record.seq & 0xFFFF_FFFF, log_ns, publish_ns, data))
+        self._records.append(encode_message(channel, record.seq & 0xFFFF_FFFF, log_ns, publish_ns, payload))
         self._channel_of.append(channel)
         self._log_ns.append(log_ns)
-        self._n_bytes += MESSAGE_HEAD_BYTES + len(data)
+        self._n_bytes += MESSAGE_HEAD_BYTES + len(payload)
         if self._n_bytes >= _CHUNK_BYTES:
             self.flush()
 
@@ -119,10 +121,6 @@ class McapLog:
         self.close()
         if kind is not None and not self._channels and not self._keep_void:
             self._path.unlink(missing_ok=True)
-
-    def _spans(self, log_ns: int) -> bool:
-        every_ns = self._flush_every_ns
-        return every_ns is not None and bool(self._log_ns) and log_ns - self._log_ns[0] >= every_ns
 
     def _register(self, topic: str, schema: type[Message] | None) -> int:
         schema_id = 0

@@ -1,4 +1,4 @@
-"""Logging off the hot path: the loop queues records, one thread writes them.
+"""Logging off the hot path: the loop queues records, one thread looks for them and writes them.
 
 ``TIS_RECORD=ticks`` in the environment of a side's process, a test instrument for the cost of recording, replaces the
 recorder by one that keeps this side's ticks and drops everything else. During the run nothing is written and there is
@@ -8,10 +8,9 @@ recording`; the log does not describe a run.
 
 import contextlib
 import os
-import queue
 import threading
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterable
 from typing import Final, Protocol
 
@@ -37,11 +36,13 @@ _RECORD_BYTES: Final = 300
 """Memory of a record around its payload's bytes (tracemalloc: 561 with one of 300)."""
 _ROW_BYTES: Final = 400
 """Memory of a packet in a batch that is still to be made: a tuple of eight integers."""
+_LOOK_EVERY_S: Final = 0.02
+"""A loop that woke the thread for each record would change between them thousands of times a second."""
 _FIRST_BATCH_BYTES: Final = 40_000
 _URGENT_S: Final = 0.2
 _URGENT_BYTES: Final = 1 << 20
 """About a twentieth of a second at 1 kHz with two hands."""
-_EASY_S: Final = 0.02
+_EASY_S: Final = 0.05
 _N_COLUMNS: Final = 8
 _Item = Record | Callable[[], Iterable[Record]]
 
@@ -87,11 +88,13 @@ class ThreadedRecorder:
         self._max_bytes, self._soft_bytes = max_bytes, soft_bytes
         self._n_put = 0  # a sum that two threads may rarely garble by one record: it only bounds the memory
         self._n_taken = 0
-        self._taken_s = 0.0  # when the record was queued that is being written
+        self._emptied_s = time.monotonic()  # when the thread last found nothing more to write
         self._is_behind = True
         self._last_ns = 0
         self._batch_bytes = _FIRST_BATCH_BYTES  # the size of a batch is known when it is made: the largest so far
-        self._queue: queue.SimpleQueue[tuple[int, float, _Item] | None] = queue.SimpleQueue()
+        self._queue: deque[tuple[int, _Item]] = deque()
+        self._closing = threading.Event()
+        self._flushed_s, self._heap = time.monotonic(), LevelHeap()
         self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
         self._thread.start()
 
@@ -102,8 +105,8 @@ class ThreadedRecorder:
 
     @property
     def lag_s(self) -> float:
-        """Return for how long the record has waited that is being written, in s; 0 where none waits."""
-        return time.monotonic() - self._taken_s if self.waiting_bytes else 0.0
+        """Return how long ago the thread last found nothing more to write, in s; 0 where none waits."""
+        return time.monotonic() - self._emptied_s if self.waiting_bytes else 0.0
 
     def keep_up(self) -> None:
         """Let the writing thread take turns with the loops while it lags, and else stand behind them.
@@ -131,7 +134,7 @@ class ThreadedRecorder:
             self.unrecorded[record.topic] += 1
             return
         self._n_put += n_bytes
-        self._queue.put((n_bytes, time.monotonic(), record))
+        self._queue.append((n_bytes, record))
 
     def record_later(self, make: Callable[[], Iterable[Record]]) -> None:
         """Queue a function whose records the writing thread makes and logs."""
@@ -140,41 +143,42 @@ class ThreadedRecorder:
             self.unrecorded["batches"] += 1
             return
         self._n_put += n_bytes
-        self._queue.put((n_bytes, time.monotonic(), make))
+        self._queue.append((n_bytes, make))
 
     def close(self) -> None:
         """Write the queued records, what is missing, and close the log."""
-        self._queue.put(None)
+        self._closing.set()
         self._thread.join()
 
     def _write(self) -> None:
         stand_behind(0, behind=True)
-        flushed_s, heap = time.monotonic(), LevelHeap()
-        while True:
-            try:
-                item = self._queue.get(timeout=_FLUSH_EVERY_S)
-            except queue.Empty:
-                self._guard(self._log.flush)
-                flushed_s = time.monotonic()
-                heap.look(flushed_s)
-                continue
+        is_last = False
+        while not is_last:
+            is_last = self._closing.wait(_LOOK_EVERY_S)  # first: whatever was queued before is found below
+            self._write_waiting()
+            self._emptied_s = time.monotonic()
+            self._flush_in_time()
+        for topic, n in sorted(self.unrecorded.items()):
+            note = CounterNote(name=f"{UNRECORDED}.{topic}", value=n)
+            self._guard(self._log.record, Record(COUNTERS, self._last_ns, note))
+        self._guard(self._log.close)
 
-            if item is None:
-                break
-            n_bytes, self._taken_s, what = item
+    def _write_waiting(self) -> None:
+        while self._queue:
+            n_bytes, what = self._queue.popleft()
             # A function makes its records here, off the loop's thread.
             for record in (what,) if isinstance(what, Record) else self._made(what):
                 self._guard(self._log.record, record)
                 self._last_ns = record.log_ns
             self._n_taken += n_bytes
-            if time.monotonic() - flushed_s > _FLUSH_EVERY_S:
-                self._guard(self._log.flush)
-                flushed_s = time.monotonic()
-                heap.look(flushed_s)
-        for topic, n in sorted(self.unrecorded.items()):
-            note = CounterNote(name=f"{UNRECORDED}.{topic}", value=n)
-            self._guard(self._log.record, Record(COUNTERS, self._last_ns, note))
-        self._guard(self._log.close)
+            self._flush_in_time()
+
+    def _flush_in_time(self) -> None:
+        now_s = time.monotonic()
+        if now_s - self._flushed_s > _FLUSH_EVERY_S:
+            self._guard(self._log.flush)
+            self._flushed_s = now_s
+            self._heap.look(now_s)
 
     def _made(self, make: Callable[[], Iterable[Record]]) -> list[Record]:
         """Return the records of a batch, and remember how large it is."""
