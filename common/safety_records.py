@@ -97,7 +97,7 @@ class StopsInForceNote(Message, frozen=True):
     stops: Annotated[
         str,
         Meta(
-            pattern=r"^([0-9]{1,16}:([0-9a-f]{64})?( [0-9]{1,16}:([0-9a-f]{64})?)*)?$",
+            pattern=r"^([0-9]{1,16}:([0-9a-f]{64})?( [0-9]{1,16}:([0-9a-f]{64})?)*)?$(?!\n)",
             description="NUMBER:LOCK of each of the newest stops, the oldest first.",
         ),
     ] = ""

@@ -40,7 +40,7 @@ class EmergencyStop(Message, frozen=True):
     lock: Annotated[
         str,
         Meta(
-            pattern=r"^([0-9a-f]{64})?\Z",
+            pattern=r"^([0-9a-f]{64})?$(?!\n)",
             description="In a stop: SHA-256 of a secret that only the stopper knows, in hex; empty: none.",
         ),
     ] = ""

@@ -29,9 +29,9 @@ FLUSH_EVERY_NS: Final = NS_PER_S // 2
 _FLUSH_EVERY_S: Final = FLUSH_EVERY_NS / NS_PER_S
 MAX_WAITING_BYTES: Final = 64 << 20
 _SOFT_BYTES: Final = 8 << 20
-"""About a third of a second at 1 kHz with two hands, minutes at 30 Hz."""
-_MODEL_BYTES: Final = 2500
-"""Memory of a record that is still a model: an `EstimateNote`, the largest frequent one (tracemalloc: 2456)."""
+"""Nearly half a second at 1 kHz with two hands, minutes at 30 Hz."""
+_MODEL_BYTES: Final = 750
+"""Memory of a record that is still a model: an `OrientationNote`, the largest frequent one (tracemalloc: 713)."""
 _RECORD_BYTES: Final = 300
 """Memory of a record around its payload's bytes (tracemalloc: 561 with one of 300)."""
 _ROW_BYTES: Final = 400

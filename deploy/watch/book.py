@@ -5,6 +5,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Final, NamedTuple, TypeVar
 
+import numpy as np
 from msgspec import DecodeError
 
 from tis.common.channels import ORIGIN, Network, is_set_point, local_keys
@@ -174,7 +175,8 @@ class LiveBook:
             pose = decode(seen.payload, stream.channel.payload)
         except DecodeError:
             return
-        where_m, turn = position_m(pose), unit(components(pose.orientation))
+        where_m, parts = position_m(pose), unit(components(pose.orientation))
+        turn = None if parts is None else np.array(parts)
         motion = self._motion[stream.device]
         match stream.role:
             case "command":

@@ -23,7 +23,8 @@ from tis.common.messages import (
     position_m,
 )
 from tis.common.peer_life import Beat
-from tis.common.stop_messages import EmergencyStop
+from tis.common.safety_records import StopsInForceNote
+from tis.common.stop_messages import EmergencyStop, lock_of
 
 finite = st.floats(-MAX_SIZE, MAX_SIZE)
 vectors = st.builds(Vector3, x=finite, y=finite, z=finite)
@@ -200,3 +201,13 @@ def test_numbers_of_numpy_and_texts_of_derived_types_fly_as_themselves() -> None
 def test_what_is_neither_number_nor_text_is_an_error_of_the_program() -> None:
     with pytest.raises(TypeError):
         encode(Vector3(object(), 0.2, 0.3))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("lock", ["", lock_of("a")])
+def test_a_lock_ends_where_its_text_ends(lock: str) -> None:
+    """In Python ``$`` matches before a last newline, too."""
+    assert decode(encode(EmergencyStop(stop=True, lock=lock)), EmergencyStop).lock == lock
+    assert decode(encode(StopsInForceNote(at_ns=0, stops=f"7:{lock}")), StopsInForceNote).stops == f"7:{lock}"
+    for message in (EmergencyStop(stop=True, lock=f"{lock}\n"), StopsInForceNote(at_ns=0, stops=f"7:{lock}\n")):
+        with pytest.raises(DecodeError):
+            decode(encode(message), type(message))

@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 
 import atheris
 
-with atheris.instrument_imports(include=["common", "deploy", "netem", "patient_side"]):
+with atheris.instrument_imports(include=["tis"]):
     from tests.fuzz.decoders import DECODERS, decode
 from tests.fuzz.mutations import mutated
 

@@ -110,7 +110,7 @@ def control_episode(episode: Episode, quick: bool = False) -> Iterator[None]:
                 _ask(episode, control, bridge)
                 for record in bridge.records:
                     notes += [record.data] if isinstance(record.data, ControlNote) else []
-                    log.log.record(record)
+                    log.keep(record)
                 bridge.records.clear()
                 yield
             _packets(episode, links, bridge.now_ns, seq, log)
@@ -118,7 +118,7 @@ def control_episode(episode: Episode, quick: bool = False) -> Iterator[None]:
         episode.n_used += sum(link.released for link in links.values())
         for link in links.values():
             for record in link.ledger.close(bridge.now_ns)():
-                log.log.record(record)
+                log.keep(record)
         # the changes repeated in virtual time
         if rng.random() < 0.5:
             kept = [decode(encode(note), ControlNote) for note in notes]
@@ -152,7 +152,7 @@ def _packets(episode: Episode, links: dict[Direction, Link], now_ns: int, seq: i
             link.note_queue_depth(now_ns)
         if link.ledger.is_full(now_ns):
             for record in link.ledger.close(now_ns)():
-                log.log.record(record)
+                log.keep(record)
 
 
 def _ask(episode: Episode, control: BridgeControl, bridge: FakeBridge) -> None:

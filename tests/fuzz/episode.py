@@ -10,6 +10,7 @@ from typing import Self
 from tests.fuzz.scratch_folder import scratch_folder
 from tis.common.channels import Side
 from tis.common.header import Header
+from tis.common.messages import Message, decode, encode
 from tis.common.node import Emission, Output, Record
 from tis.common.runtime.mcap_log import McapLog
 from tis.common.runtime.side_log import LOG_VERSION
@@ -57,12 +58,20 @@ class Log:
         for output in outputs:
             found.append(output)
             if isinstance(output, Record):
-                self.log.record(output)
+                self.keep(output)
             else:
                 _sent(output, now_ns)
                 for record in output.on_sent(now_ns):
-                    self.log.record(record)
+                    self.keep(record)
         return found
+
+    def keep(self, record: Record) -> None:
+        """Log a record; raises `DecodeError` where a reader would refuse it, as with a number that is not finite."""
+        if isinstance(record.data, Message):
+            decode(encode(record.data), type(record.data))
+        elif record.schema is not None:
+            decode(record.data, record.schema)
+        self.log.record(record)
 
     def read_back(self) -> None:
         """Close the log, and read it."""

@@ -57,7 +57,7 @@ def patient_episode(episode: Episode, quick: bool = False) -> Iterator[None]:
         yield from _run(episode, node, events, log)
         now_ns = scenario.end_ns
         for record in node.finish(now_ns):
-            log.log.record(record)
+            log.keep(record)
         yield
         if rng.random() < (0.1 if quick else 0.3):
             log.read_back()

@@ -21,6 +21,7 @@ from tests.fuzz.hostile import (
 )
 from tis.common.channels import Hand
 from tis.common.header import Header
+from tis.common.messages import decode
 from tis.common.node import Arrival, Emission, Output
 from tis.common.units import NS_PER_S
 from tis.surgeon_side.build import build_surgeon, build_witness
@@ -125,7 +126,7 @@ def _run(episode: Episode, node: SurgeonNode, hands: tuple[Hand, ...], device: A
             _check_readable(outputs, models)
             yield
         for record in node.finish(now_ns):
-            log.log.record(record)
+            log.keep(record)
         counters = node.counters()
         episode.n_used += counters["received"] + sum(n for name, n in counters.items() if "device_poses" in name)
         json.dumps(counters)
@@ -139,7 +140,7 @@ def _check_readable(outputs: list[Output], models: dict[str, Any]) -> None:
     """Check that the other side can read what this side sends."""
     for output in outputs:
         if isinstance(output, Emission):
-            models[output.key].model_validate_json(output.payload)
+            decode(output.payload, models[output.key])
 
 
 def _answer(rng: random.Random, now_ns: int, tick: int, way: int | None) -> bytes:
@@ -236,7 +237,7 @@ def _witness(episode: Episode, rate_hz: int) -> Iterator[None]:
             log.take(node.receive(Arrival("west", key, payload, attachment, now_ns)), now_ns)
             yield
         for record in node.finish(now_ns):
-            log.log.record(record)
+            log.keep(record)
         json.dumps(node.counters())
         episode.n_used += node.counters()["sent"]
         yield

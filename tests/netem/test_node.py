@@ -4,6 +4,7 @@ from typing import Any
 from tests.netem.making import KEY, packet, scenario
 from tis.common.channels import Network
 from tis.common.header import Header
+from tis.common.messages import encode
 from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.records import FateBatch, ReleaseBatch
 from tis.netem.build import build_netem
@@ -243,7 +244,7 @@ def test_same_scenario_same_fates_to_the_byte() -> None:
         node = build_netem(scenario(seed=seed, forward=noisy))
         for seq in range(3_000):
             node.receive(packet(seq * MS, seq))
-        return b"".join(batch.model_dump_json().encode() for batch in _batches(node.finish(4_000 * MS), "/tis/fates"))
+        return b"".join(encode(batch) for batch in _batches(node.finish(4_000 * MS), "/tis/fates"))
 
     assert fates(1) == fates(1)
     assert fates(1) != fates(2)

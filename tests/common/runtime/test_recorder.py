@@ -157,7 +157,7 @@ def test_a_backlog_gives_the_writer_its_turn_at_once(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(recorder_module, "stand_behind", lambda _, behind: asked.append(behind))
     log = SlowLog()
     recorder = ThreadedRecorder(log)
-    for k in range(1000):
+    for k in range(2000):
         recorder.record(_tick(k))
     assert asked == [True, False]
     log.may.set()

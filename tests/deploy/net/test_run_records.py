@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 from typer.testing import CliRunner
 
 from tests.deploy.hold_only import HOLD
@@ -123,7 +124,7 @@ def test_the_queue_of_a_rate_counts_and_who_still_waits_in_it_is_left_out(tmp_pa
 def _queued(i: int) -> Record:
     of = fate("k", i, 100 * (i + 1), 10)
     assert isinstance(of.data, FateBatch)
-    return replace(of, data=replace(of.data, release_ns=(0,)))
+    return replace(of, data=structs.replace(of.data, release_ns=(0,)))
 
 
 CHANGE = '[{"at_s": 0.3, "for_s": 0.2, "direction": "forward", "set": {"add_delay_ms": 50}}]'

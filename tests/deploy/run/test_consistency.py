@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from tests.deploy.report.hand_made import ARM, COMMAND, MS, a_scenario, fate, write_log
 from tis.common.node import Record
@@ -154,7 +155,7 @@ def _decision(record: Record) -> tuple[object, ...]:
 
 def _a_ns_later(record: Record) -> Record:
     assert isinstance(record.data, FateBatch)
-    return replace(record, data=replace(record.data, delay_ns=(record.data.delay_ns[0] + 1,)))
+    return replace(record, data=structs.replace(record.data, delay_ns=(record.data.delay_ns[0] + 1,)))
 
 
 def _again(tmp_path: Path, live: list[Record], scenario: Scenario) -> FateComparison:

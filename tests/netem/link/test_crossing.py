@@ -5,9 +5,10 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pydantic import BaseModel
+from msgspec.structs import asdict
 
 from tests.netem.making import KEY, link, packet
+from tis.common.messages import Message
 from tis.common.node import Arrival
 from tis.netem.link.link import Link
 
@@ -38,8 +39,8 @@ def _columns(made: Link) -> Books:
     """The log, packet by packet: topic, key and foreign -> place -> row."""
     books: Books = {}
     for record in made.ledger.close(0)():
-        assert isinstance(record.data, BaseModel)
-        rows = record.data.model_dump()
+        assert isinstance(record.data, Message)
+        rows = asdict(record.data)
         names = [name for name, column in rows.items() if isinstance(column, tuple | list)]
         key = (record.topic, rows["key"], rows["foreign"])
         columns = sorted(zip(*(rows[name] for name in names), strict=True))
