@@ -7,13 +7,15 @@ import pytest
 
 from tests.deploy.commands import call_in_one_line as tis
 from tests.markdown_tables import ragged_rows
+from tis.deploy.studies.methods import command
 from tis.deploy.studies.methods.trials import DEFAULT_METHODS, methods_of
 
 
 @pytest.fixture
-def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: None, held_orientation: None) -> Path:
+def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: None, quick_twins: None) -> Path:
     monkeypatch.delenv("TIS_JIGSAWS", raising=False)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(command, "_QUICK_SYNTHETIC_S", 7.0)
     return tmp_path
 
 
