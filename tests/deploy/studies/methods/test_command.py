@@ -1,6 +1,7 @@
 """The command: a quick comparison on a synthetic population from beginning to end, and what it refuses."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from tests.deploy.commands import call_in_one_line as tis
 from tests.markdown_tables import ragged_rows
 from tis.deploy.studies.methods import command
-from tis.deploy.studies.methods.trials import DEFAULT_METHODS, methods_of
+from tis.deploy.studies.methods.trials import DEFAULT_METHODS, QUICK, methods_of
 
 
 @pytest.fixture
@@ -16,6 +17,7 @@ def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: None
     monkeypatch.delenv("TIS_JIGSAWS", raising=False)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(command, "_QUICK_SYNTHETIC_S", 7.0)
+    monkeypatch.setattr(command, "QUICK", replace(QUICK, duration_s=4.0, n_rounds=1, n_ticks=100))
     return tmp_path
 
 
