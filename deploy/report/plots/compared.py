@@ -34,7 +34,7 @@ def distributions(runs: Mapping[str, RunView], views: Mapping[str, HandView | No
             "Further left is better.",
         ),
         distribution_figure(
-            curves({name: link_columns(run.logs, "forward").all("realised_ms") for name, run in runs.items()}),
+            curves({name: link_columns(run.logs, "forward").realised_ms for name, run in runs.items()}),
             "How the delays forward are distributed",
             "delay in netem, surgeon to patient, ms",
             "The delay of the messages that arrived; lost ones are not included.",
