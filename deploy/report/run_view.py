@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from tis.common.channels import FOLLOWER, Arm, Hand
-from tis.common.metrics.tracking import angles_deg
 from tis.common.scenario import Scenario
 from tis.common.units import MM_PER_M, NS_PER_S
 from tis.deploy.logs.read.load import RunLogs
@@ -86,12 +85,7 @@ def hand_view(logs: RunLogs, scenario: Scenario, hand: Hand, title: str, known: 
     Oracle: logs written by hand, test_hand_view.
     """
     track = track_of_hand(logs, scenario, hand) if known is None else known
-    errors_mm = {
-        name: MM_PER_M * np.linalg.norm(position_m - track.truth_m, axis=1)
-        for name, position_m in track.estimates.items()
-    }
-    turns_rad = wrist_track(logs, scenario, track, hand).turn_rad
-    turns_deg = {name: angles_deg(error_rad) for name, error_rad in turns_rad.items()}
+    errors_mm, turns_deg = track.errors_mm, wrist_track(logs, scenario, track, hand).turns_deg
     kept = _kept(errors_mm, len(track.t_ns))
     active, turning = scenario.active_estimator, scenario.patient.orientation.active
     return HandView(

@@ -14,7 +14,7 @@ from tis.common.metrics.tracking import Scorable, score
 from tis.common.records import PLANT
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_US, sample_index
-from tis.deploy.logs.read.columns import Ints
+from tis.deploy.logs.read.columns import Ints, joined
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.present.numbers import broken_name, interval, number, percent
 from tis.deploy.present.page import css, folded
@@ -116,8 +116,7 @@ def _steps_and_deviations(
     logs: RunLogs, name: str, hands: Sequence[tuple[HandTrack, ArmModel, NDArray[np.bool_]]]
 ) -> dict[str, Any]:
     """Return the times of an estimator's steps, and its consistency where it states deviations."""
-    rows = logs.of("patient", topic_of(name))
-    steps_ns = rows.column("step_ns")[np.any([rows.where("hand", model.hand) for _, model, _ in hands], axis=0)]
+    steps_ns = joined(logs.of_hand("patient", topic_of(name), model.hand).step_ns for _, model, _ in hands)
     entry: dict[str, Any] = {"step_us": step_times_us(steps_ns)}
     if any(np.isfinite(track.stds[name][track.scored]).any() for track, _, _ in hands):
         errors, innovations = [], []
@@ -138,9 +137,7 @@ def step_times_us(steps_ns: Ints) -> Statistics:
 
 def _clamped_pct(logs: RunLogs, models: Sequence[ArmModel]) -> float | None:
     """Return the share of the hands' ticks whose set point lay outside what the arm's joints reach, in %."""
-    rows = logs.of("patient", PLANT)
-    which = np.any([rows.where("hand", model.hand) for model in models], axis=0)
-    clamped = rows.column("clamped")[which]
+    clamped = joined((logs.of_hand("patient", PLANT, model.hand).clamped for model in models), np.bool_)
     return 100.0 * float(np.mean(clamped)) if len(clamped) else None
 
 
