@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from tis.common.metrics.latency import latency_ms
 from tis.common.metrics.percentiles import summarise
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_MS
+from tis.deploy.logs.read.columns import joined
 from tis.deploy.logs.read.load import RunLogs, run_id_in
 from tis.deploy.report.measured_run import MeasuredRun
 from tis.deploy.report.subjects import (
@@ -113,7 +112,7 @@ def _latency_and_age(run: MeasuredRun) -> dict[str, Any]:
         NS_PER_MS * tracking.actuation_ms(track, scenario.active_estimator, scenario.rate_hz)
         for track in run.tracks.values()
     ]
-    others = {"actuation": np.concatenate([np.empty(0), *actuation_ns])}
+    others = {"actuation": joined(actuation_ns, float)}
     others |= {name: run.durations_ns[name] for name in ("round_trip", "network_round_trip")}
     arrivals = age.freshest_arrivals(logs, scenario.session, run.arms)
     latency, age_ms = Latency(**latency_ms(run.latency, others)), summarise(run.durations_ns["age"] / NS_PER_MS)

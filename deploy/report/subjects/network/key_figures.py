@@ -22,7 +22,7 @@ from tis.common.metrics.latency import lateness_us
 from tis.common.metrics.loss import fit_gilbert, loss_interval, loss_runs
 from tis.common.metrics.percentiles import TAIL, summarise
 from tis.common.units import NS_PER_MS, NS_PER_S, NS_PER_US
-from tis.deploy.logs.read.columns import Ints
+from tis.deploy.logs.read.columns import Ints, joined
 from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.packets import (
@@ -250,12 +250,12 @@ def _merged_lost(figures: Sequence[KeyFigures]) -> NDArray[np.bool_]:
     """Return the lost flags of all keys by instant of offering, as an outage hits all keys at once."""
     if len(figures) == 1:
         return figures[0].account.lost
-    lost = np.concatenate([np.empty(0, dtype=np.bool_), *(one.account.lost for one in figures)])
+    lost = joined((one.account.lost for one in figures), np.bool_)
     return np.asarray(lost[np.argsort(_all(figures, "offered_ns"), kind="stable")])
 
 
 def _all(figures: Sequence[KeyFigures], name: str) -> NDArray[Any]:
-    return np.concatenate([np.empty(0, dtype=np.int64), *(getattr(one, name) for one in figures)])
+    return joined(getattr(one, name) for one in figures)
 
 
 def _finite(interval: tuple[float, float] | None) -> list[float | None] | None:
