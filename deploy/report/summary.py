@@ -153,9 +153,10 @@ class Summary(Section):
         margin = f"\u00b1 {rounded_up(bound_ms, 2)} ms"
         return f"the latency of the estimates is not resolvable, the clocks are uncertain by {margin}"
 
-    def scores_by_hand(self, single: Hand) -> dict[Hand, dict[str, Scores]]:
-        """Return the scores by hand, without hands that have none; ``single`` is the hand where there is one."""
-        by_hand = self.accuracy_by_hand or {single: self.accuracy}
+    @property
+    def scores_by_hand(self) -> dict[Hand, dict[str, Scores]]:
+        """Return the scores by hand, without hands that have none."""
+        by_hand = self.accuracy_by_hand or dict.fromkeys(self.display, self.accuracy)
         return {hand: scores for hand, scores in by_hand.items() if scores}
 
 

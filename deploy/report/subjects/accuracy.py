@@ -176,32 +176,8 @@ def without_estimate(accuracy: Mapping[str, Scores], active: str) -> list[str]:
     return [f"accuracy: {active} gave no estimate at {of}, where hold's is scored"]
 
 
-def accuracy_table(accuracy: Mapping[str, Scores], which: str) -> Table:
-    """Return the estimators beside hold for a terminal."""
-    timed = has_step_times(accuracy)
-    rows = [
-        (
-            broken_name(entry.label(name), _NAME_WIDTH),
-            *entry.r2_pct,
-            entry.rmse_3d_mm,
-            entry.ratio_to_hold,
-            *((entry.step_us.get("p50"), entry.step_us.get("p99")) if timed else ()),
-        )
-        for name, entry in accuracy.items()
-    ]
-    note = "hold repeats the newest arm position that arrived" + ("; \u00b5s: time of one step" if timed else "")
-    columns: tuple[str, ...] = ("estimator", "R\u00b2 % x", "y", "z", "RMSE mm", "/ hold")
-    columns += ("\u00b5s\nmedian", "\np99") if timed else ()
-    return Table(f"Position error at the tick{which}", columns, rows, note)
-
-
-def has_step_times(accuracy: Mapping[str, Scores]) -> bool:
-    """Tell whether any estimator has step times; virtual time has none."""
-    return any(entry.step_us.get("p50") is not None for entry in accuracy.values())
-
-
-def accuracy_page_table(accuracy: Mapping[str, Scores], which: str, active: str) -> Table:
-    """Return one hand's estimators beside hold, with the error as a bar.
+def accuracy_table(accuracy: Mapping[str, Scores], which: str, active: str) -> Table:
+    """Return one hand's estimators beside hold, with the error as a bar on the page.
 
     Bars end at `_MAX_BAR` times hold's error, so that one very bad estimator does not shorten all others; longer bars
     are cut, marked and explained in a note.
@@ -209,26 +185,35 @@ def accuracy_page_table(accuracy: Mapping[str, Scores], which: str, active: str)
     errors = {name: entry.rmse_3d_mm for name, entry in accuracy.items() if entry.rmse_3d_mm is not None}
     largest = max(errors.values(), default=0.0) or 1.0
     longest = min(largest, _MAX_BAR * errors["hold"]) if errors.get("hold") else largest
-    timed = has_step_times(accuracy)
+    # virtual time has no times of steps
+    timed = any(entry.step_us.get("p50") is not None for entry in accuracy.values())
     rows = [
         (
-            Cell(entry.label(name), markup=escape(entry.label(name)).replace(":", ":<wbr>")),
+            _name(entry.label(name)),
             _with_bar(entry.rmse_3d_mm, longest, look_of(name, list(accuracy))),
             percent(entry.ratio_to_hold, fine=True),
             *entry.r2_pct,
             entry.n_scored,
             entry.n_missing,
-            *([entry.step_us.get("p50")] if timed else []),
+            *((entry.step_us.get("p50"), entry.step_us.get("p99")) if timed else ()),
         )
         for name, entry in accuracy.items()
     ]
+    steps = (Column("step, median", "\u00b5s", short="\u00b5s"), Column("step, p99", "\u00b5s", short="p99"))
     columns: tuple[Column | str, ...] = (
-        "estimator", Column("RMSE in 3D", "mm"), "share of hold's error, %", "R\u00b2 x, %", "R\u00b2 y, %",
-        "R\u00b2 z, %", "ticks", "missing", *([Column("step, median", "\u00b5s")] if timed else []),
+        "estimator", Column("RMSE in 3D", "mm", short="RMSE mm"),
+        Column("share of hold's error", "%", short="% hold"), Column("R\u00b2 x", "%", short="R\u00b2 % x"),
+        Column("R\u00b2 y", "%", short="y"), Column("R\u00b2 z", "%", short="z"),
+        Column("ticks", on_page_only=True), Column("missing", on_page_only=True), *(steps if timed else ()),
     )  # fmt: skip
     note = f"Bars end at {_MAX_BAR} times hold's error; longer ones are cut ({_CUT})" if largest > longest else ""
-    marked = accuracy[active].label(active) if active in accuracy else active
+    marked = _name(accuracy[active].label(active)) if active in accuracy else active
     return Table(f"Accuracy at the tick, {which}", columns, rows, note, marked)
+
+
+def _name(label: str) -> Cell:
+    """Return an estimator's name, which may break in the lines of its cell."""
+    return Cell(broken_name(label, _NAME_WIDTH), markup=escape(label).replace(":", ":<wbr>"))
 
 
 def _with_bar(value: float | None, longest: float, look: Look) -> Cell:

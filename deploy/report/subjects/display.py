@@ -15,7 +15,6 @@ from tis.common.units import MM_PER_M, NS_PER_MS
 from tis.deploy.logs.read.columns import Ints
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.present.numbers import number
-from tis.deploy.present.page import folded, note
 from tis.deploy.present.table import Table
 from tis.deploy.report.section import Section, Statistics, means, statistics
 from tis.deploy.report.subjects.tracking import at_ticks
@@ -54,7 +53,7 @@ class DisplayFigures(Section):
 
 _NOTE: Final = (
     "At effect: distance to where the arm is at the patient's first tick that has the command given at that moment. "
-    "Now: to where it is at that moment"
+    "Now: to where it is at that moment. The prediction adds to the feedback what was commanded since"
 )
 Array = NDArray[np.float64]
 
@@ -138,38 +137,16 @@ def _effect_ticks(logs: RunLogs, hand: Hand, sample_ns: Ints) -> Ints:
 
 
 def display_tables(display: Mapping[Hand, DisplayFigures | None]) -> list[Table]:
-    """Return a table of each hand with a display for a terminal."""
+    """Return a table for each hand with a display: a row for the feedback and one for the prediction."""
     columns = ("shown", "RMS at effect", "median", "p95", "max", "RMS now")
-    return [
-        Table(
-            f"Display of the surgeon, mm ({hand} hand)",
-            columns,
-            _rows(found),
-            f"{_NOTE}. Seen late by {number(found.late_ms['p50'])} ms (median)",
-        )
-        for hand, found in _scored(display)
-    ]
-
-
-def display_markup(display: Mapping[Hand, DisplayFigures | None]) -> str:
-    """Return the tables of all hands for the page, folded; "" without a display."""
-    columns = ("shown to the surgeon", "RMS at effect, mm", "median", "p95", "max", "RMS now, mm")
-    tables = [
-        Table(f"The surgeon's display, {hand} hand", columns, _rows(found)).html() for hand, found in _scored(display)
-    ]
-    more = note(f"{_NOTE}. The prediction adds to the feedback what was commanded since.")
-    title = "What the surgeon sees: delayed feedback and predicted arm"
-    return folded(title, "".join([*tables, more])) if tables else ""
-
-
-def _scored(display: Mapping[Hand, DisplayFigures | None]) -> list[tuple[Hand, DisplayFigures]]:
-    return [(hand, found) for hand, found in display.items() if found is not None and found.n > 0]
-
-
-def _rows(found: DisplayFigures) -> list[tuple[Any, ...]]:
-    """Return a row for the feedback and one for the prediction."""
-    shown = (("delayed feedback", found.feedback_mm), ("predicted arm", found.predicted_mm))
-    return [
-        (title, *(one.at_effect[name] for name in ("rms", "p50", "p95", "max")), one.now["rms"])
-        for title, one in shown
-    ]
+    tables = []
+    for hand, found in display.items():
+        if found is None or not found.n:
+            continue
+        rows = [
+            (title, *(one.at_effect[name] for name in ("rms", "p50", "p95", "max")), one.now["rms"])
+            for title, one in (("delayed feedback", found.feedback_mm), ("predicted arm", found.predicted_mm))
+        ]
+        late = f"Seen late by {number(found.late_ms['p50'])} ms (median)"
+        tables.append(Table(f"The surgeon's display, mm, {hand} hand", columns, rows, f"{_NOTE}. {late}"))
+    return tables

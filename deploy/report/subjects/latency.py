@@ -1,6 +1,6 @@
 """Latency of single samples from the logs, part by part, and round trips."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from html import escape
 from typing import Final, NamedTuple
 
@@ -58,17 +58,10 @@ END_TO_END: Final = (
 )
 """Definition of the end-to-end latency, and why it can be smaller than a one-way delay."""
 
-_ROUND_TRIP: Final = "round trip (surgeon's clock)"
-_ON_PAGE: Final = {
-    **LATENCY_PARTS,
-    "actuation": "actuation (until the arm is there), after that",
-    "network_round_trip": "the network's round trip",
-    "round_trip": _ROUND_TRIP,
-}
-_IN_TERMINAL: Final = {
+_ROWS: Final = {
     **LATENCY_PARTS,
     "actuation": "then the arm follows",
-    "round_trip": _ROUND_TRIP,
+    "round_trip": "round trip (surgeon's clock)",
     "network_round_trip": "of it in the network",
 }
 _STATISTICS: Final = ("p50", "p95", "p99", "max")
@@ -155,14 +148,21 @@ def _instants(answers: Frame | None, number: Instants) -> Instants:
     return np.where(known, first.log_ns[place], NO_INSTANT)
 
 
+def _known(
+    latency: Latency, uncertainty_ms: Mapping[str, Statistics]
+) -> Iterator[tuple[str, Statistics, Statistics]]:
+    """Yield title, figures and clock uncertainty of each row, without an arm that executes nothing."""
+    for name, title in _ROWS.items():
+        if name != "actuation" or latency.actuation["p50"] is not None:
+            yield title, latency[name], uncertainty_ms.get(f"latency_ms.{name}", {})
+
+
 def latency_page_table(latency: Latency, uncertainty_ms: Mapping[str, Statistics]) -> Table:
-    """Return the latency of the freshest sample by part, with clock uncertainty, without unknown delays beside it."""
-    rows = []
-    for name, title in _ON_PAGE.items():
-        figures, bounds = latency[name], uncertainty_ms.get(f"latency_ms.{name}", {})
-        if name in ("actuation", "network_round_trip") and figures["p50"] is None:
-            continue
-        rows.append((title, *(with_uncertainty(figures[p], bounds.get(p)) for p in _STATISTICS)))
+    """Return the latency of the freshest sample by part, with clock uncertainty."""
+    rows = [
+        (title, *(with_uncertainty(figures[p], bounds.get(p)) for p in _STATISTICS))
+        for title, figures, bounds in _known(latency, uncertainty_ms)
+    ]
     return Table("Latency of the freshest sample, ms", ("part", *heads(_STATISTICS)), rows)
 
 
@@ -173,10 +173,7 @@ def latency_table(latency: Latency, uncertainty_ms: Mapping[str, Statistics]) ->
     if uncertainty_ms:
         note += "\n\u00b1: clock uncertainty of a row; ?: not resolvable, the uncertainty exceeds the figure"
     rows = []
-    for name, title in _IN_TERMINAL.items():
-        figures, bounds = latency[name], uncertainty_ms.get(f"latency_ms.{name}", {})
-        if name == "actuation" and figures["p50"] is None:
-            continue
+    for title, figures, bounds in _known(latency, uncertainty_ms):
         cells = [figures[p] if is_resolvable(figures[p], bounds.get(p)) else "?" for p in _STATISTICS]
         widest = max((ms for ms in bounds.values() if ms is not None), default=None)
         margin = "" if not bounds else NONE if widest is None else rounded_up(widest, 2)

@@ -17,7 +17,7 @@ from tis.common.scenario import Scenario
 from tis.deploy.logs.read.columns import Ints
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.present.numbers import NONE, percent
-from tis.deploy.present.table import Table
+from tis.deploy.present.table import Column, Table
 from tis.deploy.report.section import Section, Statistics, means, statistics
 from tis.deploy.report.subjects.accuracy import Consistency, step_times_us
 from tis.deploy.report.subjects.tracking import Array, HandTrack, TurnAgeBins, at_ticks, logged_names, scored_by_age
@@ -155,24 +155,8 @@ def _scores(
     return found
 
 
-def orientation_table(turning: Methods, gripper: Methods, hand: str) -> Table:
-    """Return one hand's methods beside hold for a terminal, without any row where none is scored."""
-    columns = ("method", "RMS \u00b0", "% hold", "p95", "max", "in 95 %", "grip rad", "% hold")
-    rows = [row[:-1] for row in _rows(turning, gripper)]
-    return Table(f"Orientation and gripper at the tick ({hand} hand)", columns, rows, _NOTE)
-
-
-def orientation_page_table(turning: Methods, gripper: Methods, which: str, active: str) -> Table:
-    """Return the same for the page, with the time of a step."""
-    columns = (
-        "orientation", "RMS, \u00b0", "share of hold's, %", "p95, \u00b0", "max, \u00b0", "in the 95 % interval, %",
-        "gripper RMS, rad", "share of hold's, %", "step, median, \u00b5s",
-    )  # fmt: skip
-    return Table(f"Orientation and gripper at the tick, {which}", columns, _rows(turning, gripper), marked=active)
-
-
-def _rows(turning: Methods, gripper: Methods) -> list[tuple[Any, ...]]:
-    """Return a row for each method; coverage is the mean over the axes of the estimated frame."""
+def orientation_table(turning: Methods, gripper: Methods, which: str, active: str) -> Table:
+    """Return a row for each method that is scored; coverage is the mean over the axes of the estimated frame."""
     rows = []
     for name, entry in turning.items():
         if entry.rms is None:
@@ -192,4 +176,10 @@ def _rows(turning: Methods, gripper: Methods) -> list[tuple[Any, ...]]:
                 entry.step_us.get("p50"),
             )
         )
-    return rows
+    columns = (
+        "orientation", "RMS, \u00b0", Column("share of hold's", "%", short="% hold"),
+        Column("p95", "\u00b0", short="p95"), Column("max", "\u00b0", short="max"),
+        Column("in the 95 % interval", "%", short="in 95 %"), Column("gripper RMS", "rad", short="grip rad"),
+        Column("share of hold's", "%", short="% hold"), Column("step, median", "\u00b5s", on_page_only=True),
+    )  # fmt: skip
+    return Table(f"Orientation and gripper at the tick, {which}", columns, rows, _NOTE, active)

@@ -96,7 +96,6 @@ class Redundancy(Section):
         return f"{number(self.price.packets_per_s)} packets/s, {number(kilo(self.price.bytes_per_s))} kB/s"
 
 
-_COLUMNS: Final = ("as sent", "first packets alone")
 _NOTE: Final = (
     "First packets alone: each sample once and without history, on this run's fates. Where packets wait for each "
     "other, in a queue or for their order, first packets alone would be faster. Bytes: payload and attachment"
@@ -257,26 +256,17 @@ def _share_pct(lost: Flags) -> float | None:
 
 
 def redundancy_table(found: Redundancy) -> Table:
-    """Return cost and gain for a terminal, without rows where nothing was sent twice."""
-    return Table(f"Redundancy: {found}", ("", *_COLUMNS), _rows(found), _NOTE)
-
-
-def redundancy_page_table(found: Redundancy) -> Table:
-    """Return the same for the page."""
-    return Table(f"What redundancy cost and gained: {found}", ("figure", *_COLUMNS), _rows(found), _NOTE)
-
-
-def _rows(found: Redundancy) -> list[tuple[str, float | None, float | None]]:
-    if not found.is_used:
-        return []
+    """Return cost and gain, without rows where nothing was sent twice."""
     price, lost = found.price, found.lost
-    return [
+    rows = [
         ("packets/s", price.packets_per_s, price.packets_per_s_once),
         ("kB/s", kilo(price.bytes_per_s), kilo(price.bytes_per_s_once)),
         ("packets that never arrived, %", lost.packets_pct, lost.samples_once_pct),
         ("samples that never arrived, %", lost.samples_pct, lost.samples_once_pct),
         *((f"age at the ticks, {name}, ms", found.age_ms[name], found.age_once_ms[name]) for name in ("mean", "p95")),
     ]
+    columns = ("figure", "as sent", "first packets alone")
+    return Table(f"What redundancy cost and gained: {found}", columns, rows if found.is_used else (), _NOTE)
 
 
 def kilo(value: float | None) -> float | None:
