@@ -100,7 +100,7 @@ def sections(run: RunView) -> list[Section]:
         ),
         Section("model", "Identification", drawn["model"], _models(run), mark=run.mark, beside=True),
         Section("network", "Requested and realised network", markup=_network(links)),
-        Section("clocks", "Clocks", drawn["clocks"], before=_clocks(summary)),
+        Section("clocks", "Clocks", drawn["clocks"], before=_table_or_note(clocks.clock_table(summary.clocks))),
         Section("packets", "Packets and ticks", markup=_books(summary)),
         Section("repeat", "Repeat this run", markup=_repeat(run)),
     ]
@@ -146,6 +146,10 @@ def _filled(table: Table) -> str:
     return table.html() if table.rows else ""
 
 
+def _table_or_note(table: Table) -> str:
+    return table.html() if table.rows else note(table.note)
+
+
 def _latency(run: RunView) -> str:
     """Return the latency budget: the bar of means, and the percentiles of each part."""
     summary = run.summary
@@ -162,18 +166,12 @@ def _models(run: RunView) -> str:
     models = run.models
     warnings = dict.fromkeys(text for model in models.values() for text in model.warnings)
     words = "".join(f'<p><strong class="open">warning</strong> {escape(text)}</p>' for text in warnings)
-    table = identification.model_table(models)
-    return (table.html() if table.rows else note(table.note)) + words
+    return _table_or_note(identification.model_table(models)) + words
 
 
 def _network(links: Mapping[Direction, Link]) -> str:
     """Return the requested and the realised network: both directions, and each key."""
     return link_tables.fidelity_list(links) + link_tables.delay_table(links).html() + link_tables.key_tables(links)
-
-
-def _clocks(summary: Summary) -> str:
-    table = clocks.clock_table(summary.clocks)
-    return table.html() if table.rows else note(table.note)
 
 
 def _books(summary: Summary) -> str:

@@ -72,6 +72,10 @@ class HandView:
         """Return the number of ticks, drawn or not."""
         return len(self.track.t_ns)
 
+    def scored(self, errors: Mapping[str, Array], name: str) -> Array:
+        """Return the errors (T,) of one name at the scored ticks, NaN at the others and for a name without any."""
+        return np.where(self.track.scored, errors.get(name, np.nan), np.nan)
+
     def thinning_note(self) -> str:
         """Return a sentence on ticks that are not drawn, "" when all are."""
         if len(self.kept) == self.n_ticks:

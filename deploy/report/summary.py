@@ -25,26 +25,16 @@ from tis.deploy.report.section import (
     with_uncertainty,
 )
 from tis.deploy.report.subjects.accuracy import Scores
-from tis.deploy.report.subjects.age import (
-    AgeOfInformation,
-    TickModes,
-)
+from tis.deploy.report.subjects.age import AgeOfInformation, TickModes
 from tis.deploy.report.subjects.clocks import ClockFigures
 from tis.deploy.report.subjects.devices import DeviceFigures
 from tis.deploy.report.subjects.display import DisplayFigures
-from tis.deploy.report.subjects.identification import (
-    IdentifiedModel,
-    PlayedRecording,
-)
+from tis.deploy.report.subjects.identification import IdentifiedModel, PlayedRecording
 from tis.deploy.report.subjects.intrusion import Evidence
-from tis.deploy.report.subjects.latency import (
-    Latency,
-)
+from tis.deploy.report.subjects.latency import Latency
 from tis.deploy.report.subjects.logs import LogState
 from tis.deploy.report.subjects.network.link_figures import Link
-from tis.deploy.report.subjects.orientation import (
-    AngleScores,
-)
+from tis.deploy.report.subjects.orientation import AngleScores
 from tis.deploy.report.subjects.own_estimators import OwnEstimator
 from tis.deploy.report.subjects.processors import ProcessorFigures
 from tis.deploy.report.subjects.redundancy import KeyTraffic, Redundancy

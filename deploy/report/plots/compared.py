@@ -111,7 +111,5 @@ def _keys(names: Sequence[str], drawn: Mapping[str, object]) -> tuple[style.Key,
 
 
 def _scored_errors(view: HandView | None) -> Array:
-    error_mm = np.empty(0) if view is None else view.errors_mm.get(view.active, np.empty(0))
-    if view is not None and len(error_mm):
-        error_mm = error_mm[view.track.scored]
+    error_mm = np.empty(0) if view is None else view.scored(view.errors_mm, view.active)
     return np.asarray(error_mm[np.isfinite(error_mm)])
