@@ -16,8 +16,7 @@ from tis.deploy.report.measured_run import MeasuredRun
 from tis.deploy.report.subjects.age import ages_at_ms
 from tis.deploy.report.subjects.identification import IdentifiedModel
 from tis.deploy.report.subjects.network.disturbances import Disturbance, disturbances
-from tis.deploy.report.subjects.orientation import wrist_track
-from tis.deploy.report.subjects.tracking import Array, HandTrack, track_of_hand
+from tis.deploy.report.subjects.tracking import Array, HandTrack
 from tis.deploy.report.summary import Summary
 
 if TYPE_CHECKING:
@@ -83,18 +82,13 @@ class HandView:
         return f" Of {self.n_ticks} ticks {len(self.kept)} are drawn, the worst of each stretch among them."
 
 
-def hand_view(logs: RunLogs, scenario: Scenario, hand: Hand, title: str, known: HandTrack | None = None) -> HandView:
-    """Return one hand's view as far as its logs reach, by its track if that is known.
-
-    Oracle: logs written by hand, test_hand_view.
-    """
-    track = track_of_hand(logs, scenario, hand) if known is None else known
-    errors_mm, turns_deg = track.errors_mm, wrist_track(logs, scenario, track, hand).turns_deg
+def hand_view(run: MeasuredRun, hand: Hand, title: str) -> HandView:
+    """Return one hand's view as far as its logs reach (oracle: logs written by hand, test_hand_view)."""
+    track, scenario = run.tracks[hand], run.scenario
+    errors_mm, age_ms = track.errors_mm, ages_at_ms(run.logs, hand, track.t_ns)
     kept = _kept(errors_mm, len(track.t_ns))
     active, turning = scenario.active_estimator, scenario.patient.orientation.active
-    return HandView(
-        hand, title, track, active, errors_mm, ages_at_ms(logs, hand, track.t_ns), kept, turning, turns_deg
-    )
+    return HandView(hand, title, track, active, errors_mm, age_ms, kept, turning, run.wrists[hand].turns_deg)
 
 
 def _kept(errors_mm: dict[str, Array], n: int) -> Indices:
@@ -152,9 +146,7 @@ class RunView:
         """Return the view of each hand."""
         origin = ", synthetic" if self.synthetic else ""
         return {
-            hand: hand_view(
-                self.logs, self.scenario, hand, f"{hand} hand ({arm}{origin})", self.measured.tracks[hand]
-            )
+            hand: hand_view(self.measured, hand, f"{hand} hand ({arm}{origin})")
             for hand, arm in self.measured.arms.items()
         }
 

@@ -144,15 +144,15 @@ def _estimation(run: MeasuredRun) -> dict[str, Any]:
     scores = {one[1].hand: accuracy.pooled_accuracy(logs, scenario, [one]) for one in each}
     pooled = scores[models[0].hand] if len(models) == 1 else accuracy.pooled_accuracy(logs, scenario, each)
     own = own_estimators.own_estimators(logs, scenario)
-    wrists = {hand: orientation.wrist_track(logs, scenario, track, hand) for hand, track in tracks.items()}
     found: dict[str, Any] = {
         "accuracy": accuracy.with_failures(pooled, own),
         "orientation_deg": {
-            hand: orientation.orientation_deg(logs, tracks[hand], wrist, hand) for hand, wrist in wrists.items()
+            hand: orientation.orientation_deg(logs, tracks[hand], wrist, hand) for hand, wrist in run.wrists.items()
         },
-        "gripper_rad": {hand: orientation.gripper_rad(tracks[hand], wrist) for hand, wrist in wrists.items()},
+        "gripper_rad": {hand: orientation.gripper_rad(tracks[hand], wrist) for hand, wrist in run.wrists.items()},
         "orientation_by_age": {
-            hand: orientation.orientation_by_age(logs, tracks[hand], wrist, hand) for hand, wrist in wrists.items()
+            hand: orientation.orientation_by_age(logs, tracks[hand], wrist, hand)
+            for hand, wrist in run.wrists.items()
         },
         "error_by_age": {
             model.hand: tracking.errors_by_age(logs, tracks[model.hand], model.hand) for model in models
