@@ -49,6 +49,7 @@ def pytest_collection_finish(session: pytest.Session) -> None:
         raise pytest.UsageError("pytest-xdist ignores groups: live tests would run beside each other")
     gc.collect()
     gc.freeze()
+    gc.set_threshold(20_000, 20, 50)  # what runs make has few cycles, and looking for them takes a hundredth of all
 
 
 @pytest.fixture(scope="session")

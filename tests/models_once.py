@@ -18,6 +18,7 @@ from tis.common.scenario.identification import Identification
 from tis.common.sources.trajectory import Recording
 from tis.deploy.tools import identify
 from tis.patient_side import build
+from tis.patient_side.identification import fit_drmf
 from tis.patient_side.identification.companions import Stage, untimed
 from tis.patient_side.identification.identify import Identified, identify_hands
 
@@ -48,9 +49,18 @@ def hands_once(
         if file.exists():
             _FOUND[key] = pickle.loads(file.read_bytes())
         else:
-            _FOUND[key] = identify_hands(trainings, hands, identification, pairing, wanted, stage)
+            with pytest.MonkeyPatch.context() as patch:
+                if "drmf" not in (names or ()):  # nobody asks for it, and it would take longer than all others
+                    judge_by_few_draws(patch)
+                _FOUND[key] = identify_hands(trainings, hands, identification, pairing, wanted, stage)
             _write_whole(file, pickle.dumps(_FOUND[key]))
     return copy.deepcopy(_FOUND[key])
+
+
+def judge_by_few_draws(patch: pytest.MonkeyPatch) -> None:
+    """Judge and calibrate DRMF by few draws: enough where the best choice is far ahead, or does not matter."""
+    patch.setattr(fit_drmf, "_N_JUDGED", 5)
+    patch.setattr(fit_drmf, "_N_CALIBRATED", 30)
 
 
 @contextmanager

@@ -26,6 +26,11 @@ def number(value: float | None, unit: str = "") -> str:
     return f"{value:.{digits}f}{unit}"
 
 
+def with_margin(value: float | None, margin: float | None) -> str:
+    """Return a number with its margin, ``0.31 \u00b1 0.02``, if it has one."""
+    return number(value) + (f" \u00b1 {number(margin)}" if margin else "")
+
+
 def shown(value: Any) -> str:
     """Return the value of a cell as text: text as it is, a number by `number`, a dash for None."""
     if isinstance(value, str):

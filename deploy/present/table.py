@@ -65,7 +65,8 @@ class Cell(str):
 class Column:
     """A column: its head and unit, whether it holds words, and how its values are shown, texts and None apart.
 
-    Words stand to the left and may wrap on a page; ``wraps`` lets a column wrap in a terminal, too.
+    Words stand to the left and may wrap on a page; ``wraps`` lets a column wrap in a terminal, too. A terminal, with
+    its 80 columns, shows ``short`` for the title if there is one, and leaves out what is ``on_page_only``.
     """
 
     head: str
@@ -73,6 +74,8 @@ class Column:
     words: bool = False
     wraps: bool = False
     show: Callable[[Any], str] = shown
+    short: str = ""
+    on_page_only: bool = False
 
     @property
     def title(self) -> str:
@@ -120,7 +123,7 @@ class Table:
         from rich.markup import escape as escaped
         from rich.text import Text
 
-        columns = self.full_columns()
+        columns = [column for column in self.full_columns() if not column.on_page_only]
         view = table.Table(
             title=("\n" * look.spaced + escaped(self.title)) if self.title else None,
             title_justify="left",
@@ -132,9 +135,10 @@ class Table:
         )
         for column in columns:
             how: dict[str, Any] = {"overflow": "fold"} if column.wraps else {"no_wrap": True}
-            view.add_column(Text(column.title), justify="left" if column.words else "right", **how)
+            view.add_column(Text(column.short or column.title), justify="left" if column.words else "right", **how)
         for row in self.rows:
-            cells = [_text(column, value) for column, value in zip(columns, row, strict=True)] if row else []
+            each = zip(self.full_columns(), row, strict=True) if row else ()
+            cells = [_text(column, value) for column, value in each if not column.on_page_only]
             view.add_row(*(Text(cell, getattr(cell, "style", "")) for cell in cells)) if row else view.add_section()
         return Group(view, Text(self.note, style="table.caption")) if self.note else view
 

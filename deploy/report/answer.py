@@ -49,7 +49,7 @@ def _accurate_texts(summary: Summary, scenario: Scenario) -> list[str]:
     active = scenario.active_estimator
     known = {
         hand: {name: entry for name, entry in scores.items() if entry.rmse_3d_mm is not None and name != "plant"}
-        for hand, scores in summary.scores_by_hand(scenario.source.hands[0]).items()
+        for hand, scores in summary.scores_by_hand.items()
     }
     hands = [hand for hand, entries in known.items() if active in entries and "hold" in entries]
     if not hands:
@@ -146,7 +146,7 @@ def _lossy(summary: Summary) -> tuple[str, str, str, str]:
 
 
 def _accurate(summary: Summary, scenario: Scenario) -> tuple[str, str, str, str]:
-    by_hand, active = summary.scores_by_hand(scenario.source.hands[0]), scenario.active_estimator
+    by_hand, active = summary.scores_by_hand, scenario.active_estimator
     found = [(hand, scores[active]) for hand, scores in by_hand.items() if active in scores]
     value = " / ".join(number(entry.rmse_3d_mm) for _, entry in found) or "-"
     ratios = [entry.ratio_to_hold for _, entry in found if entry.ratio_to_hold is not None]

@@ -264,7 +264,7 @@ def _difference(first: float | None, value: float | None, difference: Difference
 
 def _accuracy(runs: Sequence[RunView]) -> dict[str, tuple[Values, Difference]]:
     """Return the errors of each hand's estimators in any of the runs, active ones first."""
-    found = [run.summary.scores_by_hand(run.scenario.source.hands[0]) for run in runs]
+    found = [run.summary.scores_by_hand for run in runs]
     hands = dict.fromkeys(hand for one in found for hand in one)
     active = dict.fromkeys(run.scenario.active_estimator for run in runs)
     others = dict.fromkeys(name for one in found for scores in one.values() for name in scores)

@@ -1,6 +1,6 @@
 """Contents of a report, subject by subject: its warnings, the tables of a terminal, and the sections of the page."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from typing import Final
 
@@ -28,7 +28,6 @@ from tis.deploy.report.subjects import (
     safety,
     ticks,
 )
-from tis.deploy.report.subjects.accuracy import Scores
 from tis.deploy.report.subjects.network import link_tables
 from tis.deploy.report.subjects.network.link_figures import Link
 from tis.deploy.report.summary import Summary
@@ -45,20 +44,6 @@ WARNINGS: Final[tuple[Callable[[Summary], Sequence[str]], ...]] = (
     lambda s: s.in_sample or (),
     lambda s: s.recording.warnings if s.recording else (),
 )
-TABLES: Final[tuple[Callable[[Summary], Iterable[Table]], ...]] = (
-    lambda s: [accuracy.accuracy_table(scores, which) for which, scores in _by_hand(s)],
-    lambda s: [
-        orientation.orientation_table(one, s.gripper_rad[hand], hand) for hand, one in s.orientation_deg.items()
-    ],
-    lambda s: display.display_tables(s.display),
-    lambda s: [
-        redundancy.redundancy_table(s.redundancy),
-        link_tables.packet_table(s.links),
-        link_tables.delay_table(s.links),
-    ],
-    lambda s: [latency.latency_table(s.latency_ms, s.uncertainty_ms)],
-)
-"""The tables of a terminal, each 80 columns wide at most; those without rows are left out."""
 
 
 def run_warnings(summary: Summary) -> list[str]:
@@ -67,13 +52,30 @@ def run_warnings(summary: Summary) -> list[str]:
 
 
 def tables(summary: Summary) -> list[Table]:
-    """Return the tables of a terminal."""
-    return [table for of in TABLES for table in of(summary) if table.rows]
+    """Return the tables of a terminal, each 80 columns wide at most."""
+    found = [
+        *_accuracy_tables(summary),
+        *_orientation_tables(summary),
+        *display.display_tables(summary.display),
+        redundancy.redundancy_table(summary.redundancy),
+        link_tables.packet_table(summary.links),
+        link_tables.delay_table(summary.links),
+        latency.latency_table(summary.latency_ms, summary.uncertainty_ms),
+    ]
+    return [table for table in found if table.rows]
 
 
-def _by_hand(summary: Summary) -> list[tuple[str, dict[str, Scores]]]:
-    by_hand = [(f" ({hand} hand)", scores) for hand, scores in summary.accuracy_by_hand.items()]
-    return by_hand or [("", summary.accuracy)]
+def _accuracy_tables(summary: Summary) -> list[Table]:
+    by_hand, active = summary.scores_by_hand, summary.active_estimator
+    return [accuracy.accuracy_table(one, f"{hand} hand", active) for hand, one in by_hand.items()]
+
+
+def _orientation_tables(summary: Summary) -> list[Table]:
+    active, gripper = summary.active_orientation, summary.gripper_rad
+    return [
+        orientation.orientation_table(one, gripper[hand], f"{hand} hand", active)
+        for hand, one in summary.orientation_deg.items()
+    ]
 
 
 def sections(run: RunView) -> list[Section]:
@@ -97,10 +99,8 @@ def sections(run: RunView) -> list[Section]:
             "distributions", "Distributions, and what age costs", drawn["distributions"], mark=run.mark, beside=True
         ),
         Section("model", "Identification", drawn["model"], _models(run), mark=run.mark, beside=True),
-        Section(
-            "network", "Requested and realised network", markup=link_tables.fidelity_list(links) + _network(links)
-        ),
-        Section("clocks", "Clocks", drawn["clocks"], before=_clocks(summary)),
+        Section("network", "Requested and realised network", markup=_network(links)),
+        Section("clocks", "Clocks", drawn["clocks"], before=_table_or_note(clocks.clock_table(summary.clocks))),
         Section("packets", "Packets and ticks", markup=_books(summary)),
         Section("repeat", "Repeat this run", markup=_repeat(run)),
     ]
@@ -115,20 +115,17 @@ def _requirements(summary: Summary) -> str:
 
 def _accuracy(run: RunView) -> str:
     """Return the estimators beside hold, the orientation, the display, and the gain of redundancy."""
-    summary, active, turning = run.summary, run.scenario.active_estimator, run.summary.active_orientation
-    by_hand = summary.scores_by_hand(run.scenario.source.hands[0])
-    scored = "".join(
-        accuracy.accuracy_page_table(one, f"{hand} hand", active).html() for hand, one in by_hand.items()
-    )
-    turned = "".join(
-        _filled(orientation.orientation_page_table(one, summary.gripper_rad[hand], f"{hand} hand", turning))
-        for hand, one in summary.orientation_deg.items()
+    summary, active = run.summary, run.scenario.active_estimator
+    scored, turned, shown = (
+        "".join(map(_filled, tables))
+        for tables in (
+            _accuracy_tables(summary),
+            _orientation_tables(summary),
+            display.display_tables(summary.display),
+        )
     )
     if turned:
-        turned += note(
-            f"Error of an orientation: the angle to the arm's true one. The answers carried that of {turning}, "
-            "marked above."
-        )
+        turned += note(f"The answers carried the orientation of {summary.active_orientation}, marked above.")
     return (
         "<p>Each estimator at the patient's ticks, beside <b>hold</b>, the baseline without estimating: it "
         "repeats the newest arm position that arrived.</p>"
@@ -138,15 +135,19 @@ def _accuracy(run: RunView) -> str:
             "true position. R\u00b2: the share of the movement that the estimates follow; 100 % is all of it."
         )
         + turned
-        + accuracy.more_accuracy(by_hand, active)
-        + display.display_markup(summary.display)
-        + _filled(redundancy.redundancy_page_table(summary.redundancy))
+        + accuracy.more_accuracy(summary.scores_by_hand, active)
+        + folded("What the surgeon sees: delayed feedback and predicted arm", shown)
+        + _filled(redundancy.redundancy_table(summary.redundancy))
     )
 
 
 def _filled(table: Table) -> str:
     """Return a table for the page, "" without rows."""
     return table.html() if table.rows else ""
+
+
+def _table_or_note(table: Table) -> str:
+    return table.html() if table.rows else note(table.note)
 
 
 def _latency(run: RunView) -> str:
@@ -165,42 +166,21 @@ def _models(run: RunView) -> str:
     models = run.models
     warnings = dict.fromkeys(text for model in models.values() for text in model.warnings)
     words = "".join(f'<p><strong class="open">warning</strong> {escape(text)}</p>' for text in warnings)
-    table = identification.model_table(models)
-    return (table.html() if table.rows else note(table.note)) + words
+    return _table_or_note(identification.model_table(models)) + words
 
 
 def _network(links: Mapping[Direction, Link]) -> str:
     """Return the requested and the realised network: both directions, and each key."""
-    words = note(
-        "Requested: by the scenario. Decided: what the models drew. Realised: measured in netem. A run of losses is "
-        "how many messages in a row were lost."
-    )
-    return (
-        link_tables.requested_table(links).html()
-        + words
-        + link_tables.release_table(links).html()
-        + link_tables.key_tables(links)
-    )
-
-
-def _clocks(summary: Summary) -> str:
-    table = clocks.clock_table(summary.clocks)
-    return table.html() if table.rows else note(table.note)
+    return link_tables.fidelity_list(links) + link_tables.delay_table(links).html() + link_tables.key_tables(links)
 
 
 def _books(summary: Summary) -> str:
     """Return the tables of packets and ticks, with definitions of their terms."""
-    n_unlogged = sum(link.untold for link in summary.links.values())
     rate = summary.redundancy.rate_text
     rejected = ", ".join(f"{side} {number(count)}" for side, count in summary.rejected.items()) or NONE
     return (
-        link_tables.packet_page_table(summary.links).html()
-        + note(
-            "Dropped: by netem, as the scenario requests. Unplanned loss: lost on either side of netem. Foreign: "
-            "messages of other programs on keys of the testbed."
-            + (f" Left out, as they fall into gaps of damaged logs: {n_unlogged}." if n_unlogged else "")
-            + (f" The surgeon sent {rate} (payload and attachment)." if rate else "")
-        )
+        link_tables.packet_table(summary.links).html()
+        + note(f"The surgeon sent {rate} (payload and attachment)." if rate else "")
         + ticks.tick_table({"patient": summary.ticks, "surgeon": summary.surgeon_ticks}).html()
         + note(
             "A tick that has not begun when the next one is due is missed. Samples that arrived but were never the "

@@ -21,6 +21,7 @@ from tis.deploy.report.subjects.latency import (
 from tis.deploy.report.subjects.network.link_figures import Link
 from tis.deploy.report.subjects.network.link_summary import link_summary
 from tis.deploy.report.subjects.network.requested import Requested
+from tis.deploy.report.subjects.orientation import WristTrack, wrist_track
 from tis.deploy.report.subjects.tracking import HandTrack, track_of_hand
 from tis.patient_side.statespace import ArmModel
 
@@ -63,6 +64,11 @@ class MeasuredRun:
     def tracks(self) -> dict[Hand, HandTrack]:
         """Return the track of each hand."""
         return {hand: track_of_hand(self.logs, self.scenario, hand) for hand in self.arms}
+
+    @cached_property
+    def wrists(self) -> dict[Hand, WristTrack]:
+        """Return the errors of the orientation methods of each hand."""
+        return {hand: wrist_track(self.logs, self.scenario, track, hand) for hand, track in self.tracks.items()}
 
     @cached_property
     def durations_ns(self) -> dict[Metric, Instants]:

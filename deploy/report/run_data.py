@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from tis.common.channels import Direction, Hand, Side
 from tis.common.errors import DataError, Fault, InputError
-from tis.common.metrics.tracking import angles_deg
 from tis.common.records import TICKS, TRUTH
 from tis.common.scenario import Scenario
-from tis.common.units import MM_PER_M
+from tis.deploy.logs.read.columns import joined
 from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs, load_run, scenario_in
 from tis.deploy.logs.read.packets import link_fates, link_releases
@@ -120,28 +119,27 @@ class Run:
         ``hand`` defaults to the scenario's first. Raises `InputError` for a hand or an estimator that the run does
         not have; the message names those it has.
         """
-        wanted = self.scenario.source.hands[0] if hand is None else hand
-        if wanted not in self.tracks:
-            raise InputError(Fault(str(self.run_dir), "hand", f"must be one of {', '.join(self.tracks)}", wanted))
-        track = self.tracks[wanted]
-        if estimator not in track.estimates:
-            known = ", ".join(track.estimates) or "none: the patient's log holds no estimate"
-            raise InputError(Fault(str(self.run_dir), "estimator", f"must be one of {known}", estimator))
-        return MM_PER_M * np.asarray(np.linalg.norm(track.estimates[estimator] - track.truth_m, axis=1))
+        errors_mm = {one: track.errors_mm for one, track in self.tracks.items()}
+        return self._of_hand(errors_mm, hand, "estimator", estimator, "estimate")
 
     def error_deg(self, method: str, hand: Hand | None = None) -> Floats:
         """Return an orientation method's angle to the truth (T,) in degrees, NaN where it has no estimate.
 
         ``hand`` defaults to the scenario's first. Raises `InputError` for a hand or a method that the run lacks.
         """
+        turns_deg = {one: turns.turns_deg for one, turns in self.turns.items()}
+        return self._of_hand(turns_deg, hand, "method", method, "orientation")
+
+    def _of_hand(
+        self, errors: Mapping[Hand, Mapping[str, Floats]], hand: Hand | None, what: str, name: str, lacking: str
+    ) -> Floats:
         wanted = self.scenario.source.hands[0] if hand is None else hand
-        if wanted not in self.turns:
-            raise InputError(Fault(str(self.run_dir), "hand", f"must be one of {', '.join(self.turns)}", wanted))
-        errors = self.turns[wanted].turn_rad
-        if method not in errors:
-            known = ", ".join(errors) or "none: the patient's log holds no orientation"
-            raise InputError(Fault(str(self.run_dir), "method", f"must be one of {known}", method))
-        return angles_deg(errors[method])
+        if wanted not in errors:
+            raise InputError(Fault(str(self.run_dir), "hand", f"must be one of {', '.join(errors)}", wanted))
+        if name not in errors[wanted]:
+            known = ", ".join(errors[wanted]) or f"none: the patient's log holds no {lacking}"
+            raise InputError(Fault(str(self.run_dir), what, f"must be one of {known}", name))
+        return errors[wanted][name]
 
     def lost(self, direction: Direction) -> Flags:
         """Return whether each message offered to netem was lost (N,), key by key, without foreign messages.
@@ -155,7 +153,7 @@ class Run:
         # the summary's own accounting, so that both give one loss
         books = link_books(self.logs, direction, self.scenario.session).keys
         found = [KeyFigures.of(one).account.lost for one in books if not one.foreign]
-        return np.concatenate([np.empty(0, dtype=np.bool_), *found])
+        return joined(found, np.bool_)
 
 
 def load(run_dir: str | PathLike[str]) -> Run:
@@ -212,9 +210,8 @@ def load(run_dir: str | PathLike[str]) -> Run:
 
 
 def _truth(logs: RunLogs, hand: Hand) -> Frame:
-    rows = logs.of("surgeon", TRUTH)
-    its = rows.where("hand", hand)
-    return Frame.of_arrays(**{name: rows.column(name)[its] for name in ("sample_ns", "position_m")})
+    rows = logs.of_hand("surgeon", TRUTH, hand)
+    return Frame.of_arrays(sample_ns=rows.sample_ns, position_m=rows.position_m)
 
 
 def _ages(logs: RunLogs, hand: Hand) -> Frame:

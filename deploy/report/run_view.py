@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from tis.common.channels import FOLLOWER, Arm, Hand
-from tis.common.metrics.tracking import angles_deg
 from tis.common.scenario import Scenario
 from tis.common.units import MM_PER_M, NS_PER_S
 from tis.deploy.logs.read.load import RunLogs
@@ -17,8 +16,7 @@ from tis.deploy.report.measured_run import MeasuredRun
 from tis.deploy.report.subjects.age import ages_at_ms
 from tis.deploy.report.subjects.identification import IdentifiedModel
 from tis.deploy.report.subjects.network.disturbances import Disturbance, disturbances
-from tis.deploy.report.subjects.orientation import wrist_track
-from tis.deploy.report.subjects.tracking import Array, HandTrack, track_of_hand
+from tis.deploy.report.subjects.tracking import Array, HandTrack
 from tis.deploy.report.summary import Summary
 
 if TYPE_CHECKING:
@@ -73,6 +71,10 @@ class HandView:
         """Return the number of ticks, drawn or not."""
         return len(self.track.t_ns)
 
+    def scored(self, errors: Mapping[str, Array], name: str) -> Array:
+        """Return the errors (T,) of one name at the scored ticks, NaN at the others and for a name without any."""
+        return np.where(self.track.scored, errors.get(name, np.nan), np.nan)
+
     def thinning_note(self) -> str:
         """Return a sentence on ticks that are not drawn, "" when all are."""
         if len(self.kept) == self.n_ticks:
@@ -80,23 +82,13 @@ class HandView:
         return f" Of {self.n_ticks} ticks {len(self.kept)} are drawn, the worst of each stretch among them."
 
 
-def hand_view(logs: RunLogs, scenario: Scenario, hand: Hand, title: str, known: HandTrack | None = None) -> HandView:
-    """Return one hand's view as far as its logs reach, by its track if that is known.
-
-    Oracle: logs written by hand, test_hand_view.
-    """
-    track = track_of_hand(logs, scenario, hand) if known is None else known
-    errors_mm = {
-        name: MM_PER_M * np.linalg.norm(position_m - track.truth_m, axis=1)
-        for name, position_m in track.estimates.items()
-    }
-    turns_rad = wrist_track(logs, scenario, track, hand).turn_rad
-    turns_deg = {name: angles_deg(error_rad) for name, error_rad in turns_rad.items()}
+def hand_view(run: MeasuredRun, hand: Hand, title: str) -> HandView:
+    """Return one hand's view as far as its logs reach (oracle: logs written by hand, test_hand_view)."""
+    track, scenario = run.tracks[hand], run.scenario
+    errors_mm, age_ms = track.errors_mm, ages_at_ms(run.logs, hand, track.t_ns)
     kept = _kept(errors_mm, len(track.t_ns))
     active, turning = scenario.active_estimator, scenario.patient.orientation.active
-    return HandView(
-        hand, title, track, active, errors_mm, ages_at_ms(logs, hand, track.t_ns), kept, turning, turns_deg
-    )
+    return HandView(hand, title, track, active, errors_mm, age_ms, kept, turning, run.wrists[hand].turns_deg)
 
 
 def _kept(errors_mm: dict[str, Array], n: int) -> Indices:
@@ -154,9 +146,7 @@ class RunView:
         """Return the view of each hand."""
         origin = ", synthetic" if self.synthetic else ""
         return {
-            hand: hand_view(
-                self.logs, self.scenario, hand, f"{hand} hand ({arm}{origin})", self.measured.tracks[hand]
-            )
+            hand: hand_view(self.measured, hand, f"{hand} hand ({arm}{origin})")
             for hand, arm in self.measured.arms.items()
         }
 

@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from tis.common.metrics.latency import latency_ms
 from tis.common.metrics.percentiles import summarise
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_MS
+from tis.deploy.logs.read.columns import joined
 from tis.deploy.logs.read.load import RunLogs, run_id_in
 from tis.deploy.report.measured_run import MeasuredRun
 from tis.deploy.report.subjects import (
@@ -113,7 +112,7 @@ def _latency_and_age(run: MeasuredRun) -> dict[str, Any]:
         NS_PER_MS * tracking.actuation_ms(track, scenario.active_estimator, scenario.rate_hz)
         for track in run.tracks.values()
     ]
-    others = {"actuation": np.concatenate([np.empty(0), *actuation_ns])}
+    others = {"actuation": joined(actuation_ns, float)}
     others |= {name: run.durations_ns[name] for name in ("round_trip", "network_round_trip")}
     arrivals = age.freshest_arrivals(logs, scenario.session, run.arms)
     latency, age_ms = Latency(**latency_ms(run.latency, others)), summarise(run.durations_ns["age"] / NS_PER_MS)
@@ -145,15 +144,15 @@ def _estimation(run: MeasuredRun) -> dict[str, Any]:
     scores = {one[1].hand: accuracy.pooled_accuracy(logs, scenario, [one]) for one in each}
     pooled = scores[models[0].hand] if len(models) == 1 else accuracy.pooled_accuracy(logs, scenario, each)
     own = own_estimators.own_estimators(logs, scenario)
-    wrists = {hand: orientation.wrist_track(logs, scenario, track, hand) for hand, track in tracks.items()}
     found: dict[str, Any] = {
         "accuracy": accuracy.with_failures(pooled, own),
         "orientation_deg": {
-            hand: orientation.orientation_deg(logs, tracks[hand], wrist, hand) for hand, wrist in wrists.items()
+            hand: orientation.orientation_deg(logs, tracks[hand], wrist, hand) for hand, wrist in run.wrists.items()
         },
-        "gripper_rad": {hand: orientation.gripper_rad(tracks[hand], wrist) for hand, wrist in wrists.items()},
+        "gripper_rad": {hand: orientation.gripper_rad(tracks[hand], wrist) for hand, wrist in run.wrists.items()},
         "orientation_by_age": {
-            hand: orientation.orientation_by_age(logs, tracks[hand], wrist, hand) for hand, wrist in wrists.items()
+            hand: orientation.orientation_by_age(logs, tracks[hand], wrist, hand)
+            for hand, wrist in run.wrists.items()
         },
         "error_by_age": {
             model.hand: tracking.errors_by_age(logs, tracks[model.hand], model.hand) for model in models

@@ -25,26 +25,16 @@ from tis.deploy.report.section import (
     with_uncertainty,
 )
 from tis.deploy.report.subjects.accuracy import Scores
-from tis.deploy.report.subjects.age import (
-    AgeOfInformation,
-    TickModes,
-)
+from tis.deploy.report.subjects.age import AgeOfInformation, TickModes
 from tis.deploy.report.subjects.clocks import ClockFigures
 from tis.deploy.report.subjects.devices import DeviceFigures
 from tis.deploy.report.subjects.display import DisplayFigures
-from tis.deploy.report.subjects.identification import (
-    IdentifiedModel,
-    PlayedRecording,
-)
+from tis.deploy.report.subjects.identification import IdentifiedModel, PlayedRecording
 from tis.deploy.report.subjects.intrusion import Evidence
-from tis.deploy.report.subjects.latency import (
-    Latency,
-)
+from tis.deploy.report.subjects.latency import Latency
 from tis.deploy.report.subjects.logs import LogState
 from tis.deploy.report.subjects.network.link_figures import Link
-from tis.deploy.report.subjects.orientation import (
-    AngleScores,
-)
+from tis.deploy.report.subjects.orientation import AngleScores
 from tis.deploy.report.subjects.own_estimators import OwnEstimator
 from tis.deploy.report.subjects.processors import ProcessorFigures
 from tis.deploy.report.subjects.redundancy import KeyTraffic, Redundancy
@@ -153,9 +143,10 @@ class Summary(Section):
         margin = f"\u00b1 {rounded_up(bound_ms, 2)} ms"
         return f"the latency of the estimates is not resolvable, the clocks are uncertain by {margin}"
 
-    def scores_by_hand(self, single: Hand) -> dict[Hand, dict[str, Scores]]:
-        """Return the scores by hand, without hands that have none; ``single`` is the hand where there is one."""
-        by_hand = self.accuracy_by_hand or {single: self.accuracy}
+    @property
+    def scores_by_hand(self) -> dict[Hand, dict[str, Scores]]:
+        """Return the scores by hand, without hands that have none."""
+        by_hand = self.accuracy_by_hand or dict.fromkeys(self.display, self.accuracy)
         return {hand: scores for hand, scores in by_hand.items() if scores}
 
 

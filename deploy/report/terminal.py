@@ -13,7 +13,6 @@ from tis.deploy.report.contents import run_warnings, tables
 from tis.deploy.report.section import NOT_RESOLVABLE
 from tis.deploy.report.subjects.network.link_figures import LinkVerdict
 from tis.deploy.report.subjects.requirements import OUT_OF_REACH, SetVerdict
-from tis.deploy.report.subjects.ticks import tick_line
 from tis.deploy.report.summary import Summary
 from tis.deploy.report.validity import validity_text
 
@@ -40,17 +39,23 @@ def brief(summary: Summary, warnings: Sequence[str], width: int, since: str | No
 
     Without room for all problems and warnings, the first are shown and the others counted.
     """
-    style = "red" if since or not summary.valid else ""
-    head = [
-        Row("", f"{summary.scenario} ({summary.mode}, {summary.source})", "bold"),
-        Row("", validity_text(summary, since), style),
-    ]
-    faults = [Row("  ", text, "red") for text in summary.problems]
-    faults += [Row("  ", f"warning: {text}", "yellow") for text in warnings]
+    faults = _faults(summary, warnings)
     figures = [*_figures(summary), *_networks(summary), *_requirements(summary, only_counts=bool(faults))]
-    shown, below = [*_wrapped(head, width)], [*_wrapped(figures, width)]
+    shown, below = [*_wrapped(_head(summary, since), width)], [*_wrapped(figures, width)]
     room = MAX_LINES - len(shown) - len(below)
     return Text("\n").join([*shown, *_first(faults, room, width), *below])
+
+
+def _head(summary: Summary, since: str | None) -> list[Row]:
+    """Return the run, and whether it is valid."""
+    style = "red" if since or not summary.valid else ""
+    run = f"{summary.scenario} ({summary.mode}, {summary.source})"
+    return [Row("", run, "bold"), Row("", validity_text(summary, since), style)]
+
+
+def _faults(summary: Summary, warnings: Sequence[str]) -> list[Row]:
+    problems = [Row("  ", text, "red") for text in summary.problems]
+    return problems + [Row("  ", f"warning: {text}", "yellow") for text in warnings]
 
 
 def _figures(summary: Summary) -> Iterator[Row]:
@@ -211,21 +216,20 @@ _MAX_SENTENCES: Final = 6
 
 def print_summary(summary: Summary, console: Console, since: str | None = None, verbose: bool = False) -> None:
     """Print the brief, or all tables if ``verbose``; ``since`` names damage to the logs after it was written."""
+    warnings, width = run_warnings(summary), console.width
     if verbose:
-        console.print(summary_view(summary, since))
+        console.print(_in_full(summary, warnings, width, since))
     else:
-        console.print(brief(summary, run_warnings(summary), console.width, since), soft_wrap=True)
+        console.print(brief(summary, warnings, width, since), soft_wrap=True)
 
 
-def summary_view(summary: Summary, since: str | None = None) -> RenderableType:
-    """Return the summary as text and tables, the result first; ``since`` as in `validity_text`."""
-    parts: list[RenderableType] = [Text(_headline(summary), style="bold")]
-    parts.append(Text(validity_text(summary, since), style="red" if since or not summary.valid else ""))
-    parts += [HangingIndent(f"not valid: {text}", "red") for text in summary.problems]
-    parts += [HangingIndent(f"warning: {text}", "yellow") for text in run_warnings(summary)]
+def _in_full(summary: Summary, warnings: Sequence[str], width: int, since: str | None) -> RenderableType:
+    """Return the rows of the brief, all faults among them, and more; then each verdict and all tables."""
+    rows = [*_head(summary, since), *_faults(summary, warnings), *_figures(summary), *_details(summary)]
+    parts: list[RenderableType] = [*_wrapped(rows, width)]
     parts += [verdict_view(f"network {d}", link.verdict, "the scenario") for d, link in summary.links.items()]
     parts += [table.terminal() for table in tables(summary)]
-    parts += [Text(f"\n{_footer(summary)}"), Text(summary.tick_modes.line)]
+    parts += [Text(f"\n{summary.tick_modes.line}")]
     parts.append(Text("\nRequirements of applications:", style="bold"))
     parts += [_verdict_line(verdict, summary.ticks.rate_hz) for verdict in summary.verdicts]
     return Group(*parts)
@@ -242,37 +246,19 @@ def verdict_view(name: str, verdict: LinkVerdict, request: str, shown: Sequence[
     return Group(head, *(HangingIndent(sentence, style, indent=4) for sentence in lines))
 
 
-def _headline(summary: Summary) -> str:
-    """Return latency, loss and accuracy, a line each."""
-    median, p99 = (summary.text("latency_ms.end_to_end", name, " ms") for name in ("p50", "p99"))
-    lost = number(summary.links["forward"].loss_pct, " %")
-    oldest = summary.text("age_ms", "max", " ms")
-    latency = (
-        f"end to end, sample to estimate: median {median}, p99 {p99}.\n"
-        f"At the ticks the newest sample was at most {oldest} old"
-    )
-    text = (
-        f"{summary.scenario} ({summary.mode}, {summary.source}):\n{summary.unresolved_latency or latency}."
-        f"\n{lost} of the packets to the patient were lost."
-    )
-    if samples := summary.redundancy.loss_text:
-        text += f"\nThe surgeon sent {summary.redundancy}: {samples}."
-    name = summary.active_estimator
-    entry = summary.accuracy.get(name)
-    if entry is not None and entry.ratio_to_hold is not None:
-        text += f"\n{name} errs by {number(entry.rmse_3d_mm, ' mm')} (RMSE in 3D), "
-        text += f"{100 * entry.ratio_to_hold:.0f} % of the error of repeating the newest position (hold)."
-    return text
+def _details(summary: Summary) -> Iterator[Row]:
+    """Yield what the brief has no room for: age and lateness at the ticks, what was sent, and the model."""
+    yield Row("age", f"the newest sample was at most {summary.text('age_ms', 'max', ' ms')} old at a tick")
+    late = summary.ticks.lateness_us
+    if late["p99"]:
+        yield Row("ticks late", f"begun late by median {number(late['p50'])}, p99 {number(late['p99'])} \u00b5s")
+    if rate := summary.redundancy.rate_text:
+        yield Row("sent", f"by the surgeon: {rate}")
+    if summary.identification:
+        yield Row("model", str(summary.identification))
 
 
 def _verdict_line(verdict: SetVerdict, rate_hz: int) -> HangingIndent:
     outcome = verdict.outcome_text(rate_hz)
     at_rate = f"{OUT_OF_REACH} at {rate_hz} Hz" if outcome == OUT_OF_REACH else outcome
     return HangingIndent(verdict.line.replace(verdict.outcome.replace("_", " "), at_rate, 1), OUTCOME_STYLES[outcome])
-
-
-def _footer(summary: Summary) -> str:
-    line = tick_line(summary.ticks, summary.surgeon_ticks)
-    if rate := summary.redundancy.rate_text:
-        line += f". Sent by the surgeon: {rate}"
-    return line + (f". Model: {summary.identification}." if summary.identification else "")

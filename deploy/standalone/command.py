@@ -1,6 +1,5 @@
 """Commands on the folder of a standalone netem: completion, ``tis summarize``, ``tis report``, ``tis info``."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Final, get_args
 
@@ -15,13 +14,12 @@ from tis.common.runtime.process import command_line
 from tis.common.scenario.network import NetworkPart
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.read.packets import link_fates, link_releases
-from tis.deploy.present.table import REPORT, Table
 from tis.deploy.report.section import DirectionName, Section, SideName, means
 from tis.deploy.report.subjects.logs import count_of
 from tis.deploy.report.subjects.network.link_books import against_counters, counted
 from tis.deploy.report.subjects.network.link_figures import Link
 from tis.deploy.report.subjects.network.link_summary import link_summary
-from tis.deploy.report.subjects.network.link_tables import delay_table, drop_reasons
+from tis.deploy.report.subjects.network.link_tables import delay_table, packet_table
 from tis.deploy.report.subjects.processors import ProcessorFigures, processors_summary
 from tis.deploy.report.terminal import HangingIndent, verdict_view
 from tis.deploy.shell import run_dir as folder
@@ -33,7 +31,6 @@ from tis.netem.bridge.standalone import network_yaml
 from tis.netem.expected.figures import direction_label
 
 KIND: Final = "standalone netem"
-_COUNTS: Final = ("offered", "copied", "released", "dropped", "held_at_end")
 
 
 class NetemSummary(Section):
@@ -105,18 +102,8 @@ def summary_view(summary: NetemSummary) -> RenderableType:
         verdict_view(direction_label(way), link.verdict, "the request", link.verdict.not_decidable)
         for way, link in links.items()
     ]
-    packets = _packets(links).terminal(REPORT._replace(spaced=False))
-    return Group(*parts, packets, delay_table(links, "by the options").terminal())
-
-
-def _packets(links: Mapping[Direction, Link]) -> Table:
-    rows = [
-        (way, *(link[name] for name in _COUNTS), link.loss_pct, link.loss_runs.mean) for way, link in links.items()
-    ]
-    note = f"dropped: by netem{drop_reasons(links)}; held: still under way at the end; mean run: of losses in a row. "
-    note += "netem's log does not cover what happened before and behind it"
-    columns = ("", "offered", "copied", "released", "dropped", "held", "lost %", "mean run")
-    return Table("Messages", columns, rows, note)
+    beyond = Text("netem's log does not cover what happened before and behind it", style="table.caption")
+    return Group(*parts, packet_table(links).terminal(), beyond, delay_table(links, "by the options").terminal())
 
 
 def close_folder(run_dir: Path, network: NetworkPart, exit_code: int) -> None:

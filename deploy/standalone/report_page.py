@@ -13,10 +13,10 @@ from tis.deploy.report.plots.delay import delay_figure
 from tis.deploy.report.plots.distributions import delay_cdf, loss_figure, release_figure
 from tis.deploy.report.subjects.network.key_figures import link_columns
 from tis.deploy.report.subjects.network.link_tables import (
+    delay_table,
     fidelity_list,
     key_tables,
-    packet_page_table,
-    requested_table,
+    packet_table,
 )
 from tis.deploy.report.subjects.network.requested import Requested
 from tis.deploy.report.subjects.processors import processor_table
@@ -64,12 +64,8 @@ def _network(run: StandaloneRun, summary: NetemSummary) -> Section:
         loss_figure(links),
         release_figure(links),
     ]
-    words = (
-        "Requested: by the options. Decided: drawn by the models. Realised: measured in netem, from a message's "
-        "arrival there to its leaving. Release error: how much later than decided it left. Only the logs of senders "
-        "and receivers would tell what happened before and behind netem."
-    )
-    markup = packet_page_table(summary.links).html() + requested_table(summary.links).html() + note(words)
+    words = "Only the logs of senders and receivers would tell what happened before and behind netem."
+    markup = packet_table(summary.links).html() + note(words) + delay_table(summary.links, "by the options").html()
     processors = processor_table(summary.processors)
     markup += key_tables(summary.links) + (processors.html() if processors.rows else "")
     return Section(anchor="network", title="Delay and loss", figures=figures, markup=markup)

@@ -12,11 +12,12 @@ from tis.common.errors import DataError, Fault
 from tis.common.records import FATES
 from tis.common.runtime.scenario_files import load_traces
 from tis.common.scenario.faults import faults
-from tis.common.scenario.network import NetworkPart, Rule
+from tis.common.scenario.network import NetworkPart
 from tis.common.yaml_text import load_yaml
 from tis.deploy.logs.log_paths import log_file
 from tis.deploy.logs.read.load import RunLogs, load_side
 from tis.deploy.logs.read.side_log import Packets, SideLog
+from tis.deploy.report.subjects.network.requested import StandaloneNetwork
 from tis.deploy.shell import run_dir as folder
 from tis.netem.bridge.keys import crossing_keys
 from tis.netem.expected.figures import synopsis
@@ -26,26 +27,6 @@ LOG: Final = "netem.mcap"
 _OTHER_LOGS: Final = ("surgeon.mcap", "patient.mcap")
 _SEPARATOR: Final = "\n"
 _VERSIONS: Final = ("tis-testbed", "eclipse-zenoh")
-
-
-@dataclass(frozen=True)
-class StandaloneNetwork:
-    """Configuration of a standalone run; reports use it in place of a scenario."""
-
-    network: NetworkPart
-    keys: tuple[str, ...]
-    seed: int
-    name: str = "netem"
-    session: str = ""
-
-    @property
-    def impaired_keys(self) -> tuple[str, ...]:
-        """Return the key expressions that get the network's own pipelines where no rule names another."""
-        return crossing_keys(self.keys).all
-
-    def generated_rules(self) -> tuple[Rule, ...]:
-        """Return no rules: only the user writes rules here."""
-        return ()
 
 
 @dataclass(frozen=True)
@@ -124,4 +105,4 @@ def _recorded_network(run_dir: Path, log: SideLog) -> StandaloneNetwork:
     except ValidationError as error:
         raise DataError(faults(error, NetworkPart, where)) from None
     keys = tuple(log.metadata.get("keys", "**").split(_SEPARATOR))
-    return StandaloneNetwork(network, keys, int(log.metadata.get("seed", 0)))
+    return StandaloneNetwork(network, keys, crossing_keys(keys).all, int(log.metadata.get("seed", 0)))

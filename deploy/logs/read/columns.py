@@ -47,6 +47,11 @@ def integers(values: Iterable[int]) -> Ints:
     return found
 
 
+def joined(parts: Iterable[NDArray[Any]], kind: DTypeLike = np.int64) -> NDArray[Any]:
+    """Return arrays (N,) one after the other; an empty one of a kind without any."""
+    return np.concatenate([np.empty(0, dtype=kind), *parts])
+
+
 class IntColumn:
     """Integers or booleans, compressed: a full chunk is its minimum and small unsigned differences to it.
 
@@ -140,6 +145,13 @@ class WordColumn:
     def equal(self, word: str) -> Flags:
         """Mark the records (N,) with a text, without building any text."""
         return np.asarray(self._codes.array() == self._words.get(word, -1))
+
+    def at(self, which: Flags | Ints | slice) -> "WordColumn":
+        """Return a selection of the texts, without building any."""
+        found = WordColumn(self._is_limited)
+        found._words = self._words
+        found._codes.extend(self._codes.array()[which])
+        return found
 
     def plain(self, first: int, last: int) -> list[Any]:
         """Return some texts."""

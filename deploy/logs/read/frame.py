@@ -99,7 +99,15 @@ class Frame(Sequence[Row]):
         """Return a selection; selecting all copies nothing."""
         if isinstance(which, np.ndarray) and which.dtype == np.bool_ and which.all():
             return self
-        return type(self).of_arrays(self.keys, **{name: self.column(name)[which] for name in self._columns})
+        columns: dict[str, Column] = {
+            name: one.at(which) if isinstance(one, WordColumn) else ArrayColumn(one.array()[which])
+            for name, one in self._columns.items()
+        }
+        return type(self)(columns, self.keys)
+
+    def first_of_each(self, name: str) -> Self:
+        """Return the first record for each value of a field, ascending."""
+        return self.at(np.unique(self.column(name), return_index=True)[1])
 
     def with_columns(self, **columns: NDArray[Any]) -> Self:
         """Return the records with some integer fields replaced; the others are shared."""

@@ -1,12 +1,12 @@
 """Logs of a run folder, on one clock, and what they say of the run: mode, scenario, models, user code."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple, get_args
 
-from tis.common.channels import Direction, Side, direction_of
+from tis.common.channels import Direction, Hand, Side, direction_of
 from tis.common.errors import DataError, Fault
 from tis.common.records import COUNTERS
 from tis.common.runtime.chunk_writer import by_channel
@@ -44,6 +44,17 @@ class RunLogs:
     def of(self, side: Side, topic: str) -> Frame:
         """Return a side's records of a topic; empty when the log is missing."""
         return self.sides.get(side, SideLog(side)).of(topic)
+
+    def of_hand(self, side: Side, topic: str, hand: Hand) -> Frame:
+        """Return a side's records of a topic for one hand."""
+        rows = self.of(side, topic)
+        return rows.at(rows.where("hand", hand))
+
+    def of_arm(self, side: Side, is_topic: Callable[[str], bool], hand: Hand) -> Frame | None:
+        """Return a side's records for one hand on the topic of its arm that ``is_topic`` tells; None for none."""
+        topics = self.sides.get(side, SideLog(side)).rows
+        each = (self.of_hand(side, topic, hand) for topic in topics if is_topic(topic))
+        return next((rows for rows in each if len(rows)), None)
 
     def attachments(self, side: Side) -> dict[str, bytes]:
         """Return the files attached to a side's log; empty when the log is missing."""

@@ -34,7 +34,7 @@ def distributions(runs: Mapping[str, RunView], views: Mapping[str, HandView | No
             "Further left is better.",
         ),
         distribution_figure(
-            curves({name: link_columns(run.logs, "forward").all("realised_ms") for name, run in runs.items()}),
+            curves({name: link_columns(run.logs, "forward").realised_ms for name, run in runs.items()}),
             "How the delays forward are distributed",
             "delay in netem, surgeon to patient, ms",
             "The delay of the messages that arrived; lost ones are not included.",
@@ -111,7 +111,5 @@ def _keys(names: Sequence[str], drawn: Mapping[str, object]) -> tuple[style.Key,
 
 
 def _scored_errors(view: HandView | None) -> Array:
-    error_mm = np.empty(0) if view is None else view.errors_mm.get(view.active, np.empty(0))
-    if view is not None and len(error_mm):
-        error_mm = error_mm[view.track.scored]
+    error_mm = np.empty(0) if view is None else view.scored(view.errors_mm, view.active)
     return np.asarray(error_mm[np.isfinite(error_mm)])

@@ -1,8 +1,6 @@
 """Decided and realised delay of every message over time, with losses."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
-from typing import Any
 
 import numpy as np
 from bokeh.models.ranges import Range1d
@@ -14,7 +12,7 @@ from tis.deploy.present import plot_style as style
 from tis.deploy.present.numbers import number
 from tis.deploy.present.palette import CHANGED, DIRECTIONS, OUTAGE, PALE, RED, STALL, STATES, Tone
 from tis.deploy.present.thinning import evenly, evenly_and_largest
-from tis.deploy.report.subjects.network.key_figures import KeyColumns, LinkColumns
+from tis.deploy.report.subjects.network.key_figures import LinkColumns
 from tis.netem.conditions.conditions import Span
 
 TITLES: Mapping[Direction, str] = {
@@ -33,8 +31,7 @@ def delay_figure(
 
     ``spans`` are the conditions in force; spans other than the plain condition are shaded.
     """
-    dots = {direction: _dots(link) for direction, link in links.items()}
-    used = {direction: link for direction, link in dots.items() if len(link.sent_s) or len(link.lost_s)}
+    used = {direction: link for direction, link in links.items() if len(link.sent_s) or len(link.lost_s)}
     if not used:
         return None
     *_, last = used
@@ -55,7 +52,7 @@ def delay_figure(
     )
 
 
-def _caption(used: Mapping[Direction, KeyColumns], has_shades: bool) -> str:
+def _caption(used: Mapping[Direction, LinkColumns], has_shades: bool) -> str:
     text = (
         "A dot is a message, placed where it was offered to the network: pale is the delay that the models drew, "
         "dark the delay that was measured. A dark dot above its pale one waited behind an earlier message, as in a "
@@ -74,15 +71,6 @@ def _caption(used: Mapping[Direction, KeyColumns], has_shades: bool) -> str:
     if any(len(evenly_and_largest(link.realised_ms)) < len(link.sent_s) for link in used.values()):
         text += "Of these messages only some are drawn: evenly spaced ones, and the most delayed."
     return text.strip()
-
-
-def _dots(link: LinkColumns) -> KeyColumns:
-    """Return the messages of all keys together, in order of sending."""
-    order = np.argsort(link.all("sent_s"), kind="stable")
-    found: dict[str, Any] = {one.name: link.all(one.name) for one in fields(KeyColumns)}
-    sent = {name: found[name][order] for name in ("sent_s", "decided_ms", "realised_ms")}
-    seq, lost = found["seq"][order].astype(np.int64), found["lost"].astype(np.bool_)
-    return KeyColumns(**found | sent | {"seq": seq, "lost": lost, "lost_s": np.sort(found["lost_s"])})
 
 
 def _kind(span: Span) -> str:
@@ -114,7 +102,7 @@ def _shade(panel: figure, spans: Sequence[Span], low: float, high: float) -> Non
 
 
 def _panel(
-    link: KeyColumns, direction: Direction, x_range: Range1d, with_axis: bool, spans: Sequence[Span]
+    link: LinkColumns, direction: Direction, x_range: Range1d, with_axis: bool, spans: Sequence[Span]
 ) -> figure:
     panel = style.time_figure(x_range, "delay, ms", 240, with_axis)
     panel.title = TITLES[direction]

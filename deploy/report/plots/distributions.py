@@ -17,7 +17,7 @@ from tis.deploy.present import plot_style as style
 from tis.deploy.present.numbers import number
 from tis.deploy.present.palette import AXIS, BLUE, DIRECTIONS, INK, PALE, PAPER, RED, VERMILION, Tone
 from tis.deploy.present.thinning import distribution
-from tis.deploy.report.subjects.network.key_figures import Array, LinkColumns, run_lengths
+from tis.deploy.report.subjects.network.key_figures import Array, LinkColumns
 from tis.deploy.report.subjects.network.requested_pipeline import RequestedPipeline
 
 _LEFT_OF: Final[dict[str, Any]] = {"x_offset": -4, "text_align": "right"}
@@ -66,10 +66,10 @@ def delay_cdf(
     """
     curves: dict[str, Curve] = {}
     for direction, link in links.items():
-        if not len(realised_ms := link.all("realised_ms")):
+        if not len(link.realised_ms):
             continue
-        curves[f"{direction} decided"] = Curve(link.all("decided_ms"), PALE, width=5)
-        curves[f"{direction} realised"] = Curve(realised_ms, DIRECTIONS[direction])
+        curves[f"{direction} decided"] = Curve(link.decided_ms, PALE, width=5)
+        curves[f"{direction} realised"] = Curve(link.realised_ms, DIRECTIONS[direction])
         request = requests.get(direction)
         quantiles_ms = [] if request is None else [ms for ms in request.quantiles_ms(_SHARES) if ms is not None]
         if len(quantiles_ms) == len(_SHARES):
@@ -139,7 +139,7 @@ _GROUND: Final = 0.5
 
 def loss_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | None:
     """Draw the number of runs of each length, per direction, all keys together; None without losses."""
-    used = run_lengths(links)
+    used = {direction: link.run_lengths for direction, link in links.items() if len(link.run_lengths)}
     if not used:
         return None
     longest = max(int(lengths.max()) for lengths in used.values())
@@ -184,7 +184,7 @@ _MIN_US = 1.0
 
 def release_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | None:
     """Draw the share of packets above each release error; None in virtual time, which has no error."""
-    errors = {direction: link.all("error_us") for direction, link in links.items()}
+    errors = {direction: link.error_us for direction, link in links.items()}
     used = {direction: error_us for direction, error_us in errors.items() if len(error_us) and error_us.any()}
     if not used:
         return None

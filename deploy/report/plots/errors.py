@@ -140,7 +140,7 @@ def _caption(view: HandView, has_age: bool, has_settling: bool) -> str:
     text = "The lower, the better: the distance between an estimate and the arm at each tick. "
     if view.active in view.errors_mm and view.active != "hold":
         text += "hold, which only repeats the newest arm position that arrived, is the error without estimating. "
-    error_mm = np.where(view.track.scored, view.errors_mm.get(view.active, np.nan), np.nan)
+    error_mm = view.scored(view.errors_mm, view.active)
     if np.isfinite(error_mm).any():
         place = int(np.nanargmax(error_mm))
         at_s, age_ms = view.track.t_ns[place] / NS_PER_S, view.age_ms[place]
@@ -157,7 +157,7 @@ def _caption(view: HandView, has_age: bool, has_settling: bool) -> str:
 def _turn_caption(view: HandView) -> str:
     text = "The angle between the estimated and the true orientation of the arm at each tick. "
     active = view.active_orientation
-    scored_deg = np.where(view.track.scored, view.turns_deg.get(active, np.nan), np.nan)
+    scored_deg = view.scored(view.turns_deg, active)
     if np.isfinite(scored_deg).any():
         rms = number(float(np.sqrt(np.nanmean(scored_deg**2))))
         text += f"{active}, which the answers carry, errs by {rms}\u00b0 (RMS over the scored ticks). "

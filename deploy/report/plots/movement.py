@@ -91,7 +91,7 @@ def _box(truth_mm: Array) -> dict[str, Range1d]:
 
 def _furthest_off_s(view: HandView) -> float:
     """Return the run time of hold's largest scored error, when ghosts and arm are furthest apart; 0 without one."""
-    error_mm = np.where(view.track.scored, view.errors_mm.get("hold", np.nan), np.nan)
+    error_mm = view.scored(view.errors_mm, "hold")
     return float(view.track.t_ns[np.nanargmax(error_mm)]) / NS_PER_S if np.isfinite(error_mm).any() else 0.0
 
 

@@ -68,7 +68,7 @@ def page_figures(run: RunView) -> dict[str, list[Figure | None]]:
     spans = {way: request.spans(netem.last_ns) if netem else [] for way, request in requests.items()}
     links = {way: link_columns(logs, way) for way in requests}
     last_s = [float(view.track.t_ns.max()) / NS_PER_S for view in views if view.n_ticks]
-    last_s += [float(sent_s.max()) for link in links.values() if len(sent_s := link.all("sent_s"))]
+    last_s += [float(link.sent_s[-1]) for link in links.values() if len(link.sent_s)]
     x_range = time_range(max([run.scenario.duration_s, *last_s]))
     driven = [set_points(logs, run.scenario, view.track, view.hand) for view in views]
     errors = [one for view in views for one in errors_of(view)]

@@ -17,7 +17,7 @@ from tis.deploy.present.palette import BLUE, DIRECTIONS, RED, VERMILION, look_of
 from tis.deploy.present.thinning import distribution, evenly_and_largest, worst
 from tis.deploy.report.publication.matplotlib_figures import STYLE
 from tis.deploy.report.run_view import HandView, RunView
-from tis.deploy.report.subjects.network.key_figures import LinkColumns, link_columns, run_lengths
+from tis.deploy.report.subjects.network.key_figures import LinkColumns, link_columns
 from tis.deploy.report.subjects.tracking import error_by_age
 
 COLUMN_IN: Final = 3.5
@@ -44,7 +44,7 @@ def paper_figures(run: RunView) -> dict[str, Figure]:
         both = {"end to end": (latency_ms, BLUE.light), "round trip": (trips_ms, VERMILION.light)}
         found["latency_cdf"] = _cdf(both, "latency, ms")
         found["delay"] = _delay(links)
-        delays_ms = {d: (link.all("realised_ms"), DIRECTIONS[d].light) for d, link in links.items()}
+        delays_ms = {d: (link.realised_ms, DIRECTIONS[d].light) for d, link in links.items()}
         found["delay_cdf"] = _cdf(delays_ms, "delay in netem, ms")
         found["loss_runs"] = _loss(links)
     return {name: figure for name, figure in found.items() if figure is not None}
@@ -130,15 +130,15 @@ def _cdf(curves: Mapping[Any, tuple[np.ndarray, str]], label: str) -> Figure | N
 
 
 def _delay(links: Mapping[Direction, LinkColumns]) -> Figure | None:
-    used = {d: link for d, link in links.items() if len(link.all("realised_ms"))}
+    used = {d: link for d, link in links.items() if len(link.realised_ms)}
     if not used:
         return None
     figure, rows = _blank(1.2 + 0.9 * len(used), "run time, s", *(f"{direction}, ms" for direction in used))
     for axes, (direction, link) in zip(rows, used.items(), strict=True):
-        kept = evenly_and_largest(link.all("realised_ms"), _MAX_POINTS)
-        sent_s, realised_ms = link.all("sent_s")[kept], link.all("realised_ms")[kept]
+        kept = evenly_and_largest(link.realised_ms, _MAX_POINTS)
+        sent_s, realised_ms = link.sent_s[kept], link.realised_ms[kept]
         axes.plot(sent_s, realised_ms, ".", markersize=1.5, color=DIRECTIONS[direction].light, label=direction)
-        lost_s = link.all("lost_s")
+        lost_s = link.lost_s
         axes.plot(
             lost_s, np.zeros(len(lost_s)), "|", markersize=3, color=RED.light, markeredgewidth=0.3, label="lost"
         )
@@ -146,7 +146,7 @@ def _delay(links: Mapping[Direction, LinkColumns]) -> Figure | None:
 
 
 def _loss(links: Mapping[Direction, LinkColumns]) -> Figure | None:
-    used = run_lengths(links)
+    used = {direction: link.run_lengths for direction, link in links.items() if len(link.run_lengths)}
     if not used:
         return None
     figure, (axes,) = _blank(1.9, "messages lost one after the other", "runs")

@@ -14,7 +14,7 @@ from tis.common.metrics.tracking import Scorable, score
 from tis.common.records import PLANT
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_US, sample_index
-from tis.deploy.logs.read.columns import Ints
+from tis.deploy.logs.read.columns import Ints, joined
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.present.numbers import broken_name, interval, number, percent
 from tis.deploy.present.page import css, folded
@@ -116,8 +116,7 @@ def _steps_and_deviations(
     logs: RunLogs, name: str, hands: Sequence[tuple[HandTrack, ArmModel, NDArray[np.bool_]]]
 ) -> dict[str, Any]:
     """Return the times of an estimator's steps, and its consistency where it states deviations."""
-    rows = logs.of("patient", topic_of(name))
-    steps_ns = rows.column("step_ns")[np.any([rows.where("hand", model.hand) for _, model, _ in hands], axis=0)]
+    steps_ns = joined(logs.of_hand("patient", topic_of(name), model.hand).step_ns for _, model, _ in hands)
     entry: dict[str, Any] = {"step_us": step_times_us(steps_ns)}
     if any(np.isfinite(track.stds[name][track.scored]).any() for track, _, _ in hands):
         errors, innovations = [], []
@@ -138,9 +137,7 @@ def step_times_us(steps_ns: Ints) -> Statistics:
 
 def _clamped_pct(logs: RunLogs, models: Sequence[ArmModel]) -> float | None:
     """Return the share of the hands' ticks whose set point lay outside what the arm's joints reach, in %."""
-    rows = logs.of("patient", PLANT)
-    which = np.any([rows.where("hand", model.hand) for model in models], axis=0)
-    clamped = rows.column("clamped")[which]
+    clamped = joined((logs.of_hand("patient", PLANT, model.hand).clamped for model in models), np.bool_)
     return 100.0 * float(np.mean(clamped)) if len(clamped) else None
 
 
@@ -179,32 +176,8 @@ def without_estimate(accuracy: Mapping[str, Scores], active: str) -> list[str]:
     return [f"accuracy: {active} gave no estimate at {of}, where hold's is scored"]
 
 
-def accuracy_table(accuracy: Mapping[str, Scores], which: str) -> Table:
-    """Return the estimators beside hold for a terminal."""
-    timed = has_step_times(accuracy)
-    rows = [
-        (
-            broken_name(entry.label(name), _NAME_WIDTH),
-            *entry.r2_pct,
-            entry.rmse_3d_mm,
-            entry.ratio_to_hold,
-            *((entry.step_us.get("p50"), entry.step_us.get("p99")) if timed else ()),
-        )
-        for name, entry in accuracy.items()
-    ]
-    note = "hold repeats the newest arm position that arrived" + ("; \u00b5s: time of one step" if timed else "")
-    columns: tuple[str, ...] = ("estimator", "R\u00b2 % x", "y", "z", "RMSE mm", "/ hold")
-    columns += ("\u00b5s\nmedian", "\np99") if timed else ()
-    return Table(f"Position error at the tick{which}", columns, rows, note)
-
-
-def has_step_times(accuracy: Mapping[str, Scores]) -> bool:
-    """Tell whether any estimator has step times; virtual time has none."""
-    return any(entry.step_us.get("p50") is not None for entry in accuracy.values())
-
-
-def accuracy_page_table(accuracy: Mapping[str, Scores], which: str, active: str) -> Table:
-    """Return one hand's estimators beside hold, with the error as a bar.
+def accuracy_table(accuracy: Mapping[str, Scores], which: str, active: str) -> Table:
+    """Return one hand's estimators beside hold, with the error as a bar on the page.
 
     Bars end at `_MAX_BAR` times hold's error, so that one very bad estimator does not shorten all others; longer bars
     are cut, marked and explained in a note.
@@ -212,26 +185,35 @@ def accuracy_page_table(accuracy: Mapping[str, Scores], which: str, active: str)
     errors = {name: entry.rmse_3d_mm for name, entry in accuracy.items() if entry.rmse_3d_mm is not None}
     largest = max(errors.values(), default=0.0) or 1.0
     longest = min(largest, _MAX_BAR * errors["hold"]) if errors.get("hold") else largest
-    timed = has_step_times(accuracy)
+    # virtual time has no times of steps
+    timed = any(entry.step_us.get("p50") is not None for entry in accuracy.values())
     rows = [
         (
-            Cell(entry.label(name), markup=escape(entry.label(name)).replace(":", ":<wbr>")),
+            _name(entry.label(name)),
             _with_bar(entry.rmse_3d_mm, longest, look_of(name, list(accuracy))),
             percent(entry.ratio_to_hold, fine=True),
             *entry.r2_pct,
             entry.n_scored,
             entry.n_missing,
-            *([entry.step_us.get("p50")] if timed else []),
+            *((entry.step_us.get("p50"), entry.step_us.get("p99")) if timed else ()),
         )
         for name, entry in accuracy.items()
     ]
+    steps = (Column("step, median", "\u00b5s", short="\u00b5s"), Column("step, p99", "\u00b5s", short="p99"))
     columns: tuple[Column | str, ...] = (
-        "estimator", Column("RMSE in 3D", "mm"), "share of hold's error, %", "R\u00b2 x, %", "R\u00b2 y, %",
-        "R\u00b2 z, %", "ticks", "missing", *([Column("step, median", "\u00b5s")] if timed else []),
+        "estimator", Column("RMSE in 3D", "mm", short="RMSE mm"),
+        Column("share of hold's error", "%", short="% hold"), Column("R\u00b2 x", "%", short="R\u00b2 % x"),
+        Column("R\u00b2 y", "%", short="y"), Column("R\u00b2 z", "%", short="z"),
+        Column("ticks", on_page_only=True), Column("missing", on_page_only=True), *(steps if timed else ()),
     )  # fmt: skip
     note = f"Bars end at {_MAX_BAR} times hold's error; longer ones are cut ({_CUT})" if largest > longest else ""
-    marked = accuracy[active].label(active) if active in accuracy else active
+    marked = _name(accuracy[active].label(active)) if active in accuracy else active
     return Table(f"Accuracy at the tick, {which}", columns, rows, note, marked)
+
+
+def _name(label: str) -> Cell:
+    """Return an estimator's name, which may break in the lines of its cell."""
+    return Cell(broken_name(label, _NAME_WIDTH), markup=escape(label).replace(":", ":<wbr>"))
 
 
 def _with_bar(value: float | None, longest: float, look: Look) -> Cell:

@@ -1,19 +1,20 @@
 """Age of the freshest sample: at the ticks, over time, and at the ticks of each possible tick mode."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.channels import Arm, Hand, hand_channels
-from tis.common.metrics.age_of_information import Arrivals, Ints, age_of_information, ages_when_used_ns, best_phase
+from tis.common.metrics.age_of_information import Arrivals, age_of_information, ages_when_used_ns, best_phase
 from tis.common.metrics.latency import Instants
 from tis.common.metrics.percentiles import summarise
 from tis.common.records import FRESH, PHASES
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_MS, ms_to_ns
 from tis.deploy.logs.coverage import FOREVER, WRITTEN_WITHIN_NS, lies_in
+from tis.deploy.logs.read.columns import joined
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.packets import begun_ticks, place_in
 from tis.deploy.present.numbers import heads, number
@@ -60,18 +61,17 @@ def ages_ns(logs: RunLogs) -> Instants:
     those before the first sample have no age. Oracle: an outage of known length, tests/deploy/run/test_twin.
     """
     hands: list[Hand] = np.unique(logs.of("patient", FRESH).column("hand")).tolist()
-    return _all(ages_of_hand(logs, hand)[1] for hand in hands)
+    return joined(ages_of_hand(logs, hand)[1] for hand in hands)
 
 
 def ages_of_hand(logs: RunLogs, hand: Hand) -> tuple[Instants, Instants]:
     """Return the instants (N,) of the ticks at which one hand has an age, and the ages (N,), both in ns."""
-    begun, fresh = begun_ticks(logs), logs.of("patient", FRESH)
-    ours = fresh.where("hand", hand)
-    order = np.argsort(fresh.column("tick")[ours], kind="stable")
-    tick, sample_ns = (fresh.column(name)[ours][order] for name in ("tick", "sample_ns"))
+    begun, fresh = begun_ticks(logs), logs.of_hand("patient", FRESH, hand)
+    order = np.argsort(fresh.tick, kind="stable")
+    tick, sample_ns = fresh.tick[order], fresh.sample_ns[order]
     # notes exist only for ticks with a new freshest sample; the others keep the one before
     newest = np.searchsorted(tick, begun.tick, side="right") - 1
-    known = (newest >= 0) & ~_near_gap(logs, begun.due_ns)
+    known = (newest >= 0) & ~near_gap_of_patient(logs, begun.due_ns)
     return begun.due_ns[known], begun.due_ns[known] - sample_ns[newest[known]]
 
 
@@ -84,7 +84,7 @@ def ages_at_ms(logs: RunLogs, hand: Hand, t_ns: Instants) -> NDArray[np.float64]
     return age_ms
 
 
-def _near_gap(logs: RunLogs, due_ns: Instants) -> NDArray[np.bool_]:
+def near_gap_of_patient(logs: RunLogs, due_ns: Instants) -> NDArray[np.bool_]:
     """Mark the ticks (T,) near a gap of the patient's log: the note of their freshest sample may be lost in it."""
     covered = logs.coverage("patient")
     gaps = logs.left_out if covered is None else (*covered.unknown, *covered.away, *logs.left_out)
@@ -102,7 +102,7 @@ def freshest_arrivals(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> 
         channels = hand_channels(hand, arm)
         keys = [channel.key(session) for channel in (channels.command, channels.arm)]
         ours = [messages[key] for key in keys if key in messages]
-        recv_ns, sample_ns = (_all(getattr(one, name) for one in ours) for name in ("log_ns", "sample_ns"))
+        recv_ns, sample_ns = (joined(getattr(one, name) for one in ours) for name in ("log_ns", "sample_ns"))
         found.append(Arrivals.of(recv_ns, sample_ns))
     return found
 
@@ -120,7 +120,7 @@ def age_of_information_ms(logs: RunLogs, arrivals: Sequence[Arrivals]) -> AgeOfI
     until_ns = int(due_ns[-1]) if len(due_ns) else 0
     ages = [age_of_information(one, until_ns) for one in arrivals]
     means = [age.mean_ns for age in ages if age.mean_ns is not None]
-    peaks_ns = _all(age.peaks_ns for age in ages)
+    peaks_ns = joined(age.peaks_ns for age in ages)
     return AgeOfInformation(
         mean=float(np.mean(means)) / NS_PER_MS if means else None,
         peak=summarise(peaks_ns / NS_PER_MS, also=("mean", "max")),
@@ -143,9 +143,9 @@ def tick_modes(logs: RunLogs, scenario: Scenario, arrivals: Sequence[Arrivals]) 
     known = [one for one in by_patient if len(one.recv_ns)]
     best_ns = best_phase(known, rate_hz, phase_ns, _CANDIDATES).phase_ns if known else phase_ns
     ages = {
-        "free": _all(ages_when_used_ns(one, rate_hz, phase_ns) for one in known),
-        "phase_locked": _all(ages_when_used_ns(one, rate_hz, best_ns) for one in known),
-        "on_arrival": _all(one.recv_ns - one.sample_ns for one in known),
+        "free": joined(ages_when_used_ns(one, rate_hz, phase_ns) for one in known),
+        "phase_locked": joined(ages_when_used_ns(one, rate_hz, best_ns) for one in known),
+        "on_arrival": joined(one.recv_ns - one.sample_ns for one in known),
     }
     phases_ns = {"free": phase_ns, "phase_locked": best_ns}
     free_ns = float(ages["free"].mean()) if known else None
@@ -172,10 +172,6 @@ def _line(mode: str, shifts: int, entries: Mapping[str, TickMode]) -> str:
         f"would save {max(locked.saves_ms or 0.0, 0.0):.1f} ms of that mean, "
         f"answering on arrival {prompt.saves_ms:.1f} ms."
     )
-
-
-def _all(parts: Iterable[Ints]) -> Ints:
-    return np.concatenate([np.empty(0, dtype=np.int64), *parts])
 
 
 def tick_mode_table(modes: TickModes) -> Table:

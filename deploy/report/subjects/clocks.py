@@ -11,7 +11,7 @@ from tis.common.metrics.percentiles import Summary, is_resolvable, uncertainties
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.read.clocks import sender_of
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.present.numbers import number
+from tis.deploy.present.numbers import number, with_margin
 from tis.deploy.present.table import Column, Table
 from tis.deploy.report.section import Section, SideName, Statistics, means
 from tis.deploy.report.subjects.age import ages_of_hand
@@ -134,7 +134,7 @@ def _comparison(clock: ClockFigures) -> list[Any]:
         return [None] * 5
     return [
         clock.offset_ms,
-        _with_margin(clock.drift_ppm, clock.drift_uncertainty_ppm),
+        with_margin(clock.drift_ppm, clock.drift_uncertainty_ppm),
         clock.uncertainty_us,
         clock.n_exchanges,
         clock.min_round_trip_us,
@@ -157,10 +157,6 @@ def _note(clocks: Clocks) -> str:
         f"One-way figures between hosts may be wrong by up to {number(sum(known))} \u00b5s: half the shortest round "
         "trips, and what the clocks may have wandered between them. A figure smaller than that cannot be resolved."
     )
-
-
-def _with_margin(value: float | None, uncertainty: float | None) -> str:
-    return number(value) + (f" \u00b1 {number(uncertainty)}" if uncertainty else "")
 
 
 def _disciplined(discipline: Mapping[str, Any] | None) -> str:

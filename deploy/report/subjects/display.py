@@ -14,11 +14,10 @@ from tis.common.records import FRESH, PLANT
 from tis.common.units import MM_PER_M, NS_PER_MS
 from tis.deploy.logs.read.columns import Ints
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.logs.read.packets import place_in
 from tis.deploy.present.numbers import number
-from tis.deploy.present.page import folded, note
 from tis.deploy.present.table import Table
 from tis.deploy.report.section import Section, Statistics, means, statistics
+from tis.deploy.report.subjects.tracking import at_ticks
 
 _ERRORS: Final = "rms p50 p95 max"
 
@@ -54,7 +53,7 @@ class DisplayFigures(Section):
 
 _NOTE: Final = (
     "At effect: distance to where the arm is at the patient's first tick that has the command given at that moment. "
-    "Now: to where it is at that moment"
+    "Now: to where it is at that moment. The prediction adds to the feedback what was commanded since"
 )
 Array = NDArray[np.float64]
 
@@ -80,22 +79,15 @@ class Displayed:
 
 def displayed(logs: RunLogs, hand: Hand) -> Displayed | None:
     """Return a hand's display beside the arm; None where the surgeon's log holds none."""
-    log = logs.sides.get("surgeon")
-    topics = () if log is None else log.rows.items()
-    for topic, rows in topics:
-        if not is_predicted(topic) or not rows.where("hand", hand).any():
-            continue
-        ours = rows.where("hand", hand)
-        sample_ns, first = np.unique(rows.column("sample_ns")[ours], return_index=True)
-        command_ns, trip_ns, shown_m, predicted_m = (
-            rows.column(name)[ours][first] for name in ("command_ns", "round_trip_ns", "shown_m", "position_m")
-        )
-        tick, t_ns, arm_m = _arm(logs, hand)
-        now_m = truth_at(sample_ns, t_ns, arm_m) if len(t_ns) else np.full((len(sample_ns), 3), np.nan)
-        place, known = place_in(tick, _effect_ticks(logs, hand, sample_ns))
-        effect_m = np.where(known[:, None], arm_m[place], np.nan) if len(tick) else np.full_like(now_m, np.nan)
-        return Displayed(sample_ns, command_ns, trip_ns, shown_m, predicted_m, now_m, effect_m)
-    return None
+    rows = logs.of_arm("surgeon", is_predicted, hand)
+    if rows is None:
+        return None
+    shown, arm = rows.first_of_each("sample_ns"), logs.of_hand("patient", PLANT, hand).first_of_each("tick")
+    now_m = truth_at(shown.sample_ns, arm.t_ns, arm.position_m) if len(arm) else np.full((len(shown), 3), np.nan)
+    effect_m = at_ticks(_effect_ticks(logs, hand, shown.sample_ns), arm, "position_m")
+    return Displayed(
+        shown.sample_ns, shown.command_ns, shown.round_trip_ns, shown.shown_m, shown.position_m, now_m, effect_m
+    )
 
 
 def display_summary(logs: RunLogs, hands: Mapping[Hand, Any]) -> dict[Hand, DisplayFigures | None]:
@@ -136,57 +128,25 @@ def _errors_mm(where_m: Array, arm_m: Array) -> dict[str, Any]:
     return {"rms": rms, **summarise(error_mm, (50, 95), ("max",))}
 
 
-def _arm(logs: RunLogs, hand: Hand) -> tuple[Ints, Ints, Array]:
-    """Return ticks, instants in ns (T,) and positions (T, 3) in m of the arm, in ascending order."""
-    rows = logs.of("patient", PLANT)
-    ours = rows.where("hand", hand)
-    tick, first = np.unique(rows.column("tick")[ours], return_index=True)
-    return tick, rows.column("t_ns")[ours][first], rows.column("position_m")[ours][first]
-
-
 def _effect_ticks(logs: RunLogs, hand: Hand, sample_ns: Ints) -> Ints:
     """Return the patient's first tick with a sample at or after each instant (N,); -1 where there is none."""
-    rows = logs.of("patient", FRESH)
-    ours = rows.where("hand", hand)
-    order = np.argsort(rows.column("tick")[ours], kind="stable")
-    tick, newest_ns = rows.column("tick")[ours][order], np.maximum.accumulate(rows.column("sample_ns")[ours][order])
-    place = np.searchsorted(newest_ns, sample_ns)
+    fresh = logs.of_hand("patient", FRESH, hand)
+    order = np.argsort(fresh.tick, kind="stable")
+    tick, place = fresh.tick[order], np.searchsorted(np.maximum.accumulate(fresh.sample_ns[order]), sample_ns)
     return np.where(place < len(tick), tick[np.minimum(place, len(tick) - 1)], -1) if len(tick) else 0 * sample_ns - 1
 
 
 def display_tables(display: Mapping[Hand, DisplayFigures | None]) -> list[Table]:
-    """Return a table of each hand with a display for a terminal."""
+    """Return a table for each hand with a display: a row for the feedback and one for the prediction."""
     columns = ("shown", "RMS at effect", "median", "p95", "max", "RMS now")
-    return [
-        Table(
-            f"Display of the surgeon, mm ({hand} hand)",
-            columns,
-            _rows(found),
-            f"{_NOTE}. Seen late by {number(found.late_ms['p50'])} ms (median)",
-        )
-        for hand, found in _scored(display)
-    ]
-
-
-def display_markup(display: Mapping[Hand, DisplayFigures | None]) -> str:
-    """Return the tables of all hands for the page, folded; "" without a display."""
-    columns = ("shown to the surgeon", "RMS at effect, mm", "median", "p95", "max", "RMS now, mm")
-    tables = [
-        Table(f"The surgeon's display, {hand} hand", columns, _rows(found)).html() for hand, found in _scored(display)
-    ]
-    more = note(f"{_NOTE}. The prediction adds to the feedback what was commanded since.")
-    title = "What the surgeon sees: delayed feedback and predicted arm"
-    return folded(title, "".join([*tables, more])) if tables else ""
-
-
-def _scored(display: Mapping[Hand, DisplayFigures | None]) -> list[tuple[Hand, DisplayFigures]]:
-    return [(hand, found) for hand, found in display.items() if found is not None and found.n > 0]
-
-
-def _rows(found: DisplayFigures) -> list[tuple[Any, ...]]:
-    """Return a row for the feedback and one for the prediction."""
-    shown = (("delayed feedback", found.feedback_mm), ("predicted arm", found.predicted_mm))
-    return [
-        (title, *(one.at_effect[name] for name in ("rms", "p50", "p95", "max")), one.now["rms"])
-        for title, one in shown
-    ]
+    tables = []
+    for hand, found in display.items():
+        if found is None or not found.n:
+            continue
+        rows = [
+            (title, *(one.at_effect[name] for name in ("rms", "p50", "p95", "max")), one.now["rms"])
+            for title, one in (("delayed feedback", found.feedback_mm), ("predicted arm", found.predicted_mm))
+        ]
+        late = f"Seen late by {number(found.late_ms['p50'])} ms (median)"
+        tables.append(Table(f"The surgeon's display, mm, {hand} hand", columns, rows, f"{_NOTE}. {late}"))
+    return tables

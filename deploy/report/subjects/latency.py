@@ -1,6 +1,6 @@
 """Latency of single samples from the logs, part by part, and round trips."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from html import escape
 from typing import Final, NamedTuple
 
@@ -11,6 +11,7 @@ from tis.common.metrics.latency import Instants, LatencyParts, latency_parts, ro
 from tis.common.metrics.percentiles import is_resolvable
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.payloads import NO_INSTANT
+from tis.deploy.logs.read.columns import joined
 from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.packets import first_uses, place_in
@@ -57,17 +58,10 @@ END_TO_END: Final = (
 )
 """Definition of the end-to-end latency, and why it can be smaller than a one-way delay."""
 
-_ROUND_TRIP: Final = "round trip (surgeon's clock)"
-_ON_PAGE: Final = {
-    **LATENCY_PARTS,
-    "actuation": "actuation (until the arm is there), after that",
-    "network_round_trip": "the network's round trip",
-    "round_trip": _ROUND_TRIP,
-}
-_IN_TERMINAL: Final = {
+_ROWS: Final = {
     **LATENCY_PARTS,
     "actuation": "then the arm follows",
-    "round_trip": _ROUND_TRIP,
+    "round_trip": "round trip (surgeon's clock)",
     "network_round_trip": "of it in the network",
 }
 _STATISTICS: Final = ("p50", "p95", "p99", "max")
@@ -105,13 +99,12 @@ def used_samples(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> UsedS
         returned_ns = _instants(returned.get(hand), uses.answer)
         # sequence numbers are per key, so packets are matched key by key; the first arrival counts
         for key in np.unique(uses.key):
-            columns = arrivals.get(str(key), no_messages())
-            seq, first = np.unique(columns.seq, return_index=True)
-            place, arrived = place_in(seq, uses.seq)
+            packets = arrivals.get(str(key), no_messages()).first_of_each("seq")
+            place, arrived = place_in(packets.seq, uses.seq)
             used = arrived & (uses.key == key) & (published_ns != NO_INSTANT)
-            which = first[place[used]]
-            path_ns = (columns.sample_ns[which], columns.sent_ns[which], columns.log_ns[which], uses.begin_ns[used])
-            found.append(np.column_stack([*path_ns, published_ns[used], returned_ns[used]]))
+            path = packets.at(place[used])
+            then_ns = (uses.begin_ns[used], published_ns[used], returned_ns[used])
+            found.append(np.column_stack([path.sample_ns, path.sent_ns, path.log_ns, *then_ns]))
     return UsedSamples(*np.concatenate(found).T)
 
 
@@ -133,12 +126,9 @@ def network_round_trips(used: UsedSamples) -> Instants:
 
 def round_trips(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> Instants:
     """Return the round trip (N,) of each command sample that an estimate answers, in ns on the surgeon's clock."""
-    trips = [np.empty(0, dtype=np.int64)]
-    for answers in _answers(logs, "surgeon", session, arms).values():
-        command_ns, log_ns = answers.command_sample_ns, answers.log_ns
-        carries = command_ns != NO_INSTANT
-        trips.append(round_trip_ns(command_ns[carries], log_ns[carries]))
-    return np.concatenate(trips)
+    each = _answers(logs, "surgeon", session, arms).values()
+    carrying = [answers.at(answers.command_sample_ns != NO_INSTANT) for answers in each]
+    return joined(round_trip_ns(one.command_sample_ns, one.log_ns) for one in carrying)
 
 
 def _answers(logs: RunLogs, side: Side, session: str, arms: Mapping[Hand, Arm]) -> dict[Hand, Frame]:
@@ -153,19 +143,26 @@ def _instants(answers: Frame | None, number: Instants) -> Instants:
     """Return the instant of the first copy of each answer ``number`` (N,); `NO_INSTANT` where there is none."""
     if answers is None or not len(answers):
         return np.full(len(number), NO_INSTANT)
-    seq, first = np.unique(answers.seq, return_index=True)
-    place, known = place_in(seq, number)
-    return np.where(known, answers.log_ns[first[place]], NO_INSTANT)
+    first = answers.first_of_each("seq")
+    place, known = place_in(first.seq, number)
+    return np.where(known, first.log_ns[place], NO_INSTANT)
+
+
+def _known(
+    latency: Latency, uncertainty_ms: Mapping[str, Statistics]
+) -> Iterator[tuple[str, Statistics, Statistics]]:
+    """Yield title, figures and clock uncertainty of each row, without an arm that executes nothing."""
+    for name, title in _ROWS.items():
+        if name != "actuation" or latency.actuation["p50"] is not None:
+            yield title, latency[name], uncertainty_ms.get(f"latency_ms.{name}", {})
 
 
 def latency_page_table(latency: Latency, uncertainty_ms: Mapping[str, Statistics]) -> Table:
-    """Return the latency of the freshest sample by part, with clock uncertainty, without unknown delays beside it."""
-    rows = []
-    for name, title in _ON_PAGE.items():
-        figures, bounds = latency[name], uncertainty_ms.get(f"latency_ms.{name}", {})
-        if name in ("actuation", "network_round_trip") and figures["p50"] is None:
-            continue
-        rows.append((title, *(with_uncertainty(figures[p], bounds.get(p)) for p in _STATISTICS)))
+    """Return the latency of the freshest sample by part, with clock uncertainty."""
+    rows = [
+        (title, *(with_uncertainty(figures[p], bounds.get(p)) for p in _STATISTICS))
+        for title, figures, bounds in _known(latency, uncertainty_ms)
+    ]
     return Table("Latency of the freshest sample, ms", ("part", *heads(_STATISTICS)), rows)
 
 
@@ -176,10 +173,7 @@ def latency_table(latency: Latency, uncertainty_ms: Mapping[str, Statistics]) ->
     if uncertainty_ms:
         note += "\n\u00b1: clock uncertainty of a row; ?: not resolvable, the uncertainty exceeds the figure"
     rows = []
-    for name, title in _IN_TERMINAL.items():
-        figures, bounds = latency[name], uncertainty_ms.get(f"latency_ms.{name}", {})
-        if name == "actuation" and figures["p50"] is None:
-            continue
+    for title, figures, bounds in _known(latency, uncertainty_ms):
         cells = [figures[p] if is_resolvable(figures[p], bounds.get(p)) else "?" for p in _STATISTICS]
         widest = max((ms for ms in bounds.values() if ms is not None), default=None)
         margin = "" if not bounds else NONE if widest is None else rounded_up(widest, 2)

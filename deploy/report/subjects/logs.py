@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tis.common.channels import Direction, Side
 from tis.common.records import COUNTERS
 from tis.deploy.logs.coverage import WRITTEN_WITHIN_NS, Span, lies_in
-from tis.deploy.logs.read.columns import Ints
+from tis.deploy.logs.read.columns import Ints, joined
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.packets import link_fates, link_releases
 from tis.deploy.report.section import Section, means
@@ -100,10 +100,7 @@ class LogGaps:
 
     def affected(self, *stations: tuple[Ints, Ints]) -> Ints:
         """Return the affected sequence numbers; each station gives its sequence numbers and their instants, (N,)."""
-        nothing = np.empty(0, dtype=np.int64)
-        if not self._gaps:
-            return nothing
-        return np.unique(np.concatenate([nothing, *(seq[self.affect(at_ns)] for seq, at_ns in stations)]))
+        return np.unique(joined(seq[self.affect(at_ns)] for seq, at_ns in stations))
 
 
 def _longest_ns(logs: RunLogs, direction: Direction, session: str) -> int:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Final, NamedTuple, Self, get_args
+from typing import NamedTuple, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,17 +13,14 @@ from tis.common.metrics.latency import Instants, LatencyParts
 from tis.common.scenario import Scenario
 from tis.common.scenario.limits import Metric
 from tis.common.units import MM_PER_M, NS_PER_MS
-from tis.deploy.logs.read.columns import Ints
+from tis.deploy.logs.read.columns import Ints, joined
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.logs.read.side_log import no_messages
 from tis.deploy.report.subjects.clocks import worst_age_ns
 from tis.deploy.report.subjects.latency import UsedSamples
 from tis.deploy.report.subjects.logs import LogGaps
-from tis.deploy.report.subjects.network.link_books import ENDS
+from tis.deploy.report.subjects.network.link_books import ENDS, both_ends
 from tis.deploy.report.subjects.requirements import Measured
 from tis.deploy.report.subjects.tracking import HandTrack
-
-_NONE: Final[Ints] = np.empty(0, dtype=np.int64)
 
 
 class OneWay(NamedTuple):
@@ -50,26 +47,19 @@ class OneWay(NamedTuple):
         if logs.coverage(sender) is None or logs.coverage(receiver) is None:
             return None
         gaps = LogGaps.of(logs, direction, session, (sender, receiver))
-        sent, received = (logs.messages(side, direction, session) for side in (sender, receiver))
-        left, delays, variations = [_NONE], [_NONE], [_NONE]
-        lost, sent_ns = [np.empty(0, dtype=np.bool_)], [_NONE]
-        for key, columns in sent.items():
-            arrived = received.get(key, no_messages())
-            # duplicates: the first arrival counts (RFC 7679)
-            seq, first = np.unique(arrived.seq, return_index=True)
-            logged = ~gaps.affect(columns.sent_ns)
-            ours = np.isin(seq, columns.seq[logged])
-            left.append(arrived.sent_ns[first[ours]])
-            delay_ns = arrived.log_ns[first[ours]] - left[-1]
-            delays.append(delay_ns)
-            variations.append(packet_delay_variation_ns(delay_ns))
-            lost.append(~np.isin(columns.seq[logged], seq))
-            sent_ns.append(columns.sent_ns[logged])
+        left_ns, delays_ns, variations_ns, lost, sent_ns = [], [], [], [], []
+        for out, back in both_ends(logs, direction, session).values():
+            logged = out.at(~gaps.affect(out.sent_ns))
+            arrived = back.first_of_each("seq")  # duplicates: the first arrival counts (RFC 7679)
+            arrived = arrived.at(np.isin(arrived.seq, logged.seq))
+            left_ns.append(arrived.sent_ns)
+            delays_ns.append(arrived.log_ns - arrived.sent_ns)
+            variations_ns.append(packet_delay_variation_ns(delays_ns[-1]))
+            lost.append(~np.isin(logged.seq, arrived.seq))
+            sent_ns.append(logged.sent_ns)
         # losses of all keys in order of sending, as bursts hit all keys at once
-        order = np.argsort(np.concatenate(sent_ns), kind="stable")
-        return cls(
-            np.concatenate(left), np.concatenate(delays), np.concatenate(variations), np.concatenate(lost)[order]
-        )
+        order = np.argsort(joined(sent_ns), kind="stable")
+        return cls(joined(left_ns), joined(delays_ns), joined(variations_ns), joined(lost, np.bool_)[order])
 
 
 def measured_values(
@@ -110,7 +100,7 @@ def measured_values(
     worst_ns, ages_ns = worst_age_ns(logs), durations_ns["age"]
     found["age", None] = _between(ages_ns, None if worst_ns is None else np.full_like(ages_ns, worst_ns))
     errors = [_errors_mm(track, scenario.active_estimator) for track in tracks]
-    found["rmse_3d", None] = Measured(np.concatenate([np.empty(0), *errors]))
+    found["rmse_3d", None] = Measured(joined(errors, np.float64))
     return found
 
 

@@ -17,11 +17,10 @@ from tis.common.scenario import Scenario
 from tis.deploy.logs.read.columns import Ints
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.present.numbers import NONE, percent
-from tis.deploy.present.table import Table
+from tis.deploy.present.table import Column, Table
 from tis.deploy.report.section import Section, Statistics, means, statistics
 from tis.deploy.report.subjects.accuracy import Consistency, step_times_us
-from tis.deploy.report.subjects.age import ages_at_ms
-from tis.deploy.report.subjects.tracking import Array, HandTrack, TurnAgeBins, at_ticks, error_by_age
+from tis.deploy.report.subjects.tracking import Array, HandTrack, TurnAgeBins, at_ticks, logged_names, scored_by_age
 
 
 class AngleScores(Section):
@@ -63,6 +62,11 @@ class WristTrack:
     turn_std_rad: dict[str, Array]
     gripper_std_rad: dict[str, Array]
 
+    @property
+    def turns_deg(self) -> dict[str, Array]:
+        """Return each method's angle to the truth (T,) in degrees, NaN for none."""
+        return {name: angles_deg(error_rad) for name, error_rad in self.turn_rad.items()}
+
 
 def wrist_track(logs: RunLogs, scenario: Scenario, track: HandTrack, hand: Hand) -> WristTrack:
     """Return the errors of one hand's orientation methods as far as its logs reach."""
@@ -75,46 +79,24 @@ def wrist_track(logs: RunLogs, scenario: Scenario, track: HandTrack, hand: Hand)
     unknown = ~np.isfinite(track.truth_m).all(axis=1)
     truth[unknown], truth_rad[unknown] = np.nan, np.nan
     found = WristTrack({}, {}, {}, {})
-    for name in methods_of(logs, scenario):
-        rows = logs.of("patient", topic_of_method(name))
-        ours = rows.where("hand", hand)
-        ticks = rows.column("tick")[ours]
-
-        def at(field: str, rows=rows, ours=ours, ticks=ticks) -> Array:  # type: ignore[no-untyped-def]
-            return at_ticks(track.tick, ticks, rows.column(field)[ours])
-
-        found.turn_rad[name] = error_vectors(at("orientation"), truth)
-        found.gripper_rad[name] = (truth_rad - at("gripper_rad"))[:, None]
-        found.turn_std_rad[name] = at("std_rad")
-        found.gripper_std_rad[name] = at("gripper_std_rad")[:, None]
+    for name in logged_names(logs, ORIENTATIONS, scenario.patient.orientation.methods):
+        rows, ticks = logs.of_hand("patient", f"{ORIENTATIONS}/{name}", hand), track.tick
+        found.turn_rad[name] = error_vectors(at_ticks(ticks, rows, "orientation"), truth)
+        found.gripper_rad[name] = (truth_rad - at_ticks(ticks, rows, "gripper_rad"))[:, None]
+        found.turn_std_rad[name] = at_ticks(ticks, rows, "std_rad")
+        found.gripper_std_rad[name] = at_ticks(ticks, rows, "gripper_std_rad")[:, None]
     return found
-
-
-def topic_of_method(method: str) -> str:
-    """Return the topic of a method's estimates in the patient's log."""
-    return f"{ORIENTATIONS}/{method}"
-
-
-def methods_of(logs: RunLogs, scenario: Scenario) -> list[str]:
-    """Return the orientation methods in the patient's log, the scenario's first."""
-    log, prefix = logs.sides.get("patient"), f"{ORIENTATIONS}/"
-    topics = () if log is None else sorted(log.rows)
-    logged = [topic.removeprefix(prefix) for topic in topics if topic.startswith(prefix)]
-    requested = [name for name in scenario.patient.orientation.methods if name in logged]
-    return requested + [name for name in logged if name not in requested]
 
 
 def _true_turn(logs: RunLogs, hand: Hand) -> tuple[Ints, Array, Array]:
     """Return sample instants (N,), ascending, unit quaternions (N, 4) and gripper angles (N,) of the recorded arm."""
-    rows = logs.of("surgeon", TRUTH)
-    rotation_rad = rows.column("rotation_rad")
-    known = rows.where("hand", hand) & np.isfinite(rotation_rad).all(axis=1)
+    rows = logs.of_hand("surgeon", TRUTH, hand)
     # a surgeon that came back logs the samples before its return again
-    sample_ns, first = np.unique(rows.column("sample_ns")[known], return_index=True)
-    if not len(sample_ns):
-        return sample_ns, np.empty((0, 4)), np.empty(0)
-    recorded = scipy.spatial.transform.Rotation.from_rotvec(rotation_rad[known][first]).as_quat()
-    return sample_ns, recorded, rows.column("gripper_rad")[known][first]
+    rows = rows.at(np.isfinite(rows.rotation_rad).all(axis=1)).first_of_each("sample_ns")
+    if not len(rows):
+        return rows.sample_ns, np.empty((0, 4)), np.empty(0)
+    recorded = scipy.spatial.transform.Rotation.from_rotvec(rows.rotation_rad).as_quat()
+    return rows.sample_ns, recorded, rows.gripper_rad
 
 
 def orientation_deg(logs: RunLogs, track: HandTrack, wrist: WristTrack, hand: Hand) -> dict[str, AngleScores]:
@@ -127,9 +109,8 @@ def orientation_deg(logs: RunLogs, track: HandTrack, wrist: WristTrack, hand: Ha
     scores = _scores(track, wrist.turn_rad, wrist.turn_std_rad, np.degrees(1.0))
     found = {}
     for name, one in scores.items():
-        rows = logs.of("patient", topic_of_method(name))
-        steps_us = step_times_us(rows.column("step_ns")[rows.where("hand", hand)])
-        found[name] = one.model_copy(update={"step_us": steps_us})
+        steps_ns = logs.of_hand("patient", f"{ORIENTATIONS}/{name}", hand).step_ns
+        found[name] = one.model_copy(update={"step_us": step_times_us(steps_ns)})
     return found
 
 
@@ -140,11 +121,11 @@ def gripper_rad(track: HandTrack, wrist: WristTrack) -> dict[str, AngleScores]:
 
 def orientation_by_age(logs: RunLogs, track: HandTrack, wrist: WristTrack, hand: Hand) -> dict[str, TurnAgeBins]:
     """Return, by method, bins of the newest sample's age and their RMS error in degrees: see `error_by_age`."""
-    age_ms, found = ages_at_ms(logs, hand, track.t_ns)[track.scored], {}
-    for name, error_rad in wrist.turn_rad.items():
-        bins = error_by_age(age_ms, angles_deg(error_rad)[track.scored])
-        found[name] = TurnAgeBins(age_ms=bins.age_ms.tolist(), rms_deg=bins.rmse.tolist(), n=bins.n.tolist())
-    return found
+    found = scored_by_age(logs, track, hand, wrist.turns_deg)
+    return {
+        name: TurnAgeBins(age_ms=bins.age_ms.tolist(), rms_deg=bins.rmse.tolist(), n=bins.n.tolist())
+        for name, bins in found.items()
+    }
 
 
 def _scores(
@@ -174,24 +155,8 @@ def _scores(
     return found
 
 
-def orientation_table(turning: Methods, gripper: Methods, hand: str) -> Table:
-    """Return one hand's methods beside hold for a terminal, without any row where none is scored."""
-    columns = ("method", "RMS \u00b0", "% hold", "p95", "max", "in 95 %", "grip rad", "% hold")
-    rows = [row[:-1] for row in _rows(turning, gripper)]
-    return Table(f"Orientation and gripper at the tick ({hand} hand)", columns, rows, _NOTE)
-
-
-def orientation_page_table(turning: Methods, gripper: Methods, which: str, active: str) -> Table:
-    """Return the same for the page, with the time of a step."""
-    columns = (
-        "orientation", "RMS, \u00b0", "share of hold's, %", "p95, \u00b0", "max, \u00b0", "in the 95 % interval, %",
-        "gripper RMS, rad", "share of hold's, %", "step, median, \u00b5s",
-    )  # fmt: skip
-    return Table(f"Orientation and gripper at the tick, {which}", columns, _rows(turning, gripper), marked=active)
-
-
-def _rows(turning: Methods, gripper: Methods) -> list[tuple[Any, ...]]:
-    """Return a row for each method; coverage is the mean over the axes of the estimated frame."""
+def orientation_table(turning: Methods, gripper: Methods, which: str, active: str) -> Table:
+    """Return a row for each method that is scored; coverage is the mean over the axes of the estimated frame."""
     rows = []
     for name, entry in turning.items():
         if entry.rms is None:
@@ -211,4 +176,10 @@ def _rows(turning: Methods, gripper: Methods) -> list[tuple[Any, ...]]:
                 entry.step_us.get("p50"),
             )
         )
-    return rows
+    columns = (
+        "orientation", "RMS, \u00b0", Column("share of hold's", "%", short="% hold"),
+        Column("p95", "\u00b0", short="p95"), Column("max", "\u00b0", short="max"),
+        Column("in the 95 % interval", "%", short="in 95 %"), Column("gripper RMS", "rad", short="grip rad"),
+        Column("share of hold's", "%", short="% hold"), Column("step, median", "\u00b5s", on_page_only=True),
+    )  # fmt: skip
+    return Table(f"Orientation and gripper at the tick, {which}", columns, rows, _NOTE, active)

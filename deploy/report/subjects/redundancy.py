@@ -13,17 +13,16 @@ from tis.common.metrics.percentiles import summarise
 from tis.common.records import SENT_BYTES, SENT_PACKETS, TICKS
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_MS
-from tis.deploy.logs.coverage import WRITTEN_WITHIN_NS, lies_in
-from tis.deploy.logs.read.columns import Ints
+from tis.deploy.logs.read.columns import Ints, joined
 from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.packets import begun_ticks, place_in
-from tis.deploy.logs.read.side_log import no_messages
 from tis.deploy.present.numbers import number, significant
 from tis.deploy.present.table import Table
 from tis.deploy.report.section import MEAN_LATE, Section, Statistics, means, statistics
+from tis.deploy.report.subjects.age import near_gap_of_patient
 from tis.deploy.report.subjects.logs import LogGaps, counters_of
-from tis.deploy.report.subjects.network.link_books import ENDS
+from tis.deploy.report.subjects.network.link_books import ENDS, both_ends
 
 
 class KeyTraffic(Section):
@@ -97,7 +96,6 @@ class Redundancy(Section):
         return f"{number(self.price.packets_per_s)} packets/s, {number(kilo(self.price.bytes_per_s))} kB/s"
 
 
-_COLUMNS: Final = ("as sent", "first packets alone")
 _NOTE: Final = (
     "First packets alone: each sample once and without history, on this run's fates. Where packets wait for each "
     "other, in a queue or for their order, first packets alone would be faster. Bytes: payload and attachment"
@@ -120,11 +118,8 @@ def surgeon_traffic(logs: RunLogs, duration_s: float) -> dict[str, KeyTraffic]:
     return traffic
 
 
-_NONE: Final[Ints] = np.empty(0, dtype=np.int64)
 _FIELD_BYTES: Final = len(',"history":[') + len("]") - 1
 """The JSON field around a history; each of its poses but the first adds a comma."""
-
-_NO_FLAGS: Final[Flags] = np.empty(0, dtype=np.bool_)
 
 
 class _Key(NamedTuple):
@@ -156,7 +151,7 @@ def redundancy(
     part = scenario.surgeon
     keys = _keys(logs, scenario, arms)
     packets, samples, samples_once = (
-        np.concatenate([_NO_FLAGS, *(getattr(one, name) for of_hand in keys for one in of_hand)])
+        joined((getattr(one, name) for of_hand in keys for one in of_hand), np.bool_)
         for name in ("packet_lost", "sample_lost", "sample_lost_once")
     )
     age_ns, once_ns = _ages_ns(logs, keys)
@@ -183,26 +178,25 @@ def _keys(logs: RunLogs, scenario: Scenario, arms: Mapping[Hand, Arm]) -> Sequen
     if logs.coverage(sender) is None or logs.coverage(receiver) is None:
         return ()
     gaps = LogGaps.of(logs, "forward", scenario.session, (sender, receiver))
-    sent, received = (logs.messages(side, "forward", scenario.session) for side in (sender, receiver))
+    ends, history = both_ends(logs, "forward", scenario.session), scenario.surgeon.history
     found = []
     for hand, arm in arms.items():
         channels = hand_channels(hand, arm)
         keys = [channel.key(scenario.session) for channel in (channels.command, channels.arm)]
-        history, nothing = scenario.surgeon.history, no_messages()
-        found.append([_key(sent[key], received.get(key, nothing), gaps, history) for key in keys if key in sent])
+        found.append([_key(*ends[key], gaps, history) for key in keys if key in ends and len(ends[key][0])])
     return found
 
 
-def _key(sent: Frame, received: Frame, gaps: LogGaps, history: int) -> _Key:
-    seq, first = np.unique(sent.seq, return_index=True)
-    planned = PlannedSamples.of(seq, sent.sample_ns[first])
-    logged = ~gaps.affect(sent.sent_ns[first])
-    arrived = np.isin(seq, received.seq)
+def _key(out: Frame, received: Frame, gaps: LogGaps, history: int) -> _Key:
+    sent = out.first_of_each("seq")
+    planned = PlannedSamples.of(sent.seq, sent.sample_ns)
+    logged = ~gaps.affect(sent.sent_ns)
+    arrived = np.isin(sent.seq, received.seq)
     # a packet in a gap may have brought its sample and the history before it: neither counts
     known = ~planned.carried(~logged, history)
     # a sample arrives in its own packet, a copy, or the history of a later one
     any_way, once = planned.carried(arrived, history), planned.carried(arrived & planned.is_first, 0)
-    place, ours = place_in(seq, received.seq)
+    place, ours = place_in(sent.seq, received.seq)
     return _Key(
         packet_lost=~arrived[logged],
         sample_lost=~any_way[known],
@@ -215,24 +209,19 @@ def _key(sent: Frame, received: Frame, gaps: LogGaps, history: int) -> _Key:
 
 def _ages_ns(logs: RunLogs, keys: Sequence[Sequence[_Key]]) -> tuple[Ints, Ints]:
     """Return the ages (T,) of the freshest sample, hand by hand: by all packets, and by first packets alone."""
-    covered = logs.coverage("patient")
     due_ns = begun_ticks(logs).due_ns
-    gaps = (*(covered.unknown if covered else ()), *logs.left_out)
-    due_ns = due_ns[~lies_in(due_ns, gaps, WRITTEN_WITHIN_NS, WRITTEN_WITHIN_NS)]
-    all_ns, once_ns = [_NONE], [_NONE]
+    due_ns = due_ns[~near_gap_of_patient(logs, due_ns)]
+    all_ns, once_ns = [], []
     for of_hand in keys:
-        recv_ns, sample_ns, by_first = (
-            np.concatenate([_NONE, *(getattr(one, name) for one in of_hand)])
-            for name in ("recv_ns", "sample_ns", "by_first")
-        )
-        alone = by_first.astype(np.bool_)
+        recv_ns, sample_ns = (joined(getattr(one, name) for one in of_hand) for name in ("recv_ns", "sample_ns"))
+        alone = joined((one.by_first for one in of_hand), np.bool_)
         # both variants over the same ticks, else a late first packet would drop out of one mean only
         either = ages_at_ns(*Arrivals.of(recv_ns, sample_ns), due_ns)
         once = ages_at_ns(*Arrivals.of(recv_ns[alone], sample_ns[alone]), due_ns)
         both = (either >= 0) & (once >= 0)
         all_ns.append(either[both])
         once_ns.append(once[both])
-    return np.concatenate(all_ns), np.concatenate(once_ns)
+    return joined(all_ns), joined(once_ns)
 
 
 def _price(logs: RunLogs, history: int, traffic: Mapping[str, KeyTraffic]) -> Price:
@@ -267,26 +256,17 @@ def _share_pct(lost: Flags) -> float | None:
 
 
 def redundancy_table(found: Redundancy) -> Table:
-    """Return cost and gain for a terminal, without rows where nothing was sent twice."""
-    return Table(f"Redundancy: {found}", ("", *_COLUMNS), _rows(found), _NOTE)
-
-
-def redundancy_page_table(found: Redundancy) -> Table:
-    """Return the same for the page."""
-    return Table(f"What redundancy cost and gained: {found}", ("figure", *_COLUMNS), _rows(found), _NOTE)
-
-
-def _rows(found: Redundancy) -> list[tuple[str, float | None, float | None]]:
-    if not found.is_used:
-        return []
+    """Return cost and gain, without rows where nothing was sent twice."""
     price, lost = found.price, found.lost
-    return [
+    rows = [
         ("packets/s", price.packets_per_s, price.packets_per_s_once),
         ("kB/s", kilo(price.bytes_per_s), kilo(price.bytes_per_s_once)),
         ("packets that never arrived, %", lost.packets_pct, lost.samples_once_pct),
         ("samples that never arrived, %", lost.samples_pct, lost.samples_once_pct),
         *((f"age at the ticks, {name}, ms", found.age_ms[name], found.age_once_ms[name]) for name in ("mean", "p95")),
     ]
+    columns = ("figure", "as sent", "first packets alone")
+    return Table(f"What redundancy cost and gained: {found}", columns, rows if found.is_used else (), _NOTE)
 
 
 def kilo(value: float | None) -> float | None:

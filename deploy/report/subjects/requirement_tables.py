@@ -5,7 +5,7 @@ from html import escape
 from typing import Final
 
 from tis.common.metrics.verdict import Outcome
-from tis.deploy.present.numbers import NONE, number, percentile_name, rounded_count, significant
+from tis.deploy.present.numbers import NONE, percentile_name, rounded_count, significant, with_margin
 from tis.deploy.present.page import folded
 from tis.deploy.present.table import Cell, Column, Table
 from tis.deploy.report.subjects.requirements import OUT_OF_REACH, Finding, SetVerdict
@@ -64,7 +64,7 @@ def _findings(verdict: SetVerdict) -> Table:
             _title(one, "".join(f", {word}" for word in (percentile_name(one.percentile), one.unit) if word)),
             _chip(one.outcome),
             significant(one.limit, 6),
-            _measured(one),
+            with_margin(one.value, one.uncertainty),
             one.excess,
             one.n,
             _needed(one),
@@ -75,12 +75,6 @@ def _findings(verdict: SetVerdict) -> Table:
         "requirement", Column("verdict", words=True), "limit", "measured", "missed by", "samples", "needed to decide",
     )  # fmt: skip
     return Table(verdict.title, columns, rows, f"Source: {verdict.source}.")
-
-
-def _measured(one: Finding) -> str:
-    if one.value is None:
-        return NONE
-    return number(one.value) + (f" \u00b1 {number(one.uncertainty)}" if one.uncertainty else "")
 
 
 def _needed(one: Finding) -> str:

@@ -94,22 +94,15 @@ class SetPoints:
 
 def set_points(logs: RunLogs, scenario: Scenario, track: HandTrack, hand: Hand) -> SetPoints | None:
     """Return the set points of a hand; None where the log holds none, as without `patient.safety`."""
-    log = logs.sides.get("patient")
-    topics = () if log is None else log.rows.items()
-    rows = [rows for topic, rows in topics if is_set_point(topic)]
-    for found in rows:
-        ours = found.where("hand", hand)
-        if not ours.any():
-            continue
-        tick, position_m = found.column("tick")[ours], found.column("position_m")[ours]
-        placed = at_ticks(track.tick, tick, position_m)
-        order = np.argsort(tick, kind="stable")
-        place, known = place_in(tick[order], track.tick)
-        mode = np.where(known, found.column("mode")[ours][order][place], "")
-        estimate_m = track.estimates.get(scenario.active_estimator, np.full_like(placed, np.nan))
-        same = (placed == estimate_m).all(axis=1) | ~np.isfinite(placed).all(axis=1)
-        return SetPoints(placed, mode, ~same)
-    return None
+    rows = logs.of_arm("patient", is_set_point, hand)
+    if rows is None:
+        return None
+    rows = rows.at(np.argsort(rows.tick, kind="stable"))
+    place, known = place_in(rows.tick, track.tick)
+    placed, mode = at_ticks(track.tick, rows, "position_m"), np.where(known, rows.mode[place], "")
+    estimate_m = track.estimates.get(scenario.active_estimator, np.full_like(placed, np.nan))
+    same = (placed == estimate_m).all(axis=1) | ~np.isfinite(placed).all(axis=1)
+    return SetPoints(placed, mode, ~same)
 
 
 def safety_summary(

@@ -13,7 +13,7 @@ from tis.common.units import NS_PER_S
 from tis.deploy.logs.coverage import Coverage, lies_in
 from tis.deploy.logs.read.columns import Ints
 from tis.deploy.logs.read.load import RunLogs
-from tis.deploy.present.numbers import heads, number
+from tis.deploy.present.numbers import heads
 from tis.deploy.present.table import Column, Table
 from tis.deploy.report.section import Section, Statistics, means, statistics
 
@@ -102,17 +102,3 @@ def tick_table(sides: Mapping[str, Ticks]) -> Table:
         for side, ticks in sides.items()
     ]
     return Table("Ticks, and how late they began", columns, rows)
-
-
-def tick_line(ticks: Ticks, surgeon: Ticks) -> str:
-    """Return the ticks of both sides in a line for a terminal."""
-    planned, count = ticks.planned, ticks.count
-    of = f" of {planned}" if count is not None and count < planned else ""
-    line = f"Ticks of the patient: {number(count)}{of} at {ticks.rate_hz} Hz, {number(ticks.missed)} missed"
-    if ticks.lateness_us["p99"]:
-        late = ticks.lateness_us
-        line += f", begun late by median {number(late['p50'])}, p99 {number(late['p99'])} \u00b5s"
-    line += f"; the surgeon missed {number(surgeon.missed)}"
-    if surgeon.missed and ticks.missed is not None:
-        line += f", so {surgeon.missed + ticks.missed} in all"
-    return line

@@ -1,6 +1,6 @@
 """Tracks of the arm, truth and estimates of one hand by tick; errors by age, and offsets in time and value (ETVO)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -17,6 +17,7 @@ from tis.common.scenario.estimator_names import plain_name
 from tis.common.units import MM_PER_M, NS_PER_S
 from tis.deploy.logs.coverage import lies_in
 from tis.deploy.logs.read.columns import Ints
+from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.packets import place_in
 from tis.deploy.report.section import Section, Statistics, means, statistics
@@ -41,46 +42,41 @@ class HandTrack:
     scored: NDArray[np.bool_]
     stds: dict[str, Array]
 
+    @property
+    def errors_mm(self) -> dict[str, Array]:
+        """Return each estimate's distance to the truth (T,) in mm, NaN for none."""
+        return {
+            name: MM_PER_M * np.linalg.norm(estimate_m - self.truth_m, axis=1)
+            for name, estimate_m in self.estimates.items()
+        }
+
 
 def track_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand) -> HandTrack:
     """Return one hand's track as far as its logs reach, at the ticks of hold, which always runs."""
-    sample_ns, recorded_m = _truth(logs, hand)
-    names = _estimators(logs, scenario)
-    by_name = {name: logs.of("patient", topic_of(name)) for name in names}
-    reference = by_name.get("hold", logs.of("patient", f"{ESTIMATES}/hold"))
-    ours = reference.where("hand", hand)
+    # a surgeon that came back logs the samples before its return again
+    truth = logs.of_hand("surgeon", TRUTH, hand).first_of_each("sample_ns")
+    by_name = {
+        name: logs.of_hand("patient", topic_of(name), hand)
+        for name in logged_names(logs, ESTIMATES, scenario.estimators)
+    }
+    hold = by_name.get("hold")
     # no estimates: the recorded samples stand in for ticks, so that the truth can be drawn
-    if not ours.any():
-        truth_m = truth_at(sample_ns, sample_ns, recorded_m)
-        none = np.zeros(len(sample_ns), dtype=np.bool_)
-        return HandTrack(sample_ns, np.arange(len(sample_ns)), truth_m, {}, none, {})
-    t_ns, tick = reference.column("t_ns")[ours], reference.column("tick")[ours]
-    truth_m = _known_truth(logs, t_ns, truth_at(t_ns, sample_ns, recorded_m))
-    estimates, stds = {}, {}
-    for name, rows in by_name.items():
-        which, of = rows.where("hand", hand), rows.column("tick")
-        estimates[name] = at_ticks(tick, of[which], rows.column("position_m")[which])
-        stds[name] = at_ticks(tick, of[which], rows.column("std_m")[which])
+    if hold is None or not len(hold):
+        truth_m = truth_at(truth.sample_ns, truth.sample_ns, truth.position_m)
+        none = np.zeros(len(truth), dtype=np.bool_)
+        return HandTrack(truth.sample_ns, np.arange(len(truth)), truth_m, {}, none, {})
+    t_ns, tick = hold.t_ns, hold.tick
+    truth_m = _known_truth(logs, t_ns, truth_at(t_ns, truth.sample_ns, truth.position_m))
+    estimates = {name: at_ticks(tick, rows, "position_m") for name, rows in by_name.items()}
+    stds = {name: at_ticks(tick, rows, "std_m") for name, rows in by_name.items()}
     arrivals = logs.messages("patient", "forward", scenario.session)
     first_ns = min((int(columns.log_ns.min()) for columns in arrivals.values()), default=None)
     scored = scored_ticks(t_ns, truth_m, estimates["hold"], first_ns)
     # after a time that is left out filters settle again, as at the beginning
     scored &= ~lies_in(t_ns, logs.left_out, 0, SETTLING_NS)
     if scenario.patient.plant.kind != "replay":
-        moved = logs.of("patient", PLANT)
-        which = moved.where("hand", hand)
-        estimates["plant"] = at_ticks(tick, moved.column("tick")[which], moved.column("position_m")[which])
+        estimates["plant"] = at_ticks(tick, logs.of_hand("patient", PLANT, hand), "position_m")
     return HandTrack(t_ns, tick, truth_m, estimates, scored, stds)
-
-
-def _truth(logs: RunLogs, hand: Hand) -> tuple[Ints, Array]:
-    """Return the sample instants (N,), ascending, and the arm's positions (N, 3)."""
-    rows = logs.of("surgeon", TRUTH)
-    ours = rows.where("hand", hand)
-    sample_ns, position_m = rows.column("sample_ns")[ours], rows.column("position_m")[ours]
-    # a surgeon that came back logs the samples before its return again
-    sample_ns, first = np.unique(sample_ns, return_index=True)
-    return sample_ns, position_m[first]
 
 
 def _known_truth(logs: RunLogs, t_ns: Ints, truth_m: Array) -> Array:
@@ -97,21 +93,17 @@ def topic_of(estimator: str) -> str:
     return f"{ESTIMATES}/{plain_name(estimator)}"
 
 
-def _estimators(logs: RunLogs, scenario: Scenario) -> list[str]:
-    log, prefix = logs.sides.get("patient"), f"{ESTIMATES}/"
-    topics = () if log is None else sorted(log.rows)
-    called = {plain_name(name): name for name in scenario.estimators}
-    plain = [topic.removeprefix(prefix) for topic in topics if topic.startswith(prefix)]
-    return _in_order([called.get(name, name) for name in plain], scenario)
+def logged_names(logs: RunLogs, topic: str, requested: Sequence[str]) -> list[str]:
+    """Return the methods that have a topic of their own below ``topic`` in the patient's log, the requested first."""
+    log, prefix = logs.sides.get("patient"), f"{topic}/"
+    logged = [] if log is None else [one.removeprefix(prefix) for one in sorted(log.rows) if one.startswith(prefix)]
+    asked = {plain_name(name): name for name in requested}
+    return [name for plain, name in asked.items() if plain in logged] + [one for one in logged if one not in asked]
 
 
-def _in_order(names: list[str], scenario: Scenario) -> list[str]:
-    requested = [name for name in scenario.estimators if name in names]
-    return requested + [name for name in names if name not in requested]
-
-
-def at_ticks(ticks: Ints, of: Ints, points: Array) -> Array:
-    """Return the points (T, ...) of ``ticks`` (T,) from ``points`` (N, ...) of the ticks ``of`` (N,); else NaN."""
+def at_ticks(ticks: Ints, rows: Frame, name: str) -> Array:
+    """Return a field (T, ...) of records by tick at ``ticks`` (T,); NaN for ticks without a record."""
+    of, points = rows.column("tick"), rows.column(name)
     # estimators may miss ticks or log them out of order
     order = np.argsort(of, kind="stable")
     place, known = place_in(of[order], ticks)
@@ -190,13 +182,17 @@ def errors_by_age(logs: RunLogs, track: HandTrack, hand: Hand) -> dict[str, AgeB
 
     Bins are those of `error_by_age`; ticks without an estimate are left out. Oracle: test_error_by_age.
     """
-    age_ms = ages_at_ms(logs, hand, track.t_ns)
-    found = {}
-    for name, estimate_m in track.estimates.items():
-        error_mm = MM_PER_M * np.linalg.norm(estimate_m - track.truth_m, axis=1)
-        bins = error_by_age(age_ms[track.scored], error_mm[track.scored])
-        found[name] = AgeBins(age_ms=bins.age_ms.tolist(), rmse_3d_mm=bins.rmse.tolist(), n=bins.n.tolist())
-    return found
+    found = scored_by_age(logs, track, hand, track.errors_mm)
+    return {
+        name: AgeBins(age_ms=bins.age_ms.tolist(), rmse_3d_mm=bins.rmse.tolist(), n=bins.n.tolist())
+        for name, bins in found.items()
+    }
+
+
+def scored_by_age(logs: RunLogs, track: HandTrack, hand: Hand, errors: Mapping[str, Array]) -> dict[str, ErrorByAge]:
+    """Return the errors by age of the scored ticks, by name; ``errors`` are (T,) of all ticks."""
+    age_ms = ages_at_ms(logs, hand, track.t_ns)[track.scored]
+    return {name: error_by_age(age_ms, error[track.scored]) for name, error in errors.items()}
 
 
 class Offset(Section):

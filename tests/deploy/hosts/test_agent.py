@@ -11,8 +11,9 @@ from typing import Any
 import pytest
 
 from tis.common.errors import InputError, TisError
-from tis.deploy.hosts import agent
-from tis.deploy.hosts.agent import _Lifeline, _Talk, obey
+from tis.deploy.hosts import hosted_side
+from tis.deploy.hosts.agent import obey
+from tis.deploy.hosts.hosted_side import _Lifeline, _Talk
 from tis.deploy.shell.guard import version_text
 
 _RAW: dict[str, Any] = {"version": 1, "name": "s", "source": {"kind": "synthetic"}}
@@ -134,14 +135,14 @@ def test_the_end_of_the_connection_ends_the_side(pipe: tuple[int, int]) -> None:
 def test_so_does_a_connection_that_is_only_silent(pipe: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
     line = _Lifeline(pipe[0])
     assert not line.is_over(0)
-    monkeypatch.setattr(agent, "MAX_SILENCE_S", -1.0)
+    monkeypatch.setattr(hosted_side, "MAX_SILENCE_S", -1.0)
     assert line.is_over(0)
 
 
 def test_a_reader_that_stands_still_does_not_hold_up_the_side(
     pipe: tuple[int, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(agent, "GRACE_S", 0.05)
+    monkeypatch.setattr(hosted_side, "GRACE_S", 0.05)
     talk = _Talk(pipe[1])
     for _ in range(5000):  # more than pipe and queue hold
         talk.pass_on(b"x" * 100 + b"\n")

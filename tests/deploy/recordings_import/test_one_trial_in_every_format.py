@@ -39,6 +39,8 @@ def scenario_of(source: dict[str, Any]) -> Scenario:
         "source": {**source, "hands": ["left", "right"]},
         "network": {"forward": {"delay": {"kind": "constant", "delay_ms": 120}, "loss": LOSS}},
         "identification": {"train": "own_head", "train_samples": 150, "block_rows": 3},
+        "estimators": ["hold", "moesp_kf"],  # whose models are quick to find: each imported trial needs its own
+        "active_estimator": "moesp_kf",
     }
     return build_scenario(raw, "s.yaml")
 

@@ -29,6 +29,7 @@ def _summary(
         "latency_ms": {"end_to_end": {"p50": 68.71, "p99": 102.04}},
         "links": {"forward": {"loss_pct": loss[0]}, "feedback": {"loss_pct": loss[1]}},
         "accuracy": accuracy,
+        "display": {"left": None},
         "redundancy": _sent(copies, history, samples_pct),
     }
 

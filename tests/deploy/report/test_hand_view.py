@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from tests.deploy.report.hand_made import COMMAND, a_scenario, estimate, fresh, message, tick, truth, write_run
+from tis.common.channels import FOLLOWER
+from tis.deploy.report.measured_run import MeasuredRun
 from tis.deploy.report.run_view import MAX_TICKS, hand_view
 
 
@@ -24,7 +26,7 @@ def test_errors_are_distances_and_ages_are_those_of_the_ticks(tmp_path: Path) ->
             estimate(2, 81, "hold", None),
         ],
     )
-    view = hand_view(logs, a_scenario(), "left", "left hand")
+    view = hand_view(MeasuredRun(logs, a_scenario(), FOLLOWER), "left", "left hand")
     assert view.errors_mm["hold"] == pytest.approx([5, 5, np.nan], nan_ok=True)
     assert view.age_ms == pytest.approx([15, 48, np.nan], nan_ok=True)
     data = view.source.data
@@ -40,7 +42,7 @@ def test_a_long_run_is_thinned_and_keeps_its_worst_tick(tmp_path: Path) -> None:
     patient = [message(COMMAND, 0, 0.5, log_ms=11)]
     patient += [estimate(k, k, "hold", (0.009 if k == peak else 0.001, 0, 0)) for k in range(n)]
     logs = write_run(tmp_path, surgeon=[truth(0, 0, (0, 0, 0)), truth(1, n, (0, 0, 0))], patient=patient)
-    view = hand_view(logs, a_scenario(), "left", "left hand")
+    view = hand_view(MeasuredRun(logs, a_scenario(), FOLLOWER), "left", "left hand")
     assert peak in view.kept
     assert len(view.kept) <= MAX_TICKS
     assert view.thinning_note() == f" Of {n} ticks {len(view.kept)} are drawn, the worst of each stretch among them."

@@ -4,15 +4,12 @@ from pathlib import Path
 import pytest
 
 from tests.deploy.commands import Call, call
-from tests.patient_side.identification.test_fit_drmf import few_draws
 from tis.common.errors import GET_REPORT
 from tis.deploy.tools.synth import write_trials
 
-__all__ = ["few_draws"]
-
 
 @pytest.fixture
-def tis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, few_draws: None) -> Call:
+def tis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Call:
     """Return a function that calls `tis identify` in an empty folder: exit code, output, diagnostics."""
     monkeypatch.chdir(tmp_path)
 

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from tests.models_once import judge_by_few_draws
 from tests.patient_side.arm_models import (
     LOST,
     RATE_HZ,
@@ -13,7 +14,6 @@ from tests.patient_side.arm_models import (
 )
 from tis.common.errors import DataError
 from tis.patient_side.estimators.drmf import Drmf
-from tis.patient_side.identification import fit_drmf as module
 from tis.patient_side.identification.fit_drmf import fit_drmf
 from tis.patient_side.movement_models import CompletionModel
 from tis.patient_side.playout import Playout
@@ -82,12 +82,6 @@ def test_of_a_random_walk_hold_is_left(few_draws: None) -> None:
     walk = np.cumsum(np.random.default_rng(1).normal(size=(3000, 3)), axis=0) * 1e-4
     missed, held = errors(fit_drmf([walk[:2000]], RATE_HZ), walk[2000:2700], 6)
     assert missed < 1.06 * held
-
-
-def judge_by_few_draws(patch: pytest.MonkeyPatch) -> None:
-    """Judge and calibrate by few draws: enough where the best choice is far ahead, or does not matter."""
-    patch.setattr(module, "_N_JUDGED", 5)
-    patch.setattr(module, "_N_CALIBRATED", 30)
 
 
 @pytest.fixture

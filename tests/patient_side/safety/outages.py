@@ -32,6 +32,13 @@ from tis.deploy.run.twin import build_sides, drive
 from tis.patient_side.safety.set_point import Place
 
 _AFTER_S = 6.0
+# what no figure here looks at takes as long as all else: further estimators, and the orientation
+_ONE_POSITION = (
+    "source.hands=[left]",
+    "estimators=[innovations_kf]",
+    "active_estimator=innovations_kf",
+    "patient.orientation={methods: [hold], active: hold}",
+)
 
 
 @dataclass
@@ -114,7 +121,7 @@ def one(number: int, name: str = "default") -> Resumed:
     outage_s = round(exp(draw.uniform(log(0.5), log(30))), 2)
     at_s = round(draw.uniform(4, 8), 2)
     entry = f"{{at_s: {at_s}, for_s: {outage_s}, direction: both, set: {{outage: true}}}}"
-    settings = (f"network.timeline=[{entry}]", "source.hands=[left]")
+    settings = (f"network.timeline=[{entry}]", *_ONE_POSITION)
     stop_s = at_s + outage_s + 2.2 if number % 2 else None
 
     def forged(recording: Recording) -> list[Forged]:

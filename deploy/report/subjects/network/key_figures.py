@@ -1,8 +1,8 @@
 """Measured figures of one key, or of several together: counts, loss, delay, jitter and order; columns for figures."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -22,7 +22,7 @@ from tis.common.metrics.latency import lateness_us
 from tis.common.metrics.loss import fit_gilbert, loss_interval, loss_runs
 from tis.common.metrics.percentiles import TAIL, summarise
 from tis.common.units import NS_PER_MS, NS_PER_S, NS_PER_US
-from tis.deploy.logs.read.columns import Ints
+from tis.deploy.logs.read.columns import Ints, joined
 from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.packets import (
@@ -41,12 +41,13 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class KeyColumns:
-    """One key's messages, from netem's log.
+class LinkColumns:
+    """The messages of a link, or of one of its keys, from netem's log, without foreign ones.
 
-    ``sent_s`` (N,) is the instant of offering of each delivered message, ascending; ``decided_ms`` (N,) is the drawn
-    delay, ``realised_ms`` (N,) the measured one, of the first copy to leave. ``lost_s`` are the instants of offering
-    of lost messages, ``error_us`` the release errors of all packets, copies too.
+    ``sent_s`` (N,) is the instant of offering of each delivered message, ascending, ``seq`` (N,) its number;
+    ``decided_ms`` (N,) is the drawn delay, ``realised_ms`` (N,) the measured one, of the first copy to leave.
+    ``lost_s`` are the instants of offering of lost messages, ascending, ``run_lengths`` the lengths of the runs of
+    losses, key by key, ``error_us`` the release errors of all packets, copies too.
     """
 
     sent_s: Array
@@ -54,62 +55,44 @@ class KeyColumns:
     decided_ms: Array
     realised_ms: Array
     lost_s: Array
-    lost: NDArray[np.bool_]
-    """Whether each message offered was lost, in the order of offering."""
+    run_lengths: Ints
     error_us: Array
 
 
-@dataclass(frozen=True)
-class LinkColumns:
-    """One link's messages, without foreign ones."""
-
-    keys: dict[str, KeyColumns]
-
-    def all(self, name: str) -> Array:
-        """Return a column of all keys together, key by key."""
-        return np.concatenate([np.empty(0), *(getattr(key, name) for key in self.keys.values())])
-
-
 def link_columns(logs: RunLogs, direction: Direction) -> LinkColumns:
-    """Return one link's columns; no keys without netem's log (oracle: records written by hand, test_packets)."""
+    """Return one link's columns, empty without netem's log (oracle: records written by hand, test_packets)."""
     offered, left = fates_by_key(logs, direction), releases_by_key(logs, direction)
-    found = {}
+    each = [_columns(NO_FATES, NO_RELEASES)]
     for key in list(offered):
+        # popped, as the columns of a long run are large
         fates, releases = offered.pop(key), left.pop(key, NO_RELEASES)
-        fates, releases = fates.at(~fates.foreign), releases.at(~releases.foreign)
-        if len(fates.seq):
-            found[key] = _columns(fates, releases)
-    return LinkColumns(found)
+        each.append(_columns(fates.at(~fates.foreign), releases.at(~releases.foreign)))
+    found: dict[str, Any] = {
+        one.name: np.concatenate([getattr(columns, one.name) for columns in each]) for one in fields(LinkColumns)
+    }
+    order = np.argsort(found["sent_s"], kind="stable")
+    sent = {name: found[name][order] for name in ("sent_s", "seq", "decided_ms", "realised_ms")}
+    return LinkColumns(**found | sent | {"lost_s": np.sort(found["lost_s"])})
 
 
-def _columns(fates: Frame, releases: Frame) -> KeyColumns:
+def _columns(fates: Frame, releases: Frame) -> LinkColumns:
+    """Return the columns of one key, in any order of sending."""
     out = releases.at(releases.departure == RELEASED)
     first = first_copies(in_order_of_leaving(out))
     delivered = fates.at(fates.outcome == DELIVER)
     # a delivered message may still have been dropped from a queue, so fates and releases are matched
     seq, here, there = np.intersect1d(delivered.seq, first.seq, return_indices=True)
     through, left = delivered.at(here), first.at(there)
-    order = np.argsort(through.offered_ns, kind="stable")
-    gone = np.setdiff1d(releases.seq, out.seq)
-    lost = (fates.outcome != DELIVER) | np.isin(fates.seq, gone)
-    return KeyColumns(
-        sent_s=through.offered_ns[order] / NS_PER_S,
-        seq=seq[order],
-        decided_ms=through.delay_ns[order] / NS_PER_MS,
-        realised_ms=(left.released_ns - left.offered_ns)[order] / NS_PER_MS,
-        lost_s=np.sort(fates.offered_ns[lost]) / NS_PER_S,
-        lost=lost,
+    lost = (fates.outcome != DELIVER) | np.isin(fates.seq, np.setdiff1d(releases.seq, out.seq))
+    return LinkColumns(
+        sent_s=through.offered_ns / NS_PER_S,
+        seq=seq,
+        decided_ms=through.delay_ns / NS_PER_MS,
+        realised_ms=(left.released_ns - left.offered_ns) / NS_PER_MS,
+        lost_s=fates.offered_ns[lost] / NS_PER_S,
+        run_lengths=loss_runs(lost).lengths,
         error_us=(out.released_ns - out.release_ns) / NS_PER_US,
     )
-
-
-def run_lengths(links: Mapping[Direction, LinkColumns]) -> dict[Direction, Ints]:
-    """Return the lengths of the runs of losses, key by key, of directions with any loss."""
-    none = np.empty(0, dtype=np.int64)
-    runs = {
-        d: np.concatenate([none, *(loss_runs(key.lost).lengths for key in k.keys.values())]) for d, k in links.items()
-    }
-    return {direction: lengths for direction, lengths in runs.items() if len(lengths)}
 
 
 class KeyBooks(NamedTuple):
@@ -267,12 +250,12 @@ def _merged_lost(figures: Sequence[KeyFigures]) -> NDArray[np.bool_]:
     """Return the lost flags of all keys by instant of offering, as an outage hits all keys at once."""
     if len(figures) == 1:
         return figures[0].account.lost
-    lost = np.concatenate([np.empty(0, dtype=np.bool_), *(one.account.lost for one in figures)])
+    lost = joined((one.account.lost for one in figures), np.bool_)
     return np.asarray(lost[np.argsort(_all(figures, "offered_ns"), kind="stable")])
 
 
 def _all(figures: Sequence[KeyFigures], name: str) -> NDArray[Any]:
-    return np.concatenate([np.empty(0, dtype=np.int64), *(getattr(one, name) for one in figures)])
+    return joined(getattr(one, name) for one in figures)
 
 
 def _finite(interval: tuple[float, float] | None) -> list[float | None] | None:

@@ -2,6 +2,7 @@
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
+from operator import itemgetter
 from typing import Final, NamedTuple, get_args
 
 import numpy as np
@@ -11,7 +12,7 @@ from tis.common.metrics.delivery import without
 from tis.common.records import REJECTED
 from tis.common.safety_records import QUARANTINE
 from tis.common.units import NS_PER_S
-from tis.deploy.logs.read.columns import Ints
+from tis.deploy.logs.read.columns import Ints, joined
 from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.packets import (
@@ -31,6 +32,13 @@ ENDS: Final[dict[Direction, tuple[Side, Side]]] = {
     "forward": ("surgeon", "patient"),
     "feedback": ("patient", "surgeon"),
 }
+
+
+def both_ends(logs: RunLogs, direction: Direction, session: str) -> dict[str, tuple[Frame, Frame]]:
+    """Return by key the messages of a direction as sent and as received, in the order of each log."""
+    sent, received = (logs.messages(side, direction, session) for side in ENDS[direction])
+    nothing = no_messages()
+    return {key: (sent.get(key, nothing), received.get(key, nothing)) for key in dict.fromkeys((*sent, *received))}
 
 
 class LinkBooks(NamedTuple):
@@ -55,7 +63,7 @@ def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
     complete log of the sender can tell.
     """
     sender, receiver = ENDS[direction]
-    sent, received = (logs.messages(side, direction, session) for side in (sender, receiver))
+    ends, nothing = both_ends(logs, direction, session), no_messages()
     offered, left = fates_by_key(logs, direction), releases_by_key(logs, direction)
     rejected = Counter(row["key"] for row in logs.of(receiver, REJECTED))
     refused: defaultdict[str, list[int]] = defaultdict(list)
@@ -65,19 +73,19 @@ def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
     complete = covered is not None and covered.whole
     gaps = LogGaps.of(logs, direction, session, get_args(Side))
     n_unlogged = n_unlogged_offered = 0
-    nothing = np.empty(0, dtype=np.int64)
     counts = counted(offered.values(), left.values())
-    error_ns = np.concatenate([nothing, *(late_ns(one) for one in left.values())])
+    error_ns = joined(late_ns(one) for one in left.values())
     books = []
-    for key in list(dict.fromkeys((*sent, *offered, *left, *received))):
+    sent = (key for key, (out, _) in ends.items() if len(out))
+    for key in dict.fromkeys((*sent, *offered, *left, *ends)):
         # popped, as the columns of a long run are large
         fates, releases = offered.pop(key, NO_FATES), left.pop(key, NO_RELEASES)
-        out, back = sent.get(key, no_messages()), received.get(key, no_messages())
+        out, back = ends.get(key, (nothing, nothing))
         sent_seq, received_seq = out.seq, back.seq
         # foreign messages have no sequence number of ours: books of their own, without sender and receiver
         if fates.foreign.any():
             foreign = fates.at(fates.foreign), releases.at(releases.foreign)
-            books.append(KeyBooks(key, True, nothing, *foreign, nothing, 0))
+            books.append(KeyBooks(key, True, nothing.seq, *foreign, nothing.seq, 0))
         fates, releases = fates.at(~fates.foreign), releases.at(~releases.foreign)
         # a message that one log may lack is taken out of all, or it would count as lost there
         if gaps.any:
@@ -150,30 +158,19 @@ def unsent(logs: RunLogs, direction: Direction, session: str) -> Unsent | None:
     first is used. A message whose bits netem flipped is not forged. None when the sender's log is missing or damaged,
     as it may then lack what was sent; and without a testbed. Oracle: literals, test_unsent.
     """
-    sender, receiver = ENDS[direction]
-    covered = logs.coverage(sender)
+    covered = logs.coverage(ENDS[direction][0])
     if not session or covered is None or not covered.whole:
         return None
-    sent = logs.messages(sender, direction, session)
-    unknown: dict[str, Ints] = {}  # by key, the indices of the messages used that were not sent like this
-    used = logs.messages(receiver, direction, session)
-    for key, back in used.items():
-        _, first = np.unique(back.seq, return_index=True)
-        known = np.isin(_identity(back)[first], _identity(sent.get(key, no_messages())))
-        if not known.all():
-            unknown[key] = first[~known]
+    unknown: dict[str, Frame] = {}  # by key, the messages used that were not sent like this
+    for key, (out, back) in both_ends(logs, direction, session).items():
+        used = back.first_of_each("seq")
+        unknown[key] = used.at(~np.isin(_identity(used), _identity(out)))
     # The fates are only read when there is a message whose bits netem may have flipped.
-    flipped = _flipped(logs, direction) if unknown else {}
-    n, first_key, first_ns = 0, "", 0
-    for key, index in unknown.items():
-        back = used[key]
-        forged = index[~np.isin(back.seq[index], flipped.get(key, ()))]
-        if len(forged):
-            arrived_ns = int(back.log_ns[forged].min())
-            if not n or arrived_ns < first_ns:
-                first_key, first_ns = key, arrived_ns
-            n += len(forged)
-    return Unsent(n, first_key, first_ns)
+    flipped = _flipped(logs, direction) if any(map(len, unknown.values())) else {}
+    forged = {key: one.at(~np.isin(one.seq, flipped.get(key, ()))) for key, one in unknown.items()}
+    first = [(int(one.log_ns.min()), key) for key, one in forged.items() if len(one)]
+    first_ns, first_key = min(first, key=itemgetter(0), default=(0, ""))
+    return Unsent(sum(map(len, forged.values())), first_key, first_ns)
 
 
 def unsent_problem(found: Unsent | None, direction: Direction) -> list[str]:

@@ -1,34 +1,24 @@
 """Tables of a run's network: packets, delays and losses, by direction and by key, on the page and in a terminal."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping
 from html import escape
 from typing import Any, Final
 
 from tis.common.channels import Direction
 from tis.deploy.present.numbers import heads, interval, number
 from tis.deploy.present.page import folded, note
-from tis.deploy.present.table import Table
+from tis.deploy.present.table import Column, Table
 from tis.deploy.report.subjects.network.link_figures import KeyOfLink, Link
 
 Links = Mapping[Direction, Link]
 _COLUMNS: Final = ("mean", "std", "p50", "p90", "p95", "p99", "p99.9", "max")
-_STATISTICS: Final = ("mean", "std", "p50", "p95", "p99", "max")
-_LATE: Final = ("p50", "p95", "p99", "max")
 _MAX_KEYS: Final = 12
 _FAITHFUL: Final = {
     True: ("faithful", "good", "the network was the one that {}."),
     False: ("not faithful", "bad", "the network was not the one that {}."),
     None: ("not decidable", "open", "too little was sent to tell whether the network was the one that {}."),
 }
-_IN_TERMINAL: Final = {
-    "sent": "sent",
-    "received": "received",
-    "dropped": "dropped",
-    "unplanned_loss": "unplanned",
-    "held_at_end": "held at end",
-    "reordered": "reordered",
-}
-_ON_PAGE: Final = {
+_COUNTS: Final = {
     "sent": "sent",
     "offered": "reached netem",
     "copied": "copies made by netem",
@@ -47,33 +37,20 @@ _ON_PAGE: Final = {
 
 
 def packet_table(links: Links) -> Table:
-    """Return the packet counts of both links for a terminal."""
-    n_unlogged = sum(link.untold for link in links.values())
-    note = f"dropped: by netem{drop_reasons(links)}; unplanned: lost elsewhere; held: in flight at the end"
-    note += f"; {n_unlogged} more are left out: they fall into gaps of damaged logs" if n_unlogged else ""
-    rows = [(direction, *(link[name] for name in _IN_TERMINAL)) for direction, link in links.items()]
-    return Table("Packets", ("", *_IN_TERMINAL.values()), rows, note)
-
-
-def drop_reasons(links: Links) -> str:
-    """Return the reasons that occurred, as `` (forward: 3 loss, 705 queue_full)``; "" without any drop."""
-    parts = [
-        f"{direction}: " + ", ".join(f"{n} {reason}" for reason, n in link.dropped_by.items())
-        for direction, link in links.items()
-        if link.dropped_by
-    ]
-    return f" ({'; '.join(parts)})" if parts else ""
-
-
-def packet_page_table(links: Links) -> Table:
     """Return what became of the packets of both links."""
     each = links.values()
-    rows: list[tuple[Any, ...]] = [(title, *(link[name] for link in each)) for name, title in _ON_PAGE.items()]
+    rows: list[tuple[Any, ...]] = [(title, *(link[name] for link in each)) for name, title in _COUNTS.items()]
     rows.append(("share lost in netem, %", *(link.loss_pct for link in each)))
     rows.append(("its 95 % interval, %", *(interval(link.loss_pct_interval_95) for link in each)))
     reasons = dict.fromkeys(reason for link in each for reason in link.dropped_by)
     rows += [(f"dropped because of {why}", *(link.dropped_by.get(why, 0) for link in each)) for why in reasons]
-    return Table("Packets, by direction", ("what became of them", *links), rows)
+    note = (
+        "Dropped: by netem, as requested. Unplanned loss: lost on either side of netem. Foreign: messages of other "
+        "programs on keys of the testbed"
+    )
+    if n_unlogged := sum(link.untold for link in each):
+        note += f". Left out, as they fall into gaps of damaged logs: {n_unlogged}"
+    return Table("Packets, by direction", ("what became of them", *links), rows, note)
 
 
 def fidelity_list(links: Links, request: str = "the scenario requests") -> str:
@@ -101,31 +78,6 @@ def fidelity_list(links: Links, request: str = "the scenario requests") -> str:
         for look, word, text in items
     ]
     return f'<ul class="problems">{"".join(f"<li>{line}</li>" for line in lines)}</ul>'
-
-
-def requested_table(links: Links) -> Table:
-    """Return delay and loss of each direction: requested, drawn by the models, and measured."""
-    rows: list[tuple[Any, ...]] = []
-    for direction, link in links.items():
-        asked, delays = link.requested, link.delay_ms
-        varies = " (without changes)" if asked.varies else ""
-        of_request = (asked.loss_pct, None, asked.mean_burst)
-        realised = (link.loss_pct, interval(link.loss_pct_interval_95), link.loss_runs.mean)
-        for kind, delay, losses in (
-            (f"requested{varies}", delays.requested, of_request),
-            ("decided", delays.decided, (None, None, None)),
-            ("realised", delays.realised, realised),
-        ):
-            rows.append((f"{direction}, {kind}", *(delay[name] for name in _STATISTICS), *losses))
-    losses_of = ("lost, %", "its 95 % interval, %", "run of losses, mean")
-    columns = ("direction", *heads(_STATISTICS, "ms"), *losses_of)
-    return Table("The network requested, decided and realised: delay one way, and loss", columns, rows)
-
-
-def release_table(links: Links) -> Table:
-    """Return the release error by direction."""
-    rows = [(d, *(link.release_error_us[name] for name in _LATE)) for d, link in links.items()]
-    return Table("Release error: left later than decided by, \u00b5s", ("direction", *heads(_LATE)), rows)
 
 
 def key_tables(links: Links) -> str:
@@ -163,23 +115,22 @@ def key_table(caption: str, key: KeyOfLink) -> Table:
     return Table(caption, ("what", *heads(_COLUMNS)), rows, line)
 
 
-STATISTICS: Final = ("mean", "std", "p50", "p99", "max")
+_STATISTICS: Final = ("mean", "std", "p50", "p95", "p99", "max")
+_LOSSES: Final = ("lost, %", "its 95 % interval, %", "run of losses, mean")
+_NOTHING: Final = [None] * len(_LOSSES)
 _MAX_NAMED: Final = 4
 _MAX_KEY_CHARS: Final = 26
 _WITHOUT_CHANGES: Final = "*: without the changes by states, timeline or while running, which the others have"
 
 
-DelayRow = tuple[str, *tuple[float | None, ...]]
-"""A name and the last of `STATISTICS`; no values for a heading."""
+def delay_table(links: Links, requested: str = "by the scenario") -> Table:
+    """Return delay in netem and loss of both directions: requested, drawn by the models, and measured.
 
-
-def delay_rows(links: Links) -> tuple[list[DelayRow], list[str]]:
-    """Return the rows of both directions, and the notes below them (oracle: literal summaries, test_delay_rows).
-
-    The keys of a direction have rows of their own when their pipelines differ, as no request applies to them all. The
-    busiest key of each request comes first; keys that do not fit are counted.
+    ``requested`` names the source of the request. The keys of a direction have rows of their own when their pipelines
+    differ, as no request applies to them all. The busiest key of each request comes first; keys that do not fit are
+    counted. Oracle: literal summaries, test_delay_table.
     """
-    rows: list[DelayRow] = []
+    rows: list[tuple[Any, ...]] = []
     notes: list[str] = []
     varies = False
     for direction, link in links.items():
@@ -193,10 +144,16 @@ def delay_rows(links: Links) -> tuple[list[DelayRow], list[str]]:
             varies |= keys[name].requested.varies and _is_known(keys[name])
             # keys differ at their ends
             end = name if len(name) <= _MAX_KEY_CHARS else f"...{name[3 - _MAX_KEY_CHARS :]}"
-            rows += [(f"{direction}, {end}",), *_rows("  ", keys[name])]
+            rows += [(f"{direction}, {end}", *[None] * len(_STATISTICS), *_NOTHING), *_rows("  ", keys[name])]
         if n_more := len(keys) - len(shown) + link.keys_not_listed:
             notes.append(f"{n_more} more key{'s' if n_more > 1 else ''} {direction}: see summary.json")
-    return rows, [_WITHOUT_CHANGES, *notes] if varies else notes
+    words = f"requested: {requested}; decided: drawn by its models; realised: measured in netem; release error: left "
+    words += "later than decided by; run of losses: messages lost in a row"
+    columns = [Column(head, on_page_only=head == "p95") for head in heads(_STATISTICS)]
+    columns += [Column(head, on_page_only=True) for head in _LOSSES]
+    note = "; ".join([words, *([_WITHOUT_CHANGES] if varies else []), *notes])
+    title = "The network requested, decided and realised: delay one way, and loss"
+    return Table(title, ("direction", *columns), rows, note)
 
 
 def _differing_keys(link: Link) -> dict[str, KeyOfLink]:
@@ -218,21 +175,17 @@ def _first_of_each(keys: Mapping[str, KeyOfLink]) -> list[str]:
     return [*firsts.values(), *(name for name in keys if name not in firsts.values())]
 
 
-def _rows(before: str, part: Link | KeyOfLink) -> Iterable[DelayRow]:
-    """Return the rows of a link or of a key; an unknown request has none."""
+def _rows(before: str, part: Link | KeyOfLink) -> Iterator[tuple[Any, ...]]:
+    """Yield the rows of a link or of a key; an unknown request has none."""
+    asked = part.requested
+    losses = {
+        "requested": (asked.loss_pct, None, asked.mean_burst),
+        "realised": (part.loss_pct, interval(part.loss_pct_interval_95), part.loss_runs.mean),
+    }
     for kind, delay in part.delay_ms:
         if kind == "requested" and delay["mean"] is None:
             continue
-        mark = "*" if kind == "requested" and part.requested.varies else ""
-        yield (f"{before}{kind}{mark}, ms", *(delay[name] for name in STATISTICS))
-    error = part.release_error_us
-    yield (f"{before}release error, \u00b5s", *(error[name] for name in STATISTICS[-3:]))
-
-
-def delay_table(links: Links, requested: str = "by the scenario") -> Table:
-    """Return the table of delays in netem; ``requested`` names the source of the request."""
-    found, notes = delay_rows(links)
-    rows = [(name, *[""] * (len(STATISTICS) - len(values)), *values) for name, *values in found]
-    note = f"requested: {requested}; decided: drawn by its models; realised: measured in netem; "
-    text = "; ".join([f"{note}release error: left later than decided by", *notes])
-    return Table("Delay in netem, one way", ("", *heads(STATISTICS)), rows, text)
+        mark = "*" if kind == "requested" and asked.varies else ""
+        yield (f"{before}{kind}{mark}, ms", *(delay[name] for name in _STATISTICS), *losses.get(kind, _NOTHING))
+    late_us = (part.release_error_us.get(name) for name in _STATISTICS)
+    yield (f"{before}release error, \u00b5s", *late_us, *_NOTHING)

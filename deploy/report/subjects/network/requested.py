@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from msgspec import convert
@@ -12,6 +12,7 @@ from tis.common.channels import Direction
 from tis.common.errors import DataError
 from tis.common.records import CONTROL, ControlNote
 from tis.common.runtime.scenario_files import load_traces
+from tis.common.scenario import Scenario
 from tis.common.scenario.network import Buffer, NetworkPart, Rule
 from tis.common.scenario.network.conditions import Change
 from tis.common.scenario.network.pipeline import Pipeline
@@ -34,37 +35,26 @@ from tis.netem.link.rules import RuleTable, compile_rules
 Floats = NDArray[np.float64]
 
 
-class NetworkRequest(Protocol):
-    """A source of network requests: a scenario, or the options of a standalone netem."""
+@dataclass(frozen=True)
+class StandaloneNetwork:
+    """The network that the options of a standalone netem request, in place of a scenario.
 
-    @property
-    def name(self) -> str:
-        """Name in errors."""
-        ...
+    ``impaired_keys`` are the key expressions that get its own pipelines where no rule names another.
+    """
 
-    @property
-    def session(self) -> str:
-        """First chunk of the testbed's keys; empty without a testbed."""
-        ...
-
-    @property
-    def seed(self) -> int:
-        """Seed of all random numbers."""
-        ...
-
-    @property
-    def network(self) -> NetworkPart:
-        """The requested network."""
-        ...
-
-    @property
-    def impaired_keys(self) -> tuple[str, ...]:
-        """Key expressions of the pipelines of the directions."""
-        ...
+    network: NetworkPart
+    keys: tuple[str, ...]
+    impaired_keys: tuple[str, ...]
+    seed: int
+    name: str = "netem"
+    session: str = ""
 
     def generated_rules(self) -> tuple[Rule, ...]:
-        """Return the rules that the testbed adds by itself."""
-        ...
+        """Return no rules: only the user writes rules here."""
+        return ()
+
+
+NetworkRequest = Scenario | StandaloneNetwork
 
 
 class InForce(NamedTuple):

@@ -22,7 +22,7 @@ from tis.patient_side.build import identify_models
 from tis.patient_side.identification.model_file import dump_models
 from tis.patient_side.node import PatientNode
 
-SETTINGS = ("source.hands=[left, right]", "estimators=[innovations_kf, damped_velocity]", "duration_s=3")
+SETTINGS = ("source.hands=[left, right]", "estimators=[innovations_kf, damped_velocity]", "duration_s=2.5")
 NETWORKS = {
     "clear": "{}",
     "uniform, lost in bursts": "{forward: {loss: {kind: gilbert_elliott, p_bad: 0.1, p_good: 0.3}, delay: "

@@ -4,7 +4,7 @@ import re
 from typing import Any
 
 from tests.deploy.report.partial import part
-from tis.deploy.report.subjects.accuracy import Scores, accuracy_page_table
+from tis.deploy.report.subjects.accuracy import Scores, accuracy_table
 
 _WIDTH = re.compile(r"width:([\d.]+)%")
 
@@ -24,7 +24,7 @@ def _entry(rmse_mm: float, step_us: float | None = None) -> Any:
 def test_one_that_errs_by_far_more_leaves_the_other_bars_readable_and_is_marked() -> None:
     """hold errs by 2 mm: bars end at 6 mm."""
     scores = {"hold": _entry(2.0), "innovations_kf": _entry(0.6), "paper": _entry(54.1)}
-    page = accuracy_page_table(scores, "left hand", "innovations_kf").html()
+    page = accuracy_table(scores, "left hand", "innovations_kf").html()
     assert [float(width) for width in _WIDTH.findall(page)] == [33.3, 10.0, 100.0]
     assert "\u00bb 54.10" in page
     assert page.count("\u00bb") == 2  # there, and in the note
@@ -32,16 +32,16 @@ def test_one_that_errs_by_far_more_leaves_the_other_bars_readable_and_is_marked(
 
 
 def test_where_all_are_alike_the_largest_error_is_the_whole_bar() -> None:
-    page = accuracy_page_table({"hold": _entry(2.0), "velocity": _entry(4.0)}, "left hand", "hold").html()
+    page = accuracy_table({"hold": _entry(2.0), "velocity": _entry(4.0)}, "left hand", "hold").html()
     assert [float(width) for width in _WIDTH.findall(page)] == [50.0, 100.0]
     assert "cut" not in page
-    alone = accuracy_page_table({"velocity": _entry(4.0)}, "left hand", "velocity").html()
+    alone = accuracy_table({"velocity": _entry(4.0)}, "left hand", "velocity").html()
     assert [float(width) for width in _WIDTH.findall(alone)] == [100.0]
 
 
 def test_the_time_of_a_step_has_a_column_where_it_was_measured() -> None:
-    assert "step" not in accuracy_page_table({"hold": _entry(2.0)}, "left hand", "hold").html()
+    assert "step" not in accuracy_table({"hold": _entry(2.0)}, "left hand", "hold").html()
     assert (
         "step, median"
-        in accuracy_page_table({"hold": _entry(2.0), "plant": _entry(1.0, 41.0)}, "left hand", "hold").html()
+        in accuracy_table({"hold": _entry(2.0), "plant": _entry(1.0, 41.0)}, "left hand", "hold").html()
     )

@@ -3,7 +3,7 @@ from typing import Any
 from rich.console import Console
 
 from tests.deploy.report.partial import part
-from tis.deploy.report.subjects.orientation import AngleScores, orientation_page_table, orientation_table
+from tis.deploy.report.subjects.orientation import AngleScores, orientation_table
 
 
 def scores(rms: float | None, ratio: float | None, coverage: list[float] | None = None) -> Any:
@@ -20,18 +20,18 @@ GRIPPERS = {"hold": scores(0.2, 1.0), "tangent_ls": scores(0.05, 0.25, [95.0])}
 
 
 def test_the_page_shows_degrees_beside_holds_and_marks_the_active_method() -> None:
-    page = orientation_page_table(TURNS, GRIPPERS, "left hand", "tangent_ls").html()
+    page = orientation_table(TURNS, GRIPPERS, "left hand", "tangent_ls").html()
     for text in ("2.50", "63", "95.00", "0.050", "25", "61.25"):
         assert text in page
     assert "unscored" not in page
     assert page.count("class=") >= 1
-    assert not orientation_page_table({}, {}, "left hand", "hold").rows
+    assert not orientation_table({}, {}, "left hand", "hold").rows
 
 
 def test_a_terminal_of_80_columns_shows_every_figure_whole() -> None:
     console = Console(width=80, record=True)
-    console.print(orientation_table(TURNS, GRIPPERS, "left").terminal())
-    assert not orientation_table({}, {}, "right").rows
+    console.print(orientation_table(TURNS, GRIPPERS, "left hand", "hold").terminal())
+    assert not orientation_table({}, {}, "right hand", "hold").rows
     text = console.export_text()
     assert "left hand" in text
     assert "…" not in text

@@ -5,7 +5,7 @@ from typing import Any
 from tests.deploy.report.outline import Outline
 from tests.deploy.report.partial import part
 from tis.deploy.present.page import nonbreaking_units
-from tis.deploy.report.subjects.redundancy import Redundancy, redundancy_page_table
+from tis.deploy.report.subjects.redundancy import Redundancy, redundancy_table
 
 FOUND: dict[str, Any] = {
     "copies": 2,
@@ -19,7 +19,7 @@ FOUND: dict[str, Any] = {
 
 
 def test_price_and_gain_stand_beside_those_of_the_first_packets() -> None:
-    page = Outline(redundancy_page_table(part(Redundancy, FOUND)).html())
+    page = Outline(redundancy_table(part(Redundancy, FOUND)).html())
     rows = [text for _, text in page.all("tr")]
     assert rows == [
         "figureas sentfirst packets alone",
@@ -35,7 +35,7 @@ def test_price_and_gain_stand_beside_those_of_the_first_packets() -> None:
 
 
 def test_who_sends_once_has_no_table() -> None:
-    assert not redundancy_page_table(part(Redundancy, FOUND | {"copies": 1, "history": 0})).rows
+    assert not redundancy_table(part(Redundancy, FOUND | {"copies": 1, "history": 0})).rows
 
 
 def test_a_number_keeps_its_unit_and_words_may_part() -> None:

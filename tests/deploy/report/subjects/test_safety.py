@@ -9,11 +9,13 @@ import pytest
 from mcap.reader import make_reader
 from msgspec import to_builtins
 
+from tis.common.channels import FOLLOWER
 from tis.common.records import COUNTERS
 from tis.common.safety_records import STOPS, StopNote
 from tis.common.scenario import reading
 from tis.deploy.logs.read.load import load_run
 from tis.deploy.present.plot_style import time_range
+from tis.deploy.report.measured_run import MeasuredRun
 from tis.deploy.report.plots.errors import safety_figure
 from tis.deploy.report.run_view import hand_view
 from tis.deploy.report.subjects.safety import safety_summary, set_points, stop_texts
@@ -67,7 +69,7 @@ def test_the_figures_are_those_of_the_messages(run_dir: Path) -> None:
 
 def test_states_and_errors_are_drawn(run_dir: Path) -> None:
     logs, scenario = load_run(run_dir), folder.read_scenario(run_dir)
-    view = hand_view(logs, scenario, "left", "left hand")
+    view = hand_view(MeasuredRun(logs, scenario, FOLLOWER), "left", "left hand")
     driven = set_points(logs, scenario, view.track, "left")
     figure = safety_figure(view, driven, time_range(9.0))
     assert figure is not None

@@ -10,7 +10,7 @@ from tests.markdown_tables import ragged_rows
 from tis.deploy.studies.definitions.readings import plan_splits
 
 SETTINGS = (
-    "duration_s=5",
+    "duration_s=3",
     "identification.train_samples=240",
     "identification.block_rows=2",
     "patient.orientation={methods: [hold], active: hold}",

@@ -1,19 +1,23 @@
 """The command: a quick comparison on a synthetic population from beginning to end, and what it refuses."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from tests.deploy.commands import call_in_one_line as tis
 from tests.markdown_tables import ragged_rows
-from tis.deploy.studies.methods.trials import DEFAULT_METHODS, methods_of
+from tis.deploy.studies.methods import command
+from tis.deploy.studies.methods.trials import DEFAULT_METHODS, QUICK, methods_of
 
 
 @pytest.fixture
-def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: None, held_orientation: None) -> Path:
+def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: None, quick_twins: None) -> Path:
     monkeypatch.delenv("TIS_JIGSAWS", raising=False)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(command, "_QUICK_SYNTHETIC_S", 7.0)
+    monkeypatch.setattr(command, "QUICK", replace(QUICK, duration_s=4.0, n_rounds=1, n_ticks=100))
     return tmp_path
 
 

@@ -22,18 +22,16 @@ def test_delays_are_decided_and_realised_and_the_lost_are_apart(tmp_path: Path) 
         *crossing(ESTIMATED, 0, 20, "feedback"),
     ]
     logs = write_run(tmp_path, netem=netem)
-    forward, feedback = link_columns(logs, "forward").keys, link_columns(logs, "feedback").keys
-    assert list(forward) == [COMMAND]
-    command = forward[COMMAND]
+    command, feedback = link_columns(logs, "forward"), link_columns(logs, "feedback")
     assert command.sent_s.tolist() == [0.010, 0.040]
     assert command.seq.tolist() == [0, 1]
     assert command.decided_ms.tolist() == [30, 5]
     assert command.realised_ms.tolist() == [30.25, 12.5]
     assert command.lost_s.tolist() == [0.060, 0.070, 0.100]
-    assert command.lost.tolist() == [False, False, True, True, True, False]  # in the order of offering: 1 0 2 3 4 5
+    assert command.run_lengths.tolist() == [3]  # in the order of offering, 1 0 2 3 4 5, of 2 to 4
     assert command.error_us.tolist() == [7500, 250]
-    assert feedback[ESTIMATED].realised_ms.tolist() == feedback[ESTIMATED].decided_ms.tolist() == [10]
-    assert not len(feedback[ESTIMATED].lost_s)
+    assert feedback.realised_ms.tolist() == feedback.decided_ms.tolist() == [10]
+    assert not len(feedback.lost_s)
 
 
 def test_keys_stay_apart_and_a_copy_counts_when_it_leaves(tmp_path: Path) -> None:
@@ -45,12 +43,11 @@ def test_keys_stay_apart_and_a_copy_counts_when_it_leaves(tmp_path: Path) -> Non
         release(COMMAND, 0, 10, 19, 19.5, copy_index=1),
     ]
     link = link_columns(write_run(tmp_path, netem=netem), "forward")
-    assert link.all("realised_ms").tolist() == [5, 9.5]
-    assert link.keys[COMMAND].lost.tolist() == [False]
-    assert link.keys[COMMAND].error_us.tolist() == [500]
+    assert link.realised_ms.tolist() == [5, 9.5]
+    assert link.run_lengths.tolist() == []
+    assert link.error_us.tolist() == [0, 500]
 
 
 def test_without_a_log_there_are_no_columns(tmp_path: Path) -> None:
     link = link_columns(write_run(tmp_path), "forward")
-    assert link.keys == {}
-    assert len(link.all("realised_ms")) == 0
+    assert len(link.realised_ms) == 0
