@@ -1,7 +1,6 @@
 """Scores from hand-made logs: millimetres that can be added up in the head."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -145,7 +144,7 @@ def test_nees_is_against_truth_nis_where_the_arms_samples_reached_the_patient(tm
     at_ms, errors_m = (2102, 2202, 2302), (0.002, 0.0, 0.001)  # between samples 63 64, 66 67, 69 70
     one_mm = Vector3(x=0.001, y=0.001, z=0.001)
     stated = [
-        replace(record, data=structs.replace(record.data, std_m=one_mm))
+        structs.replace(record, data=structs.replace(record.data, std_m=one_mm))
         for record in (
             estimate(k, t, "moesp_kf", (x, 0, 0)) for k, (t, x) in enumerate(zip(at_ms, errors_m, strict=True))
         )
