@@ -1,7 +1,6 @@
 """Fates of two runs, packet by packet."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -155,7 +154,7 @@ def _decision(record: Record) -> tuple[object, ...]:
 
 def _a_ns_later(record: Record) -> Record:
     assert isinstance(record.data, FateBatch)
-    return replace(record, data=structs.replace(record.data, delay_ns=(record.data.delay_ns[0] + 1,)))
+    return structs.replace(record, data=structs.replace(record.data, delay_ns=(record.data.delay_ns[0] + 1,)))
 
 
 def _again(tmp_path: Path, live: list[Record], scenario: Scenario) -> FateComparison:
