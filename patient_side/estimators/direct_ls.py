@@ -70,7 +70,7 @@ def arrived_past(buffer: SourceBuffer, lags: NDArray[np.int64], stride: int) -> 
     older = buffer.newest - distances
     known = buffer.arrived(older)
     younger, share = older.copy(), np.zeros(len(lags))
-    for i in np.flatnonzero(~known).tolist():
+    for i in np.flatnonzero(~known & (older > 0)).tolist():
         index = older.item(i)
         left, right = buffer.newest_before(index), buffer.oldest_after(index)
         if left >= 0 and _INTERPOLATION_RATIO * min(index - left, right - index) <= distances.item(i):
