@@ -2,7 +2,6 @@
 
 import shutil
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -124,7 +123,7 @@ def test_the_queue_of_a_rate_counts_and_who_still_waits_in_it_is_left_out(tmp_pa
 def _queued(i: int) -> Record:
     of = fate("k", i, 100 * (i + 1), 10)
     assert isinstance(of.data, FateBatch)
-    return replace(of, data=structs.replace(of.data, release_ns=(0,)))
+    return structs.replace(of, data=structs.replace(of.data, release_ns=(0,)))
 
 
 CHANGE = '[{"at_s": 0.3, "for_s": 0.2, "direction": "forward", "set": {"add_delay_ms": 50}}]'

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec import structs
 
 from tests.deploy.report.hand_made import (
     ARM,
@@ -250,12 +251,12 @@ def test_two_hands_have_scores_models_and_ways_of_their_own(tmp_path: Path) -> N
         message(key, 0, 1, log_ms=11.5, sample_ms=0),
         fresh(0, 0, 0, key=key, hand="right"),
         # the right hand's answer to tick 0 comes out 2 ms after the left hand's
-        replace(answer(0, 20, 0), topic="tis/PSM1/estimated_cp"),
+        structs.replace(answer(0, 20, 0), topic="tis/PSM1/estimated_cp"),
         # the right arm is at y = 21, 22, 23 mm: hold errs by 0, 0, 3 mm
         *(estimate(k, 2100 + 100 * k, "hold", (0, y, 0), hand="right") for k, y in enumerate((0.021, 0.022, 0.026))),
     ]
     records["netem"] += crossing("tis/PSM1/estimated_cp", 0, 20, "feedback")
-    records["surgeon"] += [replace(answer(0, 20, 0, log_ms=31), topic="tis/PSM1/estimated_cp")]
+    records["surgeon"] += [structs.replace(answer(0, 20, 0, log_ms=31), topic="tis/PSM1/estimated_cp")]
     scenario = a_scenario(source={"kind": "synthetic", "hands": ["left", "right"]})
     summary = _summary(write_run(tmp_path, **records), scenario, (LEFT, RIGHT))
     assert summary["problems"] == []
