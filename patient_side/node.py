@@ -132,7 +132,8 @@ class PatientNode:
 
     def next_wake_ns(self) -> int | None:
         """Return the instant of the next tick, or of an arrival to be answered before it."""
-        due_ns, prompt_ns = self.ticker.next_due_ns(), self._prompt_ns()
+        due_ns = self.ticker.next_due_ns()
+        prompt_ns = self._prompt_ns() if self.on_arrival else None
         return due_ns if due_ns is None or prompt_ns is None else min(due_ns, prompt_ns)
 
     def _prompt_ns(self) -> int | None:

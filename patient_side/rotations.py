@@ -3,6 +3,7 @@
 q and -q are one orientation: rotations between two orientations are the shorter ones. Oracle of all: SciPy.
 """
 
+from collections.abc import Sequence
 from math import atan2, copysign, cos, inf, sin, sqrt
 from typing import Final
 
@@ -21,10 +22,6 @@ _SIGN: Final = np.array(
     [[1.0, 1.0, -1.0, -1.0], [-1.0, 1.0, 1.0, -1.0], [1.0, -1.0, 1.0, -1.0], [1.0, 1.0, 1.0, 1.0]]
 )
 """Conjugate of a quaternion q times p: the matrix ``q[_PLACE] * _SIGN`` times p."""
-_CONJUGATE: Final = np.array(
-    [[_SIGN[i, j] * (_PLACE[i, j] == k) for j in range(4) for i in range(4)] for k in range(4)]
-)
-"""q times this (4, 16) is that matrix, transposed and flat."""
 
 
 def unit(quaternion: Quaternion) -> Quaternion | None:
@@ -39,16 +36,27 @@ def turned(now: Floats, other: Floats) -> Floats:
 
     ``log(R_now^-1 R_other)``: in the body frame of ``now``, of length 0 to pi. The shapes are broadcast.
     """
+    if now.ndim == 1:  # as at each tick: on so few numbers Python is faster than numpy
+        here = now.tolist()
+        turns = [_turn_in_body(here, there) for there in other.reshape(-1, 4).tolist()]
+        return np.array(turns).reshape(*other.shape[:-1], 3)
     # The conjugate of now times other, as a matrix times a vector: scalar part last.
-    if now.ndim == 1:  # as at each tick
-        between = other.dot(now.dot(_CONJUGATE).reshape(4, 4))
-    else:
-        between = np.einsum("...ij,...j->...i", now[..., _PLACE] * _SIGN, other)
+    between = np.einsum("...ij,...j->...i", now[..., _PLACE] * _SIGN, other)
     vector, w = between[..., :3], between[..., 3]
     # The sine of half the angle, floored where it equals the half angle to double precision.
     sine = np.maximum(np.sqrt(np.vecdot(vector, vector)), _SMALL)
     factor = np.copysign(2.0 * np.arctan2(sine, np.abs(w)) / sine, w)
     return np.asarray(vector * factor[..., None])
+
+
+def _turn_in_body(here: Sequence[float], there: Sequence[float]) -> Turn:
+    """Return the rotation vector of `turned` for one pair."""
+    (a, b, c, d), (x, y, z, w) = here, there
+    e, f, g = d * x + c * y - b * z - a * w, d * y + a * z - c * x - b * w, d * z + b * x - a * y - c * w
+    scalar = d * w + a * x + b * y + c * z
+    sine = max(sqrt(e * e + f * f + g * g), _SMALL)
+    scale = copysign(2.0 * atan2(sine, abs(scalar)) / sine, scalar)
+    return scale * e, scale * f, scale * g
 
 
 def turned_by(quaternion: Floats, vector: Floats) -> Floats:

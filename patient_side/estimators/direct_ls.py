@@ -49,10 +49,13 @@ class ArrivedPast(NamedTuple):
         """
         if not len(self.older):
             return np.zeros((len(self.known), moved(now, now).shape[-1]))
-        found = moved(now, values(self.older))
-        if self.share.any():
-            share = self.share[:, None]
-            found = (1.0 - share) * found + share * moved(now, values(self.younger))
+        between = np.flatnonzero(self.share)
+        if len(between):
+            both = moved(now, values(np.concatenate([self.older, self.younger[between]])))
+            found, share = both[: len(self.older)], self.share[between, None]
+            found[between] = (1.0 - share) * found[between] + share * both[len(self.older) :]
+        else:
+            found = moved(now, values(self.older))
         if len(found) == len(self.known):
             return found
         whole = np.zeros((len(self.known), found.shape[-1]))
@@ -91,6 +94,7 @@ class DirectForecast:
     _walk: Array = field(init=False, repr=False)
     _fits: tuple[tuple[Array, Array], ...] = field(init=False, repr=False)
     _horizons: list[int] = field(init=False, repr=False)
+    _n_lags: list[int] = field(init=False, repr=False)
     _partial: dict[tuple[int, bytes], tuple[Array, Array]] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -100,6 +104,8 @@ class DirectForecast:
         fits = [self._fit(j, slice(direct.axes * n_lags)) for j, n_lags in enumerate(direct.n_lags.tolist())]
         object.__setattr__(self, "_fits", tuple(fits))
         object.__setattr__(self, "_horizons", direct.horizons.tolist())
+        of_both = np.maximum(direct.n_lags, np.concatenate([direct.n_lags[:1], direct.n_lags[:-1]]))
+        object.__setattr__(self, "_n_lags", of_both.tolist())
         object.__setattr__(self, "_partial", {})
 
     def _fit(self, horizon: int, kept: slice | NDArray[np.int64]) -> tuple[Array, Array]:
@@ -108,10 +114,15 @@ class DirectForecast:
         weights, left = regression(direct, self._walk, direct.penalty[horizon], horizon, kept)
         return np.ascontiguousarray(weights.T), direct.covariance_scale[horizon] * left
 
+    def n_lags(self, steps: float) -> int:
+        """Return how many of the lags the forecast over ``steps`` uses."""
+        return self._n_lags[min(bisect_left(self._horizons, steps), len(self._horizons) - 1)]
+
     def ahead(self, steps: float, moves: Array, known: NDArray[np.bool_] | None = None) -> tuple[Array, Array]:
         """Return the displacement (d,) ``steps`` >= 0 steps after the newest sample, and its covariance (d, d).
 
-        ``moves`` (L, d) are the displacements to the past samples, of which ``known`` (L,) are known; None: all.
+        ``moves`` (L, d) are the displacements to the first L past samples, at least `n_lags` of them, of which
+        ``known`` (L,) are known; None: all.
         """
         past, horizons = moves.reshape(-1), self._horizons
         known_axes = None if known is None or known.all() else np.repeat(known, self.model.axes)

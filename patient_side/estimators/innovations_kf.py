@@ -152,28 +152,32 @@ class InnovationsKf:
         return state, Estimate(position, spread)
 
     def _in_order(self, state: InnovationsState, playout: Playout) -> InnovationsState | None:
-        """Return the state after the next sample of an unbroken row, alone or with its command; else None."""
+        """Return the state after the next sample of the arm, alone or with its command; else None.
+
+        Where commands can stand in, it is the one after the last; else others may be missing between the two.
+        """
         arm, command = playout.arm, playout.command
         ring = state.ring
         if not ring or arm.n_added != state.n_arm + 1:
             return None
         before = ring[-1]
-        index = before.source_index + 1
-        # Without a gain commands cannot stand in, and do not count.
-        n_commands = 0 if self._stand_in is None else command.n_added - state.n_command
-        if arm.newest != index or before.uncertainty is not None or n_commands > 1:
+        index = arm.newest
+        if arm.last_arrived != index:
             return None
         pairs, offset = state.pairs, state.offset
-        if n_commands:
-            if command.last_arrived != index or not pairs:
+        if self._stand_in is not None:
+            n_commands = command.n_added - state.n_command
+            if index != before.source_index + 1 or before.uncertainty is not None or n_commands > 1:
                 return None
-        elif self._stand_in is not None and command.newest >= index:
-            return None
+            if n_commands:
+                if command.last_arrived != index or not pairs:
+                    return None
+                pairs, offset = (*pairs[1 - PAIRS :], index), None
+            elif command.newest >= index:
+                return None
         sample = arm.get(index)
         if sample is None:
             return None
-        if n_commands:
-            pairs, offset = (*pairs[1 - PAIRS :], index), None
         ring = (*ring[-1 - self.window :], self._after(before, index, sample, None))
         return InnovationsState(arm.n_added, command.n_added, ring, pairs, False, offset)
 

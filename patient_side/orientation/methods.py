@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.scenario.patient import OrientationMethod
-from tis.patient_side.estimators.direct_ls import DirectForecast, arrived_past
+from tis.patient_side.estimators.direct_ls import ArrivedPast, DirectForecast, arrived_past
 from tis.patient_side.filters.input_path import damped_steps
 from tis.patient_side.identification.direct_ls import differences
 from tis.patient_side.movement_models import DirectModel, RateModel, WristModel
@@ -128,26 +128,31 @@ class TangentLs:
     def estimate(self, arm: SourceBuffer, age_samples: float) -> WristEstimate:
         """Return the forecast from the newest sample, and its covariances."""
         steps = age_samples / self.orientation.stride
-        indices = arm.newest - self._distances
+        n_lags = max(self._orientation.n_lags(steps), self._gripper.n_lags(steps))
+        indices = arm.newest - self._distances[: 1 + n_lags]
         if arm.all_arrived(indices):  # as nearly always
             rows = arm.wrists(indices)
             found = self._ahead(steps, rows[0], turned(rows[0, :4], rows[1:, :4]), rows[1:, 4:] - rows[0, 4], None)
             if found.orientation is not None:
                 return found
-        return self._of_some(arm, steps)
+        return self._of_some(arm, steps, n_lags)
 
-    def _of_some(self, arm: SourceBuffer, steps: float) -> WristEstimate:
+    def _of_some(self, arm: SourceBuffer, steps: float, n_lags: int) -> WristEstimate:
         """Return the estimate where samples of the past are missing, or have no orientation."""
         if arm.newest < 0:
             return NOTHING
-        (now,), past = (
-            arm.wrists(arm.newest - self._distances[:1]),
-            arrived_past(arm, self.orientation.lags, self.orientation.stride),
-        )
-        past = past.only(~np.isnan(arm.wrists(past.older)[:, 0] + arm.wrists(past.younger)[:, 0]))
+        (now,) = arm.wrists(arm.newest - self._distances[:1])
+        past = self._past(arm, n_lags)
+        if not past.known.all():  # then others serve instead
+            past = self._past(arm, len(self.orientation.lags))
         turns = past.moves(now[:4], lambda indices: arm.wrists(indices)[:, :4], turned)
         openings = past.moves(now[4:], lambda indices: arm.wrists(indices)[:, 4:], differences)
         return self._ahead(steps, now, turns, openings, past.known)
+
+    def _past(self, arm: SourceBuffer, n_lags: int) -> ArrivedPast:
+        """Return the known ones of the first past samples, each with an orientation."""
+        past = arrived_past(arm, self.orientation.lags[:n_lags], self.orientation.stride)
+        return past.only(~np.isnan(arm.wrists(past.older)[:, 0] + arm.wrists(past.younger)[:, 0]))
 
     def _ahead(
         self, steps: float, now: Array, turns: Array, openings: Array, known: NDArray[np.bool_] | None
