@@ -102,7 +102,7 @@ class Meeting:
 
         A stranger's token of another scenario is no side of this run.
         """
-        if not any([roster.left for roster in self.rosters.values()]):  # as at nearly every turn of the loop
+        if not any(roster.left for roster in self.rosters.values()):  # as at nearly every turn of the loop
             return []
         left = (one for roster in self.rosters.values() for one in tuple(roster.left))
         sides = {one.side for one in left if one.digest == self.digest}
