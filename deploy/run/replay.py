@@ -4,6 +4,7 @@ from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from math import inf
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -105,6 +106,10 @@ class Estimates:
             self.rows[_address(row)] = _value(row)
 
 
+_ROUNDING: Final = 1e-12
+"""Difference in m or rad that is no other result."""
+
+
 @dataclass(frozen=True)
 class Comparison:
     """Comparison of a replay's estimates with the recorded ones."""
@@ -115,11 +120,18 @@ class Comparison:
     damage: str | None = None
     changed: tuple[str, ...] = ()
     """Changes since the run in the code of user-defined estimators, one text each."""
+    largest: float = inf
+    """Largest difference between two numbers; infinite where anything else differs."""
 
     @property
     def identical(self) -> bool:
         """Tell whether every estimate is equal bit for bit."""
         return self.n_compared > 0 and self.n_different == 0 and self.n_absent == 0 and self.damage is None
+
+    @property
+    def is_rounding(self) -> bool:
+        """Tell whether all differences are of the size of rounding, as another version or processor rounds."""
+        return self.n_different > 0 and self.largest <= _ROUNDING and self.n_absent == 0 and self.damage is None
 
     def __str__(self) -> str:
         """Return the counts and the verdict; gaps of a damaged log are no differences."""
@@ -129,6 +141,8 @@ class Comparison:
         )
         if self.identical:
             return f"{counts}: identical, bit for bit"
+        if self.is_rounding:
+            return f"{counts}: equal but for rounding, by {self.largest:.1e} at most"
         if self.n_different or (self.n_absent and self.damage is None):
             return f"{counts}: not identical"
         if not self.n_compared:
@@ -181,11 +195,24 @@ def _compare(log: SideLog, replayed: Estimates) -> Comparison:
     if not any(topic.startswith(f"{ORIENTATIONS}/") for topic in kept):  # a run of before orientations were estimated
         found = {address: value for address, value in found.items() if not address[0].startswith(ORIENTATIONS)}
     common = recorded.keys() & found.keys()
-    different = sum(recorded[address] != found[address] for address in common)
+    different = [(recorded[address], found[address]) for address in common if recorded[address] != found[address]]
+    largest = max((_difference(*pair) for pair in different), default=0.0)
     damage = log.coverage.problem
     if any(row["name"].startswith(f"{UNRECORDED}.") for row in log.of(COUNTERS)):
         damage = damage or "lacks records that were written too slowly"
-    return Comparison(len(common), different, len(recorded.keys() ^ found.keys()), damage)
+    n_absent = len(recorded.keys() ^ found.keys())
+    return Comparison(len(common), len(different), n_absent, damage, largest=largest)
+
+
+def _difference(one: Any, other: Any) -> float:
+    """Return the largest difference between the numbers of two records; infinite where anything else differs."""
+    if isinstance(one, float) and isinstance(other, float):
+        return abs(one - other)
+    if isinstance(one, dict) and isinstance(other, dict) and one.keys() == other.keys():
+        return max((_difference(one[name], other[name]) for name in one), default=0.0)
+    if isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other):
+        return max(map(_difference, one, other), default=0.0)
+    return 0.0 if one == other else inf
 
 
 def _changed(log: SideLog, own: Mapping[str, Origin]) -> tuple[str, ...]:

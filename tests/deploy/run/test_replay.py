@@ -18,6 +18,9 @@ _PART = "the readable part is identical, bit for bit, but the log does not hold 
     [
         (Comparison(10, 0, 0), "identical, bit for bit", True),
         (Comparison(10, 1, 0), "not identical", False),
+        (Comparison(10, 1, 0, largest=2e-13), "equal but for rounding, by 2.0e-13 at most", False),
+        (Comparison(10, 1, 0, largest=2e-9), "not identical", False),
+        (Comparison(10, 1, 1, largest=2e-13), "not identical", False),
         (Comparison(10, 0, 1), "not identical", False),
         (Comparison(10, 0, 0, "torn"), _PART, False),
         (Comparison(10, 0, 3, "torn"), _PART, False),
