@@ -221,7 +221,8 @@ def _bare_us(scenario: Scenario) -> float:
 
 
 def _median_us(ticks: Sequence[Mapping[str, int]], part: str) -> float:
-    return median(tick.get(part, 0) for tick in ticks) / NS_PER_US
+    settled = ticks[len(ticks) // 2 :]  # before that samples of the past are missing
+    return median(tick.get(part, 0) for tick in settled) / NS_PER_US
 
 
 def _patient(nodes: Mapping[Side, Node]) -> PatientNode:

@@ -89,10 +89,10 @@ def logs(
 
 @app.command()
 def tick(
-    seconds: Annotated[float, typer.Option(min=2, max=600, help="Length of each twin, in s.")] = 5.0,
+    seconds: Annotated[float, typer.Option(min=2, max=600, help="Length of each twin, in s.")] = 10.0,
     rounds: Annotated[
         int, typer.Option(min=1, max=50, help="Number of twins; the least time of each part counts.")
-    ] = 3,
+    ] = 2,
     out: _JsonFile = None,
 ) -> int:
     """Time the parts of the patient's tick, with one hand and both, at 30 Hz and 1 kHz."""
