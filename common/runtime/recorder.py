@@ -203,6 +203,10 @@ class ThreadedRecorder:
             with contextlib.suppress(OSError):
                 self._log.close()
             self._on_error(error)
+        except (TypeError, ValueError):  # one record that no JSON holds is lacking, and the others are written
+            if not arguments:
+                raise
+            self.unrecorded.update(record.topic for record in arguments)
 
 
 def is_recomputable(topic: str) -> bool:

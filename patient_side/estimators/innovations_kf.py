@@ -158,7 +158,7 @@ class InnovationsKf:
         """
         arm, command = playout.arm, playout.command
         ring = state.ring
-        if not ring or arm.n_added != state.n_arm + 1:
+        if not ring or state.guessed or arm.n_added != state.n_arm + 1:
             return None
         before = ring[-1]
         index = arm.newest

@@ -45,6 +45,21 @@ def _estimate(k: int) -> Record:
     return Record(f"{ESTIMATES}/hold", k, note)
 
 
+def test_a_record_that_no_json_holds_is_counted_and_the_others_are_written(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    recorder = ThreadedRecorder(McapLog(path, {"side": "patient"}))
+    recorder.record(_tick(0))
+    recorder.record(Record(COUNTERS, 1, CounterNote(name="a lone surrogate \udce9", value=1)))
+    recorder.record(_tick(1))
+    recorder.close()
+    assert recorder.error is None
+    notes = [(topic, json.loads(message.data)) for topic, message in LogReader(path).messages()]
+    assert [row["tick"] for topic, row in notes if topic == TICKS] == [0, 1]
+    assert [(row["name"], row["value"]) for topic, row in notes if topic == COUNTERS] == [
+        (f"unrecorded.{COUNTERS}", 1)
+    ]
+
+
 def test_what_a_replay_computes_again_is_dropped_first_and_everything_at_the_limit() -> None:
     log = SlowLog()
     recorder = ThreadedRecorder(log, max_bytes=300_000, soft_bytes=150_000)

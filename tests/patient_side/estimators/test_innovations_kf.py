@@ -267,6 +267,20 @@ def test_an_offset_that_no_arm_sample_has_confirmed_is_dropped_for_the_true_one(
     assert np.all(error[17:-1] < 1e-3)
 
 
+def test_the_first_sample_of_the_arm_ends_a_guess_also_where_it_is_the_next_in_order() -> None:
+    estimator, playout = InnovationsKf(static_model(noise_m=1e-7)), Playout(RATE_HZ)
+    state = estimator.initial()
+    for k in range(12):
+        if k < 10:
+            playout.command.add(k, np.array([0.02, 0.0, 0.0]))
+        else:
+            playout.arm.add(k, np.array([0.012, 0.0, 0.0]))  # 2 mm beside what the commands let expect
+        state, estimate = estimator.step(state, playout, sample_instant_ns(k, RATE_HZ) + 300 * NS)
+        if k >= 10:
+            assert estimate.position_m is not None
+            assert abs(estimate.position_m[0] - 0.012) < 1e-6
+
+
 def test_a_relation_with_states_is_no_gain() -> None:
     """Commands of an arm that is no gain of them tell nothing: the same with and without."""
     arm = replace(moving_arm(movement_model(4)), static=False)
