@@ -34,9 +34,7 @@ class DevicePose(Message, frozen=True, kw_only=True):
 
     stamp_ns: Annotated[
         Instant | None,
-        Meta(
-            description="The device's own clock, in ns from any origin; null: none. Only its order is checked.",
-        ),
+        Meta(description="The device's own clock, in ns from any origin; null: none. Only its order is checked."),
     ] = None
     position_m: Annotated[Vector3, Meta(description="Position of the device's handle, in m.")]
     orientation: Annotated[

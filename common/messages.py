@@ -59,11 +59,6 @@ def decode(payload: bytes, model: type[Decoded]) -> Decoded:
         raise DecodeError(str(error)) from None
 
 
-def field_types(model: type[Message]) -> dict[str, Any]:
-    """Return the type of each field, without its bounds."""
-    return get_type_hints(model)
-
-
 def meanings(model: type[Message]) -> Mapping[str, str]:
     """Return the description of each field; "" without one."""
     hints = get_type_hints(model, include_extras=True)
@@ -92,10 +87,7 @@ class Pose(Message, frozen=True):
     """A Cartesian pose of a tool tip, as in CRTK's ``measured_cp`` and ``setpoint_cp``."""
 
     sample_ns: Annotated[
-        Instant,
-        Meta(
-            description="Run time at which the pose was sampled, or that it is estimated for, in ns.",
-        ),
+        Instant, Meta(description="Run time at which the pose was sampled, or that it is estimated for, in ns.")
     ]
     position_m: Annotated[Vector3, Meta(description="Position of the tool tip, in m.")]
     orientation: Annotated[Quaternion, Meta(description="Orientation of the tool tip.")]
@@ -126,9 +118,7 @@ class FeedbackPose(Pose, frozen=True):
     tick: Annotated[int, Meta(ge=0, le=_MAX_STAMP, description="Number of the patient's tick, from 0.")]
     command_sample_ns: Annotated[
         Instant | None,
-        Meta(
-            description="Sample instant of the newest command at that tick, in ns; null: none has arrived.",
-        ),
+        Meta(description="Sample instant of the newest command at that tick, in ns; null: none has arrived."),
     ]
 
 

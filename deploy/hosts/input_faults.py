@@ -1,4 +1,4 @@
-"""What a host lacks for a side of a scenario: found before anything starts."""
+"""Faults of what a side needs on its host, found before anything starts."""
 
 import os
 import tempfile

@@ -3,7 +3,7 @@
 import inspect
 import re
 from collections.abc import Iterator
-from typing import Any, Literal, get_args, get_origin
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from from_code.markdown import code, prose, table
 from from_code.sources import (
@@ -20,7 +20,7 @@ from from_code.sources import (
     limits,
     unit_of,
 )
-from tis.common.messages import Message, field_types, meanings
+from tis.common.messages import Message, meanings
 
 _HEAD = """# Logs
 
@@ -129,7 +129,7 @@ def _fields(model: type[Message], name: str, topic: str) -> Iterator[str]:
     if topic:
         yield f"Topic `{topic}`.\n"
     yield "\n\n".join(prose(paragraph) for paragraph in (inspect.getdoc(model) or "").split("\n\n")) + "\n"
-    types = field_types(model)
+    types = get_type_hints(model)
     rows = [
         (code(field), _type(types[field]), unit_of(field), prose(meaning))
         for field, meaning in meanings(model).items()

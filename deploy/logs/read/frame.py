@@ -5,13 +5,12 @@ A dict takes 700 bytes or more per record; ten minutes at 1 kHz with four estima
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from operator import itemgetter
-from typing import Any, Final, Self, overload
+from typing import Any, Final, Self, get_type_hints, overload
 
 import numpy as np
 from msgspec.structs import fields
 from numpy.typing import NDArray
 
-from tis.common.messages import field_types
 from tis.common.topic import Topic
 from tis.deploy.logs.payloads import Row
 from tis.deploy.logs.read.columns import ArrayColumn, Column, Flags, IntColumn, Ints, WordColumn, column_of
@@ -37,7 +36,7 @@ class Frame(Sequence[Row]):
         """Return an empty frame for a topic's records; None: for those of an unknown one, with any fields."""
         if topic is None:
             return cls({})
-        types = field_types(topic.model)
+        types = get_type_hints(topic.model)
         found = cls({name: column_of(types[name], topic.is_frequent) for name in topic.fields})
         found._defaults = {
             field.name: field.default

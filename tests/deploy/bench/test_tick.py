@@ -9,7 +9,7 @@ from tis.deploy.bench.tick import bench_tick, counts_of
 from tis.deploy.run.resolve import resolve
 
 MOST_CALLS = {"[left]": 440, "[left, right]": 860}
-"""Calls of functions, Python's and C's, in a tick of the first second at 1 kHz: 5 % more than when set."""
+"""Calls of functions, Python's and C's, in a tick of the first second at 1 kHz; 437 and 855 on CPython 3.11."""
 
 
 @pytest.mark.parametrize("hands", MOST_CALLS)
