@@ -7,7 +7,7 @@ from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.zenoh_syntax import NO_KEYS, KeySet
 from tis.netem.link.ledger import last_records
 from tis.netem.link.link import Link
-from tis.netem.link.packet import Due
+from tis.netem.link.packet import Packet
 
 
 class NetemNode:
@@ -64,18 +64,18 @@ class NetemNode:
 
     def _release(self, link: Link, now_ns: int) -> list[Output]:
         outputs: list[Output] = []
-        for due in link.release(now_ns):
-            if due.departure != "released":
-                link.left(due, now_ns)
+        for packet in link.release(now_ns):
+            if packet.departure != "released":
+                link.left(packet, now_ns)
                 continue
-            packet: Arrival = due.item
+            arrival: Arrival = packet.item
             outputs.append(
                 Emission(
                     network=DESTINATION[link.direction],
-                    key=packet.key,
-                    payload=link.payload(due, packet.payload),
-                    attachment=packet.attachment,
-                    on_sent=_recording(link, due),
+                    key=arrival.key,
+                    payload=link.payload(packet, arrival.payload),
+                    attachment=arrival.attachment,
+                    on_sent=_recording(link, packet),
                 )
             )
         return outputs
@@ -85,11 +85,11 @@ class NetemNode:
         return link.ledger.close(now_ns)() if link.ledger.is_full(now_ns) else []
 
 
-def _recording(link: Link, due: Due) -> Callable[[int], Sequence[Record]]:
+def _recording(link: Link, packet: Packet) -> Callable[[int], Sequence[Record]]:
     """Return a callback that records when a packet was sent."""
 
     def record(released_ns: int) -> Sequence[Record]:
-        link.left(due, released_ns)
+        link.left(packet, released_ns)
         return ()
 
     return record

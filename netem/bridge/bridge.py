@@ -3,6 +3,7 @@
 Packets are offered in the Zenoh callback that delivers them; `tis.netem.bridge.driver` releases them.
 """
 
+import threading
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from typing import Any, Final
@@ -15,58 +16,28 @@ from tis.common.zenoh_syntax import KeySet
 from tis.netem.bridge.driver import Driver
 from tis.netem.bridge.keys import is_private
 from tis.netem.link.link import Link
-from tis.netem.link.packet import MAX_COPIED_BYTES, Due
+from tis.netem.link.packet import MAX_COPIED_BYTES, Packet
 
 _MAX_ENCODINGS: Final = 256
 _encodings: dict[str, zenoh.Encoding] = {}
 _MAX_PUBLISHERS: Final = 4096
 _REMOTE: Final = zenoh.Locality.REMOTE
+_PRIORITIES: Final = {
+    str(one): one
+    for one in (
+        zenoh.Priority.REAL_TIME, zenoh.Priority.INTERACTIVE_HIGH, zenoh.Priority.INTERACTIVE_LOW,
+        zenoh.Priority.DATA_HIGH, zenoh.Priority.DATA, zenoh.Priority.DATA_LOW, zenoh.Priority.BACKGROUND,
+    )
+}  # fmt: skip
+_CONGESTION_CONTROLS: Final = {
+    str(one): one
+    for one in (
+        zenoh.CongestionControl.DROP, zenoh.CongestionControl.BLOCK, zenoh.CongestionControl.BLOCK_FIRST,
+    )
+}  # fmt: skip
 
-
-class Kept:
-    """The properties of a sample that a receiver can read, under their names, without the sample.
-
-    A sample keeps the buffer in which Zenoh received it alive, some 9 kB even for 16 bytes. So a message that has to
-    wait is copied, unless it is itself larger than what the copy would save.
-    """
-
-    __slots__ = (
-        "attachment", "congestion_control", "encoding", "express", "kind", "payload", "priority", "source_info",
-        "timestamp", "timestamp_stack",
-    )  # fmt: skip
-
-    def __init__(self, sample: zenoh.Sample, payload: zenoh.ZBytes, attachment: bytes | None) -> None:
-        self.payload = payload.to_bytes()
-        self.attachment = attachment
-        self.encoding = _encoding(str(sample.encoding))
-        self.kind = sample.kind
-        self.priority = sample.priority
-        self.express = sample.express
-        self.congestion_control = sample.congestion_control
-        self.timestamp = sample.timestamp
-        self.source_info = sample.source_info
-        self.timestamp_stack = sample.timestamp_stack
-
-
-class Parcel:
-    """A message on a link: the sample itself until `keep`, which may run while another thread sends it.
-
-    Payload and attachment are the sample's: each access to one of Zenoh's properties makes another object.
-    """
-
-    __slots__ = ("attachment", "message", "payload")
-
-    def __init__(self, sample: zenoh.Sample, payload: zenoh.ZBytes, attachment: bytes | None) -> None:
-        self.message: zenoh.Sample | Kept = sample
-        self.payload: zenoh.ZBytes | None = payload
-        self.attachment = attachment
-
-    def keep(self) -> None:
-        """Copy the sample, since it has to wait."""
-        sample, payload = self.message, self.payload
-        if payload is not None and isinstance(sample, zenoh.Sample) and len(payload) <= MAX_COPIED_BYTES:
-            self.message = Kept(sample, payload, self.attachment)
-            self.payload = None  # it keeps Zenoh's buffer alive
+_Quality = tuple[str, str, str, bool]
+"""Key, priority, congestion control and whether it is express: Zenoh's own objects cannot be hashed."""
 
 
 def _encoding(name: str) -> zenoh.Encoding:
@@ -79,7 +50,29 @@ def _encoding(name: str) -> zenoh.Encoding:
     return found
 
 
-_Quality = tuple[str, str, bool, bool]
+class Put:
+    """A message as it is put on the other network, with all properties of its sample that a receiver can read.
+
+    Each property is read once, since each access makes another object of Zenoh's.
+    """
+
+    __slots__ = ("attachment", "deletes", "encoding", "payload", "publisher", "quality", "stamps")
+
+    def __init__(
+        self, sample: zenoh.Sample, key: str, payload: zenoh.ZBytes, n_bytes: int, attachment: bytes | None
+    ) -> None:
+        self.payload: zenoh.ZBytes | bytes = payload
+        self.attachment = attachment
+        self.encoding = _encoding(str(sample.encoding))
+        self.deletes = n_bytes == 0 and sample.kind == zenoh.SampleKind.DELETE
+        self.quality = key, str(sample.priority), str(sample.congestion_control), sample.express
+        self.publisher: zenoh.Publisher | None = None
+        timestamp, source_info, stack = sample.timestamp, sample.source_info, sample.timestamp_stack
+        self.stamps: dict[str, Any] = {}
+        if timestamp is not None or source_info is not None or stack is not None:
+            # the points at which a message is to be stamped; the stamps so far cannot be put
+            points = None if stack is None else stack.instrumentation
+            self.stamps = {"timestamp": timestamp, "source_info": source_info, "timestamp_instrumentation": points}
 
 
 class Egress:
@@ -89,63 +82,49 @@ class Egress:
     """
 
     def __init__(self, session: zenoh.Session) -> None:
+        self.n_unsent = 0
         self._session = session
+        self._lock = threading.Lock()
         self._publishers: dict[_Quality, zenoh.Publisher] = {}
 
-    def send(self, sample: zenoh.Sample | Kept, key: str, payload: zenoh.ZBytes | bytes) -> bool:
-        """Put or delete with all properties of ``sample`` that a receiver can read, but with ``payload``.
-
-        ``key`` is the sample's. Returns False if Zenoh refused it.
-        """
-        blocks = sample.congestion_control != zenoh.CongestionControl.DROP
-        quality = (key, str(sample.priority), sample.express, blocks)
-        publisher = self._publishers.get(quality)
+    def prepare(self, put: Put) -> None:
+        """Find the publisher ahead of `send`."""
         try:
-            if publisher is None:
-                publisher = self._declare(quality, key, sample)
-            if sample.kind == zenoh.SampleKind.DELETE:
-                publisher.delete(
-                    attachment=sample.attachment,
-                    timestamp=sample.timestamp,
-                    timestamp_instrumentation=_instrumentation(sample),
-                    source_info=sample.source_info,
-                )
-                return True
-            timestamp, source_info, instrumentation = sample.timestamp, sample.source_info, _instrumentation(sample)
-            # each argument costs a conversion
-            if timestamp is None and source_info is None and instrumentation is None:
-                publisher.put(payload, encoding=sample.encoding, attachment=sample.attachment)
-                return True
-            publisher.put(
-                payload,
-                encoding=sample.encoding,
-                attachment=sample.attachment,
-                timestamp=timestamp,
-                timestamp_instrumentation=instrumentation,
-                source_info=source_info,
-            )
-        except zenoh.ZError:
-            return False
-        return True
+            put.publisher = self._publisher(put.quality)
+        except zenoh.ZError:  # it is counted when the message is sent
+            return
 
-    def _declare(self, quality: _Quality, key: str, sample: zenoh.Sample | Kept) -> zenoh.Publisher:
-        if len(self._publishers) >= _MAX_PUBLISHERS:
-            self._publishers.pop(next(iter(self._publishers))).undeclare()  # type: ignore[no-untyped-call]
+    def send(self, put: Put, payload: zenoh.ZBytes | bytes) -> None:
+        """Put or delete with all properties of ``put``, but with ``payload``; what Zenoh refuses is counted."""
+        try:
+            publisher = put.publisher or self._publisher(put.quality)
+            if put.deletes:
+                publisher.delete(attachment=put.attachment, **put.stamps)
+            elif put.stamps:
+                publisher.put(payload, encoding=put.encoding, attachment=put.attachment, **put.stamps)
+            else:  # each argument costs a conversion
+                publisher.put(payload, encoding=put.encoding, attachment=put.attachment)
+        except zenoh.ZError:
+            self.n_unsent += 1
+
+    def _publisher(self, quality: _Quality) -> zenoh.Publisher:
+        return self._publishers.get(quality) or self._declare(quality)
+
+    def _declare(self, quality: _Quality) -> zenoh.Publisher:
+        with self._lock:
+            evicts = len(self._publishers) >= _MAX_PUBLISHERS
+            evicted = self._publishers.pop(next(iter(self._publishers))) if evicts else None
+        del evicted  # it undeclares itself as soon as no message that waits needs it
+        key, priority, congestion_control, express = quality
         publisher = self._session.declare_publisher(
             key,
-            priority=sample.priority,
-            express=sample.express,
-            congestion_control=sample.congestion_control,
+            priority=_PRIORITIES[priority],
+            express=express,
+            congestion_control=_CONGESTION_CONTROLS[congestion_control],
             allowed_destination=_REMOTE,
         )
         self._publishers[quality] = publisher
         return publisher
-
-
-def _instrumentation(sample: zenoh.Sample | Kept) -> zenoh.TimestampInstrumentation | None:
-    """Return the points at which a message is to be stamped; the stamps so far cannot be put."""
-    stack = sample.timestamp_stack
-    return None if stack is None else stack.instrumentation
 
 
 class Bridge(Driver):
@@ -159,7 +138,6 @@ class Bridge(Driver):
         super().__init__(links)
         self.local = KeySet()  # keys that stay on their network
         self.base_overhead_ns = 0
-        self.n_unsent = 0
         self._egress: Final = {direction: Egress(sessions[DESTINATION[direction]]) for direction in links}
         self._sessions = sessions
         self._held = ExitStack()
@@ -181,24 +159,16 @@ class Bridge(Driver):
                     return
                 attached, payload = sample.attachment, sample.payload
                 attachment, n_bytes = None if attached is None else attached.to_bytes(), len(payload)
-                header = attachment or b""
+                put, header = Put(sample, key, payload, n_bytes, attachment), attachment or b""
                 # what is held now, without the lock, only decides which way is tried first
-                if link.held or not self._cross(direction, key, header, n_bytes, sample, payload):
-                    self.offer(direction, key, header, n_bytes, Parcel(sample, payload, attachment))
+                if link.held or not self._cross(direction, key, header, n_bytes, put):
+                    self.offer(direction, key, header, n_bytes, put)
             except BaseException as error:
                 self.failed(error)
 
         return receive
 
-    def _cross(
-        self,
-        direction: Direction,
-        key: str,
-        attachment: bytes,
-        n_bytes: int,
-        sample: zenoh.Sample,
-        payload: zenoh.ZBytes,
-    ) -> bool:
+    def _cross(self, direction: Direction, key: str, attachment: bytes, n_bytes: int, put: Put) -> bool:
         """Send a message that nothing holds back, and only then record it; False: it has to be offered."""
         link = self.links[direction]
         with self._lock:
@@ -210,8 +180,7 @@ class Bridge(Driver):
                 return False
             self._n_leaving += 1
         released_ns = clock.now_ns()
-        if not self._egress[direction].send(sample, key, payload):
-            self.n_unsent += 1
+        self._egress[direction].send(put, put.payload)
         with self._lock:
             link.crossed(key, attachment, n_bytes, now_ns, released_ns)
             self._n_leaving -= 1
@@ -231,24 +200,28 @@ class Bridge(Driver):
 
     def counters(self) -> dict[str, int]:
         """Return the counts, by name."""
-        own = {"unsent": self.n_unsent, "base_overhead_ns": self.base_overhead_ns}
-        return super().counters() | own
+        n_unsent = sum(egress.n_unsent for egress in self._egress.values())
+        return super().counters() | {"unsent": n_unsent, "base_overhead_ns": self.base_overhead_ns}
 
-    def payload(self, direction: Direction, due: Due, payload: zenoh.ZBytes | bytes) -> zenoh.ZBytes | bytes:
+    def payload(self, direction: Direction, packet: Packet, payload: zenoh.ZBytes | bytes) -> zenoh.ZBytes | bytes:
         """Return a packet's payload as it leaves; it is copied only when bits flip."""
-        if not due.n_flips:
-            return payload
-        return self.links[direction].payload(due, payload if isinstance(payload, bytes) else payload.to_bytes())
+        return self.links[direction].payload(packet, bytes(payload)) if packet.n_flips else payload
 
-    def _send(self, direction: Direction, due: Due) -> None:
-        item = due.item
-        if not isinstance(item, Parcel):
-            super()._send(direction, due)
-        elif due.departure == "released":
-            message = item.message
-            if not self._egress[direction].send(message, due.name, self.payload(direction, due, message.payload)):
-                self.n_unsent += 1
+    def _send(self, direction: Direction, packet: Packet) -> None:
+        item = packet.item
+        if not isinstance(item, Put):
+            super()._send(direction, packet)
+        elif packet.departure == "released":
+            payload = self.payload(direction, packet, item.payload) if packet.n_flips else item.payload
+            self._egress[direction].send(item, payload)
 
-    def _kept(self, item: Any) -> None:
-        if isinstance(item, Parcel):
-            item.keep()
+    def _kept(self, direction: Direction, item: Any) -> None:
+        """Copy a message that has to wait, unless it is larger than what that saves; it may be put meanwhile.
+
+        A sample keeps the buffer in which Zenoh received it alive, some 9 kB even for 16 bytes.
+        """
+        if isinstance(item, Put):
+            payload = item.payload
+            if len(payload) <= MAX_COPIED_BYTES:
+                item.payload = bytes(payload)
+            self._egress[direction].prepare(item)

@@ -20,7 +20,7 @@ from tis.common.runtime.scheduling import let_zenoh_wait, settle, sharpen_timers
 from tis.netem.bridge.standstill import Pulse
 from tis.netem.link.ledger import last_records
 from tis.netem.link.link import Link
-from tis.netem.link.packet import Due, Fate
+from tis.netem.link.packet import Fate, Packet
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -33,6 +33,7 @@ _MAX_LEAD_NS: Final = 150_000
 _NEVER_NS: Final = 1 << 62
 _IDLE_NS: Final = 2_000_000
 _AHEAD_NS: Final = 20_000  # packets are taken from the link this early, so that the search does not delay them
+_LOOK_NS: Final = 1_000_000  # between two looks whether a batch is full
 _LAST_SENDS_S: Final = 0.5
 _SEND_S: Final = 0.001
 
@@ -120,7 +121,7 @@ class Driver:
         before `start` and after the end, when nothing passes.
         """
         link = self.links[direction]
-        due: list[Due] = []
+        due: list[Packet] = []
         # Stage 1, under the lock: the decision, and who sends the packet.
         with self._lock:
             clock = self._clock
@@ -132,15 +133,12 @@ class Driver:
             fate = link.offer(name, attachment, n_bytes, now_ns, item)
             if fate.outcome != "deliver":
                 return fate
-            link.note_queue_depth(now_ns)
-            next_ns = link.next_release_ns()
-            # overdue packets are left to the release thread: with two senders, packets could change places
-            overdue = first_ns is not None and first_ns <= now_ns
-            if next_ns is None or next_ns > now_ns or self._busy or overdue:
-                wakes = next_ns is not None and next_ns < self._sleeps_until_ns
+            release_ns = fate.release_ns
+            if release_ns is not None and release_ns > now_ns and link.is_plain and not fate.n_copies:
+                wakes = release_ns < self._sleeps_until_ns  # the usual case: it only waits
             else:
-                due, wakes = link.release(now_ns), False
-            self._n_leaving += bool(due)
+                due, wakes = self._due_now(link, first_ns, now_ns)
+                self._n_leaving += bool(due)
         # Stage 2, without the lock: sending, which may block, or waking the release thread.
         if due:
             left_ns = [self._forward(direction, one) for one in due]
@@ -152,8 +150,21 @@ class Driver:
             return fate
         if wakes:
             self.wake()
-        self._kept(item)
+        self._kept(direction, item)
         return fate
+
+    def _due_now(self, link: Link, first_ns: int | None, now_ns: int) -> tuple[list[Packet], bool]:
+        """Return the packets to be sent at once after an offer, and whether to wake the release thread.
+
+        ``first_ns`` was the next release before the offer.
+        """
+        link.note_queue_depth(now_ns)
+        next_ns = link.next_release_ns()
+        # overdue packets are left to the release thread: with two senders, packets could change places
+        overdue = first_ns is not None and first_ns <= now_ns
+        if next_ns is None or next_ns > now_ns or self._busy or overdue:
+            return [], next_ns is not None and next_ns < self._sleeps_until_ns
+        return link.release(now_ns), False
 
     @property
     def is_running(self) -> bool:
@@ -203,6 +214,7 @@ class Driver:
         assert clock is not None, "start() comes before run()"
         sharpen_timers()
         self.pulse.is_busy = True  # it sleeps for half a second at most
+        look_ns = 0
         while not stopped() and self.error is None:
             self.pulse.n += 1
             now_ns = clock.now_ns()
@@ -211,8 +223,10 @@ class Driver:
             next_ns = min(self._release(clock) - _AHEAD_NS, until_ns)
             if next_ns <= now_ns:
                 continue
-            self._close_batches(recorder, clock.now_ns())
-            if next_ns - clock.now_ns() <= _IDLE_NS or not self._run_deferred():
+            if now_ns >= look_ns:
+                self._close_batches(recorder, now_ns)
+                look_ns = now_ns + _LOOK_NS
+            if next_ns - now_ns <= _IDLE_NS or not self._run_deferred():
                 self.alarm.sleep(clock, next_ns)
         self.pulse.is_busy = False
         self._stop_accepting()
@@ -229,7 +243,7 @@ class Driver:
 
     def _release(self, clock: Clock) -> int:
         """Send the due packets; return the instant of the next release, which may have passed meanwhile."""
-        due: list[tuple[Link, list[Due]]] = []
+        due: list[tuple[Link, list[Packet]]] = []
         with self._lock:
             now_ns, next_ns = clock.now_ns(), _NEVER_NS
             for link in self.links.values():
@@ -239,8 +253,8 @@ class Driver:
                 if link_ns is not None and link_ns <= until_ns:
                     due.append((link, link.release(until_ns)))
                     link_ns = link.next_release_ns()
-                if link_ns is not None:
-                    next_ns = min(next_ns, link_ns)
+                if link_ns is not None and link_ns < next_ns:
+                    next_ns = link_ns
             # an earlier packet that is offered from now on rings the alarm, also while this thread sends
             self._sleeps_until_ns = next_ns
             self._busy = bool(due)
@@ -251,24 +265,24 @@ class Driver:
         self._busy = False
         return next_ns
 
-    def _forward(self, direction: Direction, due: Due) -> int:
+    def _forward(self, direction: Direction, packet: Packet) -> int:
         """Send a packet, or drop it; return the run time at which it left."""
         clock = self._clock
         released_ns = 0 if clock is None else clock.now_ns()
-        if due.release_ns is not None and clock is not None:
-            while released_ns < due.release_ns:  # never early; this polls for _AHEAD_NS at most
+        if packet.release_ns is not None and clock is not None:
+            while released_ns < packet.release_ns:  # never early; this polls for _AHEAD_NS at most
                 released_ns = clock.now_ns()
-        self._send(direction, due)
+        self._send(direction, packet)
         return released_ns
 
-    def _send(self, direction: Direction, due: Due) -> None:  # noqa: ARG002
+    def _send(self, direction: Direction, packet: Packet) -> None:  # noqa: ARG002
         """Send a packet that leaves, or drop it."""
-        if due.departure == "released":
-            due.item.forward(due)
+        if packet.departure == "released":
+            packet.item.forward(packet)
         else:
-            due.item.drop()
+            packet.item.drop()
 
-    def _kept(self, item: Any) -> None:
+    def _kept(self, direction: Direction, item: Any) -> None:
         """Do what an item needs that has to wait."""
 
     def _run_deferred(self) -> bool:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from tis.common.channels import Direction
-from tis.netem.link.packet import Due
+from tis.netem.link.packet import Packet
 
 
 class Budget:
@@ -46,7 +46,7 @@ class Segment:
     data: bytes
     aborts: bool = False
 
-    def forward(self, due: Due) -> None:  # noqa: ARG002
+    def forward(self, packet: Packet) -> None:  # noqa: ARG002
         """Write the bytes into the other socket."""
         self.way.write(self)
 

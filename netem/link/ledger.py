@@ -1,5 +1,6 @@
 """The ledger of a link: every decision and every departure, packet by packet, in batches for the log."""
 
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from operator import itemgetter
 from typing import Any, Final
@@ -20,7 +21,7 @@ from tis.common.records import (
 )
 from tis.common.scenario.network import Buffer
 from tis.common.units import NS_PER_MS
-from tis.netem.link.packet import Due, Fate
+from tis.netem.link.packet import Fate, Packet
 
 DROPS: Final = ("loss", "outage", "refused", "overflow", "queue_full", "late", "codel", "evicted")
 """The causes of drops."""
@@ -38,7 +39,6 @@ _MAX_ROWS: Final = 4096
 _Flow = tuple[str, bool]  # name, foreign: a plain tuple, which hashes faster than a named one
 _FateRow = tuple[int, int, str, int, int, int, int, int]
 _ReleaseRow = tuple[int, int, int, int, int, str, int]
-_CrossingRow = tuple[int, int, int, int]
 
 
 class Ledger:
@@ -50,45 +50,24 @@ class Ledger:
 
     def __init__(self, direction: Direction) -> None:
         self._direction: Final = direction
-        self._fates: dict[_Flow, list[_FateRow]] = {}
-        self._releases: dict[_Flow, list[_ReleaseRow]] = {}
-        self._crossings: dict[_Flow, list[_CrossingRow]] = {}
+        self._fates: list[tuple[str, Fate, int, int]] = []
+        self._departures: list[tuple[Packet, int]] = []
+        self._crossings: list[tuple[_Flow, int, int, int, int]] = []
         self._queue_notes: list[QueueNote] = []
         self._queue_noted_ns = -_QUEUE_EVERY_NS
         self._close_ns = _CLOSE_EVERY_NS
-        self._n_rows = 0
 
     def decided(self, name: str, fate: Fate, offered_ns: int, n_bytes: int) -> None:
         """Enter the fate of a packet."""
-        flow = (name, fate.foreign)
-        rows = self._fates.get(flow)
-        if rows is None:
-            rows = self._fates[flow] = []
-        seq, outcome, delay_ns, release_ns, n_copies, n_flips, _ = fate
-        rows.append((seq, offered_ns, outcome, delay_ns, release_ns or 0, n_bytes, n_copies, n_flips))
-        self._n_rows += 1
+        self._fates.append((name, fate, offered_ns, n_bytes))
 
-    def left(self, due: Due, released_ns: int) -> None:
+    def left(self, packet: Packet, released_ns: int) -> None:
         """Enter the departure of a packet; ``released_ns`` is ignored when it was dropped."""
-        flow = (due.name, due.foreign)
-        rows = self._releases.get(flow)
-        if rows is None:
-            rows = self._releases[flow] = []
-        if due.departure != "released":
-            released_ns = 0
-        rows.append(
-            (due.seq, due.copy_index, due.offered_ns, due.release_ns or 0, released_ns, due.departure, due.queued_ns)
-        )
-        self._n_rows += 1
+        self._departures.append((packet, released_ns))
 
     def crossed(self, name: str, seq: int, foreign: bool, offered_ns: int, released_ns: int, n_bytes: int) -> None:
         """Enter fate and departure of a packet that was not held, at a third of the cost of `decided` and `left`."""
-        flow = (name, foreign)
-        rows = self._crossings.get(flow)
-        if rows is None:
-            rows = self._crossings[flow] = []
-        rows.append((seq, offered_ns, released_ns, n_bytes))
-        self._n_rows += 2
+        self._crossings.append(((name, foreign), seq, offered_ns, released_ns, n_bytes))
 
     def queue_depth(self, now_ns: int, n_packets: int, n_bytes: int) -> None:
         """Enter the depth of the queues, at most a hundred times a second."""
@@ -100,7 +79,8 @@ class Ledger:
 
     def is_full(self, now_ns: int) -> bool:
         """Tell whether it is time to close the batches."""
-        return now_ns >= self._close_ns or self._n_rows >= _MAX_ROWS
+        n_rows = len(self._fates) + len(self._departures) + 2 * len(self._crossings)
+        return now_ns >= self._close_ns or n_rows >= _MAX_ROWS
 
     def close(self, now_ns: int) -> Callable[[], list[Record]]:
         """Close the batches; return a function that makes the records of all entries since the previous call.
@@ -108,26 +88,30 @@ class Ledger:
         Closing costs next to nothing, for any number of keys; the returned function is for the thread that writes
         the log. It sorts crossed packets among the held ones (oracle: sorted, tests/netem/link/test_ledger).
         """
-        fates, self._fates = self._fates, {}
-        releases, self._releases = self._releases, {}
-        crossings, self._crossings = self._crossings, {}
+        fates, self._fates = self._fates, []
+        departures, self._departures = self._departures, []
+        crossings, self._crossings = self._crossings, []
         notes, self._queue_notes = self._queue_notes, []
         self._close_ns = (now_ns // _CLOSE_EVERY_NS + 1) * _CLOSE_EVERY_NS
-        self._n_rows = 0
 
         def make() -> list[Record]:
-            for flow, rows in crossings.items():
-                fates.setdefault(flow, []).extend(
-                    (seq, offered_ns, "deliver", 0, offered_ns, n_bytes, 0, 0) for seq, offered_ns, _, n_bytes in rows
-                )
-                releases.setdefault(flow, []).extend(
-                    (seq, 0, offered_ns, offered_ns, released_ns, "released", 0)
-                    for seq, offered_ns, released_ns, _ in rows
-                )
-                fates[flow].sort(key=itemgetter(1))  # the instant of offering
-                releases[flow].sort(key=_gone_ns)
-            records = [Record(FATES, now_ns, self._fate_batch(flow, rows)) for flow, rows in fates.items()]
-            records += [Record(RELEASES, now_ns, self._release_batch(flow, rows)) for flow, rows in releases.items()]
+            # Stage 1: the rows of each flow.
+            decided: defaultdict[_Flow, list[_FateRow]] = defaultdict(list)
+            left: defaultdict[_Flow, list[_ReleaseRow]] = defaultdict(list)
+            for name, fate, offered_ns, n_bytes in fates:
+                decided[name, fate.foreign].append(_fate_row(fate, offered_ns, n_bytes))
+            for packet, released_ns in departures:
+                left[packet.flow.name, packet.foreign].append(_release_row(packet, released_ns))
+            # Stage 2: crossed packets among the others, by instant.
+            for flow, seq, offered_ns, released_ns, n_bytes in crossings:
+                decided[flow].append((seq, offered_ns, "deliver", 0, offered_ns, n_bytes, 0, 0))
+                left[flow].append((seq, 0, offered_ns, offered_ns, released_ns, "released", 0))
+            for flow in {flow for flow, *_ in crossings}:
+                decided[flow].sort(key=itemgetter(1))  # the instant of offering
+                left[flow].sort(key=_gone_ns)
+            # Stage 3: the records.
+            records = [Record(FATES, now_ns, self._fate_batch(flow, rows)) for flow, rows in decided.items()]
+            records += [Record(RELEASES, now_ns, self._release_batch(flow, rows)) for flow, rows in left.items()]
             return records + [Record(QUEUES, note.at_ns, note) for note in notes]
 
         return make
@@ -162,6 +146,22 @@ def last_records(ledgers: Iterable[Ledger], counters: Mapping[str, int], now_ns:
     records = [record for ledger in ledgers for record in ledger.close(now_ns)()]
     notes = (CounterNote(name=name, value=value) for name, value in counters.items())
     return records + [Record(COUNTERS, now_ns, note) for note in notes]
+
+
+def _fate_row(fate: Fate, offered_ns: int, n_bytes: int) -> _FateRow:
+    release_ns = fate.release_ns or 0
+    return fate.seq, offered_ns, fate.outcome, fate.delay_ns, release_ns, n_bytes, fate.n_copies, fate.n_flips
+
+
+def _release_row(packet: Packet, released_ns: int) -> _ReleaseRow:
+    departure = packet.departure
+    assert departure is not None, "it has not left"
+    if departure != "released":
+        released_ns = 0
+    release_ns = packet.release_ns or 0
+    return (
+        packet.seq, packet.copy_index, packet.offered_ns, release_ns, released_ns, departure, packet.queued_ns,
+    )  # fmt: skip
 
 
 def _gone_ns(row: _ReleaseRow) -> int:

@@ -13,7 +13,7 @@ from tis.common.trace import Trace
 from tis.netem.conditions.conditions import Condition, Conditions
 from tis.netem.draws.blocks import DeferredDraw
 from tis.netem.link.ledger import DROPS, Ledger
-from tis.netem.link.packet import Due, Fate, Flow, Held, flow_key, held_bytes
+from tis.netem.link.packet import Fate, Flow, Packet, flow_key, held_bytes
 from tis.netem.link.queue.queues import Queues
 from tis.netem.link.queue.transmission import Service
 from tis.netem.link.rules import LINK, RuleTable
@@ -95,15 +95,15 @@ class Link:
         self._max_held = buffer.max_packets
         self._max_bytes = round(buffer.max_mb * _BYTES_PER_MB)
         self._evicts = buffer.policy == "drop_oldest"
-        self._by_age: deque[Held] = deque()
-        self._dropped: list[Due] = []  # since the last call of `release`: evicted, or by CoDel
+        self._by_age: deque[Packet] = deque()
+        self._dropped: list[Packet] = []  # since the last call of `release`: evicted, or by CoDel
         self._flows: dict[str, Flow] = {}
         self._queues: Final = Queues(conditions, rules.pipelines, self.address(""), self.traces)
         self._servers: Final = self._queues.servers  # empty, and cheap to test, until a message meets a queue
         self._clear_until_ns = 0
         self._condition = self.condition(0)
         # (release_ns, number, packet): the number breaks ties, so packets are never compared
-        self._heap: list[tuple[int, int, Held]] = []
+        self._heap: list[tuple[int, int, Packet]] = []
         self._n_pushed = 0
 
     def prepare(self, names: Iterable[str]) -> None:
@@ -153,7 +153,8 @@ class Link:
             The decision; ``release_ns`` is None for a dropped packet and in the queue of a rate.
         """
         self.offered += 1
-        self.catch_up(now_ns)
+        if self._servers:
+            self.catch_up(now_ns)
         flow = self._flows.get(name) or self._open(name)
         seq, foreign = flow.number(attachment, self.run_id)
         size = n_bytes + len(attachment)
@@ -200,47 +201,55 @@ class Link:
         if not self._servers:
             return
         for departed in self._queues.depart(now_ns):
-            held: Held = departed.item
-            held.queued_ns = departed.left_ns - held.offered_ns
-            held.flow.n_queued -= 1
-            if held.gone:  # evicted while it waited
+            packet: Packet = departed.item
+            packet.queued_ns = departed.left_ns - packet.offered_ns
+            packet.flow.n_queued -= 1
+            if packet.departure is not None:  # evicted while it waited
                 continue
             if departed.dropped:
-                self._dropped.append(self._lose(held, "codel"))
+                self._dropped.append(self._lose(packet, "codel"))
             else:
-                self._push(held, departed.left_ns)  # its delay counts from the end of its transmission
+                release_ns = self._push(packet, departed.left_ns)  # its delay counts from the end of its transmission
+                if packet.ordering is not packet.flow.ordering:  # it has changed meanwhile
+                    packet.flow.ordering.schedule(release_ns)
 
-    def release(self, now_ns: int) -> list[Due]:
+    def release(self, now_ns: int) -> list[Packet]:
         """Return the packets due at ``now_ns``, by release instant, equal ones in the order of offering.
 
         Packets that are dropped after all are returned too, for the log.
         """
         # Stage 1: the queues of rates, and packets that they or a full buffer have dropped since the previous call.
-        self.catch_up(now_ns)
-        due, self._dropped = self._dropped, []
+        if self._servers:
+            self.catch_up(now_ns)
+        due: list[Packet] = []
+        if self._dropped:
+            due, self._dropped = self._dropped, due
         # Stage 2: release instants, also of the packets that stage 1 has just scheduled.
         heap = self._heap
         while heap and heap[0][0] <= now_ns:
-            held = heappop(heap)[2]
-            if held.gone:
+            packet = heappop(heap)[2]
+            if packet.departure is not None:
                 continue
-            if held.ordering.passes(held.number):
-                held.gone = True
+            if packet.ordering.passes(packet.number):
+                packet.departure = "released"
                 self.held -= 1
-                self.held_bytes -= held.memory
+                self.held_bytes -= packet.memory
                 self.released += 1
-                due.append(held.due("released"))
+                due.append(packet)
             else:
-                due.append(self._lose(held, "late"))
+                due.append(self._lose(packet, "late"))
         return due
 
-    def left(self, due: Due, released_ns: int) -> None:
+    def left(self, packet: Packet, released_ns: int) -> None:
         """Record that a packet that `release` returned was sent at ``released_ns``, or dropped."""
-        self.ledger.left(due, released_ns)
+        packet.item = None  # the ledger keeps the packet until its batch is written
+        self.ledger.left(packet, released_ns)
 
-    def payload(self, due: Due, payload: bytes) -> bytes:
+    def payload(self, packet: Packet, payload: bytes) -> bytes:
         """Return a packet's payload as it leaves, with the bits flipped that its fate has."""
-        return flip_bits(payload, due.seq, due.n_flips, self.address(due.name)) if due.n_flips else payload
+        if not packet.n_flips:
+            return payload
+        return flip_bits(payload, packet.seq, packet.n_flips, self.address(packet.name))
 
     def queue_depth(self) -> tuple[int, int]:
         """Return the packets and bytes that wait in the queues of rates."""
@@ -255,6 +264,11 @@ class Link:
     def has_queues(self) -> bool:
         """Tell whether any packet has met a rate so far."""
         return bool(self._servers)
+
+    @property
+    def is_plain(self) -> bool:
+        """Tell whether a packet that is held leaves at the instant that its fate gives, whatever comes after it."""
+        return not (self._servers or self._evicts)
 
     def counters(self) -> dict[str, int]:
         """Return the counts, by name; ``held_at_end`` is the number held now."""
@@ -295,29 +309,32 @@ class Link:
             flow.ordering.schedule(flow.latest_ns)  # fifo also waits for what another ordering holds
         # Stage 4, memory.
         memory = held_bytes(size, flow.is_copied)
-        if not self._has_room(memory, now_ns):
+        if not self._make_room(memory, now_ns):
             return self._drop(seq, "overflow", foreign)
         # Stage 5, rate and order: the packet joins the queue of a rate, or is scheduled for release.
-        held = Held(flow, item, seq, 0, now_ns, draw.delay_ns, size, draw.n_flips, foreign, self.offered)
+        delay_ns, n_flips, number, ordering = draw.delay_ns, draw.n_flips, self.offered, flow.ordering
+        packet = Packet(
+            flow, item, seq, 0, now_ns, delay_ns, size, memory, n_flips, foreign, number, ordering
+        )  # fmt: skip
         waits = False
         if impairment.rate is not None or condition.stall or flow.n_queued:
             service, group = self._service_of(flow, impairment, condition)
             waits = service.is_needed
-            if waits and not self._queue(held, service, group, now_ns):
+            if waits and not self._queue(packet, service, group, now_ns):
                 return self._drop(seq, "queue_full", foreign)
-        release_ns = None if waits else self._hold(held, now_ns)
-        self.flipped += draw.n_flips
+        release_ns = None if waits else self._hold(packet, now_ns)
+        self.flipped += n_flips
         # Stage 6, copy: it takes the same path, and is skipped if there is no room for it.
-        n_copies = 0
-        if draw.copy_delay_ns is not None and self._has_room(memory, now_ns):
-            copy = Held(flow, item, seq, 1, now_ns, draw.copy_delay_ns, size, draw.n_flips, foreign, self.offered)
+        n_copies, copy_ns = 0, draw.copy_delay_ns
+        if copy_ns is not None and self._make_room(memory, now_ns):
+            copy = Packet(flow, item, seq, 1, now_ns, copy_ns, size, memory, n_flips, foreign, number, ordering)
             if waits:
                 n_copies = int(self._queue(copy, service, group, now_ns))
             else:
                 self._hold(copy, now_ns)
                 n_copies = 1
             self.copied += n_copies
-        return Fate(seq, "deliver", draw.delay_ns, release_ns, n_copies, draw.n_flips, foreign)
+        return Fate(seq, "deliver", delay_ns, release_ns, n_copies, n_flips, foreign)
 
     def _service_of(self, flow: Flow, impairment: Impairment, condition: Condition) -> tuple[Service, str]:
         """Return the terms on which a packet is sent now, and its group."""
@@ -330,56 +347,55 @@ class Link:
             return self._queues.service(flow.queue), flow.queue
         return Service(capacity, condition.scale_rate, condition.stall), group
 
-    def _has_room(self, memory: int, now_ns: int) -> bool:
+    def _make_room(self, memory: int, now_ns: int) -> bool:
+        """Tell whether a packet has room, which the eviction of older ones may give it."""
         if self.held < self._max_held and self.held_bytes + memory <= self._max_bytes:
             return True
         if not self._evicts:
             return False
         while self._by_age and (self.held >= self._max_held or self.held_bytes + memory > self._max_bytes):
             oldest = self._by_age.popleft()
-            if not oldest.gone:
-                self._dropped.append(self._lose(oldest, "evicted")._replace(release_ns=now_ns))
+            if oldest.departure is None:
+                oldest.release_ns = now_ns
+                self._dropped.append(self._lose(oldest, "evicted"))
         return self.held < self._max_held and self.held_bytes + memory <= self._max_bytes
 
-    def _queue(self, held: Held, service: Service, group: str, now_ns: int) -> bool:
+    def _queue(self, packet: Packet, service: Service, group: str, now_ns: int) -> bool:
         """Put a packet into the queue of a group; False: the queue is full."""
-        if not self._queues.offer(group, service, held, held.n_bytes, now_ns):
+        if not self._queues.offer(group, service, packet, packet.n_bytes, now_ns):
             return False
-        held.flow.n_queued += 1
-        held.flow.queue = group
-        self._count_in(held)
+        packet.flow.n_queued += 1
+        packet.flow.queue = group
+        self._count_in(packet)
         return True
 
-    def _hold(self, held: Held, now_ns: int) -> int:
-        self._count_in(held)
-        return self._push(held, now_ns)
+    def _hold(self, packet: Packet, now_ns: int) -> int:
+        self._count_in(packet)
+        return self._push(packet, now_ns)
 
-    def _count_in(self, held: Held) -> None:
+    def _count_in(self, packet: Packet) -> None:
         self.held += 1
-        self.held_bytes += held.memory
+        self.held_bytes += packet.memory
         if self.held > self.most_held:
             self.most_held = self.held
         if self._evicts:
-            self._by_age.append(held)
+            self._by_age.append(packet)
 
-    def _push(self, held: Held, from_ns: int) -> int:
-        release_ns = held.ordering.schedule(from_ns + held.delay_ns)
-        held.release_ns = release_ns
-        flow = held.flow
+    def _push(self, packet: Packet, from_ns: int) -> int:
+        release_ns = packet.release_ns = packet.ordering.schedule(from_ns + packet.delay_ns)
+        flow = packet.flow
         if release_ns > flow.latest_ns:
             flow.latest_ns = release_ns
-        if held.ordering is not flow.ordering:  # it has changed while the packet waited for a rate
-            flow.ordering.schedule(release_ns)
-        self._n_pushed += 1
-        heappush(self._heap, (release_ns, self._n_pushed, held))
+        self._n_pushed = n = self._n_pushed + 1
+        heappush(self._heap, (release_ns, n, packet))
         return release_ns
 
-    def _lose(self, held: Held, departure: Departure) -> Due:
-        held.gone = True
+    def _lose(self, packet: Packet, departure: Departure) -> Packet:
+        packet.departure = departure
         self.held -= 1
-        self.held_bytes -= held.memory
+        self.held_bytes -= packet.memory
         self.dropped[departure] += 1
-        return held.due(departure)
+        return packet
 
     def _drop(self, seq: int, outcome: Outcome, foreign: bool) -> Fate:
         self.dropped[outcome] += 1

@@ -1,6 +1,8 @@
 """A packet on a link: its flow, its fate, its state and its memory while it is held, and its departure."""
 
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
+
+from msgspec import Struct
 
 from tis.common.header import header_numbers
 from tis.common.records import Departure, Outcome
@@ -75,7 +77,7 @@ def flow_key(name: str) -> str:
     return key if mark in MARKS else name
 
 
-class Fate(NamedTuple):
+class Fate(Struct, frozen=True):
     """The decision for one packet when it is offered; instants in ns of run time.
 
     ``release_ns`` is None when the packet is dropped, and while the queue of a rate has not transmitted it.
@@ -90,58 +92,31 @@ class Fate(NamedTuple):
     foreign: bool = False
 
 
-class Due(NamedTuple):
-    """A packet that leaves the link: released, or dropped after all; ``item`` is the object that was offered.
+class Packet(Struct, eq=False):
+    """A packet, or its copy, from its offer until it leaves: released, or dropped after all.
 
-    ``release_ns`` is None when the packet was dropped before its release instant was known.
+    ``item`` is the object that was offered, ``memory`` what it occupies, ``number`` counts the packets offered to the
+    link. ``departure`` is None while it waits for the queue of a rate or for its release instant; ``release_ns`` is
+    None as long as that instant is unknown.
     """
 
+    flow: Flow
     item: Any
-    name: str
     seq: int
     copy_index: int
     offered_ns: int
-    release_ns: int | None
-    queued_ns: int
-    departure: Departure
+    delay_ns: int
+    n_bytes: int
+    memory: int
     n_flips: int
     foreign: bool
+    number: int
+    ordering: Ordering
+    queued_ns: int = 0
+    release_ns: int | None = None
+    departure: Departure | None = None
 
-
-class Held:
-    """A packet, or its copy, that waits for the queue of a rate or for its release instant.
-
-    ``number`` counts the packets offered to the link.
-    """
-
-    __slots__ = (
-        "copy_index", "delay_ns", "flow", "foreign", "gone", "item", "memory", "n_bytes", "n_flips", "number",
-        "offered_ns", "ordering", "queued_ns", "release_ns", "seq",
-    )  # fmt: skip
-
-    def __init__(
-        self, flow: Flow, item: Any, seq: int, copy_index: int, offered_ns: int, delay_ns: int, n_bytes: int,
-        n_flips: int, foreign: bool, number: int,
-    ) -> None:  # fmt: skip
-        self.flow = flow
-        self.ordering = flow.ordering
-        self.item = item
-        self.seq = seq
-        self.copy_index = copy_index
-        self.offered_ns = offered_ns
-        self.delay_ns = delay_ns
-        self.n_bytes = n_bytes
-        self.memory = held_bytes(n_bytes, flow.is_copied)
-        self.n_flips = n_flips
-        self.foreign = foreign
-        self.number = number
-        self.queued_ns = 0
-        self.release_ns: int | None = None
-        self.gone = False
-
-    def due(self, departure: Departure) -> Due:
-        """Return the packet as it leaves."""
-        return Due(
-            self.item, self.flow.name, self.seq, self.copy_index, self.offered_ns, self.release_ns, self.queued_ns,
-            departure, self.n_flips, self.foreign,
-        )  # fmt: skip
+    @property
+    def name(self) -> str:
+        """Return the name of its flow."""
+        return self.flow.name

@@ -41,8 +41,8 @@ class Modulations(NamedTuple):
 class Impairment:
     """A pipeline that impairs one key, with its variants under states and timeline.
 
-    All variants draw from the same uniforms at the same addresses, so a change of one stage does not shift the draws
-    of the others.
+    ``rate`` and ``ordering`` are those that hold under the conditions of the last decision. All variants draw from
+    the same uniforms at the same addresses, so a change of one stage does not shift the draws of the others.
     """
 
     def __init__(
@@ -59,23 +59,12 @@ class Impairment:
         extra = address.stream("extra_loss")
         self._extra = Column(lambda number: extra.uniforms(number * BLOCK, BLOCK), deferred)
         self._variants: dict[tuple[Change, ...], Variant] = {}
-        self._changes: tuple[Change, ...] = ()
-        self._variant = self._variants[()] = self._make(())
+        self._select(())
 
     @property
     def is_open(self) -> bool:
         """Tell whether the unchanged pipeline has no stage that drops, delays or alters a packet."""
         return self._pipeline.is_open
-
-    @property
-    def rate(self) -> Capacity | Literal["link"] | None:
-        """Return the capacity that holds under the conditions of the last decision."""
-        return self._variant.pipeline.rate
-
-    @property
-    def ordering(self) -> Ordering:
-        """Return the ordering that holds under the conditions of the last decision."""
-        return self._variant.pipeline.ordering
 
     def decide(self, seq: int, now_ns: int, n_bytes: int, condition: Condition) -> Draw | Verdict:
         """Return the draw for packet ``seq`` offered at ``now_ns``, or the reason why it is not delivered.
@@ -86,7 +75,7 @@ class Impairment:
             return "outage"
         if condition.changes is not self._changes:
             self._select(condition.changes)
-        draw = self._variant.draws.decide(seq, now_ns // NS_PER_MS, n_bytes)
+        draw = self._draws.decide(seq, now_ns // NS_PER_MS, n_bytes)
         if draw is None or (condition.p_extra_loss > 0.0 and self._extra[seq] < condition.p_extra_loss):
             return "loss"
         if condition.scale_delay == _NEUTRAL and condition.add_delay_ns == 0:
@@ -118,8 +107,10 @@ class Impairment:
         return found
 
     def _select(self, changes: tuple[Change, ...]) -> None:
-        self._variant = self.variant(changes)
+        pipeline, self._draws = self.variant(changes)
         self._changes = changes
+        self.rate: Capacity | Literal["link"] | None = pipeline.rate
+        self.ordering: Ordering = pipeline.ordering
 
     def _make(self, changes: tuple[Change, ...]) -> Variant:
         pipeline = merged(self._pipeline, changes)

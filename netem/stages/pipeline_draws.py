@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from tis.common.scenario.network.pipeline import Pipeline
@@ -22,7 +23,7 @@ from tis.netem.stages.single_packets import corrupted, duplicated, n_flipped, re
 _MAX_AT_ONCE: Final = 1 << 22  # parts of messages whose probabilities are in memory together
 
 
-class Draw(NamedTuple):
+class Draw(Struct, frozen=True):
     """The draws for one packet: its delay, the delay of its copy if it has one, and the number of bits to flip."""
 
     delay_ns: int

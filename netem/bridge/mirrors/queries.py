@@ -23,7 +23,7 @@ from tis.common.channels import DESTINATION, OPPOSITE, Direction, Network
 from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.keys import is_advanced
 from tis.netem.bridge.mirrors.stamps import Stamps
-from tis.netem.link.packet import Due
+from tis.netem.link.packet import Packet
 
 QueryTargetName = Literal["best_matching", "all", "all_complete"]
 
@@ -141,7 +141,7 @@ class _Question:
     def _holds_back(self) -> bool:
         return is_advanced(self.key)
 
-    def forward(self, due: Due) -> None:
+    def forward(self, packet: Packet) -> None:
         """Query the other side. A second copy is ignored, since Zenoh numbers its requests."""
         if self._asked_s >= 0.0:
             return
@@ -157,7 +157,7 @@ class _Question:
                 consolidation=zenoh.ConsolidationMode.NONE,
                 accept_replies=query.accepts_replies(),
                 timeout=queries.time_out_s,
-                payload=None if payload is None else queries.bridge.payload(self.direction, due, payload),
+                payload=None if payload is None else queries.bridge.payload(self.direction, packet, payload),
                 encoding=query.encoding,
                 attachment=query.attachment,
                 source_info=query.source_info,
@@ -208,7 +208,7 @@ class _Question:
         if fate is None or fate.outcome != "deliver":
             answer.drop()
 
-    def _send_sample(self, sample: zenoh.Sample, due: Due) -> None:
+    def _send_sample(self, sample: zenoh.Sample, packet: Packet) -> None:
         """Reply with a put or a delete of the other side."""
         queries, query = self.queries, self.query
         stamp = queries.stamps.stamp(self.key, sample)
@@ -217,16 +217,16 @@ class _Question:
             return
         query.reply(
             sample.key_expr,
-            queries.bridge.payload(OPPOSITE[self.direction], due, sample.payload),
+            queries.bridge.payload(OPPOSITE[self.direction], packet, sample.payload),
             encoding=sample.encoding,
             express=sample.express,
             attachment=sample.attachment,
             timestamp=stamp,
         )
 
-    def _send_error(self, error: zenoh.ReplyError, due: Due) -> None:
+    def _send_error(self, error: zenoh.ReplyError, packet: Packet) -> None:
         """Reply with an error of the other side."""
-        payload = self.queries.bridge.payload(OPPOSITE[self.direction], due, error.payload)
+        payload = self.queries.bridge.payload(OPPOSITE[self.direction], packet, error.payload)
         self.query.reply_err(payload, encoding=error.encoding)
 
     def _end(self) -> None:
@@ -253,13 +253,13 @@ class _Reply:
     """A reply that crosses back; ``send`` replies on the querier's side."""
 
     question: Final[_Question]
-    send: Final[Callable[[Due], None]]
+    send: Final[Callable[[Packet], None]]
     left: bool = False
 
-    def forward(self, due: Due) -> None:
+    def forward(self, packet: Packet) -> None:
         """Reply; a second copy of a reply is a second reply."""
         try:
-            self.send(due)
+            self.send(packet)
             self.question.queries.n_replies += 1
         except zenoh.ZError:  # the query has ended: by its time-out, or before this copy
             self.question.queries.n_unsent += 1
@@ -278,7 +278,7 @@ class _End:
 
     question: _Question
 
-    def forward(self, due: Due) -> None:  # noqa: ARG002
+    def forward(self, packet: Packet) -> None:  # noqa: ARG002
         self.question.arrived(end=True)
 
     def drop(self) -> None:

@@ -19,7 +19,7 @@ import zenoh
 from tis.common.channels import DESTINATION, OPPOSITE, ORIGIN, Direction, Network
 from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.standstill import SerialExecutor
-from tis.netem.link.packet import Due
+from tis.netem.link.packet import Packet
 
 _MIN_RETRY_S: Final = 0.2
 _MAX_RETRY_S: Final = 3.0
@@ -257,7 +257,7 @@ class _Change:
     number: int
     alive: bool
 
-    def forward(self, due: Due) -> None:  # noqa: ARG002
+    def forward(self, packet: Packet) -> None:  # noqa: ARG002
         """Have the mirror declared or withdrawn."""
         self.tokens.executor.post(lambda: self.tokens.apply(self.direction, self.key, self.number, self.alive))
 

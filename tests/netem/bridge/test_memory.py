@@ -7,7 +7,7 @@ import pytest
 
 from tests.common.runtime.live_zenoh import settle, soon
 from tests.netem.bridge.live_bridge import Bridged, a_bridge, delays
-from tis.netem.bridge.bridge import Kept, Parcel
+from tis.netem.bridge.bridge import Put
 
 pytestmark = pytest.mark.live
 
@@ -41,4 +41,4 @@ def test_held_messages_take_the_memory_that_is_accounted_for(n_bytes: int) -> No
         # pages of the process that are not the messages'; 9.4 kB each before they were copied
         assert took <= 2 * accounted
         kept = [held.item for _, _, held in link._heap]
-        assert all(isinstance(one, Parcel) and isinstance(one.message, Kept) for one in kept)
+        assert all(isinstance(one, Put) and isinstance(one.payload, bytes) for one in kept)

@@ -9,7 +9,7 @@ from tis.common.node import Record
 from tis.common.runtime.clock import Clock
 from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.driver import Alarm
-from tis.netem.link.packet import Due
+from tis.netem.link.packet import Packet
 
 MS: Final = 1_000_000
 _PATIENCE_S: Final = 0.3
@@ -35,14 +35,14 @@ class Nowhere:
         pass
 
 
-class Packet:
+class Sent:
     """Notes that it was sent; ``waits_for``: not until that has happened, as in a thread that is preempted."""
 
     def __init__(self, name: str, sent: list[str], waits_for: threading.Event | None = None) -> None:
         self.name, self.sent, self.waits_for = name, sent, waits_for
         self.left = threading.Event()
 
-    def forward(self, due: Due) -> None:
+    def forward(self, packet: Packet) -> None:
         if self.waits_for is not None:
             self.waits_for.wait(_PATIENCE_S)
         self.sent.append(self.name)
@@ -58,8 +58,8 @@ def test_a_callback_that_finds_an_overdue_packet_lets_none_overtake_it() -> None
     bridge = Bridge(sessions, {"forward": link(forward={"delay": {"kind": "constant", "delay_ms": 5}})})
     clock, sent = Stopped(), list[str]()
     bridge.start(clock)
-    second = Packet("second", sent)
-    first = Packet("first", sent, waits_for=second.left)
+    second = Sent("second", sent)
+    first = Sent("first", sent, waits_for=second.left)
     bridge.offer("forward", KEY, b"", 10, first)
     clock.at_ns = 6 * MS
     callback = threading.Thread(target=bridge.offer, args=("forward", KEY, b"", 10, second))
@@ -75,7 +75,7 @@ def test_what_is_not_delayed_leaves_from_the_callback_that_brings_it() -> None:
     bridge = Bridge({"west": None, "east": None}, {"forward": link()})  # type: ignore[dict-item]
     sent = list[str]()
     bridge.start(Stopped())
-    bridge.offer("forward", KEY, b"", 10, Packet("at once", sent))
+    bridge.offer("forward", KEY, b"", 10, Sent("at once", sent))
     assert sent == ["at once"]
 
 
@@ -102,10 +102,10 @@ def test_a_packet_that_is_offered_while_another_is_sent_rings_the_release_thread
     bridge.alarm = Rung()  # type: ignore[misc]
     bridge.start(clock)
 
-    class Opening(Packet):
-        def forward(self, due: Due) -> None:
-            super().forward(due)
-            bridge.offer("forward", KEY, b"", 10, Packet("second", sent))
+    class Opening(Sent):
+        def forward(self, packet: Packet) -> None:
+            super().forward(packet)
+            bridge.offer("forward", KEY, b"", 10, Sent("second", sent))
             clock.at_ns = 11 * MS
 
     bridge.offer("forward", KEY, b"", 10, Opening("first", sent))

@@ -17,7 +17,7 @@ from tis.common.records import ControlNote
 from tis.common.scenario.network.conditions import TimelineEntry
 from tis.netem.control.replay import apply_entries, entries_json, with_live_changes
 from tis.netem.link.link import Link
-from tis.netem.link.packet import Due
+from tis.netem.link.packet import Packet
 from tis.netem.node import NetemNode
 
 MS = 1_000_000
@@ -27,9 +27,9 @@ BIT_NS = 8_000_000
 """Time that a byte takes at 1 kbit/s."""
 
 
-def driven(made: Link, arrivals: Iterable[tuple[int, int, str]], until_ns: int) -> list[Due]:
+def driven(made: Link, arrivals: Iterable[tuple[int, int, str]], until_ns: int) -> list[Packet]:
     """Offer and release as a driver does: awake when the link asks for it, and at no other instant."""
-    out: list[Due] = []
+    out: list[Packet] = []
 
     def release(before_ns: int) -> None:
         while (next_ns := made.next_release_ns()) is not None and next_ns <= before_ns:

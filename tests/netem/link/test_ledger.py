@@ -1,16 +1,20 @@
 """The books of a link: what crossed at once stands among what was held, in the order of time."""
 
-from typing import Any
-
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tis.common.node import Arrival
 from tis.common.records import Departure, FateBatch, ReleaseBatch
 from tis.netem.link.ledger import Ledger
-from tis.netem.link.packet import Due, Fate
+from tis.netem.link.packet import Fate, Flow, Packet
+from tis.netem.stages.ordering import Ordering
 
 MS = 1_000_000
+
+
+def gone(seq: int, offered_ns: int, release_ns: int, queued_ns: int, departure: Departure) -> Packet:
+    packet = Packet(Flow("a", None, ""), None, seq, 0, offered_ns, 0, 1, 1, 0, False, seq, Ordering())
+    packet.release_ns, packet.queued_ns, packet.departure = release_ns, queued_ns, departure
+    return packet
 
 
 @settings(max_examples=30)
@@ -18,7 +22,6 @@ MS = 1_000_000
 def test_crossings_stand_between_those_that_were_held(crosses: list[bool]) -> None:
     """Each is offered 10 ms after the one before; those held leave 4 ms later."""
     ledger = Ledger("forward")
-    item: Any = Arrival
     for k, at_once in enumerate(crosses):
         now_ns = 10 * k * MS
         if at_once:
@@ -26,7 +29,7 @@ def test_crossings_stand_between_those_that_were_held(crosses: list[bool]) -> No
         else:
             left_ns = now_ns + 4 * MS
             ledger.decided("a", Fate(k, "deliver", 4 * MS, left_ns), now_ns, 100)
-            ledger.left(Due(item, "a", k, 0, now_ns, left_ns, 0, "released", 0, False), left_ns)
+            ledger.left(gone(k, now_ns, left_ns, 0, "released"), left_ns)
     fates, releases = (record.data for record in ledger.close(0)())
     assert isinstance(fates, FateBatch)
     assert isinstance(releases, ReleaseBatch)
@@ -36,12 +39,10 @@ def test_crossings_stand_between_those_that_were_held(crosses: list[bool]) -> No
 
 def test_what_was_dropped_after_all_stands_where_it_was_to_leave() -> None:
     ledger = Ledger("forward")
-    item: Any = Arrival
-    gone: tuple[tuple[Departure, int], ...] = (("codel", 30), ("late", 0), ("released", 0))
-    for seq, (departure, queued_ns) in enumerate(gone):
-        due = Due(item, "a", seq, 0, 10 * seq, 0 if queued_ns else 40 + seq, queued_ns, departure, 0, False)
+    ways: tuple[tuple[Departure, int], ...] = (("codel", 30), ("late", 0), ("released", 0))
+    for seq, (departure, queued_ns) in enumerate(ways):
         ledger.decided("a", Fate(seq, "deliver"), 10 * seq, 1)
-        ledger.left(due, 50)
+        ledger.left(gone(seq, 10 * seq, 0 if queued_ns else 40 + seq, queued_ns, departure), 50)
     ledger.crossed("a", 3, False, 35, 35, 1)
     releases = ledger.close(0)()[1].data
     assert isinstance(releases, ReleaseBatch)

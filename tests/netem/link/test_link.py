@@ -9,7 +9,7 @@ from tests.netem.making import KEY, link, offer, packet, pipeline
 from tis.common.channels import Direction
 from tis.common.streams import Address
 from tis.netem.link.link import Link
-from tis.netem.link.packet import Due, Fate
+from tis.netem.link.packet import Fate, Packet
 from tis.netem.stages.pipeline_draws import Draws
 
 MS = 1_000_000
@@ -21,7 +21,7 @@ def _constant(delay_ms: float) -> dict[str, Any]:
     return {"delay": {"kind": "constant", "delay_ms": delay_ms}}
 
 
-def _seqs(due: list[Due]) -> list[int]:
+def _seqs(due: list[Packet]) -> list[int]:
     return [one.seq for one in due]
 
 
@@ -37,9 +37,9 @@ def test_a_packet_leaves_at_its_instant_and_not_a_nanosecond_before() -> None:
     assert made.next_release_ns() == 40 * MS + 1_000
     assert made.release(40 * MS + 999) == []
     assert made.held == 1
-    assert made.release(40 * MS + 1_000) == [
-        Due(first, KEY, 0, 0, 1_000, 40 * MS + 1_000, 0, "released", 0, foreign=False)
-    ]
+    (left,) = made.release(40 * MS + 1_000)
+    assert (left.item, left.name, left.seq, left.departure) == (first, KEY, 0, "released")
+    assert (left.offered_ns, left.release_ns, left.queued_ns, left.copy_index) == (1_000, 40 * MS + 1_000, 0, 0)
     assert made.held == 0
     assert made.next_release_ns() is None
 
@@ -115,9 +115,9 @@ def test_an_outage_does_not_touch_packets_in_flight() -> None:
     assert _seqs(made.release(200 * MS)) == [0]
 
 
-def _run_at_1_khz(ordering: str, n: int = 2_000) -> list[Due]:
+def _run_at_1_khz(ordering: str, n: int = 2_000) -> list[Packet]:
     made = link(forward={"delay": SPREAD, "ordering": ordering})
-    out: list[Due] = []
+    out: list[Packet] = []
     for seq in range(n):
         offer(made, packet(seq * MS, seq), seq * MS)
         out += made.release(seq * MS)
@@ -205,7 +205,7 @@ def test_conservation_order_and_never_early(steps: list[_Step], ordering: str, m
     now_ns = 0
     pending: dict[int, tuple[Fate, int]] = {}  # by the packet's identity
     packets = []  # keeps them alive, so that identities stay apart
-    out: list[tuple[str, Due]] = []
+    out: list[tuple[str, Packet]] = []
 
     def let_go(at_ns: int) -> None:
         for due in made.release(at_ns):
@@ -267,7 +267,7 @@ def test_prepared_flows_decide_as_unprepared_ones() -> None:
 def test_the_order_that_a_change_asked_for_ends_with_it() -> None:
     change = {"at_s": 1, "for_s": 1, "set": {"ordering": "reorder"}}
     made = link(forward={"delay": SPREAD, "ordering": "fifo"}, timeline=[change])
-    out: list[Due] = []
+    out: list[Packet] = []
     for seq in range(3_000):
         offer(made, packet(seq * MS, seq), seq * MS)
         out += made.release(seq * MS)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from tests.netem.making import KEY, link, offer, packet
 from tis.netem.link.link import Link
-from tis.netem.link.packet import Due
+from tis.netem.link.packet import Packet
 
 MS = 1_000_000
 OTHER_KEY = "tis/PSM2/setpoint_cp"
@@ -67,7 +67,7 @@ def test_what_finds_the_queue_full_is_dropped() -> None:
 def test_codel_drops_what_has_waited_too_long() -> None:
     codel = {"kind": "codel", "target_ms": 10, "interval_ms": 50}
     made = link(forward={"rate": {**RATE, "queue": codel}})
-    due: list[Due] = []
+    due: list[Packet] = []
     for k in range(2_000):  # twice what the rate carries
         offer(made, packet(k * 4 * MS, k), k * 4 * MS)
         due += made.release(k * 4 * MS)
@@ -169,7 +169,7 @@ def test_conservation_whatever_comes(
         },
     )
     now_ns = 0
-    out: list[Due] = []
+    out: list[Packet] = []
     for gap_ns, key, seq in steps:
         now_ns += gap_ns
         if key is None:
