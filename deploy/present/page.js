@@ -1,5 +1,5 @@
 "use strict";
-// Light and dark, names that hide and show, and paper. All else is Bokeh's.
+// Light and dark, names that hide and show, one part at a time, and paper. All else is Bokeh's.
 (() => {
   const tones = JSON.parse(document.getElementById("tones").textContent);
   const to = { dark: new Map(tones), light: new Map(tones.map(([light, dark]) => [dark, light])) };
@@ -42,9 +42,21 @@
     for (const model of models()) if (model.name === name && "visible" in model) model.visible = shown;
   });
 
+  const bar = document.querySelector(".switch");
+  const show = (part) => {
+    for (const one of document.querySelectorAll("[data-of]")) one.hidden = part !== "" && one.dataset.of !== part;
+    for (const one of bar.children) one.setAttribute("aria-pressed", one.dataset.part === part);
+  };
+  if (bar) {
+    bar.hidden = false;
+    bar.addEventListener("click", (event) => { if ("part" in event.target.dataset) show(event.target.dataset.part); });
+    show(bar.firstElementChild.dataset.part);
+  }
+
   // A printer waits for nobody: figures are scaled instead of laid out again, and dark ones inverted by the style.
   const ALONE_PX = 450, BESIDE_PX = 330;  // of the 690 px that a page of A4 is wide
   addEventListener("beforeprint", () => {
+    for (const one of document.querySelectorAll("#requirements > details")) one.open = true;
     for (const plots of document.querySelectorAll(".plots")) {
       const room = plots.closest(".figures") ? BESIDE_PX : ALONE_PX;
       const width = plots.offsetWidth;

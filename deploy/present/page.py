@@ -30,6 +30,7 @@ class Section:
     """A section; ``before`` and ``markup`` enclose its figures, of which a None had nothing to draw.
 
     ``mark`` is shown beside the title, ``beside`` lets figures share a row, ``nothing`` is the text without any.
+    ``more`` is the title under which figures are folded.
     """
 
     anchor: str
@@ -40,13 +41,15 @@ class Section:
     mark: str = ""
     beside: bool = False
     nothing: str = "Nothing to draw: the logs hold no data for it."
+    more: str = "More figures"
 
 
 @dataclass(frozen=True)
 class Page:
     """A page: title, name, marks (text, look) under the title, and sections in reading order.
 
-    ``lead`` below the title introduces the page to new readers.
+    ``lead`` below the title introduces the page to new readers. Of ``parts`` (name, label), such as two hands, the
+    page shows one at a time, the first at first.
     """
 
     title: str
@@ -54,6 +57,7 @@ class Page:
     tags: Sequence[tuple[str, str]]
     sections: Sequence[Section]
     lead: str = ""
+    parts: Sequence[tuple[str, str]] = ()
 
 
 def page_html(page: Page, more_style: str = "", more_script: str = "") -> str:
@@ -111,6 +115,11 @@ def nonbreaking_units(text: str) -> str:
 def folded(title: str, markup: str) -> str:
     """Return markup folded under a title, left out on paper."""
     return f"<details><summary>{escape(title)}</summary>{markup}</details>" if markup else ""
+
+
+def part(name: str, markup: str) -> str:
+    """Return markup that belongs to a part of the page (`Page.parts`)."""
+    return f'<div data-of="{escape(name)}">{markup}</div>' if name and markup else markup
 
 
 def note(text: str) -> str:

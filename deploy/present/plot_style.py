@@ -67,7 +67,8 @@ class Key:
 class Figure:
     """A figure of the report: plots, title, caption, text for screen readers, and legend.
 
-    ``plots`` are side by side where there is room; each has its own labels. ``controls`` is markup below them.
+    ``plots`` are side by side where there is room; each has its own labels. ``controls`` is markup below them. ``of``
+    is the part of the page that the figure belongs to (`Page.parts`); ``folds``: it is folded until asked for.
     """
 
     plots: tuple[LayoutDOM, ...]
@@ -76,6 +77,8 @@ class Figure:
     alt: str
     keys: tuple[Key, ...] = ()
     controls: str = ""
+    of: str = ""
+    folds: bool = False
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from typing import Final
 
 from tis.common.channels import Direction
 from tis.deploy.present.numbers import NONE, number
-from tis.deploy.present.page import Page, Section, folded, note, page_html
+from tis.deploy.present.page import Page, Section, folded, note, page_html, part
 from tis.deploy.present.table import Column, Table
 from tis.deploy.report.answer import answer_section
 from tis.deploy.report.run_view import RunView
@@ -84,44 +84,56 @@ def sections(run: RunView) -> list[Section]:
 
     summary, links = run.summary, run.summary.links
     drawn = page_figures(run)
-    never = "Nothing to draw: at every tick the active estimate drove the arm as it was."
-    undriven = never if any(summary.safety.values()) else "Nothing to draw: the logs hold no set points."
-    return [
+    found = [
         answer_section(run, run_warnings(summary)),
         Section("error", "Error", drawn["error"], mark=run.mark),
         Section("requirements", "Requirements of applications", markup=_requirements(summary)),
         Section("accuracy", "The estimators compared", markup=_accuracy(run), mark=run.mark),
-        Section("safety", "What drove the arm", drawn["safety"], mark=run.mark, nothing=undriven),
-        Section("path", "The arm's movement", drawn["path"], mark=run.mark),
+        Section("safety", "What drove the arm", drawn["safety"], mark=run.mark),
+        Section("path", "The arm's movement", drawn["path"], mark=run.mark, more="Position over time"),
         Section("delay", "Delay and loss", drawn["delay"]),
         Section("latency", "Latency", markup=_latency(run)),
         Section(
-            "distributions", "Distributions, and what age costs", drawn["distributions"], mark=run.mark, beside=True
+            "distributions",
+            "Distributions, and what age costs",
+            drawn["distributions"],
+            mark=run.mark,
+            beside=True,
+            more="Delays, losses in a row, release errors, orientation against age",
         ),
-        Section("model", "Identification", drawn["model"], _models(run), mark=run.mark, beside=True),
-        Section("network", "Requested and realised network", markup=_network(links)),
-        Section("clocks", "Clocks", drawn["clocks"], before=_table_or_note(clocks.clock_table(summary.clocks))),
-        Section("packets", "Packets and ticks", markup=_books(summary)),
+        Section(
+            "model",
+            "Identification",
+            drawn["model"],
+            before=_models(run),
+            mark=run.mark,
+            beside=True,
+            more="Singular values and poles",
+        ),
+        Section("network", "Requested and realised network", markup=_network(links) + _books(summary)),
+        Section("clocks", "Clocks", drawn["clocks"], before=_filled(clocks.clock_table(summary.clocks))),
         Section("repeat", "Repeat this run", markup=_repeat(run)),
     ]
+    spare = ("safety", "clocks")  # most runs have nothing to say there; the sections of others say that it lacks
+    return [one for one in found if one.anchor not in spare or one.before or any(one.figures)]
 
 
 def _requirements(summary: Summary) -> str:
     """Return the verdict on each set of requirements, with each requirement in numbers."""
     lead = note("p99: 99 of 100 are at or below it. Forward: to the patient; feedback: back.")
     found = requirement_tables.verdict_tables(summary.verdicts, summary.ticks.rate_hz)
-    return lead + found if found else ""
+    return folded("Each verdict, and why", lead + found) if found else ""
 
 
 def _accuracy(run: RunView) -> str:
     """Return the estimators beside hold, the orientation, the display, and the gain of redundancy."""
     summary, active = run.summary, run.scenario.active_estimator
     scored, turned, shown = (
-        "".join(map(_filled, tables))
+        "".join(part(hand, _filled(table)) for hand, table in tables)
         for tables in (
-            _accuracy_tables(summary),
-            _orientation_tables(summary),
-            display.display_tables(summary.display),
+            zip(summary.scores_by_hand, _accuracy_tables(summary), strict=True),
+            zip(summary.orientation_deg, _orientation_tables(summary), strict=True),
+            (("", table) for table in display.display_tables(summary.display)),
         )
     )
     if turned:
@@ -159,7 +171,10 @@ def _latency(run: RunView) -> str:
     parts = latency.latency_page_table(summary.latency_ms, summary.uncertainty_ms).html() + note(text)
     parts += note(age.age_text(summary.age_of_information_ms))
     bar = latency.budget_bar(latency.budget_ms(run.measured.latency))
-    return bar + age.tick_mode_table(summary.tick_modes).html() + folded("Each part in numbers", parts)
+    if not (clock := clocks.clock_table(summary.clocks)).rows:
+        parts += note(clock.note)
+    parts += age.tick_mode_table(summary.tick_modes).html()
+    return bar + folded("Each part in numbers, and what another mode of the tick would save", parts)
 
 
 def _models(run: RunView) -> str:
@@ -178,16 +193,18 @@ def _books(summary: Summary) -> str:
     """Return the tables of packets and ticks, with definitions of their terms."""
     rate = summary.redundancy.rate_text
     rejected = ", ".join(f"{side} {number(count)}" for side, count in summary.rejected.items()) or NONE
-    return (
+    lateness = ticks.tick_table({"patient": summary.ticks, "surgeon": summary.surgeon_ticks}).html()
+    text = (
         link_tables.packet_table(summary.links).html()
         + note(f"The surgeon sent {rate} (payload and attachment)." if rate else "")
-        + ticks.tick_table({"patient": summary.ticks, "surgeon": summary.surgeon_ticks}).html()
+        + (lateness if summary.mode != "twin" else note("In virtual time every tick begins at its instant."))
         + note(
             "A tick that has not begun when the next one is due is missed. Samples that arrived but were never the "
             f"freshest: {number(summary.superseded)}. Messages rejected: {rejected}."
         )
         + _filled(processors.processor_table(summary.processors))
     )
+    return folded("Each count of packets and ticks", text)
 
 
 def _repeat(run: RunView) -> str:
@@ -204,7 +221,7 @@ def _repeat(run: RunView) -> str:
         f"<pre><code>{escape(run.summary.command or NONE)}</code></pre>"
         "<pre><code>tis run scenario.yaml\ntis twin scenario.yaml</code></pre>"
         f"<p>The seed {run.summary.seed} determines every random number of the run. In its folder, "
-        f"beside this page: {listed}.</p>" + versions_table(run.versions).html()
+        f"beside this page: {listed}.</p>" + folded("Versions", versions_table(run.versions).html())
     )
 
 
@@ -224,7 +241,8 @@ def report_html(run: RunView) -> str:
     """Return the page of a run; it names what its logs lack."""
     name = run.scenario.name
     title = f"{name}: report of a run{' (synthetic)' if run.synthetic else ''}"
-    return page_html(Page(title, name, _tags(run), sections(run), _LEAD))
+    hands = [(hand, f"{hand} hand") for hand in run.hands]
+    return page_html(Page(title, name, _tags(run), sections(run), _LEAD, hands))
 
 
 def _tags(run: RunView) -> list[tuple[str, str]]:

@@ -12,7 +12,7 @@ from tis.deploy.present.numbers import number
 from tis.deploy.report.contents import run_warnings, tables
 from tis.deploy.report.section import NOT_RESOLVABLE
 from tis.deploy.report.subjects.network.link_figures import LinkVerdict
-from tis.deploy.report.subjects.requirements import OUT_OF_REACH, SetVerdict
+from tis.deploy.report.subjects.requirements import OUT_OF_REACH, SetVerdict, split_by_reach
 from tis.deploy.report.summary import Summary
 from tis.deploy.report.validity import validity_text
 
@@ -64,6 +64,8 @@ def _figures(summary: Summary) -> Iterator[Row]:
     yield Row("end to end", summary.unresolved_latency or f"median {median}, p99 {most}, from sample to estimate")
     parts = {"surgeon": "surgeon", "network": "network", "tick_wait": "tick wait", "compute": "computing"}
     found = {name: summary.text(f"latency_ms.{name}", "p50") for name in parts}
+    if summary.mode == "twin":  # in virtual time computing takes none
+        del parts["surgeon"], parts["compute"]
     texts = [f"{words} {'?' if found[name] == NOT_RESOLVABLE else found[name]}" for name, words in parts.items()]
     yield Row("medians, ms", ", ".join(texts))
     forward, back = (number(summary.links[way].loss_pct, " %") for way in ("forward", "feedback"))
@@ -88,8 +90,8 @@ def _accuracy(summary: Summary) -> Iterator[Row]:
         return
     text = f"{entry.label(active)} {number(entry.rmse_3d_mm)} mm (RMSE in 3D)"
     if active != "hold":
-        share = "" if entry.ratio_to_hold is None else f", {100 * entry.ratio_to_hold:.0f} % of that"
-        text += f"; repeating the newest position (hold) {number(hold.rmse_3d_mm)} mm{share}"
+        share = "beside" if entry.ratio_to_hold is None else f"{100 * entry.ratio_to_hold:.0f} % of"
+        text += f", {share} the {number(hold.rmse_3d_mm)} mm of repeating the newest position (hold)"
     yield Row("error", text)
     others = [
         f"{one.label(name)} {number(one.rmse_3d_mm)}"
@@ -153,19 +155,20 @@ def _requirements(summary: Summary, only_counts: bool) -> Iterator[Row]:
     Those out of reach at the run's rate are named apart.
     """
     rate_hz = summary.ticks.rate_hz
+    near, far = split_by_reach(summary.verdicts, rate_hz)
     titles: dict[str, list[str]] = {outcome: [] for outcome in OUTCOME_STYLES}
-    for verdict in summary.verdicts:
+    for verdict in near:
         titles[verdict.outcome_text(rate_hz)].append(verdict.title)
     if only_counts:
-        counts = [
-            f"{len(titles[one])} {one}" for one in ("met", "missed", OUT_OF_REACH, "not decidable") if titles[one]
-        ]
+        counts = [f"{len(titles[one])} {one}" for one in ("met", "missed", "not decidable") if titles[one]]
+        counts += [f"{len(summary.verdicts) - len(near)} {OUT_OF_REACH}"] if far else []
         yield Row("requirements", f"at {rate_hz} Hz: {', '.join(counts)}")
         return
     for outcome, style in OUTCOME_STYLES.items():
         if titles[outcome]:
-            why = f": they allow less than the {_MS_PER_S / rate_hz:.3g} ms between ticks"
-            yield Row(outcome, ", ".join(titles[outcome]) + why * (outcome == OUT_OF_REACH), style)
+            yield Row(outcome, ", ".join(titles[outcome]), style)
+    if far:
+        yield Row(OUT_OF_REACH, far)
 
 
 def _wrapped(rows: Sequence[Row], width: int) -> Iterator[Text]:

@@ -78,25 +78,39 @@ def page_figures(run: RunView) -> dict[str, list[Figure | None]]:
     def with_marks(figure: Figure | None) -> Figure | None:
         return marked(figure, run.disturbances, x_range)
 
-    moved = [(path_figure(view), with_marks(tracking_figure(view, x_range))) for view in views]
+    moved = [
+        (_of(view.hand, path_figure(view)), _of(view.hand, with_marks(tracking_figure(view, x_range)), folds=True))
+        for view in views
+    ]
     return {
-        "error": [with_marks(error_figure(one, x_range)) for one in errors],
-        "safety": [safety_figure(view, its, x_range) for view, its in zip(views, driven, strict=True)],
+        "error": [_of(one.view.hand, with_marks(error_figure(one, x_range))) for one in errors],
+        "safety": [
+            _of(view.hand, safety_figure(view, its, x_range)) for view, its in zip(views, driven, strict=True)
+        ],
         "path": [figure for figures in moved for figure in figures],
         "delay": [delay_figure(links, x_range, spans)],
         "distributions": [
             latency_cdf(latency_ms, trips_ms, limit_ms),
-            delay_cdf(links, shared, varies),
-            loss_figure(links),
-            release_figure(links),
-            *map(age_figure, errors),
+            _of("", delay_cdf(links, shared, varies), folds=True),
+            _of("", loss_figure(links), folds=True),
+            _of("", release_figure(links), folds=True),
+            *(_of(one.view.hand, age_figure(one), folds=bool(one.mark)) for one in errors),
         ],
         "model": [
-            *(singular_figure(model, f"{hand} hand", part) for hand, model in run.models.items()),
-            *map(poles_figure, measured.models),
+            figure
+            for hand, model in run.models.items()
+            for figure in (
+                _of(hand, singular_figure(model, f"{hand} hand", part), folds=True),
+                *(_of(hand, poles_figure(one), folds=True) for one in measured.models if one.hand == hand),
+            )
         ],
         "clocks": [clock_figure(logs.clocks)],
     }
+
+
+def _of(part: str, drawn: Figure | None, folds: bool = False) -> Figure | None:
+    """Return a figure as one of a part of the page."""
+    return None if drawn is None else replace(drawn, of=part, folds=folds)
 
 
 def _shared(logs: RunLogs, direction: Direction, request: Requested) -> RequestedPipeline | None:

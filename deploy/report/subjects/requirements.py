@@ -63,6 +63,13 @@ class SetVerdict(Section):
         return self.outcome.replace("_", " ")
 
 
+def split_by_reach(verdicts: Sequence[SetVerdict], rate_hz: int) -> tuple[list[SetVerdict], str]:
+    """Return the verdicts that a run at this rate can pass, and in a line the others, "" without any."""
+    near = [one for one in verdicts if one.outcome_text(rate_hz) != OUT_OF_REACH]
+    far = ", ".join(one.title for one in verdicts if one not in near)
+    return near, far and f"{far}: they allow less than the {_MS_PER_S / rate_hz:.3g} ms between ticks"
+
+
 OUT_OF_REACH: Final = "out of reach"
 _AT_A_TICK: Final = ("end_to_end", "age", "round_trip")
 _MS_PER_S: Final = 1000

@@ -36,10 +36,18 @@ _COUNTS: Final = {
 }
 
 
+_ALWAYS: Final = ("sent", "offered", "dropped", "released", "received", "unplanned_loss")
+"""The counts that are told where they are 0, too."""
+
+
 def packet_table(links: Links) -> Table:
     """Return what became of the packets of both links."""
     each = links.values()
-    rows: list[tuple[Any, ...]] = [(title, *(link[name] for link in each)) for name, title in _COUNTS.items()]
+    rows: list[tuple[Any, ...]] = [
+        (title, *(link[name] for link in each))
+        for name, title in _COUNTS.items()
+        if name in _ALWAYS or any(link[name] for link in each)
+    ]
     rows.append(("share lost in netem, %", *(link.loss_pct for link in each)))
     rows.append(("its 95 % interval, %", *(interval(link.loss_pct_interval_95) for link in each)))
     reasons = dict.fromkeys(reason for link in each for reason in link.dropped_by)
@@ -187,5 +195,6 @@ def _rows(before: str, part: Link | KeyOfLink) -> Iterator[tuple[Any, ...]]:
             continue
         mark = "*" if kind == "requested" and asked.varies else ""
         yield (f"{before}{kind}{mark}, ms", *(delay[name] for name in _STATISTICS), *losses.get(kind, _NOTHING))
-    late_us = (part.release_error_us.get(name) for name in _STATISTICS)
-    yield (f"{before}release error, \u00b5s", *late_us, *_NOTHING)
+    if part.release_error_us.get("max"):  # in virtual time none is late
+        late_us = (part.release_error_us.get(name) for name in _STATISTICS)
+        yield (f"{before}release error, \u00b5s", *late_us, *_NOTHING)
