@@ -123,6 +123,7 @@ def synth(
     on the others.
     """
     from tis.common.runtime.process import command_line
+    from tis.common.scenario.reading import setting
     from tis.deploy.run.resolve import resolve
     from tis.deploy.tools.synth import print_calibration, write_trials
 
@@ -139,13 +140,9 @@ def synth(
             soft_wrap=True,
         )
         if people is not None and people > 1:
-            source = f"{{kind: jigsaws, path: {out_dir}, task: {task}}}"
-            OUT.print(
-                escape(
-                    f"or compare, each person with models of the others\ntis compare default --set 'source={source}'"
-                ),
-                soft_wrap=True,
-            )
+            source = setting("source", {"kind": "jigsaws", "path": str(out_dir), "task": task})
+            command = command_line(["compare", "default", "--set", source])
+            OUT.print(escape(f"or compare, each person with models of the others\n{command}"), soft_wrap=True)
     return print_calibration(seed, OUT) if check else EXIT_OK
 
 

@@ -9,6 +9,7 @@ from mcap.records import Channel
 
 from tis.common.errors import DataError, Fault, InputError
 from tis.common.runtime.chunk_writer import by_channel
+from tis.common.runtime.process import command_line
 from tis.deploy.logs.describe import Described, describe
 from tis.deploy.logs.log_file import LogFile
 from tis.deploy.logs.payloads import UNREADABLE, json_value
@@ -34,7 +35,7 @@ def read_mcap(path: Path, wanted: Wanted) -> Found:
     """
     found = describe(path)
     if found.log.damage is not None:
-        advice = f"`tis recover {path}` copies what can be read to a new file"
+        advice = f"`{command_line(['recover', str(path)])}` copies what can be read to a new file"
         raise DataError(Fault(str(path), "", f"is damaged: {found.log.damage}; {advice}"))
     first = _first_payloads(path)
     topics = [_topic(found, channel, first.get(number, ())) for number, channel in found.log.channels.items()]

@@ -1,11 +1,8 @@
 """Commands that play an imported table, with the settings that its rows need; only those that run are named."""
 
 from collections.abc import Mapping
-from math import inf
 from pathlib import Path
 from typing import Final
-
-import yaml
 
 from tis.common.channels import FOLLOWER, MASTER, Hand
 from tis.common.errors import DataError, InputError
@@ -13,7 +10,7 @@ from tis.common.runtime.process import command_line
 from tis.common.runtime.recordings import build_whole, load_recording
 from tis.common.runtime.scenario_files import read_scenario
 from tis.common.scenario.identification import Identification
-from tis.common.scenario.reading import apply_settings
+from tis.common.scenario.reading import apply_settings, setting
 from tis.common.sources.table_columns import TIME, canonical_names
 from tis.common.sources.table_poses import played, row_clock
 from tis.deploy.recordings_import.found import DEVICES, Array
@@ -77,7 +74,6 @@ def _settings(file: Path, columns: Mapping[str, Array]) -> list[str]:
     source: dict[str, object] = {"kind": "table", "path": str(file), "hands": hands}
     source |= {"resample": True} if is_resampled else {}
     source |= {"gaps": "bridge"} if clock.gaps else {}
-    text = yaml.safe_dump(source, default_flow_style=True, sort_keys=False, width=inf, allow_unicode=True).strip()
     rate = [] if rate_hz == 30 else [f"rate_hz={rate_hz}"]
     training = [] if n_training == usual else [f"identification.train_samples={n_training}"]
-    return [f"source={text}", *rate, *training]
+    return [setting("source", source), *rate, *training]
