@@ -186,7 +186,8 @@ def import_(
         Path,
         typer.Argument(
             metavar="SOURCE",
-            help="An .mcap file, a rosbag2 folder, a .bag, a LeRobot set (its folder) or a JIGSAWS trial (.txt).",
+            help="An .mcap file, a rosbag2 folder, a .bag, a LeRobot set (its folder), a trajectory of TUM or EuRoC, "
+            "or a JIGSAWS trial (.txt).",
         ),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="The table to write: .parquet or .csv.")],

@@ -18,6 +18,7 @@ from tis.common.errors import EXIT_OK, GET_PARQUET, DataError, Fault, InputError
 from tis.common.runtime.recordings.jigsaws import rows_in
 from tis.common.runtime.recordings.table_file import METADATA
 from tis.common.scenario.source import is_synthetic
+from tis.common.scenario.table_source import TABLE_SUFFIXES
 from tis.common.sources.jigsaws import RATE_HZ, pose_track
 from tis.common.sources.plausibility import anomalies
 from tis.common.sources.table_columns import TIME, canonical_names
@@ -25,8 +26,9 @@ from tis.common.units import NS_PER_S
 from tis.deploy.recordings_import.files import read_bag, read_mcap
 from tis.deploy.recordings_import.found import DEVICES, MASTERS, Array, Found, Stream, Wanted
 from tis.deploy.recordings_import.lerobot import INFO, read_lerobot
-from tis.deploy.recordings_import.next_commands import next_commands
+from tis.deploy.recordings_import.next_commands import next_commands, own_table
 from tis.deploy.recordings_import.one_clock import Rows, on_one_clock
+from tis.deploy.recordings_import.trajectories import form_of, read_trajectory, text_of
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.guard import print_warnings
 
@@ -99,7 +101,8 @@ def read_jigsaws(file: Path) -> Found:
 
 
 _KINDS: Final = (
-    "an .mcap file, a rosbag2 folder (with metadata.yaml), a .bag, a LeRobot data set or a JIGSAWS trial (.txt)"
+    "an .mcap file, a rosbag2 folder (with metadata.yaml), a .bag, a LeRobot data set, "
+    "a trajectory of TUM (.txt, .tum) or EuRoC (.csv), or a JIGSAWS trial (.txt)"
 )
 
 
@@ -145,8 +148,15 @@ def read(source: Path, wanted: Wanted) -> Found:
     suffix = source.suffix.lower()
     if suffix in readers:
         return readers[suffix](source, wanted)
+    if suffix in (".txt", ".tum", ".csv"):
+        text = text_of(source)
+        form = form_of(text)
+        if form is not None:
+            return read_trajectory(source, text, form, wanted)
     if suffix == ".txt":
         return read_jigsaws(source)
+    if suffix in TABLE_SUFFIXES:
+        raise InputError(Fault(str(source), "", own_table(source)))
     raise InputError(Fault("tis import", "SOURCE", f"must be {_KINDS}", str(source)))
 
 

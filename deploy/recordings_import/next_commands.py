@@ -8,10 +8,11 @@ from tis.common.channels import FOLLOWER, MASTER, Hand
 from tis.common.errors import DataError, InputError
 from tis.common.runtime.process import command_line
 from tis.common.runtime.recordings import build_whole, load_recording
+from tis.common.runtime.recordings.table_file import open_table
 from tis.common.runtime.scenario_files import read_scenario
 from tis.common.scenario.identification import Identification
 from tis.common.scenario.reading import apply_settings, setting
-from tis.common.sources.table_columns import TIME, canonical_names
+from tis.common.sources.table_columns import TIME, canonical_names, in_few
 from tis.common.sources.table_poses import played, row_clock
 from tis.deploy.recordings_import.found import DEVICES, Array
 from tis.deploy.shell.shipped_scenarios import SHIPPED
@@ -46,6 +47,18 @@ def next_commands(file: Path, columns: Mapping[str, Array]) -> list[str]:
             f"compare estimators on it with: {_command('compare', own)}",
         ]
     return [f"it cannot be played yet: {fault}" for fault in faults]
+
+
+def own_table(file: Path) -> str:
+    """Return why a table needs no import, and how it is played; raises `DataError` for what is none."""
+    table = open_table(file)
+    axes = {device: canonical_names(device)[:3] for device in DEVICES}
+    names = [TIME, *(name for three in axes.values() if set(three) <= set(table.names) for name in three)]
+    if TIME not in table.names or len(names) == 1:
+        rule = "is a table, which needs no import: source.columns names what to read"
+        return f"{rule}, as examples/own_recording.yaml does; its columns: {in_few(table.names)}"
+    lines = "; ".join(next_commands(file, table.read(names, TIME)))
+    return f"has the columns of tis, so that it needs no import; {lines}"
 
 
 def _command(name: str, settings: list[str]) -> str:
