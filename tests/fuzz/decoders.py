@@ -196,7 +196,7 @@ def _trial(data: bytes) -> None:
 def _table(data: bytes) -> None:
     text = split_table(data.decode(errors="replace"), "a.csv")
     layout = layout_of(TableSource(kind="table", path="a.csv"), text.names, "a.csv")
-    columns = read_columns(text, layout.names, "a.csv")
+    columns = read_columns(text, layout.names, "a.csv", layout.time)
     if finite_faults(columns, "a.csv"):
         return
     clock, _ = row_clock(columns["time_s"], "a.csv", "time_s")

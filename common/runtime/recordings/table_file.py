@@ -94,8 +94,8 @@ class _Csv:
     def names(self) -> tuple[str, ...]:
         return self.table.names
 
-    def read(self, wanted: Sequence[str], time: str | None) -> Mapping[str, Array]:  # noqa: ARG002  of the protocol
-        return read_columns(self.table, wanted, self.where)
+    def read(self, wanted: Sequence[str], time: str | None) -> Mapping[str, Array]:
+        return read_columns(self.table, wanted, self.where, time)
 
 
 @dataclass(frozen=True)
