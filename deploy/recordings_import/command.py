@@ -156,7 +156,7 @@ def read(source: Path, wanted: Wanted) -> Found:
     if suffix == ".txt":
         return read_jigsaws(source)
     if suffix in TABLE_SUFFIXES:
-        raise InputError(Fault(str(source), "", own_table(source)))
+        raise InputError([Fault(str(source), "", line) for line in own_table(source)])
     raise InputError(Fault("tis import", "SOURCE", f"must be {_KINDS}", str(source)))
 
 

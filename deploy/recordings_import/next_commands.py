@@ -49,16 +49,15 @@ def next_commands(file: Path, columns: Mapping[str, Array]) -> list[str]:
     return [f"it cannot be played yet: {fault}" for fault in faults]
 
 
-def own_table(file: Path) -> str:
-    """Return why a table needs no import, and how it is played; raises `DataError` for what is none."""
+def own_table(file: Path) -> list[str]:
+    """Return lines on why a table needs no import, and how it is played; raises `DataError` for what is none."""
     table = open_table(file)
     axes = {device: canonical_names(device)[:3] for device in DEVICES}
     names = [TIME, *(name for three in axes.values() if set(three) <= set(table.names) for name in three)]
     if TIME not in table.names or len(names) == 1:
         rule = "is a table, which needs no import: source.columns names what to read"
-        return f"{rule}, as examples/own_recording.yaml does; its columns: {in_few(table.names)}"
-    lines = "; ".join(next_commands(file, table.read(names, TIME)))
-    return f"has the columns of tis, so that it needs no import; {lines}"
+        return [f"{rule}, as examples/own_recording.yaml does; its columns: {in_few(table.names)}"]
+    return ["has the columns of tis, so that it needs no import", *next_commands(file, table.read(names, TIME))]
 
 
 def _command(name: str, settings: list[str]) -> str:

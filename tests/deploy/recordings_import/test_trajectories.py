@@ -71,7 +71,7 @@ def test_lines_that_hold_no_pose_are_named(tmp_path: Path, bad: str) -> None:
 def test_a_table_needs_no_import(tmp_path: Path) -> None:
     file = write_csv(tmp_path / "own.csv", movement(900))
     code, _, err = call_in_one_line("import", str(file), "-o", str(tmp_path / "t.csv"))
-    assert (code, "it needs no import; play it with: tis twin default --set 'source={kind: table" in err) == (2, True)
+    assert (code, f"it needs no import tis: {file}: play it with: tis twin default --set" in err) == (2, True), err
     assert not (tmp_path / "t.csv").exists()
     file.write_text(file.read_text().replace("time_s", "stamp"))
     with pytest.raises(InputError, match=r"source\.columns names what to read, .*; its columns: stamp, MTML_x_m"):
