@@ -163,7 +163,10 @@ RateOption = Annotated[
 TopicOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--topic", metavar="DEVICE=TOPIC", help="Poses of MTML, MTMR, PSM1 or PSM2; by default CRTK's names."
+        "--topic",
+        metavar="DEVICE=TOPIC",
+        help="Poses of MTML, MTMR, PSM1 or PSM2, of TF /tf:PARENT:CHILD; "
+        "by default CRTK's names, or the only one there is.",
     ),
 ]
 JawOption = Annotated[
@@ -175,7 +178,7 @@ NamesOption = Annotated[
     typer.Option(
         "--names",
         metavar="VECTOR=NAME,...",
-        help="LeRobot: names of the elements of observation.state or action, like left_x,left_y,left_z,left_jaw.",
+        help="LeRobot: names of all elements of observation.state or action, like left_x,left_y,left_z,-,left_jaw.",
     ),
 ]
 

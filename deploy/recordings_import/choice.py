@@ -12,7 +12,7 @@ import numpy as np
 
 from tis.common.errors import DataError, Fault, InputError
 from tis.common.scenario.table_source import PoseColumns, PoseUnits
-from tis.common.sources.table_columns import MIN_ROWS, DeviceLayout
+from tis.common.sources.table_columns import MIN_ROWS, DeviceLayout, in_few
 from tis.common.sources.table_poses import finite_faults, pose_track
 from tis.deploy.recordings_import.found import DEVICES, MASTERS, Array, Ints, Jaw, Rows, Stream, Topic, Wanted
 from tis.deploy.recordings_import.messages import Kind
@@ -77,11 +77,12 @@ def _faults(named: Mapping[str, str], topics: Mapping[str, Topic], kind: Kind, o
     for device, name in named.items():
         if device not in DEVICES:
             found.append(Fault("tis import", option, f"must begin with one of {', '.join(DEVICES)}", device))
+        near = in_few([topic for topic, of in topics.items() if of.kind == kind], _MAX_LISTED) or "none"
         if name not in topics:
-            near = ", ".join(topic for topic, of in topics.items() if of.kind == kind) or "none"
             found.append(Fault("tis import", option, f"must be a topic of the file; of {words[kind]}: {near}", name))
         elif topics[name].kind != kind:
-            found.append(Fault("tis import", option, f"must be a topic of {words[kind]}", f"{topics[name].type}"))
+            rule = f"must be a topic of {words[kind]}: {near}"
+            found.append(Fault("tis import", option, rule, f"{topics[name].type}"))
     return found
 
 

@@ -55,6 +55,8 @@ def test_pairs_are_listed_where_none_or_another_is_named(tmp_path: Path, write: 
         read(file, Wanted())
     with pytest.raises(InputError, match="of poses: /tf:odom:base_link, /tf:base_link:tool, /tf_static:base_link"):
         read(file, Wanted(topics={"MTML": "/tf:map:odom"}))
+    with pytest.raises(InputError, match="must be a topic of poses: /tf:odom:base_link, /tf:base_link:tool"):
+        read(file, Wanted(topics={"MTML": "/tf"}))
 
 
 def test_a_single_pair_that_moves_needs_no_name(tmp_path: Path, write: Write) -> None:
