@@ -11,6 +11,7 @@ from tis.common.runtime.recordings import build_whole, load_recording
 from tis.common.runtime.recordings.table_file import open_table
 from tis.common.runtime.scenario_files import read_scenario
 from tis.common.scenario.identification import Identification
+from tis.common.scenario.patient import PatientPart
 from tis.common.scenario.reading import apply_settings, setting
 from tis.common.sources.table_columns import TIME, canonical_names, in_few
 from tis.common.sources.table_poses import played, row_clock
@@ -88,4 +89,5 @@ def _settings(file: Path, columns: Mapping[str, Array]) -> list[str]:
     source |= {"gaps": "bridge"} if clock.gaps else {}
     rate = [] if rate_hz == 30 else [f"rate_hz={rate_hz}"]
     training = [] if n_training == usual else [f"identification.train_samples={n_training}"]
-    return [setting("source", source), *rate, *training]
+    phase = [f"patient.tick_phase_ms={500 / rate_hz:g}"] if PatientPart().tick_phase_ms * rate_hz >= 1000 else []
+    return [setting("source", source), *rate, *phase, *training]

@@ -36,6 +36,7 @@ def test_the_commands_run_as_printed_for_a_short_table_with_gaps(
         (movement(3000, tremor_m=1e-4), ["source={kind: table, path: t.csv, hands: [left]}", "duration_s=auto"]),
         (movement(3000), ["identification.sensor_noise_mm=0.01"]),
         (movement(1000, rate_hz=50), ["rate_hz=50", "identification.train_samples=500"]),
+        (movement(5000, 1000, tremor_m=1e-4), ["rate_hz=1000", "patient.tick_phase_ms=0.5"]),
         (movement(1000, rate_hz=12.3), ["rate_hz=12", "resample: true"]),
         (_cut(movement(3000), 700), ["resample: true, gaps: bridge"]),
         (movement(3000, tremor_m=1e-4) | {"MTML_z_m": np.zeros(3000)}, ["identification.sensor_noise_mm=0.01"]),
