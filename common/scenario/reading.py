@@ -7,6 +7,7 @@ import hashlib
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from math import inf
 from typing import Any, Final, NamedTuple
 
 import yaml
@@ -59,6 +60,12 @@ def apply_settings(raw: Mapping[str, Any], settings: Sequence[str]) -> dict[str,
     if found:
         raise InputError(found)
     return result
+
+
+def setting(path: str, value: Mapping[str, Any]) -> str:
+    """Return ``a.b=VALUE`` by which `apply_settings` puts the value there. Oracle: round trips, test_reading."""
+    text = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=inf, allow_unicode=True)
+    return f"{path}={text.strip()}"
 
 
 def expand_profile(raw: Mapping[str, Any], where: str, profiles: Profiles) -> dict[str, Any]:

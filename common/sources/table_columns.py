@@ -5,6 +5,7 @@ The text is a line of names, then a line of numbers per row, separated by commas
 
 import csv
 import difflib
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,9 +14,10 @@ from typing import Final
 import numpy as np
 
 from tis.common.channels import FOLLOWER, MASTER, Arm, Hand
-from tis.common.errors import DataError, Fault, capped
+from tis.common.errors import MAX_SHOWN, DataError, Fault, capped
 from tis.common.scenario.table_source import HandColumns, PoseColumns, PoseUnits, TableSource
 from tis.common.sources.trajectory import Array
+from tis.common.units import NS_PER_S
 
 MAX_TABLE_BYTES: Final = 500_000_000
 """Size of a Parquet file."""
@@ -193,15 +195,54 @@ def split_table(text: str, where: str) -> TableText:
         faults.append(Fault(where, "line 1", "must hold the names of the columns, not numbers", lines[0][:60]))
     if faults:
         raise DataError(faults)
-    return TableText(names, separator, lines[1:])
+    return TableText(names, separator, _with_points(lines[1:], separator))
 
 
-def read_columns(table: TableText, wanted: Sequence[str], where: str) -> Mapping[str, Array]:
+def _with_points(lines: list[str], separator: str) -> list[str]:
+    """Return the lines with points for decimal commas: commas that separate no cells, where no cell has a point."""
+    if separator == "," or any("." in line for line in lines):
+        return lines
+    return [line.replace(",", ".") for line in lines]
+
+
+_DATE: Final = re.compile(r"((?:19|20|21)\d\d-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:\.\d{1,9})?)(Z|[+-]\d\d:?\d\d)?")
+
+
+def _dates(table: TableText, name: str, where: str) -> Array | None:
+    """Return times of ISO 8601, all of one offset, in s from the first; None where the first one is no date."""
+    place = table.names.index(name)
+    cells = [row[place].strip() for row in csv.reader(table.lines, delimiter=table.separator)]
+    first = _DATE.fullmatch(cells[0])
+    if first is None:
+        return None
+    dates = [_DATE.fullmatch(cell) for cell in cells]
+    rule = f"must be a time like {cells[0]}, with the same offset from UTC"
+    bad = [i for i, date in enumerate(dates) if date is None or date[2] != first[2]]
+    if not bad:
+        try:
+            instants = np.array([date[1] for date in dates if date is not None], dtype="datetime64[ns]")
+        except ValueError as error:
+            raise DataError(Fault(where, f"column {name}", f"must hold times that there are: {error}")) from None
+        return np.asarray((instants - instants[0]).astype(np.int64) / NS_PER_S, dtype=np.float64)
+    found = [Fault(where, f"line {i + 2}, column {name}", rule, cells[i]) for i in bad[:MAX_SHOWN]]
+    raise DataError(capped(found, len(bad), where, rule))
+
+
+def read_columns(table: TableText, wanted: Sequence[str], where: str, time: str | None = None) -> Mapping[str, Array]:
     """Return the wanted columns, each there once; raises `DataError` with the faults of every kind at once.
 
+    Of ``time`` the cells may be dates, which are returned in s from the first.
     Kinds are the number of cells of a line and what is no number; at most five lines of each are shown, and the
     others counted. NaN is a number here. Oracle: round trips and damaged tables in the tests.
     """
+    if time is not None and time in wanted and len(wanted) > 1:
+        of_first = next(csv.reader(table.lines[:1], delimiter=table.separator), [])
+        place = table.names.index(time)
+        if len(of_first) > place and _number(of_first[place]) is None:
+            others = read_columns(table, [name for name in wanted if name != time], where)
+            dates = _dates(table, time, where)
+            if dates is not None:
+                return {**others, time: dates}
     places = [table.names.index(name) for name in wanted]
     quoted = any('"' in line for line in table.lines)
     even = quoted or all(line.count(table.separator) + 1 == len(table.names) for line in table.lines)
@@ -220,6 +261,10 @@ def read_columns(table: TableText, wanted: Sequence[str], where: str) -> Mapping
 
 def _diagnose(table: TableText, wanted: Sequence[str], places: Sequence[int], where: str) -> list[Fault]:
     width_rule, number_rule = f"must have {len(table.names)} cells, as line 1", "must be a number"
+    if table.separator == "," and table.lines[0].count(",") == 2 * len(table.names) - 1:
+        width_rule += " (where the comma is the decimal mark, separate cells by semicolons)"
+    if table.separator != "," and any("," in line for line in table.lines[:_MAX_DIAGNOSED]):
+        number_rule += " (decimals must all have points, or all commas)"
     of_width: list[Fault] = []
     of_number: list[Fault] = []
     for number, line in enumerate(table.lines[:_MAX_DIAGNOSED], start=2):

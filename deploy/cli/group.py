@@ -167,6 +167,14 @@ class EmulatorOptions(Options):
 
         return emulator_address(self.connect, self.prefix, self.config, self.cfg)
 
+    @property
+    def words(self) -> list[str]:
+        """Return the options as they are typed, for a command to the same emulator."""
+        prefix = None if self.prefix == "tis" else self.prefix
+        given = [("--connect", self.connect), ("--prefix", prefix), *(("--cfg", one) for one in self.cfg or ())]
+        given += [("--config", None if self.config is None else str(self.config))]
+        return [word for option, value in given if value is not None for word in (option, value)]
+
 
 def spread(command: Callable[..., int]) -> Callable[..., int]:
     """Return a command whose parameters of `Options` are given as one keyword for each of their fields."""

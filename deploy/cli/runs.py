@@ -147,12 +147,14 @@ def stop(
     They move again when every stop in force has been released. A stop prints
     the TOKEN that ends it; a release tells whether the arms are still stopped.
     """
+    from tis.common.runtime.process import command_line
     from tis.deploy.net.emergency import Token, release_all, release_one, stop_arms
 
     address = at.emulator
     if not release:
         done = stop_arms(address, reason)
-        ending = "" if done.token is None else f"; release it with: tis stop --release {done.token}"
+        release_it = command_line(["stop", *at.words, "--release", str(done.token)])
+        ending = "" if done.token is None else f"; release it with: {release_it}"
         text = f"{done.text}{ending}"
     elif reason:
         text = release_one(address, Token.parse(reason))

@@ -123,6 +123,7 @@ def synth(
     on the others.
     """
     from tis.common.runtime.process import command_line
+    from tis.common.scenario.reading import setting
     from tis.deploy.run.resolve import resolve
     from tis.deploy.tools.synth import print_calibration, write_trials
 
@@ -139,13 +140,9 @@ def synth(
             soft_wrap=True,
         )
         if people is not None and people > 1:
-            source = f"{{kind: jigsaws, path: {out_dir}, task: {task}}}"
-            OUT.print(
-                escape(
-                    f"or compare, each person with models of the others\ntis compare default --set 'source={source}'"
-                ),
-                soft_wrap=True,
-            )
+            source = setting("source", {"kind": "jigsaws", "path": str(out_dir), "task": task})
+            command = command_line(["compare", "default", "--set", source])
+            OUT.print(escape(f"or compare, each person with models of the others\n{command}"), soft_wrap=True)
     return print_calibration(seed, OUT) if check else EXIT_OK
 
 
@@ -166,7 +163,10 @@ RateOption = Annotated[
 TopicOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--topic", metavar="DEVICE=TOPIC", help="Poses of MTML, MTMR, PSM1 or PSM2; by default CRTK's names."
+        "--topic",
+        metavar="DEVICE=TOPIC",
+        help="Poses of MTML, MTMR, PSM1 or PSM2, of TF /tf:PARENT:CHILD; "
+        "by default CRTK's names, or the only one there is.",
     ),
 ]
 JawOption = Annotated[
@@ -178,7 +178,7 @@ NamesOption = Annotated[
     typer.Option(
         "--names",
         metavar="VECTOR=NAME,...",
-        help="LeRobot: names of the elements of observation.state or action, like left_x,left_y,left_z,left_jaw.",
+        help="LeRobot: names of all elements of observation.state or action, like left_x,left_y,left_z,-,left_jaw.",
     ),
 ]
 
@@ -189,7 +189,8 @@ def import_(
         Path,
         typer.Argument(
             metavar="SOURCE",
-            help="An .mcap file, a rosbag2 folder, a .bag, a LeRobot set (its folder) or a JIGSAWS trial (.txt).",
+            help="An .mcap file, a rosbag2 folder, a .bag, a LeRobot set (its folder), a trajectory of TUM or EuRoC, "
+            "or a JIGSAWS trial (.txt).",
         ),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="The table to write: .parquet or .csv.")],

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from rich.console import Console
+from rich.markup import escape
 
 from tis.common.channels import Side
 from tis.common.errors import EXIT_INTERRUPTED, EXIT_OK, PeerError, TisError
@@ -204,7 +205,8 @@ def up(
     print_faults(err, *outcome.reasons)
     if finished.not_fetched is not None:
         print_faults(err, *map(str, finished.not_fetched.faults))
-        err.print(f"tis collect {file} --run {name} --run-dir {path} continues the collection", soft_wrap=True)
+        words = ["collect", str(file), "--run", name, "--run-dir", str(path)]
+        err.print(escape(f"{command_line(words)} continues the collection"), soft_wrap=True)
     if outcome.exit_code != EXIT_OK and not finished.has_begun:
         if finished.not_fetched is None:
             folder.remove_unused(path)

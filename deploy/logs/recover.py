@@ -10,6 +10,7 @@ from rich.markup import escape
 
 from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
 from tis.common.runtime.chunk_writer import ChunkWriter, encode_message
+from tis.common.runtime.process import command_line
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.blocks import Block
 from tis.deploy.logs.coverage import FOREVER, RECOVERED, Span, lost_bytes_of, recovery_metadata, spans
@@ -121,7 +122,8 @@ def recover_and_print(file: Path, target: Path, out: Console, err: Console) -> i
         err.print(escape(f"tis: {file}: was damaged: {found.damage}; {lost}"), style="red", soft_wrap=True)
     in_a_run = any(file.with_name(name).is_file() for name in (folder.SCENARIO_FILE, folder.NETWORK_FILE))
     if target == recovered_name(file) and in_a_run:
-        text = f"It now replaces {file.name}; tis summarize {file.parent} computes the summary again"
+        again = command_line(["summarize", str(file.parent)])
+        text = f"It now replaces {file.name}; {again} computes the summary again"
         out.print(escape(text), soft_wrap=True)
     return EXIT_LOSSY_RECOVERY if found.unknown else EXIT_OK
 

@@ -11,6 +11,7 @@ from rich.markup import escape
 
 from tis.common.channels import Direction
 from tis.common.errors import EXIT_OK, Fault, InputError
+from tis.common.runtime.process import command_line
 from tis.deploy.net.fit import Ways, cautions, fit_records, plain, profile_of, records, unfitted_lines
 from tis.deploy.net.profiles import SUFFIXES, dump_profile
 from tis.deploy.net.run_records import RUN_HEADER_FIELDS
@@ -176,7 +177,8 @@ def fit_and_print(
         text = "; ".join(about[name] for name in RUN_HEADER_FIELDS if name in about)
         out.print(escape(f"{direction}: {text}"), soft_wrap=True)
     if target is not None:
-        use = f"tis netem --profile {target} ..., or in a scenario network: {{profile: {target}}}"
+        netem = command_line(["netem", "--profile", str(target)])
+        use = f"{netem} ..., or in a scenario network: {{profile: {target}}}"
         out.print(escape(f"profile {profile.name} in {target}{replaced}: {use}"), soft_wrap=True)
     return EXIT_OK
 

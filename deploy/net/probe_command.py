@@ -24,6 +24,7 @@ from tis.common.metrics.delay_variation import (
 )
 from tis.common.metrics.loss import GilbertFit, fit_gilbert, loss_runs
 from tis.common.metrics.percentiles import TAIL, Summary, is_resolvable, summarise, uncertainties
+from tis.common.runtime.process import command_line
 from tis.common.runtime.zenoh_session import ZenohOptions
 from tis.common.trace import Trace, render_trace
 from tis.common.units import NS_PER_MS
@@ -240,7 +241,8 @@ def probe_and_print(
         for name, text in comparison(probed).items() if ends.far else ():
             out.print(escape(f"{name.replace('_', ' ')}: {text}"), soft_wrap=True)
     if target is not None:
-        err.print(escape(f"tis: written to {target}; `tis net fit {target}` makes a profile of it"), soft_wrap=True)
+        fit = command_line(["net", "fit", str(target)])
+        err.print(escape(f"tis: written to {target}; `{fit}` makes a profile of it"), soft_wrap=True)
     return EXIT_OK
 
 

@@ -1,1 +1,1 @@
-"""Import of recordings: MCAP, rosbag2, LeRobot and JIGSAWS, into tables that `source: {kind: table}` plays."""
+"""Import of recordings of many formats into tables that `source: {kind: table}` plays."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from tis.common.errors import DataError, Fault, InputError
 from tis.common.scenario.table_source import PoseColumns, PoseUnits
-from tis.common.sources.table_columns import DeviceLayout
+from tis.common.sources.table_columns import MIN_ROWS, DeviceLayout, in_few
 from tis.common.sources.table_poses import finite_faults, pose_track
 from tis.deploy.recordings_import.found import DEVICES, MASTERS, Array, Ints, Jaw, Rows, Stream, Topic, Wanted
 from tis.deploy.recordings_import.messages import Kind
@@ -27,9 +27,9 @@ _MAX_LISTED: Final = 40
 def chosen(topics: Sequence[Topic], wanted: Wanted, where: str) -> tuple[dict[str, str], dict[str, str]]:
     """Return the topic of poses, and of gripper angles, of each device.
 
-    Of an arm the commanded pose counts, as truth is the commanded pose; of a master the measured one. Raises
-    `InputError` for topics that are not there or of another kind, `DataError` when no topic is found. Oracle: lists
-    of topics in the tests.
+    Of an arm the commanded pose counts, as truth is the commanded pose; of a master the measured one. A single topic
+    of poses, of any name, is the left master's. Raises `InputError` for topics that are not there or of another kind,
+    `DataError` when no topic is found. Oracle: lists of topics in the tests.
     """
     by_name = {topic.name: topic for topic in topics}
     faults = [
@@ -47,9 +47,13 @@ def chosen(topics: Sequence[Topic], wanted: Wanted, where: str) -> tuple[dict[st
         if device not in jaws and device in poses:
             found = _first(topics, device, _JAWS if is_master else _ARM_JAWS, "joints")
             jaws |= {} if found is None else {device: found}
+    movements = [topic.name for topic in topics if topic.kind == "pose" and topic.n_messages >= MIN_ROWS]
+    if not poses and len(movements) == 1:
+        poses = {DEVICES[0]: movements[0]}  # nothing else can be meant
     if not poses:
         rule = "has no topic of poses like /MTML/measured_cp or /PSM2/setpoint_cp; --topic DEVICE=TOPIC names one"
-        listed = ", ".join(f"{topic.name} ({topic.type})" for topic in topics[:_MAX_LISTED]) or "none"
+        of_poses_first = sorted(topics, key=lambda topic: topic.kind != "pose")
+        listed = ", ".join(f"{topic.name} ({topic.type})" for topic in of_poses_first[:_MAX_LISTED]) or "none"
         raise DataError(Fault(where, "", f"{rule}; its topics: {listed}"))
     return poses, jaws
 
@@ -73,11 +77,12 @@ def _faults(named: Mapping[str, str], topics: Mapping[str, Topic], kind: Kind, o
     for device, name in named.items():
         if device not in DEVICES:
             found.append(Fault("tis import", option, f"must begin with one of {', '.join(DEVICES)}", device))
+        near = in_few([topic for topic, of in topics.items() if of.kind == kind], _MAX_LISTED) or "none"
         if name not in topics:
-            near = ", ".join(topic for topic, of in topics.items() if of.kind == kind) or "none"
             found.append(Fault("tis import", option, f"must be a topic of the file; of {words[kind]}: {near}", name))
         elif topics[name].kind != kind:
-            found.append(Fault("tis import", option, f"must be a topic of {words[kind]}", f"{topics[name].type}"))
+            rule = f"must be a topic of {words[kind]}: {near}"
+            found.append(Fault("tis import", option, rule, f"{topics[name].type}"))
     return found
 
 

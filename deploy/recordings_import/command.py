@@ -5,7 +5,7 @@ import hashlib
 import io
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
@@ -18,6 +18,7 @@ from tis.common.errors import EXIT_OK, GET_PARQUET, DataError, Fault, InputError
 from tis.common.runtime.recordings.jigsaws import rows_in
 from tis.common.runtime.recordings.table_file import METADATA
 from tis.common.scenario.source import is_synthetic
+from tis.common.scenario.table_source import TABLE_SUFFIXES
 from tis.common.sources.jigsaws import RATE_HZ, pose_track
 from tis.common.sources.plausibility import anomalies
 from tis.common.sources.table_columns import TIME, canonical_names
@@ -25,7 +26,9 @@ from tis.common.units import NS_PER_S
 from tis.deploy.recordings_import.files import read_bag, read_mcap
 from tis.deploy.recordings_import.found import DEVICES, MASTERS, Array, Found, Stream, Wanted
 from tis.deploy.recordings_import.lerobot import INFO, read_lerobot
+from tis.deploy.recordings_import.next_commands import next_commands, own_table
 from tis.deploy.recordings_import.one_clock import Rows, on_one_clock
+from tis.deploy.recordings_import.trajectories import form_of, read_trajectory, text_of
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.guard import print_warnings
 
@@ -98,7 +101,8 @@ def read_jigsaws(file: Path) -> Found:
 
 
 _KINDS: Final = (
-    "an .mcap file, a rosbag2 folder (with metadata.yaml), a .bag, a LeRobot data set or a JIGSAWS trial (.txt)"
+    "an .mcap file, a rosbag2 folder (with metadata.yaml), a .bag, a LeRobot data set, "
+    "a trajectory of TUM (.txt, .tum) or EuRoC (.csv), or a JIGSAWS trial (.txt)"
 )
 
 
@@ -125,7 +129,8 @@ def import_recording(
         escape(f"{out_file}: {len(rows.t_s)} rows of {devices}, {rows.t_s[-1]:.3f} s at {rows.rate_hz:g} a second"),
         soft_wrap=True,
     )
-    out.print(escape(f"play it with: {_setting(out_file, rows)}"), soft_wrap=True)
+    for line in next_commands(out_file, columns):
+        out.print(escape(line), soft_wrap=True, highlight=False)
     return EXIT_OK
 
 
@@ -143,8 +148,15 @@ def read(source: Path, wanted: Wanted) -> Found:
     suffix = source.suffix.lower()
     if suffix in readers:
         return readers[suffix](source, wanted)
+    if suffix in (".txt", ".tum", ".csv"):
+        text = text_of(source)
+        form = form_of(text)
+        if form is not None:
+            return read_trajectory(source, text, form, wanted)
     if suffix == ".txt":
         return read_jigsaws(source)
+    if suffix in TABLE_SUFFIXES:
+        raise InputError([Fault(str(source), "", line) for line in own_table(source)])
     raise InputError(Fault("tis import", "SOURCE", f"must be {_KINDS}", str(source)))
 
 
@@ -165,15 +177,3 @@ def _doubts(rows: Rows) -> list[str]:
         found += [] if device.turns else [f"{device.name} has no orientation: it does not turn"]
         found += [] if device.grips else [f"{device.name} has no gripper: its angle is 0"]
     return found
-
-
-def _setting(file: Path, rows: Rows) -> str:
-    names = {device.name for device in rows.devices}
-    hands: Sequence[str] = [
-        hand for hand, devices in (("left", {"MTML", "PSM2"}), ("right", {"MTMR", "PSM1"})) if names & devices
-    ]
-    source = f"{{kind: table, path: {file}, hands: [{', '.join(hands)}]}}"
-    rate = "" if rows.rate_hz == 30 else f" --set rate_hz={rows.rate_hz:g}"
-    if rows.rate_hz != int(rows.rate_hz):
-        rate = " --set source.resample=true"
-    return f"tis twin default --set 'source={source}'{rate} --set duration_s=auto"

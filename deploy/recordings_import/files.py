@@ -5,19 +5,23 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from mcap.records import Channel
 
 from tis.common.errors import DataError, Fault, InputError
 from tis.common.runtime.chunk_writer import by_channel
+from tis.common.runtime.process import command_line
 from tis.deploy.logs.describe import Described, describe
 from tis.deploy.logs.log_file import LogFile
 from tis.deploy.logs.payloads import UNREADABLE, json_value
 from tis.deploy.recordings_import.choice import chosen, listing, streams_of
 from tis.deploy.recordings_import.found import Found, Rows, Topic, Wanted, rows_of
+from tis.deploy.recordings_import.frames import pair_topics, take_pairs
 from tis.deploy.recordings_import.messages import (
     Read,
     check_rosbags,
     decoder,
+    holds_frames,
     in_json,
     in_ros,
     kind_of_json,
@@ -34,7 +38,7 @@ def read_mcap(path: Path, wanted: Wanted) -> Found:
     """
     found = describe(path)
     if found.log.damage is not None:
-        advice = f"`tis recover {path}` copies what can be read to a new file"
+        advice = f"`{command_line(['recover', str(path)])}` copies what can be read to a new file"
         raise DataError(Fault(str(path), "", f"is damaged: {found.log.damage}; {advice}"))
     first = _first_payloads(path)
     topics = [_topic(found, channel, first.get(number, ())) for number, channel in found.log.channels.items()]
@@ -44,6 +48,8 @@ def read_mcap(path: Path, wanted: Wanted) -> Found:
         n_before = 0 if before is None else before.n_messages
         kind = topic.kind or (None if before is None else before.kind)
         merged[topic.name] = Topic(topic.name, topic.type, topic.n_messages + n_before, kind)
+    for pair in _pairs(path, found):
+        merged[pair.name] = pair
     poses, jaws = chosen(list(merged.values()), wanted, str(path))
     rows = _rows(path, found, poses, jaws)
     streams, angles, notes = streams_of(poses, jaws, rows, str(path), wanted.skips_unreadable)
@@ -59,6 +65,23 @@ def _first_payloads(path: Path) -> dict[int, list[bytes]]:
             there = found.setdefault(number, [])
             there += block.payloads(which[: _SAMPLED - len(there)])
     return found
+
+
+def _of_frames(found: Described) -> dict[int, str]:
+    """Return the channels of transforms between frames, with the names of their types."""
+    of_ros = [(number, c) for number, c in found.log.channels.items() if c.message_encoding == "cdr"]
+    names = {n: found.log.schemas[c.schema_id].name for n, c in of_ros if c.schema_id in found.log.schemas}
+    return {number: name for number, name in names.items() if holds_frames(name)}
+
+
+def _pairs(path: Path, found: Described) -> list[Topic]:
+    pairs = []
+    for number, name in _of_frames(found).items():
+        decode = decoder(name)
+        blocks = ((block, np.flatnonzero(block.channel == number)) for block in LogFile(path).blocks())
+        messages = (partial(decode, payload) for block, which in blocks for payload in block.payloads(which))
+        pairs += pair_topics(found.log.channels[number].topic, name, messages)
+    return pairs
 
 
 def _topic(found: Described, channel: Channel, first: Any) -> Topic:
@@ -85,9 +108,13 @@ def _rows(path: Path, found: Described, poses: Mapping[str, str], jaws: Mapping[
         for number, channel in found.log.channels.items()
         if channel.topic in rows
     }
+    frames = {number: decoder(name) for number, name in _of_frames(found).items()}
     log = LogFile(path)
     for block in log.blocks():
         for number, which in by_channel(block.channel):
+            if number in frames:
+                for payload, log_ns in zip(block.payloads(which), block.log_ns[which].tolist(), strict=True):
+                    take_pairs(log.topic(number), partial(frames[number], payload), log_ns, rows)
             if number in readers:
                 into, read = rows[log.topic(number)], readers[number]
                 for payload, log_ns in zip(block.payloads(which), block.log_ns[which].tolist(), strict=True):
@@ -130,6 +157,11 @@ def _poses_in(path: Path, wanted: Wanted) -> Found:
             counts[connection.topic] = counts.get(connection.topic, 0) + connection.msgcount
             types[connection.topic] = connection.msgtype
         topics = [Topic(name, types[name], n, kind_of_type(types[name])) for name, n in counts.items()]
+        framed = [connection for connection in reader.connections if holds_frames(connection.msgtype)]
+        for name in dict.fromkeys(connection.topic for connection in framed):
+            sent = reader.messages([connection for connection in framed if connection.topic == name])
+            messages = (partial(reader.deserialize, data, of.msgtype) for of, _, data in sent)
+            topics += pair_topics(name, types[name], messages)
         poses, jaws = chosen(topics, wanted, str(path))
         rows = rows_of(poses, jaws)
 
@@ -137,7 +169,10 @@ def _poses_in(path: Path, wanted: Wanted) -> Found:
             return in_ros(reader.deserialize(data, name), log_ns, is_pose)
 
         chosen_ones = [connection for connection in reader.connections if connection.topic in rows]
-        for connection, log_ns, data in reader.messages(chosen_ones):
+        for connection, log_ns, data in reader.messages([*chosen_ones, *framed]):
+            if connection in framed:
+                take_pairs(connection.topic, partial(reader.deserialize, data, connection.msgtype), log_ns, rows)
+                continue
             into = rows[connection.topic]
             into.take(partial(message_in, data, connection.msgtype, log_ns, into.is_poses))
     streams, angles, notes = streams_of(poses, jaws, rows, str(path), wanted.skips_unreadable)

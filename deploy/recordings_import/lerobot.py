@@ -1,100 +1,26 @@
 """Poses from a LeRobot data set, versions 2 and 3: Parquet files below data/, described by meta/info.json.
 
-The names of a vector's elements, like left_x or psm1_qw, tell the devices.
+Most sets hold angles of joints, which are refused: which positions they are depends on the arm's kinematics.
 """
 
 import json
-import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from tis.common.channels import FOLLOWER, MASTER, Hand
 from tis.common.errors import GET_PARQUET, DataError, Fault, InputError
 from tis.common.runtime.scenario_files import read_limited
 from tis.common.scenario.table_source import PoseColumns, PoseUnits
-from tis.common.sources.table_columns import MAX_ROWS, MAX_VALUES, DeviceLayout
+from tis.common.sources.table_columns import MAX_ROWS, MAX_VALUES, DeviceLayout, in_few
 from tis.common.sources.table_poses import finite_faults, pose_track
+from tis.common.sources.trajectory import one_hemisphere
 from tis.common.units import NS_PER_S
+from tis.deploy.recordings_import.element_names import OF_JOINTS, Elements, elements_of, names_in
 from tis.deploy.recordings_import.found import Array, Found, Ints, Stream, Wanted
-
-_SIDES: Final[Mapping[str, Hand]] = {
-    "left": "left", "l": "left", "mtml": "left", "psm2": "left",
-    "right": "right", "r": "right", "mtmr": "right", "psm1": "right",
-}  # fmt: skip
-_GRIPPERS: Final = ("gripper", "jaw", "grip")
-_TURNED: Final = ("quat", "quaternion", "orientation", "rot", "rotation", "ori", "q")
-_EULER: Final = ("roll", "pitch", "yaw")
-
-
-@dataclass(frozen=True)
-class Elements:
-    """Places of a device's numbers in a vector: position, orientation as quaternion or roll-pitch-yaw, gripper."""
-
-    device: str
-    position: tuple[int, int, int]
-    quaternion: tuple[int, int, int, int] | None
-    euler: tuple[int, int, int] | None
-    gripper: int | None
-
-
-def names_in(feature: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the names of a feature of meta/info.json: a list, or a map with one list; empty if there are none."""
-    names = feature.get("names")
-    if isinstance(names, Mapping):
-        lists = [value for value in names.values() if isinstance(value, list)]
-        names = [name for value in lists for name in value]
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        return ()
-    return tuple(names)
-
-
-def elements_of(names: Sequence[str], is_action: bool) -> list[Elements]:
-    """Return the devices whose positions a vector holds, by the names of its elements.
-
-    The action is the command: the master's pose; the state is the arm's. A name tells the hand by left, right, l, r,
-    or by a device of the da Vinci; without any, it is the left one. Oracle: names of published sets in the tests.
-    """
-    parts: dict[Hand, dict[str, int]] = {}
-    for place, name in enumerate(names):
-        words = [word for word in re.split(r"[^a-z0-9]+", _split_case(name).lower()) if word]
-        hand: Hand = next((_SIDES[word] for word in words if word in _SIDES), "left")
-        part = _part(words)
-        if part is not None:
-            parts.setdefault(hand, {}).setdefault(part, place)
-    found = []
-    for hand, places in sorted(parts.items()):
-        if not {"x", "y", "z"} <= places.keys():
-            continue
-        quaternion = tuple(places.get(part, -1) for part in ("qx", "qy", "qz", "qw"))
-        euler = tuple(places.get(part, -1) for part in _EULER)
-        turns = quaternion if -1 not in quaternion else None
-        angles = euler if turns is None and -1 not in euler else None
-        device = MASTER[hand] if is_action else FOLLOWER[hand]
-        position = (places["x"], places["y"], places["z"])
-        found.append(Elements(device, position, turns, angles, places.get("gripper")))  # type: ignore[arg-type]
-    return found
-
-
-def _split_case(name: str) -> str:
-    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name)
-
-
-def _part(words: Sequence[str]) -> str | None:
-    """Return which number of a pose the words name: x, y, z, qx .. qw, roll, pitch, yaw or gripper."""
-    last = words[-1] if words else ""
-    if any(word in _GRIPPERS for word in words):
-        return "gripper"
-    if last in _EULER or last in ("qx", "qy", "qz", "qw"):
-        return last
-    if last in ("x", "y", "z", "w"):
-        return f"q{last}" if last == "w" or any(word in _TURNED for word in words[:-1]) else last
-    return None
-
 
 INFO: Final = Path("meta") / "info.json"
 VECTORS: Final = ("observation.state", "action")
@@ -115,20 +41,29 @@ def read_lerobot(folder: Path, wanted: Wanted) -> Found:
     info = _info(folder)
     where = str(folder)
     notes, devices = [], list[tuple[str, Elements]]()
+    joints = list[str]()
     for vector in VECTORS:
         feature = info["features"].get(vector)
         if not isinstance(feature, Mapping):
             continue
         names = wanted.names.get(vector) or names_in(feature)
         found = elements_of(names, is_action=vector == "action")
+        joints += [] if found else [f"{vector} {name}" for name in names if OF_JOINTS.search(name)]
         notes.append(f"{vector}: {' '.join(names) or 'elements without names'}")
         devices += [(vector, each) for each in found]
+    if not devices and joints:
+        rule = "holds angles of joints, which are no positions: record or convert it with poses of the end effector"
+        how = "(in LeRobot the processor ForwardKinematicsJointsToEE, by the arm's URDF)"
+        raise InputError(Fault(where, "", f"{rule} {how}; {in_few(joints)}"))
     if not devices:
         rule = "has no named positions in observation.state or action; --names VECTOR=left_x,left_y,... names them"
         raise InputError(Fault(where, "", f"{rule} ({'; '.join(notes) or 'it has neither'})"))
     table = _episode(folder, wanted.episode, sorted({vector for vector, _ in devices}))
     t_ns, clock = _instants(table, info)
-    streams, faults = [], list[Fault]()
+    faults = _wrong_names(table, wanted)
+    if faults:
+        raise DataError(faults)
+    streams = []
     for vector, elements in devices:
         stream, more = _stream(vector, table[vector], t_ns, elements, wanted, where)
         faults += more
@@ -140,6 +75,19 @@ def read_lerobot(folder: Path, wanted: Wanted) -> Found:
     notes += [clock, *(["numbers have single precision, 7 digits"] if single else [])]
     about = {"kind": "lerobot", "episode": wanted.episode, "version": str(info.get("codebase_version", ""))[:20]}
     return Found(tuple(streams), (), tuple(notes), about)
+
+
+def _wrong_names(table: Mapping[str, Any], wanted: Wanted) -> list[Fault]:
+    """Return the faults of ``--names`` that are not as many as the vector's elements: which they are is not known."""
+    found = []
+    for vector, names in wanted.names.items():
+        if vector not in table:
+            rule = f"must begin with {' or '.join(VECTORS)}, and name positions"
+            found.append(Fault("tis import", "--names", rule, vector))
+        elif len(names) != (n := table[vector].shape[1]):
+            rule = f"must name all {n} elements of {vector}, those that are no part of a pose by any word like -"
+            found.append(Fault("tis import", "--names", rule, len(names)))
+    return found
 
 
 def _info(folder: Path) -> dict[str, Any]:
@@ -232,7 +180,7 @@ def _instants(table: Mapping[str, Any], info: Mapping[str, Any]) -> tuple[Ints, 
 def _stream(
     vector: str, values: Array, t_ns: Ints, elements: Elements, wanted: Wanted, where: str
 ) -> tuple[Stream | None, list[Fault]]:
-    places = [*elements.position, *(elements.quaternion or elements.euler or ())]
+    places = [*elements.position, *(elements.quaternion or elements.euler or elements.rotation_vector or ())]
     places += [] if elements.gripper is None else [elements.gripper]
     if max(places) >= values.shape[1]:
         rule = f"must have the {max(places) + 1} elements that are named"
@@ -255,13 +203,16 @@ def _stream(
     )
     units = PoseUnits(position=wanted.position_unit, angle=wanted.angle_unit, gripper=wanted.gripper_unit)
     track, faults = pose_track(columns, DeviceLayout(elements.device, pose, units), where)
-    turns = elements.quaternion is not None or elements.euler is not None
+    orientation = track.orientation if elements.quaternion or elements.euler else None
+    if elements.rotation_vector is not None:
+        turned = Rotation.from_rotvec(values[:, elements.rotation_vector].astype(np.float64))
+        orientation = one_hemisphere(turned.as_quat())
     stream = Stream(
         elements.device,
         vector,
         t_ns,
         track.position_m,
-        track.orientation if turns else None,
+        orientation,
         None if elements.gripper is None else track.gripper_rad,
     )
     return stream, faults

@@ -15,7 +15,18 @@ The numbers of a pose are x y z in m, a quaternion x y z w and the gripper in ra
 that the message lacks; of joints the first angle in rad.
 """
 
-POSE_TYPES: Final = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped")
+POSE_TYPES: Final = (
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "geometry_msgs/msg/TransformStamped",
+    "nav_msgs/msg/Odometry",
+)
+"""Messages of one pose. That of Odometry is in the frame of its header; its twist, which is not read, in the child's.
+
+Frames like map, odom and base_link: REP-105, https://www.ros.org/reps/rep-0105.html.
+"""
+TF_TYPES: Final = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+"""Messages of many transforms: each pair of frames is a topic of its own, like /tf:odom:base_link."""
 JOINT_TYPES: Final = ("sensor_msgs/msg/JointState",)
 
 _NAN: Final = float("nan")
@@ -24,10 +35,28 @@ _NO_TURN: Final = (_NAN, _NAN, _NAN, _NAN)
 
 def kind_of_type(name: str) -> Kind | None:
     """Return what messages of a ROS type are imported as; ROS 1 names lack the ``/msg``."""
-    full = name if "/msg/" in name else name.replace("/", "/msg/", 1)
+    full = _full(name)
     if full in POSE_TYPES:
         return "pose"
     return "joints" if full in JOINT_TYPES else None
+
+
+def holds_frames(name: str) -> bool:
+    """Tell whether messages of a ROS type hold transforms of pairs of frames."""
+    return _full(name) in TF_TYPES
+
+
+def _full(name: str) -> str:
+    return name if "/msg/" in name else name.replace("/", "/msg/", 1)
+
+
+def pairs_in(topic: str, message: Any) -> dict[str, list[Any]]:
+    """Return the transforms of a decoded message of TF by the topic of their pair: topic, parent and child."""
+    found: dict[str, list[Any]] = {}
+    for one in message.transforms:
+        pair = f"{topic}:{one.header.frame_id.lstrip('/')}:{one.child_frame_id.lstrip('/')}"
+        found.setdefault(pair, []).append(one)
+    return found
 
 
 def kind_of_json(value: object) -> Kind | None:
@@ -45,13 +74,14 @@ def kind_of_json(value: object) -> Kind | None:
 def in_json(value: Mapping[str, Any], log_ns: int, is_pose: bool) -> Read:
     """Return what a JSON message holds.
 
-    Read are `tis` poses (``sample_ns``, ``position_m``) and the JSON of PoseStamped, TransformStamped and Foxglove's
-    PoseInFrame, and of JointState. Raises one of `tis.deploy.logs.payloads.UNREADABLE` for anything else.
+    Read are `tis` poses (``sample_ns``, ``position_m``) and the JSON of `POSE_TYPES`, of Foxglove's PoseInFrame, and
+    of JointState. Raises one of `tis.deploy.logs.payloads.UNREADABLE` for anything else.
     """
     if not is_pose:
         t_ns, is_stamped = _stamp(value, log_ns)
         return t_ns, (_number(value["position"][0]),), is_stamped
     inner = value.get("pose", value.get("transform", value))
+    inner = inner.get("pose", inner)
     place = inner.get("position_m", inner.get("position", inner.get("translation")))
     turn = inner.get("orientation", inner.get("rotation"))
     gripper = inner.get("gripper_rad")
@@ -62,7 +92,7 @@ def in_json(value: Mapping[str, Any], log_ns: int, is_pose: bool) -> Read:
 
 
 def in_ros(message: Any, log_ns: int, is_pose: bool) -> Read:
-    """Return what a decoded PoseStamped, TransformStamped or JointState holds; raises as `in_json`."""
+    """Return what a decoded message of `POSE_TYPES` or a JointState holds; raises as `in_json`."""
     stamp = message.header.stamp
     t_ns = int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
     at_ns = t_ns or log_ns  # a stamp of 0 was not set
@@ -71,7 +101,8 @@ def in_ros(message: Any, log_ns: int, is_pose: bool) -> Read:
     if hasattr(message, "transform"):
         place, turn = message.transform.translation, message.transform.rotation
     else:
-        place, turn = message.pose.position, message.pose.orientation
+        pose = getattr(message.pose, "pose", message.pose)  # beside a covariance
+        place, turn = pose.position, pose.orientation
     return at_ns, (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w, _NAN), bool(t_ns)
 
 
@@ -107,7 +138,7 @@ def decoder(type_name: str) -> Callable[[bytes], Any]:
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    full = type_name if "/msg/" in type_name else type_name.replace("/", "/msg/", 1)
+    full = _full(type_name)
 
     def decode(payload: bytes) -> Any:
         try:

@@ -53,6 +53,7 @@ def on_one_clock(found: Found, rate_hz: float | None, where: str) -> Rows:
     same = all(np.array_equal(t_ns, shared) for t_ns in all_ns)
     if same and (rate_hz is None or abs(rate_hz / own_hz - 1.0) < 1e-4):
         t_s = (shared - shared[0]) / NS_PER_S
+        notes += _gaps(shared, streams[0].origin)[1]
         notes.append(f"all have the same {len(shared)} instants, which are kept")
         if rate_hz is None:
             rate_hz = _whole(own_hz)

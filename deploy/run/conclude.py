@@ -82,7 +82,8 @@ def _summarise(run: MeasuredRun, ending: Ending, out: Console, outputs: Outputs,
     print_summary(summary, out, verbose=outputs.verbose)
     if outputs.as_json:
         print_json(summary.as_json() | {"run_dir": str(run_dir)})
-    out.print(escape(f"The run lies in {run_dir}; all tables: tis info -v {run_dir}"), soft_wrap=True)
+    tables = command_line(["info", "-v", str(run_dir)])
+    out.print(escape(f"The run lies in {run_dir}; all tables: {tables}"), soft_wrap=True)
     if under_way is not None:
         under_way.concluded()
     written = write_report(RunView.of(run, summary, manifest)) if outputs.report else None

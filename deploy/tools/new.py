@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from tis.common.errors import EXIT_OK, Fault, InputError
+from tis.common.runtime.process import command_line
 from tis.common.scenario import reading
 from tis.deploy.shell.run_dir import write
 from tis.deploy.shell.shipped_scenarios import shipped_names
@@ -41,8 +42,6 @@ def write_new(name: str, out: Console) -> int:
         raise InputError(faults)
     write(path.with_name(SCHEMA_FILE), reading.schema_json() + "\n")
     write(path, _TEMPLATE.read_text(encoding="utf-8").replace("name: NAME", f"name: {path.stem}"))
-    out.print(
-        escape(f"{path} written, and {SCHEMA_FILE}, by which editors check it; run it: tis run {path}"),
-        soft_wrap=True,
-    )
+    run = command_line(["run", str(path)])
+    out.print(escape(f"{path} written, and {SCHEMA_FILE}, by which editors check it; run it: {run}"), soft_wrap=True)
     return EXIT_OK

@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple, get_args
 
 from tis.common.channels import Direction, Network
 from tis.common.errors import EXIT_OK, Fault, InputError, PeerError
-from tis.common.runtime.process import Interrupt
+from tis.common.runtime.process import Interrupt, command_line
 from tis.common.runtime.scenario_files import load_traces
 from tis.common.runtime.status import Status
 from tis.common.runtime.zenoh_session import configure, open_router
@@ -142,7 +142,7 @@ def _lines(options: Standalone, ends: Ends) -> list[str]:
     if options.network.from_profile is not None:
         lines.append(f"from profile {options.network.from_profile}")
     if options.control is not None:
-        lines.append(f"control: tis net show --connect {options.control}")
+        lines.append(f"control: {command_line(['net', 'show', '--connect', options.control])}")
     return lines
 
 

@@ -80,6 +80,7 @@ from tis.deploy.recordings_import.files import read_mcap
 from tis.deploy.recordings_import.found import Wanted as Foreign
 from tis.deploy.recordings_import.messages import decoder, in_ros
 from tis.deploy.recordings_import.one_clock import on_one_clock
+from tis.deploy.recordings_import.trajectories import form_of, read_trajectory
 from tis.deploy.shell.run_dir import read_json
 from tis.deploy.tools.certificates import certificates, new_authority
 from tis.deploy.tools.runs import Wanted, list_runs
@@ -193,10 +194,17 @@ def _trial(data: bytes) -> None:
         trial_track(rows, device, "a.txt")
 
 
+def _trajectory(data: bytes) -> None:
+    text = data.decode(errors="replace")
+    form = form_of(text)
+    if form is not None:
+        read_trajectory(Path("a.txt"), text, form, Foreign())
+
+
 def _table(data: bytes) -> None:
     text = split_table(data.decode(errors="replace"), "a.csv")
     layout = layout_of(TableSource(kind="table", path="a.csv"), text.names, "a.csv")
-    columns = read_columns(text, layout.names, "a.csv")
+    columns = read_columns(text, layout.names, "a.csv", layout.time)
     if finite_faults(columns, "a.csv"):
         return
     clock, _ = row_clock(columns["time_s"], "a.csv", "time_s")
@@ -396,6 +404,13 @@ DECODERS: dict[str, Decoder] = {
         _MODELS,
     ),
     "JIGSAWS text": Decoder(_trial, [text_of(rows_of(3)).encode()]),
+    "trajectory": Decoder(
+        _trajectory,
+        [
+            b"# timestamp tx ty tz qx qy qz qw\n1.5 0 0 0 0 0 0 1\n1.6 0 0 0 0 0 0 1\n",
+            b"#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m]\n15,0,0,0\n16,0,0,0\n",
+        ],
+    ),
     "table text": Decoder(_table, [write_csv(_FOLDER / "a.csv", movement(4)).read_bytes()]),
     "Parquet table": Decoder(_table_file, [write_parquet(_FOLDER / "b.parquet", movement(4)).read_bytes()]),
     "foreign MCAP": Decoder(

@@ -61,7 +61,7 @@ def open_table(path: Path) -> TableFile:
     where = str(path)
     try:
         if path.suffix.lower() == ".csv":
-            return _Csv(where, split_table(_decoded(path), where))
+            return _Csv(where, split_table(decoded(path), where))
         if find_spec("pyarrow") is None:
             raise DataError(Fault(where, "", f"needs pyarrow: {GET_PARQUET}"))
         if path.stat().st_size > MAX_TABLE_BYTES:
@@ -73,7 +73,8 @@ def open_table(path: Path) -> TableFile:
         raise DataError(Fault(where, "", f"cannot be read: {error.strerror or error}")) from None
 
 
-def _decoded(path: Path) -> str:
+def decoded(path: Path) -> str:
+    """Return a file's text, UTF-8 or UTF-16; raises `OSError`, and `DataError` for other text."""
     content = read_limited(path, MAX_TEXT_BYTES)
     encoding = next((name for mark, name in _BYTE_ORDER_MARKS if content.startswith(mark)), "utf-8")
     try:
@@ -93,8 +94,8 @@ class _Csv:
     def names(self) -> tuple[str, ...]:
         return self.table.names
 
-    def read(self, wanted: Sequence[str], time: str | None) -> Mapping[str, Array]:  # noqa: ARG002  of the protocol
-        return read_columns(self.table, wanted, self.where)
+    def read(self, wanted: Sequence[str], time: str | None) -> Mapping[str, Array]:
+        return read_columns(self.table, wanted, self.where, time)
 
 
 @dataclass(frozen=True)

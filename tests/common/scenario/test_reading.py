@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tis.common.errors import InputError
 from tis.common.scenario import Scenario
-from tis.common.scenario.reading import apply_settings, build_scenario, digest, dump_scenario, parse_yaml
+from tis.common.scenario.reading import apply_settings, build_scenario, digest, dump_scenario, parse_yaml, setting
 from tis.common.scenario.source import NULL_IS_A_VALUE, SyntheticSource
 
 MINIMAL: dict[str, Any] = {"version": 1, "name": "a", "source": {"kind": "synthetic"}}
@@ -391,3 +391,8 @@ def test_any_setting_is_applied_or_refused(assignment: str) -> None:
     error = refusal(lambda: dict.items(apply_settings(raw, [assignment])))
     assert error is None or str(error).startswith("--set: ")
     assert raw == {"a": {"b": [1, {"a": 2}]}, "b": [[0], "x"]}
+
+
+def test_a_setting_is_read_as_the_value_that_it_was_made_of() -> None:
+    value = {"kind": "table", "path": "it's, {mine}: #1 é.csv", "hands": ["left", "right"], "resample": True}
+    assert apply_settings({}, [setting("source", value)]) == {"source": value}

@@ -147,3 +147,59 @@ def test_what_is_no_table_is_refused(text: str, expected: str) -> None:
     with pytest.raises(DataError) as caught:
         split_table(text, "t.csv")
     assert [str(fault) for fault in caught.value.faults] == [expected]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("a;b\n1,5;-2,25e3\n0,123;4\n", [[1.5, 0.123], [-2250.0, 4.0]]),
+        ("a\tb\n1,5\t2\n3\t4\n", [[1.5, 3.0], [2.0, 4.0]]),
+        ("a;b\n1.5;2\n3;4\n", [[1.5, 3.0], [2.0, 4.0]]),
+    ],
+)
+def test_decimals_have_a_point_or_a_comma(text: str, expected: list[list[float]]) -> None:
+    found = read_columns(split_table(text, "t.csv"), ["a", "b"], "t.csv")
+    assert [found["a"].tolist(), found["b"].tolist()] == expected
+
+
+def test_where_the_decimal_mark_is_not_known_it_is_told_what_to_do() -> None:
+    [fault] = faults_of("a;b\n1,5;2.5\n3;4\n", "a", "b")
+    assert (
+        fault
+        == "t.csv: line 2, column a: must be a number (decimals must all have points, or all commas) (got '1,5')"
+    )
+    found = faults_of("a,b\n1,5,2,5\n3,0,4,0\n", "a", "b")
+    assert (
+        "must have 2 cells, as line 1 (where the comma is the decimal mark, separate cells by semicolons)" in found[0]
+    )
+
+
+@pytest.mark.parametrize("offset", ["", "Z", "+02:00", "-0530"])
+def test_times_may_be_dates(offset: str) -> None:
+    dates = [
+        f"2026-03-29T01:59:59.9{offset}",
+        f"2026-03-29T02:00:00{offset}",
+        f"2026-03-29 02:00:00.000000001{offset}",
+    ]
+    text = "\n".join(["t,x", *(f"{date},{k}" for k, date in enumerate(dates))])
+    found = read_columns(split_table(text, "t.csv"), ["t", "x"], "t.csv", "t")
+    assert found["t"].tolist() == pytest.approx([0.0, 0.1, 0.100000001], abs=1e-12)
+    assert found["x"].tolist() == [0.0, 1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    "second", ["2026-03-29T02:00:00+01:00", "now", "3", "2026-03-29", "29.03.2026 02:00:00", "9999-01-01T00:00:00Z"]
+)
+def test_dates_that_do_not_go_together_are_told(second: str) -> None:
+    text = f"t,x\n2026-03-29T01:59:59Z,1\n{second},2\n"
+    with pytest.raises(DataError, match=r"line 3, column t: must be a time like 2026-03-29T01:59:59Z, with the same"):
+        read_columns(split_table(text, "t.csv"), ["t", "x"], "t.csv", "t")
+
+
+@pytest.mark.parametrize(
+    ("first", "expected"),
+    [("2026-02-30T00:00:00Z", "times that there are"), ("29.03.2026", "must be a number")],
+)
+def test_times_that_are_no_dates_are_told(first: str, expected: str) -> None:
+    with pytest.raises(DataError, match=f"column t: .*{expected}"):
+        read_columns(split_table(f"t,x\n{first},1\n{first},2\n", "t.csv"), ["t", "x"], "t.csv", "t")

@@ -1,6 +1,7 @@
 """The command `tis stop` and the live page's buttons against a patient that carries requests out."""
 
 import queue
+import shlex
 import threading
 import time
 from collections.abc import Iterator
@@ -63,7 +64,9 @@ def _stopped(patient: _Patient, reason: str = "") -> str:
     """Stop the arms; return the token."""
     code, out, err = patient.tis(*([reason] if reason else []))
     assert (code, out[:31]) == (0, "stopped, confirmed by the patie"), err
-    return out.split("release it with: tis stop --release ")[1]
+    words = shlex.split(out.split("release it with: tis ")[1])
+    assert words[:-1] == ["stop", "--connect", patient.endpoint, "--release"]  # runs as printed
+    return words[-1]
 
 
 def test_each_stop_is_ended_by_its_token_and_the_rest_is_told() -> None:

@@ -94,12 +94,52 @@ def ros_messages(columns: Columns, transforms: Sequence[str] = ()) -> list[tuple
     return found
 
 
+def odometry(columns: Columns, kind: str = "nav_msgs/msg/Odometry") -> list[tuple[str, str, int, Any]]:
+    """Return topic, type, log time and message of the master's poses, with a covariance."""
+    types, found = STORE.types, []
+    for _, _, t_ns, posed in ros_messages({name: columns[name] for name in columns if "PSM" not in name}):
+        if not hasattr(posed, "pose"):
+            continue
+        with_covariance = types["geometry_msgs/msg/PoseWithCovariance"](pose=posed.pose, covariance=np.zeros(36))
+        more: dict[str, Any] = {}
+        if kind == "nav_msgs/msg/Odometry":
+            zero = types["geometry_msgs/msg/Vector3"](x=9.0, y=9.0, z=9.0)
+            twist = types["geometry_msgs/msg/Twist"](linear=zero, angular=zero)
+            twisted = types["geometry_msgs/msg/TwistWithCovariance"](twist=twist, covariance=np.zeros(36))
+            more = {"child_frame_id": "base_link", "twist": twisted}
+        found.append(("/odom", kind, t_ns, types[kind](header=posed.header, pose=with_covariance, **more)))
+    return found
+
+
+def frames(columns: Columns) -> list[tuple[str, str, int, Any]]:
+    """Return messages of TF: odom to base_link is the master's pose, base_link to tool the arm's, camera is fixed."""
+    types, found = STORE.types, []
+    kinds = {"MTML": ("odom", "base_link"), "PSM2": ("base_link", "tool")}
+    for topic, kind, t_ns, one in ros_messages(columns, tuple(kinds)):
+        if kind != "geometry_msgs/msg/TransformStamped":
+            continue
+        parent, child = kinds[topic.split("/")[1]]
+        header = types["std_msgs/msg/Header"](stamp=one.header.stamp, frame_id=parent)
+        moved: Any = types[kind](header=header, child_frame_id=child, transform=one.transform)
+        found.append(("/tf", "tf2_msgs/msg/TFMessage", t_ns, types["tf2_msgs/msg/TFMessage"](transforms=[moved])))
+    fixed = types["geometry_msgs/msg/TransformStamped"](
+        header=header, child_frame_id="camera", transform=moved.transform
+    )
+    found.append(("/tf_static", "tf2_msgs/msg/TFMessage", t_ns, types["tf2_msgs/msg/TFMessage"](transforms=[fixed])))
+    return found
+
+
 def rosbag(folder: Path, columns: Columns, storage: str = "sqlite3", transforms: Sequence[str] = ()) -> Path:
     """Write a rosbag2 of CRTK topics."""
+    return rosbag_of(folder, ros_messages(columns, transforms), storage)
+
+
+def rosbag_of(folder: Path, messages: Sequence[tuple[str, str, int, Any]], storage: str = "sqlite3") -> Path:
+    """Write a rosbag2."""
     plugin = StoragePlugin.SQLITE3 if storage == "sqlite3" else StoragePlugin.MCAP
     with Writer(folder, version=9, storage_plugin=plugin) as writer:
         connections: dict[str, Any] = {}
-        for topic, kind, t_ns, message in ros_messages(columns, transforms):
+        for topic, kind, t_ns, message in messages:
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
             writer.write(connections[topic], t_ns + 1000, STORE.serialize_cdr(message, kind))
@@ -108,11 +148,16 @@ def rosbag(folder: Path, columns: Columns, storage: str = "sqlite3", transforms:
 
 def ros_mcap(file: Path, columns: Columns) -> Path:
     """Write an MCAP file of CRTK topics in CDR, as a recorder of ROS 2 does."""
+    return ros_mcap_of(file, ros_messages(columns))
+
+
+def ros_mcap_of(file: Path, messages: Sequence[tuple[str, str, int, Any]]) -> Path:
+    """Write an MCAP file in CDR."""
     with file.open("wb") as stream:
         writer = McapWriter(stream)
         writer.start(profile="ros2")
         channels: dict[str, int] = {}
-        for topic, kind, t_ns, message in ros_messages(columns):
+        for topic, kind, t_ns, message in messages:
             if topic not in channels:
                 schema = writer.register_schema(kind, "ros2msg", b"")
                 channels[topic] = writer.register_channel(topic, "cdr", schema)

@@ -41,7 +41,8 @@ def test_wrong_names_are_told_at_once() -> None:
         chosen(TOPICS, wanted, "f")
     assert [str(fault) for fault in caught.value.faults] == [
         "tis import: --topic: must begin with one of MTML, PSM2, MTMR, PSM1 (got 'ECM')",
-        "tis import: --topic: must be a topic of poses (got 'x/msg/Y')",
+        "tis import: --topic: must be a topic of poses: /MTML/measured_cp, /MTML/setpoint_cp, /PSM2/measured_cp, "
+        "/PSM2/setpoint_cp, /PSM1/setpoint_cp (got 'x/msg/Y')",
         "tis import: --jaw: must be a topic of the file; of joint states: /MTML/gripper/measured_js, "
         "/PSM2/jaw/measured_js (got '/jaw')",
     ]

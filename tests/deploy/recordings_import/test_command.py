@@ -12,13 +12,13 @@ from tis.common.runtime.recordings import load_recording
 
 
 def test_an_import_lists_what_it_found_and_says_how_to_play_it(tmp_path: Path) -> None:
-    file, table = ros_mcap(tmp_path / "a.mcap", movement(161)), tmp_path / "ann_1.parquet"
+    file, table = ros_mcap(tmp_path / "a.mcap", movement(461)), tmp_path / "ann_1.parquet"
     code, out, err = call_in_one_line("import", str(file), "--out", str(table), "--task", "Peg", "--person", "Ann")
     assert (code, err) == (0, "")
-    assert "/MTML/measured_cp: 161 of geometry_msgs/msg/PoseStamped -> poses of MTML" in out
-    assert "/MTML/measured_cp: 161 poses in 5.333 s, 30 a second; no gap" in out
-    assert f"{table}: 161 rows of MTML, PSM2, 5.333 s at 30 a second" in out
-    assert f"--set 'source={{kind: table, path: {table}, hands: [left]}}' --set duration_s=auto" in out
+    assert "/MTML/measured_cp: 461 of geometry_msgs/msg/PoseStamped -> poses of MTML" in out
+    assert "/MTML/measured_cp: 461 poses in 15.333 s, 30 a second; no gap" in out
+    assert f"{table}: 461 rows of MTML, PSM2, 15.333 s at 30 a second" in out
+    assert f"--set 'source={{kind: table, path: {table}, hands: [left]}}' --set" in out
     about = json.loads(pq.read_schema(table).metadata[b"tis"])
     assert (about["kind"], about["from"], about["task"], about["person"]) == ("mcap", "a.mcap", "Peg", "Ann")
     assert about["sha256"] == hashlib.sha256(file.read_bytes()).hexdigest()

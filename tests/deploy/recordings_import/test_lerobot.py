@@ -1,6 +1,5 @@
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -11,36 +10,39 @@ from tests.common.runtime.recordings.tables import movement
 from tests.deploy.recordings_import.foreign_files import lerobot_set
 from tis.common.errors import DataError, InputError
 from tis.deploy.recordings_import.found import Wanted
-from tis.deploy.recordings_import.lerobot import elements_of, names_in, read_lerobot
+from tis.deploy.recordings_import.lerobot import read_lerobot
 
 
-@pytest.mark.parametrize(
-    ("names", "expected"),
-    [
-        (["left_x", "left_y", "left_z", "left_gripper"], ("PSM2", (0, 1, 2), None, None, 3)),
-        (["x", "y", "z", "roll", "pitch", "yaw", "jaw"], ("PSM2", (0, 1, 2), None, (3, 4, 5), 6)),
-        (["psm1_qw", "psm1_qx", "psm1_qy", "psm1_qz", "psm1_x", "psm1_y", "psm1_z"],
-         ("PSM1", (4, 5, 6), (1, 2, 3, 0), None, None)),
-        (["PSM2.position.x", "PSM2.position.y", "PSM2.position.z", "PSM2.orientation.x", "PSM2.orientation.y",
-          "PSM2.orientation.z", "PSM2.orientation.w", "PSM2.jaw"], ("PSM2", (0, 1, 2), (3, 4, 5, 6), None, 7)),
-        (["rightArmX", "rightArmY", "rightArmZ"], ("PSM1", (0, 1, 2), None, None, None)),
-    ],
-)  # fmt: skip
-def test_names_of_elements_are_understood(names: list[str], expected: tuple[Any, ...]) -> None:
-    [found] = elements_of(names, is_action=False)
-    assert (found.device, found.position, found.quaternion, found.euler, found.gripper) == expected
+def test_joints_are_refused_by_name(tmp_path: Path) -> None:
+    folder = lerobot_set(tmp_path / "set", movement(50), 3)
+    info = json.loads((folder / "meta/info.json").read_text())
+    names = [
+        "shoulder_pan.pos",
+        "shoulder_lift.pos",
+        "elbow_flex.pos",
+        "wrist_flex.pos",
+        "wrist_roll.pos",
+        "gripper.pos",
+    ]
+    for feature in info["features"].values():
+        feature["names"] = names
+    (folder / "meta/info.json").write_text(json.dumps(info))
+    with pytest.raises(InputError, match=r"angles of joints, .* ForwardKinematicsJointsToEE.* wrist_roll\.pos"):
+        read_lerobot(folder, Wanted(episode=1))
 
 
-def test_an_action_is_the_masters_and_joints_are_no_poses() -> None:
-    names = [f"{side}_{axis}" for side in ("left", "right") for axis in "xyz"]
-    assert [each.device for each in elements_of(names, is_action=True)] == ["MTML", "MTMR"]
-    assert elements_of(["shoulder_pan.pos", "elbow_flex.pos", "gripper.pos"], is_action=True) == []
-
-
-def test_names_stand_in_a_list_or_a_map() -> None:
-    assert names_in({"names": ["a", "b"]}) == ("a", "b")
-    assert names_in({"names": {"motors": ["a", "b"]}}) == ("a", "b")
-    assert names_in({"names": None}) == names_in({"names": [1, 2]}) == names_in({}) == ()
+def test_a_rotation_vector_turns_the_hand(tmp_path: Path) -> None:
+    columns = movement(50)
+    turn = np.array([0.1, -0.2, 0.3])
+    for axis, value in zip("xyz", turn, strict=True):
+        columns[f"MTML_q{axis}"] = np.full(50, value)
+    folder = lerobot_set(tmp_path / "set", columns, 2)
+    names = ("ee.x", "ee.y", "ee.z", "ee.wx", "ee.wy", "ee.wz", "-", "ee.gripper_pos")
+    found = read_lerobot(folder, Wanted(episode=1, names={"action": names}))
+    orientation = next(stream for stream in found.streams if stream.device == "MTML").orientation
+    assert orientation is not None
+    half = np.linalg.norm(turn) / 2
+    assert orientation[7] == pytest.approx([*(np.sin(half) * turn / (2 * half)), np.cos(half)])
 
 
 @pytest.mark.parametrize("version", [2, 3])
@@ -73,10 +75,11 @@ def test_names_may_be_given(tmp_path: Path) -> None:
     (folder / "meta/info.json").write_text(json.dumps(info))
     with pytest.raises(InputError, match=r"--names VECTOR=left_x,left_y,\.\.\. names them"):
         read_lerobot(folder, Wanted(episode=1))
-    found = read_lerobot(folder, Wanted(episode=1, names={"action": ("right_x", "right_y", "right_z")}))
+    found = read_lerobot(folder, Wanted(episode=1, names={"action": ("right_x", "right_y", "right_z", *"-----")}))
     assert [stream.device for stream in found.streams] == ["MTMR"]
-    with pytest.raises(DataError, match="action: must have the 9 elements that are named"):
-        read_lerobot(folder, Wanted(episode=1, names={"action": (*["a"] * 6, "x", "y", "z")}))
+    for names, n in ((("x", "y", "z"), 3), ((*["a"] * 6, "x", "y", "z"), 9)):
+        with pytest.raises(DataError, match=rf"--names: must name all 8 elements of action, .* \(got {n}\)"):
+            read_lerobot(folder, Wanted(episode=1, names={"action": names}))
 
 
 def test_what_is_no_set_is_refused(tmp_path: Path) -> None:

@@ -30,6 +30,12 @@ def test_streams_of_one_clock_keep_their_rows() -> None:
     assert np.array_equal(rows.devices[0].track.position_m[:, 0], 3.0 * (every(20, 50) / 1e9))
 
 
+def test_gaps_of_rows_that_are_kept_are_told() -> None:
+    rows = on_one_clock(Found((stream("MTML", np.delete(every(20, 50), [10, 11])),)), None, "f")
+    assert "/MTML: 1 gap, after 0.180 s (60 ms)" in rows.notes
+    assert len(rows.t_s) == 48
+
+
 def test_other_instants_are_interpolated_where_all_are_there() -> None:
     found = Found((stream("MTML", every(10, 100)), stream("PSM2", every(25, 30, phase_ms=7))))
     rows = on_one_clock(found, 50, "f")

@@ -22,10 +22,10 @@ _TWIN = ("twin", "default", "--duration-s", "3", *(f"--set={setting}" for settin
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A twin of 3 s without a report."""
-    path = tmp_path_factory.mktemp("finished") / "run"
+    path = tmp_path_factory.mktemp("finished") / "a run"
     code, out, _ = tis(*_TWIN, "--run-dir", str(path), "--no-report")
     assert code == 0
-    assert out[-1] == f"The run lies in {path}; all tables: tis info -v {path}"
+    assert out[-1] == f"The run lies in {path}; all tables: tis info -v '{path}'"
     assert not (path / "report.html").exists()
     return path
 

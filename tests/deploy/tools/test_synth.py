@@ -1,6 +1,7 @@
 """`tis synth`: what it writes plays as a JIGSAWS trial does, says what it is, and is there whole or not at all."""
 
 import re
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from tis.common.errors import EXIT_INVALID_RUN, DataError, InputError
 from tis.common.runtime.recordings import list_trials, load_recording, load_training
 from tis.common.scenario import Scenario
 from tis.common.scenario.patient import PatientPart
-from tis.common.scenario.reading import build_scenario
+from tis.common.scenario.reading import apply_settings, build_scenario, setting
 from tis.common.scenario.source import JigsawsSource, SyntheticSource
 from tis.common.sources.calibration import RECORDED_SUTURING
 from tis.common.sources.jigsaws import trial_text
@@ -141,12 +142,15 @@ def test_the_command_needs_a_folder_or_check(tmp_path: Path, monkeypatch: pytest
 @pytest.fixture(scope="module")
 def people(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with two trials of each of three people."""
-    out = tmp_path_factory.mktemp("synth") / "people"
+    out = tmp_path_factory.mktemp("synth") / "her, {people}"
     options = ["--people", "3", "--trials", "2", "--seed", "7", "--duration-s", "14"]
     result = CliRunner().invoke(app, ["synth", str(out), *options])
     assert result.exit_code == 0
     assert result.stdout.startswith(f"6 synthetic trials in {out}; play one with\n")
-    assert f"tis compare default --set 'source={{kind: jigsaws, path: {out}, task: Suturing}}'" in result.stdout
+    words = shlex.split(result.stdout.splitlines()[-1])
+    assert words[:4] == ["tis", "compare", "default", "--set"]
+    source = {"kind": "jigsaws", "path": str(out), "task": "Suturing"}
+    assert apply_settings({}, words[4:]) == {"source": source}
     return out
 
 
@@ -164,7 +168,9 @@ def test_each_person_has_a_letter_and_is_estimated_with_models_of_the_others(peo
     trainings = load_training(others, recording)
     assert [each.label[9:13] for each in trainings] == [name for name in names if name[0] != "T"]
     assert all(each.label.endswith(" (synthetic)") and len(each.hands) == 2 for each in trainings)
-    plan = make_plan(Request("default", (f"source={{kind: jigsaws, path: {people}}}",), ("hold", "innovations_kf")))
+    plan = make_plan(
+        Request("default", (setting("source", {"kind": "jigsaws", "path": str(people)}),), ("hold", "innovations_kf"))
+    )
     assert plan.trials == tuple(names)
     assert plan.trained_on == "the same task by all other subjects"
     assert len(plan.trainings) == 3
