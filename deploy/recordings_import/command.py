@@ -21,6 +21,7 @@ from tis.common.scenario.source import is_synthetic
 from tis.common.sources.jigsaws import RATE_HZ, pose_track
 from tis.common.sources.plausibility import anomalies
 from tis.common.sources.table_columns import TIME, canonical_names
+from tis.common.sources.table_poses import other_unit
 from tis.common.units import NS_PER_S
 from tis.deploy.recordings_import.files import read_bag, read_mcap
 from tis.deploy.recordings_import.found import DEVICES, MASTERS, Array, Found, Stream, Wanted
@@ -159,7 +160,8 @@ def _metadata(source: Path, found: Found, rows: Rows) -> dict[str, Any]:
 
 
 def _doubts(rows: Rows) -> list[str]:
-    found: list[str] = []
+    _, question = other_unit(rows.rate_hz, float(rows.t_s[-1]), "s")
+    found = [f"{rows.rate_hz:g} rows a second: {question}"] if question else []
     for device in rows.devices:
         found += anomalies(device.track.position_m, rows.rate_hz, device.name, hand_held=device.name in MASTERS)
         found += [] if device.turns else [f"{device.name} has no orientation: it does not turn"]

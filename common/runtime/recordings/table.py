@@ -195,7 +195,8 @@ def _clock(
     clock, faults = row_clock(t_s, where, layout.time or "source.rate_hz")
     if clock is None:
         return RowClock(t_s, 0.0, ()), Played(None), faults
-    play, faults = played(clock, rate_hz, source.resample, source.gaps, where)
+    time_unit = None if layout.time is None else layout.time_unit
+    play, faults = played(clock, rate_hz, source.resample, source.gaps, where, time_unit)
     return clock, play, faults
 
 
