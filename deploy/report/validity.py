@@ -194,7 +194,7 @@ def invalidities(summary: Summary, scenario: Scenario, logs: RunLogs) -> list[st
         *sent_after_arrival(summary.latency_ms, summary.uncertainty_ms),
         *_unrecorded(logs),
         *_starved(summary, scenario, logs),
-        *without_estimate(summary.accuracy, summary.active_estimator),
+        *without_estimate(summary.accuracy, summary.active_estimator, summary.own_estimators),
         *evidence_problems(summary.evidence, scenario),
     ]
 
