@@ -121,6 +121,8 @@ def import_recording(
     for note in (*found.notes, *rows.notes):
         out.print(escape(note), soft_wrap=True, highlight=False)
     print_warnings(err, *_doubts(rows))
+    if about.get("synthetic") and out_file.suffix.lower() == ".csv":
+        print_warnings(err, "the movement is synthetic, which a .csv file cannot say: write a .parquet file")
     devices = ", ".join(device.name for device in rows.devices)
     out.print(
         escape(f"{out_file}: {len(rows.t_s)} rows of {devices}, {rows.t_s[-1]:.3f} s at {rows.rate_hz:g} a second"),

@@ -138,6 +138,7 @@ def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
         "scenario": plan.name,
         "command": command,
         "source": plan.source,
+        "synthetic": [trial for trial in plan.synthetic if trial in scored],
         "trained_on": plan.trained_on,
         "sweep": ", ".join(plan.axes) or None,
         "axes": list(plan.axes),

@@ -9,7 +9,7 @@ from typing import Any, Final
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from tis.deploy.compare.results.pooled import interval_note
+from tis.deploy.compare.results.pooled import interval_note, origin
 from tis.deploy.present.numbers import NONE, broken_name, fixed, number
 from tis.deploy.present.table import TIGHT, Column, Table
 from tis.patient_side.provenance import IN_SAMPLE
@@ -212,7 +212,10 @@ def headline(report: Report) -> str:
         units = f"{count} synthetic movements"
     else:
         of = f", {seeds} seeds each" if seeds > 1 else ""
-        units = f"{count} trial{'s' if n_asked > 1 else ''} ({', '.join(report['trials'])}{of})"
+        made = origin(report)
+        what = f"synthetic trial{'s' * (n_asked > 1)}" if made == "synthetic" else f"trial{'s' * (n_asked > 1)}"
+        units = f"{count} {what} ({', '.join(report['trials'])}{of})"
+        units += f", {', '.join(report['synthetic'])} synthetic" if made.startswith("partly") else ""
     return f"{report['scenario']}: {units}; trained on {report['trained_on']}."
 
 
@@ -258,8 +261,9 @@ def latex(report: Report) -> str:
     """Return a ``tabular`` of the ratios to hold, the command in a comment above it."""
     # A command that is longer than a line stays a comment.
     command = " ".join(report["command"].split())
+    made = [f"{origin(report)} movement"] if origin(report) else []
     return ratio_table(report).latex(
-        command, "RMSE in 3D over that of hold, with 95 % bootstrap intervals over people"
+        command, "RMSE in 3D over that of hold, with 95 % bootstrap intervals over people", *made
     )
 
 
