@@ -5,6 +5,8 @@ Network events (lost, late, undecodable, missed tick) are counted values and nev
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import PurePath
+from traceback import walk_tb
 from typing import ClassVar, Final
 
 _NO_VALUE: Final = object()  # None is a value that a field can have
@@ -46,6 +48,17 @@ def one_line(error: BaseException) -> str:
     text = " ".join(str(error).split())
     line = f"{type(error).__name__}: {text}" if text else type(error).__name__
     return line if len(line) <= _MAX_REASON_CHARS else f"{line[: _MAX_REASON_CHARS - 3]}..."
+
+
+def place_of(error: BaseException, *ours: str) -> str:
+    """Return the line of a user's code that an exception came through, like " (my_filter.py, line 3)"; "" if unknown.
+
+    It is the last one in the folder of the first file that is none of ``ours``, as a library may have raised.
+    """
+    lines = [(PurePath(frame.f_code.co_filename), line) for frame, line in walk_tb(error.__traceback__)]
+    theirs = [one for one in lines if not str(one[0]).startswith("<frozen") and str(one[0]) not in ours]
+    own = [(file, line) for file, line in theirs if file.parent == theirs[0][0].parent]
+    return f" ({own[-1][0].name}, line {own[-1][1]})" if own else ""
 
 
 class TisError(Exception):

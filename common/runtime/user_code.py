@@ -11,7 +11,6 @@ import importlib.metadata
 import inspect
 import json
 import sys
-import traceback
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -23,7 +22,7 @@ from typing import Any, Final
 
 from pydantic import TypeAdapter
 
-from tis.common.errors import DataError, Fault, InputError, one_line
+from tis.common.errors import DataError, Fault, InputError, one_line, place_of
 from tis.common.runtime.process import PACKAGES
 
 USER_CODE_FILE: Final = "estimators.json"
@@ -216,17 +215,12 @@ def _module(name: str) -> ModuleType:
 
 def _import_failed(name: str, error: BaseException) -> str:
     """Return the error of an import, with the last line of user code in its traceback."""
-    place, now = "", ""
+    now = ""
     if isinstance(error, ModuleNotFoundError) and find_spec(f"tis.{(error.name or '').partition('.')[0]}"):
         now = f", it has become 'tis.{error.name}'"
-    if not isinstance(error, SyntaxError):  # its message contains the line
-        frames = [one for one in traceback.extract_tb(error.__traceback__) if not _is_importing(one.filename)]
-        place = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
+    # the message of a syntax error contains the line
+    place = "" if isinstance(error, SyntaxError) else place_of(error, __file__, importlib.__file__)
     return f"{name} cannot be imported: {one_line(error)}{now}{place}"
-
-
-def _is_importing(filename: str) -> bool:
-    return filename.startswith("<frozen") or filename in (__file__, importlib.__file__)
 
 
 def _file_name(found: Any) -> str | None:

@@ -5,7 +5,7 @@ from itertools import pairwise
 from pathlib import PurePath
 from typing import Annotated, Final, Literal, Self
 
-from pydantic import Discriminator, Field, StringConstraints, Tag, model_validator
+from pydantic import Discriminator, Field, StrictBool, StringConstraints, Tag, model_validator
 
 from tis.common.channels import FOLLOWER, Arm, Hand
 from tis.common.scenario.base import (
@@ -31,6 +31,9 @@ _Name = Annotated[
     # not {0,99}: the letters of all scripts, 99 times over, take longer to compile than all other patterns
     StringConstraints(pattern=r"^\w[\w .()+-]*$", max_length=100),
     RuleText("must consist of at most 100 letters, digits, blanks and any of _.()+-"),
+]
+Resampled = Annotated[
+    StrictBool | Annotated[float, Field(ge=1, le=1_000_000)], RuleText("must be true, false or a number from 1 on")
 ]
 
 
@@ -170,10 +173,10 @@ class TableSource(AnySource):
     rate_hz: Positive | None = Field(
         None, le=1_000_000, description="Rows per second of a table without a time column; a time column is not read."
     )
-    resample: bool = Field(
+    resample: Resampled = Field(
         False,
-        strict=True,
-        description="true: rows at the scenario's rate_hz are interpolated; false: another rate is refused.",
+        description="true: rows at the scenario's rate_hz are interpolated, from 3 to 5000 recorded a second and at "
+        "most 4 for each; a number: at most so many for each recorded one; false: another rate is refused.",
     )
     gaps: Literal["refuse", "bridge"] = Field(
         "refuse",

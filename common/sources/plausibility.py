@@ -69,7 +69,8 @@ _MAX_ACCELERATION_M_S2: Final = 30.0
 _MAX_STANDSTILL_S: Final = 2.0
 # Recorded trials have 24 to 31 rows per second by this measure: the recorder's filter of velocities lowers it.
 _MAX_RATE_RATIO: Final = 2.0
-_RATES_HZ: Final = (3.0, 5000.0)  # of recorders
+RATES_HZ: Final = (3.0, 5000.0)
+"""Usual rates of recorders."""
 _MAX_SHOWN: Final = 3
 
 
@@ -101,7 +102,7 @@ def rate_doubts(position_m: Array, velocity_m_s: Array, rate_hz: float, device: 
         return ()
     found_hz = (speed / moved) ** 0.5
     near = rate_hz / _MAX_RATE_RATIO <= found_hz <= rate_hz * _MAX_RATE_RATIO
-    if near or not _RATES_HZ[0] <= found_hz <= _RATES_HZ[1]:  # columns that hold no velocities tell nothing
+    if near or not RATES_HZ[0] <= found_hz <= RATES_HZ[1]:  # columns that hold no velocities tell nothing
         return ()
     rule = f"taken for {rate_hz:g} rows per second; by its velocities it has {found_hz:.3g}"
     return (f"{device} is {rule}: resample it, or set the velocities to 0 if they are wrong",)

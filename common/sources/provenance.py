@@ -18,6 +18,9 @@ RECORDING_FILE: Final = "recording.json"
 MODEL_FILES: Final = ("model.json", "model.safetensors")
 """Names of the models' file in a run folder or log: without and with weights of learned methods."""
 
+SYNTHETIC: Final = " (synthetic)"
+"""End of the label of a recording that a program of the testbed made."""
+
 _MAX_NAMED: Final = 6
 
 

@@ -5,6 +5,7 @@ The clock of the rows is their order, their rate and their gaps; it gives the in
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import ceil
 from typing import Final, Literal
 
 import numpy as np
@@ -12,7 +13,8 @@ import scipy
 
 from tis.common.errors import MAX_SHOWN, Fault, capped
 from tis.common.messages import MAX_SIZE
-from tis.common.sources.table_columns import DeviceLayout
+from tis.common.sources.plausibility import RATES_HZ
+from tis.common.sources.table_columns import MAX_ROWS, DeviceLayout
 from tis.common.sources.trajectory import Array, PoseTrack, not_rotations, one_hemisphere
 
 SECONDS_PER: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -20,6 +22,7 @@ SECONDS_PER: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _GAP_PERIODS: Final = 1.8  # one row that is missing leaves 2 periods
 _RATE_TOLERANCE: Final = 0.005
 _ON_GRID_S: Final = 1e-6
+_MOST_RAISED: Final = 4.0  # more rows between two recorded ones are a straight line's, and no movement
 
 
 @dataclass(frozen=True)
@@ -69,11 +72,14 @@ def row_clock(t_s: Array, where: str, column: str) -> tuple[RowClock | None, lis
 
 
 def played(
-    clock: RowClock, rate_hz: int, resample: bool, gaps: Literal["refuse", "bridge"], where: str
-) -> tuple[Played, list[Fault]]:
+    clock: RowClock, rate_hz: int, resample: bool | float, gaps: Literal["refuse", "bridge"], where: str,
+    time_unit: str | None = None,
+) -> tuple[Played, list[Fault]]:  # fmt: skip
     """Return the instants that a run at ``rate_hz`` plays, or the faults of gaps and of another rate.
 
-    Rows on the grid of ``rate_hz`` are played as they are. Oracle: test_table_poses.
+    Rows on the grid of ``rate_hz`` are played as they are. ``resample`` interpolates others: True where the rate is
+    that of a recorder, and raised four times at most; a number where it is raised so many times at most. Rows that
+    are counted have no ``time_unit``. Oracle: test_table_poses.
     """
     faults, warnings = [], []
     if clock.gaps and gaps == "refuse":
@@ -86,23 +92,47 @@ def played(
     off_s = float(np.abs(clock.t_s - grid_s).max())
     if off_s <= _ON_GRID_S:
         return Played(None, tuple(warnings)), faults
-    if resample:
-        n = int(np.floor(clock.t_s[-1] * rate_hz + 1e-6)) + 1
+    other = rate_hz / clock.found_hz
+    likely, question = other_unit(clock.found_hz, float(clock.t_s[-1]), time_unit)
+    usual = not likely and other <= _MOST_RAISED * (1.0 + _RATE_TOLERANCE)
+    n = int(np.floor(clock.t_s[-1] * rate_hz + 1e-6)) + 1
+    if usual if resample is True else other <= resample * (1.0 + _RATE_TOLERANCE):
+        if n > MAX_ROWS:
+            return Played(None), [*faults, Fault(where, "", f"must have at most {MAX_ROWS} rows at {rate_hz} Hz", n)]
         about = f"resampled from {clock.found_hz:.6g} rows a second to {rate_hz}: positions and angles linearly"
         warnings.append(f"{about}, orientations along great arcs")
         return Played(np.minimum(np.arange(n) / rate_hz, clock.t_s[-1]), tuple(warnings)), faults
-    if abs(clock.found_hz / rate_hz - 1.0) > _RATE_TOLERANCE:
+    if resample or abs(other - 1.0) > _RATE_TOLERANCE:
         nearest = round(clock.found_hz)
-        same = f"rate_hz: {nearest}" if abs(clock.found_hz / max(nearest, 1) - 1.0) <= _RATE_TOLERANCE else ""
-        choice = f"set {same}, or source.resample: true" if same else "set source.resample: true"
+        is_whole = not likely and abs(clock.found_hz / max(nearest, 1) - 1.0) <= _RATE_TOLERANCE
+        value = "true" if usual else f"{max(1, ceil(other - 1e-6 * other))}"
+        unit = f"{question} Then set source.columns.time and source.units.time: {likely}; else " if likely else ""
+        choice = f"{unit}set {f'rate_hz: {nearest}, or ' if is_whole else ''}source.resample: {value}"
         rule = f"has {clock.found_hz:.6g} rows a second and the scenario's rate_hz is {rate_hz}: {choice}"
-        return Played(None), [*faults, Fault(where, "", f"{rule} to interpolate rows at {rate_hz} Hz")]
+        few = "" if other <= _MOST_RAISED else f", {value} from each recorded one"
+        return Played(None), [*faults, Fault(where, "", f"{rule} to interpolate rows at {rate_hz} Hz{few}")]
     if not clock.gaps and off_s > 0.5 / rate_hz:
         warnings.append(
             f"its times depart from {rate_hz} rows a second by up to {1e3 * off_s:.0f} ms; rows are played evenly "
             "(source.resample: true interpolates them)"
         )
     return Played(None, tuple(warnings)), faults
+
+
+def other_unit(found_hz: float, span_s: float, unit: str | None) -> tuple[str, str]:
+    """Return the likely unit of times, and it as a question, where ``unit`` gives no recorder's rate; else "", "".
+
+    Times of ``unit`` give ``found_hz`` rows a second over ``span_s``; rows that are counted have none. Oracle: one
+    clock in every unit, test_table_poses.
+    """
+    if unit is None or RATES_HZ[0] <= found_hz <= RATES_HZ[1]:
+        return "", ""
+    for other, seconds in SECONDS_PER.items():
+        factor = seconds / SECONDS_PER[unit]
+        if RATES_HZ[0] <= found_hz / factor <= RATES_HZ[1]:
+            about = f"{found_hz / factor:.6g} rows a second over {span_s * factor:.4g} s instead of {span_s:.4g} s"
+            return other, f"are its times in {other} ({about})?"
+    return "", ""
 
 
 def resampled(track: PoseTrack, t_s: Array, at_s: Array) -> PoseTrack:

@@ -9,7 +9,15 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from tis.common.errors import DataError, Fault, InputError
-from tis.common.runtime.recordings import list_trials, no_trials, own_trial, person_of, trial_file, whole_recording
+from tis.common.runtime.recordings import (
+    list_trials,
+    no_trials,
+    own_trial,
+    person_of,
+    synthetic_trials,
+    trial_file,
+    whole_recording,
+)
 from tis.common.runtime.user_code import load_user_code
 from tis.common.scenario import Scenario, virtual_time_faults
 from tis.common.scenario.estimator_names import fault_of, is_user_defined
@@ -58,6 +66,8 @@ class Plan:
     source: str
     estimators: tuple[str, ...]
     trials: tuple[str, ...]
+    synthetic: tuple[str, ...]
+    """Trials whose movement no person made."""
     n_seeds: int
     trained_on: str
     axes: tuple[str, ...]
@@ -118,6 +128,7 @@ def make_plan(request: Request) -> Plan:
         source=base.source.kind,
         estimators=_with_hold(base.estimators),
         trials=trials,
+        synthetic=trials if files is None else synthetic_trials(files, trials),
         n_seeds=seeds,
         trained_on=_trained_on(cells),
         axes=tuple(sweep.path for sweep in request.sweeps),

@@ -22,6 +22,7 @@ from tis.common.scenario.table_source import TABLE_SUFFIXES
 from tis.common.sources.jigsaws import RATE_HZ, pose_track
 from tis.common.sources.plausibility import anomalies
 from tis.common.sources.table_columns import TIME, canonical_names
+from tis.common.sources.table_poses import other_unit
 from tis.common.units import NS_PER_S
 from tis.deploy.recordings_import.files import read_bag, read_mcap
 from tis.deploy.recordings_import.found import DEVICES, MASTERS, Array, Found, Stream, Wanted
@@ -124,6 +125,8 @@ def import_recording(
     for note in (*found.notes, *rows.notes):
         out.print(escape(note), soft_wrap=True, highlight=False)
     print_warnings(err, *_doubts(rows))
+    if about.get("synthetic") and out_file.suffix.lower() == ".csv":
+        print_warnings(err, "the movement is synthetic, which a .csv file cannot say: write a .parquet file")
     devices = ", ".join(device.name for device in rows.devices)
     out.print(
         escape(f"{out_file}: {len(rows.t_s)} rows of {devices}, {rows.t_s[-1]:.3f} s at {rows.rate_hz:g} a second"),
@@ -171,7 +174,8 @@ def _metadata(source: Path, found: Found, rows: Rows) -> dict[str, Any]:
 
 
 def _doubts(rows: Rows) -> list[str]:
-    found: list[str] = []
+    _, question = other_unit(rows.rate_hz, float(rows.t_s[-1]), "s")
+    found = [f"{rows.rate_hz:g} rows a second: {question}"] if question else []
     for device in rows.devices:
         found += anomalies(device.track.position_m, rows.rate_hz, device.name, hand_held=device.name in MASTERS)
         found += [] if device.turns else [f"{device.name} has no orientation: it does not turn"]

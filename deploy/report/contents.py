@@ -40,7 +40,13 @@ WARNINGS: Final[tuple[Callable[[Summary], Sequence[str]], ...]] = (
     lambda s: safety.stop_texts(s.safety),
     lambda s: devices.device_texts(s.devices, s.external_arms),
     lambda s: intrusion.refusal_texts(s.refused),
-    lambda s: own_estimators.estimator_fault_texts(s.own_estimators),
+    lambda s: own_estimators.estimator_fault_texts(
+        {
+            name: own
+            for name, own in s.own_estimators.items()
+            if not (name in s.accuracy and s.accuracy[name].without_answer)
+        }
+    ),
     lambda s: s.in_sample or (),
     lambda s: s.recording.warnings if s.recording else (),
 )

@@ -128,7 +128,8 @@ class RunView:
     @property
     def synthetic(self) -> bool:
         """Return whether the movement is synthetic, not recorded from a person."""
-        return self.scenario.source.synthetic
+        recording = self.summary.recording
+        return self.scenario.source.synthetic or (recording is not None and recording.synthetic)
 
     @property
     def mark(self) -> str:

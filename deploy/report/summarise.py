@@ -64,6 +64,7 @@ def _over_s(logs: RunLogs, scenario: Scenario) -> float | None:
 def _measured(run: MeasuredRun, mode: str, exit_code: int | None, command: str) -> Summary:
     """Return the figures of a run, not judged yet: its problems are only those of logs and books."""
     logs, scenario = run.logs, run.scenario
+    played = identification.recording_figures(logs, scenario, run.models)
     traffic = surgeon_traffic(logs, active_duration_s(logs, "surgeon", scenario))
     return Summary(
         scenario=scenario.name,
@@ -73,7 +74,7 @@ def _measured(run: MeasuredRun, mode: str, exit_code: int | None, command: str) 
         exit=exit_code,
         command=command,
         duration_s=scenario.duration_s,
-        source=identification.source_label(scenario, devices.is_foreign(logs)),
+        source=identification.source_label(scenario, devices.is_foreign(logs), played["recording"]),
         active_estimator=scenario.active_estimator,
         active_orientation=scenario.patient.orientation.active,
         links={direction: link for direction, (link, _) in run.links.items()},
@@ -94,7 +95,7 @@ def _measured(run: MeasuredRun, mode: str, exit_code: int | None, command: str) 
         surgeon_ticks=tick_figures(logs, "surgeon", scenario),
         **_latency_and_age(run),
         **_estimation(run),
-        **identification.recording_figures(logs, scenario, run.models),
+        **played,
         processors=processors.processors_summary(logs),
         logs=log_states(logs),
         verdicts=[],

@@ -12,7 +12,7 @@ from tis.deploy.logs.payloads import Row
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.report.subjects.accuracy import is_scored, without_estimate
 from tis.deploy.report.subjects.devices import is_foreign, silent_programs
-from tis.deploy.report.subjects.intrusion import evidence_problems
+from tis.deploy.report.subjects.intrusion import evidence_problems, quarantine_texts
 from tis.deploy.report.subjects.latency import sent_after_arrival
 from tis.deploy.report.subjects.logs import counters_of
 from tis.deploy.report.subjects.processors import contention_clause, shares_of
@@ -56,10 +56,8 @@ def _unused(summary: Summary) -> list[str]:
     if rejected > few:
         why = "no header of the testbed, another run's number, or no such pose"
         problems.append(f"rejected: the patient rejected {rejected} messages: {why}")
-    kinds = {kind: n for kind, n in summary.quarantined.items() if n}
-    if sum(kinds.values()) > few:
-        texts = ", ".join(f"{n} {kind}" for kind, n in kinds.items())
-        problems.append(f"quarantined: the patient did not use {sum(kinds.values())} samples ({texts})")
+    if sum(n or 0 for n in summary.quarantined.values()) > few:
+        problems += [f"quarantined: {text}" for text in quarantine_texts(summary.quarantined)]
     return problems
 
 
@@ -194,7 +192,7 @@ def invalidities(summary: Summary, scenario: Scenario, logs: RunLogs) -> list[st
         *sent_after_arrival(summary.latency_ms, summary.uncertainty_ms),
         *_unrecorded(logs),
         *_starved(summary, scenario, logs),
-        *without_estimate(summary.accuracy, summary.active_estimator),
+        *without_estimate(summary.accuracy, summary.active_estimator, summary.own_estimators),
         *evidence_problems(summary.evidence, scenario),
     ]
 

@@ -8,12 +8,13 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
+from pathlib import PurePath
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from tis.common.errors import Fault, InputError, one_line
+from tis.common.errors import Fault, InputError, one_line, place_of
 from tis.common.messages import MAX_SIZE
 from tis.common.scenario.estimator_names import is_built_in
 from tis.patient_side.estimators.builders import build_estimator
@@ -61,9 +62,7 @@ class Guarded:
         try:
             return self.inner.initial()
         except (Exception, SystemExit) as error:
-            raise UnusableEstimatorError(
-                Fault("estimators", self.name, f"initial() raised {one_line(error)}")
-            ) from None
+            raise UnusableEstimatorError(Fault("estimators", self.name, f"initial() raised {_told(error)}")) from None
 
     def step(self, state: Any, playout: Playout, now_ns: int) -> tuple[Any, Estimate]:
         """Return the estimator's new state and estimate; after a fault the old state and no estimate."""
@@ -73,8 +72,25 @@ class Guarded:
         except (Exception, SystemExit) as error:
             self.n_faults += 1
             if self.first is None:
-                self.first = FirstFault(now_ns, str(error) if isinstance(error, _NoEstimate) else one_line(error))
+                self.first = FirstFault(now_ns, self._reason(error))
             return state, Estimate(None)
+
+    def _reason(self, error: BaseException) -> str:
+        """Return why a step failed, with the line of the user's code; of a wrong answer that of the method."""
+        if not isinstance(error, _NoEstimate):
+            return _told(error)
+        code = getattr(self.inner.step, "__code__", None)
+        place = "" if code is None else f" ({PurePath(code.co_filename).name}, line {code.co_firstlineno})"
+        return f"{error}{place}"
+
+    @property
+    def never_answered(self) -> bool:
+        """Tell whether each of its steps failed, so that it has no score."""
+        return 0 < self.n_steps == self.n_faults
+
+
+def _told(error: BaseException) -> str:
+    return f"{one_line(error)}{place_of(error, __file__)}"
 
 
 def build_any(name: str, model: ArmModel, own: Factories) -> Estimator:
@@ -88,7 +104,7 @@ def build_own(name: str, factory: Factory, model: ArmModel) -> Guarded:
         inner = factory(model)
     except (Exception, SystemExit) as error:
         raise UnusableEstimatorError(
-            Fault("estimators", name, f"raised {one_line(error)}, when it was given the model")
+            Fault("estimators", name, f"raised {_told(error)}, when it was given the model")
         ) from None
     lacking = [method for method in ("initial", "step") if not callable(getattr(inner, method, None))]
     if lacking:

@@ -6,6 +6,7 @@ movement of the whole pose.
 """
 
 from bisect import bisect_left
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import dist, hypot, inf, pi, radians
 from typing import Final, Literal, NamedTuple
@@ -20,6 +21,17 @@ from tis.patient_side.safety.set_point import STILL, Place, Vector, minus
 Kind = Literal[
     "conflicting", "ahead", "number", "place", "speed", "acceleration", "turn_speed", "turn_acceleration", "gripper"
 ]
+
+LIMIT_OF: Final[Mapping[Kind, str]] = {
+    "ahead": "lead_ms",
+    "place": "reach_m",
+    "speed": "speed_m_s",
+    "acceleration": "acceleration_m_s2",
+    "turn_speed": "turn_deg_s",
+    "turn_acceleration": "turn_acceleration_deg_s2",
+    "gripper": "gripper_deg",
+}
+"""Field of `patient.gate` that a sample of this kind exceeds; others break the surgeon's plan."""
 
 _MAX_DRIFT: Final = 100e-6
 """Drift of two clocks that were compared at the beginning: quartz keeps 50 parts in a million each."""

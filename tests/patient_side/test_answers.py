@@ -65,7 +65,8 @@ def test_a_failure_is_told_once_counted_and_nobody_elses(active: bool) -> None:
     own = Guarded(NAME, Meddles())
     outputs = play(node(*((own, Hold()) if active else (Hold(), own))), 7)
     (told,) = of(outputs, EstimatorFault)
-    assert told == EstimatorFault(t_ns=PHASE_NS, hand="left", estimator=NAME, reason="LookupError: too early")
+    reason = "LookupError: too early (test_answers.py, line 34)"
+    assert told == EstimatorFault(t_ns=PHASE_NS, hand="left", estimator=NAME, reason=reason)
     (record,) = (output for output in outputs if isinstance(output, Record) and output.topic == ESTIMATOR_FAULTS)
     assert record.log_ns == PHASE_NS
     answers = {(note.estimator, note.tick): note.position_m for note in of(outputs, EstimateNote)}

@@ -42,6 +42,9 @@ class Files(Protocol):
     def person_of(self, source: Any, trial: str) -> str:
         """Return who moves in a trial."""
 
+    def made(self, source: Any, trial: str) -> bool:
+        """Tell whether a program of the testbed made a trial's movement."""
+
     def no_trials(self, source: Any) -> Fault:
         """Return the fault to report where `trials` finds none."""
 
@@ -80,6 +83,11 @@ def list_trials(source: RecordedSource) -> list[str]:
 def person_of(source: RecordedSource, trial: str) -> str:
     """Return who moves in a trial."""
     return _FILES[source.kind].person_of(source, trial)
+
+
+def synthetic_trials(source: RecordedSource, trials: Sequence[str]) -> tuple[str, ...]:
+    """Return the trials whose movement a program of the testbed made."""
+    return tuple(trial for trial in trials if _FILES[source.kind].made(source, trial))
 
 
 def no_trials(source: RecordedSource) -> Fault:

@@ -16,7 +16,7 @@ from tis.common.scenario.source import JigsawsSource, is_synthetic
 from tis.common.sources.jigsaws import MAX_TRIAL_BYTES, RATE_HZ, parse_trial, pose_track, position_m, velocity_m_s
 from tis.common.sources.pairing import Pairing, Positions, contradictions, pair_over
 from tis.common.sources.plausibility import anomalies, rate_doubts
-from tis.common.sources.provenance import digest_of_rows
+from tis.common.sources.provenance import SYNTHETIC, digest_of_rows
 from tis.common.sources.trajectory import Array, HandRecording, Recording
 
 JIGSAWS_VARIABLE: Final = "TIS_JIGSAWS"
@@ -106,7 +106,7 @@ def _recording(
         )
         for pairing in pairings
     )
-    mark = " (synthetic)" if is_synthetic(trial) else ""
+    mark = SYNTHETIC if is_synthetic(trial) else ""
     label = f"{source.task}_{trial}{mark}"
     return Recording(
         label=label,
@@ -161,6 +161,11 @@ def own_trial(source: JigsawsSource) -> str:
 def person_of(source: JigsawsSource, trial: str) -> str:  # noqa: ARG001  (of `Files`)
     """Return the subject of a trial: the letter in its name."""
     return trial[0]
+
+
+def made(source: JigsawsSource, trial: str) -> bool:  # noqa: ARG001  (of `Files`)
+    """Tell whether a program of the testbed made a trial."""
+    return is_synthetic(trial)
 
 
 def no_others(source: JigsawsSource) -> str:

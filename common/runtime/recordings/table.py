@@ -17,6 +17,7 @@ from tis.common.scenario import Scenario
 from tis.common.scenario.table_source import TABLE_SUFFIXES, TableSource
 from tis.common.sources.pairing import FOLLOWS_BELOW, fit_arm
 from tis.common.sources.plausibility import anomalies
+from tis.common.sources.provenance import SYNTHETIC
 from tis.common.sources.table_columns import (
     DeviceLayout,
     HandLayout,
@@ -144,11 +145,23 @@ def person_of(source: TableSource, trial: str) -> str:
     file = trial_file(source, trial)
     if file == Path(source.path) and source.person is not None:
         return source.person
+    return _stated(_metadata(file), "person") or file.stem.split("_")[0]
+
+
+def made(source: TableSource, trial: str) -> bool:
+    """Tell whether a table says that a program of the testbed made its movement, which a CSV file cannot."""
+    return _says_synthetic(_metadata(trial_file(source, trial)))
+
+
+def _metadata(file: Path) -> dict[str, Any]:
     try:
-        metadata = b"" if file.suffix.lower() == ".csv" else open_table(file).metadata
+        return {} if file.suffix.lower() == ".csv" else _parsed(open_table(file).metadata)
     except DataError:
-        metadata = b""
-    return _stated(_parsed(metadata), "person") or file.stem.split("_")[0]
+        return {}
+
+
+def _says_synthetic(stated: dict[str, Any]) -> bool:
+    return stated.get("synthetic") is True
 
 
 @dataclass(frozen=True)
@@ -164,7 +177,7 @@ def _about(source: TableSource, file: Path, table: TableFile) -> _About:
     task = source.task or _stated(stated, "task")
     person = (source.person if is_own else None) or _stated(stated, "person") or file.stem.split("_")[0]
     label = f"{task} {file.stem}" if task else file.stem
-    return _About(f"{label} (synthetic)" if stated.get("synthetic") is True else label, person)
+    return _About(f"{label}{SYNTHETIC}" if _says_synthetic(stated) else label, person)
 
 
 def _parsed(metadata: bytes) -> dict[str, Any]:
@@ -195,7 +208,8 @@ def _clock(
     clock, faults = row_clock(t_s, where, layout.time or "source.rate_hz")
     if clock is None:
         return RowClock(t_s, 0.0, ()), Played(None), faults
-    play, faults = played(clock, rate_hz, source.resample, source.gaps, where)
+    time_unit = None if layout.time is None else layout.time_unit
+    play, faults = played(clock, rate_hz, source.resample, source.gaps, where, time_unit)
     return clock, play, faults
 
 

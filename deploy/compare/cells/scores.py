@@ -98,6 +98,9 @@ class _Watch:
             track, ages_ns = scored[hand]
             turned = wrist_sums(track, self._recording, recorded[hand], methods)
             found[hand] = {**hand_sums(track, ages_ns, model, estimators), "orientation": turned}
+            for name, estimator in estimators.items():
+                if isinstance(estimator.inner, Guarded) and estimator.inner.never_answered:
+                    del found[hand]["estimators"][name]
         return found
 
 

@@ -44,10 +44,22 @@ class Outcome:
     failures: list[Failure] = field(default_factory=list)
     n_resumed: int = 0
 
+    def without_answer(self) -> dict[str, str]:
+        """Return the user-defined estimators that failed at every step of a hand in a twin, and so have no score."""
+        found: dict[str, str] = {}
+        for result in self.cells.values():
+            for name, about in result.get("own_faults", {}).items():
+                if any(name not in hand["estimators"] for hand in result["hands"].values()):
+                    where = f"{result['trial']}, seed {result['seed']}, at {about['first']}"
+                    found.setdefault(name, f"failed at every step of a twin, and has no score: {where}")
+        return found
+
     def check(self) -> None:
         """Raise `DataError` with all failures, if there are any."""
-        if self.failures:
-            raise DataError([Fault(failure.label, "", failure.reason) for failure in self.failures])
+        faults = [Fault(failure.label, "", failure.reason) for failure in self.failures]
+        faults += [Fault(name, "", text) for name, text in self.without_answer().items()]
+        if faults:
+            raise DataError(faults)
 
 
 def compute(

@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import traceback
 from collections import deque
@@ -14,7 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Protocol, Self
 
-from tis.common.errors import TisError
+from tis.common.errors import Fault, InputError, TisError
 from tis.deploy.compare.cells.cell import Cell, Training, run_cell, train
 from tis.patient_side.estimators.guarded import UnusableEstimatorError
 
@@ -99,11 +100,17 @@ def first_done(pending: dict[Future[Any], Any], is_last: Callable[[Future[Any]],
 
 _ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
+_UNGUARDED: Final = 101
+"""Exit code of a worker whose client is a script without a guard: each worker imports the script first."""
+
 Submitted = tuple[Unit, Path | None]
 
 
 class Processes:
-    """Single-threaded worker processes, ``n_jobs`` or one per core when None; the first unit starts them."""
+    """Single-threaded worker processes, ``n_jobs`` or one per core when None; the first unit starts them.
+
+    `completed` raises `InputError` in a script that computes where it is imported, as each process imports it.
+    """
 
     def __init__(self, n_jobs: int | None = None) -> None:
         self._n_jobs = n_jobs or os.cpu_count() or 1
@@ -113,8 +120,11 @@ class Processes:
         self._is_alone = False
         self._environment: dict[str, str | None] = {}
         self._others: set[Any] = set()
+        self._started: set[Any] = set()
 
     def __enter__(self) -> Self:
+        if getattr(multiprocessing.current_process(), "_inheriting", False):  # the script is being imported
+            sys.exit(_UNGUARDED)
         self._others = set(multiprocessing.active_children())
         self._environment = {name: os.environ.get(name) for name in _ONE_THREAD}
         os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # read when the workers load numpy
@@ -153,6 +163,9 @@ class Processes:
             unit, _ = submitted
             if not _is_lost(future):
                 results.append((unit, future.result()))
+            elif any(child.exitcode == _UNGUARDED for child in self._started):
+                rule = 'must be called below if __name__ == "__main__": in a script, which its processes import'
+                raise InputError(Fault("compare", "", rule))
             elif self._is_alone:
                 results.append((unit, Failure(unit.label, "its process died, twice (out of memory?)")))
                 self._end_pool()
@@ -170,6 +183,7 @@ class Processes:
             context = multiprocessing.get_context("spawn")
             self._pool = ProcessPoolExecutor(n_jobs, mp_context=context, initializer=_begin)
         self._pending[self._pool.submit(perform, unit, model_file)] = unit, model_file
+        self._started |= set(multiprocessing.active_children()) - self._others
 
     def _suspect(self, submitted: Submitted) -> None:
         """Suspect a unit and all others that were submitted with it, as a process of the pool died."""

@@ -42,6 +42,7 @@ def tidy_rows(plan: Plan, outcome: Outcome) -> list[dict[str, Any]]:
         if result is None:
             continue
         about = {**at_of[cell.setting], "trial": cell.trial, "person": person(cell), "seed": result["seed"]}
+        about["synthetic"] = cell.trial in plan.synthetic
         for hand, entry in result["hands"].items():
             n = entry["n_scored"]
             age_ms = entry["age_sum_ns"] / NS_PER_MS / n if n else None

@@ -12,6 +12,7 @@ from bokeh.models.ranges import Range1d
 from bokeh.plotting import figure
 
 from tis.deploy.compare.results.page_sums import PageSums
+from tis.deploy.compare.results.pooled import origin
 from tis.deploy.compare.results.tables import TURN_CAPTION, headline, turn_table
 from tis.deploy.present.page import Page, Section, page_html
 from tis.deploy.present.palette import AXIS, SOFT, look_of
@@ -123,13 +124,15 @@ def comparison_html(report: dict[str, Any], sums: PageSums) -> str:
         ),
         Section("repeat", "How to repeat it", markup=f"<pre><code>{escape(report['command'])}</code></pre>"),
     ]
-    synthetic = report["source"] == "synthetic"
-    about = _json(sums.about() | {"synthetic": synthetic})
+    about = _json(sums.about() | {"synthetic": report["source"] == "synthetic"})
     data = f'<script type="application/json" id="about">{about}</script>'
     data += f'<script type="text/plain" id="sums">{sums.packed()}</script>'
     scripts = "".join(script.read_text(encoding="utf-8") for script in _SCRIPTS)
     title = f"{report['scenario']}: estimators compared"
-    tags = [(f"{report['n_computed']:,} twins", ""), (report["source"], "open" if synthetic else "")]
+    made = origin(report)
+    kind = "" if made == "synthetic" else report["source"]  # the file format of JIGSAWS is no origin
+    tags = [(f"{report['n_computed']:,} twins", ""), (f"{made} movement" if made else "", "open"), (kind, "")]
+    tags = [(text, look) for text, look in tags if text]
     return page_html(
         Page(title, title, tags, sections, headline(report)),
         more_style=_STYLE.read_text(encoding="utf-8"),

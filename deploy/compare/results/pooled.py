@@ -44,14 +44,20 @@ def interval_note(rows: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
+def origin(report: Mapping[str, Any]) -> str:
+    """Return whether a comparison's movement is synthetic, partly so, or recorded ("")."""
+    n = len(report.get("synthetic", ()))
+    return "" if not n else "synthetic" if n == len(report["trials"]) else "partly synthetic"
+
+
 def band_words(report: Mapping[str, Any]) -> str:
     """Return what the bands of a report's figures are, with the number of people and what so few of them mean."""
-    n_people = fewest(report["rows"])
+    n_people, made = fewest(report["rows"]), f"{origin(report)} movement. ".capitalize() * bool(origin(report))
     if n_people < 2:
-        return "No bands: intervals are over people, and this is a single one."
+        return f"{made}No bands: intervals are over people, and this is a single one."
     who = f"{n_people} people{', one for each seed' * (report['source'] == 'synthetic')}"
     few = f". So few cover less than 95 %: at most {range_holds_median_pct(n_people):.0f} %"
-    return f"Bands: 95 % bootstrap intervals over {who}{few * (n_people < ENOUGH_PEOPLE)}."
+    return f"{made}Bands: 95 % bootstrap intervals over {who}{few * (n_people < ENOUGH_PEOPLE)}."
 
 
 N_RESAMPLES: Final = 2000

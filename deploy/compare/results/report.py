@@ -138,6 +138,7 @@ def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
         "scenario": plan.name,
         "command": command,
         "source": plan.source,
+        "synthetic": [trial for trial in plan.synthetic if trial in scored],
         "trained_on": plan.trained_on,
         "sweep": ", ".join(plan.axes) or None,
         "axes": list(plan.axes),
@@ -153,6 +154,7 @@ def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
         "orientation": [row for setting in settings for row in setting["orientation"]],
         "settings": [setting["about"] for setting in settings],
         "failed": [f"{failure.label}: {failure.reason}" for failure in outcome.failures]
+        + [f"{name}: {text}" for name, text in outcome.without_answer().items()]
         + [str(fault) for fault in plan.refused],
         "unscored": _unscored(plan, outcome),
         "topologies": sorted({cell.scenario.topology for cell in plan.cells}),
@@ -167,6 +169,7 @@ def _setting(plan: Plan, outcome: Outcome, point: Point, cells: Sequence[Cell]) 
     if not found:
         return {"rows": [], "by_trial": [], "orientation": [], "about": {"setting": value, **at, "n_cells": 0}}
     names = [name for name in plan.estimators if all(_has(result, name) for _, result in found)]
+    own = {name for _, result in found for name in result.get("own_faults", {})}
     # hands pooled in four ways: all, by person, by trial, by hand
     by_person: dict[str, Hands] = {}
     by_trial: dict[str, Hands] = {}
@@ -207,7 +210,9 @@ def _setting(plan: Plan, outcome: Outcome, point: Point, cells: Sequence[Cell]) 
         "rows": rows,
         "by_trial": trials,
         "orientation": orientation_rows({"setting": value, **at}, list(by_person.values())),
-        "about": _about(value, found, everything) | at,
+        "about": _about(value, found, everything)
+        | {"failed": [name for name in plan.estimators if name in own.difference(names)]}
+        | at,
     }
 
 
@@ -285,6 +290,8 @@ def _own_faults(outcome: Outcome) -> list[str]:
     first: dict[str, str] = {}
     for result in outcome.cells.values():
         for name, about in result.get("own_faults", {}).items():
+            if not _has(result, name):
+                continue
             found = counts.setdefault(name, [0, 0])
             found[0] += about["n_faults"]
             found[1] += about["n_steps"]

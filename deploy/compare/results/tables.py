@@ -9,7 +9,7 @@ from typing import Any, Final
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from tis.deploy.compare.results.pooled import interval_note
+from tis.deploy.compare.results.pooled import interval_note, origin
 from tis.deploy.present.numbers import NONE, broken_name, fixed, number
 from tis.deploy.present.table import TIGHT, Column, Table
 from tis.patient_side.provenance import IN_SAMPLE
@@ -66,6 +66,14 @@ _SCORES: Final = (
 _NORMALIZED: Final = Column("x y z / range")
 
 
+_WITHOUT_SCORE: Final[Mapping[str, Any]] = {
+    "failed": True,
+    **dict.fromkeys(("rmse_3d_mm", "ratio_to_hold", "ratio_to_hold_interval_95", "coverage_pct", "train_s")),
+    **dict.fromkeys(("r2_pct", "rmse_normalized"), (None, None, None)),
+    "step_us": {"p50": None, "p99": None},
+}
+
+
 def scores_table(rows: Rows, title: str = "") -> Table:
     """Return the scores of the estimators at one setting."""
     return Table(title, _SCORES, [_scores(row) for row in rows])
@@ -73,7 +81,7 @@ def scores_table(rows: Rows, title: str = "") -> Table:
 
 def _scores(row: Mapping[str, Any]) -> list[Any]:
     return [
-        f"{row['estimator']} *" if row.get("faulty_steps") else row["estimator"],
+        f"{row['estimator']}{' failed' if row.get('failed') else ' *' if row.get('faulty_steps') else ''}",
         *row["r2_pct"],
         row["rmse_3d_mm"],
         row["ratio_to_hold"],
@@ -132,8 +140,9 @@ def ratio_table(report: Report, intervals: bool = True) -> Table:
     Estimators are against settings; of a grid or of many values, settings against estimators.
     """
     abouts = [about for about in report["settings"] if about["n_cells"]]
-    names = list(dict.fromkeys(row["estimator"] for row in report["rows"]))
     known = {(row["estimator"], row["setting"]): _ratio(row, intervals) for row in report["rows"]}
+    known |= {(name, about["setting"]): "failed" for about in abouts for name in about.get("failed", ())}
+    names = list(dict.fromkeys(name for name, _ in known))
     if len(report["axes"]) > 1 or len(abouts) > _MAX_COLUMNS:
         # A line has no room for so many points.
         axes = [Column(_last(path), words=len(report["axes"]) > 1 or i == 0) for i, path in enumerate(report["axes"])]
@@ -176,6 +185,7 @@ def _tables(report: Report) -> list[tuple[Table, Rows, Table | None]]:
                 [row for row in report[kind] if row["setting"] == about["setting"]]
                 for kind in ("rows", "orientation")
             )
+            rows += [{**_WITHOUT_SCORE, "estimator": name} for name in about.get("failed", ())]
             found.append((scores_table(rows, _title(about)), rows, turn_table(turns) if turns else None))
     return found
 
@@ -202,7 +212,10 @@ def headline(report: Report) -> str:
         units = f"{count} synthetic movements"
     else:
         of = f", {seeds} seeds each" if seeds > 1 else ""
-        units = f"{count} trial{'s' if n_asked > 1 else ''} ({', '.join(report['trials'])}{of})"
+        made = origin(report)
+        what = f"synthetic trial{'s' * (n_asked > 1)}" if made == "synthetic" else f"trial{'s' * (n_asked > 1)}"
+        units = f"{count} {what} ({', '.join(report['trials'])}{of})"
+        units += f", {', '.join(report['synthetic'])} synthetic" if made.startswith("partly") else ""
     return f"{report['scenario']}: {units}; trained on {report['trained_on']}."
 
 
@@ -248,8 +261,9 @@ def latex(report: Report) -> str:
     """Return a ``tabular`` of the ratios to hold, the command in a comment above it."""
     # A command that is longer than a line stays a comment.
     command = " ".join(report["command"].split())
+    made = [f"{origin(report)} movement"] if origin(report) else []
     return ratio_table(report).latex(
-        command, "RMSE in 3D over that of hold, with 95 % bootstrap intervals over people"
+        command, "RMSE in 3D over that of hold, with 95 % bootstrap intervals over people", *made
     )
 
 

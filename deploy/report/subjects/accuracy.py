@@ -57,7 +57,10 @@ class Scores(Section):
         "Its error over that of `hold`, sqrt(\u03a3|e|\u00b2 / \u03a3|e_hold|\u00b2); below 1 is better than `hold`."
     )
     n_scored: int = means("Scored ticks, the same for all estimators; they begin 2 s after the first arrival.")
-    n_missing: int = means("Scored ticks without an estimate; they count with the error of `hold`.")
+    n_missing: int = means(
+        "Scored ticks without an estimate; they count with the error of `hold`, unless an own estimator failed at "
+        "each."
+    )
     offset: Offset = means("Offsets in time and value.")
     step_us: Statistics = statistics("Computing time of a step; `null` in virtual time.", "p50 p99", default={})
     nees: Consistency | None = means(
@@ -71,11 +74,20 @@ class Scores(Section):
     )
     failed: bool = means("True for an own estimator that failed in some step.", default=False)
 
+    @property
+    def without_answer(self) -> bool:
+        """Tell whether it failed, and gave no estimate at any scored tick, so that it has no score."""
+        return self.failed and 0 < self.n_scored == self.n_missing
+
     def label(self, name: str) -> str:
-        """Return the estimator's name for tables, with a star if it failed."""
-        return f"{name} *" if self.failed else name
+        """Return the estimator's name for tables, with a star if it failed in some step."""
+        return f"{name}{' failed' if self.without_answer else ' *' if self.failed else ''}"
 
 
+_NO_SCORE: Final[Mapping[str, Any]] = {
+    **{key: [None] * 3 for key in ("r2_pct", "nrmse_fit_pct", "rmse_normalized", "rmse_mm", "max_mm")},
+    **dict.fromkeys(("r2_3d_pct", "nrmse_fit_3d_pct", "rmse_3d_mm", "max_3d_mm", "ratio_to_hold")),
+}
 _NAME_WIDTH: Final = 17
 _MAX_WITHOUT_ESTIMATE: Final = 0.01
 _MAX_BAR: Final = 3
@@ -155,11 +167,13 @@ def _samples_arrived(logs: RunLogs, scenario: Scenario, track: HandTrack, model:
 
 
 def with_failures(scores: Mapping[str, Scores], own: Mapping[str, OwnEstimator]) -> dict[str, Scores]:
-    """Return the scores, marked where a user-defined estimator failed or did not."""
-    return {
-        name: one.model_copy(update={"failed": own[name].failed}) if name in own else one
-        for name, one in scores.items()
-    }
+    """Return the scores, marked where a user-defined estimator failed or did not; without any answer it has none."""
+    return {name: _marked(one, own[name].failed) if name in own else one for name, one in scores.items()}
+
+
+def _marked(scores: Scores, failed: bool) -> Scores:
+    marked = scores.model_copy(update={"failed": failed})
+    return marked.model_copy(update=_NO_SCORE) if marked.without_answer else marked
 
 
 def is_scored(accuracy: Mapping[str, Scores]) -> bool:
@@ -167,13 +181,19 @@ def is_scored(accuracy: Mapping[str, Scores]) -> bool:
     return any(entry.n_scored for entry in accuracy.values())
 
 
-def without_estimate(accuracy: Mapping[str, Scores], active: str) -> list[str]:
-    """Return a problem when the active estimator had no estimate at many scored ticks."""
+def without_estimate(accuracy: Mapping[str, Scores], active: str, own: Mapping[str, OwnEstimator]) -> list[str]:
+    """Return a problem for each estimator that failed throughout, and when the active one often had no estimate."""
+    failed = [name for name, entry in accuracy.items() if entry.without_answer]
+    problems = []
+    for name in failed:
+        first = own[name].first_fault
+        why = "" if first is None else f": {first.reason}"
+        problems.append(f"accuracy: {name} failed at every scored tick, and has no score{why}")
     entry = accuracy.get(active)
-    if entry is None or entry.n_missing <= _MAX_WITHOUT_ESTIMATE * entry.n_scored:
-        return []
+    if entry is None or active in failed or entry.n_missing <= _MAX_WITHOUT_ESTIMATE * entry.n_scored:
+        return problems
     of = f"{entry.n_missing} of {entry.n_scored} scored ticks"
-    return [f"accuracy: {active} gave no estimate at {of}, where hold's is scored"]
+    return [*problems, f"accuracy: {active} gave no estimate at {of}, where hold's is scored"]
 
 
 def accuracy_table(accuracy: Mapping[str, Scores], which: str, active: str) -> Table:

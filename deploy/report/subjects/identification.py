@@ -7,7 +7,7 @@ from typing import Any
 
 from tis.common.channels import Hand, Side
 from tis.common.scenario import Scenario
-from tis.common.sources.provenance import RECORDING_FILE, RecordedRows, in_words, parse_played
+from tis.common.sources.provenance import RECORDING_FILE, SYNTHETIC, RecordedRows, in_words, parse_played
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.present.table import Column, Table
 from tis.deploy.report.section import Section, means
@@ -31,6 +31,11 @@ class PlayedRecording(Rows):
 
     file: str | None = means("File that it was read from; `null` for a synthetic source.")
     warnings: list[str] = means("Warnings on the recording.")
+
+    @property
+    def synthetic(self) -> bool:
+        """Tell whether a program of the testbed made it, as far as its file says."""
+        return self.label.endswith(SYNTHETIC)
 
 
 class IdentifiedModel(Section):
@@ -102,7 +107,7 @@ def two_recordings(logs: RunLogs) -> list[str]:
     return [f"recording: surgeon and patient have read different ones ({files})"]
 
 
-def source_label(scenario: Scenario, foreign_surgeon: bool = False) -> str:
+def source_label(scenario: Scenario, foreign_surgeon: bool = False, recording: PlayedRecording | None = None) -> str:
     """Return the origin of the movement in words."""
     source = scenario.source
     hands = " and ".join(source.hands)
@@ -113,7 +118,8 @@ def source_label(scenario: Scenario, foreign_surgeon: bool = False) -> str:
         return f"{origin} {source.task} {source.trial}, {hands} hand"
     if source.kind == "table":
         task = "" if source.task is None else f"{source.task} "
-        return f"table {task}{PurePath(source.path).stem}, {hands} hand"
+        made = "synthetic " if recording is not None and recording.synthetic else ""
+        return f"{made}table {task}{PurePath(source.path).stem}, {hands} hand"
     return f"live device, {hands} hand" if source.kind == "live" else f"synthetic surgeon, {hands} hand"
 
 

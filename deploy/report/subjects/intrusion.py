@@ -13,7 +13,7 @@ from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.present.numbers import number
 from tis.deploy.report.section import Section, means
 from tis.deploy.report.subjects.logs import count_of, counters_of
-from tis.patient_side.safety.gate import Kind
+from tis.patient_side.safety.gate import LIMIT_OF, Kind
 
 
 class AlarmFigures(Section):
@@ -81,7 +81,9 @@ def quarantine_texts(found: Mapping[str, int | None]) -> list[str]:
     counts = {kind: n for kind, n in found.items() if n}
     kinds = ", ".join(f"{number(n)} {kind}" for kind, n in counts.items())
     n_all = number(sum(counts.values()))
-    return [f"the patient did not use {n_all} samples ({kinds}; see patient.gate)"] if counts else []
+    limits = ", ".join(f"patient.gate.{field}" for kind, field in LIMIT_OF.items() if kind in counts)
+    cure = f": if they are right, raise {limits}" if limits else ""
+    return [f"the patient did not use {n_all} samples ({kinds}){cure}"] if counts else []
 
 
 def evidence_summary(logs: RunLogs, scenario: Scenario) -> Evidence:

@@ -64,6 +64,8 @@ class Evaluation:
     n_twins: int = 0
     n_resumed: int = 0
     persons: tuple[str, ...] = ()
+    synthetic: tuple[str, ...] = ()
+    """Those among them whose movement no person made."""
     trained_on: str = ""
     warnings: dict[str, None] = field(default_factory=dict)
     unscored: dict[str, None] = field(default_factory=dict)
@@ -155,6 +157,7 @@ class Evaluation:
     def _note(self, plan: Plan) -> None:
         """Note who the persons are; raises `InputError` for a single one, as other trials may be too short."""
         self.persons = tuple(dict.fromkeys(person(cell) for cell in plan.cells))
+        self.synthetic = tuple(dict.fromkeys(person(cell) for cell in plan.cells if cell.trial in plan.synthetic))
         self.trained_on = plan.trained_on
         self.warnings |= dict.fromkeys(str(fault) for fault in plan.refused)
         if plan.source != "synthetic" and plan.n_seeds == 1:

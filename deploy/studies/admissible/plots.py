@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from tis.deploy.report.publication.matplotlib_figures import STYLE
 from tis.deploy.studies.admissible.criterion import Limit
+from tis.deploy.studies.admissible.tables import people_words
 
 _COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c6d31", "#7a5195", "#56b4e9", "#e69f00")
 _INK: Final = "#222222"
@@ -39,7 +40,7 @@ def _plane(report: dict[str, Any]) -> Figure:
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 5))
     limits = " and ".join(Limit(**limit).text for limit in report["limits"])
-    figure.suptitle(f"Networks with {limits}, 95 % confidence over people", fontsize=9)
+    figure.suptitle(f"Networks with {limits}, 95 % confidence over {people_words(report)}", fontsize=9)
     return figure
 
 
@@ -128,5 +129,5 @@ def _bars(report: dict[str, Any]) -> Figure:
     axes.invert_yaxis()
     axes.set_xlabel(axis["path"])
     limits = " and ".join(Limit(**limit).text for limit in report["limits"])
-    axes.set_title(f"{limits}, 95 % confidence over people", loc="left")
+    axes.set_title(f"{limits}, 95 % confidence over {people_words(report)}", loc="left")
     return figure

@@ -116,6 +116,7 @@ class Study:
             "limits": [limit._asdict() for limit in order.limits],
             "axes": [vars(axis) for axis in order.axes],
             "persons": list(self.evaluation.persons),
+            "synthetic": list(self.evaluation.synthetic),
             "n_seeds": order.request.n_seeds,
             "trained_on": self.evaluation.trained_on,
             **effort._asdict(),

@@ -36,16 +36,23 @@ def view(report: Report) -> RenderableType:
     return Group(*parts)
 
 
+def people_words(report: Report) -> str:
+    """Return what the persons are: people, or synthetic ones."""
+    return "synthetic people" if report["persons"] and report["synthetic"] == report["persons"] else "people"
+
+
 def headline(report: Report) -> str:
     """Return limits, box and persons as a sentence."""
     limits = " and ".join(Limit(**limit).text for limit in report["limits"])
     limits += " holds" if len(report["limits"]) == 1 else " hold"
     axes = ", ".join(f"{axis['path']} {axis['first']:g} to {axis['last']:g}" for axis in report["axes"])
     seeds = report["n_seeds"]
-    people = report["persons"]
-    synthetic = people[0].startswith("synthetic") if people else False
-    of = f"{len(people)} synthetic people" if synthetic else f"{len(people)} people ({', '.join(people)})"
-    each = "" if synthetic or seeds == 1 else f", {seeds} seeds for each trial"
+    people, made = report["persons"], report["synthetic"]
+    of_seeds = people[0].startswith("synthetic") if people else False
+    some = f"; synthetic: {', '.join(made)}" if made and made != people else ""
+    named = "" if of_seeds else f" ({', '.join(people)}{some})"
+    of = f"{len(people)} {people_words(report)}{named}"
+    each = "" if of_seeds or seeds == 1 else f", {seeds} seeds for each trial"
     return (
         f"{report['scenario']}: networks in which {limits} with 95 % confidence over {of}{each}; {axes}; "
         f"trained on {report['trained_on']}."

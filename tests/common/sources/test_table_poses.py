@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from tis.common.scenario.table_source import PoseColumns, PoseUnits
 from tis.common.sources.table_columns import DeviceLayout
 from tis.common.sources.table_poses import (
+    SECONDS_PER,
     RowClock,
     finite_faults,
     following,
@@ -173,6 +174,24 @@ def test_another_rate_is_refused_with_what_to_set() -> None:
     assert "set source.resample: true to interpolate" in str(faults[0])
 
 
+@pytest.mark.parametrize(("taken_for", "true_unit"), [("s", "ms"), ("us", "ns"), ("ms", "us"), ("ns", "us")])
+def test_times_in_another_unit_are_refused_and_the_likely_one_named(taken_for: str, true_unit: str) -> None:
+    t_s = np.arange(2000) / 50 / SECONDS_PER[true_unit] * SECONDS_PER[taken_for]
+    for resample in (False, True):
+        _, [fault] = played(clock_of(t_s), 50, resample, "refuse", "t.csv", taken_for)
+        assert f"are its times in {true_unit} (50 rows a second over 39.98 s" in str(fault)
+        assert f"source.units.time: {true_unit}" in str(fault)
+
+
+@pytest.mark.parametrize(("found_hz", "resample", "is_played"), [
+    (1000, True, True), (8, True, True), (7, True, False), (7, 5, True), (7, 4, False),
+    (2, True, False), (2, 15, True),
+])  # fmt: skip
+def test_a_rate_is_raised_four_times_at_most_or_as_asked(found_hz: float, resample: Any, is_played: bool) -> None:
+    play, faults = played(clock_of(np.arange(100) / found_hz), 30, resample, "refuse", "t.csv", "s")
+    assert (play.at_s is not None, faults == []) == (is_played, is_played)
+
+
 def test_gaps_are_refused_or_told() -> None:
     t_s = np.delete(np.arange(100) / 30, [40, 41, 42, 70])
     clock = clock_of(t_s)
@@ -217,7 +236,7 @@ def test_resampling_keeps_lines_straight_and_rotations_even() -> None:
 @given(st.integers(20, 2000), st.integers(10, 500))
 def test_resampled_rows_lie_within_the_recording(table_hz: int, rate_hz: int) -> None:
     clock = clock_of(np.arange(3 * table_hz) / table_hz)
-    play, faults = played(clock, rate_hz, resample=True, gaps="refuse", where="t.csv")
+    play, faults = played(clock, rate_hz, resample=25, gaps="refuse", where="t.csv")
     assert faults == []
     if play.at_s is not None:
         assert play.at_s[-1] <= clock.t_s[-1] < play.at_s[-1] + 1.001 / rate_hz

@@ -41,11 +41,16 @@ def test_a_comparison_fails_alone_resumes_and_writes_every_form(
     assert code == 5
     assert "training on the head of U003" in err
     assert "must be a number (got '-zero" in err.replace("\n", "")
-    assert out.startswith("small: 2 of 3 trials (S001, T002); trained on")
+    assert out.startswith("small: 2 of 3 synthetic trials (S001, T002); trained on")
     assert all(len(line) <= 80 for line in out.splitlines()[:-3])
     assert len(list(Path("kept/cells").iterdir())) == 4
 
     report = json.loads(Path("kept/table.json").read_text())
+    assert report["synthetic"] == ["S001", "T002"]
+    assert "% synthetic movement" in Path("kept/ratio.tex").read_text()
+    assert "Synthetic movement. Bands" in Path("kept/curves.svg").read_text()
+    assert '<li class="tag open">synthetic movement</li>' in Path("kept/comparison.html").read_text()
+    assert Path("kept/table.md").read_text().startswith("small: 2 of 3 synthetic trials")
     ratios = {(row["estimator"], row["setting"]): row["ratio_to_hold"] for row in report["rows"]}
     assert ratios["hold", "33"] == ratios["hold", "200"] == 1
     assert ratios["damped_velocity", "33"] < ratios["damped_velocity", "200"] < 1

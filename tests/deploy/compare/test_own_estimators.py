@@ -23,6 +23,10 @@ class Filter(AlphaBeta):
             raise RuntimeError("index divisible")
         return super().step(state, playout, now_ns)
 
+class Always(AlphaBeta):
+    def step(self, state, playout, now_ns):
+        return state, playout.arm.no_such_thing
+
 def picky(model):
     raise LookupError(f"nothing for {model.arm}")
 """
@@ -66,7 +70,7 @@ def test_two_processes_compare_it_with_ours_and_what_fails_is_marked(
     (line,) = report["own_faults"]
     n_steps = sum(row["faulty_steps"] for row in report["rows"])
     assert line.startswith(f"* failing_own:Filter failed in {n_steps} of 360 steps of the twins in which it did")
-    assert line.endswith("RuntimeError: index divisible")
+    assert line.endswith("RuntimeError: index divisible (failing_own.py, line 7)")
     assert line in Path("kept/table.md").read_text()
     assert all(len(shown) <= 80 for shown in out.splitlines()[:-1])
     assert "failing_own:" in out
@@ -74,6 +78,24 @@ def test_two_processes_compare_it_with_ours_and_what_fails_is_marked(
 
     code, _, err = compare(*words)
     assert "2 of 2 twins were computed before" in err
+
+
+def test_what_fails_at_every_step_is_a_failed_row(there: Path, forked: None, without_figures: None) -> None:
+    names = "hold,damped_velocity,failing_own:Always"
+    code, out, err = compare("--estimators", names, "--out", "kept", "--jobs", "1", "--trials", "S001")
+    assert code == 5
+    report = json.loads(Path("kept/table.json").read_text())
+    assert [row["estimator"] for row in report["rows"]] == ["hold", "damped_velocity"]
+    assert [about["failed"] for about in report["settings"]] == [["failing_own:Always"]]
+    [failed] = report["failed"]
+    assert failed.startswith(
+        "failing_own:Always: failed at every step of a twin, and has no score: S001, seed 1, at "
+    )
+    assert failed.endswith("(failing_own.py, line 12)")
+    assert failed in err
+    assert "Always failed" in out
+    assert "failing_own:Always failed |" in Path("kept/table.md").read_text()
+    assert "failing_own:Always & failed" in Path("kept/ratio.tex").read_text().replace("\\_", "_")
 
 
 def test_other_code_is_other_twins_and_the_same_models(there: Path, own_folder: Path) -> None:
@@ -91,7 +113,7 @@ def test_other_code_is_other_twins_and_the_same_models(there: Path, own_folder: 
 def test_a_factory_that_gives_none_ends_the_comparison_before_any_twin(there: Path, in_this_process: None) -> None:
     code, out, err = compare("--estimators", "hold,failing_own:picky", "--out", "kept", "--jobs", "1")
     assert (code, out) == (2, "")
-    rule = "raised LookupError: nothing for PSM2, when it was given the model"
+    rule = "raised LookupError: nothing for PSM2 (failing_own.py, line 15), when it was given the model"
     assert f"tis: estimators: failing_own:picky: {rule}" in err.splitlines()
     assert sum("failing_own:picky" in line for line in err.splitlines()) == 1
     assert list(Path("kept/cells").iterdir()) == []

@@ -8,7 +8,9 @@ import pytest
 from tests.common.runtime.recordings.tables import movement, scenario_of
 from tests.deploy.commands import call_in_one_line
 from tests.deploy.recordings_import.foreign_files import json_mcap, lerobot_set, ros_mcap, rosbag
-from tis.common.runtime.recordings import load_recording
+from tis.common.runtime.recordings import load_recording, synthetic_trials
+from tis.common.scenario.table_source import TableSource
+from tis.deploy.tools.synth import write_trials
 
 
 def test_an_import_lists_what_it_found_and_says_how_to_play_it(tmp_path: Path) -> None:
@@ -24,6 +26,24 @@ def test_an_import_lists_what_it_found_and_says_how_to_play_it(tmp_path: Path) -
     assert about["sha256"] == hashlib.sha256(file.read_bytes()).hexdigest()
     recording = load_recording(scenario_of(table))
     assert (recording.label, recording.person, recording.warnings) == ("Peg ann_1", "Ann", ())
+
+
+def test_synthetic_movement_stays_so_in_what_is_shown(tmp_path: Path) -> None:
+    (trial,) = write_trials(tmp_path / "t", 1, "Suturing", 1, 20.0, "a test")
+    table, text = tmp_path / "t.parquet", tmp_path / "t.csv"
+    for file in (table, text):
+        code, _, err = call_in_one_line("import", str(trial), "--out", str(file))
+        assert (code, "the movement is synthetic, which a .csv file cannot say" in err) == (0, file == text)
+    source = scenario_of(table).source
+    assert isinstance(source, TableSource)
+    assert synthetic_trials(source, ["t.parquet", "t.csv"]) == ("t.parquet",)
+    source_text = f"source={{kind: table, path: {table}, hands: [left]}}"
+    words = ("--set", source_text, "--set", "identification.train_samples=300", "--duration-s", "4", "--no-merge")
+    code, out, err = call_in_one_line("twin", "default", *words, "--run-dir", str(tmp_path / "run"))
+    assert code == 0, err
+    assert "(twin, synthetic table t, left hand)" in out
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert "synthetic movement, not a recording of a person" in page
 
 
 def test_a_device_without_orientation_or_gripper_is_told(tmp_path: Path) -> None:

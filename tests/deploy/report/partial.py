@@ -16,7 +16,7 @@ def part(model: type[Section], values: Mapping[str, Any]) -> Any:
 
 def summary_of(values: Mapping[str, Any]) -> Any:
     """Return a summary with these values, read from one clock."""
-    return part(Summary, {"uncertainty_ms": {}, "not_resolvable": [], **values})
+    return part(Summary, {"uncertainty_ms": {}, "not_resolvable": [], "recording": None, **values})
 
 
 def _as(kind: Any, value: Any) -> Any:

@@ -100,7 +100,7 @@ def test_messages_that_were_not_used_are_named_as_the_cause() -> None:
     assert validity._unused(_summary(**unused, **lost)) == [
         "rejected: the patient rejected 720 messages: no header of the testbed, another run's number, or no such "
         "pose",
-        "quarantined: the patient did not use 8 samples (8 ahead)",
+        "quarantined: the patient did not use 8 samples (8 ahead): if they are right, raise patient.gate.lead_ms",
     ]
 
 

@@ -78,7 +78,7 @@ def test_a_run_with_the_documented_estimator_is_whole(there: Path) -> None:
     assert own[NAME]["first_fault"] is None
     assert own[NAME]["faulty_steps"] == 0
     first = own[FAILING_NAME]["first_fault"]
-    assert (first["hand"], first["reason"]) == ("left", "RuntimeError: index divisible")
+    assert (first["hand"], first["reason"]) == ("left", "RuntimeError: index divisible (filters.py, line 7)")
     assert 3.0 < first["at_s"] < 3.2
     flat = " ".join(out.split())
     assert f"warning: * {FAILING_NAME} failed in {own[FAILING_NAME]['faulty_steps']} steps: no estimate there" in flat
@@ -140,7 +140,7 @@ def test_a_factory_that_gives_none_is_refused_before_anything_is_made(own_folder
     (own_folder / "refusing_own.py").write_text("def F(model): raise ValueError(f'not of {model.arm}')\n")
     code, out, err = twin("refusing_own:F", active="hold")
     assert (code, out) == (2, "")
-    rule = "raised ValueError: not of PSM2, when it was given the model"
+    rule = "raised ValueError: not of PSM2 (refusing_own.py, line 1), when it was given the model"
     assert err.splitlines() == [f"tis: estimators: refusing_own:F: {rule}"]
     assert not (own_folder / "run").exists()
 
@@ -188,9 +188,16 @@ class Useless:
 @pytest.mark.parametrize(
     ("what", "reason"),
     [
-        ("raise RuntimeError('no')", "RuntimeError: no"),
-        ("return None, Estimate(np.full(3, np.nan))", "position_m must be finite (got nan nan nan)"),
-        ("return None, Estimate(np.full(3, 1e300))", "position_m must lie within 1e+09 m (got 1e+300)"),
+        ("raise RuntimeError('no')", "RuntimeError: no (useless.py, line 13)"),
+        ("np.zeros((2, 2)) @ np.zeros(3)", "ValueError: matmul"),
+        (
+            "return None, Estimate(np.full(3, np.nan))",
+            "position_m must be finite (got nan nan nan) (useless.py, line 12)",
+        ),
+        (
+            "return None, Estimate(np.full(3, 1e300))",
+            "position_m must lie within 1e+09 m (got 1e+300) (useless.py, line 12)",
+        ),
         ("return None, Estimate(None)", None),
     ],
 )
@@ -204,11 +211,29 @@ def test_an_active_estimator_without_estimates_makes_a_run_invalid(
     summary = json.loads(Path("run/summary.json").read_text())
     n_scored = summary["accuracy"]["useless:Useless"]["n_scored"]
     assert n_scored > 100
-    assert summary["problems"] == [
-        f"accuracy: useless:Useless gave no estimate at {n_scored} of {n_scored} scored ticks, where hold's is scored"
-    ]
     first = summary["own_estimators"]["useless:Useless"]["first_fault"]
-    assert (first and first["reason"]) == reason
+    if reason is None:
+        assert first is None
+        rule = f"gave no estimate at {n_scored} of {n_scored} scored ticks, where hold's is scored"
+    else:
+        assert first["reason"].startswith(reason)
+        rule = f"failed at every scored tick, and has no score: {first['reason']}"
+    assert summary["problems"] == [f"accuracy: useless:Useless {rule}"]
+
+
+def test_an_estimator_that_always_fails_has_no_score_and_makes_a_run_invalid(own_folder: Path) -> None:
+    (own_folder / "useless.py").write_text(USELESS.format(what="raise RuntimeError('no')"))
+    code, out, err = twin("useless:Useless", active="innovations_kf", more=("--no-merge",))
+    assert code == 5, err
+    assert "RuntimeError: no (useless.py, line 13)" in " ".join(out.split())
+    score = json.loads(Path("run/summary.json").read_text())["accuracy"]["useless:Useless"]
+    assert (score["failed"], score["rmse_3d_mm"], score["ratio_to_hold"], score["r2_pct"]) == (
+        True,
+        None,
+        None,
+        3 * [None],
+    )
+    assert "useless:<wbr>Useless failed" in Path("run/report.html").read_text()
 
 
 @pytest.mark.parametrize("where_m", ["1e8", "-1e9"])

@@ -52,7 +52,9 @@ def fails(answer: Callable[[int], Any]) -> str:
     assert (state, guarded.n_steps, guarded.n_faults) == (2, 4, 2)
     assert guarded.first is not None
     assert guarded.first.t_ns == 30
-    return guarded.first.reason
+    reason, _, line = guarded.first.reason.rpartition(" (test_guarded.py, line ")
+    assert line.rstrip(")").isdecimal()
+    return reason
 
 
 def raises(error: BaseException) -> Callable[[int], Any]:
@@ -153,7 +155,7 @@ def refuses(model: ArmModel) -> None:
 @pytest.mark.parametrize(
     ("factory", "rule"),
     [
-        (refuses, "raised LookupError: no such arm, when it was given the model"),
+        (refuses, "raised LookupError: no such arm (test_guarded.py, line 152), when it was given the model"),
         (lambda: None, "raised TypeError: "),
         (lambda _: 3, "must give an object with the methods initial and step, and both are missing (got 'int')"),
         (lambda _: Takes, "its initial must take nothing (beside self)"),  # the class, and not what it makes

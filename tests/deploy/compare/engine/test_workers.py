@@ -44,6 +44,13 @@ class Slow(AlphaBeta):
 """
 
 
+SCRIPT = """
+from tis.deploy.compare import Study, compare
+study = Study(scenario="default", estimators=["hold"], settings={"identification.train_samples": 300}, duration_s=4)
+GUARD compare(study, "kept", n_jobs=2)
+"""
+
+
 # For an own estimator all models are tried: small ones, of few samples.
 SMALL = ("identification.train=own_head", "identification.train_samples=120", "identification.block_rows=2")
 
@@ -88,6 +95,16 @@ def test_what_ends_its_process_each_time_fails_alone(there: Path, tmp_path: Path
     assert {failure.reason for failure in outcome.failures} == {"its process died, twice (out of memory?)"}
     assert sorted(failure.label for failure in outcome.failures) == ["S001, seed 1", "S001, seed 2"]
     assert {result["trial"] for result in outcome.cells.values()} == {"T002"}
+
+
+@pytest.mark.parametrize(("guard", "code"), [("", 1), ('if __name__ == "__main__": ', 0)])
+def test_a_script_without_a_guard_is_told_so(tmp_path: Path, guard: str, code: int) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT.replace("GUARD ", guard))
+    done = subprocess.run([sys.executable, script], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == code
+    assert done.stderr.count("Traceback") == code
+    assert ("InputError: compare: must be called below if __name__" in done.stderr) == bool(code)
 
 
 def test_workers_end_with_a_client_that_is_killed(there: Path, own_folder: Path) -> None:

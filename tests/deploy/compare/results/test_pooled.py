@@ -8,13 +8,27 @@ from scipy.special import ndtri
 
 from tis.common.metrics.tracking import Scorable, ratio_to_hold, score
 from tis.common.streams import Stream
-from tis.deploy.compare.results.pooled import ENOUGH_PEOPLE, N_RESAMPLES, pooled, range_holds_median_pct, resampled
+from tis.deploy.compare.results.pooled import (
+    ENOUGH_PEOPLE,
+    N_RESAMPLES,
+    origin,
+    pooled,
+    range_holds_median_pct,
+    resampled,
+)
 
 RANGE_M = np.array([0.05, 0.04, 0.02])
 
 
 def _normal(label: str, n: int) -> np.ndarray:
     return np.asarray(ndtri(Stream.named(5, label).uniforms(0, 3 * n))).reshape(n, 3)
+
+
+@pytest.mark.parametrize(
+    ("synthetic", "said"), [([], ""), (["S001"], "partly synthetic"), (["S001", "D001"], "synthetic")]
+)
+def test_the_origin_is_that_of_all_trials(synthetic: list[str], said: str) -> None:
+    assert origin({"trials": ["D001", "S001"], "synthetic": synthetic}) == said
 
 
 class Hand:

@@ -141,7 +141,7 @@ def test_recorded_people_are_the_persons(written_people: Path, without_figure: N
     words += ["--set", "identification.train=own_head", "--limit", "age_mean_ms=60", "--over", f"{DELAY}=0..90"]
     code, out, err = tis(*words, "--profiles", "none", "--checks", "2")
     assert code == 0, err
-    assert "over 2 people (S, T), 2 seeds for each trial" in out
+    assert "over 2 synthetic people (S, T), 2 seeds for each trial" in out
     code, _, err = tis(*words, "--people", "S")
     assert code == 2
     assert "--people: must leave at least two people" in err
