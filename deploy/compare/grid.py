@@ -27,6 +27,24 @@ _NOT_SWEPT: Final = {
 MAX_POINTS: Final = 100_000
 
 
+_WAYS: Final = {"forward": "to the patient", "feedback": "back"}
+_UNITS: Final = {"ms": "ms", "s": "s", "hz": "Hz", "mm": "mm", "mps": "m/s", "kbit": "kbit", "mb": "MB", "pct": "%"}
+
+
+def axis_words(path: str) -> str:
+    """Return a field of the scenario in words: `network.forward.delay.delay_ms` is "delay to the patient, ms"."""
+    *places, name = path.split(".")
+    words = name.split("_")
+    unit = f", {_UNITS[words.pop()]}" if len(words) > 1 and words[-1] in _UNITS else ""
+    if words[0] == "p":
+        words[0] = "probability of"
+    stage = places[-1] if places and places[-1] not in (*_WAYS, "network") and not places[-1].isdigit() else ""
+    if stage and stage not in words:
+        words.insert(0, stage)
+    way = next((f" {_WAYS[place]}" for place in places if place in _WAYS), "")
+    return f"{' '.join(words)}{way}{unit}"
+
+
 @dataclass(frozen=True)
 class Sweep:
     """One field of the scenario at several values, as text: an axis of a grid."""

@@ -8,7 +8,6 @@
   const ENOUGH_PEOPLE = 6, LABELS_CHARS = 60, LOG_FROM = 20, MAX_TEXTS = 200, MARGIN = 0.04;
   const model = (name) => Bokeh.documents[0].get_model_by_name(name);
   const all = (selector) => [...document.querySelectorAll(selector)];
-  const label = (path) => path.split(".").at(-1);
 
   // What is chosen.
   const pressed = (kind) => {
@@ -68,7 +67,7 @@
       if (!own.length) return;
       about.estimators.forEach((_, e) => {
         if (!visible.includes(e) && about.estimators[e] !== "hold") return;
-        const found = pool.scores(own, e), at = `${label(axis.path)} ${axis.values[place]}`;
+        const found = pool.scores(own, e), at = `${axis.title}: ${axis.values[place]}`;
         const rest = [at, found.n_scored, found.n_people];
         if (found.ratio_to_hold !== null) add(ratio[e], e, places[place], found.ratio_to_hold, found.ratio_to_hold_interval_95, ...rest);
         if (found.rmse_3d_mm !== null) add(rmse[e], e, places[place], found.rmse_3d_mm, found.rmse_3d_mm_interval_95, ...rest);
@@ -82,7 +81,7 @@
       });
       fill(name, ordered, visible);
       marks(figure.below[0], order.map((k) => places[k]), order.map((k) => axis.values[k]));
-      figure.below[0].axis_label = axis.path;
+      figure.below[0].axis_label = axis.title;
       fit(figure.x_range, places);
       top(name, highest(ordered, most));
     }
@@ -99,16 +98,16 @@
       const found = pool.scores(cell, e, false), ratio = found.ratio_to_hold ?? NaN;
       const row = {
         x, y, ratio, text: few ? fixed(found.ratio_to_hold, 2) : "", ink: ratio > 0.7 ? "black" : "white",
-        across: `${label(right.path)} ${right.values[x]}`, up: `${label(above.path)} ${above.values[y]}`,
+        across: `${right.title}: ${right.values[x]}`, up: `${above.title}: ${above.values[y]}`,
         rmse: found.rmse_3d_mm ?? NaN, ticks: found.n_scored, people: found.n_people,
       };
       for (const name in row) rows[name].push(row[name]);
     }));
     model("heat").data = rows;
     const figure = model("heat-figure");
-    for (const [axis, range, { path, values }] of [[figure.below[0], figure.x_range, right], [figure.left[0], figure.y_range, above]]) {
+    for (const [axis, range, { title, values }] of [[figure.below[0], figure.x_range, right], [figure.left[0], figure.y_range, above]]) {
       marks(axis, values.map((_, i) => i), values);
-      axis.axis_label = path;
+      axis.axis_label = title;
       const end = values.length - 0.5;
       range.setv({ start: -0.5, end, reset_start: -0.5, reset_end: end });
     }
@@ -130,8 +129,10 @@
   };
 
   const drawTable = (groups, visible) => {
-    const rows = visible.map((e) => {
-      const found = pool.scores(groups, e), row = document.createElement("tr");
+    const scores = visible.map((e) => [e, pool.scores(groups, e)]);
+    scores.sort(([, one], [, other]) => (one.rmse_3d_mm ?? Infinity) - (other.rmse_3d_mm ?? Infinity));
+    const rows = scores.map(([e, found]) => {
+      const row = document.createElement("tr");
       const cells = [
         about.estimators[e], ...found.r2_pct.map((value) => fixed(value, 2)), fixed(found.rmse_3d_mm),
         between(found.rmse_3d_mm_interval_95) || "-", fixed(found.ratio_to_hold), between(found.ratio_to_hold_interval_95) || "-",

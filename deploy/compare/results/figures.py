@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
+from tis.deploy.compare.grid import axis_words
 from tis.deploy.compare.results.pooled import band_words
 from tis.deploy.compare.results.report import numeric_axes
 from tis.deploy.present.palette import look_of
@@ -73,7 +74,7 @@ def _draw(part: SubFigure, path: str, panels: dict[str, Rows], all_rows: Rows) -
         line[0].set_ylabel(label)
         line[0].set_ylim(0, min(line[0].get_ylim()[1], most * unit))
     for axes in each[-1]:
-        axes.set_xlabel(path if len(titles) < 2 else path.split(".")[-1])
+        axes.set_xlabel(axis_words(path))
 
 
 def _panel(axes: Axes, rows: Rows, path: str, score: str, names: Sequence[str]) -> None:
@@ -144,7 +145,7 @@ def ratio_figure(report: dict[str, Any]) -> Figure | None:
                 if interval is not None:
                     axes.plot([x, x], interval, color=tone(name, names), linewidth=0.8, alpha=0.6)
         axes.set_xticks(range(len(settings)), settings, rotation=30 if len(settings) > 4 else 0)
-        axes.set_xlabel(report["sweep"])
+        axes.set_xlabel(", ".join(map(axis_words, report["axes"])))
         axes.set_ylabel("3D RMSE over hold's")
         axes.set_ylim(0, min(2.0, 1.05 * max(axes.get_ylim()[1], 1.0)))
         bars = band_words(report).replace("ands", "ars")
@@ -171,9 +172,9 @@ def _heat_maps(report: dict[str, Any]) -> Figure:
             image = axes.imshow(ratio, origin="lower", aspect="auto", vmin=0.0, vmax=1.2, cmap="viridis")
             axes.set_xticks(range(len(xs)), xs, rotation=45 if len(xs) > 6 else 0)
             axes.set_yticks(range(len(ys)), ys)
-            axes.set_xlabel(across)
+            axes.set_xlabel(axis_words(across))
             axes.set_title(name, loc="left")
-        each[0].set_ylabel(up)
+        each[0].set_ylabel(axis_words(up))
         figure.colorbar(image, ax=list(each), label="3D RMSE over hold's")
     return figure
 

@@ -11,10 +11,12 @@ from bokeh.models.annotations import ColorBar, Span
 from bokeh.models.ranges import Range1d
 from bokeh.plotting import figure
 
+from tis.deploy.compare.grid import axis_words
+from tis.deploy.compare.results.answer import answer
 from tis.deploy.compare.results.page_sums import PageSums
 from tis.deploy.compare.results.pooled import origin
 from tis.deploy.compare.results.tables import TURN_CAPTION, headline, turn_table
-from tis.deploy.present.page import Page, Section, page_html
+from tis.deploy.present.page import Page, Section, nonbreaking_units, page_html
 from tis.deploy.present.palette import AXIS, SOFT, look_of
 from tis.deploy.present.plot_style import Figure, plain_figure
 
@@ -78,6 +80,9 @@ def _lines(name: str, label: str, names: Sequence[str], with_bands: bool) -> fig
         source = ColumnDataSource({column: [] for column in _SOURCE}, name=f"{name}:{estimator}")
         if with_bands:
             plot.varea("x", "low", "high", source=source, fill_color=look.tone.light, fill_alpha=_BAND_ALPHA)
+            plot.segment(
+                "x", "low", "x", "high", source=source, line_color=look.tone.light, line_width=3, line_alpha=0.6
+            )
         dash: Any = look.dash
         plot.line("x", "y", source=source, line_width=1.8, line_color=look.tone.light, line_dash=dash)
         dots = plot.scatter("x", "y", source=source, size=7, color=look.tone.light)
@@ -106,7 +111,11 @@ _MARKS: Final = {"solid": "", "dashed": "dashed", "dotted": "dotted", "dashdot":
 
 def comparison_html(report: dict[str, Any], sums: PageSums) -> str:
     """Return the page; the script pools `sums` again whenever a filter changes."""
-    sections = [Section("choose", "What is shown", markup=_filters(sums) + '<p class="note" id="words"></p>')]
+    found = f'<p class="answer">{escape(nonbreaking_units(answer(report)))}</p>'
+    sections = [
+        Section("answer", "The answer", markup=found),
+        Section("choose", "What is shown", markup=_filters(sums) + '<p class="note" id="words"></p>'),
+    ]
     if sums.axes:
         choice = _select("x-axis", "Axis", list(sums.axes))
         sections.append(Section("curves", "Curves", [curve_figures(sums.estimators)], before=choice))
@@ -147,7 +156,7 @@ def _filters(sums: PageSums) -> str:
     if len(sums.hands) > 1:
         parts.append(_chips("hands", "Hands", sums.hands))
     parts += [
-        f'<label class="axis" title="{escape(path)}"><span>{escape(path.split(".")[-1])}</span>'
+        f'<label class="axis" title="{escape(path)}"><span>{escape(axis_words(path))}</span>'
         f'<input type="range" min="0" max="{len(values)}" value="0" step="1" data-axis="{i}">'
         f"<output>all</output></label>"
         for i, (path, values) in enumerate(sums.axes.items())
@@ -177,9 +186,10 @@ def _mark(name: str, names: Sequence[str]) -> str:
 
 
 def _select(name: str, title: str, options: Sequence[str], chosen: int = 0) -> str:
+    words = [axis_words(text) if "." in text else text for text in options]  # estimators are no fields
     each = "".join(
-        f'<option value="{escape(text)}"{" selected" * (i == chosen)}>{escape(text)}</option>'
-        for i, text in enumerate(options)
+        f'<option value="{escape(text)}"{" selected" * (i == chosen)}>{escape(shown)}</option>'
+        for i, (text, shown) in enumerate(zip(options, words, strict=True))
     )
     return f'<label class="choice">{title} <select id="{name}">{each}</select></label>'
 

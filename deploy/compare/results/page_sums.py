@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tis.common.streams import Stream
 from tis.deploy.compare.cells.sums import AGE_EDGES_MS
 from tis.deploy.compare.engine.compute import Outcome
+from tis.deploy.compare.grid import axis_words
 from tis.deploy.compare.plan import Plan
 from tis.deploy.compare.results.pooled import N_RESAMPLES, SEED, person
 from tis.deploy.compare.results.report import numbers_of
@@ -56,7 +57,8 @@ class PageSums:
         """Return what is no array, as JSON values."""
         return {
             "axes": [
-                {"path": path, "values": values, "numbers": numbers_of(values)} for path, values in self.axes.items()
+                {"path": path, "title": axis_words(path), "values": values, "numbers": numbers_of(values)}
+                for path, values in self.axes.items()
             ],
             "people": self.people,
             "hands": self.hands,

@@ -155,6 +155,23 @@ def pooled(units: Sequence[Sequence[Mapping[str, Any]]], estimator: str) -> dict
     return result | {f"{name}_interval_95": value for name, value in intervals.items()}
 
 
+def rivalry(units: Sequence[Sequence[Mapping[str, Any]]], estimator: str, best: str) -> dict[str, Any]:
+    """Return an estimator's 3D RMSE over that of the ``best`` one, and its 95 % interval over the same resamples.
+
+    The interval is None for a single person. As both are resampled together, it is of the same people: narrower than
+    two intervals side by side (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, 8.3). Oracle: a loop
+    over resamples, test_pooled.
+    """
+    own, least = (np.stack([sums_of(hands, name).sse.sum(axis=-1) for hands in units]) for name in (estimator, best))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = _plain(np.sqrt(own.sum() / least.sum()))
+        bounds = None
+        if len(units) > 1:
+            chosen = resampled(len(units))
+            bounds = interval(np.sqrt(own[chosen].sum(axis=1) / least[chosen].sum(axis=1)))
+    return {"ratio_to_best": ratio, "ratio_to_best_interval_95": bounds}
+
+
 def range_holds_median_pct(n_people: int) -> float:
     """Return the probability, in per cent, that the range of independent people holds the median of all people.
 

@@ -9,6 +9,7 @@ from typing import Any, Final
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from tis.deploy.compare.results.answer import answer
 from tis.deploy.compare.results.pooled import interval_note, origin
 from tis.deploy.present.numbers import NONE, broken_name, fixed, number
 from tis.deploy.present.table import TIGHT, Column, Table
@@ -227,7 +228,7 @@ def _notes(report: Report) -> list[str]:
 
 def view(report: Report) -> RenderableType:
     """Return the comparison for a terminal: a table per setting and, with a sweep, a table of ratios."""
-    parts: list[RenderableType] = [Text(headline(report), style="bold")]
+    parts: list[RenderableType] = [Text(headline(report), style="bold"), Text(answer(report))]
     each = _tables(report)
     for scores, _, turns in each if len(each) <= _MAX_SHOWN else ():
         narrow = [[broken_name(str(name), _NAME_WIDTH), *values] for name, *values in scores.rows]
@@ -246,7 +247,10 @@ def view(report: Report) -> RenderableType:
 
 def markdown(report: Report) -> str:
     """Return the comparison as Markdown tables, the same figures as in the terminal."""
-    blocks = [headline(report), *(f"Warning: {text}." for text in report["warnings"] if text.startswith(IN_SAMPLE))]
+    blocks = [
+        f"{headline(report)} {answer(report)}".strip(),
+        *(f"Warning: {text}." for text in report["warnings"] if text.startswith(IN_SAMPLE)),
+    ]
     each = _tables(report)
     for scores, rows, turns in each:
         blocks += [_with_normalized(scores, rows).markdown(), *([] if turns is None else [turns.markdown()])]

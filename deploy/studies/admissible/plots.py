@@ -6,11 +6,12 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from tis.deploy.compare.grid import axis_words
+from tis.deploy.compare.results.figures import tone
 from tis.deploy.report.publication.matplotlib_figures import STYLE
 from tis.deploy.studies.admissible.criterion import Limit
 from tis.deploy.studies.admissible.tables import people_words
 
-_COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c6d31", "#7a5195", "#56b4e9", "#e69f00")
 _INK: Final = "#222222"
 _MAX_COLUMNS: Final = 3
 _MAX_LABELLED: Final = 14
@@ -35,8 +36,8 @@ def _plane(report: dict[str, Any]) -> Figure:
     panels = figure.subplots(n_rows, n_columns, squeeze=False, sharex=True, sharey=True).ravel()
     for panel in panels[len(names) :]:
         panel.set_visible(False)
-    for i, (axes, name) in enumerate(zip(panels, names, strict=False)):
-        _panel(axes, report, name, _COLOURS[i % len(_COLOURS)])
+    for axes, name in zip(panels, names, strict=False):
+        _panel(axes, report, name, tone(name, names))
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 5))
     limits = " and ".join(Limit(**limit).text for limit in report["limits"])
@@ -67,8 +68,8 @@ def _panel(axes: Axes, report: dict[str, Any], name: str, colour: str) -> None:
         set_scale("log" if axis["log"] else "linear")
         margin = 0.0 if axis["log"] else 0.02 * (axis["last"] - axis["first"])
         set_limit(axis["first"] - margin, axis["last"] + margin)
-    axes.set_xlabel(across["path"])
-    axes.set_ylabel(up["path"])
+    axes.set_xlabel(axis_words(across["path"]))
+    axes.set_ylabel(axis_words(up["path"]))
     axes.label_outer()
     axes.set_title(f"{name}: {100 * about['share']:.1f} % of the box", loc="left")
 
@@ -115,7 +116,7 @@ def _bars(report: dict[str, Any]) -> Figure:
     figure = Figure(figsize=(5.5, 1.0 + 0.45 * len(names)), layout="constrained")
     axes = figure.subplots()
     for i, name in enumerate(names):
-        colour = _COLOURS[i % len(_COLOURS)]
+        colour = tone(name, names)
         outside = [p["at"][axis["path"]] for p in report["points"] if not p["verdicts"][name]["inside"]]
         inside = [p["at"][axis["path"]] for p in report["points"] if p["verdicts"][name]["inside"]]
         border = [values[axis["path"]] for values in report["estimators"][name]["border"]]
@@ -127,7 +128,7 @@ def _bars(report: dict[str, Any]) -> Figure:
     axes.set_xscale("log" if axis["log"] else "linear")
     axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
-    axes.set_xlabel(axis["path"])
+    axes.set_xlabel(axis_words(axis["path"]))
     limits = " and ".join(Limit(**limit).text for limit in report["limits"])
     axes.set_title(f"{limits}, 95 % confidence over {people_words(report)}", loc="left")
     return figure

@@ -26,6 +26,7 @@ from tis.deploy.compare.engine.workers import Workers
 from tis.deploy.compare.grid import parse_sweep
 from tis.deploy.compare.plan import Request, make_plan
 from tis.deploy.compare.results import tables
+from tis.deploy.compare.results.answer import answer
 from tis.deploy.compare.results.pooled import ENOUGH_PEOPLE, interval_note
 from tis.deploy.compare.results.report import report as build_report
 from tis.deploy.present.numbers import per_axis
@@ -148,7 +149,7 @@ def _blocks(section: Section, report: Report) -> Iterator[str]:
         yield tables.turn_table(report["orientation"], settings=True).markdown()
         yield f"{tables.TURN_CAPTION}."
         return
-    yield f"{tables.headline(report)} {_best(report)}".strip()
+    yield f"{tables.headline(report)} {answer(report)}".strip()
     about = [entry for entry in report["settings"] if entry["n_cells"]]
     if section.shows == "redundancy":
         yield _price(report, about)
@@ -168,20 +169,6 @@ def _few_people(found: Sequence[tuple[Section, Report]]) -> str:
     note, most = interval_note(rows), max((row["n_people"] for row in rows), default=0)
     of = "" if most < ENOUGH_PEOPLE else "Some tables are of fewer people than others. In these, this holds: "
     return f"\n- **Few people**: {of}{note}" if note else ""
-
-
-def _best(report: Report) -> str:
-    """Return the estimator with the smallest error at each setting."""
-    winners: dict[str, list[str]] = {}
-    for about in report["settings"]:
-        rows = [row for row in report["rows"] if row["setting"] == about["setting"]]
-        rows = [row for row in rows if row["ratio_to_hold"] is not None]
-        if rows:
-            best = min(rows, key=lambda row: float(row["ratio_to_hold"]))["estimator"]
-            winners.setdefault(best, []).append(about["setting"])
-    return " ".join(
-        f"`{name}` has the smallest error at {', '.join(settings)}." for name, settings in winners.items()
-    )
 
 
 def _price(report: Report, about: Sequence[Mapping[str, Any]]) -> str:

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tis.common.errors import InputError
-from tis.deploy.compare.grid import Sweep, grid_faults, parse_sweep, points_of
+from tis.deploy.compare.grid import Sweep, axis_words, grid_faults, parse_sweep, points_of
 
 A, B = Sweep("a.x", ("1", "2")), Sweep("b", ("u", "v", "w"))
 
@@ -17,6 +17,21 @@ def test_a_range_is_evenly_spaced_or_of_equal_ratios(first: float, last: float, 
     steps = np.diff(np.log(values) if log else values)
     assert steps == pytest.approx(np.full(count - 1, steps.mean()), rel=1e-2)
     assert (values[0], values[-1]) == (pytest.approx(first, rel=1e-5), pytest.approx(last, rel=1e-5))
+
+
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [
+        ("network.forward.delay.delay_ms", "delay to the patient, ms"),
+        ("network.feedback.delay.mean_ms", "delay mean back, ms"),
+        ("network.forward.loss.p_loss", "probability of loss to the patient"),
+        ("surgeon.copies", "surgeon copies"),
+        ("network.profile", "profile"),
+        ("rate_hz", "rate, Hz"),
+    ],
+)
+def test_an_axis_has_words(path: str, words: str) -> None:
+    assert axis_words(path) == words
 
 
 def test_ranges_and_values_go_together() -> None:

@@ -22,6 +22,7 @@ def made_up(n_delays: int) -> dict[str, Any]:
             abouts.append(about | traffic | {"n_cells": 1})
             for name, ratio in (("hold", 1.0), ("mine", 0.1 * i + 0.01 * j)):
                 row = {"estimator": name, "ratio_to_hold": ratio, "ratio_to_hold_interval_95": None, "n_people": 7}
+                row |= {"ratio_to_best_interval_95": None}
                 row |= {"r2_pct": [1.0, 2.0, 3.0], "rmse_3d_mm": 1.0, "coverage_pct": None, "train_s": None}
                 rows.append(about | row | {"step_us": {"p50": 1.0, "p99": 2.0}})
     about_all: dict[str, Any] = {"scenario": "s", "source": "synthetic", "trained_on": "heads", "topologies": []}

@@ -15,6 +15,7 @@ from tis.deploy.compare.results.pooled import (
     pooled,
     range_holds_median_pct,
     resampled,
+    rivalry,
 )
 
 RANGE_M = np.array([0.05, 0.04, 0.02])
@@ -101,6 +102,19 @@ def test_intervals_are_percentiles_over_resampled_people() -> None:
     assert pooled(units, "hold")["ratio_to_hold_interval_95"] == [1.0, 1.0]
     low, high = found["r2_pct_interval_95"][1]
     assert low < found["r2_pct"][1] < high
+
+
+def test_rivals_are_resampled_together() -> None:
+    units = [[hand.sums()] for hand in HANDS]
+    own, best = (
+        [float(np.sum((getattr(hand, name) - hand.truth) ** 2)) for hand in HANDS] for name in ("hold", "better")
+    )
+    ratios = [(sum(own[i] for i in chosen) / sum(best[i] for i in chosen)) ** 0.5 for chosen in resampled(4)]
+    found = rivalry(units, "hold", "better")
+    assert found["ratio_to_best"] == pytest.approx((sum(own) / sum(best)) ** 0.5, rel=1e-12)
+    assert found["ratio_to_best_interval_95"] == pytest.approx(np.percentile(ratios, [2.5, 97.5]), rel=1e-10)
+    assert rivalry(units, "better", "better")["ratio_to_best_interval_95"] == [1.0, 1.0]
+    assert rivalry(units[:1], "hold", "better")["ratio_to_best_interval_95"] is None
 
 
 def test_resamples_draw_every_person_equally_often() -> None:

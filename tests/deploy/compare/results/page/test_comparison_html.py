@@ -142,8 +142,8 @@ def test_controls_act_on_curves_map_age_and_table_at_once(page: "Page", plan: Pl
     # table and words
     whole = in_python(plan, outcome, "velocity", **chosen)
     rows = page.locator("#rows tr").all_inner_texts()
-    assert [row.split("\t")[0] for row in rows] == ["hold", "velocity"]
-    assert rows[1].split("\t")[4] == f"{whole['rmse_3d_mm']:.3f}"
+    assert [row.split("\t")[0] for row in rows] == ["velocity", "hold"]  # the smallest error first
+    assert rows[0].split("\t")[4] == f"{whole['rmse_3d_mm']:.3f}"
     words = f"{whole['n_scored']} scored ticks. Bands: 95 % bootstrap intervals over 7 people, one for each seed."
     assert page.locator("#words").inner_text() == words
     # map: the chosen row only
@@ -196,4 +196,4 @@ def test_a_comparison_without_a_sweep_has_table_and_age_alone(tmp_path: Path) ->
     plan = planned(seeds=2)
     results = results_of(plan, outcome_of(plan, ("left",)), "tis compare")
     text = comparison_html(results.report, results.sums)
-    assert re.findall(r'<section id="(\w+)"', text) == ["choose", "age", "table", "repeat"]
+    assert re.findall(r'<section id="(\w+)"', text) == ["answer", "choose", "age", "table", "repeat"]

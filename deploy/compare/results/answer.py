@@ -1,0 +1,82 @@
+"""The answer of a comparison in words: the best estimator of each setting, and the rivals not told apart from it."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
+
+from tis.deploy.present.numbers import number
+
+Report = Mapping[str, Any]
+Rows = Sequence[Mapping[str, Any]]
+
+_MAX_NAMED: Final = 3
+"""Settings that are named one by one; of more their number is told."""
+
+
+def answer(report: Report) -> str:
+    """Return the estimator that is best at each setting, its gain over hold, and the rivals not told apart from it.
+
+    Best is the smallest 3D RMSE. A rival is told apart if the 95 % interval of its RMSE over the best one's, over
+    people, lies above 1 (`tis.deploy.compare.results.pooled.rivalry`). "" without a scored row. Oracle: literal
+    reports, test_answer.
+    """
+    names = {about["setting"]: _named(about) for about in report["settings"]}
+    ranked = [rows for setting in names if (rows := ranking(report["rows"], setting))]
+    if not ranked:
+        return ""
+    won: dict[str, list[Rows]] = {}
+    for rows in ranked:
+        won.setdefault(rows[0]["estimator"], []).append(rows)
+    each = sorted(won.items(), key=lambda item: -len(item[1]))
+    sentences = [
+        _won(name, own, _where([names[rows[0]["setting"]] for rows in own], len(ranked))) for name, own in each
+    ]
+    return " ".join([*sentences, *_close(ranked, names)])
+
+
+def ranking(rows: Rows, setting: str | None) -> Rows:
+    """Return the scored rows of a setting, the smallest error first."""
+    own = [row for row in rows if row["setting"] == setting and row["rmse_3d_mm"] is not None]
+    return sorted(own, key=lambda row: float(row["rmse_3d_mm"]))
+
+
+def _named(about: Mapping[str, Any]) -> str:
+    return ", ".join(f"{path.split('.')[-1]} = {value}" for path, value in about.get("at", {}).items())
+
+
+def _won(name: str, settings: Sequence[Rows], where: str) -> str:
+    if name == "hold":
+        return f"No estimator is better than hold{where}."
+    gains = [100 * (1 - ratio) for rows in settings if (ratio := rows[0]["ratio_to_hold"]) is not None]
+    if not gains:
+        return f"{name} is best{where}."
+    low, high = round(min(gains)), round(max(gains))
+    span = f"{low} %" if low == high else f"{low} to {high} %"
+    return f"{name} is best{where}: its error is {span} below hold's."
+
+
+def _close(ranked: Sequence[Rows], names: Mapping[str | None, str]) -> Iterable[str]:
+    """Yield which rivals are not told apart from the best, by rival."""
+    if ranked[0][0]["n_people"] < 2:
+        yield "Of one person's movements nothing is told apart: intervals are over people."
+        return
+    near: dict[tuple[str, str], list[str]] = {}
+    for best, *others in ranked:
+        for row in others:
+            interval = row["ratio_to_best_interval_95"]
+            if interval is None or interval[0] <= 1.0:
+                near.setdefault((best["estimator"], row["estimator"]), []).append(names[row["setting"]])
+    if not near:
+        yield "It is told apart from each other one." if len(ranked) == 1 else "Each is told apart from all others."
+    for (best_name, rival), settings in near.items():
+        yield f"{rival} is not told apart from {best_name}{_where(settings, len(ranked))}."
+
+
+def _where(settings: Sequence[str], n_all: int) -> str:
+    """Return the settings in words: each, a few by name, or their number."""
+    if n_all == 1:
+        return ""
+    if len(settings) == n_all:
+        return f" at each of the {n_all} settings"
+    if len(settings) <= _MAX_NAMED:
+        return f" at {'; at '.join(settings)}"
+    return f" at {number(len(settings))} of {n_all} settings"
