@@ -1,6 +1,7 @@
 """The patient's node from a scenario, and the models of its arms from training rows or a model file."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import astuple
 
 from tis.common.channels import HandChannels, hand_channels
 from tis.common.errors import DataError, Fault
@@ -130,10 +131,18 @@ def _gates(scenario: Scenario, model: ArmModel, channels: HandChannels) -> dict[
     """Return the gates of a hand's two streams by key; their workspaces lie about the means of the training rows."""
     limit, part = scenario.patient.gate, scenario.surgeon
     plan = SendPlan(scenario.rate_hz, scenario.n_samples, part.copies, ms_to_ns(part.copy_spacing_ms))
-    centres = ((channels.command, model.input_offset_m), (channels.arm, model.output_offset_m))
+    streams = (
+        (channels.command, model.input_offset_m, model.command_movement),
+        (channels.arm, model.output_offset_m, model.arm_movement),
+    )
+    is_own = scenario.source.kind == "table"
     return {
-        channel.key(scenario.session): StreamGate(plan, _place(at_m), gate.limits_of(limit, channel is channels.arm))
-        for channel, at_m in centres
+        channel.key(scenario.session): StreamGate(
+            plan,
+            _place(at_m),
+            gate.limits_of(limit, channel is channels.arm, astuple(trained) if is_own and trained else None),
+        )
+        for channel, at_m, trained in streams
     }
 
 

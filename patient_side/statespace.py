@@ -128,6 +128,15 @@ class FilterModel(StoredModel):
 
 
 @dataclass(frozen=True)
+class Movement(StoredModel):
+    """How far from their mean positions were in training, how fast they moved, and how fast that changed."""
+
+    reach_m: NotNegative
+    speed_m_s: NotNegative
+    acceleration_m_s2: NotNegative
+
+
+@dataclass(frozen=True)
 class ArmModel(StoredModel):
     """All models of one arm; written to the run folder, and read back by a replay.
 
@@ -137,6 +146,7 @@ class ArmModel(StoredModel):
     ``static``: a gain is the whole relation of arm and command. ``innovations`` and the fields after it are the
     models of further estimators, ``wrist`` those of orientation and gripper; None where they could not be, or were
     not, identified.
+    ``command_movement`` and ``arm_movement`` are those of the training rows, None in older files.
     ``trained_on`` are the training rows of each recording; empty in files that do not record them.
     """
 
@@ -171,6 +181,8 @@ class ArmModel(StoredModel):
     drmf: CompletionModel | None = None
     learned: tuple[LearnedModel, ...] = ()
     wrist: WristModel | None = None
+    command_movement: Movement | None = None
+    arm_movement: Movement | None = None
 
     def shapes(self) -> Mapping[str, Shape]:
         """Return the shapes of the linear model's matrices."""

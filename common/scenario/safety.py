@@ -23,16 +23,20 @@ class Gate(Part):
     After a true jump the samples are used again as soon as the speed allows it: after 0.2 s for 1 m.
     """
 
-    reach_m: Positive = Field(
-        2.0,
-        le=MAX_REACH_M,
-        description="Largest distance from the mean of the training rows, in m: the span of human arms.",
+    reach_m: Annotated[float, Field(gt=0, le=MAX_REACH_M)] | None = Field(
+        None,
+        description="Largest distance from the mean of the training rows, in m. Not given: 2, the span of human "
+        "arms; with a table 4 times what its training rows reach, if that is more and at most 50.",
     )
-    speed_m_s: Positive = Field(
-        5.0, description="Largest speed between samples, in m/s; recorded trials reach 1.5, synthetic ones less."
+    speed_m_s: Positive | None = Field(
+        None,
+        description="Largest speed between samples, in m/s. Not given: 5, recorded trials reach 1.5; with a table 4 "
+        "times that of its training rows, if that is more.",
     )
-    acceleration_m_s2: Positive = Field(
-        200.0, description="Largest change of velocity over 33 ms, in m/s^2; recorded trials reach 43."
+    acceleration_m_s2: Positive | None = Field(
+        None,
+        description="Largest change of velocity over 33 ms, in m/s^2. Not given: 200, recorded trials reach 43; with "
+        "a table 4 times that of its training rows, if that is more.",
     )
     turn_deg_s: Positive = Field(
         4500.0,

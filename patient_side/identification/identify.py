@@ -16,6 +16,7 @@ from tis.patient_side.identification.companions import Companions, Stage, fit_co
 from tis.patient_side.identification.dataset import TrainingSet, training_set
 from tis.patient_side.identification.forecast import fit_forecast
 from tis.patient_side.identification.moesp_paper import fit_moesp_paper
+from tis.patient_side.identification.movement import movement_of
 from tis.patient_side.identification.order import Fitted, OrderChoice
 from tis.patient_side.identification.subspace_methods import SUBSPACE_METHODS, fit_subspace
 from tis.patient_side.identification.trials import breakdown_as_fault, explain_repeats
@@ -138,13 +139,15 @@ def identify_hands(
 
 @dataclass(frozen=True)
 class _Rows:
-    """The training sets of one hand: for the chosen model, and for those beside it; ``commands_m`` are all its rows.
+    """The training sets of one hand: for the chosen model, and for those beside it.
 
-    Beside it are models about the mean and without velocities, but the paper's about the lowest values.
+    ``commands_m`` and ``arms_m`` are all its rows. Beside it are models about the mean and without velocities, but
+    the paper's about the lowest values.
     """
 
     hand: Hand
     commands_m: tuple[Array, ...]
+    arms_m: tuple[Array, ...]
     training: TrainingSet
     about_mean: TrainingSet
     about_lowest: Callable[[], TrainingSet] | None
@@ -155,12 +158,14 @@ class _Rows:
         others, paper = identification.train == "others", identification.method == "moesp_paper"
         shortest = fewest_rows(identification.block_rows)
         rows = partial(training_set, trainings, hand, pool_hands=others, shortest=shortest)
-        commands_m = [part.command.position_m for each in trainings for part in each.hands if part.hand == hand]
+        own = [part for each in trainings for part in each.hands if part.hand == hand]
+        commands_m = [part.command.position_m for part in own]
         with explain_repeats(commands_m):
             training = rows(about="lowest" if paper else "mean", velocities=identification.looks_ahead)
             about_mean = rows() if paper else training
         about_lowest = None if paper else partial(rows, about="lowest")
-        return cls(hand, tuple(commands_m), training, about_mean, about_lowest)
+        arms_m = tuple(part.follower.position_m for part in own)
+        return cls(hand, tuple(commands_m), arms_m, training, about_mean, about_lowest)
 
 
 @dataclass(frozen=True)
@@ -216,6 +221,8 @@ def _identified(
             *(() if identification.train == "own_head" else _doubts(trainings)),
         ),
         trained_on=training_rows(trainings),
+        command_movement=movement_of(rows.commands_m, rows.about_mean.input_offset_m, training.rate_hz),
+        arm_movement=movement_of(rows.arms_m, rows.about_mean.output_offset_m, training.rate_hz),
         **{field: _about(rows.about_mean, field, found) for field, found in beside.models.items()},
     )
     return Identified(model, fitted.orders, _validation_run(training, fitted))

@@ -39,7 +39,7 @@ _NOISE_M: Final = 0.002
 """Distance that is no movement: noise of a sensor and rounding, which at 1 kHz would pass for speed."""
 _NOISE_RAD: Final = 0.02
 """Angle that is no movement."""
-_BASE_NS: Final = 33 * NS_PER_MS
+BASE_NS: Final = 33 * NS_PER_MS
 """Time over which a velocity is measured at least, so that noise does not pass for acceleration."""
 _UNIT: Final = 1e-6
 """Difference from 1 of the length of an orientation that counts as 1."""
@@ -59,12 +59,29 @@ class GateLimits(NamedTuple):
     gripper_rad_s: float = inf
 
 
-def limits_of(part: Gate, is_arm: bool = True) -> GateLimits:
-    """Return the limits of a scenario for a stream; how fast a master's gripper moves has none."""
+_USUAL: Final = (2.0, 5.0, 200.0)
+"""Reach, speed and acceleration far above what hands and arms do, in m, m/s and m/s^2."""
+_TIMES_TRAINED: Final = 4.0
+_MOST_TRAINED_M: Final = 50.0
+"""Largest reach that is believed of training rows: beyond, they are likely in other units."""
+
+
+def limits_of(part: Gate, is_arm: bool = True, trained: tuple[float, float, float] | None = None) -> GateLimits:
+    """Return the limits of a scenario for a stream; how fast a master's gripper moves has none.
+
+    Those of place and movement that are not given are the usual ones, or follow from reach, speed and acceleration of
+    training rows, ``trained``, where these need more. Oracle: test_gate.
+    """
+    usual = _USUAL
+    if trained is not None and _TIMES_TRAINED * trained[0] <= _MOST_TRAINED_M:
+        reach, speed, acceleration = (max(u, _TIMES_TRAINED * t) for u, t in zip(_USUAL, trained, strict=True))
+        usual = reach, speed, acceleration
+    given = part.reach_m, part.speed_m_s, part.acceleration_m_s2
+    reach_m, speed_m_s, acceleration_m_s2 = (u if g is None else g for u, g in zip(usual, given, strict=True))
     return GateLimits(
-        part.reach_m,
-        part.speed_m_s,
-        part.acceleration_m_s2,
+        reach_m,
+        speed_m_s,
+        acceleration_m_s2,
         ms_to_ns(part.lead_ms),
         radians(part.turn_deg_s),
         radians(part.turn_acceleration_deg_s2),
@@ -169,12 +186,12 @@ class StreamGate:
     def _of_acceleration(self, at_ns: int, new: _Known) -> Kind | None:
         """Return the fault of a newest sample whose velocity differs too much from the one before it."""
         limits, last_ns, last = self.limits, self._at_ns[-1], self._known[-1]
-        i = bisect_left(self._at_ns, last_ns - _BASE_NS + 1) - 1
+        i = bisect_left(self._at_ns, last_ns - BASE_NS + 1) - 1
         if i < 0:
             return None
         base = self._known[i]
         before_s = (last_ns - self._at_ns[i]) / NS_PER_S
-        after_s = max(at_ns - last_ns, _BASE_NS) / NS_PER_S
+        after_s = max(at_ns - last_ns, BASE_NS) / NS_PER_S
         half_s = (before_s + after_s) / 2
         after, before = minus(new.where, last.where), minus(last.where, base.where)
         if _change(after, after_s, before, before_s) > limits.acceleration_m_s2 * half_s + _NOISE_M / after_s:

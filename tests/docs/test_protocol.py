@@ -35,7 +35,7 @@ from tis.common.units import sample_instant_ns
 from tis.deploy.run.resolve import resolve
 from tis.netem import __main__ as netem_main
 from tis.patient_side.safety.emergency_stop import MAX_ANSWERS_PER_S, MAX_RELEASES_PER_S
-from tis.patient_side.safety.gate import Kind
+from tis.patient_side.safety.gate import Kind, limits_of
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "protocol.md").read_text(encoding="utf-8")
 OBJECTS = [json.loads(block) for block in re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL)]
@@ -159,7 +159,7 @@ def test_the_fields_of_the_scenario_and_other_numbers() -> None:
     assert BEAT_EVERY_NS == 200_000_000
     assert netem_main._LEAD_NS == 150_000_000
     scenario: Scenario = resolve("live")
-    gate = scenario.patient.gate
+    gate = limits_of(scenario.patient.gate)
     assert (gate.reach_m, gate.speed_m_s, gate.acceleration_m_s2) == (2.0, 5.0, 200.0)
     source = scenario.source
     assert source.kind == "live"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.common.runtime.recordings.tables import movement, write_csv
 from tests.common.sources.trials import FIRST, text_of
 from tests.deploy.commands import Call, call_in_one_line
 from tis.common.scenario.reading import parse_yaml
@@ -211,3 +212,21 @@ def test_a_comma_separated_file_is_told_what_to_use(tis: Call) -> None:
     code, _, err = tis("twin", "own.yaml", "--set", "source.path=csv")
     assert code == 4
     assert "all 500 lines: must have 76 columns, separated by spaces and not by commas (got 1)" in err
+
+
+def test_a_table_of_a_larger_arm_is_valid_as_it_is(tis: Call) -> None:
+    noise = np.random.default_rng(1)
+    columns = {
+        name: 60.0 * one + noise.normal(0.0, 1e-3, len(one)) if name.endswith("_m") else one
+        for name, one in movement(600, rate_hz=50.0).items()
+    }
+    write_csv(Path("drone.csv"), columns)
+    settings = ("source={kind: table, path: drone.csv}", "rate_hz=50", "identification.train_samples=300")
+    summary, _, _ = twin(tis, "r", *settings)
+    assert summary["valid"]
+    assert not any(summary["quarantined"].values())
+    code, out, _ = tis("twin", "own.yaml", "--run-dir", "x", "--no-report", "--no-merge", *(
+        f"--set={one}" for one in (*settings, "patient.gate={reach_m: 0.5}")
+    ))  # fmt: skip
+    assert code == 5
+    assert "if they are right, raise patient.gate.reach_m" in out

@@ -197,3 +197,20 @@ def test_after_an_outage_the_arm_may_be_anywhere_it_could_have_gone() -> None:
     gate = _gate()
     assert _send(gate, 0, 0.0) is None
     assert _send(gate, 60, 1.5) is None
+
+
+@pytest.mark.parametrize(
+    ("trained", "limits"),
+    [
+        (None, (2.0, 5.0, 200.0)),
+        ((0.2, 1.0, 30.0), (2.0, 5.0, 200.0)),
+        ((5.0, 3.0, 30.0), (20.0, 12.0, 200.0)),
+        ((200.0, 300.0, 900.0), (2.0, 5.0, 200.0)),  # millimetres
+    ],
+)
+def test_limits_that_are_not_given_follow_from_training_rows(
+    trained: tuple[float, float, float] | None, limits: tuple[float, float, float]
+) -> None:
+    assert limits_of(Gate(), trained=trained)[:3] == limits
+    given = Gate.model_validate({"reach_m": 1.0, "speed_m_s": 1.5, "acceleration_m_s2": 7.0})
+    assert limits_of(given, trained=trained)[:3] == (1.0, 1.5, 7.0)
