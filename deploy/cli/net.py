@@ -221,7 +221,11 @@ _RampOption = Annotated[
 ]
 _AtOption = Annotated[float | None, typer.Option("--at-s", help="Begin at this run time, s; by default immediately.")]
 _ProfileOption = Annotated[
-    str | None, typer.Option(metavar="NAME", help="Apply a profile to both directions; earlier changes end.")
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Apply a profile (tis net profiles; wifi_bad has delay only) to both directions; earlier changes end.",
+    ),
 ]
 
 
