@@ -59,7 +59,10 @@ _ReflectorOption = Annotated[
     bool, typer.Option("--reflector", help="Receive by a `tis net reflect` on another host, with its own clock.")
 ]
 _KeyOption = Annotated[str, typer.Option(help="Key to send on; a netem on the path must forward it.")]
-_SecondsOption = Annotated[float | None, typer.Option(min=0.01, max=86_400, help="Duration, s; 10 without --count.")]
+_SecondsOption = Annotated[
+    float | None,
+    typer.Option("--duration-s", "--seconds", min=0.01, max=86_400, help="Duration, s; 10 without --count."),
+]
 _TimeoutOption = Annotated[
     float, typer.Option("--timeout-s", min=0.01, max=3600, help="Messages later than this count as lost.")
 ]
@@ -105,7 +108,7 @@ def probe(
     from tis.deploy.net.probe_command import probe_and_print
 
     if count is not None and seconds is not None:
-        raise InputError(Fault("tis net probe", "--seconds", "must not be given together with --count"))
+        raise InputError(Fault("tis net probe", "--duration-s", "must not be given together with --count"))
     n_messages = count if count is not None else max(2, round((seconds or 10.0) * rate_hz))
     ends = Ends.of(connect, from_end, to_end, listen, reflector)
     plan = Plan(key, rate_hz, n_messages, size, timeout_s, wait_s)
@@ -214,10 +217,11 @@ _YamlOption = Annotated[
     str | None, typer.Option("--yaml", metavar="TEXT", help="Stages in YAML; a.b=VALUE overrides them.")
 ]
 _ForOption = Annotated[
-    str | None, typer.Option("--for", metavar="LENGTH", help="Duration, such as 10s; by default permanent.")
+    str | None, typer.Option("--for-s", "--for", metavar="SECONDS", help="Duration, s; by default permanent.")
 ]
 _RampOption = Annotated[
-    str | None, typer.Option(metavar="LENGTH", help="Time in which factors and additions grow, such as 2s.")
+    str | None,
+    typer.Option("--ramp-s", "--ramp", metavar="SECONDS", help="Time in which factors and additions grow, s."),
 ]
 _AtOption = Annotated[float | None, typer.Option("--at-s", help="Begin at this run time, s; by default immediately.")]
 _ProfileOption = Annotated[
@@ -242,10 +246,10 @@ def set_(
     at: EmulatorOptions,
     as_json: JsonOption = False,
 ) -> int:
-    """Change a running emulator's network: tis net set forward delay.delay_ms=50 loss.p_loss=0.05 --for 10s.
+    """Change a running emulator's network: tis net set forward delay.delay_ms=50 loss.p_loss=0.05 --for-s 10.
 
-    A permanent change replaces the permanent one before. Changes with --for add
-    up: the later stage wins, factors (scale_...) multiply, additions sum. A
+    A permanent change replaces the permanent one before. Changes with --for-s
+    add up: the later stage wins, factors (scale_...) multiply, additions sum. A
     profile must be without outages, states, timeline and rules.
     """
     from tis.deploy.net.control import seconds, set_change, set_profile
@@ -265,15 +269,17 @@ def set_(
         rule = "must read: tis net set forward|feedback|both a.b=VALUE ..., or --yaml TEXT, or --profile NAME"
         raise InputError(Fault("tis net set", "", rule))
     times = {} if at_s is None else {"at_s": at_s}
-    times |= {} if for_ is None else {"for_s": seconds(for_, "--for")}
-    times |= {} if ramp is None else {"ramp_s": seconds(ramp, "--ramp")}
+    times |= {} if for_ is None else {"for_s": seconds(for_, "--for-s")}
+    times |= {} if ramp is None else {"ramp_s": seconds(ramp, "--ramp-s")}
     return set_change(address, direction, settings or (), yaml_text, times, OUT, as_json)
 
 
 @app.command()
 def outage(
     *,
-    length: Annotated[str, typer.Argument(metavar="LENGTH", help="Duration, such as 500ms or 2s.")],
+    length: Annotated[
+        str, typer.Argument(metavar="SECONDS", help="Duration, s, such as 0.5; or with its unit: 500ms.")
+    ],
     direction: Annotated[str, typer.Option(help="forward (west to east), feedback (east to west) or both.")] = "both",
     stall: Annotated[
         bool, typer.Option("--stall", help="Messages wait for the end instead of being lost, as in a handover.")
@@ -288,7 +294,7 @@ def outage(
     from tis.deploy.net.control import check_direction, request, seconds
 
     check_direction(direction)
-    content = {"direction": direction, "for_ms": seconds(length, "LENGTH") * 1000}
+    content = {"direction": direction, "for_ms": seconds(length, "SECONDS") * 1000}
     content |= {"effect": "stall"} if stall else {}
     return request(at.emulator, "outage", content, OUT, as_json)
 
