@@ -35,7 +35,12 @@ SetOption = Annotated[
 SeedOption = Annotated[int | None, typer.Option(help="Override the seed.")]
 RunDirOption = Annotated[Path | None, typer.Option(help="Folder for the run; by default a new one below runs/.")]
 RunDirArg = Annotated[Path, typer.Argument(metavar="RUN_DIR", help="Folder of a run.")]
-PrefixOption = Annotated[str, typer.Option(help="Prefix of the emulator's control keys: the scenario's session.")]
+PrefixOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Prefix of the emulator's control keys: the scenario's session; by default that of the run here."
+    ),
+]
 VerboseOption = Annotated[bool, typer.Option("--verbose", "-v", help="Print all tables instead of the main figures.")]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the data as JSON on standard output, and words on standard error.")
@@ -153,10 +158,10 @@ class EmulatorOptions(Options):
             "-e",
             metavar="ENDPOINT",
             help="One of the emulator's networks, west or east; by default the endpoint of --config, "
-            "else tcp/127.0.0.1:7447.",
+            "else that of the run on this machine.",
         ),
     ] = None
-    prefix: PrefixOption = "tis"
+    prefix: PrefixOption = None
     config: ConfigOption = None
     cfg: CfgOption = None
 

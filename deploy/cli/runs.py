@@ -48,12 +48,18 @@ def run(
 def view(
     *,
     west: Annotated[
-        str, typer.Option("--west", metavar="ENDPOINT", help="Endpoint of netem on the surgeon's network.")
-    ] = "tcp/127.0.0.1:7447",
+        str | None,
+        typer.Option(
+            "--west",
+            metavar="ENDPOINT",
+            help="Endpoint of netem on the surgeon's network; by default those of the run on this machine.",
+        ),
+    ] = None,
     east: Annotated[
-        str, typer.Option("--east", metavar="ENDPOINT", help="Endpoint of netem on the patient's network.")
-    ] = "tcp/127.0.0.1:7448",
-    prefix: PrefixOption = "tis",
+        str | None,
+        typer.Option("--east", metavar="ENDPOINT", help="Endpoint of netem on the patient's network."),
+    ] = None,
+    prefix: PrefixOption = None,
     at: PageOptions,
     wait_s: Annotated[
         float | None, typer.Option("--wait-s", help="Give up without netem within this time, s; by default never.")
