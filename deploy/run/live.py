@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from tis.common.errors import EXIT_OK
+from tis.common.errors import EXIT_INTERRUPTED, EXIT_OK
 from tis.common.runtime.credentials import credentials, own_client
 from tis.common.runtime.process import command_line
 from tis.common.runtime.recordings import check_recording
@@ -74,7 +74,10 @@ def run_live(
             during.callback(observer.stop)
             during.callback(progress.stop)
             outcome = launch(scenario, path, take, endpoints, insecure, foreign_surgeon)
-        print_faults(err, *outcome.reasons)
+        if outcome.exit_code == EXIT_INTERRUPTED:
+            err.print("interrupted: what follows is of the run up to here, as its logs are", style="yellow")
+        else:
+            print_faults(err, *outcome.reasons)
         if outcome.exit_code != EXIT_OK and not progress.began:
             folder.remove_unused(path)
             return outcome.exit_code
