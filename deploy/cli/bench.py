@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from tis.common.errors import EXIT_OK, GET_HOSTS, Fault, InputError
+from tis.common.errors import EXIT_OK, Fault, InputError
+from tis.common.extras import GET_HOSTS
 from tis.deploy.cli.group import Commands
 from tis.deploy.shell.early_checks import can_certify, check_outputs
 from tis.deploy.shell.guard import OUT

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, get_args
 import typer
 from rich.markup import escape
 
-from tis.common.errors import EXIT_OK, GET_HOSTS, DataError, Fault, InputError
+from tis.common.errors import EXIT_OK, DataError, Fault, InputError
+from tis.common.extras import GET_HOSTS
 from tis.deploy.cli.group import Commands, JsonOption
 from tis.deploy.present.table import Column, Table
 from tis.deploy.shell.early_checks import can_certify

@@ -14,7 +14,8 @@ from typing import Any, Final
 
 from rich.console import Console
 
-from tis.common.errors import EXIT_INTERRUPTED, EXIT_OK, GET_REPORT, Fault, InputError, PeerError
+from tis.common.errors import EXIT_INTERRUPTED, EXIT_OK, Fault, InputError, PeerError
+from tis.common.extras import GET_REPORT
 from tis.common.runtime.emulator_client import running_here
 from tis.common.runtime.process import Interrupt, child_environment
 from tis.common.runtime.running import EAST, WEST, Running

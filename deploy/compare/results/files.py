@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from tis.common.errors import GET_PARQUET, GET_REPORT
+from tis.common.extras import GET_PARQUET, GET_REPORT
 from tis.common.units import NS_PER_MS, NS_PER_US
 from tis.deploy.compare.cells.sums import percentile
 from tis.deploy.compare.engine.compute import Outcome

@@ -12,7 +12,8 @@ from typing import Any, Final
 from rich.console import Console
 from rich.markup import escape
 
-from tis.common.errors import EXIT_OK, GET_REPORT, DataError, Fault, InputError
+from tis.common.errors import EXIT_OK, DataError, Fault, InputError
+from tis.common.extras import GET_REPORT
 from tis.common.runtime.process import command_line
 from tis.common.scenario import Scenario
 from tis.common.scenario.source import RecordedSource

@@ -8,7 +8,8 @@ from typing import Any, Final
 from rich.console import Console
 from rich.markup import escape
 
-from tis.common.errors import EXIT_OK, GET_REPORT
+from tis.common.errors import EXIT_OK
+from tis.common.extras import GET_REPORT
 from tis.common.runtime.recordings import load_recording, load_training
 from tis.common.scenario import Scenario
 from tis.common.sources.trajectory import Recording
