@@ -30,7 +30,7 @@ DaysOption = Annotated[
 _FOLDER = Path("certs")
 
 
-@app.command()
+@app.command(example="tis certs init --host 192.168.1.5")
 def init(
     folder: FolderOption = _FOLDER, hosts: HostOption = None, days: DaysOption = None, as_json: JsonOption = False
 ) -> int:
@@ -58,7 +58,7 @@ def init(
     return EXIT_OK
 
 
-@app.command()
+@app.command(example="tis certs issue operator")
 def issue(
     name: Annotated[str, typer.Argument(metavar="NAME", help="surgeon, netem, patient, or a further client.")],
     folder: FolderOption = _FOLDER,
@@ -80,7 +80,7 @@ def issue(
     return EXIT_OK
 
 
-@app.command()
+@app.command(example="tis certs show")
 def show(folder: FolderOption = _FOLDER, as_json: JsonOption = False) -> int:
     """List the certificates, for whom they are and how long they are valid; exit code 4 if one cannot be used."""
     _check_extra()

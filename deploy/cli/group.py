@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from tis.common.runtime.side_cli import CfgOption, ConfigOption, InsecureOption
+from tis.deploy.cli import completion
 from tis.deploy.shell.guard import guarded, words_to
 
 if TYPE_CHECKING:
@@ -24,7 +25,9 @@ if TYPE_CHECKING:
     from tis.deploy.view.page_process import PageAddress
 
 _SCENARIO: Final = typer.Argument(
-    metavar="SCENARIO", help="A scenario file (YAML), or the name of a shipped scenario."
+    metavar="SCENARIO",
+    help="A scenario file (YAML), or the name of a shipped scenario (tis scenarios).",
+    autocompletion=completion.scenarios,
 )
 ScenarioArg = Annotated[str, _SCENARIO]
 OptionalScenarioArg = Annotated[str | None, _SCENARIO]
@@ -46,7 +49,12 @@ JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the data as JSON on standard output, and words on standard error.")
 ]
 EstimatorsOption = Annotated[
-    str | None, typer.Option(metavar="A,B,C", help="Estimators by name or module:factory; by default the scenario's.")
+    str | None,
+    typer.Option(
+        metavar="A,B,C",
+        help="Estimators by name or module:factory; by default the scenario's.",
+        autocompletion=completion.estimators,
+    ),
 ]
 TrialsOption = Annotated[
     str | None, typer.Option(metavar="D001,E003", help="Trials of the task; by default all in the folder.")
@@ -247,6 +255,12 @@ class OneCommand(TyperCommand):
             with formatter.section(heading):
                 formatter.write_dl(rows, col_max=_NAME_WIDTH)
 
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
+        """Write the example as it is: wrapped it could not be copied."""
+        if self.epilog:
+            with formatter.section("Example"):
+                formatter.write("".join(f"  {line}\n" for line in self.epilog.splitlines()))
+
 
 class CommandGroup(TyperGroup):
     """A group that lists its commands in sections, each with one line or more of what it does."""
@@ -282,8 +296,11 @@ class Commands(typer.Typer):
         """Register a command that returns its exit code; errors become lines, `Options` one option for each field."""
         return lambda command: self.register(guarded(spread(command)), name, **options)
 
-    def register(self, command: Callable[..., None], name: str | None = None, **options: Any) -> Any:
-        """Register a command that ends by `typer.Exit`, as `typer.Typer.command` does."""
+    def register(
+        self, command: Callable[..., None], name: str | None = None, *, example: str = "", **options: Any
+    ) -> Any:
+        """Register a command that ends by `typer.Exit`, as `typer.Typer.command` does; ``example`` ends its help."""
+        options.setdefault("epilog", example)
         options.setdefault("rich_help_panel", self._panel)
         return super().command(name, cls=OneCommand, **options)(command)
 

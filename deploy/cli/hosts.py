@@ -15,7 +15,7 @@ HostsArg = Annotated[
 ]
 
 
-@app.command()
+@app.command(example="tis up hosts.yaml")
 def up(
     *,
     hosts: HostsArg,
@@ -38,7 +38,7 @@ def up(
     return run_up(hosts, run_dir, wait_s, insecure, outputs.wanted, outputs.words, ERR)
 
 
-@app.command()
+@app.command(example="tis collect hosts.yaml")
 def collect(
     *,
     sources: Annotated[

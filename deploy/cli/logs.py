@@ -12,7 +12,7 @@ from tis.deploy.shell.guard import ERR, OUT, words_to
 app = Commands("Look at runs")
 
 
-@app.command()
+@app.command(example="tis runs --sort error --scenario default")
 def runs(
     base: Annotated[Path, typer.Argument(metavar="FOLDER", help="Where to look, in all folders below.")] = Path(
         "runs"
@@ -35,7 +35,7 @@ def runs(
     return list_runs(Wanted(base, sort, reverse, scenario, mode, valid), OUT, ERR, as_json)
 
 
-@app.command()
+@app.command(example="tis info RUN_DIR -v")
 def info(
     path: Annotated[Path, typer.Argument(metavar="RUN_DIR|FILE.mcap", help="Folder of a run, or any MCAP file.")],
     verbose: VerboseOption = False,
@@ -55,7 +55,7 @@ def info(
     return print_file(path, words_to(as_json), ERR, as_json)
 
 
-@app.command()
+@app.command(example="tis merge RUN_DIR")
 def merge(run_dir: RunDirArg) -> int:
     """Merge the three logs into RUN_DIR/run.mcap, which Foxglove, PlotJuggler and Rerun open."""
     from tis.deploy.logs.merge_run import merge_again
@@ -63,7 +63,7 @@ def merge(run_dir: RunDirArg) -> int:
     return merge_again(run_dir, OUT, ERR)
 
 
-@app.command()
+@app.command(example="tis recover RUN_DIR/netem.mcap")
 def recover(
     file: Annotated[Path, typer.Argument(metavar="FILE.mcap", help="A damaged MCAP file.")],
     out: Annotated[
@@ -81,7 +81,7 @@ def recover(
     return recover_and_print(file, out or recovered_name(file), OUT, ERR)
 
 
-@app.command()
+@app.command(example="tis export RUN_DIR --csv")
 def export(
     run_dir: RunDirArg,
     csv: Annotated[
@@ -111,7 +111,7 @@ def export(
     return export_run(run_dir, out or run_dir / "export", csv, parquet, jigsaws, OUT, ERR)
 
 
-@app.command()
+@app.command(example="tis report --compare RUN_DIR OTHER_RUN_DIR")
 def report(
     run_dirs: Annotated[list[Path], typer.Argument(metavar="RUN_DIR", help="Folder of a run; several to compare.")],
     compare: Annotated[

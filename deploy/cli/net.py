@@ -6,6 +6,7 @@ from typing import Annotated, Any, get_args
 import typer
 
 from tis.common.errors import DataError, Fault, InputError
+from tis.deploy.cli import completion
 from tis.deploy.cli.group import Commands, ConnectionOptions, EmulatorOptions, JsonOption
 from tis.deploy.shell.guard import ERR, OUT
 
@@ -14,10 +15,15 @@ app = Commands(
 )
 
 
-@app.command()
+@app.command(example="tis net profiles hospital_wifi")
 def profiles(
     name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="A profile or a profile file (.yaml) to print in full.")
+        str | None,
+        typer.Argument(
+            metavar="NAME",
+            help="A profile or a profile file (.yaml) to print in full.",
+            autocompletion=completion.profiles,
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> int:
@@ -27,7 +33,7 @@ def profiles(
     return list_profiles(OUT, as_json) if name is None else show_profile(name, OUT, as_json)
 
 
-@app.command()
+@app.command(example="tis net stages delay")
 def stages(
     name: Annotated[
         str | None, typer.Argument(metavar="NAME", help="A stage to explain, or rules, outages, states, timeline.")
@@ -72,7 +78,7 @@ _TraceOption = Annotated[
 ]
 
 
-@app.command()
+@app.command(example="tis net probe -e tcp/THERE:7447 --reflector --duration-s 60 -o trace.csv")
 def probe(
     *,
     connect: _CommonEndOption = None,
@@ -115,7 +121,7 @@ def probe(
     return probe_and_print(ends, connection.zenoh(), plan, out, OUT, ERR, as_json)
 
 
-@app.command()
+@app.command(example="tis net reflect -l tcp/0.0.0.0:7447 --insecure")
 def reflect(
     *,
     connect: Annotated[
@@ -139,7 +145,7 @@ def reflect(
     return run_reflector(connect, listen, connection.zenoh(), key, wait_s, ERR)
 
 
-@app.command()
+@app.command(example="tis net fit trace.csv -o my_network.yaml")
 def fit(
     source: Annotated[
         Path,
@@ -195,7 +201,7 @@ def fit(
     return fit_and_print(source, out, name, way, chosen, OUT, ERR, as_json, replays, received)  # type: ignore[arg-type]
 
 
-@app.command()
+@app.command(example="tis net show")
 def show(at: EmulatorOptions, as_json: JsonOption = False) -> int:
     """Show the current state of a running emulator in both directions."""
     from tis.deploy.net.control import show as show_state
@@ -229,11 +235,12 @@ _ProfileOption = Annotated[
     typer.Option(
         metavar="NAME",
         help="Apply a profile (tis net profiles; wifi_bad has delay only) to both directions; earlier changes end.",
+        autocompletion=completion.profiles,
     ),
 ]
 
 
-@app.command("set")
+@app.command("set", example="tis net set both delay.delay_ms=80 --for-s 10")
 def set_(
     *,
     direction: _DirectionArg = None,
@@ -274,7 +281,7 @@ def set_(
     return set_change(address, direction, settings or (), yaml_text, times, OUT, as_json)
 
 
-@app.command()
+@app.command(example="tis net outage 0.5 --direction forward")
 def outage(
     *,
     length: Annotated[
@@ -299,7 +306,7 @@ def outage(
     return request(at.emulator, "outage", content, OUT, as_json)
 
 
-@app.command()
+@app.command(example="tis net reset")
 def reset(at: EmulatorOptions, as_json: JsonOption = False) -> int:
     """End all changes of a running emulator: the scenario's own network applies again."""
     from tis.deploy.net.control import request

@@ -24,7 +24,7 @@ from tis.deploy.shell.guard import ERR, OUT, print_faults, print_json, print_war
 app = Commands("Run")
 
 
-@app.command()
+@app.command(example="tis run default --set network.forward.delay.delay_ms=80 --view")
 def run(
     *,
     scenario: ScenarioOptions,
@@ -44,7 +44,7 @@ def run(
     return run_live(scenario.resolve(), run_dir, outputs.words, ERR, outputs.wanted, page, insecure, foreign_surgeon)
 
 
-@app.command()
+@app.command(example="tis view")
 def view(
     *,
     west: Annotated[
@@ -75,7 +75,7 @@ def view(
     return attach_page((west, east), prefix, zenoh, at.page, wait_s, ERR)
 
 
-@app.command()
+@app.command(example="tis twin lossy --duration-s 60 --seed 3")
 def twin(
     *,
     scenario: ScenarioOptions,
@@ -91,7 +91,7 @@ def twin(
     return run_virtual(scenario.resolve(), run_dir, against, outputs.words, ERR, outputs.wanted)
 
 
-@app.command()
+@app.command(example="tis replay RUN_DIR")
 def replay(run_dir: RunDirArg) -> int:
     """Replay a run's recorded arrivals through its patient and compare the estimates bit for bit."""
     from tis.deploy.run.replay import replay as replay_run
@@ -112,7 +112,7 @@ def _print_schema(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.command()
+@app.command(example="tis summarize RUN_DIR")
 def summarize(
     run_dir: RunDirArg,
     verbose: VerboseOption = False,
@@ -134,7 +134,7 @@ def summarize(
     return conclude_again(run_dir, words_to(as_json), Outputs(verbose=verbose, as_json=as_json))
 
 
-@app.command()
+@app.command(example='tis stop "a hand in the way"')
 def stop(
     *,
     reason: Annotated[

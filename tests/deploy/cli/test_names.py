@@ -41,6 +41,17 @@ def helps() -> Iterator[tuple[str, str]]:
             yield path, getattr(option, "help", None) or ""
 
 
+LEAVES = [(path, one) for path, one in commands() if not hasattr(one, "commands") and not one.hidden]
+
+
+@pytest.mark.parametrize(("path", "command"), LEAVES, ids=[path for path, _ in LEAVES])
+def test_the_help_of_a_command_ends_with_an_example_of_it(path: str, command: Any) -> None:
+    example = command.epilog.replace("\\\n", "")
+    assert example.startswith(path)
+    assert fault_of(example.removeprefix("tis ")) is None
+    assert max(map(len, command.epilog.splitlines())) <= 78
+
+
 def strings() -> Iterator[tuple[str, str]]:
     """Every text in the code of the product, f-strings in their parts."""
     for file in product_files():
