@@ -13,7 +13,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from tis.common.runtime.side_cli import CfgOption, ConfigOption, InsecureOption
 from tis.deploy.cli import completion
-from tis.deploy.shell.guard import guarded, words_to
+from tis.deploy.shell.guard import ERR, QUIET, guarded, words_to
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -101,6 +101,7 @@ class OutputOptions(Options):
     merge: Annotated[bool, typer.Option("--merge/--no-merge", help="Merge the logs into run.mcap at the end.")] = True
     verbose: VerboseOption = False
     as_json: JsonOption = False
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print warnings and errors only, and --json.")] = False
 
     @property
     def wanted(self) -> "Outputs":
@@ -111,8 +112,13 @@ class OutputOptions(Options):
 
     @property
     def words(self) -> "Console":
-        """Return the console for words."""
-        return words_to(self.as_json)
+        """Return the console for the result."""
+        return QUIET if self.quiet else words_to(self.as_json)
+
+    @property
+    def progress(self) -> "Console":
+        """Return the console for progress, warnings and errors."""
+        return QUIET if self.quiet else ERR
 
 
 @dataclass(frozen=True)

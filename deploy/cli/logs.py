@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
-from tis.common.errors import Fault, InputError
+from tis.common.errors import EXIT_OK, Fault, InputError
 from tis.deploy.cli.group import Commands, JsonOption, RunDirArg, VerboseOption
-from tis.deploy.shell.guard import ERR, OUT, words_to
+from tis.deploy.shell.guard import ERR, OUT, print_json, words_to
 
 app = Commands("Look at runs")
 
@@ -134,23 +134,32 @@ def report(
     file_format: Annotated[
         str | None, typer.Option("--format", help="Format of the figures: svg, pdf or png; by default pdf.")
     ] = None,
+    as_json: JsonOption = False,
 ) -> int:
     """Write RUN_DIR/report.html: the run as a self-contained page; with --compare, several runs on one page.
 
     To compare estimators on equal terms, see tis compare.
     """
-    from tis.deploy.report.command import compare_runs, draw_figures, report_again
+    from tis.deploy.report.command import COMPARED_FILE, compare_runs, draw_figures, report_again
+    from tis.deploy.shell.run_dir import REPORT_FILE
     from tis.deploy.standalone.command import report as report_of_netem
     from tis.deploy.standalone.standalone_run import is_standalone
 
     _check(run_dirs, compare, out, figures, file_format)
+    words, form = words_to(as_json), file_format or "pdf"
     if compare:
-        return compare_runs(run_dirs, out, OUT)
-    if figures is not None:
-        return draw_figures(run_dirs[0], figures, file_format or "pdf", OUT)
-    if is_standalone(run_dirs[0]):
-        return report_of_netem(run_dirs[0], OUT)
-    return report_again(run_dirs[0], OUT)
+        code = compare_runs(run_dirs, out, words)
+    elif figures is not None:
+        code = draw_figures(run_dirs[0], figures, form, words)
+    elif is_standalone(run_dirs[0]):
+        code = report_of_netem(run_dirs[0], words)
+    else:
+        code = report_again(run_dirs[0], words)
+    if as_json:
+        page = (out or COMPARED_FILE) if compare else run_dirs[0] / REPORT_FILE
+        files = [page] if figures is None else sorted(figures.glob(f"*.{form}"))
+        print_json({"files": [str(file) for file in files], "complete": code == EXIT_OK})
+    return code
 
 
 def _check(

@@ -1,5 +1,6 @@
 """Commands on runs: `run`, `view`, `twin`, `replay`, `summarize`."""
 
+from math import isfinite
 from pathlib import Path
 from typing import Annotated
 
@@ -41,7 +42,9 @@ def run(
     from tis.deploy.run.live import run_live
 
     page = at.page if view else None
-    return run_live(scenario.resolve(), run_dir, outputs.words, ERR, outputs.wanted, page, insecure, foreign_surgeon)
+    return run_live(
+        scenario.resolve(), run_dir, outputs.words, outputs.progress, outputs.wanted, page, insecure, foreign_surgeon
+    )
 
 
 @app.command(example="tis view")
@@ -88,16 +91,21 @@ def twin(
     """Run the same three sides in virtual time, faster than real time and bit-equal from run to run."""
     from tis.deploy.run.virtual import run_virtual
 
-    return run_virtual(scenario.resolve(), run_dir, against, outputs.words, ERR, outputs.wanted)
+    return run_virtual(scenario.resolve(), run_dir, against, outputs.words, outputs.progress, outputs.wanted)
 
 
 @app.command(example="tis replay RUN_DIR")
-def replay(run_dir: RunDirArg) -> int:
+def replay(run_dir: RunDirArg, as_json: JsonOption = False) -> int:
     """Replay a run's recorded arrivals through its patient and compare the estimates bit for bit."""
     from tis.deploy.run.replay import replay as replay_run
 
     found = replay_run(run_dir)
-    OUT.print(str(found), soft_wrap=True)
+    words_to(as_json).print(str(found), soft_wrap=True)
+    if as_json:
+        print_json(
+            {**vars(found), "largest": found.largest if isfinite(found.largest) else None}
+            | {"identical": found.identical, "is_rounding": found.is_rounding}
+        )
     print_warnings(ERR, *found.changed)
     if found.damage is not None:
         print_faults(ERR, f"{run_dir}: patient: {found.damage}; only the readable part was replayed")

@@ -9,7 +9,7 @@ from rich.markup import escape
 
 from tis.common.errors import EXIT_OK, Fault, InputError
 from tis.deploy.cli.group import Commands, JsonOption, OptionalScenarioArg, ScenarioArg, SeedOption, SetOption
-from tis.deploy.shell.guard import ERR, OUT, print_warnings
+from tis.deploy.shell.guard import ERR, OUT, print_json, print_warnings
 
 app = Commands("Scenarios and data")
 
@@ -39,6 +39,7 @@ def validate(
     settings: SetOption = None,
     seed: SeedOption = None,
     duration_s: Annotated[float | None, typer.Option(help="Override the duration, in s.")] = None,
+    as_json: JsonOption = False,
 ) -> int:
     """Check a scenario and the traces it names, and print it with all defaults."""
     # imported late, here and below: a command that fails or helps need not wait for numpy
@@ -59,7 +60,10 @@ def validate(
     # as a run would: faults of traces and of rules that tie show only when the links are built
     build_netem(resolved, load_traces(resolved.network), scenario)
     print_warnings(ERR, *resolved.surgeon.warnings())
-    print(reading.dump_scenario(resolved), end="")  # noqa: T201
+    if as_json:
+        print_json(resolved.model_dump(mode="json", exclude_none=True))
+    else:
+        print(reading.dump_scenario(resolved), end="")  # noqa: T201
     return EXIT_OK
 
 
