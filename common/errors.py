@@ -94,19 +94,3 @@ EXIT_INVALID_RUN = 5
 EXIT_LOSSY_RECOVERY = 3
 EXIT_BUG = 70
 EXIT_INTERRUPTED = 130
-
-
-def _installing(extra: str) -> str:
-    return f"pip install -e '.[{extra}]' in the clone, or pip install 'FILE.whl[{extra}]'"
-
-
-GET_REPORT: Final = _installing("report")
-GET_PARQUET: Final = _installing("parquet")
-GET_ROSBAG: Final = _installing("rosbag")
-GET_PCAP: Final = _installing("pcap")
-GET_HOSTS: Final = _installing("hosts")
-GET_CLUSTER: Final = _installing("cluster")
-GET_DEVICE: Final = _installing("device")
-GET_LEARNED: Final = _installing("learned")
-GET_SIM: Final = _installing("sim")
-GET_DYNAMICS: Final = _installing("dynamics")

@@ -10,10 +10,10 @@ import zenoh
 from pydantic import BaseModel, ValidationError
 
 from tis.common.errors import Fault, InputError, PeerError
+from tis.common.runtime.running import WEST, Running, sessions
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, visitor
 from tis.common.scenario.control import EVERY_STATE, STATE, Acknowledgement, EmulatorState, control_prefix
 
-DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
 _TIME_OUT_S: Final = 3.0
 _WHERE: Final = "tis net"
 
@@ -23,7 +23,7 @@ Answer = TypeVar("Answer", bound=BaseModel)
 class EmulatorAddress(NamedTuple):
     """Endpoint of an emulator, prefix of its control keys, and Zenoh options of the connection."""
 
-    endpoint: str = DEFAULT_ENDPOINT
+    endpoint: str = WEST
     prefix: str = "tis"
     options: ZenohOptions = ZenohOptions()
 
@@ -33,18 +33,30 @@ class EmulatorAddress(NamedTuple):
 
 
 def emulator_address(
-    connect: str | None, prefix: str, config: Path | None, cfg: Sequence[str] | None
+    connect: str | None, prefix: str | None, config: Path | None, cfg: Sequence[str] | None
 ) -> EmulatorAddress:
     """Return the address given by a command's options; raises `InputError`.
 
-    Without ``connect`` the endpoint is the configuration's first one, else the default.
+    Without ``connect`` the endpoint is the configuration's first one, else that of what runs on this machine.
     """
     options = ZenohOptions(config=config, cfg=tuple(cfg or ()))
     if connect is None and (config is not None or options.cfg):
         found = json.loads(configure("client", options).get_json("connect/endpoints"))
         named = found.get("client", []) if isinstance(found, dict) else found or []
         connect = next(iter(named), None)
-    return EmulatorAddress(connect or DEFAULT_ENDPOINT, prefix, options)
+    if connect is not None:
+        return EmulatorAddress(connect, prefix or Running().session, options)
+    here = running_here(_WHERE, prefix) or Running()
+    return EmulatorAddress(here.west, prefix or here.session, options)
+
+
+def running_here(where: str, prefix: str | None) -> Running | None:
+    """Return what runs on this machine, None without any; raises `InputError` where several could be meant."""
+    found = [one for one in sessions() if prefix in (None, one.session)]
+    if len(found) > 1:
+        rule = f"must name one of those that run on this machine: {'; '.join(map(str, found))}"
+        raise InputError(Fault(where, "-e", rule))
+    return found[0] if found else None
 
 
 class Remote:

@@ -8,7 +8,7 @@ from typing import Final, Literal, NamedTuple, Self
 from pydantic import Field
 
 from tis.common.channels import Direction
-from tis.common.scenario.base import NonNegative, Part, Positive
+from tis.common.scenario.base import Part, Positive, Probability
 
 Metric = Literal["one_way", "end_to_end", "round_trip", "network_round_trip", "pdv", "age", "loss", "rmse_3d"]
 Application = Literal[
@@ -122,11 +122,14 @@ _METRIC_OF: Final[dict[str, Metric]] = {
     "round_trip_p99_ms": "round_trip",
     "pdv_p99_ms": "pdv",
     "age_p99_ms": "age",
-    "loss_max_pct": "loss",
+    "p_loss_max": "loss",
     "rmse_3d_max_mm": "rmse_3d",
 }
 _EACH_WAY: Final[tuple[Metric, ...]] = ("one_way", "pdv", "loss")
 _NO_PERCENTILE: Final[tuple[Metric, ...]] = ("loss", "rmse_3d")
+_PER_CENT: Final = 100.0
+_DIGITS: Final = 12
+"""Digits of a limit in per cent: 100 * 0.29 would be just below 29."""
 
 
 class Limits(Part):
@@ -159,11 +162,10 @@ class Limits(Part):
     age_p99_ms: Positive | None = Field(
         None, description="Upper limit of the 99th percentile of the freshest sample's age at the ticks, in ms."
     )
-    loss_max_pct: NonNegative | None = Field(
+    p_loss_max: Probability | None = Field(
         None,
-        le=100,
-        description="Upper limit of the share of packets lost, in %, per direction; each copy of a sample counts as "
-        "a packet. 0: no packet of this run may be lost.",
+        description="Upper limit of the share of packets lost, 0 to 1, per direction; each copy of a sample counts "
+        "as a packet. 0: no packet of this run may be lost.",
     )
     rmse_3d_max_mm: Positive | None = Field(
         None, description="Upper limit of the 3D root mean square error of the active estimator's position, in mm."
@@ -176,7 +178,7 @@ class Limits(Part):
         # A preset may require different values per direction; a limit applies to both, so the smaller one counts.
         needed = [one for one in REQUIREMENTS[self.preset].requirements if one.binding]
         limits = {
-            field: min((one.limit for one in needed if one.metric == metric), default=None)
+            field: min((one.limit / _unit(metric) for one in needed if one.metric == metric), default=None)
             for field, metric in _METRIC_OF.items()
             if getattr(self, field) is None
         }
@@ -186,7 +188,7 @@ class Limits(Part):
         """Return the given limits, and the preset's requirements on all other metrics."""
         given = {metric: getattr(self, field) for field, metric in _METRIC_OF.items()}
         own = tuple(
-            Requirement(metric, limit, way, None if metric in _NO_PERCENTILE else P99)
+            Requirement(metric, round(limit * _unit(metric), _DIGITS), way, None if metric in _NO_PERCENTILE else P99)
             for metric, limit in given.items()
             if limit is not None
             for way in _ways(metric)
@@ -195,6 +197,11 @@ class Limits(Part):
             return own
         rest = REQUIREMENTS[self.preset].requirements
         return own + tuple(one for one in rest if given.get(one.metric) is None)
+
+
+def _unit(metric: Metric) -> float:
+    """Return how much of a requirement's unit is 1 in that of the field: a share's limit is in %."""
+    return _PER_CENT if metric == "loss" else 1.0
 
 
 def _ways(metric: Metric) -> tuple[Direction | None, ...]:

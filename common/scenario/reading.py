@@ -27,6 +27,10 @@ Raises `LookupError` with the broken rule for an unknown name, `InputError` for 
 
 _BY_STAGE = ("forward", "feedback")
 
+_FORMER: Final = "loss_max_pct"
+_PRESENT: Final = "p_loss_max"
+"""The limit of loss as files of 0.3 have it, in per cent, and its name since, a probability like all others."""
+
 
 def parse_yaml(text: str, where: str) -> dict[str, Any]:
     """Return the top-level mapping of a YAML text; raises `InputError`."""
@@ -44,7 +48,7 @@ def apply_settings(raw: Mapping[str, Any], settings: Sequence[str]) -> dict[str,
     VALUE is YAML; null removes the key, except where null is a value of the field. In a list the name is an index
     from 0. ``raw`` is not modified.
     """
-    result: dict[str, Any] = _without_aliases(raw)
+    result: dict[str, Any] = _without_aliases(with_present_names(raw))
     found: list[Fault] = []
     for setting in settings:
         path, equals, text = setting.partition("=")
@@ -52,7 +56,10 @@ def apply_settings(raw: Mapping[str, Any], settings: Sequence[str]) -> dict[str,
             found.append(Fault("--set", setting, "must read a.b=VALUE"))
             continue
         try:
-            _put(result, path.split("."), load_yaml(text, "--set"))
+            value = load_yaml(text, "--set")
+            if path == f"limits.{_FORMER}":
+                path, value = f"limits.{_PRESENT}", _share(value)
+            _put(result, path.split("."), value)
         except InputError as error:
             found += [Fault("--set", path, fault.rule, text) for fault in error.faults]
         except LookupError as error:
@@ -95,6 +102,22 @@ def expand_profile(raw: Mapping[str, Any], where: str, profiles: Profiles) -> di
     return {**raw, "network": {key: value for key, value in merged.items() if key not in removed}}
 
 
+def with_present_names(raw: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return ``raw`` with the present name of a field that had another, unless it has both."""
+    limits = raw.get("limits")
+    if not isinstance(limits, Mapping) or _FORMER not in limits or _PRESENT in limits:
+        return raw
+    renamed = {
+        _PRESENT if name == _FORMER else name: _share(one) if name == _FORMER else one for name, one in limits.items()
+    }
+    return {**raw, "limits": renamed}
+
+
+def _share(per_cent: Any) -> Any:
+    """Return a number of per cent as a share; anything else is left to the validation."""
+    return per_cent / 100 if isinstance(per_cent, int | float) and not isinstance(per_cent, bool) else per_cent
+
+
 def build_scenario(raw: Mapping[str, Any], where: str, profiles: Profiles | None = None) -> Scenario:
     """Return the scenario of a raw mapping; raises `InputError` with every fault.
 
@@ -104,7 +127,7 @@ def build_scenario(raw: Mapping[str, Any], where: str, profiles: Profiles | None
     if profiles is not None:
         raw = expand_profile(raw, where, profiles)
     try:
-        return Scenario.model_validate(raw)
+        return Scenario.model_validate(with_present_names(raw))
     except ValidationError as error:
         found = faults(error, Scenario, where)
     try:

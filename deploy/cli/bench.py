@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from tis.common.errors import EXIT_OK, GET_HOSTS, Fault, InputError
+from tis.common.errors import EXIT_OK, Fault, InputError
+from tis.common.extras import GET_HOSTS
 from tis.deploy.cli.group import Commands
 from tis.deploy.shell.early_checks import can_certify, check_outputs
 from tis.deploy.shell.guard import OUT
@@ -18,7 +19,7 @@ _JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the figure
 _RunLength = Annotated[float, typer.Option(min=2, max=600, help="Length of each run, in s.")]
 
 
-@app.command()
+@app.command(example="tis bench netem")
 def netem(
     seconds: Annotated[float, typer.Option(min=0.5, max=600, help="Measuring time per figure, s.")] = 5.0,
     out: _JsonFile = None,
@@ -29,7 +30,7 @@ def netem(
     return _measured(lambda: bench_netem(seconds, OUT), out)
 
 
-@app.command()
+@app.command(example="tis bench models --out draws.md")
 def models(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="The page to write; by default runs/emulator.md.")
@@ -45,7 +46,7 @@ def models(
     return EXIT_OK
 
 
-@app.command()
+@app.command(example="tis bench identification")
 def identification() -> int:
     """Time the identification methods at three sizes, beside other packages if they are installed."""
     from tis.deploy.bench.identification import bench_identification
@@ -53,7 +54,7 @@ def identification() -> int:
     return bench_identification(OUT)
 
 
-@app.command()
+@app.command(example="tis bench estimators")
 def estimators() -> int:
     """Time a step of each estimator on precomputed arrivals."""
     from tis.deploy.bench.estimators import bench_estimators
@@ -61,7 +62,7 @@ def estimators() -> int:
     return bench_estimators(OUT)
 
 
-@app.command()
+@app.command(example="tis bench cells")
 def cells(
     seconds: Annotated[float, typer.Option(min=3, max=3600, help="Length of each twin, in s.")] = 60.0,
     rounds: Annotated[int, typer.Option(min=1, max=50, help="Number of twins of each kind.")] = 5,
@@ -73,7 +74,7 @@ def cells(
     return _measured(lambda: bench_cells(seconds, rounds, OUT), out)
 
 
-@app.command()
+@app.command(example="tis bench logs")
 def logs(
     seconds: Annotated[float, typer.Option(min=60, max=3600, help="Length of the recordings, in s.")] = 120.0,
     whole: Annotated[
@@ -87,7 +88,7 @@ def logs(
     return _measured(lambda: bench_logs(seconds, whole, OUT), out)
 
 
-@app.command()
+@app.command(example="tis bench tick")
 def tick(
     seconds: Annotated[float, typer.Option(min=2, max=600, help="Length of each twin, in s.")] = 10.0,
     rounds: Annotated[
@@ -101,7 +102,7 @@ def tick(
     return _measured(lambda: bench_tick(seconds, rounds, OUT), out)
 
 
-@app.command()
+@app.command(example="tis bench recording")
 def recording(
     seconds: _RunLength = 20.0,
     rounds: Annotated[
@@ -115,7 +116,7 @@ def recording(
     return _measured(lambda: bench_recording(seconds, rounds, OUT), out)
 
 
-@app.command()
+@app.command(example="tis bench security")
 def security(
     seconds: _RunLength = 10.0,
     rounds: Annotated[int, typer.Option(min=1, max=50, help="Number of runs of each kind.")] = 3,

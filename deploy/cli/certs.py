@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, get_args
 import typer
 from rich.markup import escape
 
-from tis.common.errors import EXIT_OK, GET_HOSTS, DataError, Fault, InputError
+from tis.common.errors import EXIT_OK, DataError, Fault, InputError
+from tis.common.extras import GET_HOSTS
 from tis.deploy.cli.group import Commands, JsonOption
 from tis.deploy.present.table import Column, Table
 from tis.deploy.shell.early_checks import can_certify
@@ -29,7 +30,7 @@ DaysOption = Annotated[
 _FOLDER = Path("certs")
 
 
-@app.command()
+@app.command(example="tis certs init --host 192.168.1.5")
 def init(
     folder: FolderOption = _FOLDER, hosts: HostOption = None, days: DaysOption = None, as_json: JsonOption = False
 ) -> int:
@@ -57,7 +58,7 @@ def init(
     return EXIT_OK
 
 
-@app.command()
+@app.command(example="tis certs issue operator")
 def issue(
     name: Annotated[str, typer.Argument(metavar="NAME", help="surgeon, netem, patient, or a further client.")],
     folder: FolderOption = _FOLDER,
@@ -79,7 +80,7 @@ def issue(
     return EXIT_OK
 
 
-@app.command()
+@app.command(example="tis certs show")
 def show(folder: FolderOption = _FOLDER, as_json: JsonOption = False) -> int:
     """List the certificates, for whom they are and how long they are valid; exit code 4 if one cannot be used."""
     _check_extra()

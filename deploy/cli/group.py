@@ -12,7 +12,8 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from tis.common.runtime.side_cli import CfgOption, ConfigOption, InsecureOption
-from tis.deploy.shell.guard import guarded, words_to
+from tis.deploy.cli import completion
+from tis.deploy.shell.guard import ERR, QUIET, guarded, words_to
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -24,7 +25,9 @@ if TYPE_CHECKING:
     from tis.deploy.view.page_process import PageAddress
 
 _SCENARIO: Final = typer.Argument(
-    metavar="SCENARIO", help="A scenario file (YAML), or the name of a shipped scenario."
+    metavar="SCENARIO",
+    help="A scenario file (YAML), or the name of a shipped scenario (tis scenarios).",
+    autocompletion=completion.scenarios,
 )
 ScenarioArg = Annotated[str, _SCENARIO]
 OptionalScenarioArg = Annotated[str | None, _SCENARIO]
@@ -35,13 +38,23 @@ SetOption = Annotated[
 SeedOption = Annotated[int | None, typer.Option(help="Override the seed.")]
 RunDirOption = Annotated[Path | None, typer.Option(help="Folder for the run; by default a new one below runs/.")]
 RunDirArg = Annotated[Path, typer.Argument(metavar="RUN_DIR", help="Folder of a run.")]
-PrefixOption = Annotated[str, typer.Option(help="Prefix of the emulator's control keys: the scenario's session.")]
+PrefixOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Prefix of the emulator's control keys: the scenario's session; by default that of the run here."
+    ),
+]
 VerboseOption = Annotated[bool, typer.Option("--verbose", "-v", help="Print all tables instead of the main figures.")]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the data as JSON on standard output, and words on standard error.")
 ]
 EstimatorsOption = Annotated[
-    str | None, typer.Option(metavar="A,B,C", help="Estimators by name or module:factory; by default the scenario's.")
+    str | None,
+    typer.Option(
+        metavar="A,B,C",
+        help="Estimators by name or module:factory; by default the scenario's.",
+        autocompletion=completion.estimators,
+    ),
 ]
 TrialsOption = Annotated[
     str | None, typer.Option(metavar="D001,E003", help="Trials of the task; by default all in the folder.")
@@ -88,6 +101,7 @@ class OutputOptions(Options):
     merge: Annotated[bool, typer.Option("--merge/--no-merge", help="Merge the logs into run.mcap at the end.")] = True
     verbose: VerboseOption = False
     as_json: JsonOption = False
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print warnings and errors only, and --json.")] = False
 
     @property
     def wanted(self) -> "Outputs":
@@ -98,8 +112,13 @@ class OutputOptions(Options):
 
     @property
     def words(self) -> "Console":
-        """Return the console for words."""
-        return words_to(self.as_json)
+        """Return the console for the result."""
+        return QUIET if self.quiet else words_to(self.as_json)
+
+    @property
+    def progress(self) -> "Console":
+        """Return the console for progress, warnings and errors."""
+        return QUIET if self.quiet else ERR
 
 
 @dataclass(frozen=True)
@@ -153,10 +172,10 @@ class EmulatorOptions(Options):
             "-e",
             metavar="ENDPOINT",
             help="One of the emulator's networks, west or east; by default the endpoint of --config, "
-            "else tcp/127.0.0.1:7447.",
+            "else that of the run on this machine.",
         ),
     ] = None
-    prefix: PrefixOption = "tis"
+    prefix: PrefixOption = None
     config: ConfigOption = None
     cfg: CfgOption = None
 
@@ -250,6 +269,12 @@ class OneCommand(TyperCommand):
             with formatter.section(heading):
                 formatter.write_dl(rows, col_max=_NAME_WIDTH)
 
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
+        """Write the example as it is: wrapped it could not be copied."""
+        if self.epilog:
+            with formatter.section("Example"):
+                formatter.write("".join(f"  {line}\n" for line in self.epilog.splitlines()))
+
 
 class CommandGroup(TyperGroup):
     """A group that lists its commands in sections, each with one line or more of what it does."""
@@ -285,8 +310,11 @@ class Commands(typer.Typer):
         """Register a command that returns its exit code; errors become lines, `Options` one option for each field."""
         return lambda command: self.register(guarded(spread(command)), name, **options)
 
-    def register(self, command: Callable[..., None], name: str | None = None, **options: Any) -> Any:
-        """Register a command that ends by `typer.Exit`, as `typer.Typer.command` does."""
+    def register(
+        self, command: Callable[..., None], name: str | None = None, *, example: str = "", **options: Any
+    ) -> Any:
+        """Register a command that ends by `typer.Exit`, as `typer.Typer.command` does; ``example`` ends its help."""
+        options.setdefault("epilog", example)
         options.setdefault("rich_help_panel", self._panel)
         return super().command(name, cls=OneCommand, **options)(command)
 

@@ -15,7 +15,7 @@ HostsArg = Annotated[
 ]
 
 
-@app.command()
+@app.command(example="tis up hosts.yaml")
 def up(
     *,
     hosts: HostsArg,
@@ -35,10 +35,10 @@ def up(
     """
     from tis.deploy.hosts.up import up as run_up
 
-    return run_up(hosts, run_dir, wait_s, insecure, outputs.wanted, outputs.words, ERR)
+    return run_up(hosts, run_dir, wait_s, insecure, outputs.wanted, outputs.words, outputs.progress)
 
 
-@app.command()
+@app.command(example="tis collect hosts.yaml")
 def collect(
     *,
     sources: Annotated[
@@ -79,12 +79,16 @@ def collect(
     if kind == "hosts":
         from tis.deploy.hosts.collect import collect_from_hosts
 
-        return collect_from_hosts(Path(asked.sources[0]), run, run_dir, outputs.wanted, outputs.words, ERR)
+        return collect_from_hosts(
+            Path(asked.sources[0]), run, run_dir, outputs.wanted, outputs.words, outputs.progress
+        )
     from tis.deploy.hosts.zenoh_logs import collect_over_zenoh, offer_logs
 
     if offer is not None:
         return offer_logs(offer, connection.zenoh(connect, listen), ERR)
-    return collect_over_zenoh(connection.zenoh(sources, listen), run_dir, wait_s, outputs.wanted, outputs.words, ERR)
+    return collect_over_zenoh(
+        connection.zenoh(sources, listen), run_dir, wait_s, outputs.wanted, outputs.words, outputs.progress
+    )
 
 
 @app.command(hidden=True)

@@ -5,14 +5,14 @@ from typing import Annotated
 
 import typer
 
-from tis.common.errors import Fault, InputError
+from tis.common.errors import EXIT_OK, Fault, InputError
 from tis.deploy.cli.group import Commands, JsonOption, RunDirArg, VerboseOption
-from tis.deploy.shell.guard import ERR, OUT, words_to
+from tis.deploy.shell.guard import ERR, OUT, print_json, words_to
 
 app = Commands("Look at runs")
 
 
-@app.command()
+@app.command(example="tis runs --sort error --scenario default")
 def runs(
     base: Annotated[Path, typer.Argument(metavar="FOLDER", help="Where to look, in all folders below.")] = Path(
         "runs"
@@ -35,7 +35,7 @@ def runs(
     return list_runs(Wanted(base, sort, reverse, scenario, mode, valid), OUT, ERR, as_json)
 
 
-@app.command()
+@app.command(example="tis info RUN_DIR -v")
 def info(
     path: Annotated[Path, typer.Argument(metavar="RUN_DIR|FILE.mcap", help="Folder of a run, or any MCAP file.")],
     verbose: VerboseOption = False,
@@ -55,7 +55,7 @@ def info(
     return print_file(path, words_to(as_json), ERR, as_json)
 
 
-@app.command()
+@app.command(example="tis merge RUN_DIR")
 def merge(run_dir: RunDirArg) -> int:
     """Merge the three logs into RUN_DIR/run.mcap, which Foxglove, PlotJuggler and Rerun open."""
     from tis.deploy.logs.merge_run import merge_again
@@ -63,7 +63,7 @@ def merge(run_dir: RunDirArg) -> int:
     return merge_again(run_dir, OUT, ERR)
 
 
-@app.command()
+@app.command(example="tis recover RUN_DIR/netem.mcap")
 def recover(
     file: Annotated[Path, typer.Argument(metavar="FILE.mcap", help="A damaged MCAP file.")],
     out: Annotated[
@@ -81,7 +81,7 @@ def recover(
     return recover_and_print(file, out or recovered_name(file), OUT, ERR)
 
 
-@app.command()
+@app.command(example="tis export RUN_DIR --csv")
 def export(
     run_dir: RunDirArg,
     csv: Annotated[
@@ -111,7 +111,7 @@ def export(
     return export_run(run_dir, out or run_dir / "export", csv, parquet, jigsaws, OUT, ERR)
 
 
-@app.command()
+@app.command(example="tis report --compare RUN_DIR OTHER_RUN_DIR")
 def report(
     run_dirs: Annotated[list[Path], typer.Argument(metavar="RUN_DIR", help="Folder of a run; several to compare.")],
     compare: Annotated[
@@ -134,23 +134,32 @@ def report(
     file_format: Annotated[
         str | None, typer.Option("--format", help="Format of the figures: svg, pdf or png; by default pdf.")
     ] = None,
+    as_json: JsonOption = False,
 ) -> int:
     """Write RUN_DIR/report.html: the run as a self-contained page; with --compare, several runs on one page.
 
     To compare estimators on equal terms, see tis compare.
     """
-    from tis.deploy.report.command import compare_runs, draw_figures, report_again
+    from tis.deploy.report.command import COMPARED_FILE, compare_runs, draw_figures, report_again
+    from tis.deploy.shell.run_dir import REPORT_FILE
     from tis.deploy.standalone.command import report as report_of_netem
     from tis.deploy.standalone.standalone_run import is_standalone
 
     _check(run_dirs, compare, out, figures, file_format)
+    words, form = words_to(as_json), file_format or "pdf"
     if compare:
-        return compare_runs(run_dirs, out, OUT)
-    if figures is not None:
-        return draw_figures(run_dirs[0], figures, file_format or "pdf", OUT)
-    if is_standalone(run_dirs[0]):
-        return report_of_netem(run_dirs[0], OUT)
-    return report_again(run_dirs[0], OUT)
+        code = compare_runs(run_dirs, out, words)
+    elif figures is not None:
+        code = draw_figures(run_dirs[0], figures, form, words)
+    elif is_standalone(run_dirs[0]):
+        code = report_of_netem(run_dirs[0], words)
+    else:
+        code = report_again(run_dirs[0], words)
+    if as_json:
+        page = (out or COMPARED_FILE) if compare else run_dirs[0] / REPORT_FILE
+        files = [page] if figures is None else sorted(figures.glob(f"*.{form}"))
+        print_json({"files": [str(file) for file in files], "complete": code == EXIT_OK})
+    return code
 
 
 def _check(

@@ -6,6 +6,7 @@ from typing import Annotated, Any, get_args
 import typer
 
 from tis.common.errors import DataError, Fault, InputError
+from tis.deploy.cli import completion
 from tis.deploy.cli.group import Commands, ConnectionOptions, EmulatorOptions, JsonOption
 from tis.deploy.shell.guard import ERR, OUT
 
@@ -14,10 +15,15 @@ app = Commands(
 )
 
 
-@app.command()
+@app.command(example="tis net profiles hospital_wifi")
 def profiles(
     name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="A profile or a profile file (.yaml) to print in full.")
+        str | None,
+        typer.Argument(
+            metavar="NAME",
+            help="A profile or a profile file (.yaml) to print in full.",
+            autocompletion=completion.profiles,
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> int:
@@ -27,7 +33,7 @@ def profiles(
     return list_profiles(OUT, as_json) if name is None else show_profile(name, OUT, as_json)
 
 
-@app.command()
+@app.command(example="tis net stages delay")
 def stages(
     name: Annotated[
         str | None, typer.Argument(metavar="NAME", help="A stage to explain, or rules, outages, states, timeline.")
@@ -59,7 +65,10 @@ _ReflectorOption = Annotated[
     bool, typer.Option("--reflector", help="Receive by a `tis net reflect` on another host, with its own clock.")
 ]
 _KeyOption = Annotated[str, typer.Option(help="Key to send on; a netem on the path must forward it.")]
-_SecondsOption = Annotated[float | None, typer.Option(min=0.01, max=86_400, help="Duration, s; 10 without --count.")]
+_SecondsOption = Annotated[
+    float | None,
+    typer.Option("--duration-s", "--seconds", min=0.01, max=86_400, help="Duration, s; 10 without --count."),
+]
 _TimeoutOption = Annotated[
     float, typer.Option("--timeout-s", min=0.01, max=3600, help="Messages later than this count as lost.")
 ]
@@ -69,7 +78,7 @@ _TraceOption = Annotated[
 ]
 
 
-@app.command()
+@app.command(example="tis net probe -e tcp/THERE:7447 --reflector --duration-s 60 -o trace.csv")
 def probe(
     *,
     connect: _CommonEndOption = None,
@@ -105,14 +114,14 @@ def probe(
     from tis.deploy.net.probe_command import probe_and_print
 
     if count is not None and seconds is not None:
-        raise InputError(Fault("tis net probe", "--seconds", "must not be given together with --count"))
+        raise InputError(Fault("tis net probe", "--duration-s", "must not be given together with --count"))
     n_messages = count if count is not None else max(2, round((seconds or 10.0) * rate_hz))
     ends = Ends.of(connect, from_end, to_end, listen, reflector)
     plan = Plan(key, rate_hz, n_messages, size, timeout_s, wait_s)
     return probe_and_print(ends, connection.zenoh(), plan, out, OUT, ERR, as_json)
 
 
-@app.command()
+@app.command(example="tis net reflect -l tcp/0.0.0.0:7447 --insecure")
 def reflect(
     *,
     connect: Annotated[
@@ -136,7 +145,7 @@ def reflect(
     return run_reflector(connect, listen, connection.zenoh(), key, wait_s, ERR)
 
 
-@app.command()
+@app.command(example="tis net fit trace.csv -o my_network.yaml")
 def fit(
     source: Annotated[
         Path,
@@ -192,7 +201,7 @@ def fit(
     return fit_and_print(source, out, name, way, chosen, OUT, ERR, as_json, replays, received)  # type: ignore[arg-type]
 
 
-@app.command()
+@app.command(example="tis net show")
 def show(at: EmulatorOptions, as_json: JsonOption = False) -> int:
     """Show the current state of a running emulator in both directions."""
     from tis.deploy.net.control import show as show_state
@@ -214,18 +223,24 @@ _YamlOption = Annotated[
     str | None, typer.Option("--yaml", metavar="TEXT", help="Stages in YAML; a.b=VALUE overrides them.")
 ]
 _ForOption = Annotated[
-    str | None, typer.Option("--for", metavar="LENGTH", help="Duration, such as 10s; by default permanent.")
+    str | None, typer.Option("--for-s", "--for", metavar="SECONDS", help="Duration, s; by default permanent.")
 ]
 _RampOption = Annotated[
-    str | None, typer.Option(metavar="LENGTH", help="Time in which factors and additions grow, such as 2s.")
+    str | None,
+    typer.Option("--ramp-s", "--ramp", metavar="SECONDS", help="Time in which factors and additions grow, s."),
 ]
 _AtOption = Annotated[float | None, typer.Option("--at-s", help="Begin at this run time, s; by default immediately.")]
 _ProfileOption = Annotated[
-    str | None, typer.Option(metavar="NAME", help="Apply a profile to both directions; earlier changes end.")
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Apply a profile (tis net profiles; wifi_bad has delay only) to both directions; earlier changes end.",
+        autocompletion=completion.profiles,
+    ),
 ]
 
 
-@app.command("set")
+@app.command("set", example="tis net set both delay.delay_ms=80 --for-s 10")
 def set_(
     *,
     direction: _DirectionArg = None,
@@ -238,10 +253,10 @@ def set_(
     at: EmulatorOptions,
     as_json: JsonOption = False,
 ) -> int:
-    """Change a running emulator's network: tis net set forward delay.delay_ms=50 loss.p_loss=0.05 --for 10s.
+    """Change a running emulator's network: tis net set forward delay.delay_ms=50 loss.p_loss=0.05 --for-s 10.
 
-    A permanent change replaces the permanent one before. Changes with --for add
-    up: the later stage wins, factors (scale_...) multiply, additions sum. A
+    A permanent change replaces the permanent one before. Changes with --for-s
+    add up: the later stage wins, factors (scale_...) multiply, additions sum. A
     profile must be without outages, states, timeline and rules.
     """
     from tis.deploy.net.control import seconds, set_change, set_profile
@@ -261,15 +276,17 @@ def set_(
         rule = "must read: tis net set forward|feedback|both a.b=VALUE ..., or --yaml TEXT, or --profile NAME"
         raise InputError(Fault("tis net set", "", rule))
     times = {} if at_s is None else {"at_s": at_s}
-    times |= {} if for_ is None else {"for_s": seconds(for_, "--for")}
-    times |= {} if ramp is None else {"ramp_s": seconds(ramp, "--ramp")}
+    times |= {} if for_ is None else {"for_s": seconds(for_, "--for-s")}
+    times |= {} if ramp is None else {"ramp_s": seconds(ramp, "--ramp-s")}
     return set_change(address, direction, settings or (), yaml_text, times, OUT, as_json)
 
 
-@app.command()
+@app.command(example="tis net outage 0.5 --direction forward")
 def outage(
     *,
-    length: Annotated[str, typer.Argument(metavar="LENGTH", help="Duration, such as 500ms or 2s.")],
+    length: Annotated[
+        str, typer.Argument(metavar="SECONDS", help="Duration, s, such as 0.5; or with its unit: 500ms.")
+    ],
     direction: Annotated[str, typer.Option(help="forward (west to east), feedback (east to west) or both.")] = "both",
     stall: Annotated[
         bool, typer.Option("--stall", help="Messages wait for the end instead of being lost, as in a handover.")
@@ -284,12 +301,12 @@ def outage(
     from tis.deploy.net.control import check_direction, request, seconds
 
     check_direction(direction)
-    content = {"direction": direction, "for_ms": seconds(length, "LENGTH") * 1000}
+    content = {"direction": direction, "for_ms": seconds(length, "SECONDS") * 1000}
     content |= {"effect": "stall"} if stall else {}
     return request(at.emulator, "outage", content, OUT, as_json)
 
 
-@app.command()
+@app.command(example="tis net reset")
 def reset(at: EmulatorOptions, as_json: JsonOption = False) -> int:
     """End all changes of a running emulator: the scenario's own network applies again."""
     from tis.deploy.net.control import request

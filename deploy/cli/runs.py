@@ -1,5 +1,6 @@
 """Commands on runs: `run`, `view`, `twin`, `replay`, `summarize`."""
 
+from math import isfinite
 from pathlib import Path
 from typing import Annotated
 
@@ -24,7 +25,7 @@ from tis.deploy.shell.guard import ERR, OUT, print_faults, print_json, print_war
 app = Commands("Run")
 
 
-@app.command()
+@app.command(example="tis run default --set network.forward.delay.delay_ms=80 --view")
 def run(
     *,
     scenario: ScenarioOptions,
@@ -41,19 +42,27 @@ def run(
     from tis.deploy.run.live import run_live
 
     page = at.page if view else None
-    return run_live(scenario.resolve(), run_dir, outputs.words, ERR, outputs.wanted, page, insecure, foreign_surgeon)
+    return run_live(
+        scenario.resolve(), run_dir, outputs.words, outputs.progress, outputs.wanted, page, insecure, foreign_surgeon
+    )
 
 
-@app.command()
+@app.command(example="tis view")
 def view(
     *,
     west: Annotated[
-        str, typer.Option("--west", metavar="ENDPOINT", help="Endpoint of netem on the surgeon's network.")
-    ] = "tcp/127.0.0.1:7447",
+        str | None,
+        typer.Option(
+            "--west",
+            metavar="ENDPOINT",
+            help="Endpoint of netem on the surgeon's network; by default those of the run on this machine.",
+        ),
+    ] = None,
     east: Annotated[
-        str, typer.Option("--east", metavar="ENDPOINT", help="Endpoint of netem on the patient's network.")
-    ] = "tcp/127.0.0.1:7448",
-    prefix: PrefixOption = "tis",
+        str | None,
+        typer.Option("--east", metavar="ENDPOINT", help="Endpoint of netem on the patient's network."),
+    ] = None,
+    prefix: PrefixOption = None,
     at: PageOptions,
     wait_s: Annotated[
         float | None, typer.Option("--wait-s", help="Give up without netem within this time, s; by default never.")
@@ -69,7 +78,7 @@ def view(
     return attach_page((west, east), prefix, zenoh, at.page, wait_s, ERR)
 
 
-@app.command()
+@app.command(example="tis twin lossy --duration-s 60 --seed 3")
 def twin(
     *,
     scenario: ScenarioOptions,
@@ -82,16 +91,21 @@ def twin(
     """Run the same three sides in virtual time, faster than real time and bit-equal from run to run."""
     from tis.deploy.run.virtual import run_virtual
 
-    return run_virtual(scenario.resolve(), run_dir, against, outputs.words, ERR, outputs.wanted)
+    return run_virtual(scenario.resolve(), run_dir, against, outputs.words, outputs.progress, outputs.wanted)
 
 
-@app.command()
-def replay(run_dir: RunDirArg) -> int:
+@app.command(example="tis replay RUN_DIR")
+def replay(run_dir: RunDirArg, as_json: JsonOption = False) -> int:
     """Replay a run's recorded arrivals through its patient and compare the estimates bit for bit."""
     from tis.deploy.run.replay import replay as replay_run
 
     found = replay_run(run_dir)
-    OUT.print(str(found), soft_wrap=True)
+    words_to(as_json).print(str(found), soft_wrap=True)
+    if as_json:
+        print_json(
+            {**vars(found), "largest": found.largest if isfinite(found.largest) else None}
+            | {"identical": found.identical, "is_rounding": found.is_rounding}
+        )
     print_warnings(ERR, *found.changed)
     if found.damage is not None:
         print_faults(ERR, f"{run_dir}: patient: {found.damage}; only the readable part was replayed")
@@ -106,7 +120,7 @@ def _print_schema(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.command()
+@app.command(example="tis summarize RUN_DIR")
 def summarize(
     run_dir: RunDirArg,
     verbose: VerboseOption = False,
@@ -128,7 +142,7 @@ def summarize(
     return conclude_again(run_dir, words_to(as_json), Outputs(verbose=verbose, as_json=as_json))
 
 
-@app.command()
+@app.command(example='tis stop "a hand in the way"')
 def stop(
     *,
     reason: Annotated[

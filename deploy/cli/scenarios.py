@@ -8,13 +8,13 @@ import typer
 from rich.markup import escape
 
 from tis.common.errors import EXIT_OK, Fault, InputError
-from tis.deploy.cli.group import Commands, OptionalScenarioArg, ScenarioArg, SeedOption, SetOption
-from tis.deploy.shell.guard import ERR, OUT, print_warnings
+from tis.deploy.cli.group import Commands, JsonOption, OptionalScenarioArg, ScenarioArg, SeedOption, SetOption
+from tis.deploy.shell.guard import ERR, OUT, print_json, print_warnings
 
 app = Commands("Scenarios and data")
 
 
-@app.command()
+@app.command(example="tis new my_network")
 def new(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the scenario, and of its file without .yaml.")],
 ) -> int:
@@ -24,13 +24,22 @@ def new(
     return write_new(name, OUT)
 
 
-@app.command()
+@app.command(example="tis scenarios")
+def scenarios(as_json: JsonOption = False) -> int:
+    """List the scenarios that are shipped, each with a line on what it is."""
+    from tis.deploy.tools.scenarios import list_scenarios
+
+    return list_scenarios(OUT, as_json)
+
+
+@app.command(example="tis validate my_network.yaml --set seed=2")
 def validate(
     scenario: OptionalScenarioArg = None,
     schema: Annotated[bool, typer.Option("--schema", help="Print the JSON Schema of scenarios.")] = False,
     settings: SetOption = None,
     seed: SeedOption = None,
     duration_s: Annotated[float | None, typer.Option(help="Override the duration, in s.")] = None,
+    as_json: JsonOption = False,
 ) -> int:
     """Check a scenario and the traces it names, and print it with all defaults."""
     # imported late, here and below: a command that fails or helps need not wait for numpy
@@ -51,11 +60,14 @@ def validate(
     # as a run would: faults of traces and of rules that tie show only when the links are built
     build_netem(resolved, load_traces(resolved.network), scenario)
     print_warnings(ERR, *resolved.surgeon.warnings())
-    print(reading.dump_scenario(resolved), end="")  # noqa: T201
+    if as_json:
+        print_json(resolved.model_dump(mode="json", exclude_none=True))
+    else:
+        print(reading.dump_scenario(resolved), end="")  # noqa: T201
     return EXIT_OK
 
 
-@app.command()
+@app.command(example="tis identify default -o arm.json")
 def identify(
     scenario: ScenarioArg,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write the model to this file (.json).")] = None,
@@ -86,7 +98,7 @@ def identify(
     return identify_and_print(resolved, out, figure, OUT, ERR)
 
 
-@app.command()
+@app.command(example="tis synth trials --people 8")
 def synth(
     out_dir: Annotated[
         Path | None, typer.Argument(metavar="OUT_FOLDER", help="A new or empty folder for the trials.")
@@ -183,7 +195,7 @@ NamesOption = Annotated[
 ]
 
 
-@app.command("import")
+@app.command("import", example="tis import recording.mcap -o movement.parquet")
 def import_(
     source: Annotated[
         Path,

@@ -62,14 +62,24 @@ def _surgeon(scenario: "Scenario", options: "SideOptions", status: "Status") -> 
         return _side_of("surgeon", "tis.surgeon_side.__main__")(scenario, options, status)
 
 
-app.register(side_command("surgeon", _surgeon, _scenario_path, _library, get_args(DeviceKind)), "surgeon")
-app.register(netem_command(_side_of("netem", "tis.netem.__main__"), _scenario_path, _library, _close_folder), "netem")
 app.register(
-    side_command("patient", _side_of("patient", "tis.patient_side.__main__"), _scenario_path, _library), "patient"
+    side_command("surgeon", _surgeon, _scenario_path, _library, get_args(DeviceKind)),
+    "surgeon",
+    example="tis surgeon scenario.yaml --connect tcp/192.168.1.5:7447",
+)
+app.register(
+    netem_command(_side_of("netem", "tis.netem.__main__"), _scenario_path, _library, _close_folder),
+    "netem",
+    example="tis netem --west tcp/127.0.0.1:7447 --east tcp/127.0.0.1:7448 'demo/**'",
+)
+app.register(
+    side_command("patient", _side_of("patient", "tis.patient_side.__main__"), _scenario_path, _library),
+    "patient",
+    example="tis patient scenario.yaml --connect tcp/192.168.1.5:7448",
 )
 
 
-@app.command()
+@app.command(example="tis device mouse")
 def device(
     kind: Annotated[DeviceKind, typer.Argument(help="mouse, in a window; or gamepad.")],
     connect: Annotated[

@@ -9,8 +9,10 @@ import typer
 from rich.markup import escape
 
 from tis.common.errors import Fault, InputError
+from tis.deploy.cli import completion
 from tis.deploy.cli.group import (
     Commands,
+    EstimatorsOption,
     JobsOption,
     JsonOption,
     OptionalScenarioArg,
@@ -20,6 +22,8 @@ from tis.deploy.cli.group import (
     SeedOption,
     SetOption,
     StudyFolderOption,
+    TrialDurationOption,
+    TrialsOption,
 )
 from tis.deploy.shell.guard import ERR, OUT, words_to
 
@@ -45,13 +49,8 @@ class Compared(Options):
         Path | None,
         typer.Option(metavar="FILE.yaml", help="A study file, which names scenario, settings, axes and estimators."),
     ] = None
-    estimators: Annotated[
-        str | None,
-        typer.Option(metavar="A,B,C", help="Estimators by name or module:factory; by default the scenario's."),
-    ] = None
-    trials: Annotated[
-        str | None, typer.Option(metavar="D001,E003", help="Trials of the task; by default all in the folder.")
-    ] = None
+    estimators: EstimatorsOption = None
+    trials: TrialsOption = None
     people: Annotated[
         str | None, typer.Option(metavar="D,E", help="People whose trials are compared, instead of --trials.")
     ] = None
@@ -62,16 +61,14 @@ class Compared(Options):
     zipped: Annotated[bool, typer.Option("--zip", help="Take the values of several sweeps side by side.")] = False
     settings: SetOption = None
     seed: SeedOption = None
-    duration_s: Annotated[
-        float | None, typer.Option(help="Use at most this much of each trial, in s; by default all of it.")
-    ] = None
+    duration_s: TrialDurationOption = None
 
     def given(self) -> dict[str, Any]:
         """Return the options by name, None for those that are not given."""
         return {**vars(self), "zipped": self.zipped or None}
 
 
-@app.command()
+@app.command(example="tis compare default --estimators hold,innovations_kf --seeds 5")
 def compare(
     *,
     compared: Compared,
@@ -118,7 +115,7 @@ def compare(
     return compare_given(given, out_dir, as_json, workers, out, ERR)
 
 
-@app.command()
+@app.command(example="tis paper --quick")
 def paper(
     path: Annotated[
         str | None, typer.Option(help="Folder of JIGSAWS; by default TIS_JIGSAWS, else data/jigsaws.")
@@ -147,7 +144,11 @@ def paper(
     ] = False,
     estimators: Annotated[
         str | None,
-        typer.Option(metavar="A,B,C", help="Methods to measure, with --methods; by default all that there are."),
+        typer.Option(
+            metavar="A,B,C",
+            help="Methods to measure, with --methods; by default all that there are.",
+            autocompletion=completion.estimators,
+        ),
     ] = None,
     jobs: JobsOption = None,
 ) -> int:
@@ -187,18 +188,9 @@ _Over = Annotated[
     list[str] | None,
     typer.Option(metavar="a.b=FIRST..LAST[:log]", help="Field of the scenario that varies; several span a box."),
 ]
-_Estimators = Annotated[
-    str | None, typer.Option(metavar="A,B,C", help="Estimators by name or module:factory; by default the scenario's.")
-]
-_Trials = Annotated[
-    str | None, typer.Option(metavar="D001,E003", help="Trials of the task; by default all in the folder.")
-]
 _People = Annotated[str | None, typer.Option(metavar="D,E", help="People, instead of --trials: all of theirs.")]
 _Seeds = Annotated[
     int | None, typer.Option("--seeds", min=1, help="Seeds per trial (4), or synthetic people, a seed each (8).")
-]
-_Duration = Annotated[
-    float | None, typer.Option(help="Use at most this much of each trial, in s; by default all of it.")
 ]
 _Profiles = Annotated[
     str, typer.Option(metavar="all|none|A,B", help="Profiles of the library that are judged as networks, too.")
@@ -212,10 +204,6 @@ _Points = Annotated[int, typer.Option("--points", min=1, help="Most networks of 
 _Checks = Annotated[
     int, typer.Option("--checks", min=0, help="Networks judged again on fresh seeds, half of them inside.")
 ]
-_Out = Annotated[
-    Path | None,
-    typer.Option("--out", help="Folder of the results, by default below runs/; a second call resumes there."),
-]
 
 
 @dataclass(frozen=True)
@@ -225,13 +213,13 @@ class Searched(Options):
     scenario: ScenarioArg
     limits: _Limits = None
     over: _Over = None
-    estimators: _Estimators = None
-    trials: _Trials = None
+    estimators: EstimatorsOption = None
+    trials: TrialsOption = None
     people: _People = None
     n_seeds: _Seeds = None
     settings: SetOption = None
     seed: SeedOption = None
-    duration_s: _Duration = None
+    duration_s: TrialDurationOption = None
     profiles: _Profiles = "all"
     max_copies: _MaxCopies = 4
     cheapest_by: _Cheapest = Price.BYTES
@@ -240,13 +228,15 @@ class Searched(Options):
     n_checks: _Checks = 20
 
 
-@app.command()
+@app.command(
+    example="tis admissible default --limit rmse_3d_mm=2 \\\n  --over network.forward.delay.delay_ms=10..200"
+)
 def admissible(
     *,
     searched: Searched,
     jobs: JobsOption = None,
     scheduler: SchedulerOption = None,
-    out_dir: _Out = None,
+    out_dir: StudyFolderOption = None,
     as_json: JsonOption = False,
 ) -> int:
     """Find the networks in which limits hold with 95 % confidence over people.

@@ -5,11 +5,12 @@ from dataclasses import dataclass, field
 from importlib.util import find_spec
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from tis.common.errors import GET_PARQUET, GET_REPORT, DataError, Fault, InputError
+from tis.common.errors import DataError, Fault, InputError
+from tis.common.extras import GET_PANDAS, GET_PARQUET, GET_REPORT, Extra
 from tis.deploy.compare.cells.store import Store
 from tis.deploy.compare.engine.compute import compute, workers_of
 from tis.deploy.compare.results.files import Results, arrow, figures_of, files_of, results_of, write_files
@@ -19,8 +20,6 @@ from tis.deploy.shell.progress import PhaseProgress
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-_GET_PANDAS: Final = "pip install pandas"
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,7 @@ class Comparison:
 
     def to_pandas(self) -> Any:
         """Return the tidy rows as a `pandas.DataFrame`; raises `InputError` without pandas."""
-        _require("pandas", "to_pandas", _GET_PANDAS)
+        _require("pandas", "to_pandas", GET_PANDAS)
         import pandas as pd
 
         return pd.DataFrame.from_records([dict(row) for row in self.rows])
@@ -155,6 +154,6 @@ def _call(study: Study) -> str:
     return f"compare(Study({', '.join(f'{name}={value!r}' for name, value in fields.items())}))"
 
 
-def _require(package: str, method: str, command: str) -> None:
+def _require(package: str, method: str, command: Extra) -> None:
     if find_spec(package) is None:
         raise InputError(Fault(f"Comparison.{method}", "", f"needs {package}: {command}"))

@@ -4,7 +4,8 @@ import os
 from collections.abc import Callable
 from typing import Any, Final, Literal
 
-from tis.common.errors import GET_DEVICE, Fault, InputError
+from tis.common.errors import Fault, InputError
+from tis.common.extras import GET_DEVICE
 from tis.surgeon_side import devices
 from tis.surgeon_side.devices import Handle
 

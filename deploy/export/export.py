@@ -13,7 +13,8 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, GET_PARQUET, DataError, Fault, InputError
+from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault, InputError
+from tis.common.extras import GET_PARQUET
 from tis.deploy.export.columns import readme
 from tis.deploy.export.jigsaws import jigsaws_files
 from tis.deploy.export.tables import Columns, Pieces, tables

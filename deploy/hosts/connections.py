@@ -12,7 +12,8 @@ from dataclasses import replace
 from typing import Final, get_args
 
 from tis.common.channels import Side
-from tis.common.errors import GET_HOSTS, Fault, InputError, PeerError, TisError
+from tis.common.errors import Fault, InputError, PeerError, TisError
+from tis.common.extras import GET_HOSTS
 from tis.common.runtime.clock import SKEW_VARIABLE
 from tis.common.scenario import reading
 from tis.deploy.hosts.host import Host, RemoteProcess, SideHost

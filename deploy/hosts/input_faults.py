@@ -1,16 +1,18 @@
 """Faults of what a side needs on its host, found before anything starts."""
 
 import os
+import socket
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
 from tis.common.channels import Side
 from tis.common.errors import Fault, TisError
 from tis.common.runtime.credentials import credentials
 from tis.common.runtime.recordings import check_recording, located
 from tis.common.runtime.scenario_files import load_traces
-from tis.common.scenario import reading
+from tis.common.scenario import Hosts, reading
 from tis.common.scenario.identification import is_model_file
 from tis.patient_side.models import own_estimators, read_models
 from tis.patient_side.plant.extra import check_plant
@@ -29,6 +31,7 @@ def input_faults(side: Side, text: str) -> list[Fault]:
     steps: list[Callable[[], object]] = [lambda: credentials(scenario.security, side)]
     if side == "netem":
         steps.append(lambda: load_traces(scenario.network))
+        found += _not_free(scenario.hosts)
     else:
         steps.append(lambda: check_recording(located(scenario)))
     if side == "patient":
@@ -52,3 +55,19 @@ def _unwritable(folder: Path) -> list[Fault]:
             return []
     except OSError as error:
         return [Fault(str(folder), "", f"cannot be written: {error.strerror or os.strerror(error.errno or 0)}")]
+
+
+def _not_free(hosts: Hosts | Literal["auto"]) -> list[Fault]:
+    """Return the endpoints of TCP on which netem could not listen."""
+    found = []
+    for endpoint in () if hosts == "auto" else hosts.endpoints:
+        protocol, _, address = endpoint.partition("?")[0].partition("#")[0].partition("/")
+        host, _, port = address.rpartition(":")
+        if protocol not in ("tcp", "tls"):
+            continue
+        try:
+            family = socket.AF_INET6 if ":" in host else socket.AF_INET
+            socket.create_server((host.strip("[]"), int(port)), family=family).close()
+        except (OSError, OverflowError) as error:
+            found.append(Fault(endpoint, "", f"cannot be listened on: {getattr(error, 'strerror', None) or error}"))
+    return found

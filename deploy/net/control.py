@@ -121,16 +121,18 @@ def _words(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value).lower() if isinstance(value, bool) else str(value)
 
 
-_LENGTH: Final = re.compile(r"(\d+(?:\.\d*)?|\.\d+)(us|ms|s|min|h)")
+_LENGTH: Final = re.compile(r"(\d+(?:\.\d*)?|\.\d+)(us|ms|s|min|h|)")
 _ABOVE: Final = ("network", *get_args(Direction))
-_SECONDS: Final = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
+_SECONDS: Final = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "": 1.0, "min": 60.0, "h": 3600.0}
 
 
 def seconds(text: str, option: str) -> float:
-    """Return a duration such as 500ms, 2s or 1.5min, in s; raises `InputError`."""
+    """Return a duration in s, of a number of s or a text such as 500ms or 1.5min; raises `InputError`."""
     found = _LENGTH.fullmatch(text.strip())
     if found is None:
-        raise InputError(Fault("tis net", option, "must be a duration such as 500ms, 2s or 1.5min", text))
+        raise InputError(
+            Fault("tis net", option, "must be a duration in s, or with its unit such as 500ms or 1.5min", text)
+        )
     return float(found[1]) * _SECONDS[found[2]]
 
 

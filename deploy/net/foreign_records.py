@@ -17,7 +17,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from tis.common.errors import GET_PCAP, DataError, Fault
+from tis.common.errors import DataError, Fault
+from tis.common.extras import GET_PCAP
 from tis.common.runtime.scenario_files import read_limited
 from tis.common.trace import LOST, MAX_DELAY_NS, Trace
 from tis.common.units import NS_PER_MS, NS_PER_S

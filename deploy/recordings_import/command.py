@@ -14,7 +14,8 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from tis.common.errors import EXIT_OK, GET_PARQUET, DataError, Fault, InputError
+from tis.common.errors import EXIT_OK, DataError, Fault, InputError
+from tis.common.extras import GET_PARQUET
 from tis.common.runtime.recordings.jigsaws import rows_in
 from tis.common.runtime.recordings.table_file import METADATA
 from tis.common.scenario.source import is_synthetic

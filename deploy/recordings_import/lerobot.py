@@ -12,7 +12,8 @@ from typing import Any, Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tis.common.errors import GET_PARQUET, DataError, Fault, InputError
+from tis.common.errors import DataError, Fault, InputError
+from tis.common.extras import GET_PARQUET
 from tis.common.runtime.scenario_files import read_limited
 from tis.common.scenario.table_source import PoseColumns, PoseUnits
 from tis.common.sources.table_columns import MAX_ROWS, MAX_VALUES, DeviceLayout, in_few

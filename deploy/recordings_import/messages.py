@@ -4,7 +4,8 @@ from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from typing import Any, Final, Literal
 
-from tis.common.errors import GET_ROSBAG, Fault, InputError
+from tis.common.errors import Fault, InputError
+from tis.common.extras import GET_ROSBAG
 from tis.common.units import NS_PER_S
 
 Kind = Literal["pose", "joints"]

@@ -9,7 +9,8 @@ from typing import Final
 from rich.console import Console
 from rich.markup import escape
 
-from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, GET_REPORT, DataError, Fault, InputError, TisError
+from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault, InputError, TisError
+from tis.common.extras import GET_REPORT
 from tis.deploy.logs.read.load import load_run, mode_of, models_in, scenario_in
 from tis.deploy.present.palette import SERIES
 from tis.deploy.report.measured_run import MeasuredRun

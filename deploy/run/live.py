@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from tis.common.errors import EXIT_OK
+from tis.common.errors import EXIT_INTERRUPTED, EXIT_OK
 from tis.common.runtime.credentials import credentials, own_client
 from tis.common.runtime.process import command_line
 from tis.common.runtime.recordings import check_recording
+from tis.common.runtime.running import Running, announced
 from tis.common.runtime.scenario_files import RUNS, load_traces, run_folder
 from tis.common.runtime.zenoh_session import ZenohOptions
 from tis.common.scenario import Scenario, check_foreign_surgeon
@@ -57,21 +58,26 @@ def run_live(
             folder.remove_unused(path)
             raise
         err.print(f"netem joins {west} (west) and {east} (east)", style="dim", soft_wrap=True)
-        err.print("tis view and tis net reach it there, too", style="dim")
+        err.print("tis view and tis net find it, in another terminal", style="dim")
         progress.start()
+        during, here = ExitStack(), Running(west, east, scenario.session, f"tis run {scenario.name}")
 
         def take(event: Event) -> None:
+            if event["event"] == "ready" and event["side"] == "netem":
+                during.enter_context(announced(here))
             if event["event"] == "running" and not progress.began:
                 observer.start()  # not earlier: a run that fails at once needs no observer
             progress.take(event)
 
         # The run itself; the terminal is restored and the observer stopped however it ends.
-        try:
+        with during:
+            during.callback(observer.stop)
+            during.callback(progress.stop)
             outcome = launch(scenario, path, take, endpoints, insecure, foreign_surgeon)
-        finally:
-            progress.stop()
-            observer.stop()
-        print_faults(err, *outcome.reasons)
+        if outcome.exit_code == EXIT_INTERRUPTED:
+            err.print("interrupted: what follows is of the run up to here, as its logs are", style="yellow")
+        else:
+            print_faults(err, *outcome.reasons)
         if outcome.exit_code != EXIT_OK and not progress.began:
             folder.remove_unused(path)
             return outcome.exit_code

@@ -48,6 +48,7 @@ class RunProgress:
         self._next_line_s = 0.0
         self._live: Live | None = None
         self.began = False
+        self._ending = False
 
     def start(self) -> None:
         """Print that the sides are starting and open the panel."""
@@ -72,8 +73,11 @@ class RunProgress:
         elif kind == "running":
             self._states[side] = "running"
             self.began = True
+        elif kind == "ending":
+            self._states[side], self._ending = "ending", True
         elif kind in ("ended", "failed"):
-            self._states[side] = "done" if kind == "ended" else "failed"
+            # after Ctrl-C it is no failure that a side has gone
+            self._states[side] = "done" if kind == "ended" or self._ending else "failed"
             if event.get("counters"):
                 self._statuses[side].append(_Status(inf, event["counters"]))
         elif kind == "progress":

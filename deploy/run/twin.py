@@ -1,6 +1,6 @@
 """Twin of a live run: the same three nodes in virtual time, in this process, bit-equal from run to run."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from tis.common.scenario import Scenario, virtual_time_faults
 from tis.common.scenario import reading as scenario_io
 from tis.common.sources.provenance import RECORDING_FILE, dump_played
 from tis.common.sources.trajectory import Recording
+from tis.common.units import NS_PER_S
 from tis.deploy.shell import run_dir as folder
 from tis.netem.build import build_netem
 from tis.netem.control.replay import with_live_changes
@@ -69,6 +70,7 @@ def run_twin(
     models: Sequence[ArmModel],
     run_dir: Path,
     recording: Recording | None = None,
+    on_time: Callable[[int], None] | None = None,
 ) -> None:
     """Run the nodes to the end of the drain; write their logs to ``run_dir``.
 
@@ -99,12 +101,35 @@ def run_twin(
             if side != "netem" and recording is not None:
                 log.attach(RECORDING_FILE, dump_played(recording, scenario.n_samples).encode())
             logs[side] = log
-        drive(scenario, nodes, logs)
+        drive(scenario, nodes, logs, on_time)
 
 
-def drive(scenario: Scenario, nodes: Mapping[Side, Node], logs: Mapping[Side, Recorder]) -> None:
-    """Run the nodes in virtual time to the end of the drain; each side's records go to its log."""
+def drive(
+    scenario: Scenario,
+    nodes: Mapping[Side, Node],
+    logs: Mapping[Side, Recorder],
+    on_time: Callable[[int], None] | None = None,
+) -> None:
+    """Run the nodes in virtual time to the end of the drain; each side's records go to its log.
+
+    ``on_time`` is told the run time about once for each second of it.
+    """
     clock = VirtualClock()  # advanced by the bus from event to event
     seats = [Seat(node, logs[side]) for side, node in nodes.items()]
     with without_collector():
-        run(seats, VirtualBus(list(nodes.values()), clock), clock, scenario.end_ns)
+        run(seats, VirtualBus(list(nodes.values()), clock), clock, scenario.end_ns, _telling(clock, on_time))
+
+
+def _telling(clock: VirtualClock, on_time: Callable[[int], None] | None) -> Callable[[], bool]:
+    """Return what the loop asks between its steps, by which ``on_time`` is told; it never ends the loop."""
+    told_ns = 0
+
+    def never() -> bool:
+        nonlocal told_ns
+        now_ns = clock.now_ns()
+        if on_time is not None and now_ns - told_ns >= NS_PER_S:
+            told_ns = now_ns
+            on_time(now_ns)
+        return False
+
+    return (lambda: False) if on_time is None else never

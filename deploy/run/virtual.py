@@ -21,6 +21,7 @@ from tis.deploy.run.consistency import FateComparison, compare_fates
 from tis.deploy.run.twin import build_sides, refuse_in_virtual_time, run_twin
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.guard import print_faults, print_warnings
+from tis.deploy.shell.progress import RunTime
 
 _MAX_SET_ASIDE_SHARE: Final = 0.05
 
@@ -44,7 +45,15 @@ def run_virtual(
     print_warnings(err, *scenario.surgeon.warnings(), *warnings)
     path = folder.create(run_dir or run_folder(RUNS, f"{scenario.name}_twin"), scenario)
     started_s = time.perf_counter()
-    run_twin(scenario, nodes, models, path, recording)
+    try:
+        with RunTime(err, scenario.end_ns * 1e-9) as bar:
+            run_twin(scenario, nodes, models, path, recording, bar.reached)
+    except KeyboardInterrupt:
+        text = (
+            f"interrupted at {bar.now_s:.0f} s of run time: the logs up to there are in {path}, and its figures by "
+        )
+        err.print(escape(f"{text}`tis summarize {path}`; a twin begins anew"), style="yellow", soft_wrap=True)
+        raise
     elapsed_s = time.perf_counter() - started_s
     err.print(f"{scenario.end_ns * 1e-9:g} s of run time took {elapsed_s:.2f} s of computing")
     code = conclude(path, scenario, Ending("twin", command_line(), EXIT_OK, {}), out, outputs)

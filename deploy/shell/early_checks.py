@@ -28,6 +28,12 @@ def check_outputs(*files: Path | None) -> None:
         raise DataError(faults)
 
 
+def check_outputs_in(folder: Path, *names: str) -> None:
+    """Raise `DataError` with all files of a folder that are not writable; one that is not there is made later."""
+    if folder.exists():
+        check_outputs(*(folder / name for name in names))
+
+
 def _reason(file: Path) -> str | None:
     if file.is_dir():
         return os.strerror(errno.EISDIR)

@@ -37,6 +37,17 @@ def print_json(data: Any) -> None:
 
 
 # without emoji: they would replace a part of a name such as module:X:
+class _QuietConsole(Console):
+    """Standard error for warnings and errors, which have a colour; all else is dropped."""
+
+    def print(self, *objects: Any, style: Any = None, **options: Any) -> None:
+        """Print what is yellow or red."""
+        if style in _TOLD:
+            super().print(*objects, style=style, **options)
+
+
+_TOLD: Final = ("yellow", "red")
+QUIET: Final = _QuietConsole(stderr=True, highlight=False, emoji=False, force_terminal=False)  # and so no panel
 OUT: Final = Console(highlight=False, emoji=False)
 ERR: Final = Console(stderr=True, highlight=False, emoji=False)
 

@@ -165,6 +165,7 @@ def _watch(
         if interrupt.requested and not ending:
             ending = True
             for child in children.values():
+                on_event({"side": child.side, "event": "ending"})
                 child.end()
             _schedule_signals(children)
 

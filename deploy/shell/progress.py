@@ -16,6 +16,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from tis.common.units import NS_PER_S
+
 _LINE_EVERY_S: Final = 10.0
 _FEW: Final = 3
 """Parts from which on a rate is stated."""
@@ -55,11 +57,13 @@ class PhaseProgress:
             self._bars.stop()
 
     def total(self, phase: str, n_parts: int, n_done: int = 0) -> None:
-        """Show a phase of ``n_parts``, of which ``n_done`` were done before."""
-        self._totals[phase] = n_parts
-        self._done.setdefault(phase, n_done)
+        """Show a phase of ``n_parts``, of which ``n_done`` were done before, or add that to one that is shown."""
+        self._totals[phase] = self._totals.get(phase, 0) + n_parts
+        self._done[phase] = self._done.get(phase, 0) + n_done
+        if self._bars is not None and phase not in self._bar_of:
+            self._bar_of[phase] = self._bars.add_task(phase)
         if self._bars is not None:
-            self._bar_of[phase] = self._bars.add_task(phase, total=n_parts)
+            self._bars.update(self._bar_of[phase], total=self._totals[phase])
         self.advance(phase, 0)
 
     def advance(self, phase: str, n_parts: int = 1) -> None:
@@ -91,3 +95,28 @@ class PhaseProgress:
             return ""
         left_s = n_left * passed_s / n_done
         return f", about {left_s:.0f} s left" if left_s < 100 else f", about {left_s / 60:.0f} min left"
+
+
+class RunTime:
+    """Progress through the run time of a twin: a bar with the time left in a terminal, nothing elsewhere."""
+
+    def __init__(self, console: Console, total_s: float) -> None:
+        self.now_s = 0.0
+        words = TextColumn("{task.completed:.0f} of {task.total:.0f} s of run time")
+        columns = (words, BarColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+        self._bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+        self._task = self._bar.add_task("", total=total_s)
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bar.stop()
+
+    def reached(self, now_ns: int) -> None:
+        """Show that the twin is at a run time, in ns."""
+        self.now_s = now_ns / NS_PER_S
+        self._bar.update(self._task, completed=self.now_s)

@@ -17,7 +17,7 @@ from pydantic_core import from_json
 
 from tis.common.channels import Side
 from tis.common.errors import DataError, Fault
-from tis.common.runtime.scenario_files import read_limited
+from tis.common.runtime.scenario_files import RUNS, read_limited
 from tis.common.scenario import Scenario
 from tis.common.scenario import reading as scenario_io
 from tis.common.sources.provenance import MODEL_FILES
@@ -77,6 +77,9 @@ def remove_unused(path: Path) -> None:
     for file in path.iterdir():
         file.unlink()
     path.rmdir()
+    if path.parent == RUNS:
+        with suppress(OSError):  # other runs are there
+            RUNS.rmdir()
 
 
 def write(path: Path, content: str | bytes) -> None:

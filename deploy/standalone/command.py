@@ -8,7 +8,8 @@ from rich.markup import escape
 from rich.text import Text
 
 from tis.common.channels import Direction, Side
-from tis.common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, GET_REPORT, Fault, InputError
+from tis.common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, Fault, InputError
+from tis.common.extras import GET_REPORT
 from tis.common.records import COUNTERS
 from tis.common.runtime.process import command_line
 from tis.common.scenario.network import NetworkPart

@@ -8,7 +8,8 @@ from rich.console import Console
 from rich.markup import escape
 
 from tis.common.channels import Hand
-from tis.common.errors import EXIT_OK, GET_REPORT, DataError, Fault, InputError
+from tis.common.errors import EXIT_OK, DataError, Fault, InputError
+from tis.common.extras import GET_REPORT
 from tis.common.runtime.recordings import load_recording, load_training
 from tis.common.scenario import Scenario
 from tis.common.scenario.estimator_names import LearnedName, is_learned

@@ -4,16 +4,21 @@ import json
 import os
 import subprocess
 import sys
+import time
 import webbrowser
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
+from math import inf
 from typing import Any, Final
 
 from rich.console import Console
 
-from tis.common.errors import EXIT_INTERRUPTED, EXIT_OK, GET_REPORT, Fault, InputError, PeerError
+from tis.common.errors import EXIT_INTERRUPTED, EXIT_OK, Fault, InputError, PeerError
+from tis.common.extras import GET_REPORT
+from tis.common.runtime.emulator_client import running_here
 from tis.common.runtime.process import Interrupt, child_environment
+from tis.common.runtime.running import EAST, WEST, Running
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario import Scenario
 from tis.deploy.shell.early_checks import can_report
@@ -138,17 +143,28 @@ _POLL_S = 0.2
 
 
 def attach_page(
-    endpoints: tuple[str, str], prefix: str, zenoh: ZenohOptions, at: PageAddress, wait_s: float | None, err: Console
+    given: tuple[str | None, str | None], prefix: str | None, zenoh: ZenohOptions, at: PageAddress,
+    wait_s: float | None, err: Console,
 ) -> int:  # fmt: skip
     """Serve the page until the end of the run, or until Ctrl-C; return the exit code.
 
-    Raises `InputError` without Bokeh, for an unusable address or invalid Zenoh options, `PeerError` when netem does
-    not answer.
+    Without an endpoint ``given``, it is that of the run on this machine, present or future. Raises `InputError`
+    without Bokeh, for an unusable address or invalid Zenoh options, `PeerError` when netem does not answer.
     """
     configure("client", zenoh)
     interrupt = Interrupt()
-    with interrupt.installed(), page_process("tis view", at, endpoints, prefix, wait_s, zenoh=zenoh) as page:
+    with interrupt.installed(), ExitStack() as stack:
+        if given == (None, None):
+            here = _awaited(prefix, wait_s, interrupt, err)
+        else:
+            here = Running(given[0] or WEST, given[1] or EAST, prefix or Running().session)
+        if here is None:
+            return EXIT_INTERRUPTED
+        page = stack.enter_context(
+            page_process("tis view", at, (here.west, here.east), here.session, wait_s, zenoh=zenoh)
+        )
         announce(page.url, err)
+        err.print(f"of netem at {here.west} and {here.east}, for which it waits", style="dim", soft_wrap=True)
         while page.process.poll() is None and not interrupt.requested:
             try:
                 page.process.wait(_POLL_S)
@@ -160,3 +176,21 @@ def attach_page(
         return EXIT_INTERRUPTED
     err.print("the run is over")
     return EXIT_OK
+
+
+def _awaited(prefix: str | None, wait_s: float | None, interrupt: Interrupt, err: Console) -> Running | None:
+    """Wait for a run on this machine; return it, or None after an interrupt; raises `PeerError` after ``wait_s``."""
+    until_s = inf if wait_s is None else time.monotonic() + wait_s
+    said = False
+    while (here := running_here("tis view", prefix)) is None:
+        if not said:
+            said = True
+            text = f"no run on this machine yet: waiting for tis run, or for netem at {WEST}; Ctrl-C ends it"
+            err.print(text, style="dim", soft_wrap=True)
+        if interrupt.requested:
+            return None
+        if time.monotonic() > until_s:
+            raise PeerError(Fault("tis view", WEST, f"no answer from a run within {wait_s} s"))
+        time.sleep(_POLL_S)
+    err.print(f"found: {here.title}", style="dim", soft_wrap=True)
+    return here

@@ -113,7 +113,7 @@ def between(
     Parameters
     ----------
     profile
-        Name of a network of the library (``tis net list``).
+        Name of a network of the library (``tis net profiles``).
     network
         File with a network, or a scenario whose network counts; not together with ``profile``.
     settings

@@ -60,7 +60,9 @@ EastOption = Annotated[Many, _alone(help="Listen here for the other network.")]
 ConnectWestOption = Annotated[Many, _alone(help="Connect to the one network here.")]
 ConnectEastOption = Annotated[Many, _alone(help="Connect to the other network here.")]
 ModeOption = Annotated[str, _alone(help="How to connect: client or peer.")]
-ProfileOption = Annotated[str | None, _alone(help="Network of the library (tis net profiles), or a file.")]
+ProfileOption = Annotated[
+    str | None, _alone(help="Network of the library (tis net profiles), or a file; wifi_bad has delay only.")
+]
 NetworkOption = Annotated[
     str | None,
     _alone(

@@ -22,6 +22,7 @@ from tis.common.runtime.memory import share_arenas
 from tis.common.runtime.process import Interrupt, command_line
 from tis.common.runtime.processor_watch import ProcessorWatch
 from tis.common.runtime.recorder import ThreadedRecorder
+from tis.common.runtime.running import Running, announced
 from tis.common.runtime.scenario_files import load_traces, trace_attachments
 from tis.common.runtime.side_log import LOG_VERSION
 from tis.common.runtime.status import Status
@@ -133,6 +134,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         # Stage 3: the log and the clock; from here on packets pass.
         tally = Tally(open_log(options), BufferWatch(links, options.network.buffer, status.warning).look)
         clock = start(bridge)
+        stack.enter_context(announced(Running(**_ends(options), session=options.prefix, title="tis netem")))
         for line in _first_lines(options, traces):
             tell(line)
         drive(bridge, tally, clock, options, interrupt, deadline)
@@ -147,8 +149,12 @@ def _base_overhead_ns(
     options: Standalone, sessions: Mapping[Network, zenoh.Session], traces: Mapping[str, Trace], status: Status
 ) -> int:
     """Return netem's own delay, and warn where it is long for the network asked for."""
-    ends = {network: (*place.listen, *place.connect)[0] for network, place in options.places.items()}
-    return warn_of_overhead(sessions, ends, options.zenoh.credentials, options.network, traces, status)
+    return warn_of_overhead(sessions, _ends(options), options.zenoh.credentials, options.network, traces, status)
+
+
+def _ends(options: Standalone) -> dict[Network, str]:
+    """Return an endpoint at which each network is reached."""
+    return {network: (*place.listen, *place.connect)[0] for network, place in options.places.items()}
 
 
 def start(bridge: Driver) -> WallClock:

@@ -6,7 +6,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from tis.common.errors import GET_DYNAMICS, DataError, Fault, InputError
+from tis.common.errors import DataError, Fault, InputError
+from tis.common.extras import GET_DYNAMICS
 from tis.patient_side.dynamics.parameters import N_OF_LINK, PER_LINK, BaseParameters, pseudo_inertia
 from tis.patient_side.plant.arm_geometry import N_JOINTS
 from tis.patient_side.statespace import Array

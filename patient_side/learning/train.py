@@ -8,7 +8,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.errors import GET_LEARNED, Fault, InputError
+from tis.common.errors import Fault, InputError
+from tis.common.extras import GET_LEARNED
 from tis.common.scenario.estimator_names import LearnedName
 from tis.common.scenario.identification import Identification, Learning
 from tis.common.sources.trajectory import Recording

@@ -2,7 +2,8 @@
 
 from importlib.util import find_spec
 
-from tis.common.errors import GET_SIM, Fault, InputError
+from tis.common.errors import Fault, InputError
+from tis.common.extras import GET_SIM
 from tis.common.scenario import Scenario
 
 

@@ -9,7 +9,8 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
-from tis.common.errors import GET_PARQUET, DataError, Fault
+from tis.common.errors import DataError, Fault
+from tis.common.extras import GET_PARQUET
 from tis.common.runtime.scenario_files import read_limited
 from tis.common.sources.table_columns import (
     MAX_COLUMNS,

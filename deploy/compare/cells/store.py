@@ -11,24 +11,27 @@ from typing import Any, Final
 from tis.common.errors import DataError, Fault
 from tis.deploy.compare.cells.identity import content_digest
 from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.early_checks import unwritable
 from tis.patient_side.identification.model_file import is_tensor_file
 
 _MODELS: Final = "models_digest"
 _TEXT, _WITH_WEIGHTS = ".json", ".safetensors"
+_ANY_FILE: Final = ".new"
 _SCORES: Final = ("hands", "forecasts", "summary")
 """The sums, forecasts or summary of a cell: it has one of them."""
 
 
 class Store:
-    """Store of trainings and cells by digest; raises `DataError` when the folder cannot be written."""
+    """Store of trainings and cells by digest; raises `DataError` when the folder cannot be written.
+
+    The folder is made with the first result, so that a refusal leaves none.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path.absolute()
-        try:
-            for name in ("cells", "trainings", "models"):
-                (self.path / name).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise DataError(Fault(str(path), "", f"folder cannot be created: {error.strerror}")) from None
+        above = next(one for one in (self.path, *self.path.parents) if one.exists())
+        if unwritable(above / _ANY_FILE):
+            raise DataError(Fault(str(path), "", f"folder cannot be created: {above} is not writable"))
 
     def model_file(self, digest: str) -> Path:
         """Return the file of a training's models."""
@@ -52,13 +55,17 @@ class Store:
     def save_training(self, digest: str, result: dict[str, Any], models: bytes) -> None:
         """Write a training's models, the content of a model file, and then its result."""
         suffix = _WITH_WEIGHTS if is_tensor_file(models) else _TEXT
-        folder.write(self._models_file(digest, suffix), models)
+        self._write(self._models_file(digest, suffix), models)
         about = result | {_MODELS: content_digest(models)}
-        folder.write(self._training_file(digest), json.dumps(about))
+        self._write(self._training_file(digest), json.dumps(about))
 
     def save_cell(self, digest: str, result: dict[str, Any]) -> None:
         """Write a cell's result."""
-        folder.write(self._cell_file(digest), json.dumps(result))
+        self._write(self._cell_file(digest), json.dumps(result))
+
+    def _write(self, file: Path, content: str | bytes) -> None:
+        folder.made(file.parent)
+        folder.write(file, content)
 
     def _models_file(self, digest: str, suffix: str) -> Path:
         return self.path / "models" / f"{digest}{suffix}"

@@ -18,7 +18,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, NamedTuple, Self
 
-from tis.common.errors import GET_CLUSTER, DataError, Fault, InputError, PeerError
+from tis.common.errors import DataError, Fault, InputError, PeerError
+from tis.common.extras import GET_CLUSTER
 from tis.deploy.compare.cells.cell import Cell
 from tis.deploy.compare.cells.identity import file_digest, software_digest
 from tis.deploy.compare.engine.shipment import own_code, perform_away, shipment_of, shipped_files

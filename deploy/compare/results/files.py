@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from tis.common.errors import GET_PARQUET, GET_REPORT
+from tis.common.extras import GET_PARQUET, GET_REPORT
 from tis.common.units import NS_PER_MS, NS_PER_US
 from tis.deploy.compare.cells.sums import percentile
 from tis.deploy.compare.engine.compute import Outcome
@@ -19,7 +19,7 @@ from tis.deploy.compare.results.pooled import person, pooled
 from tis.deploy.compare.results.report import numbers_of
 from tis.deploy.compare.results.report import report as build_report
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.early_checks import can_report, check_outputs
+from tis.deploy.shell.early_checks import can_report, check_outputs_in
 
 # The tidy table of a comparison: a row for each cell, hand and estimator, and a column for each swept field.
 #
@@ -147,7 +147,7 @@ def files_of(results: Results) -> Files:
 
 def check_files(path: Path) -> None:
     """Raise `DataError` with all files of a comparison that cannot be written below ``path``."""
-    check_outputs(*(path / name for name in (*_ALWAYS, *_OPTIONAL)))
+    check_outputs_in(path, *_ALWAYS, *_OPTIONAL)
 
 
 def write_files(files: Files, path: Path) -> None:

@@ -12,7 +12,8 @@ from typing import Any, Final
 from rich.console import Console
 from rich.markup import escape
 
-from tis.common.errors import EXIT_OK, GET_REPORT, DataError, Fault, InputError
+from tis.common.errors import EXIT_OK, DataError, Fault, InputError
+from tis.common.extras import GET_REPORT
 from tis.common.runtime.process import command_line
 from tis.common.scenario import Scenario
 from tis.common.scenario.source import RecordedSource
@@ -24,8 +25,9 @@ from tis.deploy.compare.grid import Sweep
 from tis.deploy.compare.plan import Request, make_plan, names_given, people_of, read_all
 from tis.deploy.run.resolve import resolve
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.early_checks import check_outputs
+from tis.deploy.shell.early_checks import check_outputs_in
 from tis.deploy.shell.guard import print_json, print_warnings
+from tis.deploy.shell.progress import PhaseProgress
 from tis.deploy.studies.admissible import tables
 from tis.deploy.studies.admissible.criterion import COMMAND, parse_limit
 from tis.deploy.studies.admissible.evaluation import Evaluation, check_persons
@@ -153,9 +155,15 @@ def admissible(
     begun_s = time.monotonic()
     with workers:
         store = Store(out_dir or Path("runs") / "admissible" / order.name)
-        check_outputs(*(store.path / name for name in (*_ALWAYS, *_FIGURES)))
-        evaluation = Evaluation(order.estimators, order.limits, store, workers, err)
-        report = Study(order, evaluation).run(command_line())
+        check_outputs_in(store.path, *_ALWAYS, *_FIGURES)
+        try:
+            with PhaseProgress(err) as progress:
+                evaluation = Evaluation(order.estimators, order.limits, store, workers, progress)
+                report = Study(order, evaluation).run(command_line())
+        except KeyboardInterrupt:
+            text = f"interrupted: every finished twin is stored in {store.path}; the same command resumes there"
+            err.print(escape(text), style="yellow", soft_wrap=True)
+            raise
     print_warnings(err, *report["warnings"][:_SHOWN_WARNINGS])
     if len(report["warnings"]) > _SHOWN_WARNINGS:
         more = len(report["warnings"]) - _SHOWN_WARNINGS

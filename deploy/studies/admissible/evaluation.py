@@ -5,9 +5,6 @@ from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Any, NamedTuple
 
-from rich.console import Console
-from rich.markup import escape
-
 from tis.common.errors import Fault, InputError
 from tis.deploy.compare.cells.cell import Cell
 from tis.deploy.compare.cells.identity import summarised
@@ -60,7 +57,7 @@ class Evaluation:
     limits: tuple[Limit, ...]
     store: Store
     workers: Workers
-    err: Console
+    progress: PhaseProgress
     n_twins: int = 0
     n_resumed: int = 0
     persons: tuple[str, ...] = ()
@@ -168,13 +165,7 @@ class Evaluation:
         """Return the results of all twins of a plan; raises `DataError` with those that failed."""
         # No identification is repeated for its time alone.
         untimed = {digest: replace(training, timed=False) for digest, training in plan.trainings.items()}
-        try:
-            with PhaseProgress(self.err) as progress:
-                outcome = compute(plan.cells, untimed, self.store, self.workers, progress)
-        except KeyboardInterrupt:
-            text = f"interrupted: every finished twin is stored in {self.store.path}; the same command resumes there"
-            self.err.print(escape(text), style="yellow", soft_wrap=True)
-            raise
+        outcome = compute(plan.cells, untimed, self.store, self.workers, self.progress)
         # Twins of an earlier plan of this call are counted there.
         n_again = sum(cell.digest in self._counted for cell in plan.cells)
         self._counted |= {cell.digest for cell in plan.cells}

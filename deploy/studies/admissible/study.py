@@ -68,6 +68,8 @@ def drawn(region: Region, n_places: int, n_axes: int) -> Drawn:
 
 _SEARCH: Final = "border"
 _CHECK: Final = "check"
+_STAGES: Final = "border, checks, profiles"
+_N_STAGES: Final = 3
 
 
 class Effort(NamedTuple):
@@ -103,12 +105,16 @@ class Study:
     def run(self, command: str) -> dict[str, Any]:
         """Return the report. Raises `InputError` and `DataError`."""
         order, names = self.order, self.order.estimators
+        stages = self.evaluation.progress
+        stages.total(_STAGES, _N_STAGES)
         self.evaluation.check_names(order.request, self._network((0.0,) * len(order.axes)))
         effort = order.effort
         border = find_border(
             self._margins, len(order.axes), len(names), effort.tolerance, effort.max_points * len(names)
         )
+        stages.advance(_STAGES)
         checks = self._checks(border)
+        stages.advance(_STAGES)
         placed = place_profiles(self.evaluation, order.request, order.profiles, order.candidates)
         return {
             "scenario": order.name,

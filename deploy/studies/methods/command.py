@@ -13,7 +13,7 @@ from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, TisEr
 from tis.deploy.compare.cells.store import Store
 from tis.deploy.compare.engine.compute import workers_of
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.early_checks import check_outputs
+from tis.deploy.shell.early_checks import check_outputs, check_outputs_in
 from tis.deploy.shell.guard import print_faults
 from tis.deploy.shell.progress import PhaseProgress
 from tis.deploy.studies.methods.claims import MEMBERS, verdicts
@@ -62,7 +62,8 @@ def write_methods(options: Options, out: Console, err: Console) -> int:
     """
     methods = methods_of(options.estimators)
     store = Store(options.out_dir)
-    check_outputs(options.page, *(options.out_dir / name for name in NAMES))
+    check_outputs(options.page)
+    check_outputs_in(store.path, *NAMES)
     extent = QUICK if options.quick else WHOLE
     duration_s = _QUICK_SYNTHETIC_S if options.quick else _SYNTHETIC_S
     trials = find_trials(options.path, options.task, store.path, options.seed, duration_s)

@@ -6,7 +6,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from tis.common.errors import GET_REPORT
+from tis.common.extras import GET_REPORT
 from tis.deploy.present.numbers import NONE, per_axis, with_interval
 from tis.deploy.present.table import Column, Table
 from tis.deploy.studies.methods.claims import CLAIMS, FAMILY_TITLES, MEMBERS, verdicts

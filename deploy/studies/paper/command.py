@@ -8,7 +8,8 @@ from typing import Any, Final
 from rich.console import Console
 from rich.markup import escape
 
-from tis.common.errors import EXIT_OK, GET_REPORT
+from tis.common.errors import EXIT_OK
+from tis.common.extras import GET_REPORT
 from tis.common.runtime.recordings import load_recording, load_training
 from tis.common.scenario import Scenario
 from tis.common.sources.trajectory import Recording
@@ -17,7 +18,7 @@ from tis.deploy.compare.engine.compute import compute as compute_twins
 from tis.deploy.compare.engine.compute import workers_of
 from tis.deploy.compare.engine.workers import Workers
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.early_checks import check_outputs
+from tis.deploy.shell.early_checks import check_outputs, check_outputs_in
 from tis.deploy.shell.progress import PhaseProgress
 from tis.deploy.studies.paper.cells import (
     METHODS,
@@ -131,7 +132,8 @@ def write_paper(
     """
     store, workers = Store(place), workers_of(n_jobs, None, err.print)
     names = [f"{name}.{form}" for name in FIGURES for form in FORMATS]
-    check_outputs(path, *(store.path / name for name in names))
+    check_outputs(path)
+    check_outputs_in(store.path, *names)
     with workers, PhaseProgress(err) as progress:
         results = compute(trial, few_cells() if quick else all_cells(), store, workers, progress)
     folder.write(path, page(results))

@@ -36,7 +36,7 @@ network:
 identification: {method: moesp, train: own_head, train_samples: 1240, block_rows: 10, order: 4}
 estimators: [hold, moesp_kf]
 active_estimator: moesp_kf
-limits: {end_to_end_p99_ms: 50, loss_max_pct: 1}
+limits: {end_to_end_p99_ms: 50, p_loss_max: 0.01}
 hosts: {west: "tcp/10.0.0.1:7447", east: "tcp/10.0.0.2:7448"}
 security: {kind: none}
 on_peer_loss: end

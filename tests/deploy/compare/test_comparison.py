@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,6 +12,7 @@ import pytest
 
 from tests.deploy.commands import call
 from tis.common.errors import DataError, InputError
+from tis.common.extras import GET_PANDAS, GET_PARQUET, GET_REPORT
 from tis.deploy.compare import Study, compare
 from tis.deploy.compare.comparison import Comparison
 
@@ -73,17 +75,17 @@ def test_a_package_that_is_missing_is_named_with_its_command(
     result = result_of(study)
     monkeypatch.setattr("tis.deploy.compare.comparison.find_spec", lambda _: None)
     for method, line in (
-        (result.to_pandas, r"^Comparison\.to_pandas: needs pandas: pip install pandas$"),
+        (result.to_pandas, f"Comparison.to_pandas: needs pandas: {GET_PANDAS}"),
         (
             result.to_arrow,
-            r"^Comparison\.to_arrow: needs pyarrow: pip install -e '\.\[parquet\]' in the clone",
+            f"Comparison.to_arrow: needs pyarrow: {GET_PARQUET}",
         ),
         (
             result.figures,
-            r"^Comparison\.figures: needs matplotlib: pip install -e '\.\[report\]' in the clone",
+            f"Comparison.figures: needs matplotlib: {GET_REPORT}",
         ),
     ):
-        with pytest.raises(InputError, match=line):
+        with pytest.raises(InputError, match=f"^{re.escape(line)}$"):
             method()
     monkeypatch.setattr("tis.deploy.compare.comparison.find_spec", lambda name: name)
     monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=SimpleNamespace(from_records=tuple)))

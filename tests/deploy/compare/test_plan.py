@@ -71,7 +71,7 @@ def test_a_digest_is_of_what_decides_and_of_nothing_else(small: Path, written_tr
     assert digests() == usual
     elsewhere = tmp_path / "elsewhere"
     elsewhere.symlink_to(written_trials)
-    assert digests(f"source.path={elsewhere}", "name=other", "limits.loss_max_pct=1") == usual
+    assert digests(f"source.path={elsewhere}", "name=other", "limits.p_loss_max=0.01") == usual
     for change in ("seed=2", "network.forward.delay.delay_ms=101", "identification.order=1", "surgeon.copies=2"):
         assert digests(change) != usual, change
     assert digests(estimators=("hold",)) != usual

@@ -1,5 +1,6 @@
 """Mouse and gamepad through SDL's dummy display; events are posted as a window system would."""
 
+import re
 from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import pytest
 
 from tis.common.errors import InputError
+from tis.common.extras import GET_DEVICE
 from tis.deploy.device.inputs import Inputs, close_inputs, open_inputs
 
 pygame = pytest.importorskip("pygame", reason="pygame-ce is not installed")
@@ -81,6 +83,6 @@ def test_without_the_extra_it_names_the_command(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setitem(__import__("sys").modules, "pygame", None)
     with pytest.raises(
         InputError,
-        match=r"needs the package pygame-ce: pip install -e '\.\[device\]' in the clone, or pip install 'FILE",
+        match=re.escape(f"needs the package pygame-ce: {GET_DEVICE}"),
     ):
         open_inputs("mouse")

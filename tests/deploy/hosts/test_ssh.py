@@ -15,6 +15,7 @@ import yaml
 from tests.deploy.hosts.ssh_server import Server, ssh_server
 from tests.deploy.hosts.stand_ins import RUNS, SCENARIO, SIDES, WAITS, Stage, environment, soon
 from tis.common.errors import DataError, InputError, PeerError
+from tis.common.extras import GET_HOSTS
 from tis.deploy.hosts import connections
 from tis.deploy.hosts.collect import gather_logs, newest_run
 from tis.deploy.hosts.connections import connect_and_check, hosts_of
@@ -181,7 +182,7 @@ def test_without_the_package_the_command_that_installs_it_is_named(
     monkeypatch.setattr(connections, "can_ssh", lambda: False)
     with pytest.raises(InputError) as caught:
         hosts_of(plan)
-    rule = "needs the package asyncssh: pip install -e '.[hosts]' in the clone, or pip install 'FILE.whl[hosts]'"
+    rule = f"needs the package asyncssh: {GET_HOSTS}"
     assert [(fault.field, fault.rule) for fault in caught.value.faults] == [("surgeon.kind", rule)]
 
 

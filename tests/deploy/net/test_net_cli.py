@@ -66,7 +66,7 @@ def test_one_profile_shows_every_number_with_source_and_basis(tis: Call) -> None
         (("probe",), 2, "tis net probe: --from: is required"),
         (("probe", "--from", "tcp/127.0.0.1:1"), 2, "tis net probe: --to: is required"),
         (("probe", "-e", "tcp/127.0.0.1:1", "-l", "tcp/127.0.0.1:2"), 2, "--listen: must not be given together with"),
-        (("probe", "-e", "tcp/127.0.0.1:1", "--count", "5", "--seconds", "2"), 2, "--seconds: must not be given"),
+        (("probe", "-e", "tcp/127.0.0.1:1", "--count", "5", "--seconds", "2"), 2, "--duration-s: must not be given"),
         (("probe", "-e", "tcp/127.0.0.1:1", "--key", "a/**"), 2, "must be one key, without wildcards"),
         (("probe", "-e", "tcp/127.0.0.1:1", "--key", "a//b"), 2, "--key: must be a Zenoh key"),
         (("probe", "-e", "tcp/127.0.0.1:1", "--wait-s", "0.2"), 3, "no answer within 0.2 s"),

@@ -159,6 +159,12 @@ def test_bad_wifi_is_the_published_formula() -> None:
     assert p[np.flatnonzero(ms == 0)[-1]] == pytest.approx(poisson.pmf(0, 1) * (1 - 6 / 84), abs=0.001)
 
 
+def test_bad_wifi_loses_nothing_and_says_so() -> None:
+    profile = find_profile("wifi_bad")
+    assert (profile.network.forward.loss, profile.network.feedback.loss, profile.network.outages) == (None, None, ())
+    assert "no loss" in profile.title
+
+
 @pytest.mark.parametrize(
     ("text", "rule"),
     [

@@ -8,6 +8,7 @@ import pytest
 from tests.common.runtime.recordings.tables import movement, scenario_of
 from tests.deploy.commands import call_in_one_line
 from tests.deploy.recordings_import.foreign_files import json_mcap, lerobot_set, ros_mcap, rosbag
+from tis.common.extras import GET_PARQUET, GET_ROSBAG
 from tis.common.runtime.recordings import load_recording, synthetic_trials
 from tis.common.scenario.table_source import TableSource
 from tis.deploy.tools.synth import write_trials
@@ -99,8 +100,8 @@ def test_a_missing_extra_is_named_with_its_command(tmp_path: Path, monkeypatch: 
         monkeypatch.setattr(f"{module}.find_spec", lambda _: None)
     out = str(tmp_path / "t.csv")
     code, _, err = call_in_one_line("import", str(file), "-o", out)
-    assert (code, "pip install -e '.[rosbag]' in the clone, or pip install 'FILE.whl[rosbag]'" in err) == (2, True)
+    assert (code, str(GET_ROSBAG) in err) == (2, True)
     code, _, err = call_in_one_line("import", str(folder), "-o", out)
-    assert (code, "pip install -e '.[parquet]' in the clone, or pip install 'FILE.whl[parquet]'" in err) == (2, True)
+    assert (code, str(GET_PARQUET) in err) == (2, True)
     code, _, err = call_in_one_line("import", str(file), "-o", str(tmp_path / "t.parquet"))
-    assert (code, "pip install -e '.[parquet]' in the clone, or pip install 'FILE.whl[parquet]'" in err) == (2, True)
+    assert (code, str(GET_PARQUET) in err) == (2, True)

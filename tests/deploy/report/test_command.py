@@ -13,7 +13,7 @@ import pytest
 
 from tests.deploy.commands import call_by_lines as tis
 from tests.deploy.hold_only import HOLD
-from tis.common.errors import GET_REPORT
+from tis.common.extras import GET_REPORT
 from tis.deploy.shell import run_dir as folder
 
 _TWIN = ("twin", "default", "--duration-s", "3", *(f"--set={setting}" for setting in HOLD), "--no-merge")

@@ -53,7 +53,7 @@ _COMPLAINT = re.compile(r":(ERROR|WARNING):CONSOLE|uncaught|violates|failed|erro
 _FIGURE = re.compile(r"-|[-\u00b1]?\d[\d.]*(e[-+]\d+)?( (to|\u00b1) [-\d.]+)?|not resolvable|about .*")
 LOSSY = (
     "limits.end_to_end_p99_ms=100",
-    "limits.loss_max_pct=50",
+    "limits.p_loss_max=0.5",
     "network.forward.ordering=drop_late",
     "network.timeline=[{at_s: 4, for_s: 1, set: {outage: true}}]",
 )
@@ -248,7 +248,7 @@ def _a_run() -> dict[Side, list[Any]]:
 
 
 def test_a_run_without_any_log_gives_a_page_that_says_so(tmp_path: Path) -> None:
-    scenario = a_scenario(limits={"end_to_end_p99_ms": 9, "loss_max_pct": 1})
+    scenario = a_scenario(limits={"end_to_end_p99_ms": 9, "p_loss_max": 0.01})
     logs = load_run(tmp_path)
     summary = build_summary(logs, scenario, (), "live", None, "")
     text = Outline(_report(logs, scenario, summary)).text

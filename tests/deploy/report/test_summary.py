@@ -216,7 +216,7 @@ def test_limits_are_met_missed_or_not_decidable(tmp_path: Path) -> None:
     netem.append(fate(ARM, 0, 1, None, "loss"))
     records |= {"netem": netem, "surgeon": [*records["surgeon"], message(ARM, 0, 0.8)]}
     logs = write_run(tmp_path, **records)
-    own = _summary(logs, a_scenario(limits={"end_to_end_p99_ms": 18, "loss_max_pct": 25}))["verdicts"][0]
+    own = _summary(logs, a_scenario(limits={"end_to_end_p99_ms": 18, "p_loss_max": 0.25}))["verdicts"][0]
     assert (own["name"], own["outcome"]) == ("own", "not_decidable")
     assert [(f["metric"], f["direction"], f["limit"], f["value"], f["outcome"]) for f in own["findings"]] == [
         ("end_to_end", None, 18, 18, "not_decidable"),
@@ -224,7 +224,7 @@ def test_limits_are_met_missed_or_not_decidable(tmp_path: Path) -> None:
         ("loss", "feedback", 25, 0, "not_decidable"),
     ]
     assert [f["n_needed"] for f in own["findings"]] == [299, None, 11]  # 0.99^n, and 0.75^n, below 5 %
-    missed = _summary(logs, a_scenario(limits={"end_to_end_p99_ms": 17.9, "loss_max_pct": 0.1}))["verdicts"][0]
+    missed = _summary(logs, a_scenario(limits={"end_to_end_p99_ms": 17.9, "p_loss_max": 0.001}))["verdicts"][0]
     assert [f["outcome"] for f in missed["findings"]] == ["missed", "missed", "not_decidable"]
     assert missed["findings"][0]["excess"] == pytest.approx(0.1)
     assert missed["findings"][1]["excess"] == pytest.approx(24.9)

@@ -64,7 +64,7 @@ def summary(tmp_path: Path) -> dict[str, Any]:
             ),
         ],
     )
-    scenario = a_scenario(limits={"end_to_end_p99_ms": 150, "loss_max_pct": 10})
+    scenario = a_scenario(limits={"end_to_end_p99_ms": 150, "p_loss_max": 0.1})
     return build_summary(logs, scenario, (static_model(),), "live", 0, "tis run by_hand.yaml")
 
 
@@ -144,7 +144,7 @@ def test_what_redundancy_cost_and_gained_is_a_table_in_80_columns(summary: dict[
 
 
 def test_of_nothing_a_summary_is_printed_all_the_same(tmp_path: Path) -> None:
-    scenario = a_scenario(limits={"end_to_end_p99_ms": 150, "loss_max_pct": 5})
+    scenario = a_scenario(limits={"end_to_end_p99_ms": 150, "p_loss_max": 0.05})
     summary = build_summary(load_run(tmp_path), scenario, (), "live", None, "")
     text = _seen(summary)
     assert "end to end median -, p99 -, from sample to estimate" in " ".join(text.split())

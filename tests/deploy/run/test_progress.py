@@ -155,3 +155,13 @@ def test_a_side_that_has_ended_holds_nobody_back() -> None:
     _at(progress, "netem", 4.6, forward__dropped_loss=1, forward__held_at_end=0)
     _at(progress, "patient", 4.5, received=119, estimates=120)
     assert out.getvalue().splitlines()[-1].endswith("sent 120  lost 1  received 119  ticks missed 0")
+
+
+def test_after_ctrl_c_no_side_has_failed() -> None:
+    progress, out = _progress(terminal=True)
+    progress.start()
+    progress.take({"side": "netem", "event": "ending"})
+    progress.take({"side": "netem", "event": "waiting", "whom": "the patient"})
+    progress.take({"side": "netem", "event": "failed", "exit_code": 3, "reasons": ["the surgeon has left"]})
+    progress.stop()
+    assert "failed" not in out.getvalue()

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.log_reader import LogReader
-from tis.common.errors import GET_SIM
+from tis.common.extras import GET_SIM
 from tis.common.records import PLANT
 from tis.common.units import sample_instant_ns
 from tis.deploy.cli.main import app

@@ -4,7 +4,7 @@ import io
 
 from rich.console import Console
 
-from tis.deploy.shell.progress import PhaseProgress
+from tis.deploy.shell.progress import PhaseProgress, RunTime
 
 
 class _Clock:
@@ -54,3 +54,21 @@ def test_a_terminal_gets_a_bar_for_each_phase_and_is_left_clean() -> None:
     for words in ("models identified", "1/4", "twins", "2/64"):
         assert words in text
     assert text.rindex("\x1b[2K") > text.rindex("2/64")
+
+
+def test_a_phase_that_grows_has_one_bar() -> None:
+    out = io.StringIO()
+    with PhaseProgress(Console(file=out, width=100, force_terminal=True)) as progress:
+        progress.total("twins", 2)
+        progress.advance("twins", 2)
+        progress.total("twins", 3, 1)
+    assert "3/5" in out.getvalue()
+
+
+def test_the_run_time_of_a_twin_is_a_bar_in_a_terminal_and_nothing_elsewhere() -> None:
+    for terminal in (True, False):
+        out = io.StringIO()
+        with RunTime(Console(file=out, width=100, force_terminal=terminal), 600) as bar:
+            bar.reached(150_000_000_000)
+        assert ("150 of 600 s" in out.getvalue()) == terminal
+        assert bar.now_s == 150

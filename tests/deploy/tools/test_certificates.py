@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from tests.deploy.commands import call
-from tis.common.errors import GET_HOSTS, InputError
+from tis.common.errors import InputError
+from tis.common.extras import GET_HOSTS
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.deploy.shell import early_checks
 from tis.deploy.tools import certificates as module

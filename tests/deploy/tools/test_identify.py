@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from tests.deploy.commands import Call, call
-from tis.common.errors import GET_REPORT
+from tis.common.extras import GET_REPORT
 from tis.deploy.tools.synth import write_trials
 
 

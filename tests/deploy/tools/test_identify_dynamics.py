@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from tis.common.extras import Extra
 from tis.deploy.cli.main import app
 from tis.patient_side.dynamics import consistent_fit
 from tis.patient_side.dynamics.parameters import pseudo_inertia
@@ -54,5 +55,5 @@ def test_a_missing_extra_is_named_before_anything_is_computed(
     done = CliRunner().invoke(app, ["identify", "simulated_arm", "--dynamics", "--out", str(file)])
     assert done.exit_code == 2
     name = {"mujoco": "sim", "cvxpy": "dynamics"}[missing]
-    assert f"pip install -e '.[{name}]' in the clone" in " ".join(done.stderr.split())
+    assert str(Extra(name)) in " ".join(done.stderr.split())
     assert not file.exists()

@@ -5,7 +5,8 @@ import io
 import pytest
 from rich.console import Console
 
-from tis.common.errors import GET_REPORT, InputError
+from tis.common.errors import InputError
+from tis.common.extras import GET_REPORT
 from tis.common.runtime.zenoh_session import ZenohOptions
 from tis.deploy.run.resolve import resolve
 from tis.deploy.view import page_process as beside

@@ -3,7 +3,8 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from tis.common.errors import GET_DYNAMICS, InputError
+from tis.common.errors import InputError
+from tis.common.extras import GET_DYNAMICS
 from tis.patient_side.dynamics import consistent_fit as module
 from tis.patient_side.dynamics.consistent_fit import check_solver, consistent_fit
 from tis.patient_side.dynamics.parameters import (

@@ -7,7 +7,8 @@ import pytest
 
 from tests.patient_side.learned.models import LEARNED, learned_model
 from tests.patient_side.learning.tracks import turning
-from tis.common.errors import GET_LEARNED, InputError
+from tis.common.errors import InputError
+from tis.common.extras import GET_LEARNED
 from tis.common.scenario.estimator_names import LearnedName
 from tis.common.scenario.identification import Identification, Learning
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording

@@ -3,7 +3,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tis.common.errors import GET_SIM, InputError
+from tis.common.errors import InputError
+from tis.common.extras import GET_SIM
 from tis.common.scenario.patient import MujocoPlant
 from tis.common.servo import servo_transition
 from tis.patient_side.plant import extra

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from tis.common.errors import DataError
 from tis.deploy.compare.cells.store import Store
 
 CELL = {"trial": "S001", "hands": {}}
@@ -41,3 +42,17 @@ def test_models_that_were_changed_or_cut_are_missing(tmp_path: Path) -> None:
         file = store.model_file("b")
         file.unlink() if content is None else file.write_text(content)
         assert store.training("b") is None
+
+
+def test_a_store_makes_its_folder_with_the_first_result(tmp_path: Path) -> None:
+    store = Store(tmp_path / "runs" / "mine")
+    assert store.cell("a") is None
+    assert list(tmp_path.iterdir()) == []
+    store.save_cell("a", CELL)
+    assert store.cell("a") == CELL
+
+
+def test_a_folder_that_cannot_be_made_is_refused_at_once(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(DataError, match="folder cannot be created"):
+        Store(tmp_path / "file" / "mine")

@@ -111,7 +111,7 @@ def test_clocks_that_are_not_known_well_enough_leave_it_open(uncertainty: float)
 
 def test_ones_own_limits_are_all_named_what_was_missed_most_first() -> None:
     limits = Limits(
-        end_to_end_p99_ms=50, age_p99_ms=5, one_way_p99_ms=4, pdv_p99_ms=1, rmse_3d_max_mm=2, loss_max_pct=1e-5
+        end_to_end_p99_ms=50, age_p99_ms=5, one_way_p99_ms=4, pdv_p99_ms=1, rmse_3d_max_mm=2, p_loss_max=1e-07
     )
     run = a_run(8.0)
     run["pdv", "feedback"] = ms(3.0)
@@ -141,7 +141,7 @@ def test_loss_is_judged_by_packets_with_a_remark_on_lost_samples() -> None:
     run = a_run(1.0)
     aside = "judged by packets (0.4 % of the samples never arrived)"
     run["loss", "forward"] = Measured(np.arange(1000) % 4 == 0, aside=aside)
-    found = by_name(verdicts(run, Limits(loss_max_pct=10)))
+    found = by_name(verdicts(run, Limits(p_loss_max=0.1)))
     findings = {one["title"]: one for one in found["own"]["findings"]}
     assert findings["loss, forward"]["sentence"] == (
         f"loss, forward: 25 % of 1000 messages, allowed 10 %: 15 points too much, {aside}"
@@ -176,5 +176,5 @@ def test_all_cases_of_the_papers_table_and_its_round_trip_are_judged() -> None:
 
 def test_a_preset_takes_the_limit_of_its_case() -> None:
     limits = Limits(preset="haptics_dynamic").resolved()
-    assert (limits.one_way_p99_ms, limits.end_to_end_p99_ms, limits.loss_max_pct) == (5.0, 5.0, 0.1)
+    assert (limits.one_way_p99_ms, limits.end_to_end_p99_ms, limits.p_loss_max) == (5.0, 5.0, 0.001)
     assert Limits(preset="round_trip_1_ms").resolved().round_trip_p99_ms == 1.0

@@ -19,6 +19,7 @@ from tis.common.streams import Stream
 from tis.deploy.compare.cells.store import Store
 from tis.deploy.compare.engine.workers import Processes
 from tis.deploy.compare.plan import Request
+from tis.deploy.shell.progress import PhaseProgress
 from tis.deploy.studies.admissible.border import find_border
 from tis.deploy.studies.admissible.command import order_of
 from tis.deploy.studies.admissible.evaluation import Evaluation, Judged
@@ -32,7 +33,9 @@ _MANY = 20_000
 def main(estimator: str, largest_ms: float, n_grid: int = 15, n_fresh: int = 40) -> None:
     order, out = _order(estimator, largest_ms), Console(soft_wrap=True)
     with tempfile.TemporaryDirectory() as folder, Processes() as workers:
-        evaluation = Evaluation((estimator,), order.limits, Store(Path(folder)), workers, Console(stderr=True))
+        evaluation = Evaluation(
+            (estimator,), order.limits, Store(Path(folder)), workers, PhaseProgress(Console(stderr=True))
+        )
 
         def judged(request: Request, places: list[Place]) -> list[Judged]:
             networks = [

@@ -8,7 +8,7 @@ import pytest
 
 from tests.deploy.studies.methods.made_up import figures, hold, report
 from tests.markdown_tables import ragged_rows
-from tis.common.errors import GET_REPORT
+from tis.common.extras import GET_REPORT
 from tis.deploy.studies.methods import page as files_module
 from tis.deploy.studies.methods.claims import CLAIMS
 from tis.deploy.studies.methods.page import NAMES, csv_of, detail_tables, files_of, main_table, page_text

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.deploy.studies.paper.test_page import made_up_results
-from tis.common.errors import GET_REPORT
+from tis.common.extras import GET_REPORT
 from tis.deploy.report.publication.matplotlib_figures import rendered
 from tis.deploy.studies.paper.cells import Results, Trial
 from tis.deploy.studies.paper.plots import drawn, energy_order
