@@ -88,8 +88,8 @@ def _accuracy(summary: Summary) -> Iterator[Row]:
         return
     text = f"{entry.label(active)} {number(entry.rmse_3d_mm)} mm (RMSE in 3D)"
     if active != "hold":
-        share = "" if entry.ratio_to_hold is None else f", {100 * entry.ratio_to_hold:.0f} % of that"
-        text += f"; repeating the newest position (hold) {number(hold.rmse_3d_mm)} mm{share}"
+        share = ";" if entry.ratio_to_hold is None else f", {100 * entry.ratio_to_hold:.0f} % of"
+        text += f"{share} the {number(hold.rmse_3d_mm)} mm of repeating the newest position (hold)"
     yield Row("error", text)
     others = [
         f"{one.label(name)} {number(one.rmse_3d_mm)}"

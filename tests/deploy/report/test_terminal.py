@@ -76,7 +76,7 @@ def test_the_answer_comes_first(summary: dict[str, Any]) -> None:
     for figures in (
         "end to end median 18.00 ms, p99 18.00 ms, from sample to estimate",
         "packets lost 50.00 % to the patient",
-        "error innovations_kf 0.500 mm (RMSE in 3D); repeating the newest position (hold) 1.000 mm, 50 % of that",
+        "error innovations_kf 0.500 mm (RMSE in 3D), 50 % of the 1.000 mm of repeating the newest position (hold)",
         "age the newest sample was at most",
     ):
         assert figures in words
