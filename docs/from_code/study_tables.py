@@ -15,7 +15,8 @@ DOCS: Final = Path(__file__).resolve().parents[1]
 Table = dict[str, Any]
 
 _TABLE: Final = re.compile(r"^\|.*\|\n\|[-:| ]+\|\n(?:\|.*\|\n)*", re.MULTILINE)
-_COMMAND: Final = re.compile(r"^```\n(tis .*)\n```\n", re.MULTILINE)
+_COMMAND: Final = re.compile(r"^```\n((?:\w+=\S+ )?tis .{100,})\n```\n", re.MULTILINE)
+"""A command longer than a line; a short one stays on its page."""
 _LINK: Final = re.compile(r"^\[table (\d+)\]\([./]*studies/(\w+)\.json\)\n", re.MULTILINE)
 
 

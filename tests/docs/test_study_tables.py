@@ -38,12 +38,13 @@ def test_tables_go_to_json_and_come_back() -> None:
     assert put_in(text, {"mine": tables}.__getitem__) == PAGE
 
 
-def test_commands_go_to_a_shell_file_under_their_headings() -> None:
-    page = "## Delay\n\nWhy.\n\n```\ntis compare a\n```\n\n## Loss\n\n```\ntis compare b\n```\n"
+def test_long_commands_go_to_a_shell_file_under_their_headings() -> None:
+    delay, loss = (f"tis compare {name} --estimators {'hold,' * 30}" for name in ("delay", "loss"))
+    page = f"## Delay\n\nWhy.\n\n```\n{delay}\n```\n\n## Loss\n\n```\nA=b {loss}\n```\n\n```\ntis paper\n```\n"
     text, script = commands_out(page, "mine")
     link = "[The command](../studies/mine.sh)"
-    assert text == f"## Delay\n\nWhy.\n\n{link}\n\n## Loss\n\n{link}\n"
-    assert script == "# Delay\ntis compare a\n\n# Loss\ntis compare b\n"
+    assert text == f"## Delay\n\nWhy.\n\n{link}\n\n## Loss\n\n{link}\n\n```\ntis paper\n```\n"
+    assert script == f"# Delay\n{delay}\n\n# Loss\nA=b {loss}\n"
     assert commands_out(text, "mine") == (text, "")
 
 
