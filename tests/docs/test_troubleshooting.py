@@ -58,7 +58,8 @@ def _messages() -> dict[str, str]:
     """Return where each message is declared."""
     shown = (file for file in product_files() if not str(file.relative_to(ROOT)).startswith(_ELSEWHERE))
     found = {text: f"{file.relative_to(ROOT)}" for file in shown for text in _declared(file)}
-    return found | dict.fromkeys(re.sub(r"\{[^}]*\}", "…", one) for one in (*TEXTS.values(), *_LIVES.values()))
+    lives = (re.sub(r"\{[^}]*\}", "…", text) for text in (*TEXTS.values(), *_LIVES.values()))
+    return found | dict.fromkeys(lives, "what sides notice of each other")
 
 
 def _is_of(entry: str, text: str) -> bool:
