@@ -14,11 +14,14 @@ from pathlib import Path
 from typing import Final, Literal
 
 from PIL import Image
-from playwright.sync_api import Browser, FloatRect, Page, sync_playwright
+from playwright.sync_api import Browser, FloatRect, Page, ViewportSize, sync_playwright
 
 _FOLDER: Final = Path(__file__).parent / "pictures"
 _TIS: Final = Path(sys.executable).with_name("tis")
 _WIDTH: Final = 1600
+_NARROW: Final = ViewportSize(width=910, height=860)
+"""As narrow as the pages have two columns, so that their words are legible in a README 800 px wide."""
+_REPORT_VIEW: Final = ViewportSize(width=1000, height=900)
 _MAX_BYTES: Final = 150_000
 _SCHEMES: Final[tuple[Literal["light", "dark"], ...]] = ("light", "dark")
 _PATIENCE_MS: Final = 60_000
@@ -26,8 +29,12 @@ _DRAWN: Final = "() => window.Bokeh && Bokeh.documents.length > 0"
 _REPORT_EXCERPT: Final = """
 nav, body > footer, main > :not(#answer, #error) { display: none !important }
 #answer > :not(h2, p.answer, dl.tiles) { display: none !important }
+dl.tiles { grid-template-columns: repeat(4, 1fr) !important }
 """
 """Style that leaves of the report its head, its answer and the error over time."""
+
+_DRIVE_EXCERPT: Final = "header p, .pads { display: none !important }"
+"""Style that leaves out the introduction and the buttons of the page that drives."""
 
 _LIVE_EXCERPT: Final = """
 section > p, section.arm > :last-child, #opening, [role=alert] { display: none !important }
@@ -55,16 +62,14 @@ def main() -> None:
             sys.exit("no Chromium here: apt-get install chromium")
         # a container has no user namespaces for the sandbox, and what is opened is our own
         browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        _report(
-            browser.new_page(viewport={"width": 1120, "height": 900}, device_scale_factor=1.5), Path(folder) / "twin"
-        )
+        _report(browser.new_page(viewport=_REPORT_VIEW, device_scale_factor=2), Path(folder) / "twin")
         _live(browser, Path(folder) / "run")
         _drive(browser, Path(folder) / "drive")
         browser.close()
 
 
 def _report(page: Page, run_dir: Path) -> None:
-    """Picture the report's answer and two of its figures."""
+    """Picture the report's answer, and the error over time."""
     subprocess.run(
         [_TIS, "twin", "default", "--run-dir", run_dir, "--no-merge"], check=True, stdout=subprocess.DEVNULL
     )
@@ -74,7 +79,10 @@ def _report(page: Page, run_dir: Path) -> None:
         page.wait_for_function(_DRAWN, timeout=_PATIENCE_MS)
         page.add_style_tag(content=_REPORT_EXCERPT)
         page.wait_for_timeout(2000)
-        _save(page.screenshot(full_page=True), "report", scheme)
+        further = page.get_by_text("Orientation error over time").bounding_box()
+        assert further is not None
+        clip = FloatRect(x=0, y=0, width=_REPORT_VIEW["width"], height=further["y"] - 16)
+        _save(page.screenshot(full_page=True, clip=clip), "report", scheme)
 
 
 def _live(browser: Browser, run_dir: Path) -> None:
@@ -105,9 +113,10 @@ def _drive(browser: Browser, run_dir: Path) -> None:
         assert tis.stderr is not None
         url = next(found[0] for line in tis.stderr if (found := re.search(r"http://\S+", line)))
         for scheme in _SCHEMES:
-            page = browser.new_page(viewport={"width": 1320, "height": 860}, color_scheme=scheme)
+            page = browser.new_page(viewport=_NARROW, device_scale_factor=2, color_scheme=scheme)
             page.goto(url)
             page.get_by_text("Nobody drives").wait_for(timeout=_PATIENCE_MS)
+            page.add_style_tag(content=_DRIVE_EXCERPT)
             box = page.locator("#drive").bounding_box()
             assert box is not None
             x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
@@ -119,7 +128,7 @@ def _drive(browser: Browser, run_dir: Path) -> None:
             page.evaluate(_STILL)
             height = page.locator("section.surgeon").bounding_box()
             assert height is not None
-            clip = FloatRect(x=0, y=0, width=1320, height=height["y"] + height["height"] + 12)
+            clip = FloatRect(x=0, y=0, width=_NARROW["width"], height=height["y"] + height["height"] + 12)
             _save(page.screenshot(timeout=_PATIENCE_MS, clip=clip), "drive", scheme)
             page.close()
         tis.terminate()

@@ -7,11 +7,18 @@ import pytest
 
 from tests.deploy.commands import call
 
-README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def test_it_has_at_most_700_words() -> None:
     assert len(README.split()) <= 700
+
+
+@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md", "DESIGN.md", "SECURITY.md"])
+def test_the_files_that_the_top_pages_link_to_exist(name: str) -> None:
+    targets = re.findall(r"\]\((?!https?:|#)([^)#]+)", (ROOT / name).read_text(encoding="utf-8"))
+    assert [target for target in targets if not (ROOT / target).exists()] == []
 
 
 def test_its_sample_is_what_the_twin_prints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,6 @@
 """Generated pages of the manual, read off the product's code, and the studies' tables: a Sphinx extension."""
 
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from from_code import (
     study_tables,
     summary_keys,
 )
-from from_code.sources import NOTEBOOKS, network_page
+from from_code.sources import network_page
 
 PAGES: dict[str, Callable[[], str]] = {
     "reference/commands": commands.page,
@@ -31,7 +30,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "reference/logs": log_topics.page,
     "reference/exit_codes": exit_codes.page,
     "reference/api": api.page,
-    **{f"testbed/{name}": partial(notebook.page, name) for name in NOTEBOOKS},
+    "testbed/in_python": notebook.page,
 }
 """The maker of each page, by the page's name below ``docs/`` without ``.md``; git ignores these files."""
 

@@ -14,7 +14,7 @@ _CONSTANTS = {
     "EXIT_LOSSY_RECOVERY": "Part of the input is missing or damaged; what is there was written (`recover`, `report`, "
     "`merge`, `export`).",
     "EXIT_INVALID_RUN": "The command finished, but the run is not valid as a measurement; `problems` in "
-    "[summary.json](summary.md) gives the reasons.",
+    "[summary.json](summary.md) gives the reasons, and [troubleshooting](../testbed/troubleshooting.md) the cures.",
     "EXIT_BUG": "A bug in `tis`; please report the traceback.",
     "EXIT_INTERRUPTED": "Interrupted by Ctrl-C or a signal, ended in order.",
 }

@@ -1,17 +1,23 @@
-"""A notebook as a page: its text, and its code without outputs."""
+"""The notebooks as a page: their text, and their code without outputs."""
 
 import json
+import re
 
-from from_code.sources import ROOT
+from from_code.sources import NOTEBOOKS, ROOT
 
 
-def page(name: str) -> str:
-    """Return the page of a notebook in ``docs/``."""
+def page() -> str:
+    """Return the page of the notebooks in ``docs/``, a section for each."""
+    return "\n\n".join(["# In Python", *map(_section, NOTEBOOKS)]) + "\n"
+
+
+def _section(name: str) -> str:
     file = f"docs/{name}.ipynb"
     cells = json.loads((ROOT / file).read_text(encoding="utf-8"))["cells"]
     title, _, rest = "".join(cells[0]["source"]).partition("\n")
-    parts = [title, f"This page is the notebook `{file}`, which a test runs.", rest.strip()]
+    parts = [f"#{title}", f"This is the notebook `{file}`, which a test runs.", rest.strip()]
     for cell in cells[1:]:
         text = "".join(cell["source"])
-        parts.append(f"```python\n{text}\n```" if cell["cell_type"] == "code" else text)
-    return "\n\n".join(parts) + "\n"
+        is_code = cell["cell_type"] == "code"
+        parts.append(f"```python\n{text}\n```" if is_code else re.sub(r"^#", "##", text))
+    return "\n\n".join(parts)

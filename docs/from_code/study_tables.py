@@ -1,7 +1,7 @@
 """Measured tables of the studies: JSON in ``docs/studies``, which the build puts into the studies' pages.
 
 A study's command writes a whole page. `python docs/from_code/study_tables.py PAGE...` then moves its tables into
-``docs/studies/NAME.json`` and leaves a link to each.
+``docs/studies/NAME.json``, and the commands of its sections into ``docs/studies/NAME.sh``, and leaves a link to each.
 """
 
 import json
@@ -15,6 +15,8 @@ DOCS: Final = Path(__file__).resolve().parents[1]
 Table = dict[str, Any]
 
 _TABLE: Final = re.compile(r"^\|.*\|\n\|[-:| ]+\|\n(?:\|.*\|\n)*", re.MULTILINE)
+_COMMAND: Final = re.compile(r"^```\n((?:\w+=\S+ )?tis .{100,})\n```\n", re.MULTILINE)
+"""A command longer than a line; a short one stays on its page."""
 _LINK: Final = re.compile(r"^\[table (\d+)\]\([./]*studies/(\w+)\.json\)\n", re.MULTILINE)
 
 
@@ -24,10 +26,9 @@ def taken_out(text: str, name: str) -> tuple[str, list[Table]]:
 
     def link(found: re.Match[str]) -> str:
         head, rule, *rows = found[0].splitlines()
-        headings = re.findall(r"^#+ (.*)$", text[: found.start()], re.MULTILINE)
         tables.append(
             {
-                "heading": headings[-1],
+                "heading": _heading(text, found.start()),
                 "columns": _cells(head),
                 "align": ["right" if cell.endswith(":") else "left" for cell in _cells(rule)],
                 "rows": [_cells(row) for row in rows],
@@ -36,6 +37,12 @@ def taken_out(text: str, name: str) -> tuple[str, list[Table]]:
         return f"[table {len(tables)}](../studies/{name}.json)\n"
 
     return _TABLE.sub(link, text), tables
+
+
+def commands_out(text: str, name: str) -> tuple[str, str]:
+    """Return a page with a link in place of each command, and a shell file of the commands under their headings."""
+    script = "\n".join(f"# {_heading(text, found.start())}\n{found[1]}\n" for found in _COMMAND.finditer(text))
+    return _COMMAND.sub(f"[The command](../studies/{name}.sh)\n", text), script
 
 
 def put_in(text: str, tables_of: Callable[[str], Sequence[Table]]) -> str:
@@ -63,6 +70,11 @@ def _line(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
+def _heading(text: str, at: int) -> str:
+    """Return the heading that a place of a page stands under."""
+    return str(re.findall(r"^#+ (.*)$", text[:at], re.MULTILINE)[-1])
+
+
 def _cells(line: str) -> list[str]:
     return [cell.strip() for cell in line.strip().removeprefix("|").removesuffix("|").split("|")]
 
@@ -77,5 +89,8 @@ def _markdown(table: Table) -> str:
 if __name__ == "__main__":
     for page in map(Path, sys.argv[1:]):
         text, tables = taken_out(page.read_text(encoding="utf-8"), page.stem)
+        text, script = commands_out(text, page.stem)
         (DOCS / "studies" / f"{page.stem}.json").write_text(as_json(tables), encoding="utf-8")
+        if script:
+            (DOCS / "studies" / f"{page.stem}.sh").write_text(script, encoding="utf-8")
         page.write_text(text, encoding="utf-8")

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from from_code.study_tables import DOCS, as_json, put_in, tables_of, taken_out
+from from_code.study_tables import DOCS, as_json, commands_out, put_in, tables_of, taken_out
 
 PAGE = """# A study
 
@@ -36,6 +36,16 @@ def test_tables_go_to_json_and_come_back() -> None:
     assert [table["heading"] for table in tables] == ["Delay", "Loss"]
     assert tables[0]["rows"][1] == ["`paper`", "59.4", ""]
     assert put_in(text, {"mine": tables}.__getitem__) == PAGE
+
+
+def test_long_commands_go_to_a_shell_file_under_their_headings() -> None:
+    delay, loss = (f"tis compare {name} --estimators {'hold,' * 30}" for name in ("delay", "loss"))
+    page = f"## Delay\n\nWhy.\n\n```\n{delay}\n```\n\n## Loss\n\n```\nA=b {loss}\n```\n\n```\ntis paper\n```\n"
+    text, script = commands_out(page, "mine")
+    link = "[The command](../studies/mine.sh)"
+    assert text == f"## Delay\n\nWhy.\n\n{link}\n\n## Loss\n\n{link}\n\n```\ntis paper\n```\n"
+    assert script == f"# Delay\n{delay}\n\n# Loss\nA=b {loss}\n"
+    assert commands_out(text, "mine") == (text, "")
 
 
 @pytest.mark.parametrize("name", STUDIES)

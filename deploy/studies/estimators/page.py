@@ -136,13 +136,18 @@ def page_text(found: Sequence[tuple[Section, Report]]) -> str:
         _HERE / "page.md",
         words="\n".join(f"- **`{name}`**: {ESTIMATORS[name].words}" for name in NAMES),
         few_people=_few_people(found),
-        sections="\n\n".join(block for section, report in found for block in _blocks(section, report)),
+        sections="\n\n".join(
+            block
+            for k, (section, report) in enumerate(found)
+            for block in _blocks(section, report, {one.about: one.title for one, _ in reversed(found[:k])})
+        ),
     )
 
 
-def _blocks(section: Section, report: Report) -> Iterator[str]:
-    """Yield the paragraphs and tables of a section."""
-    yield f"## {section.title}\n\n{section.about}\n\n```\n{report['command']}\n```"
+def _blocks(section: Section, report: Report, told: Mapping[str, str]) -> Iterator[str]:
+    """Yield the paragraphs and tables of a section; an explanation is told once."""
+    why = section.about if section.about not in told else f"As in *{told[section.about]}*."
+    yield f"## {section.title}\n\n{why}\n\n```\n{report['command']}\n```"
     if section.shows == "orientation":
         yield tables.headline(report)
         yield tables.turn_ratio_table(report).markdown()

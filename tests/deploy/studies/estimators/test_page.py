@@ -1,6 +1,7 @@
 """The page on estimators: words for all, and tables from made-up results."""
 
 import shlex
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -97,6 +98,13 @@ def test_the_best_of_each_setting_is_the_one_with_the_smallest_ratio(
     section, made = found[0]
     last = section.request.estimators[-1] if section.request.estimators else ""
     assert f"{last} is best at each of the 5 settings: its error is " in page_text([(section, made)])
+
+
+def test_an_explanation_is_told_once(found: list[tuple[Section, dict[str, Any]]]) -> None:
+    section, made = found[0]
+    text = page_text([(section, made), (replace(section, title="Again"), made)])
+    assert text.count(section.about) == 1
+    assert f"## Again\n\nAs in *{section.title}*.\n" in text
 
 
 @pytest.mark.parametrize(
