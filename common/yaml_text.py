@@ -47,6 +47,25 @@ def load_yaml(text: str, where: str) -> Any:
         raise InputError(Fault(where, "", f"not YAML: {reason}")) from None
 
 
+def line_of(text: str, field: str) -> int | None:
+    """Return the line, from 1, of a field ``a.b.0.c`` in a text that `load_yaml` reads, or of what it would stand in.
+
+    None if the text has none of it.
+    """
+    node, line = yaml.compose(text, Loader=yaml.CSafeLoader), None
+    for step in field.split("."):
+        if isinstance(node, yaml.MappingNode):
+            found = next(((key, value) for key, value in node.value if key.value == step), None)
+        elif isinstance(node, yaml.SequenceNode) and step.isdecimal() and int(step) < len(node.value):
+            found = (node.value[int(step)],) * 2
+        else:
+            found = None
+        if found is None:
+            break
+        line, node = found[0].start_mark.line + 1, found[1]
+    return line
+
+
 class _Shape(NamedTuple):
     """Size (number of values) and nesting depth of a complete node, with every alias expanded."""
 

@@ -7,6 +7,8 @@ import errno
 import re
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,7 +21,7 @@ from tis.common.scenario.network.capacity import RecordedRate
 from tis.common.scenario.network.delay import TraceDelay
 from tis.common.scenario.network.loss import TraceLoss
 from tis.common.trace import Trace, parse_opportunities, parse_trace
-from tis.common.yaml_text import MAX_YAML_BYTES
+from tis.common.yaml_text import MAX_YAML_BYTES, line_of
 
 
 def read_limited(path: Path, max_bytes: int) -> bytes:
@@ -47,6 +49,26 @@ def read_scenario(path: Path) -> dict[str, Any]:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise InputError(Fault(str(path), "", f"cannot be read: {reason}")) from None
     return reading.parse_yaml(text, str(path))
+
+
+@contextmanager
+def lines_told(path: Path) -> Iterator[None]:
+    """Add their lines to the faults of a file that are raised in the block, and name it as `read_scenario` does."""
+    try:
+        yield
+    except InputError as error:
+        try:
+            text = read_limited(path, MAX_YAML_BYTES).decode("utf-8")
+        except (OSError, UnicodeDecodeError):
+            raise error from None
+        raise InputError([_with_line(fault, str(path), text) for fault in error.faults]) from None
+
+
+def _with_line(fault: Fault, where: str, text: str) -> Fault:
+    if fault.where != where or fault.field.startswith("line ") or not fault.field:
+        return fault
+    line = line_of(text, fault.field)
+    return fault if line is None else replace(fault, where=f"{where}: line {line}")
 
 
 def run_folder(base: Path, name: str) -> Path:

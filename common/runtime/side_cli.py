@@ -98,13 +98,14 @@ def side_command(
         def run() -> int:
             from tis.common.runtime.clock import monotonic_ns
             from tis.common.runtime.recordings import build_whole, located
-            from tis.common.runtime.scenario_files import read_scenario
+            from tis.common.runtime.scenario_files import lines_told, read_scenario
             from tis.common.runtime.side_log import SideOptions
             from tis.common.runtime.zenoh_session import ZenohOptions
 
             monotonic_ns()  # a skew that cannot be read is refused here
             file = locate(scenario)
-            agreed = located(build_whole(read_scenario(file), str(file), profiles))
+            with lines_told(file):
+                agreed = located(build_whole(read_scenario(file), str(file), profiles))
             zenoh_options = ZenohOptions(connect or (), listen or (), config, cfg or (), insecure)
             _check_company(side, witness, device, devices)
             options = SideOptions(run_dir, zenoh_options, wait_s, alone or not child, witness, device)

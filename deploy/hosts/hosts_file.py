@@ -13,7 +13,7 @@ from tis.common.channels import Side
 from tis.common.errors import Fault, InputError
 from tis.common.runtime.clock import skewed
 from tis.common.runtime.recordings import build_whole
-from tis.common.runtime.scenario_files import read_scenario
+from tis.common.runtime.scenario_files import lines_told, read_scenario
 from tis.common.scenario import Scenario
 from tis.common.scenario.base import Part, RuleText
 from tis.common.scenario.faults import faults
@@ -155,7 +155,8 @@ def read_plan(file: Path) -> Plan:
     if hosts is not None and scenario is not None:
         found += contradictions(str(file), hosts, scenario)
     if found or hosts is None or scenario is None:
-        raise InputError(found)
+        with lines_told(file):
+            raise InputError(found)
     return Plan(file, hosts, scenario)
 
 
@@ -187,4 +188,5 @@ def _scenario(raw: Mapping[str, Any], file: Path) -> Scenario | None:
         return None  # the hosts file's own fault
     beside = _beside(file, name)
     path = beside if is_file(beside) else scenario_path(name)
-    return build_whole(read_scenario(path), str(path), library)
+    with lines_told(path):
+        return build_whole(read_scenario(path), str(path), library)

@@ -9,7 +9,7 @@ import yaml
 from pydantic import ValidationError
 
 from tis.common.errors import Fault, InputError
-from tis.common.runtime.scenario_files import read_scenario
+from tis.common.runtime.scenario_files import lines_told, read_scenario
 from tis.common.scenario.faults import faults
 from tis.common.scenario.profile import Profile
 
@@ -33,7 +33,8 @@ def build_profile(raw: Mapping[str, Any], where: str) -> Profile:
 
 def read_profile(path: Path) -> Profile:
     """Read a profile's file; raises `InputError` with all its faults."""
-    return build_profile(read_scenario(path), str(path))
+    with lines_told(path):
+        return build_profile(read_scenario(path), str(path))
 
 
 def profile_path(name: str) -> Path:

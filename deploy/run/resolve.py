@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from tis.common.errors import Fault, InputError
 from tis.common.runtime.recordings import located, plays_all, whole_run, without_auto
-from tis.common.runtime.scenario_files import read_scenario
+from tis.common.runtime.scenario_files import lines_told, read_scenario
 from tis.common.scenario import Scenario
 from tis.common.scenario import reading as scenario_io
 from tis.common.scenario.overrides import Override, apply_overrides, blamed
@@ -73,7 +73,8 @@ def resolve(
         return located(scenario)
     _, own = _overridden(raw, where, (), {})
     overrides += [Override(f"--{field.replace('_', '-')}", field) for field in values]
-    raise InputError(blamed(found, where, own, overrides))
+    with lines_told(path):
+        raise InputError(blamed(found, where, own, overrides))
 
 
 def _overridden(

@@ -1,7 +1,9 @@
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
+from tis.common.errors import InputError
 from tis.common.scenario.network.loss import Loss
+from tis.common.scenario.reading import build_scenario
 from tis.netem.stages.loss import expected_loss
 
 LOSS: TypeAdapter[Loss] = TypeAdapter(Loss)
@@ -44,3 +46,11 @@ def test_the_least_burst_is_accepted_although_binary_fractions_are_off(p_loss: f
     assert expected_loss(part, {}) == pytest.approx((p_loss, mean_burst), rel=1e-9)
     with pytest.raises(ValidationError, match="mean_burst must be at least"):
         LOSS.validate_python({"kind": "burst", "p_loss": p_loss, "mean_burst": mean_burst * 0.999999})
+
+
+def test_a_share_of_one_is_refused_in_our_words() -> None:
+    raw = {"version": 1, "name": "s", "source": {"kind": "synthetic"}}
+    loss = {"kind": "burst", "p_loss": 1, "mean_burst": 3}
+    with pytest.raises(InputError) as caught:
+        build_scenario(raw | {"network": {"forward": {"loss": loss}}}, "s.yaml")
+    assert str(caught.value) == "s.yaml: network.forward.loss.p_loss: must be less than 1 (got 1)"

@@ -35,10 +35,10 @@ def twin_of_4_s(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("text", "line"),
     [
-        (HEAD + "fnord: 1\n", "tis: s.yaml: fnord: unknown key (got 1)"),
+        (HEAD + "fnord: 1\n", "tis: s.yaml: line 5: fnord: unknown key (got 1)"),
         (
             HEAD + "network: {forward: {delay: {kind: constant, delay_ms: -3}}}\n",
-            "tis: s.yaml: network.forward.delay.delay_ms: must be at least 0 (got -3)",
+            "tis: s.yaml: line 5: network.forward.delay.delay_ms: must be at least 0 (got -3)",
         ),
         ("- a\n- b\n", "tis: s.yaml: must be a mapping of keys to values (got ['a', 'b'])"),
         (HEAD + "seed: 1\nseed: 2\n", "tis: s.yaml: line 6"),
@@ -61,7 +61,7 @@ def test_all_faults_of_a_file_come_at_once(tis: Call) -> None:
     Path("s.yaml").write_text(HEAD + "fnord: 1\nseed: -1\nrate_hz: x\n")
     code, _, err = tis("validate", "s.yaml")
     assert code == 2
-    assert {line.split(": ")[2] for line in err.strip().splitlines()} == {"seed", "rate_hz", "fnord"}
+    assert {line.split(": ")[3] for line in err.strip().splitlines()} == {"seed", "rate_hz", "fnord"}
 
 
 def test_an_unknown_scenario_names_the_shipped_ones(tis: Call) -> None:
