@@ -50,7 +50,7 @@ html_static_path = ["_static"]
 html_css_files = ["manual.css"]
 html_show_sourcelink = False
 html_copy_source = False
-html_sidebars = {"index": [], "glossary": []}
+html_sidebars = {"index": [], "gallery": [], "glossary": []}
 html_theme_options = {
     "show_prev_next": True,
     "navigation_with_keys": False,
