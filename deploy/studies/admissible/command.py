@@ -135,6 +135,7 @@ _SHOWN_WARNINGS: Final = 6
 _FORMATS: Final = ("svg", "pdf")
 _ALWAYS: Final = ("admissible.json", "border.csv", "points.csv")
 _FIGURES: Final = tuple(f"admissible.{form}" for form in _FORMATS)
+_PAGE: Final = "admissible.html"
 
 
 def admissible(
@@ -155,7 +156,7 @@ def admissible(
     begun_s = time.monotonic()
     with workers:
         store = Store(out_dir or Path("runs") / "admissible" / order.name)
-        check_outputs_in(store.path, *_ALWAYS, *_FIGURES)
+        check_outputs_in(store.path, *_ALWAYS, *_FIGURES, _PAGE)
         try:
             with PhaseProgress(err) as progress:
                 evaluation = Evaluation(order.estimators, order.limits, store, workers, progress)
@@ -186,11 +187,14 @@ def _write(report: dict[str, Any], path: Path, err: Console) -> list[str]:
         "border.csv": tables.border_csv(report),
         "points.csv": tables.points_csv(report),
     }
-    if find_spec("matplotlib") is None:
-        err.print(escape(f"no figure without matplotlib: {GET_REPORT}"), style="dim")
+    if find_spec("matplotlib") is None or find_spec("bokeh") is None:
+        err.print(escape(f"no figure and no page without matplotlib and Bokeh: {GET_REPORT}"), style="dim")
     else:
+        from tis.deploy.studies.admissible.page import admissible_html
+
         files |= _figures(report)
-    for name in _FIGURES:
+        files[_PAGE] = admissible_html(report, files.get("admissible.svg"))
+    for name in (*_FIGURES, _PAGE):
         if name not in files:
             folder.remove(path / name)
     for name, content in files.items():

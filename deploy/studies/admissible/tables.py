@@ -12,7 +12,7 @@ from tis.deploy.present.table import OPEN, Column, Table
 from tis.deploy.studies.admissible.criterion import Limit
 
 Report = Mapping[str, Any]
-_CAPTION: Final = (
+CAPTION: Final = (
     "share: of the box; alone: how far an axis may go while the others are at their best; fresh: places drawn inside "
     "and outside of the region, and how many of them a fresh set of seeds judges otherwise"
 )
@@ -21,18 +21,11 @@ _Wrapped: Final = partial(Column, wraps=True)
 
 def view(report: Report) -> RenderableType:
     """Return the study for a terminal: the regions, then the profiles."""
-    parts: list[RenderableType] = [Text(headline(report), style="bold"), Text(), _regions(report).terminal(OPEN)]
-    parts.append(Text(f"\n{_CAPTION}", style="dim"))
+    parts: list[RenderableType] = [Text(headline(report), style="bold"), Text(), regions(report).terminal(OPEN)]
+    parts.append(Text(f"\n{CAPTION}", style="dim"))
     if report["profiles"]:
-        tried = report["profiles_tried"]
-        most = max((one["copies"] for one in tried), default=1)
-        note = (
-            "mean delay and loss of the forward link by its models, outages counted as loss; yes: admissible; "
-            "with ...: the cheapest redundancy that makes it so, and what the surgeon then sends; "
-            f"no: not admissible, with none of {len(tried)} redundancies up to {most} copies either"
-        )
         parts.append(Text("\nProfiles of the library as the network of this scenario"))
-        parts += [_profiles(report).terminal(OPEN), Text(f"\n{note}", style="dim")]
+        parts += [profiles(report).terminal(OPEN), Text(f"\n{profiles_note(report)}", style="dim")]
     return Group(*parts)
 
 
@@ -85,7 +78,19 @@ def points_csv(report: Report) -> str:
     ).csv()
 
 
-def _regions(report: Report) -> Table:
+def profiles_note(report: Report) -> str:
+    """Return what the columns of `profiles` mean."""
+    tried = report["profiles_tried"]
+    most = max((one["copies"] for one in tried), default=1)
+    return (
+        "mean delay and loss of the forward link by its models, outages counted as loss; yes: admissible; "
+        "with ...: the cheapest redundancy that makes it so, and what the surgeon then sends; "
+        f"no: not admissible, with none of {len(tried)} redundancies up to {most} copies either"
+    )
+
+
+def regions(report: Report) -> Table:
+    """Return the share of the box and the reach along each axis, by estimator."""
     axes = [
         _Wrapped(f"{axis['path'].split('.')[-1]} alone", show="{:.0f}".format if axis["whole"] else number)
         for axis in report["axes"]
@@ -107,7 +112,8 @@ def _regions(report: Report) -> Table:
     return Table("", ["estimator", share, *axes, *map(_Wrapped, ("rays", "fresh in", "out"))], rows)
 
 
-def _profiles(report: Report) -> Table:
+def profiles(report: Report) -> Table:
+    """Return delay and loss of each profile, and whether it is admissible, by estimator."""
     names = list(report["estimators"])
     rows = []
     for one in report["profiles"]:
