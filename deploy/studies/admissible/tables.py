@@ -24,8 +24,7 @@ def view(report: Report) -> RenderableType:
     parts: list[RenderableType] = [Text(headline(report), style="bold"), Text(), regions(report).terminal(OPEN)]
     parts.append(Text(f"\n{CAPTION}", style="dim"))
     if report["profiles"]:
-        parts.append(Text("\nProfiles of the library as the network of this scenario"))
-        parts += [profiles(report).terminal(OPEN), Text(f"\n{profiles_note(report)}", style="dim")]
+        parts += [Text(), profiles(report).terminal(OPEN), Text(f"\n{profiles_note(report)}", style="dim")]
     return Group(*parts)
 
 
@@ -109,7 +108,8 @@ def regions(report: Report) -> Table:
                 f"{check['overlooked']}/{check['n_outside']}",
             ]
         )
-    return Table("", ["estimator", share, *axes, *map(_Wrapped, ("rays", "fresh in", "out"))], rows)
+    columns = ["estimator", share, *axes, *map(_Wrapped, ("rays", "fresh in", "out"))]
+    return Table("The region of each estimator", columns, rows)
 
 
 def profiles(report: Report) -> Table:
@@ -120,7 +120,8 @@ def profiles(report: Report) -> Table:
         forward = one["forward"]
         lost = 100 - (100 - forward["loss_pct"]) * (100 - forward["outage_pct"]) / 100
         rows.append([one["name"], forward["mean_ms"], f"{lost:.2g}", *(_verdict(one, name) for name in names)])
-    return Table("", ["profile", *map(_Wrapped, ("ms", "loss %", *names))], rows)
+    columns = ["profile", *map(_Wrapped, ("ms", "loss %", *names))]
+    return Table("Profiles of the library as the network of this scenario", columns, rows)
 
 
 def _verdict(one: Mapping[str, Any], name: str) -> str:
