@@ -108,7 +108,7 @@ def regions(report: Report) -> Table:
                 f"{check['overlooked']}/{check['n_outside']}",
             ]
         )
-    columns = ["estimator", share, *axes, *map(_Wrapped, ("rays", "fresh in", "out"))]
+    columns: list[str | Column] = ["estimator", share, *axes, *map(_Wrapped, ("rays", "fresh in", "out"))]
     return Table("The region of each estimator", columns, rows)
 
 
@@ -120,7 +120,7 @@ def profiles(report: Report) -> Table:
         forward = one["forward"]
         lost = 100 - (100 - forward["loss_pct"]) * (100 - forward["outage_pct"]) / 100
         rows.append([one["name"], forward["mean_ms"], f"{lost:.2g}", *(_verdict(one, name) for name in names)])
-    columns = ["profile", *map(_Wrapped, ("ms", "loss %", *names))]
+    columns: list[str | Column] = ["profile", *map(_Wrapped, ("ms", "loss %", *names))]
     return Table("Profiles of the library as the network of this scenario", columns, rows)
 
 
