@@ -3,6 +3,7 @@
 Sequence number and send time travel in the attachment (`tis.common.header`), outside the payload.
 """
 
+import threading
 from collections.abc import Callable, Mapping
 from itertools import pairwise
 from typing import Annotated, Any, Final, Literal, TypeVar, get_args, get_type_hints
@@ -32,6 +33,9 @@ class Message(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
 
 Decoded = TypeVar("Decoded", bound=Message)
 
+_building: Final = threading.Lock()
+_decoders: Final[dict[type[Message], json.Decoder[Any]]] = {}
+
 
 def _plain(value: object) -> object:
     """Return a number or text of a derived type as itself: numpy's float64 is a float, also for mypy."""
@@ -54,9 +58,19 @@ def as_row(message: Message) -> dict[str, Any]:
 def decode(payload: bytes, model: type[Decoded]) -> Decoded:
     """Return the message in a payload; raises `msgspec.DecodeError` for whatever is none."""
     try:
-        return json.decode(payload, type=model)
+        found: Decoded = (_decoders.get(model) or _decoder(model)).decode(payload)
+        return found
     except (UnicodeError, RecursionError) as error:
         raise DecodeError(str(error)) from None
+
+
+def _decoder(model: type[Message]) -> json.Decoder[Any]:
+    # One thread at a time: msgspec 0.22 shows a type to other threads before it is whole, and they crash.
+    with _building:
+        found = _decoders.get(model)
+        if found is None:
+            found = _decoders[model] = json.Decoder(model)
+        return found
 
 
 def meanings(model: type[Message]) -> Mapping[str, str]:

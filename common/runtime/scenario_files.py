@@ -39,10 +39,14 @@ def read_limited(path: Path, max_bytes: int) -> bytes:
 RUNS: Final = Path("runs")
 """Folder of the runs whose folder the user does not name."""
 _MAX_FOLDERS: Final = 20
+_RECORDINGS: Final = (".csv", ".tsv", ".parquet", ".mcap", ".db3", ".bag")
 
 
 def read_scenario(path: Path) -> dict[str, Any]:
     """Return a scenario file's top-level mapping, not validated yet; raises `InputError`."""
+    if path.suffix.lower() in _RECORDINGS:
+        rule = "is a recording, not a scenario: tis import, with its name, says how it is played"
+        raise InputError(Fault(str(path), "", rule))
     try:
         text = read_limited(path, MAX_YAML_BYTES).decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:

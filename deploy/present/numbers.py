@@ -63,8 +63,13 @@ def rounded_up(value: float, digits: int) -> str:
 
 
 def percent(ratio: float | None, fine: bool = False) -> str:
-    """Return a ratio in per cent without its sign, a dash for none; ``fine``: with a decimal below 10."""
-    return NONE if ratio is None else f"{100 * ratio:.{int(fine and ratio < 0.1)}f}"
+    """Return a ratio in per cent without its sign, a dash for none; ``fine``: with a decimal below 10.
+
+    Below 1 it has a significant digit: nothing but 0 is 0 %.
+    """
+    if ratio is None:
+        return NONE
+    return f"{100 * ratio:.1g}" if 0 < ratio < 0.0095 else f"{100 * ratio:.{int(fine and ratio < 0.1)}f}"
 
 
 def per_axis(values: Iterable[float | None], digits: int = 2) -> str:

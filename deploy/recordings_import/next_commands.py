@@ -9,7 +9,7 @@ from tis.common.errors import DataError, InputError
 from tis.common.runtime.process import command_line
 from tis.common.runtime.recordings import build_whole, load_recording
 from tis.common.runtime.recordings.table_file import open_table
-from tis.common.runtime.scenario_files import read_scenario
+from tis.common.runtime.scenario_files import RUNS, read_scenario
 from tis.common.scenario.identification import Identification
 from tis.common.scenario.patient import PatientPart
 from tis.common.scenario.reading import apply_settings, setting
@@ -45,7 +45,7 @@ def next_commands(file: Path, columns: Mapping[str, Array]) -> list[str]:
         own = [*tried, "identification.train=own_head"]  # the folder's other tables may have other columns
         return [
             f"play it with: {_command('twin', whole)}",
-            f"compare estimators on it with: {_command('compare', own)}",
+            f"compare estimators on it with: {_command('compare', own, '--out', str(RUNS / 'compare' / file.stem))}",
         ]
     return [f"it cannot be played yet: {fault}" for fault in faults]
 
@@ -61,8 +61,8 @@ def own_table(file: Path) -> list[str]:
     return ["has the columns of tis, so that it needs no import", *next_commands(file, table.read(names, TIME))]
 
 
-def _command(name: str, settings: list[str]) -> str:
-    return command_line([name, _SCENARIO.stem, *(word for each in settings for word in ("--set", each))])
+def _command(name: str, settings: list[str], *more: str) -> str:
+    return command_line([name, _SCENARIO.stem, *(word for each in settings for word in ("--set", each)), *more])
 
 
 def _settings(file: Path, columns: Mapping[str, Array]) -> list[str]:

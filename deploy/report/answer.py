@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from html import escape
 
 from tis.common.scenario import Scenario
-from tis.deploy.present.numbers import number
+from tis.deploy.present.numbers import number, percent
 from tis.deploy.present.page import Section, nonbreaking_units, problem_list
 from tis.deploy.report.network_picture import DirectionFigures, network_picture
 from tis.deploy.report.run_view import RunView
@@ -71,7 +71,7 @@ def _accurate_texts(summary: Summary, scenario: Scenario) -> list[str]:
     ratios = [ratio for hand in hands if (ratio := known[hand][active].ratio_to_hold) is not None]
     if len(ratios) == len(hands):
         so = "So estimating" if max(ratios) <= 1 else "So estimating did not pay here: it"
-        sentences.append(f"{so} leaves {' and '.join(f'{100 * ratio:.0f} %' for ratio in ratios)} of the error.")
+        sentences.append(f"{so} leaves {' and '.join(f'{percent(ratio)} %' for ratio in ratios)} of the error.")
     for hand in hands:
         best = min(known[hand], key=lambda name: known[hand][name].rmse_3d_mm or 0.0)
         if best != active:
@@ -153,7 +153,7 @@ def _accurate(summary: Summary, scenario: Scenario) -> tuple[str, str, str, str]
     hands = f" ({' / '.join(hand for hand, _ in found)} hand)" if len(found) > 1 else ""
     if not ratios or len(ratios) < len(found) or active == "hold":
         return "How accurate", value, "mm", f"RMSE of {active}, in 3D{hands}"
-    share = " / ".join(f"{100 * ratio:.0f}" for ratio in ratios)
+    share = " / ".join(map(percent, ratios))
     beside = f"RMSE of {active}, in 3D{hands}: {share} % of the error of repeating the last position (hold)"
     return "How accurate", value, "mm", beside
 

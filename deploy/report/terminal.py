@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.text import Text
 
-from tis.deploy.present.numbers import number
+from tis.deploy.present.numbers import number, percent
 from tis.deploy.report.contents import run_warnings, tables
 from tis.deploy.report.section import NOT_RESOLVABLE
 from tis.deploy.report.subjects.network.link_figures import LinkVerdict
@@ -90,7 +90,7 @@ def _accuracy(summary: Summary) -> Iterator[Row]:
         return
     text = f"{entry.label(active)} {number(entry.rmse_3d_mm)} mm (RMSE in 3D)"
     if active != "hold":
-        share = "beside" if entry.ratio_to_hold is None else f"{100 * entry.ratio_to_hold:.0f} % of"
+        share = "beside" if entry.ratio_to_hold is None else f"{percent(entry.ratio_to_hold)} % of"
         text += f", {share} the {number(hold.rmse_3d_mm)} mm of repeating the newest position (hold)"
     yield Row("error", text)
     others = [
@@ -128,7 +128,7 @@ def _orientation(summary: Summary) -> Iterator[Row]:
         entry = scores.get(active)
         if entry is None or entry["rms"] is None:
             continue
-        share = "" if entry.ratio_to_hold is None else f" ({100 * entry.ratio_to_hold:.0f} % of hold's)"
+        share = "" if entry.ratio_to_hold is None else f" ({percent(entry.ratio_to_hold)} % of hold's)"
         which = f"{hand} " if len(summary.orientation_deg) > 1 else ""
         texts.append(f"{which}{number(entry['rms'])} deg{share if active != 'hold' else ''}")
     if texts:

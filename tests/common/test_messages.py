@@ -1,5 +1,7 @@
 import contextlib
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -211,3 +213,28 @@ def test_a_lock_ends_where_its_text_ends(lock: str) -> None:
     for message in (EmergencyStop(stop=True, lock=f"{lock}\n"), StopsInForceNote(at_ns=0, stops=f"7:{lock}\n")):
         with pytest.raises(DecodeError):
             decode(encode(message), type(message))
+
+
+_RACE = """
+import sys, threading
+from msgspec import defstruct
+from tis.common.messages import Message, decode
+sys.setswitchinterval(1e-6)
+for n in range(300):
+    inner = [defstruct(f"I{n}_{i}", [(f"g{j}", int | None, None) for j in range(3)]) for i in range(4)]
+    fields = [(f"f{i}", one | None, None) for i, one in enumerate(inner)]
+    model = defstruct(f"M{n}", fields, bases=(Message,), frozen=True)
+    gate = threading.Barrier(3)
+    def first():
+        gate.wait()
+        decode(b'{"f3":{"g1":1}}', model)
+    threads = [threading.Thread(target=first) for _ in range(3)]
+    for one in threads: one.start()
+    for one in threads: one.join()
+"""
+
+
+def test_the_first_messages_of_a_kind_may_come_in_several_threads_at_once() -> None:
+    """Msgspec shows a type to other threads before it is whole: the process died by SIGSEGV."""
+    found = subprocess.run([sys.executable, "-c", _RACE], capture_output=True, text=True, check=False)
+    assert (found.returncode, found.stderr) == (0, "")

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
+from tis.deploy.compare.results.pooled import ENOUGH_PEOPLE, range_holds_median_pct
 from tis.deploy.present.numbers import number
 
 Report = Mapping[str, Any]
@@ -49,9 +50,14 @@ def _won(name: str, settings: Sequence[Rows], where: str) -> str:
     gains = [100 * (1 - ratio) for rows in settings if (ratio := rows[0]["ratio_to_hold"]) is not None]
     if not gains:
         return f"{name} is best{where}."
-    low, high = round(min(gains)), round(max(gains))
+    low, high = _gain(min(gains)), _gain(max(gains))
     span = f"{low} %" if low == high else f"{low} to {high} %"
     return f"{name} is best{where}: its error is {span} below hold's."
+
+
+def _gain(pct: float) -> str:
+    """Return a gain in per cent; from 99 on with what is left of the error: no gain is 100 %."""
+    return f"{pct:.0f}" if pct < 99 else f"{100 - float(f'{100 - pct:.1g}'):.6g}"
 
 
 def _close(ranked: Sequence[Rows], names: Mapping[str | None, str]) -> Iterable[str]:
@@ -69,6 +75,10 @@ def _close(ranked: Sequence[Rows], names: Mapping[str | None, str]) -> Iterable[
         yield "It is told apart from each other one." if len(ranked) == 1 else "Each is told apart from all others."
     for (best_name, rival), settings in near.items():
         yield f"{rival} is not told apart from {best_name}{_where(settings, len(ranked))}."
+    n_people = ranked[0][0]["n_people"]
+    if n_people < ENOUGH_PEOPLE:
+        most = range_holds_median_pct(n_people)
+        yield f"Intervals over {n_people} people are right {most:.0f} times in 100 at most."
 
 
 def _where(settings: Sequence[str], n_all: int) -> str:

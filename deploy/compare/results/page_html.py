@@ -15,8 +15,8 @@ from tis.deploy.compare.grid import axis_words
 from tis.deploy.compare.results.answer import answer
 from tis.deploy.compare.results.page_sums import PageSums
 from tis.deploy.compare.results.pooled import origin
-from tis.deploy.compare.results.tables import TURN_CAPTION, headline, turn_table
-from tis.deploy.present.page import Page, Section, nonbreaking_units, page_html
+from tis.deploy.compare.results.tables import TURN_CAPTION, headline, setting_title, turn_table
+from tis.deploy.present.page import Page, Section, nonbreaking_units, note, page_html, problem_list
 from tis.deploy.present.palette import AXIS, SOFT, look_of
 from tis.deploy.present.plot_style import Figure, plain_figure
 
@@ -30,6 +30,7 @@ _TOOLTIPS: Final = [
 ]
 _BAND_ALPHA: Final = 0.14
 _LARGEST_RATIO: Final = 1.2
+_MAX_WARNINGS: Final = 5
 
 
 def curve_figures(names: Sequence[str]) -> Figure:
@@ -112,6 +113,9 @@ _MARKS: Final = {"solid": "", "dashed": "dashed", "dotted": "dotted", "dashdot":
 def comparison_html(report: dict[str, Any], sums: PageSums) -> str:
     """Return the page; the script pools `sums` again whenever a filter changes."""
     found = f'<p class="answer">{escape(nonbreaking_units(answer(report)))}</p>'
+    computed = [one for one in report["settings"] if one["n_cells"]]
+    found += note(f"{setting_title(computed[0])}.") if len(computed) == 1 else ""
+    found += problem_list((), report["warnings"][:_MAX_WARNINGS])
     sections = [
         Section("answer", "The answer", markup=found),
         Section("choose", "What is shown", markup=_filters(sums) + '<p class="note" id="words"></p>'),
@@ -127,10 +131,7 @@ def comparison_html(report: dict[str, Any], sums: PageSums) -> str:
     sections += [
         Section("age", "Age", [age_figure(sums.estimators)]),
         Section("table", "Table", markup=_table()),
-        *(
-            [Section("orientation", "Orientation and gripper", markup=_orientation(report))]
-            * bool(report["orientation"])
-        ),
+        *([Section("orientation", "Orientation", markup=_orientation(report))] * bool(report["orientation"])),
         Section("repeat", "How to repeat it", markup=f"<pre><code>{escape(report['command'])}</code></pre>"),
     ]
     about = _json(sums.about() | {"synthetic": report["source"] == "synthetic"})
@@ -140,7 +141,11 @@ def comparison_html(report: dict[str, Any], sums: PageSums) -> str:
     title = f"{report['scenario']}: estimators compared"
     made = origin(report)
     kind = "" if made == "synthetic" else report["source"]  # the file format of JIGSAWS is no origin
-    tags = [(f"{report['n_computed']:,} twins", ""), (f"{made} movement" if made else "", "open"), (kind, "")]
+    tags = [
+        (f"{report['n_computed']:,} twin{'s' * (report['n_computed'] != 1)}", ""),
+        (f"{made} movement" if made else "", "open"),
+        (kind, ""),
+    ]
     tags = [(text, look) for text, look in tags if text]
     return page_html(
         Page(title, title, tags, sections, headline(report)),

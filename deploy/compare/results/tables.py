@@ -187,11 +187,12 @@ def _tables(report: Report) -> list[tuple[Table, Rows, Table | None]]:
                 for kind in ("rows", "orientation")
             )
             rows += [{**_WITHOUT_SCORE, "estimator": name} for name in about.get("failed", ())]
-            found.append((scores_table(rows, _title(about)), rows, turn_table(turns) if turns else None))
+            found.append((scores_table(rows, setting_title(about)), rows, turn_table(turns) if turns else None))
     return found
 
 
-def _title(about: Mapping[str, Any]) -> str:
+def setting_title(about: Mapping[str, Any]) -> str:
+    """Return the values of a setting, how old its samples were, and what was sent."""
     values = ", ".join(f"{_last(path)} = {value}" for path, value in about.get("at", {}).items())
     at = f"{values}: " if values else ""
     age = about["age_ms"]

@@ -39,6 +39,7 @@ def test_a_diverged_filter_has_a_power_of_ten() -> None:
 
 def test_percent() -> None:
     assert [numbers.percent(value) for value in (None, 0.123, 0.0123)] == ["-", "12", "1"]
+    assert [numbers.percent(value) for value in (0.0, 0.00125, 0.0094, 0.0096)] == ["0", "0.1", "0.9", "1"]
     assert [numbers.percent(value, fine=True) for value in (None, 0.123, 0.0123)] == ["-", "12", "1.2"]
 
 

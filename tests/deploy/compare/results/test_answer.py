@@ -50,6 +50,17 @@ def test_the_best_is_named_with_its_gain_and_its_rivals(settings: Mapping[str | 
     assert answer(report(settings)) == words
 
 
+def test_no_gain_is_all_of_the_error() -> None:
+    tiny: Ratios = {"hold": (1.0, 800.0, 700.0), "one": (0.00125, 1.0, 1.0)}
+    assert answer(report({None: tiny})).startswith("one is best: its error is 99.9 % below hold's.")
+
+
+def test_few_people_are_said_with_the_answer() -> None:
+    assert answer(report({None: FAR}, n_people=2)).endswith(
+        "Intervals over 2 people are right 50 times in 100 at most."
+    )
+
+
 def test_of_one_person_nothing_is_told_apart() -> None:
     alone = {name: (ratio, best, None) for name, (ratio, best, _) in FAR.items()}
     assert answer(report({None: alone}, n_people=1)).endswith(
