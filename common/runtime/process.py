@@ -58,11 +58,12 @@ PACKAGES: Final = str(Path(tis.__file__).parents[1])
 def child_environment() -> dict[str, str]:
     """Return this process's environment, in which ``python -m`` does not put the current folder on the path.
 
+    A child that crashes within a library prints where.
     A module there that has the name of one of ours or of a library would replace it. The testbed's own folder is not
     put on the path either: in a checkout it holds packages of common names. Oracle:
     `tests/common/runtime/test_process`, children in folders with packages of those names.
     """
-    return {**os.environ, "PYTHONSAFEPATH": "1"}
+    return {**os.environ, "PYTHONSAFEPATH": "1", "PYTHONFAULTHANDLER": "1"}
 
 
 def free_endpoints(protocol: str = "tcp") -> tuple[str, str]:
@@ -81,7 +82,8 @@ _STANDARD_STREAMS: Final = (0, 1, 2)
 class Interrupt:
     """SIGINT, SIGTERM and SIGHUP as a flag; ``wakers`` wake the waiting loops.
 
-    SIGHUP, sent when a terminal or its ssh session ends, stays ignored where it is ignored already (``nohup``).
+    SIGHUP, sent when a terminal or its ssh session ends, stays ignored where it is ignored already (``nohup``). SIGINT
+    does not: a shell script starts what it puts in the background with SIGINT ignored.
     """
 
     def __init__(self) -> None:
@@ -92,7 +94,8 @@ class Interrupt:
     @contextmanager
     def installed(self) -> Iterator[None]:
         """Handle the signals within the block."""
-        handled = [number for number in _ENDING if signal.getsignal(number) is not signal.SIG_IGN]
+        is_nohup = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+        handled = [number for number in _ENDING if not (is_nohup and number == signal.SIGHUP)]
         before = {number: signal.signal(number, self._note) for number in handled}
         try:
             yield

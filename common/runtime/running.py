@@ -19,6 +19,9 @@ WEST: Final = "tcp/127.0.0.1:7447"
 EAST: Final = "tcp/127.0.0.1:7448"
 """Endpoints of an emulator that nobody has named."""
 
+ALONE: Final = "tis netem"
+"""Title of an emulator that runs by itself."""
+
 _PRIVATE: Final = 0o700
 _SUFFIX: Final = ".json"
 _MAX_BYTES: Final = 4096

@@ -18,7 +18,7 @@ from tis.common.errors import EXIT_INTERRUPTED, EXIT_OK, Fault, InputError, Peer
 from tis.common.extras import GET_REPORT
 from tis.common.runtime.emulator_client import running_here
 from tis.common.runtime.process import Interrupt, child_environment
-from tis.common.runtime.running import EAST, WEST, Running
+from tis.common.runtime.running import ALONE, EAST, WEST, Running
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario import Scenario
 from tis.deploy.shell.early_checks import can_report
@@ -193,4 +193,7 @@ def _awaited(prefix: str | None, wait_s: float | None, interrupt: Interrupt, err
             raise PeerError(Fault("tis view", WEST, f"no answer from a run within {wait_s} s"))
         time.sleep(_POLL_S)
     err.print(f"found: {here.title}", style="dim", soft_wrap=True)
+    if here.title == ALONE:
+        words = "the page shows runs of the testbed, so it waits for surgeon and patient; tis net show tells of netem alone"
+        err.print(words, style="yellow", soft_wrap=True)
     return here

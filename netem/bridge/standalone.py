@@ -22,7 +22,7 @@ from tis.common.runtime.memory import share_arenas
 from tis.common.runtime.process import Interrupt, command_line
 from tis.common.runtime.processor_watch import ProcessorWatch
 from tis.common.runtime.recorder import ThreadedRecorder
-from tis.common.runtime.running import Running, announced
+from tis.common.runtime.running import ALONE, Running, announced
 from tis.common.runtime.scenario_files import load_traces, trace_attachments
 from tis.common.runtime.side_log import LOG_VERSION
 from tis.common.runtime.status import Status
@@ -134,7 +134,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         # Stage 3: the log and the clock; from here on packets pass.
         tally = Tally(open_log(options), BufferWatch(links, options.network.buffer, status.warning).look)
         clock = start(bridge)
-        stack.enter_context(announced(Running(**_ends(options), session=options.prefix, title="tis netem")))
+        stack.enter_context(announced(Running(**_ends(options), session=options.prefix, title=ALONE)))
         for line in _first_lines(options, traces):
             tell(line)
         drive(bridge, tally, clock, options, interrupt, deadline)
