@@ -82,8 +82,8 @@ _STANDARD_STREAMS: Final = (0, 1, 2)
 class Interrupt:
     """SIGINT, SIGTERM and SIGHUP as a flag; ``wakers`` wake the waiting loops.
 
-    SIGHUP, sent when a terminal or its ssh session ends, stays ignored where it is ignored already (``nohup``). SIGINT
-    does not: a shell script starts what it puts in the background with SIGINT ignored.
+    SIGHUP, sent when a terminal or its ssh session ends, stays ignored where it is ignored already (``nohup``).
+    SIGINT does not: a shell script starts what it puts in the background with SIGINT ignored.
     """
 
     def __init__(self) -> None:

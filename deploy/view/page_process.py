@@ -194,6 +194,6 @@ def _awaited(prefix: str | None, wait_s: float | None, interrupt: Interrupt, err
         time.sleep(_POLL_S)
     err.print(f"found: {here.title}", style="dim", soft_wrap=True)
     if here.title == ALONE:
-        words = "the page shows runs of the testbed, so it waits for surgeon and patient; tis net show tells of netem alone"
+        words = "the page is of runs: it waits for surgeon and patient; tis net show tells of netem alone"
         err.print(words, style="yellow", soft_wrap=True)
     return here
