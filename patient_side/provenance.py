@@ -23,13 +23,13 @@ def warnings_at_start(scenario: Scenario, recording: Recording, models: Sequence
 
 
 def _held_orientations(scenario: Scenario, models: Sequence[ArmModel]) -> tuple[str, ...]:
-    """Return a warning for each model, as an older file's, that has nothing for the active orientation method."""
+    """Return a warning for each model of a file, as an older one's, without the active orientation method."""
     active = scenario.patient.orientation.active
     return tuple(
         f"the model of the {model.hand} hand has nothing for patient.orientation.active {active}: orientation and "
         "gripper of the answers are those of the newest sample; tis identify writes a model that has it"
         for model in models
-        if active != "hold" and (model.wrist is None or not model.wrist.serves(active))
+        if model_file(scenario) and active != "hold" and (model.wrist is None or not model.wrist.serves(active))
     )
 
 

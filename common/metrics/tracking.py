@@ -157,6 +157,11 @@ def _exists(position_m: Array) -> NDArray[np.bool_]:
     return rows
 
 
+def moves(recorded: Array) -> bool:
+    """Tell whether recorded values (N, ...) ever change: a source without orientation or gripper repeats one."""
+    return bool((recorded != recorded[:1]).any())
+
+
 _BATCH: Final = 20_000
 
 

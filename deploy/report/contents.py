@@ -90,6 +90,7 @@ def sections(run: RunView) -> list[Section]:
 
     summary, links = run.summary, run.summary.links
     drawn = page_figures(run)
+    turns = any(bins.n for of_hand in summary.orientation_by_age.values() for bins in of_hand.values())
     found = [
         answer_section(run, run_warnings(summary)),
         Section("error", "Error", drawn["error"], mark=run.mark),
@@ -105,7 +106,7 @@ def sections(run: RunView) -> list[Section]:
             drawn["distributions"],
             mark=run.mark,
             beside=True,
-            more="Delays, losses in a row, release errors, orientation against age",
+            more="Delays, losses in a row, release errors" + ", orientation against age" * turns,
         ),
         Section(
             "model",

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.metrics.consistency import CHI2_3_95
-from tis.common.metrics.tracking import error_vectors, orientation_at
+from tis.common.metrics.tracking import error_vectors, moves, orientation_at
 from tis.common.sources.trajectory import HandRecording, Recording
 from tis.common.units import NS_PER_MS, sample_instant_ns
 from tis.deploy.compare.cells.measured import MeasuredEstimator, MeasuredMethod
@@ -103,13 +103,15 @@ def wrist_sums(
     """Return one hand's sums by method over the scored ticks of its track, in rad.
 
     A missing estimate counts with hold's. The truth is the recorded arm's, turned at a constant speed between two
-    samples. Oracles: the summary of a logged twin, test_wrist_sums, and values by hand.
+    samples; an orientation or a gripper that never moves is not scored, as the recording lacks it.
+    Oracles: the summary of a logged twin, test_wrist_sums, and values by hand.
     """
     rows = hand.follower.rows(recording.start, len(recording))
     sample_ns = np.array([sample_instant_ns(k, recording.rate_hz) for k in range(len(rows))], dtype=np.int64)
     t_ns = track.t_ns[track.scored]
     truth = orientation_at(t_ns, sample_ns, rows.orientation)
     truth_rad = np.interp(t_ns, sample_ns, rows.gripper_rad)
+    n_turns, n_openings = len(t_ns) * moves(rows.orientation), len(t_ns) * moves(rows.gripper_rad)
     errors = {name: _errors(method, track, truth, truth_rad) for name, method in methods.items()}
     held, held_rad = errors["hold"] if "hold" in errors else (np.empty((0, 3)), np.empty(0))
     found: dict[str, Any] = {}
@@ -117,13 +119,15 @@ def wrist_sums(
         error, error_rad = errors[name]
         missing = ~np.isfinite(error).all(axis=1) | ~np.isfinite(error_rad)
         error, error_rad = np.where(missing[:, None], held, error), np.where(missing, held_rad, error_rad)
-        inside, known = covered(error, method.covariances_rad2[track.scored])
-        variances = method.gripper_variances_rad2[track.scored]
+        error, error_rad = error[:n_turns], error_rad[:n_openings]
+        inside, known = covered(error, method.covariances_rad2[track.scored][:n_turns])
+        variances = method.gripper_variances_rad2[track.scored][:n_openings]
         stated = np.isfinite(variances)
         found[name] = {
             "sse_rad2": float(np.sum(error**2)),
             "sse_gripper_rad2": float(np.sum(error_rad**2)),
-            "n_scored": len(error),
+            "n_scored": n_turns,
+            "n_gripper_scored": n_openings,
             "n_missing": int(np.count_nonzero(missing)),
             "n_covered": inside,
             "n_ellipsoids": known,

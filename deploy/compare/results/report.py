@@ -23,6 +23,7 @@ HandSums = Sequence[Mapping[str, Any]]
 
 class _WristSums(NamedTuple):
     n: Array
+    n_gripper: Array
     sse_rad2: Array
     hold_rad2: Array
     sse_gripper_rad2: Array
@@ -39,11 +40,13 @@ class _WristScores(NamedTuple):
 def orientation_rows(about: Mapping[str, Any], by_person: Sequence[HandSums]) -> list[dict[str, Any]]:
     """Return a row for each method of one setting, pooled over people, with 95 % bootstrap intervals over people.
 
-    ``about`` begins each row. A method that a hand lacks, as its model has nothing for it, has no row. Pooling and
+    ``about`` begins each row. A method that a hand lacks, as its model has nothing for it, has no row; without a hand
+    that turns or whose gripper moves there is none. What no hand does has no scores. Pooling and
     resampling are those of `tis.deploy.compare.results.pooled.pooled`. Oracle: `test_orientation_rows`.
     """
     everything = [hand["orientation"] for hands in by_person for hand in hands]
-    methods = get_args(OrientationMethod) if everything else ()
+    scored = any(sums["n_scored"] or sums["n_gripper_scored"] for entry in everything for sums in entry.values())
+    methods = get_args(OrientationMethod) if scored else ()
     names = [name for name in methods if all(name in entry for entry in everything)]
     return [{**about, "method": name, **_wrist_row(by_person, everything, name)} for name in names]
 
@@ -79,7 +82,10 @@ def _wrist_row(by_person: Sequence[HandSums], everything: Sequence[Mapping[str, 
 def _wrist_sums(hands: HandSums, name: str) -> _WristSums:
     found = [(hand["orientation"][name], hand["orientation"]["hold"]) for hand in hands]
     sums = [
-        (one["n_scored"], one["sse_rad2"], hold["sse_rad2"], one["sse_gripper_rad2"], hold["sse_gripper_rad2"])
+        (
+            *(one[name] for name in ("n_scored", "n_gripper_scored")),
+            *(each[name] for name in ("sse_rad2", "sse_gripper_rad2") for each in (one, hold)),
+        )
         for one, hold in found
     ]
     return _WristSums(*np.sum(np.array(sums, dtype=float), axis=0))
@@ -90,7 +96,7 @@ def _wrist_scores(sums: _WristSums) -> _WristScores:
         return _WristScores(
             np.degrees(np.sqrt(sums.sse_rad2 / sums.n)),
             np.where(sums.hold_rad2 > 0, np.sqrt(sums.sse_rad2 / sums.hold_rad2), np.nan),
-            np.sqrt(sums.sse_gripper_rad2 / sums.n),
+            np.sqrt(sums.sse_gripper_rad2 / sums.n_gripper),
             np.where(sums.hold_gripper_rad2 > 0, np.sqrt(sums.sse_gripper_rad2 / sums.hold_gripper_rad2), np.nan),
         )
 

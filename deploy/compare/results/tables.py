@@ -111,28 +111,32 @@ _TURNS: Final = (
     _with_digits("cover", 1),
     *(_with_digits(head, 1) for head in ("\u00b5s", "p99")),
 )
+_GRIPPER: Final = range(5, 8)
 _TURN_SCORES: Final = ("coverage_pct", "gripper_rms_rad", "gripper_ratio_to_hold", "gripper_coverage_pct")
 
 
 def turn_table(rows: Rows, title: str = "", settings: bool = False) -> Table:
-    """Return the scores of the orientation methods: degrees beside hold's, the gripper likewise.
+    """Return the scores of the orientation methods: degrees beside hold's, the gripper likewise if one moves.
 
     With ``settings`` the setting of each row comes first.
     """
+    opens = any(row["gripper_rms_rad"] is not None for row in rows)
+    scores = _TURN_SCORES if opens else _TURN_SCORES[:1]
+    columns = _TURNS if opens else tuple(one for k, one in enumerate(_TURNS) if k not in _GRIPPER)
     cells = [
         [
             row["method"],
             row["rms_deg"],
             row["ratio_to_hold"],
             None if row["method"] == "hold" else row["ratio_to_hold_interval_95"],
-            *(row[name] for name in _TURN_SCORES),
+            *(row[name] for name in scores),
             *(row["step_us"][name] for name in ("p50", "p99")),
         ]
         for row in rows
     ]
     if settings:
         cells = [[str(row["setting"] or NONE), *cell] for row, cell in zip(rows, cells, strict=True)]
-    return Table(title, ("setting", *_TURNS) if settings else _TURNS, cells)
+    return Table(title, ("setting", *columns) if settings else columns, cells)
 
 
 def ratio_table(report: Report, intervals: bool = True) -> Table:
@@ -221,6 +225,10 @@ def headline(report: Report) -> str:
     return f"{report['scenario']}: {units}; trained on {report['trained_on']}."
 
 
+def _turn_captions(report: Report) -> list[str]:
+    return [TURN_CAPTION] if report["orientation"] else []
+
+
 def _notes(report: Report) -> list[str]:
     """Return the notes below the tables."""
     observer = _OBSERVER if "observer" in report["topologies"] else ""
@@ -236,7 +244,7 @@ def view(report: Report) -> RenderableType:
         parts += [Text(f"\n{scores.title}"), replace(scores, title="", rows=narrow).terminal(TIGHT)]
         parts += [] if turns is None else [turns.terminal(TIGHT)]
     many = f"table.md has a table of each of {len(each)} settings."
-    caption = f"{_CAPTION}. {TURN_CAPTION}" if len(each) <= _MAX_SHOWN else many
+    caption = ". ".join([_CAPTION, *_turn_captions(report)]) if len(each) <= _MAX_SHOWN else many
     parts += [Text(f"\n{note}", style="dim") for note in (caption, *_notes(report))]
     if len(each) > 1:
         ratios = ratio_table(report, intervals=False)
@@ -258,7 +266,8 @@ def markdown(report: Report) -> str:
     if len(each) > 1:
         blocks += [f"**Ratio to hold, by `{report['sweep']}`**", ratio_table(report).markdown()]
         blocks += [turn_ratio_table(report, degrees=False).markdown()] if report["orientation"] else []
-    blocks.append(f"{_CAPTION}; {_NORMALIZED.head}: RMSE in units of the training rows' range. {TURN_CAPTION}.")
+    normalized = f"{_CAPTION}; {_NORMALIZED.head}: RMSE in units of the training rows' range"
+    blocks.append(". ".join([normalized, *_turn_captions(report)]) + ".")
     return "\n\n".join([*blocks, *_notes(report)]) + "\n"
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tis.common.channels import Hand
 from tis.common.metrics.consistency import consistency, normalised_squares
 from tis.common.metrics.percentiles import summarise
-from tis.common.metrics.tracking import angles_deg, error_vectors, orientation_at
+from tis.common.metrics.tracking import angles_deg, error_vectors, moves, orientation_at
 from tis.common.records import ORIENTATIONS, TRUTH
 from tis.common.scenario import Scenario
 from tis.deploy.logs.read.columns import Ints
@@ -69,7 +69,10 @@ class WristTrack:
 
 
 def wrist_track(logs: RunLogs, scenario: Scenario, track: HandTrack, hand: Hand) -> WristTrack:
-    """Return the errors of one hand's orientation methods as far as its logs reach."""
+    """Return the errors of one hand's orientation methods as far as its logs reach.
+
+    An orientation or a gripper that never moves is taken for one that the recording lacks: there is no truth.
+    """
     sample_ns, recorded, recorded_rad = _true_turn(logs, hand)
     truth = orientation_at(track.t_ns, sample_ns, recorded)
     truth_rad = np.full(len(track.t_ns), np.nan)
@@ -77,7 +80,8 @@ def wrist_track(logs: RunLogs, scenario: Scenario, track: HandTrack, hand: Hand)
         truth_rad = np.interp(track.t_ns, sample_ns, recorded_rad, left=np.nan, right=np.nan)
     # where the logs do not know the position's truth, the orientation's is not known either
     unknown = ~np.isfinite(track.truth_m).all(axis=1)
-    truth[unknown], truth_rad[unknown] = np.nan, np.nan
+    truth[unknown | (not moves(recorded))] = np.nan
+    truth_rad[unknown | (not moves(recorded_rad))] = np.nan
     found = WristTrack({}, {}, {}, {})
     for name in logged_names(logs, ORIENTATIONS, scenario.patient.orientation.methods):
         rows, ticks = logs.of_hand("patient", f"{ORIENTATIONS}/{name}", hand), track.tick
@@ -159,9 +163,9 @@ def orientation_table(turning: Methods, gripper: Methods, which: str, active: st
     """Return a row for each method that is scored; coverage is the mean over the axes of the estimated frame."""
     rows: list[tuple[Any, ...]] = []
     for name, entry in turning.items():
-        if entry.rms is None:
-            continue
         beside = gripper.get(name)
+        if entry.rms is None and (beside is None or beside.rms is None):
+            continue
         covered = [share for share in (entry.nees.coverage_pct if entry.nees else ()) if share is not None]
         rows.append(
             (
@@ -182,6 +186,7 @@ def orientation_table(turning: Methods, gripper: Methods, which: str, active: st
         Column("in the 95 % interval", "%", short="in 95 %"), Column("gripper RMS", "rad", short="grip rad"),
         Column("share of hold's", "%", short="% hold"), Column("step, median", "\u00b5s", on_page_only=True),
     )  # fmt: skip
-    if all(row[-1] is None for row in rows):  # in virtual time no step takes any
-        columns, rows = columns[:-1], [row[:-1] for row in rows]
+    # in virtual time no step takes any, and a recording may lack one of the two
+    some = [k for k in range(len(columns)) if not rows or any(row[k] not in (None, NONE) for row in rows)]
+    columns, rows = tuple(columns[k] for k in some), [tuple(row[k] for k in some) for row in rows]
     return Table(f"Orientation and gripper at the tick, {which}", columns, rows, _NOTE, active)

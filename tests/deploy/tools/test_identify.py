@@ -1,3 +1,4 @@
+import json
 import sys
 from pathlib import Path
 
@@ -91,3 +92,17 @@ def test_settings_that_make_no_sense_are_one_line(tis: Call, setting: str, line:
     assert code == 2
     assert line in err
     assert len(err.strip().splitlines()) == 1
+
+
+def test_only_a_file_without_orientations_is_told_to_be_identified_again(tis: Call) -> None:
+    code, _, err = tis("default", *PAPER)
+    assert code == 0
+    assert "nothing for" not in err
+    assert tis("default", *PAPER, "--out", "m.json")[0] == 0
+    found = json.loads(Path("m.json").read_text())
+    for model in found["models"]:
+        del model["wrist"]
+    Path("m.json").write_text(json.dumps(found))
+    code, _, err = tis("default", "--set", "identification.train=m.json")
+    assert code == 0, err
+    assert "nothing for patient.orientation.active" in err

@@ -77,6 +77,19 @@ def test_errors_of_a_turning_arm_by_hand() -> None:
     assert (one["n_gripper_covered"], one["n_gripper_intervals"]) == (1, 2)
 
 
+@pytest.mark.parametrize(("turn_deg", "open_rad"), [(0.0, 0.0), (9.0, 0.0), (0.0, 0.1)])
+def test_what_the_recording_lacks_is_not_scored(turn_deg: float, open_rad: float) -> None:
+    rows = np.arange(7.0)
+    follower = PoseTrack(np.zeros((7, 3)), np.array([about_z(turn_deg * k) for k in rows]), open_rad * rows)
+    hand = HandRecording("left", "PSM2", follower, follower)
+    t_ns = np.arange(4, dtype=np.int64) * 100 * MS
+    track = HandTrack(t_ns, np.arange(4), np.zeros((4, 3)), {}, np.ones(4, dtype=np.bool_), {})
+    stated = [WristEstimate(about_z(0.0), np.eye(3), 0.0, 0.01)] * 4
+    (sums,) = wrist_sums(track, Recording("", 10, (hand,), 0, ""), hand, {"hold": measured(*stated)}).values()
+    assert [sums[name] for name in ("n_scored", "n_ellipsoids")] == [4 * (turn_deg > 0)] * 2
+    assert [sums[name] for name in ("n_gripper_scored", "n_gripper_intervals")] == [4 * (open_rad > 0)] * 2
+
+
 def test_sums_are_those_of_the_summary_of_a_logged_twin() -> None:
     settings = ("estimators=[damped_velocity]", "active_estimator=damped_velocity", "identification.order=2")
     scenario = resolve("default", ("source.hands=[left, right]", "duration_s=6", *settings), None, None)

@@ -16,6 +16,7 @@ def hand(n: int, held_deg: float, other_deg: float, covered: int) -> dict[str, A
         square = n * np.radians(degrees) ** 2
         return {
             "sse_rad2": float(square), "sse_gripper_rad2": n * (degrees / 100) ** 2, "n_scored": n, "n_missing": 1,
+            "n_gripper_scored": n,
             "n_covered": n_covered, "n_ellipsoids": n_stated, "n_gripper_covered": 0, "n_gripper_intervals": 0,
             "step_ns": histogram(np.array([1000, 2000, 3000])),
         }  # fmt: skip
@@ -70,3 +71,27 @@ def test_tables_show_degrees_and_ratios() -> None:
     assert table.columns == ["orientation, deg (ratio)", "33", "200"]
     assert table.rows[1] == ["tangent_ls", "2.47 (0.600)", "2.47 (0.600)"]
     assert turn_ratio_table(report, degrees=False).rows[1] == ["tangent_ls", "0.600", "0.600"]
+
+
+def lacking(*counts: str) -> list[list[dict[str, Any]]]:
+    """The first person, and the sums of one whose recording lacks what ``counts`` count."""
+    (one,) = PEOPLE[0]
+    sums = {"n_scored": "sse_rad2", "n_gripper_scored": "sse_gripper_rad2"}
+    none = {name: 0 for count in counts for name in (count, sums[count])}
+    return [[one], [{"orientation": {name: entry | none for name, entry in one["orientation"].items()}}]]
+
+
+def test_who_neither_turns_nor_grips_changes_no_score() -> None:
+    whole, others = lacking("n_scored", "n_gripper_scored")
+    assert orientation_rows({}, [others]) == []
+    for row, alone in zip(orientation_rows({}, [whole, others]), orientation_rows({}, [whole]), strict=True):
+        assert [row[name] for name in ("rms_deg", "gripper_rms_rad")] == [alone["rms_deg"], alone["gripper_rms_rad"]]
+
+
+def test_a_table_without_a_gripper_has_no_columns_for_it() -> None:
+    whole, others = lacking("n_gripper_scored")
+    rows = orientation_rows({"setting": None}, [others])
+    assert rows[1]["rms_deg"] == pytest.approx(2.0)
+    heads = [column.head for column in turn_table(rows).full_columns()]
+    assert heads == ["orientation", "deg", "ratio", "95 %", "cover", "\u00b5s", "p99"]
+    assert "gripper rad" in [column.head for column in turn_table(orientation_rows({}, [whole])).full_columns()]

@@ -1,6 +1,7 @@
 from math import cos, pi, radians, sin
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.deploy.report.hand_made import ARM, MS, a_scenario, estimate, message, write_run
@@ -13,21 +14,22 @@ from tis.deploy.report.subjects.orientation import (
     gripper_rad,
     orientation_by_age,
     orientation_deg,
+    orientation_table,
     wrist_track,
 )
 from tis.deploy.report.subjects.tracking import HandTrack, track_of_hand
 
 
-def turning(k: int, gripper: float | None = 0.0) -> Record:
-    """The arm turns by 9 degrees about z each 100 ms, past half a turn too, and opens by 0.01 rad."""
-    angle = radians(9 * k) if k <= 20 else radians(9 * k) - 2 * pi
+def turning(k: int, gripper: float | None = 0.0, still: bool = False) -> Record:
+    """The arm turns by 9 degrees about z each 100 ms, past half a turn too, and opens by 0.01 rad; or it is still."""
+    angle = 0.0 if still else radians(9 * k) if k <= 20 else radians(9 * k) - 2 * pi
     note = TruthRow(
         hand="left",
         index=k,
         sample_ns=100 * k * MS,
         position_m=Vector3(x=0.001 * k, y=0, z=0),
         rotation_rad=Vector3(x=0, y=0, z=angle),
-        gripper_rad=None if gripper is None else 0.01 * k,
+        gripper_rad=None if gripper is None else 0.0 if still else 0.01 * k,
     )
     return Record(TRUTH, note.sample_ns, note)
 
@@ -50,10 +52,13 @@ def stated(tick: int, t_ms: int, method: str, degrees: float | None, std_deg: fl
     return Record(f"{ORIENTATIONS}/{method}", note.t_ns, note)
 
 
-def read(tmp_path: Path, patient: list[Record], gripper: float | None = 0.0) -> tuple[RunLogs, HandTrack, WristTrack]:
+def read(
+    tmp_path: Path, patient: list[Record], gripper: float | None = 0.0, still: bool = False
+) -> tuple[RunLogs, HandTrack, WristTrack]:
     rows = [estimate(k, 2100 + 100 * k, "hold", (0.02, 0, 0)) for k in range(4)]
     arrivals = [message(ARM, k, 100 * k, log_ms=100 * k + 50, sample_ms=100 * k) for k in range(24)]
-    logs = write_run(tmp_path, surgeon=[turning(k, gripper) for k in range(40)], patient=[*arrivals, *rows, *patient])
+    surgeon = [turning(k, gripper, still) for k in range(40)]
+    logs = write_run(tmp_path, surgeon=surgeon, patient=[*arrivals, *rows, *patient])
     track = track_of_hand(logs, a_scenario(), "left")
     return logs, track, wrist_track(logs, a_scenario(), track, "left")
 
@@ -112,3 +117,14 @@ def test_without_the_grippers_truth_only_orientations_are_scored(tmp_path: Path)
     assert orientation_deg(logs, track, wrist, "left")["hold"]["n_scored"] == 4
     assert gripper_rad(track, wrist)["hold"]["n_scored"] == 0
     assert gripper_rad(track, wrist)["hold"]["rms"] is None
+
+
+def test_a_recording_without_orientation_and_gripper_has_no_errors_of_them(tmp_path: Path) -> None:
+    held = [stated(k, 2100 + 100 * k, "hold", 0) for k in range(4)]
+    stating = [stated(k, 2100 + 100 * k, "tangent_ls", 0, 3.0) for k in range(4)]
+    logs, track, wrist = read(tmp_path, [*held, *stating], still=True)
+    turns, openings = orientation_deg(logs, track, wrist, "left"), gripper_rad(track, wrist)
+    assert not any(np.isfinite(each).any() for each in wrist.turns_deg.values())  # nothing is drawn over time
+    assert not any(bins.n for bins in orientation_by_age(logs, track, wrist, "left").values())
+    assert [each["rms"] for each in (*turns.values(), *openings.values())] == [None] * 4
+    assert not orientation_table(turns, openings, "left hand", "hold").rows

@@ -37,3 +37,14 @@ def test_a_terminal_of_80_columns_shows_every_figure_whole() -> None:
     assert "…" not in text
     (line,) = [line.split() for line in text.splitlines() if "tangent_ls" in line]
     assert line == ["tangent_ls", "2.50", "63", "2.50", "2.50", "95.00", "0.050", "25"]
+
+
+def test_what_the_recording_lacks_has_no_columns() -> None:
+    still = {name: scores(None, None) for name in ("hold", "tangent_ls")}
+
+    def heads(turns: Any, grippers: Any) -> list[str]:
+        return [column.title for column in orientation_table(turns, grippers, "left hand", "hold").full_columns()]
+
+    whole = heads(TURNS, GRIPPERS)
+    assert heads(TURNS, still) == [*whole[:6], whole[8]]
+    assert heads(still, GRIPPERS) == [whole[0], *whole[6:]]

@@ -48,7 +48,7 @@ def _result(plan: Plan, worse: float) -> dict[str, Any]:
     def _turns(k: int) -> dict[str, Any]:
         counts = {"n_covered": 95, "n_ellipsoids": 100, "n_gripper_covered": 94, "n_gripper_intervals": 100}
         sums = {"sse_rad2": 0.01 * (1 + k), "sse_gripper_rad2": 0.02 * (1 + k)}
-        return {**sums, **counts, "n_scored": 100, "n_missing": 0, "step_ns": {"900": 7}}
+        return {**sums, **counts, "n_scored": 100, "n_gripper_scored": 100, "n_missing": 0, "step_ns": {"900": 7}}
 
     traffic = {"sent_packets": 120, "sent_bytes": 24_000}
     return {"traffic": traffic, "duration_s": 2.0, "hands": {"left": hand()}, "warnings": []}
