@@ -1,7 +1,6 @@
 """The patient's node from a scenario, and the models of its arms from training rows or a model file."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import astuple
 
 from tis.common.channels import HandChannels, hand_channels
 from tis.common.errors import DataError, Fault
@@ -16,6 +15,7 @@ from tis.patient_side.external_arm import ExternalArm
 from tis.patient_side.hand import PatientHand
 from tis.patient_side.identification.companions import Stage, untimed
 from tis.patient_side.identification.identify import identify_hands
+from tis.patient_side.identification.movement import trained
 from tis.patient_side.learning.train import with_learned
 from tis.patient_side.node import PatientNode
 from tis.patient_side.orientation.methods import build_methods
@@ -135,21 +135,21 @@ def _gates(scenario: Scenario, model: ArmModel, channels: HandChannels) -> dict[
         (channels.command, model.input_offset_m, model.command_movement),
         (channels.arm, model.output_offset_m, model.arm_movement),
     )
-    is_own = scenario.source.kind == "table"
     return {
         channel.key(scenario.session): StreamGate(
             plan,
             _place(at_m),
-            gate.limits_of(limit, channel is channels.arm, astuple(trained) if is_own and trained else None),
+            gate.limits_of(limit, channel is channels.arm, trained(scenario, movement)),
         )
-        for channel, at_m, trained in streams
+        for channel, at_m, movement in streams
     }
 
 
 def _safety(scenario: Scenario, model: ArmModel) -> SafetyFilter | None:
     """Return the safety of an arm, whose workspace lies about the mean of the training rows; None: switched off."""
     part = scenario.patient.safety
-    return SafetyFilter(limits_of(part, scenario.rate_hz), _place(model.output_offset_m)) if part.enabled else None
+    limits = limits_of(part, scenario.rate_hz, trained(scenario, model.arm_movement))
+    return SafetyFilter(limits, _place(model.output_offset_m)) if part.enabled else None
 
 
 def _place(at_m: Array) -> Place:

@@ -11,6 +11,9 @@ from tis.common.stop_messages import ReleaseRule
 MAX_REACH_M: Final = 1e6
 """Largest distance that a limit admits, in m: what moves within it can be stated in a message."""
 
+USUAL_SET_POINT: Final = (1.0, 2.0, 200.0)
+"""Reach, speed and acceleration of set points that are not given, in m, m/s and m/s^2."""
+
 Rate = Annotated[float, Field(ge=1e-3, le=1e9)]
 """A speed or an acceleration of a set point: none so small or large that its steps cannot be computed."""
 
@@ -92,16 +95,21 @@ class Safety(Part):
     max_std_mm: Positive = Field(
         200.0, description="Largest standard deviation of a followed estimate, per axis, in mm; usual ones reach 70."
     )
-    workspace_m: Positive = Field(
-        1.0, le=MAX_REACH_M, description="Largest distance of the set point from the mean of the training rows, in m."
+    workspace_m: Annotated[float, Field(gt=0, le=MAX_REACH_M)] | None = Field(
+        None,
+        description="Largest distance of the set point from the mean of the training rows, in m. Not given: 1; with "
+        "a table 4 times what the arm reaches in its training rows, if that is more and at most 50.",
     )
-    speed_m_s: Rate = Field(
-        2.0, description="Largest speed of the set point in tracking, over 33 ms at least, in m/s."
+    speed_m_s: Rate | None = Field(
+        None,
+        description="Largest speed of the set point in tracking, over 33 ms at least, in m/s. Not given: 2; with a "
+        "table 4 times that of the arm in its training rows, if that is more.",
     )
-    acceleration_m_s2: Rate = Field(
-        200.0,
-        description="Largest change of its velocity in tracking, and with which it comes to a stop, in m/s^2: after "
-        "10 mm at the largest speed.",
+    acceleration_m_s2: Rate | None = Field(
+        None,
+        description="Largest change of its velocity in tracking, and with which it comes to a stop, in m/s^2. Not "
+        "given: 200, a stop from 2 m/s takes 10 mm; with a table 4 times that of the arm in its training rows, if "
+        "that is more.",
     )
     correction_mm: NonNegative = Field(
         5.0,
@@ -164,9 +172,11 @@ class Safety(Part):
     def _in_order(self) -> Self:
         if not self.hold_age_ms < self.slow_stop_age_ms < self.safe_age_ms:
             raise ValueError("hold_age_ms, slow_stop_age_ms and safe_age_ms must ascend")
-        if self.resume_speed_m_s > self.speed_m_s:
+        _, usual_speed, usual_acceleration = USUAL_SET_POINT
+        if self.resume_speed_m_s > (usual_speed if self.speed_m_s is None else self.speed_m_s):
             raise ValueError("resume_speed_m_s must not exceed speed_m_s")
-        if self.resume_acceleration_m_s2 > self.acceleration_m_s2:
+        most = usual_acceleration if self.acceleration_m_s2 is None else self.acceleration_m_s2
+        if self.resume_acceleration_m_s2 > most:
             raise ValueError("resume_acceleration_m_s2 must not exceed acceleration_m_s2")
         if self.resume_turn_deg_s > self.turn_deg_s:
             raise ValueError("resume_turn_deg_s must not exceed turn_deg_s")

@@ -89,7 +89,7 @@ def _measured(run: MeasuredRun, mode: str, exit_code: int | None, command: str) 
         evidence=intrusion.evidence_summary(logs, scenario),
         rejected={side: count_of(logs, side, "rejected") for side in logs.sides if side != "netem"},
         **devices.devices_summary(logs, scenario),
-        safety=safety.safety_summary(logs, scenario, run.tracks),
+        safety=safety.safety_summary(logs, scenario, run.tracks, run.models),
         display=display.display_summary(logs, run.tracks),
         ticks=tick_figures(logs, "patient", scenario),
         surgeon_ticks=tick_figures(logs, "surgeon", scenario),

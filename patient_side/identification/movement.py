@@ -1,12 +1,15 @@
 """How far, how fast and how suddenly the positions of training rows move, for limits of the samples of a run."""
 
 from collections.abc import Sequence
+from dataclasses import astuple
 from typing import Final
 
 import numpy as np
 
+from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_S
 from tis.patient_side.safety.gate import BASE_NS
+from tis.patient_side.safety.trained_limits import Three
 from tis.patient_side.statespace import Array, Movement
 
 _SHARE: Final = 0.999
@@ -27,6 +30,11 @@ def movement_of(positions_m: Sequence[Array], offset_m: Array, rate_hz: int) -> 
         changes.append(np.linalg.norm(velocity[rows:] - velocity[:-rows], axis=1) * (rate_hz / rows))
     reaches = [np.linalg.norm(position_m - offset_m, axis=1) for position_m in positions_m]
     return Movement(*(_most(parts) for parts in (reaches, speeds, changes)))
+
+
+def trained(scenario: Scenario, movement: Movement | None) -> Three | None:
+    """Return the movement of training rows from which limits of a run follow; None unless it plays a table."""
+    return astuple(movement) if scenario.source.kind == "table" and movement else None
 
 
 def _most(parts: Sequence[Array]) -> float:

@@ -17,6 +17,7 @@ from tis.common.ticker import SendPlan
 from tis.common.units import NS_PER_MS, NS_PER_S, ms_to_ns, sample_index, sample_instant_ns
 from tis.patient_side.rotations import Quaternion, is_orientation, turn_to
 from tis.patient_side.safety.set_point import STILL, Place, Vector, minus
+from tis.patient_side.safety.trained_limits import Three, limits_from
 
 Kind = Literal[
     "conflicting", "ahead", "number", "place", "speed", "acceleration", "turn_speed", "turn_acceleration", "gripper"
@@ -61,27 +62,17 @@ class GateLimits(NamedTuple):
 
 _USUAL: Final = (2.0, 5.0, 200.0)
 """Reach, speed and acceleration far above what hands and arms do, in m, m/s and m/s^2."""
-_TIMES_TRAINED: Final = 4.0
-_MOST_TRAINED_M: Final = 50.0
-"""Largest reach that is believed of training rows: beyond, they are likely in other units."""
 
 
-def limits_of(part: Gate, is_arm: bool = True, trained: tuple[float, float, float] | None = None) -> GateLimits:
+def limits_of(part: Gate, is_arm: bool = True, trained: Three | None = None) -> GateLimits:
     """Return the limits of a scenario for a stream; how fast a master's gripper moves has none.
 
     Those of place and movement that are not given are the usual ones, or follow from reach, speed and acceleration of
     training rows, ``trained``, where these need more. Oracle: test_gate.
     """
-    usual = _USUAL
-    if trained is not None and _TIMES_TRAINED * trained[0] <= _MOST_TRAINED_M:
-        reach, speed, acceleration = (max(u, _TIMES_TRAINED * t) for u, t in zip(_USUAL, trained, strict=True))
-        usual = reach, speed, acceleration
     given = part.reach_m, part.speed_m_s, part.acceleration_m_s2
-    reach_m, speed_m_s, acceleration_m_s2 = (u if g is None else g for u, g in zip(usual, given, strict=True))
     return GateLimits(
-        reach_m,
-        speed_m_s,
-        acceleration_m_s2,
+        *limits_from(given, _USUAL, trained),
         ms_to_ns(part.lead_ms),
         radians(part.turn_deg_s),
         radians(part.turn_acceleration_deg_s2),

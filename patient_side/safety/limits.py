@@ -3,9 +3,10 @@
 from math import radians
 from typing import Final, NamedTuple
 
-from tis.common.scenario.safety import Safety
+from tis.common.scenario.safety import USUAL_SET_POINT, Safety
 from tis.common.units import MM_PER_M, NS_PER_S, ms_to_ns
 from tis.patient_side.safety.set_point import WINDOW_NS, Pace
+from tis.patient_side.safety.trained_limits import Three, limits_from
 from tis.patient_side.safety.wrist_point import WristLimits
 
 _MOST_CORRECTED: Final = 0.25
@@ -42,18 +43,18 @@ class Limits(NamedTuple):
         return self.usual.step**2 / (2.0 * self.usual.change)
 
 
-def limits_of(part: Safety, rate_hz: int) -> Limits:
+def limits_of(part: Safety, rate_hz: int, trained: Three | None = None) -> Limits:
     """Return the limits of a scenario for ticks at ``rate_hz``.
 
     The bounds hold for a nominal tick: an arm whose ticks were missed moves no further in the next one. In any 33 ms
     the carried steps and the corrections together move no further than the speed allows. A break lasts three ticks at
-    least.
+    least. ``trained`` is what the arm did in the training rows, for limits that are not given.
     """
     tick_s = 1.0 / rate_hz
     base_s, hold_ns = max(tick_s, WINDOW_NS / NS_PER_S), ms_to_ns(part.hold_age_ms)
-    usual, most_corrected_m = _tracking(
-        part.speed_m_s, part.acceleration_m_s2, part.correction_mm / MM_PER_M, tick_s, base_s
-    )
+    given = part.workspace_m, part.speed_m_s, part.acceleration_m_s2
+    workspace_m, speed_m_s, acceleration_m_s2 = limits_from(given, USUAL_SET_POINT, trained)
+    usual, most_corrected_m = _tracking(speed_m_s, acceleration_m_s2, part.correction_mm / MM_PER_M, tick_s, base_s)
     # no faster than in tracking, where corrections take a share of the speed
     slow_step = min(part.resume_speed_m_s * tick_s, usual.step)
     slow_change = part.resume_acceleration_m_s2 * tick_s**2
@@ -70,7 +71,7 @@ def limits_of(part: Safety, rate_hz: int) -> Limits:
         stop_after_ns=ms_to_ns(part.slow_stop_age_ms) - hold_ns,
         safe_after_ns=ms_to_ns(part.safe_age_ms) - hold_ns,
         std_m=part.max_std_mm / MM_PER_M,
-        workspace_m=part.workspace_m,
+        workspace_m=workspace_m,
         usual=usual,
         most_corrected_m=most_corrected_m,
         slow=Pace(slow_step, slow_change, slow_change),

@@ -224,8 +224,9 @@ def _safety_caption(view: HandView, driven: SetPoints, spans: list[_Span]) -> st
         for where in (driven.position_m, view.track.estimates.get(view.active, driven.position_m))
     ]
     return (
-        "The set point drives the arm. In tracking it is the active estimate, bit for bit. On old or uncertain data "
-        "it holds, stops and is safe; after each break it resumes within a speed and an acceleration. "
+        "The set point drives the arm. In tracking it is the active estimate, bit for bit, unless a limit of "
+        "workspace, speed or acceleration is in the way. On old or uncertain data it holds, stops and "
+        "is safe; after each break it resumes within a speed and an acceleration. "
         f"{_states(spans)} Largest step from tick to tick: set point {steps[0]:.1f} mm, estimate {steps[1]:.1f} mm. "
         f"They differ at {int(driven.differs.sum())} of {view.n_ticks} ticks."
     )

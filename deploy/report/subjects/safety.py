@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, sqrt
-from typing import get_args
+from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,13 @@ from tis.deploy.present.numbers import number
 from tis.deploy.report.section import KindName, Section, means
 from tis.deploy.report.subjects.logs import counters_of
 from tis.deploy.report.subjects.tracking import Array, HandTrack, at_ticks
-from tis.patient_side.safety.limits import limits_of
+from tis.patient_side.identification.movement import trained
+from tis.patient_side.safety.limits import Limits, limits_of
+from tis.patient_side.statespace import ArmModel
+
+_MOST_LIMITED: Final = 0.01
+"""Share of the ticks above which limits of the set point are worth a warning."""
+_ROUNDING: Final = 1e-6
 
 
 class StopFigures(Section):
@@ -33,6 +39,18 @@ class StopFigures(Section):
         "Way that the limits of patient.safety allow after a stop, v\u00b2/(2a) at the largest speed."
     )
     bound_ms: float = means("Time that they allow.")
+
+
+LimitField = Literal["workspace_m", "speed_m_s", "acceleration_m_s2"]
+
+
+class LimitedFigures(Section):
+    """The set points in tracking that a limit kept off the active estimate; not by the limits after a break."""
+
+    ticks: int = means("Ticks at which the set point in tracking was not the active estimate, by such a limit.")
+    of_ticks: int = means("Ticks of the run.")
+    off_mm: float | None = means("Longest distance between them at these ticks; `null` without any.")
+    field: LimitField | None = means("Field of patient.safety that was in the way at most of them.")
 
 
 class SafetyFigures(Section):
@@ -54,6 +72,9 @@ class SafetyFigures(Section):
     )
     stop_requests_flooded: int = means("Requests beyond 20 a second without an effect, which it counted only.")
     shaped_ticks: int = means("Ticks at which the set point was not the active estimate, bit for bit.")
+    limited: LimitedFigures | None = means(
+        "Those of them in tracking that a limit of place, speed or acceleration explains.", default=None
+    )
     rmse_3d_mm: float | None = means("Error of the set point, over the scored ticks that have both.")
     estimate_rmse_3d_mm: float | None = means("Error of the active estimate over the same ticks.")
     stop: StopFigures = means("Emergency stops.")
@@ -106,7 +127,7 @@ def set_points(logs: RunLogs, scenario: Scenario, track: HandTrack, hand: Hand) 
 
 
 def safety_summary(
-    logs: RunLogs, scenario: Scenario, tracks: Mapping[Hand, HandTrack]
+    logs: RunLogs, scenario: Scenario, tracks: Mapping[Hand, HandTrack], models: Sequence[ArmModel] = ()
 ) -> dict[Hand, SafetyFigures | None]:
     """Return the figures of each hand's set points, null without any. Oracle: test_safety, by hand.
 
@@ -122,7 +143,11 @@ def safety_summary(
             n = track.tick.size
             driven = SetPoints(np.full((n, 3), np.nan), np.full(n, ""), np.zeros(n, dtype=np.bool_))
         changes = [row for row in logs.of("patient", SAFETY) if row["hand"] == hand and row["cause"] != "first"]
-        found[hand] = None if driven is None else _figures(scenario, track, driven, len(changes), stops, stopped_ns)
+        model = next((one for one in models if one.hand == hand), None)
+        if driven is None:
+            found[hand] = None
+        else:
+            found[hand] = _figures(scenario, track, driven, len(changes), stops, stopped_ns, model)
     return found
 
 
@@ -144,9 +169,14 @@ def stop_books(logs: RunLogs) -> dict[str, int]:
 
 def _figures(
     scenario: Scenario, track: HandTrack, driven: SetPoints, n_changes: int, stops: Mapping[str, int],
-    stopped_ns: Sequence[int],
+    stopped_ns: Sequence[int], model: ArmModel | None,
 ) -> SafetyFigures:  # fmt: skip
     estimate_m = track.estimates.get(scenario.active_estimator)
+    movement = None if model is None else trained(scenario, model.arm_movement)
+    limits = limits_of(scenario.patient.safety, scenario.rate_hz, movement)
+    limited = None
+    if estimate_m is not None and model is not None:
+        limited = _limited(limits, driven, track.t_ns, estimate_m, model.output_offset_m)
     both = track.scored & np.isfinite(driven.position_m).all(axis=1)
     if estimate_m is not None:
         both &= np.isfinite(estimate_m).all(axis=1)
@@ -155,24 +185,48 @@ def _figures(
         changes=n_changes,
         **stops,
         shaped_ticks=int(driven.differs.sum()),
+        limited=limited,
         rmse_3d_mm=_rmse_mm(driven.position_m - track.truth_m, both),
         estimate_rmse_3d_mm=None if estimate_m is None else _rmse_mm(estimate_m - track.truth_m, both),
-        stop=_stop_figures(scenario, driven.stops(stopped_ns, track.t_ns)),
+        stop=_stop_figures(limits, scenario.rate_hz, driven.stops(stopped_ns, track.t_ns)),
         largest_step_mm=_largest_step_mm(driven.position_m),
         estimate_largest_step_mm=None if estimate_m is None else _largest_step_mm(estimate_m),
     )
 
 
-def _stop_figures(scenario: Scenario, stops: Sequence[tuple[float, int]]) -> StopFigures:
+def _limited(
+    limits: Limits, driven: SetPoints, t_ns: NDArray[np.int64], estimate_m: Array, centre_m: Array
+) -> LimitedFigures:
+    """Return what the limits of tracking shaped. Within ``cautious_ms`` after a break only the workspace counts."""
+    off_m = np.linalg.norm(driven.position_m - estimate_m, axis=1)
+    beyond = np.linalg.norm(estimate_m - centre_m, axis=1) > limits.workspace_m
+    resumed_ns = np.maximum.accumulate(np.where(driven.mode == "resuming", t_ns, t_ns[:1] - limits.cautious_ns))
+    which = driven.differs & np.isfinite(off_m) & (driven.mode == "tracking")
+    which &= beyond | (t_ns - resumed_ns >= limits.cautious_ns)
+    steps_m = np.linalg.norm(np.diff(driven.position_m, axis=0, prepend=driven.position_m[:1]), axis=1)
+    fast = steps_m >= limits.usual.step * (1.0 - _ROUNDING)
+    by_field: dict[LimitField, int] = {
+        "workspace_m": int((which & beyond).sum()),
+        "speed_m_s": int((which & ~beyond & fast).sum()),
+        "acceleration_m_s2": int((which & ~beyond & ~fast).sum()),
+    }
+    return LimitedFigures(
+        ticks=int(which.sum()),
+        of_ticks=t_ns.size,
+        off_mm=MM_PER_M * float(off_m[which].max()) if which.any() else None,
+        field=max(by_field, key=lambda name: by_field[name]) if which.any() else None,
+    )
+
+
+def _stop_figures(limits: Limits, rate_hz: int, stops: Sequence[tuple[float, int]]) -> StopFigures:
     """Return the longest way and time of the emergency stops, null without any, beside what the limits allow."""
-    limits = limits_of(scenario.patient.safety, scenario.rate_hz)
     # a request waits for the next tick, and the arm counts as standing a tick after its last movement
     ticks = ceil(limits.usual.step / limits.usual.change) + 2
     return StopFigures(
         way_mm=max((MM_PER_M * way_m for way_m, _ in stops), default=None),
         time_ms=max((time_ns / NS_PER_MS for _, time_ns in stops), default=None),
         bound_mm=MM_PER_M * limits.run_out_m,
-        bound_ms=1000.0 * ticks / scenario.rate_hz,
+        bound_ms=1000.0 * ticks / rate_hz,
     )
 
 
@@ -185,6 +239,17 @@ def _rmse_mm(error_m: Array, which: NDArray[np.bool_]) -> float | None:
 def _largest_step_mm(position_m: Array) -> float | None:
     steps_m = np.linalg.norm(np.diff(position_m, axis=0), axis=1)
     return MM_PER_M * float(np.nanmax(steps_m)) if np.isfinite(steps_m).any() else None
+
+
+def limit_texts(safety: Mapping[Hand, SafetyFigures | None]) -> list[str]:
+    """Return warnings on hands whose set points a limit kept off the active estimate for more than a moment."""
+    return [
+        f"in tracking the set points of the {hand} hand were kept off the active estimate at {number(found.ticks)} "
+        f"of {number(found.of_ticks)} ticks, by up to {number(found.off_mm)} mm: if the arm may follow it, raise "
+        f"patient.safety.{found.field}"
+        for hand, row in safety.items()
+        if row is not None and (found := row.limited) and found.ticks > _MOST_LIMITED * found.of_ticks
+    ]
 
 
 def stop_texts(safety: Mapping[Hand, SafetyFigures | None]) -> list[str]:

@@ -13,6 +13,7 @@ from tests.common.sources.trials import FIRST, text_of
 from tests.deploy.commands import Call, call_in_one_line
 from tis.common.scenario.reading import parse_yaml
 from tis.common.sources.jigsaws import parse_trial
+from tis.deploy.present.numbers import number
 from tis.deploy.tools.synth import write_trials
 
 MODEL = "identification.train=m.json"
@@ -222,9 +223,20 @@ def test_a_table_of_a_larger_arm_is_valid_as_it_is(tis: Call) -> None:
     }
     write_csv(Path("drone.csv"), columns)
     settings = ("source={kind: table, path: drone.csv}", "rate_hz=50", "identification.train_samples=300")
-    summary, _, _ = twin(tis, "r", *settings)
+    summary, out, err = twin(tis, "r", *settings)
     assert summary["valid"]
     assert not any(summary["quarantined"].values())
+    safety = summary["safety"]["left"]
+    assert safety["shaped_ticks"] == safety["limited"]["ticks"] <= 2
+    assert safety["rmse_3d_mm"] == safety["estimate_rmse_3d_mm"]
+    assert "kept off" not in out + err
+    summary, out, err = twin(tis, "s", *settings, "patient.safety={workspace_m: 0.2}")
+    limited = summary["safety"]["left"]["limited"]
+    assert summary["valid"]
+    assert limited["field"] == "workspace_m"
+    assert limited["ticks"] > 0.01 * 200
+    off = f"by up to {number(limited['off_mm'])} mm: if the arm may follow it, raise patient.safety.workspace_m"
+    assert off in " ".join((out + err).split())
     code, out, _ = tis("twin", "own.yaml", "--run-dir", "x", "--no-report", "--no-merge", *(
         f"--set={one}" for one in (*settings, "patient.gate={reach_m: 0.5}")
     ))  # fmt: skip

@@ -263,6 +263,18 @@ def test_a_new_process_holds_the_arm_where_it_was_left_and_resumes_slowly() -> N
     assert not latching.resumed(Left((0.1, 0.0, 0.0), "hold"), is_stopped=False).is_latched
 
 
+def test_limits_that_are_not_given_follow_from_training_rows() -> None:
+    usual = limits_of(Safety(), 50)
+    assert usual == limits_of(Safety(workspace_m=1.0, speed_m_s=2.0, acceleration_m_s2=200.0), 50)
+    assert limits_of(Safety(), 50, (0.2, 0.4, 30.0)) == usual
+    assert limits_of(Safety(), 50, (200.0, 300.0, 900.0)) == usual  # millimetres
+    assert limits_of(Safety(), 50, (3.0, 2.0, 80.0)) == limits_of(
+        Safety(workspace_m=12.0, speed_m_s=8.0, acceleration_m_s2=320.0), 50
+    )
+    given = Safety(workspace_m=0.5, speed_m_s=1.0, acceleration_m_s2=20.0)
+    assert limits_of(given, 50, (3.0, 2.0, 80.0)) == limits_of(given, 50)
+
+
 def _tracking(
     rate_hz: int, jump_m: float, after: str = "", jump_deg: float = 0.0, **fields: float
 ) -> list[SafetyState]:

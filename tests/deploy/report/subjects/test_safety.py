@@ -13,12 +13,12 @@ from tis.common.channels import FOLLOWER
 from tis.common.records import COUNTERS
 from tis.common.safety_records import STOPS, StopNote
 from tis.common.scenario import reading
-from tis.deploy.logs.read.load import load_run
+from tis.deploy.logs.read.load import load_run, models_in
 from tis.deploy.present.plot_style import time_range
 from tis.deploy.report.measured_run import MeasuredRun
 from tis.deploy.report.plots.errors import safety_figure
 from tis.deploy.report.run_view import hand_view
-from tis.deploy.report.subjects.safety import safety_summary, set_points, stop_texts
+from tis.deploy.report.subjects.safety import limit_texts, safety_summary, set_points, stop_texts
 from tis.deploy.report.subjects.tracking import track_of_hand
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
@@ -77,6 +77,17 @@ def test_states_and_errors_are_drawn(run_dir: Path) -> None:
         "set point", "innovations_kf, the estimate", "hold", "slow stop", "resuming",
     }  # fmt: skip
     assert "hold 1.5 s" in figure.caption
+    assert "unless a limit of workspace, speed or acceleration" in figure.caption
+
+
+def test_what_shapes_after_a_break_is_no_limit_to_raise(run_dir: Path) -> None:
+    logs, scenario = load_run(run_dir), folder.read_scenario(run_dir)
+    left = safety_summary(logs, scenario, {"left": track_of_hand(logs, scenario, "left")}, models_in(logs))["left"]
+    assert left is not None
+    assert left.limited is not None
+    assert left["shaped_ticks"] > 60
+    assert (left.limited.ticks, left.limited.off_mm, left.limited.field) == (0, None, None)
+    assert limit_texts({"left": left, "right": None}) == []
 
 
 def test_an_arm_stopped_before_its_first_set_point_counts_the_stop(run_dir: Path) -> None:
