@@ -33,8 +33,12 @@ def movement_of(positions_m: Sequence[Array], offset_m: Array, rate_hz: int) -> 
 
 
 def trained(scenario: Scenario, movement: Movement | None) -> Three | None:
-    """Return the movement of training rows from which limits of a run follow; None unless it plays a table."""
-    return astuple(movement) if scenario.source.kind == "table" and movement else None
+    """Return the movement of training rows from which limits of a run follow; None unless it plays a table.
+
+    An arm outside the testbed keeps the usual limits until a person gives others: a table says nothing of its room.
+    """
+    is_played = scenario.source.kind == "table" and scenario.patient.plant.kind != "external"
+    return astuple(movement) if is_played and movement else None
 
 
 def _most(parts: Sequence[Array]) -> float:

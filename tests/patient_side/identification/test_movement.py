@@ -1,9 +1,13 @@
 """Movement of training rows: a circle has a constant speed and acceleration, and a jump is no movement."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
-from tis.patient_side.identification.movement import movement_of
+from tis.patient_side.identification.movement import movement_of, trained
+from tis.patient_side.statespace import Movement
 
 
 def test_a_circle_has_its_radius_speed_and_acceleration_whatever_jumps() -> None:
@@ -16,3 +20,14 @@ def test_a_circle_has_its_radius_speed_and_acceleration_whatever_jumps() -> None
     assert found.reach_m == pytest.approx(radius_m, rel=1e-3)
     assert found.speed_m_s == pytest.approx(radius_m * turns_rad_s, rel=1e-2)
     assert found.acceleration_m_s2 == pytest.approx(radius_m * turns_rad_s**2, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("source", "plant", "follows"),
+    [("table", "replay", True), ("table", "external", False), ("jigsaws", "replay", False)],
+)
+def test_limits_follow_a_table_but_never_for_an_arm_outside(source: str, plant: str, follows: bool) -> None:
+    scenario: Any = SimpleNamespace(
+        source=SimpleNamespace(kind=source), patient=SimpleNamespace(plant=SimpleNamespace(kind=plant))
+    )
+    assert (trained(scenario, Movement(7.0, 3.0, 1.0)) is not None) == follows
