@@ -223,11 +223,17 @@ def _repeat(run: RunView) -> str:
         (MANIFEST_FILE, "the hashes of all files"),
     )
     listed = ", ".join(f'<a href="{name}">{name}</a> {what}' for name, what in files)
+    again = (
+        "and the resolved scenario in its folder, which gives every message the same fate again, live or in virtual "
+        "time",
+        "tis run scenario.yaml\ntis twin scenario.yaml",
+    )
+    if run.scenario.source.kind == "live":  # nobody moves the same way twice
+        again = ("and the one that computes its estimates again from what arrived, in its folder", "tis replay .")
     return (
-        "<p>The command of this run, and the resolved scenario in its folder, which gives every message the same "
-        "fate again, live or in virtual time:</p>"
+        f"<p>The command of this run, {again[0]}:</p>"
         f"<pre><code>{escape(run.summary.command or NONE)}</code></pre>"
-        "<pre><code>tis run scenario.yaml\ntis twin scenario.yaml</code></pre>"
+        f"<pre><code>{again[1]}</code></pre>"
         f"<p>The seed {run.summary.seed} determines every random number of the run. In its folder, "
         f"beside this page: {listed}.</p>" + folded("Versions", versions_table(run.versions).html())
     )

@@ -96,7 +96,9 @@ def _kept(errors_mm: dict[str, Array], n: int) -> Indices:
         return evenly(n, MAX_TICKS)
     # one selection for all estimators, so that all lines share a source
     largest_mm = np.fmax.reduce(list(errors_mm.values()))
-    return np.union1d(evenly(n, MAX_TICKS // 2), worst(largest_mm, MAX_TICKS // 2))
+    kept = np.union1d(evenly(n, MAX_TICKS // 2), worst(largest_mm, MAX_TICKS // 2 - len(errors_mm)))
+    # captions name the largest error of each estimator, where another one's may be larger
+    return np.union1d(kept, [int(np.nanargmax(mm)) for mm in errors_mm.values() if np.isfinite(mm).any()])
 
 
 @dataclass(frozen=True)

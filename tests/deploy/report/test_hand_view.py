@@ -41,8 +41,10 @@ def test_a_long_run_is_thinned_and_keeps_its_worst_tick(tmp_path: Path) -> None:
     n, peak = 2 * MAX_TICKS + 1, 4321
     patient = [message(COMMAND, 0, 0.5, log_ms=11)]
     patient += [estimate(k, k, "hold", (0.009 if k == peak else 0.001, 0, 0)) for k in range(n)]
+    # another one errs more beside it
+    patient += [estimate(k, k, "moesp_kf", (0.02 if k == peak + 1 else 0.001, 0, 0)) for k in range(n)]
     logs = write_run(tmp_path, surgeon=[truth(0, 0, (0, 0, 0)), truth(1, n, (0, 0, 0))], patient=patient)
     view = hand_view(MeasuredRun(logs, a_scenario(), FOLLOWER), "left", "left hand")
-    assert peak in view.kept
+    assert {peak, peak + 1} <= set(view.kept.tolist())
     assert len(view.kept) <= MAX_TICKS
     assert view.thinning_note() == f" Of {n} ticks {len(view.kept)} are drawn, the worst of each stretch among them."
