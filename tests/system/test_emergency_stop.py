@@ -48,7 +48,7 @@ def test_stops_reach_the_patient_in_an_outage_and_end_one_by_one(
 
     code, out, err = operator("a hand in the way", "--connect", west)
     assert (code, out[:7]) == (0, "stopped"), err
-    token = out.split("tis stop --release ")[1]
+    token = out.split(" --release ")[1]
     code, out, err = head("smoke", "--connect", east)
     assert (code, "beside 1 other stop" in out) == (0, True), err
 
