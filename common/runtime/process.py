@@ -58,10 +58,11 @@ PACKAGES: Final = str(Path(tis.__file__).parents[1])
 def child_environment() -> dict[str, str]:
     """Return this process's environment, in which ``python -m`` does not put the current folder on the path.
 
-    A child that crashes within a library prints where.
     A module there that has the name of one of ours or of a library would replace it. The testbed's own folder is not
     put on the path either: in a checkout it holds packages of common names. Oracle:
     `tests/common/runtime/test_process`, children in folders with packages of those names.
+
+    A child that crashes within a library prints where.
     """
     return {**os.environ, "PYTHONSAFEPATH": "1", "PYTHONFAULTHANDLER": "1"}
 

@@ -12,7 +12,7 @@
   let socket = null, seen = null, refused = "", centre = null, over = false;
   const trails = { hand: [], shown: [], ghost: [] };
   // Movement of the hand since this page took it, in mm, and the pointer that moves it.
-  let moved = [0, 0, 0], engaged = false, drag = null, clutch = false, gripper = 0, touched = 0, local = null;
+  let moved = [0, 0, 0], engaged = false, drag = null, clutch = false, gripper = 0, touched = 0, sent = 0, local = null;
 
   // Connection: pictures come in, moves go out while this page drives.
   const connect = () => {
@@ -22,7 +22,8 @@
       const message = JSON.parse(event.data);
       if ("refused" in message) {
         refused = message.refused;
-        if (refused) letGo();
+        // moves that came too fast are lost, no more: each says where the hand is, and the next one is taken
+        if (message.lost) letGo();
         return say();
       }
       seen = message;
@@ -33,6 +34,7 @@
   const send = () => {
     if (!engaged || socket?.readyState !== WebSocket.OPEN) return;
     const release = !drag && performance.now() - touched > IDLE_MS;
+    sent = performance.now();
     socket.send(JSON.stringify({ moved_mm: moved, gripper_rad: gripper, clutch, release }));
     if (release) letGo();
   };
@@ -54,7 +56,7 @@
     }
     touched = performance.now();
     if (at("depth")) at("depth").value = local[2] - centre[2];
-    send();
+    if (touched - sent >= SEND_MS) send();  // else with the next tick of the timer: a mouse moves 1000 times a second
   };
 
   // What was seen, for the trails and the words.
@@ -282,7 +284,7 @@
     at("depth").addEventListener("input", () => {
       if (take()) move(0, 0, at("depth").valueAsNumber - (local[2] - centre[2]));
     });
-    setInterval(send, SEND_MS);
+    setInterval(() => { if (performance.now() - sent >= SEND_MS - 1) send(); }, SEND_MS);
   }
   connect();
   requestAnimationFrame(paint);

@@ -71,7 +71,7 @@ class DriveSocket(AuthRequestHandler, WebSocketHandler):
         move = read_move(message)
         refused = move if isinstance(move, str) else self._sockets.hub.drive(self, move, now_s)
         if refused or self._refused:
-            self._answer(refused)
+            self._answer(refused, lost=bool(refused))
 
     def on_close(self) -> None:
         """Free the seat: the hand holds."""
@@ -86,12 +86,15 @@ class DriveSocket(AuthRequestHandler, WebSocketHandler):
             except WebSocketClosedError:
                 self.on_close()
 
-    def _answer(self, refused: str) -> None:
-        """Tell the page that its moves are refused, once for each reason, or that they are taken again."""
+    def _answer(self, refused: str, lost: bool = False) -> None:
+        """Tell the page that its moves are refused, once for each reason, or that they are taken again.
+
+        ``lost``: it does not drive, however it goes on. Moves that came too fast are left out, and it drives on.
+        """
         if refused == self._refused:
             return
         self._refused = refused
         try:
-            self.write_message(json.dumps({"refused": refused}))
+            self.write_message(json.dumps({"refused": refused} | ({"lost": True} if lost else {})))
         except WebSocketClosedError:
             self.on_close()

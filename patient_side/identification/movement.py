@@ -1,4 +1,4 @@
-"""How far, how fast and how suddenly the positions of training rows move, for limits of the samples of a run."""
+"""Reach, speed and acceleration of the positions of training rows, from which limits of a run follow."""
 
 from collections.abc import Sequence
 from dataclasses import astuple

@@ -17,7 +17,7 @@ def answer(report: Report) -> str:
     """Return the estimator that is best at each setting, its gain over hold, and the rivals not told apart from it.
 
     Best is the smallest 3D RMSE. A rival is told apart if the 95 % interval of its RMSE over the best one's, over
-    people, lies above 1 (`tis.deploy.compare.results.pooled.rivalry`). "" without a scored row. Oracle: literal
+    people, lies above 1 (`tis.deploy.compare.results.pooled.rivalries`). "" without a scored row. Oracle: literal
     reports, test_answer.
     """
     names = {about["setting"]: _named(about) for about in report["settings"]}

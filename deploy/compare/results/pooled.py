@@ -155,21 +155,27 @@ def pooled(units: Sequence[Sequence[Mapping[str, Any]]], estimator: str) -> dict
     return result | {f"{name}_interval_95": value for name, value in intervals.items()}
 
 
-def rivalry(units: Sequence[Sequence[Mapping[str, Any]]], estimator: str, best: str) -> dict[str, Any]:
-    """Return an estimator's 3D RMSE over that of the ``best`` one, and its 95 % interval over the same resamples.
+def rivalries(units: Sequence[Sequence[Mapping[str, Any]]], names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return each estimator's 3D RMSE over the smallest one, and its 95 % interval over the same resamples.
 
     The interval is None for a single person. As both are resampled together, it is of the same people: narrower than
     two intervals side by side (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, 8.3). Oracle: a loop
     over resamples, test_pooled.
     """
-    own, least = (np.stack([sums_of(hands, name).sse.sum(axis=-1) for hands in units]) for name in (estimator, best))
+    # squared errors by estimator and person (E, P); each estimator has the same ticks
+    squares = np.array([[sums_of(hands, name).sse.sum() for hands in units] for name in names])
+    whole = squares.sum(axis=1)
+    best = int(np.argmin(np.where(np.isfinite(whole), whole, np.inf)))  # a filter may have diverged
+    chosen = resampled(len(units)) if len(units) > 1 else None
+    found = {}
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = _plain(np.sqrt(own.sum() / least.sum()))
-        bounds = None
-        if len(units) > 1:
-            chosen = resampled(len(units))
-            bounds = interval(np.sqrt(own[chosen].sum(axis=1) / least[chosen].sum(axis=1)))
-    return {"ratio_to_best": ratio, "ratio_to_best_interval_95": bounds}
+        for name, own in zip(names, squares, strict=True):
+            bounds = None
+            if chosen is not None:
+                bounds = interval(np.sqrt(own[chosen].sum(axis=1) / squares[best][chosen].sum(axis=1)))
+            ratio = _plain(np.sqrt(own.sum() / whole[best]))
+            found[name] = {"ratio_to_best": ratio, "ratio_to_best_interval_95": bounds}
+    return found
 
 
 def range_holds_median_pct(n_people: int) -> float:

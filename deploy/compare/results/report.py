@@ -13,7 +13,7 @@ from tis.deploy.compare.cells.sums import AGE_EDGES_MS, ERROR_WIDTH, merged, per
 from tis.deploy.compare.engine.compute import Outcome
 from tis.deploy.compare.grid import Point
 from tis.deploy.compare.plan import Plan
-from tis.deploy.compare.results.pooled import interval, person, pooled, resampled, rivalry
+from tis.deploy.compare.results.pooled import interval, person, pooled, resampled, rivalries
 from tis.patient_side.statespace import Array
 
 # Rows of a comparison for the orientation methods: errors in degrees beside hold's, per setting and method.
@@ -207,10 +207,8 @@ def _setting(plan: Plan, outcome: Outcome, point: Point, cells: Sequence[Cell]) 
                 "rmse_by_age_mm": _by_age(everything, name),
             }
         )
-    ranked = [row for row in rows if row["rmse_3d_mm"] is not None]
-    if ranked:
-        best = min(ranked, key=lambda row: float(row["rmse_3d_mm"]))["estimator"]
-        rows = [row | rivalry(list(by_person.values()), row["estimator"], best) for row in rows]
+    ranked = rivalries(list(by_person.values()), names) if names else {}
+    rows = [row | ranked[row["estimator"]] for row in rows]
     trials = [
         {"setting": value, **at, "trial": trial, "estimator": name, **_short(pooled([hands], name))}
         for trial, hands in by_trial.items()

@@ -114,7 +114,7 @@ def test_a_second_driver_waits_until_the_first_has_closed_its_page() -> None:
         await one.write_message(_MOVE)
         await _until(lambda: len(door.sent) == 1)
         await two.write_message(_MOVE)
-        assert await _answer(two) == {"refused": OTHER_DRIVES}
+        assert await _answer(two) == {"refused": OTHER_DRIVES, "lost": True}
         sockets.send()
         assert [(await _answer(page))["driver"] for page in (one, two)] == ["you", "other"]
         await _close(one)

@@ -15,7 +15,7 @@ from tis.deploy.compare.results.pooled import (
     pooled,
     range_holds_median_pct,
     resampled,
-    rivalry,
+    rivalries,
 )
 
 RANGE_M = np.array([0.05, 0.04, 0.02])
@@ -110,11 +110,12 @@ def test_rivals_are_resampled_together() -> None:
         [float(np.sum((getattr(hand, name) - hand.truth) ** 2)) for hand in HANDS] for name in ("hold", "better")
     )
     ratios = [(sum(own[i] for i in chosen) / sum(best[i] for i in chosen)) ** 0.5 for chosen in resampled(4)]
-    found = rivalry(units, "hold", "better")
+    both = rivalries(units, ["hold", "better"])
+    found = both["hold"]
     assert found["ratio_to_best"] == pytest.approx((sum(own) / sum(best)) ** 0.5, rel=1e-12)
     assert found["ratio_to_best_interval_95"] == pytest.approx(np.percentile(ratios, [2.5, 97.5]), rel=1e-10)
-    assert rivalry(units, "better", "better")["ratio_to_best_interval_95"] == [1.0, 1.0]
-    assert rivalry(units[:1], "hold", "better")["ratio_to_best_interval_95"] is None
+    assert both["better"] == {"ratio_to_best": 1.0, "ratio_to_best_interval_95": [1.0, 1.0]}
+    assert rivalries(units[:1], ["hold", "better"])["hold"]["ratio_to_best_interval_95"] is None
 
 
 def test_resamples_draw_every_person_equally_often() -> None:
