@@ -1,6 +1,6 @@
 """Limits of the patient's side: of the samples that it uses, and of the set point that drives the arm."""
 
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -11,13 +11,30 @@ from tis.common.stop_messages import ReleaseRule
 MAX_REACH_M: Final = 1e6
 """Largest distance that a limit admits, in m: what moves within it can be stated in a message."""
 
-USUAL_SET_POINT: Final = (1.0, 2.0, 200.0)
-"""Reach, speed and acceleration of set points that are not given, in m, m/s and m/s^2."""
+USUAL_SAMPLES: Final = (2.0, 5.0, 200.0)
+"""Reach, speed and acceleration of samples that are not given, far above what hands and arms do, in m, m/s, m/s^2."""
 
+USUAL_SET_POINT: Final = (1.0, 2.0, 200.0)
+"""Those of set points."""
+
+TIMES_TRAINED: Final = 4.0
+"""What is not given is so many times what a table's training rows reach, if that is more."""
+
+MOST_TRAINED_M: Final = 50.0
+"""Largest reach that is believed of training rows: beyond, they are likely in other units."""
+
+Reach = Annotated[float, Field(gt=0, le=MAX_REACH_M)]
 Rate = Annotated[float, Field(ge=1e-3, le=1e9)]
 """A speed or an acceleration of a set point: none so small or large that its steps cannot be computed."""
 
 PositiveMs = Annotated[Milliseconds, Field(gt=0)]
+
+
+def _limit(what: str, usual: float, about: str = "", most_m: float | None = None) -> Any:
+    """Return the field of a limit that may follow from a table's training rows."""
+    more = f"with a table {TIMES_TRAINED:g} times that of its training rows, if that is more"
+    more += f" and at most {most_m:g}" if most_m else ""
+    return Field(None, description=f"{what} Not given: {usual:g}{about}; {more}.")
 
 
 class Gate(Part):
@@ -26,20 +43,17 @@ class Gate(Part):
     After a true jump the samples are used again as soon as the speed allows it: after 0.2 s for 1 m.
     """
 
-    reach_m: Annotated[float, Field(gt=0, le=MAX_REACH_M)] | None = Field(
-        None,
-        description="Largest distance from the mean of the training rows, in m. Not given: 2, the span of human "
-        "arms; with a table 4 times what its training rows reach, if that is more and at most 50.",
+    reach_m: Reach | None = _limit(
+        "Largest distance from the mean of the training rows, in m.",
+        USUAL_SAMPLES[0],
+        ", the span of human arms",
+        MOST_TRAINED_M,
     )
-    speed_m_s: Positive | None = Field(
-        None,
-        description="Largest speed between samples, in m/s. Not given: 5, recorded trials reach 1.5; with a table 4 "
-        "times that of its training rows, if that is more.",
+    speed_m_s: Positive | None = _limit(
+        "Largest speed between samples, in m/s.", USUAL_SAMPLES[1], ", recorded trials reach 1.5"
     )
-    acceleration_m_s2: Positive | None = Field(
-        None,
-        description="Largest change of velocity over 33 ms, in m/s^2. Not given: 200, recorded trials reach 43; with "
-        "a table 4 times that of its training rows, if that is more.",
+    acceleration_m_s2: Positive | None = _limit(
+        "Largest change of velocity over 33 ms, in m/s^2.", USUAL_SAMPLES[2], ", recorded trials reach 43"
     )
     turn_deg_s: Positive = Field(
         4500.0,
@@ -95,21 +109,18 @@ class Safety(Part):
     max_std_mm: Positive = Field(
         200.0, description="Largest standard deviation of a followed estimate, per axis, in mm; usual ones reach 70."
     )
-    workspace_m: Annotated[float, Field(gt=0, le=MAX_REACH_M)] | None = Field(
-        None,
-        description="Largest distance of the set point from the mean of the training rows, in m. Not given: 1; with "
-        "a table 4 times what the arm reaches in its training rows, if that is more and at most 50.",
+    workspace_m: Reach | None = _limit(
+        "Largest distance of the set point from the mean of the training rows, in m.",
+        USUAL_SET_POINT[0],
+        most_m=MOST_TRAINED_M,
     )
-    speed_m_s: Rate | None = Field(
-        None,
-        description="Largest speed of the set point in tracking, over 33 ms at least, in m/s. Not given: 2; with a "
-        "table 4 times that of the arm in its training rows, if that is more.",
+    speed_m_s: Rate | None = _limit(
+        "Largest speed of the set point in tracking, over 33 ms at least, in m/s.", USUAL_SET_POINT[1]
     )
-    acceleration_m_s2: Rate | None = Field(
-        None,
-        description="Largest change of its velocity in tracking, and with which it comes to a stop, in m/s^2. Not "
-        "given: 200, a stop from 2 m/s takes 10 mm; with a table 4 times that of the arm in its training rows, if "
-        "that is more.",
+    acceleration_m_s2: Rate | None = _limit(
+        "Largest change of its velocity in tracking, and with which it comes to a stop, in m/s^2.",
+        USUAL_SET_POINT[2],
+        ", a stop from 2 m/s takes 10 mm",
     )
     correction_mm: NonNegative = Field(
         5.0,

@@ -12,7 +12,7 @@ from math import dist, hypot, inf, pi, radians
 from typing import Final, Literal, NamedTuple
 
 from tis.common.messages import Pose, components, position_m
-from tis.common.scenario.safety import Gate
+from tis.common.scenario.safety import USUAL_SAMPLES, Gate
 from tis.common.ticker import SendPlan
 from tis.common.units import NS_PER_MS, NS_PER_S, ms_to_ns, sample_index, sample_instant_ns
 from tis.patient_side.rotations import Quaternion, is_orientation, turn_to
@@ -60,10 +60,6 @@ class GateLimits(NamedTuple):
     gripper_rad_s: float = inf
 
 
-_USUAL: Final = (2.0, 5.0, 200.0)
-"""Reach, speed and acceleration far above what hands and arms do, in m, m/s and m/s^2."""
-
-
 def limits_of(part: Gate, is_arm: bool = True, trained: Three | None = None) -> GateLimits:
     """Return the limits of a scenario for a stream; how fast a master's gripper moves has none.
 
@@ -72,7 +68,7 @@ def limits_of(part: Gate, is_arm: bool = True, trained: Three | None = None) -> 
     """
     given = part.reach_m, part.speed_m_s, part.acceleration_m_s2
     return GateLimits(
-        *limits_from(given, _USUAL, trained),
+        *limits_from(given, USUAL_SAMPLES, trained),
         ms_to_ns(part.lead_ms),
         radians(part.turn_deg_s),
         radians(part.turn_acceleration_deg_s2),

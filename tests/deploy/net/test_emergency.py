@@ -30,6 +30,7 @@ class _Patient:
     def __init__(self, session: zenoh.Session, endpoint: str, rule: ReleaseRule, deaf_to: str) -> None:
         self.endpoint, self.stops, self.is_latched = endpoint, EmergencyStops("tis", rule), False
         self._session, self._lock, self._deaf_to = session, threading.Lock(), deaf_to
+        self.answering, self.is_here = threading.Lock(), True
         self._heard = [session.declare_subscriber(key, self._take) for key in self.stops.keys]
 
     def _take(self, sample: zenoh.Sample) -> None:
@@ -42,8 +43,9 @@ class _Patient:
             outputs, is_done = self.stops.take(arrival, self.is_latched)
             self.is_latched = self.is_latched and not (is_done and not self.stops.is_stopped)
         for one in outputs:
-            if isinstance(one, Emission):
-                self._session.put(one.key, one.payload)
+            with self.answering:  # a session that is used meanwhile cannot be closed
+                if isinstance(one, Emission) and self.is_here:
+                    self._session.put(one.key, one.payload)
 
     def foreign_stop(self, number: int, reason: str, lock: str = "") -> None:
         request = EmergencyStop(stop=True, number=number, reason=reason, lock=lock)
@@ -57,7 +59,12 @@ class _Patient:
 def _patient(rule: ReleaseRule = "anyone", deaf_to: str = "") -> Iterator[_Patient]:
     endpoint = free_endpoints()[0]
     with a_router(endpoint) as session:
-        yield _Patient(session, endpoint, rule, deaf_to)
+        patient = _Patient(session, endpoint, rule, deaf_to)
+        try:
+            yield patient
+        finally:
+            with patient.answering:
+                patient.is_here = False
 
 
 def _stopped(patient: _Patient, reason: str = "") -> str:
