@@ -100,7 +100,7 @@ def _exposed(config: zenoh.Config) -> list[Fault]:
         return []
     if isinstance(listen, dict):  # one list for each mode
         listen = listen.get(mode) or ()
-    if config.get_json("transport/auth/usrpwd/dictionary_file") != "null":
+    if _has_users(config):
         return []
     is_mutual = config.get_json("transport/link/tls/enable_mtls") == "true"
     rule = (
@@ -112,6 +112,18 @@ def _exposed(config: zenoh.Config) -> list[Fault]:
         for one in map(str, listen)
         if not (is_local(one) or (is_mutual and is_tls(one)))
     ]
+
+
+def _has_users(config: zenoh.Config) -> bool:
+    """Tell whether only users with a password may connect: Zenoh lets anybody in whose dictionary names nobody."""
+    name = json.loads(config.get_json("transport/auth/usrpwd/dictionary_file"))
+    if name is None:
+        return False
+    try:
+        lines = Path(name).read_text("utf-8", "replace").splitlines()
+    except OSError:
+        return False
+    return any(all(part.strip() for part in line.partition(":")) for line in lines)
 
 
 def _settings(options: ZenohOptions) -> tuple[list[tuple[str, str]], list[Fault]]:

@@ -20,6 +20,7 @@ from tis.common.scenario.network.capacity import CoDel, Rate, RecordedRate, Tail
 from tis.common.scenario.network.conditions import Change, State
 from tis.common.scenario.network.pipeline import Stages
 from tis.common.scenario.reading import Profiles
+from tis.common.zenoh_syntax import is_local
 from tis.netem.bridge.control import attach
 from tis.netem.bridge.driver import Driver
 from tis.netem.bridge.proxy import Address, Proxy
@@ -99,6 +100,10 @@ def _checked(options: Standalone) -> tuple[Ends, NetworkPart]:
         ends = ends_of(options.places)
     except InputError as error:
         faults += error.faults
+    if ends is not None and not (options.zenoh.insecure or is_local(_endpoint(ends.listen))):
+        # what is carried is not read, so netem asks nobody for a certificate or a password
+        rule = "must be on loopback with --carry tcp, unless --insecure says that anybody may connect"
+        faults.append(Fault("netem", f"--{ends.comes_from}", rule, _endpoint(ends.listen)))
     try:
         network = stream_network(options.network, options.where)
     except InputError as error:
@@ -131,6 +136,11 @@ def _address(endpoint: str) -> Address:
     found = _ENDPOINT.fullmatch(endpoint)
     assert found is not None
     return found[2].strip("[]"), int(found[3])
+
+
+def _endpoint(address: Address) -> str:
+    host, port = address
+    return f"tcp/[{host}]:{port}" if ":" in host else f"tcp/{host}:{port}"
 
 
 def _lines(options: Standalone, ends: Ends) -> list[str]:

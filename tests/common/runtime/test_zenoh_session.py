@@ -111,11 +111,22 @@ def test_a_bad_file_is_one_line_with_its_name(tmp_path: Path, text: str | None) 
         (["tls/0.0.0.0:1"], ("transport/link/tls/enable_mtls:true",), True),
         (["tcp/0.0.0.0:1"], ("transport/link/tls/enable_mtls:true",), False),
         (["tcp/0.0.0.0:1"], ('transport/auth/usrpwd/dictionary_file:"users"',), True),
+        (["tcp/0.0.0.0:1"], ('transport/auth/usrpwd/dictionary_file:"nobody"',), False),
+        (["tcp/0.0.0.0:1"], ('transport/auth/usrpwd/dictionary_file:"halves"',), False),
+        (["tcp/0.0.0.0:1"], ('transport/auth/usrpwd/dictionary_file:"missing"',), False),
     ],
 )
 def test_a_router_listens_beyond_loopback_only_with_proof_or_on_request(
-    mode: Literal["router", "client"], listen: list[str], cfg: tuple[str, ...], allowed: bool
+    mode: Literal["router", "client"],
+    listen: list[str],
+    cfg: tuple[str, ...],
+    allowed: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, text in (("users", "lab:secret\n"), ("nobody", "\n"), ("halves", "lab:\n:secret\nlab\n")):
+        Path(name).write_text(text)
     options = ZenohOptions(listen=listen, cfg=cfg)
     if allowed or mode == "client":  # a client listens nowhere
         configure(mode, options)

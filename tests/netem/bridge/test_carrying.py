@@ -48,6 +48,7 @@ def test_other_protocols_are_refused_together() -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
+        (["--carry", "tcp", "--west", "tcp/0.0.0.0:1"], "netem: --west: must be on loopback with --carry tcp, unless"),
         (["--carry", "udp"], "netem: --carry: must be messages or tcp (got 'udp')"),
         (["--control", "tcp/127.0.0.1:1"], "netem: --control: needs --carry tcp"),
         (["--carry", "tcp", "--control", "nonsense"], "netem: --control: must be PROTOCOL/ADDRESS"),
@@ -56,7 +57,8 @@ def test_other_protocols_are_refused_together() -> None:
     ],
 )
 def test_faults_of_the_command_line_are_told(words: list[str], said: str) -> None:
-    places = ["--west", "tcp/127.0.0.1:1", "--connect-east", "tcp/127.0.0.1:2"]
+    west = [] if "--west" in words else ["--west", "tcp/127.0.0.1:1"]
+    places = [*west, "--connect-east", "tcp/127.0.0.1:2"]
     done = subprocess.run(
         [sys.executable, "-m", "tis.deploy.cli.main", "netem", *places, *words],
         capture_output=True,
