@@ -126,8 +126,15 @@ def _reader(found: Described, channel: Channel, is_pose: bool) -> Callable[[byte
     """Return a function of a payload and its log time; it raises one of `UNREADABLE`."""
     if channel.message_encoding == "json":
         return lambda payload, log_ns: in_json(json_value(payload), log_ns, is_pose)
-    decode = decoder(found.log.schemas[channel.schema_id].name)
+    schema = found.log.schemas.get(channel.schema_id)
+    if channel.message_encoding != "cdr" or schema is None:  # another channel of the topic can be read
+        return _unknown
+    decode = decoder(schema.name)
     return lambda payload, log_ns: in_ros(decode(payload), log_ns, is_pose)
+
+
+def _unknown(payload: bytes, log_ns: int) -> Read:  # noqa: ARG001  as every reader
+    raise ValueError("a message without a schema, or in an encoding that is not read")
 
 
 def read_bag(path: Path, wanted: Wanted) -> Found:

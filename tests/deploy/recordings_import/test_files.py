@@ -1,8 +1,10 @@
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 
 from tests.common.runtime.recordings.tables import movement
 from tests.deploy.recordings_import.foreign_files import json_mcap, ros_mcap
@@ -70,6 +72,23 @@ def test_messages_that_cannot_be_read_are_counted_and_refused(tmp_path: Path, br
     found = read_mcap(file, Wanted(skips_unreadable=True))
     assert len(found.streams[0].t_ns) == 3
     assert "/MTML/measured_cp: 1 messages cannot be read and are left out" in found.notes
+
+
+@pytest.mark.parametrize("encoding", ["cdr", "protobuf", ""])
+def test_a_topic_s_channel_that_has_no_schema_is_counted(tmp_path: Path, encoding: str) -> None:
+    file = tmp_path / "a.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        known, unknown = (writer.register_channel("/MTML/measured_cp", kind, 0) for kind in ("json", encoding))
+        for k in range(3):
+            writer.add_message(known, k, json.dumps(posed(k)).encode(), k)
+            writer.add_message(unknown, k, b"", k)
+        writer.finish()
+    with pytest.raises(DataError, match="--skip-unreadable leaves them out .got 3."):
+        read_mcap(file, Wanted())
+    found = read_mcap(file, Wanted(skips_unreadable=True))
+    assert found.streams[0].position_m[:, 0].tolist() == [0, 1, 2]
 
 
 def test_messages_of_ros_that_are_cut_short_are_counted(tmp_path: Path) -> None:
