@@ -126,7 +126,7 @@ class PageOptions(Options):
     """Where the live page is."""
 
     address: Annotated[
-        str, typer.Option(help="Address of the live page; any address but loopback requires a token.")
+        str, typer.Option(help="Address of the live page, which needs the token that is printed with it.")
     ] = "127.0.0.1"
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the live page; 0: any free port.")] = 0
     hosts: Annotated[

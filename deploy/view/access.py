@@ -1,4 +1,7 @@
-"""Access control of the page: free on loopback, elsewhere by a token in the page's address."""
+"""Access control of the page: a token in its address, and headers that let no other site show or use it.
+
+On loopback, too: other users of the host and programs in its browser reach it there.
+"""
 
 import contextlib
 import ipaddress
@@ -11,23 +14,38 @@ from typing import Any, Final, cast
 from urllib.parse import urlencode
 
 from bokeh.server.auth_provider import AuthProvider
+from tornado.httputil import HTTPHeaders, HTTPServerRequest
 from tornado.routing import AnyMatches, HostMatches, PathMatches, Router, Rule, RuleRouter
-from tornado.web import Application, ErrorHandler, HTTPError, RequestHandler
+from tornado.web import Application, ErrorHandler, HTTPError, OutputTransform, RequestHandler
 
 LOOPBACK: Final = "127.0.0.1"
 _LOOPBACK_NAMES: Final = (LOOPBACK, "localhost")
 _TOKEN_BYTES: Final = 24
 _FORBIDDEN: Final = 403
 _PATHS: Final = r"/(?:ws|drive|report|static/.*)?"
+_POLICY: Final = (
+    "default-src 'none'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self' {sockets}; base-uri 'none'; "
+    "form-action 'none'; frame-ancestors 'none'"
+)
+"""Bokeh's pages consist of inline scripts, and its callbacks are compiled from text."""
+_HEADERS: Final = {
+    "X-Frame-Options": "DENY",  # as frame-ancestors, for browsers that do not know it
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",  # the address holds the token
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
 
 
 @dataclass(frozen=True)
 class Access:
-    """Address of the page, host names under which it may be opened, and the required token, if any."""
+    """Address of the page, host names under which it may be opened, and the required token."""
 
     address: str
     hosts: tuple[str, ...]
-    token: str | None
+    token: str
 
     def origins(self, port: int) -> list[str]:
         """Return the origins allowed to open a WebSocket: the page's own."""
@@ -43,12 +61,26 @@ class Access:
         own_host = HostMatches(re.compile(rf"(?:{hosts})\Z", re.IGNORECASE))
         own_paths = RuleRouter([Rule(PathMatches(_PATHS), server)])
         refused = Application(default_handler_class=ErrorHandler, default_handler_args={"status_code": _FORBIDDEN})
+        for each in (server, refused):
+            each.add_transform(_Hardened)
         return RuleRouter([Rule(own_host, own_paths), Rule(AnyMatches(), refused)])
 
     def url(self, port: int) -> str:
         """Return the URL of the page."""
-        query = f"?{urlencode({'token': self.token})}" if self.token else ""
-        return f"http://{_bracketed(self.hosts[0])}:{port}/{query}"
+        return f"http://{_bracketed(self.hosts[0])}:{port}/?{urlencode({'token': self.token})}"
+
+
+class _Hardened(OutputTransform):
+    """Adds the headers that keep other sites out to every response."""
+
+    def __init__(self, request: HTTPServerRequest) -> None:
+        self._policy = _POLICY.format(sockets=f"ws://{request.host}")
+
+    def transform_first_chunk(
+        self, status_code: int, headers: HTTPHeaders, chunk: bytes, finishing: bool
+    ) -> tuple[int, HTTPHeaders, bytes]:
+        headers.update(_HEADERS | {"Content-Security-Policy": self._policy})
+        return super().transform_first_chunk(status_code, headers, chunk, finishing)
 
 
 def access_to(address: str, names: Sequence[str] = ()) -> Access:
@@ -58,9 +90,9 @@ def access_to(address: str, names: Sequence[str] = ()) -> Access:
     """
     found = {entry[4][0] for entry in _resolve(address)}
     if all(ipaddress.ip_address(str(ip).partition("%")[0]).is_loopback for ip in found):
-        return Access(address, (address, *(name for name in _LOOPBACK_NAMES if name != address), *names), None)
-    if any(ipaddress.ip_address(str(ip).partition("%")[0]).is_unspecified for ip in found):
-        hosts: tuple[str, ...] = (*names, *_own_names(), *_LOOPBACK_NAMES)
+        hosts: tuple[str, ...] = (address, *_LOOPBACK_NAMES, *names)
+    elif any(ipaddress.ip_address(str(ip).partition("%")[0]).is_unspecified for ip in found):
+        hosts = (*names, *_own_names(), *_LOOPBACK_NAMES)
     else:
         hosts = (*names, address)
     return Access(address, tuple(dict.fromkeys(hosts)), secrets.token_urlsafe(_TOKEN_BYTES))

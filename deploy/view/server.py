@@ -69,8 +69,6 @@ class _ReportHandler(AuthRequestHandler):
         if report is None:
             raise HTTPError(_NOT_FOUND)
         self.set_header("Content-Type", "text/html; charset=utf-8")
-        self.set_header("X-Content-Type-Options", "nosniff")
-        self.set_header("Cache-Control", "no-store")
         await self.finish(report.read_bytes())
         self._handover.n_sent += 1
 
@@ -219,13 +217,12 @@ def listen(
             fault = Fault("tis view", "--port", f"cannot listen there: {error.strerror}", port)
         raise InputError(fault) from None
     bound_port = int(sockets[0].getsockname()[1])
-    auth: dict[str, Any] = {} if access.token is None else {"auth_provider": TokenAuth(access.token)}
     tornado = BokehTornado(
         {"/": application}, extra_websocket_origins=access.origins(bound_port), sign_sessions=True,
         secret_key=generate_secret_key().encode(), generate_session_ids=True,
         unused_session_lifetime_milliseconds=_UNUSED_MS, check_unused_sessions_milliseconds=_UNUSED_MS // 2,
         extra_patterns=list(routes),
-        websocket_max_message_size_bytes=_MAX_MESSAGE_BYTES, **auth,
+        websocket_max_message_size_bytes=_MAX_MESSAGE_BYTES, auth_provider=TokenAuth(access.token),
     )  # fmt: skip
     http = HTTPServer(access.guard(tornado))
     http.add_sockets(sockets)

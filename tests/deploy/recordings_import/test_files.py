@@ -84,7 +84,7 @@ def test_a_topic_s_channel_that_has_no_schema_is_counted(tmp_path: Path, encodin
         for k in range(3):
             writer.add_message(known, k, json.dumps(posed(k)).encode(), k)
             writer.add_message(unknown, k, b"", k)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
     with pytest.raises(DataError, match="--skip-unreadable leaves them out .got 3."):
         read_mcap(file, Wanted())
     found = read_mcap(file, Wanted(skips_unreadable=True))

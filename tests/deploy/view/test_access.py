@@ -20,31 +20,32 @@ from tis.deploy.view.server import ViewOptions, listen
 pytestmark = pytest.mark.live
 
 _TIME_OUT_S = 20
+_PAGE = Access("127.0.0.1", ("127.0.0.1", "localhost"), "secret-token")
+_OPEN = "?token=secret-token"
 
 
-def test_loopback_is_the_default_and_asks_for_no_token() -> None:
+def test_loopback_is_the_default() -> None:
     access = access_to(ViewOptions("w", "e").address)
-    assert access.token is None
     assert access.origins(81) == ["127.0.0.1:81", "localhost:81"]
-    assert access.url(81) == "http://127.0.0.1:81/"
+    assert access.url(81) == f"http://127.0.0.1:81/?token={access.token}"
 
 
 @pytest.mark.parametrize("address", ["localhost", "127.0.0.5"])
-def test_other_names_of_loopback_ask_for_none_either(address: str) -> None:
+def test_the_given_name_of_loopback_leads_to_the_page(address: str) -> None:
     access = access_to(address)
-    assert access.token is None
     assert access.origins(81)[0] == f"{address}:81"
+    assert access.url(81).startswith(f"http://{address}:81/")
 
 
-@pytest.mark.parametrize("address", ["0.0.0.0", "::"])
-def test_wider_than_loopback_there_is_a_token_and_no_wildcard(address: str) -> None:
+@pytest.mark.parametrize("address", ["127.0.0.1", "0.0.0.0", "::"])
+def test_there_is_a_token_and_no_wildcard(address: str) -> None:
     one, two = access_to(address, ["lab.example"]), access_to(address)
     assert one.token
     assert len(one.token) >= 32
     assert one.token != two.token
-    assert one.origins(81)[0] == "lab.example:81"
+    assert "lab.example:81" in one.origins(81)
     assert not any("*" in origin for origin in one.origins(81))
-    assert one.url(81) == f"http://lab.example:81/?token={one.token}"
+    assert one.url(81) == f"http://{one.hosts[0]}:81/?token={one.token}"
 
 
 def test_an_address_that_is_none_is_refused() -> None:
@@ -113,24 +114,24 @@ async def _connect(place: str, token: str, **headers: str) -> str:
 
 def test_only_the_pages_own_origin_may_connect() -> None:
     async def ask(place: str) -> None:
-        token, _ = await _session_token(f"http://{place}/")
-        assert "ACK" in await _connect(place, token, Origin=f"http://{place}")
+        token, cookie = await _session_token(f"http://{place}/{_OPEN}")
+        assert "ACK" in await _connect(place, token, Origin=f"http://{place}", Cookie=cookie)
         port = place.partition(":")[2]
         for foreign in ("http://evil.example", f"http://evil.example:{port}", "http://127.0.0.1:1", "null"):
-            assert await _upgrade(place, token, Origin=foreign) == 403, foreign
+            assert await _upgrade(place, token, Origin=foreign, Cookie=cookie) == 403, foreign
 
-    _served(access_to("127.0.0.1"), ask)
+    _served(_PAGE, ask)
 
 
 def test_a_session_that_no_page_was_given_is_refused() -> None:
     async def ask(place: str) -> None:
         forged = generate_session_id(signed=True, secret_key=b"another key")
-        assert await _code(f"http://{place}/?bokeh-session-id={forged}") == 403
-        token, _ = await _session_token(f"http://{place}/")
-        told = await _connect(place, token[:-4] + "AAAA", Origin=f"http://{place}")
+        assert await _code(f"http://{place}/{_OPEN}&bokeh-session-id={forged}") == 403
+        token, cookie = await _session_token(f"http://{place}/{_OPEN}")
+        told = await _connect(place, token[:-4] + "AAAA", Origin=f"http://{place}", Cookie=cookie)
         assert told == "None"  # closed, without a word
 
-    _served(access_to("127.0.0.1"), ask)
+    _served(_PAGE, ask)
 
 
 def test_without_the_token_there_is_nothing_to_be_had() -> None:
@@ -145,7 +146,7 @@ def test_without_the_token_there_is_nothing_to_be_had() -> None:
         assert await _upgrade(place, session, Origin=f"http://{place}") == 403
         assert "ACK" in await _connect(place, session, Origin=f"http://{place}", Cookie=cookie)
 
-    _served(Access("127.0.0.1", ("127.0.0.1",), "secret-token"), ask)
+    _served(_PAGE, ask)
 
 
 def test_under_another_hosts_name_nothing_is_answered() -> None:
@@ -153,15 +154,29 @@ def test_under_another_hosts_name_nothing_is_answered() -> None:
 
     async def ask(place: str) -> None:
         port = place.partition(":")[2]
-        token, _ = await _session_token(f"http://{place}/")
+        token, cookie = await _session_token(f"http://{place}/{_OPEN}")
         for host in (f"evil.example:{port}", "evil.example", f"127.0.0.1.evil.example:{port}", f"x127.0.0.1:{port}"):
             for path in ("", "static/js/bokeh.min.js", "report", "metadata"):
-                assert await _code(f"http://{place}/{path}", Host=host) == 403, (host, path)
-            assert await _upgrade(place, token, Host=host, Origin=f"http://{host}") == 403, host
+                assert await _code(f"http://{place}/{path}{_OPEN}", Host=host) == 403, (host, path)
+            asked = {"Host": host, "Origin": f"http://{host}", "Cookie": cookie}
+            assert await _upgrade(place, token, **asked) == 403, host
         for host in (f"localhost:{port}", f"LOCALHOST:{port}", f"127.0.0.1:{port}"):
-            assert await _code(f"http://{place}/", Host=host) == 200, host
+            assert await _code(f"http://{place}/{_OPEN}", Host=host) == 200, host
 
-    _served(access_to("127.0.0.1"), ask)
+
+def test_no_other_site_may_frame_the_page_or_read_it() -> None:
+    async def ask(place: str) -> None:
+        for path in (_OPEN, "", "static/js/bokeh.min.js", "metadata"):  # whatever the answer is
+            headers = (await _fetch(f"http://{place}/{path}")).headers
+            policy = headers["Content-Security-Policy"]
+            assert "frame-ancestors 'none'" in policy, path
+            assert f"connect-src 'self' ws://{place};" in policy, path
+            assert headers["X-Frame-Options"] == "DENY", path
+            assert headers["Referrer-Policy"] == "no-referrer", path  # the address holds the token
+
+    _served(_PAGE, ask)
+
+    _served(_PAGE, ask)
 
 
 def test_no_other_site_gets_a_session_by_a_script() -> None:
@@ -170,4 +185,4 @@ def test_no_other_site_gets_a_session_by_a_script() -> None:
             answer = await _fetch(f"http://{place}/{path}")
             assert (answer.code, b"token" in answer.body) == (403, False), path
 
-    _served(access_to("127.0.0.1"), ask)
+    _served(_PAGE, ask)

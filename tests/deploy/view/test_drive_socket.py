@@ -13,7 +13,7 @@ from tornado.ioloop import IOLoop
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from tests.deploy.view.test_drive import _Door, _hub
-from tis.deploy.view.access import Access, access_to
+from tis.deploy.view.access import Access
 from tis.deploy.view.drive import OTHER_DRIVES
 from tis.deploy.view.drive_socket import TOO_MANY, DriveSockets
 from tis.deploy.view.server import listen
@@ -28,7 +28,7 @@ def _served(
     ask: Callable[[str, _Door, DriveSockets], Coroutine[Any, Any, None]], access: Access | None = None
 ) -> _Door:
     """Let ``ask`` try things on a server; return the door that its moves went through."""
-    door, admitted = _Door(), access or access_to("127.0.0.1")
+    door, admitted = _Door(), access or Access("127.0.0.1", ("127.0.0.1",), "secret-token")
     sockets = DriveSockets(_hub(door))
 
     async def main() -> None:
@@ -45,7 +45,7 @@ def _served(
     return door
 
 
-async def _open(place: str, query: str = "", **headers: str) -> WebSocketClientConnection:
+async def _open(place: str, query: str = "?token=secret-token", **headers: str) -> WebSocketClientConnection:
     return await websocket_connect(HTTPRequest(f"ws://{place}/drive{query}", headers=headers))
 
 

@@ -19,16 +19,18 @@ from tis.deploy.view.server import listen
 
 pytestmark = pytest.mark.live
 
+_ACCESS = access_to("127.0.0.1")
 _N = 50_000  # of 8 bytes each: some frames fill every buffer on the way
 
 
 async def _browser(place: str) -> WebSocketClientConnection:
     client = AsyncHTTPClient(force_instance=True)
-    page = (await client.fetch(f"http://{place}/")).body.decode()
+    answer = await client.fetch(f"http://{place}/?token={_ACCESS.token}")
     client.close()
-    found = re.search(r'"token":"([^"]+)"', page)
+    found = re.search(r'"token":"([^"]+)"', answer.body.decode())
     assert found is not None
-    request = HTTPRequest(f"ws://{place}/ws", headers={"Origin": f"http://{place}"})
+    cookie = answer.headers["Set-Cookie"].partition(";")[0]
+    request = HTTPRequest(f"ws://{place}/ws", headers={"Origin": f"http://{place}", "Cookie": cookie})
     browser = await websocket_connect(request, subprotocols=["bokeh", found[1]], max_message_size=1 << 27)
     assert "ACK" in str(await browser.read_message())
     return browser
@@ -50,7 +52,7 @@ def test_it_loses_frames_and_the_others_do_not() -> None:
         doc.add_periodic_callback(refresh, 10)
 
     async def main() -> None:
-        server, port = listen(Application(FunctionHandler(page)), access_to("127.0.0.1"), 0, IOLoop.current())
+        server, port = listen(Application(FunctionHandler(page)), _ACCESS, 0, IOLoop.current())
         server.start()
         asleep = await _browser(f"127.0.0.1:{port}")  # its client takes no message until it is asked for one
         awake = await _browser(f"127.0.0.1:{port}")
