@@ -68,7 +68,8 @@ def _read_on(summary: Summary) -> Iterator[Row]:
     """Yield where the manual, which a wheel lacks, explains each problem."""
     if summary.problems:
         page = Path(PACKAGES) / _MANUAL
-        place = str(page) if page.is_file() else f"{_MANUAL} of the clone that tis was installed from"
+        near = page.relative_to(Path.cwd()) if page.is_relative_to(Path.cwd()) else page
+        place = str(near) if page.is_file() else f"{_MANUAL} of the clone that tis was installed from"
         yield Row("", f"Each message in full: {place}")
 
 

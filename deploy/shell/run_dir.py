@@ -42,7 +42,9 @@ def create(path: Path, scenario: Scenario) -> Path:
         if any(path.iterdir()):
             raise DataError(Fault(str(path), "", "run folder must be new or empty: give another --run-dir"))
     except OSError as error:
-        raise DataError(Fault(str(path), "", f"run folder cannot be created: {error.strerror}")) from None
+        raise DataError(
+            Fault(str(path), "", f"run folder cannot be created: {error.strerror}; give another --run-dir")
+        ) from None
     try:
         write(path / SCENARIO_FILE, scenario_io.dump_scenario(scenario))
     except DataError:
