@@ -61,6 +61,15 @@ def place_of(error: BaseException, *ours: str) -> str:
     return f" ({own[-1][0].name}, line {own[-1][1]})" if own else ""
 
 
+CURE: Final = " -> "
+"""Stands between a problem and what to do about it."""
+
+
+def problem(text: str, cure: str) -> str:
+    """Return a problem of a run with what to do about it, as summary, brief and report show it."""
+    return f"{text}{CURE}{cure}"
+
+
 class TisError(Exception):
     """Base of all errors that a user can correct; carries the exit code of the command."""
 

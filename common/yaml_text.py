@@ -50,19 +50,21 @@ def load_yaml(text: str, where: str) -> Any:
 def line_of(text: str, field: str) -> int | None:
     """Return the line, from 1, of a field ``a.b.0.c`` in a text that `load_yaml` reads, or of what it would stand in.
 
-    None if the text has none of it.
+    A key may have dots itself. None if the text has none of it.
     """
-    node, line = yaml.compose(text, Loader=yaml.CSafeLoader), None
-    for step in field.split("."):
+    node, line, steps = yaml.compose(text, Loader=yaml.CSafeLoader), None, field.split(".")
+    while steps:
+        found = None
         if isinstance(node, yaml.MappingNode):
-            found = next(((key, value) for key, value in node.value if key.value == step), None)
-        elif isinstance(node, yaml.SequenceNode) and step.isdecimal() and int(step) < len(node.value):
-            found = (node.value[int(step)],) * 2
-        else:
-            found = None
+            values = {key.value: (key, value) for key, value in node.value if isinstance(key, yaml.ScalarNode)}
+            heads = (n for n in range(len(steps), 0, -1) if ".".join(steps[:n]) in values)
+            if n_taken := next(heads, 0):
+                found = values[".".join(steps[:n_taken])]
+        elif isinstance(node, yaml.SequenceNode) and steps[0].isdecimal() and int(steps[0]) < len(node.value):
+            found, n_taken = (node.value[int(steps[0])],) * 2, 1
         if found is None:
             break
-        line, node = found[0].start_mark.line + 1, found[1]
+        line, node, steps = found[0].start_mark.line + 1, found[1], steps[n_taken:]
     return line
 
 

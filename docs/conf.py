@@ -7,9 +7,11 @@ MkDocs is in maintenance mode on a MkDocs of 2024, and sphinx-book-theme 1.4.0 o
 chosen here. Sphinx 9.0.4 is the last release for Python 3.11.
 """
 
+import re
 import sys
 import tomllib
 from pathlib import Path
+from typing import Final
 
 from sphinx.application import Sphinx
 
@@ -68,9 +70,22 @@ html_show_copyright = False
 def setup(app: Sphinx) -> None:
     """Let the folders' index pages list what lies beside them."""
     app.connect("source-read", _list_the_folder)
+    app.connect("source-read", _point_at_generated_pages)
 
 
 def _list_the_folder(_: Sphinx, name: str, source: list[str]) -> None:
     """Append a hidden table of contents with the folder's pages to an index page that has none."""
     if name.endswith("/index") and "{toctree}" not in source[0]:
         source[0] += "\n```{toctree}\n:hidden:\n:glob:\n\n*\n```\n"
+
+
+_GENERATED: Final = "commands|scenario|hosts|study|network|summary|logs|exit_codes|api"
+
+
+def _point_at_generated_pages(_: Sphinx, name: str, source: list[str]) -> None:
+    """Let links go to the pages that are made with the site; in a clone they go to what is there."""
+    text = re.sub(rf"\]\(((?:\.\./)?(?:reference/)?)index\.md#({_GENERATED})\)", r"](\1\2.md)", source[0])
+    text = text.replace("](../compare_in_python.ipynb)", "](in_python.md#a-comparison-in-python)")
+    source[0] = text.replace("](../run_in_python.ipynb)", "](in_python.md)")
+    if name == "reference/index":
+        source[0] = re.sub(rf"^\| ({_GENERATED}) \|", r"| [\1](\1.md) |", source[0], flags=re.MULTILINE)

@@ -24,6 +24,9 @@ LEVEL: Final = 0.95
 CHI2_3_95: Final = 7.814727903251179
 """95 % quantile of chi squared with 3 degrees of freedom: the squared radius of the ellipsoid of a 3D error."""
 
+CHI2_1_95: Final = 3.841458820694124
+"""95 % quantile of chi squared with 1 degree of freedom."""
+
 _HALF_WIDTH: Final = 1.959963984540054
 """Half width of the 95 % interval of a normal error, in standard deviations."""
 
@@ -46,6 +49,17 @@ def mean_square_bounds(n_effective: float) -> tuple[float, float]:
         for share in ((1 - LEVEL) / 2, (1 + LEVEL) / 2)
     )
     return low, high
+
+
+def region_pct(squares: Array) -> float | None:
+    """Return the share of errors within their 95 % region, from normalised squares (T, d) with d of 1 or 3.
+
+    The region is that of independent axes: an ellipsoid, or an interval. None without rows. Oracle: errors of known
+    deviation, test_consistency.
+    """
+    rows = squares[~np.isnan(squares).any(axis=1)]
+    limit = CHI2_3_95 if squares.shape[1] > 1 else CHI2_1_95
+    return 100.0 * float(np.mean(rows.sum(axis=1) <= limit)) if len(rows) else None
 
 
 def consistency(squares: Array) -> dict[str, Any]:

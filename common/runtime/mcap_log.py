@@ -31,7 +31,7 @@ class McapLog:
 
     A chunk is written when it is full, at each `flush`, and when it spans ``flush_every_ns`` of log time, if given.
     A chunk that spans a quarter of a second or more leaves the time for thorough compression. With ``keep_void``
-    false a log without any record is deleted when an exception ends its context.
+    false a log without any record is deleted when its context ends: the run never began.
     """
 
     def __init__(
@@ -40,6 +40,8 @@ class McapLog:
         self._path, self._keep_void = path, keep_void
         try:
             self._file = path.open("xb")
+        except FileExistsError:
+            raise DataError(Fault(str(path), "", "exists, from an earlier run: give another --run-dir")) from None
         except OSError as error:
             raise DataError(Fault(str(path), "", f"cannot be written: {error.strerror}")) from None
         self._writer = ChunkWriter(self._file, "tis", chunk_bytes=_UNLIMITED_BYTES, indexed=False, beside=False)
@@ -117,9 +119,9 @@ class McapLog:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: object, *_: object) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
-        if kind is not None and not self._channels and not self._keep_void:
+        if not self._channels and not self._keep_void:
             self._path.unlink(missing_ok=True)
 
     def _register(self, topic: str, schema: type[Message] | None) -> int:

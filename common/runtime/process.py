@@ -45,6 +45,17 @@ def _without_secrets(words: Sequence[str]) -> Iterator[str]:
         is_setting = word == _ZENOH_SETTING and not is_setting
 
 
+_RUN_DIR: Final = re.compile(r""" ('--run-dir=[^']*'|--run-dir[= ]('[^']*'|"[^"]*"|[^\s'"])+)""")
+
+
+def repeatable(command: str, instead: str = "") -> str:
+    """Return a command line with ``instead`` of ``--run-dir``, whose folder holds the run by now.
+
+    Oracle: literals, test_process.
+    """
+    return _RUN_DIR.sub(instead, command)
+
+
 def _setting(text: str) -> str:
     """Return ``KEY:VALUE`` without its value."""
     key, colon, _ = text.partition(":")

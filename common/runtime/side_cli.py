@@ -57,6 +57,9 @@ WaitOption = Annotated[
 ChildOption = Annotated[bool, typer.Option(hidden=True, help="Started by `tis run`: speak in events.")]
 AloneOption = Annotated[bool, typer.Option(hidden=True, help="With --child: on a host of its own, by `tis up`.")]
 
+Completion = Callable[[str], list[str]]
+"""What a shell may put in place of an incomplete word."""
+
 _PR_SET_PDEATHSIG: Final = 1
 
 
@@ -66,17 +69,16 @@ def side_command(
     locate: Callable[[str], Path] = Path,
     profiles: "reading.Profiles | None" = None,
     devices: Collection[str] = (),
+    scenarios: Completion | None = None,
 ) -> Callable[..., None]:
     """Return the typer command that runs one side alone.
 
     ``locate`` finds the file that a scenario's name means, ``profiles`` is the library that its network may name,
-    ``devices`` are the kinds of devices that ``run_side`` can start beside it.
+    ``devices`` are the kinds of devices that ``run_side`` can start beside it, ``scenarios`` completes a name.
     """
 
     def command(
-        scenario: Annotated[
-            str, typer.Argument(metavar="SCENARIO", help="Scenario file (YAML); the same one on every host.")
-        ],
+        scenario: Annotated[str, _scenario_arg(scenarios)],
         run_dir: LogFolderOption = None,
         connect: ConnectOption = None,
         listen: ListenOption = None,
@@ -118,6 +120,11 @@ def side_command(
 
     command.__doc__ = f"Run the {side} side alone, for a host of its own; start the sides in any order."
     return command
+
+
+def _scenario_arg(names: Completion | None) -> Any:
+    words = "Scenario file (YAML); the same one on every host."
+    return typer.Argument(metavar="SCENARIO", help=words, autocompletion=names)
 
 
 def _witness_option(side: "Side") -> Any:

@@ -1,6 +1,8 @@
 """The log that a side's process writes: a new one, or the next part of its own (`tis.common.runtime.log_parts`)."""
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -54,16 +56,24 @@ def earlier_part(options: SideOptions, scenario: Scenario, side: Side) -> Earlie
     return None
 
 
-def open_log(options: SideOptions, scenario: Scenario, side: Side, earlier: EarlierPart | None = None) -> McapLog:
-    """Create this side's log in the run folder, or the next part after ``earlier``; raises `DataError`."""
+@contextmanager
+def open_log(
+    options: SideOptions, scenario: Scenario, side: Side, earlier: EarlierPart | None = None
+) -> Iterator[McapLog]:
+    """Create this side's log in the run folder, or the next part after ``earlier``; raises `DataError`.
+
+    Of a run that did not begin neither the log is kept nor a folder that was made for it.
+    """
     if earlier is not None:
         folder, number = earlier.path.parent, n_parts(earlier.path.parent, side) + 1
     else:
         folder, number = options.run_dir or run_folder(RUNS, scenario.name), 1
+    made = [place for place in (folder, *folder.parents) if not place.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise DataError(Fault(str(folder), "", f"cannot be created: {error.strerror}")) from None
+        rule = f"cannot be created: {error.strerror}; give another --run-dir"
+        raise DataError(Fault(str(folder), "", rule)) from None
     metadata = {
         "version": LOG_VERSION,
         "side": side,
@@ -73,9 +83,14 @@ def open_log(options: SideOptions, scenario: Scenario, side: Side, earlier: Earl
     }
     for module in (messages, *RECORD_MODULES):
         prepare_schemas(module)
-    log = McapLog(folder / part_name(side, number), metadata, keep_void=earlier is None)
-    log.attach("scenario.yaml", scenario_io.dump_scenario(scenario).encode())
-    return log
+    try:
+        with McapLog(folder / part_name(side, number), metadata, keep_void=False) as log:
+            log.attach("scenario.yaml", scenario_io.dump_scenario(scenario).encode())
+            yield log
+    finally:
+        with suppress(OSError):  # it holds a log
+            for place in made:
+                place.rmdir()
 
 
 def continued(

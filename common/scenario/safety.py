@@ -17,6 +17,12 @@ USUAL_SAMPLES: Final = (2.0, 5.0, 200.0)
 USUAL_SET_POINT: Final = (1.0, 2.0, 200.0)
 """Those of set points."""
 
+USUAL_RESUMED: Final = (0.24, 10.0)
+"""Speed and acceleration of set points that resume, in m/s and m/s^2."""
+
+TIMES_RESUMED: Final = 1.5
+"""So many times what training rows reach, where limits follow from them: else no set point would meet an estimate."""
+
 TIMES_TRAINED: Final = 4.0
 """What is not given is so many times what a table's training rows reach, if that is more."""
 
@@ -35,6 +41,12 @@ def _limit(what: str, usual: float, about: str = "", most_m: float | None = None
     more = f"with a table {TIMES_TRAINED:g} times that of its training rows, if that is more"
     more += f" and at most {most_m:g}" if most_m else ""
     return Field(None, description=f"{what} Not given: {usual:g}{about}; {more}.")
+
+
+def _resumed(what: str, usual: str, more: str) -> Any:
+    """Return the field of a limit while the set point resumes."""
+    follows = f"where speed_m_s follows from a table's training rows, {more}"
+    return Field(None, description=f"{what} Not given: {usual}; {follows}.")
 
 
 class Gate(Part):
@@ -152,13 +164,15 @@ class Safety(Part):
         description="Time after a break for which the limits of resuming bound the set point in tracking, too, "
         "in ms.",
     )
-    resume_speed_m_s: Rate = Field(
-        0.24, description="Largest speed of the set point while it resumes or holds, in m/s: 8 mm a tick at 30 Hz."
+    resume_speed_m_s: Rate | None = _resumed(
+        "Largest speed of the set point while it resumes or holds, in m/s.",
+        f"{USUAL_RESUMED[0]:g}, 8 mm a tick at 30 Hz",
+        f"{TIMES_RESUMED:g} times theirs",
     )
-    resume_acceleration_m_s2: Rate = Field(
-        10.0,
-        description="Largest change of its velocity while it resumes, and goes to the last estimate in hold, in "
-        "m/s^2.",
+    resume_acceleration_m_s2: Rate | None = _resumed(
+        "Largest change of its velocity while it resumes, and goes to the last estimate in hold, in m/s^2.",
+        f"{USUAL_RESUMED[1]:g}",
+        "more in proportion to resume_speed_m_s",
     )
     resume_turn_deg_s: Rate = Field(
         240.0,
@@ -184,10 +198,10 @@ class Safety(Part):
         if not self.hold_age_ms < self.slow_stop_age_ms < self.safe_age_ms:
             raise ValueError("hold_age_ms, slow_stop_age_ms and safe_age_ms must ascend")
         _, usual_speed, usual_acceleration = USUAL_SET_POINT
-        if self.resume_speed_m_s > (usual_speed if self.speed_m_s is None else self.speed_m_s):
+        if (self.resume_speed_m_s or 0.0) > (usual_speed if self.speed_m_s is None else self.speed_m_s):
             raise ValueError("resume_speed_m_s must not exceed speed_m_s")
         most = usual_acceleration if self.acceleration_m_s2 is None else self.acceleration_m_s2
-        if self.resume_acceleration_m_s2 > most:
+        if (self.resume_acceleration_m_s2 or 0.0) > most:
             raise ValueError("resume_acceleration_m_s2 must not exceed acceleration_m_s2")
         if self.resume_turn_deg_s > self.turn_deg_s:
             raise ValueError("resume_turn_deg_s must not exceed turn_deg_s")

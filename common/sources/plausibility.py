@@ -11,6 +11,7 @@ import numpy as np
 
 from tis.common.sources.trajectory import Array, PoseTrack, Recording
 
+FAR: Final = "further than any arm: are these millimetres?"
 MAX_REACH_M: Final = 2.0
 """The span of human arms; a da Vinci arm reaches less than half of it. Larger ranges are in wrong units."""
 
@@ -65,6 +66,8 @@ def runs_of(holds: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> list[tuple[int
 # A minimum-jerk reach of 0.2 m in 0.2 s peaks at 5.77 * 0.2 / 0.2^2 = 29 m/s^2 (Flash & Hogan 1985), three times
 # gravity; work with instruments stays far below. At 30 Hz a jump of 33 mm between two rows has this acceleration.
 _MAX_ACCELERATION_M_S2: Final = 30.0
+# Rounding to steps of r moves a row by r / 2 at most, so a second difference by 2 r, of three axes by 2 r sqrt 3.
+_MOST_ROUNDED: Final = 2.0 * 3.0**0.5
 # Masters resolve micrometres and a hand that holds one trembles by more; arms stand still while a clutch is pressed.
 _MAX_STANDSTILL_S: Final = 2.0
 # Recorded trials have 24 to 31 rows per second by this measure: the recorder's filter of velocities lowers it.
@@ -82,7 +85,7 @@ def anomalies(position_m: Array, rate_hz: float, device: str, hand_held: bool) -
     """
     reach_m = float(np.ptp(position_m, axis=0).max())
     if reach_m > MAX_REACH_M:
-        return (f"{device} moves over {reach_m:.3g} m, further than any arm: are these millimetres?",)
+        return (f"{device} moves over {reach_m:.3g} m, {FAR}",)
     found = [*_zeros(position_m, device), *_jumps(position_m, rate_hz, device)]
     if hand_held:
         found += _standstills(position_m, rate_hz, device)
@@ -119,7 +122,8 @@ def _jumps(position_m: Array, rate_hz: float, device: str) -> list[str]:
     steps_m = np.diff(position_m, axis=0)
     sizes_m = np.linalg.norm(steps_m, axis=1)
     # A jump accelerates the path where it begins and where it ends; of neighbouring steps it is the longest.
-    bends = np.linalg.norm(np.diff(steps_m, axis=0), axis=1) * rate_hz**2 > _MAX_ACCELERATION_M_S2
+    largest_m = _MAX_ACCELERATION_M_S2 / rate_hz**2 + _MOST_ROUNDED * _resolution_m(steps_m)
+    bends = np.linalg.norm(np.diff(steps_m, axis=0), axis=1) > largest_m
     bent = [(first, last + 1) for first, last in runs_of(bends)]
     fast = [first + int(np.argmax(sizes_m[first : last + 1])) for first, last in bent]
     # Smaller ones stand out from this recording's own movement.
@@ -130,6 +134,12 @@ def _jumps(position_m: Array, rate_hz: float, device: str) -> list[str]:
     shown = ", ".join(f"{place} to {place + 1} ({1000 * sizes_m[place]:.0f} mm)" for place in places[:_MAX_SHOWN])
     rest = f" and {len(places) - _MAX_SHOWN} more times" if len(places) > _MAX_SHOWN else ""
     return [f"{device} jumps as no hand moves it, from row {shown}{rest}: are rows missing?"]
+
+
+def _resolution_m(steps_m: Array) -> float:
+    """Return the least movement of an axis from row to row, a step of rounded positions; 0 without any."""
+    moved_m = np.abs(steps_m[steps_m != 0.0])
+    return float(moved_m.min()) if len(moved_m) else 0.0
 
 
 def _standstills(position_m: Array, rate_hz: float, device: str) -> list[str]:

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from tis.common.runtime.recordings import load_recording
 from tis.deploy.compare.cells.scores import logged_scores, unlogged_scores
-from tis.deploy.present.table import FRAMED, Column, Row, Table
+from tis.deploy.present.table import Column, Row, Table
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
 from tis.patient_side.build import identify_models
@@ -42,7 +42,7 @@ def bench_cells(seconds: float, rounds: int, out: Console) -> dict[str, Any]:
         figures[",".join(names)] = least_s
     columns = [Column(head, words=True, wraps=True) for head in ("estimators", "twin with")]
     columns += [Column(head) for head in ("CPU, s", "× real time", "of the first")]
-    out.print(Table(f"a twin of {seconds:g} s, one hand, 30 Hz", columns, rows).terminal(FRAMED))
+    out.print(Table(f"a twin of {seconds:g} s, one hand, 30 Hz", columns, rows).terminal())
     return figures
 
 

@@ -23,7 +23,7 @@ from tis.common.scenario.source import SyntheticSource
 from tis.common.sources.synthetic import synthesise
 from tis.common.streams import Stream
 from tis.common.units import NS_PER_S, NS_PER_US, ms_to_ns, sample_instant_ns
-from tis.deploy.present.table import FRAMED, Column, Table
+from tis.deploy.present.table import Column, Table
 from tis.patient_side.estimators.builders import build_estimator
 from tis.patient_side.estimators.protocol import Estimator
 from tis.patient_side.identification.fit_innovations import fit_innovations
@@ -125,7 +125,7 @@ def bench_estimators(out: Console, names: Sequence[str] = BENCHED) -> int:
             largest[row] = max(largest[row], ratio)
             rows.append((row, f"{p50:.1f}", f"{p99:.1f}", f"{ratio:.1f}", len(steps_us), measured.n_plays))
         columns = ("", "p50, µs", "p99, µs", "× steady", "steps", "plays")
-        out.print(Table(title, columns, rows).terminal(FRAMED))
+        out.print(Table(title, columns, rows).terminal())
     if bounded in largest:
         verdict = "kept" if largest[bounded] <= MAX_RATIO else "MISSED"
         text = f"{bounded}: p99 at most {largest[bounded]:.1f} times its steady median"

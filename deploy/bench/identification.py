@@ -16,7 +16,7 @@ import numpy as np
 from rich.console import Console
 
 from tis.common.errors import EXIT_OK
-from tis.deploy.present.table import FRAMED, Column, Table
+from tis.deploy.present.table import Column, Table
 from tis.patient_side.identification.hankel import triangular_factor
 from tis.patient_side.identification.subspace_methods import METHODS
 from tis.patient_side.statespace import Array, StateSpace
@@ -75,7 +75,7 @@ def bench_identification(out: Console) -> int:
             measured = measure(who, call, u, y, size.n_repeats)
             rows.append((who, f"{measured.time_ms:.1f}", f"{measured.memory_mb:.1f}", _verdict(size, measured)))
         title = f"{size.name}: {BLOCK_ROWS} block rows, order {ORDER}"
-        out.print(Table(title, ("", "median, ms", "peak memory, MB", "bound"), rows).terminal(FRAMED))
+        out.print(Table(title, ("", "median, ms", "peak memory, MB", "bound"), rows).terminal())
     return EXIT_OK
 
 

@@ -26,7 +26,7 @@ from tis.common.runtime.recorder import RECORD_VARIABLE, TICKS_ONLY
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.read.load import load_run
-from tis.deploy.present.table import SIMPLE, Column, Table
+from tis.deploy.present.table import Column, Table
 from tis.deploy.report.subjects.latency import sample_latency, used_samples
 from tis.deploy.run.resolve import resolve
 from tis.deploy.shell import run_dir as folder
@@ -69,7 +69,7 @@ def bench_recording(seconds: float, rounds: int, out: Console) -> dict[str, Any]
             rows.append((side, what, entry["count"], entry["missed"], *cells))
     columns = [Column("side", words=True), Column("recording", words=True)]
     columns += [Column(head) for head in ("ticks", "missed", *(f"late, {name}" for name in _SHOWN))]
-    out.print(Table(f"Ticks at {scenario.rate_hz} Hz", columns, rows).terminal(SIMPLE))
+    out.print(Table(f"Ticks at {scenario.rate_hz} Hz", columns, rows).terminal())
     out.print(f"Recording wrote {figures['log_mb']:.1f} MB a run, three logs together.", soft_wrap=True)
     return figures
 
@@ -144,7 +144,7 @@ def bench_security(seconds: float, rounds: int, out: Console) -> dict[str, Any]:
         ))  # fmt: skip
     columns = ("security", "end to end", "network", "netem's CPU", "end to end beside none", "CPU beside none")
     title = f"Medians of {rounds} runs of {seconds:g} s at 200 Hz"
-    out.print(Table(title, columns, rows).terminal(SIMPLE))
+    out.print(Table(title, columns, rows).terminal())
     figures: dict[str, Any] = {kind: price._asdict() for kind, price in middle.items()}
     return {"seconds": seconds, "rounds": rounds, **figures}
 

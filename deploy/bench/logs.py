@@ -20,7 +20,7 @@ from rich.console import Console
 from tis.common.channels import Side
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
 from tis.deploy.bench.measured_command import measure
-from tis.deploy.present.table import SIMPLE, Column, Row, Table
+from tis.deploy.present.table import Column, Row, Table
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
 from tis.deploy.shell import run_dir as folder
@@ -92,7 +92,7 @@ def bench_logs(seconds: float, whole: bool, out: Console) -> dict[str, Any]:
             rows += [*_rows(case, found, less[0] if less else None), ()]
     heads = ("rate", "recorded", "what", "measured", "for the whole", "bound", "load")
     columns = [Column(head, words=head not in ("measured", "for the whole", "bound")) for head in heads]
-    out.print(Table("Recordings", columns, rows).terminal(SIMPLE))
+    out.print(Table("Recordings", columns, rows).terminal())
     out.print("The whole is an hour at 30 Hz, and ten minutes at 1 kHz.", soft_wrap=True)
     return figures
 

@@ -20,7 +20,7 @@ from tis.common.scenario.network import NetworkPart
 from tis.common.units import NS_PER_S
 from tis.deploy.bench.relays import Relay, bare_loop, least_relay, native_router, netem
 from tis.deploy.bench.traffic import flood, paced
-from tis.deploy.present.table import FRAMED, Column, Table
+from tis.deploy.present.table import Column, Table
 from tis.netem.expected.simulate import simulate
 
 _BYTES: Final = 256
@@ -49,7 +49,7 @@ def bench_netem(seconds: float, out: Console) -> dict[str, Any]:
         time.sleep(_PAUSE_S)
     columns = [Column(head, words=True, wraps=True) for head in ("figure", "measured", "bound")]
     title = f"netem on {figures['cores']} cores, {seconds:g} s each"
-    out.print(Table(title, columns, rows).terminal(FRAMED))
+    out.print(Table(title, columns, rows).terminal())
     out.print(f"load average before: {figures['load_1min']:.2f}; other load on the machine shows in the tails")
     return figures
 

@@ -22,7 +22,7 @@ from tis.common.node import Arrival, Emission, Node, Output, Record
 from tis.common.runtime.loop import Recorder
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_US
-from tis.deploy.present.table import FRAMED, Column, Row, Table
+from tis.deploy.present.table import Column, Row, Table
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, drive
 from tis.patient_side.external_arm import ExternalArm
@@ -166,7 +166,7 @@ def bench_tick(seconds: float, rounds: int, out: Console) -> dict[str, Any]:
         rows.append(())
         rows += [(name, *(f"{getattr(n, name):.1f}" for _, n in found.values())) for name in Counts._fields]
         columns = [Column("", words=True), *(Column(hands, "us a tick") for hands in _HANDS)]
-        out.print(Table(f"{rate_hz} ticks a second, {seconds:g} s", columns, rows).terminal(FRAMED))
+        out.print(Table(f"{rate_hz} ticks a second, {seconds:g} s", columns, rows).terminal())
         figures[str(rate_hz)] = {
             hands: {"us": times, "counts": counts._asdict()} for hands, (times, counts) in found.items()
         }

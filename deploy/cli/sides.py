@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 import typer
 
 from tis.common.runtime.side_cli import side_command
+from tis.deploy.cli.completion import profiles, scenarios
 from tis.deploy.cli.group import Commands
 from tis.deploy.shell.guard import ERR
 from tis.netem.bridge.command import netem_command
@@ -63,17 +64,21 @@ def _surgeon(scenario: "Scenario", options: "SideOptions", status: "Status") -> 
 
 
 app.register(
-    side_command("surgeon", _surgeon, _scenario_path, _library, get_args(DeviceKind)),
+    side_command("surgeon", _surgeon, _scenario_path, _library, get_args(DeviceKind), scenarios),
     "surgeon",
     example="tis surgeon scenario.yaml --connect tcp/192.168.1.5:7447",
 )
 app.register(
-    netem_command(_side_of("netem", "tis.netem.__main__"), _scenario_path, _library, _close_folder),
+    netem_command(
+        _side_of("netem", "tis.netem.__main__"), _scenario_path, _library, _close_folder, scenarios, profiles
+    ),
     "netem",
     example="tis netem --west tcp/127.0.0.1:7447 --east tcp/127.0.0.1:7448 'demo/**'",
 )
 app.register(
-    side_command("patient", _side_of("patient", "tis.patient_side.__main__"), _scenario_path, _library),
+    side_command(
+        "patient", _side_of("patient", "tis.patient_side.__main__"), _scenario_path, _library, (), scenarios
+    ),
     "patient",
     example="tis patient scenario.yaml --connect tcp/192.168.1.5:7448",
 )

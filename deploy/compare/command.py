@@ -9,6 +9,7 @@ from rich.markup import escape
 
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError
 from tis.common.runtime.process import command_line
+from tis.common.runtime.scenario_files import lines_told
 from tis.deploy.compare.cells.store import Store
 from tis.deploy.compare.engine.compute import Outcome, compute
 from tis.deploy.compare.engine.workers import Workers
@@ -143,7 +144,12 @@ def plan_of_study_file(file: Path, given: Mapping[str, Any]) -> Plan:
         if given[name] is not None
     ]
     overrides = {name: value for name, value in _chosen(given, faults).items() if value is not None}
-    return _planned(lambda: plan_study(*read_study(file), overrides), faults)
+
+    def plan() -> Plan:
+        with lines_told(file):
+            return plan_study(*read_study(file), overrides)
+
+    return _planned(plan, faults)
 
 
 def _chosen(given: Mapping[str, Any], faults: list[Fault]) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from pydantic import (
 )
 
 from tis.common.errors import DataError, Fault, InputError
-from tis.common.runtime.scenario_files import read_scenario
+from tis.common.runtime.scenario_files import lines_told, read_scenario
 from tis.common.scenario.base import Part, Positive, RuleText
 from tis.common.scenario.faults import faults
 from tis.deploy.compare.grid import COMMAND, MAX_VALUES, Sweep, number_text, spanned
@@ -205,7 +205,8 @@ def read_study(file: Path) -> tuple[Study, str]:
     A scenario that lies beside the file is taken from there.
     """
     where = str(file)
-    study = Study.model_validate(read_scenario(file), context={"where": where})
+    with lines_told(file):
+        study = Study.model_validate(read_scenario(file), context={"where": where})
     beside = file.parent / study.scenario
     return (study.model_copy(update={"scenario": str(beside)}) if is_file(beside) else study), where
 

@@ -73,7 +73,7 @@ class PanelState:
         words = _words(event, state)
         if words is None or words == state.state:
             return []
-        state.state, state.kind = words, kind
+        state.state, state.kind = words, "ended" if words == "ended" else kind
         self.has_begun = self.has_begun or kind == "running"
         return [f"{side} ({state.place}): {words}"]
 
@@ -98,6 +98,8 @@ class PanelState:
 def _words(event: Event, state: SideState) -> str | None:
     """Return a side's state after an event; None for one that changes nothing."""
     kind = event["event"]
+    if state.kind == "ending" and kind in ("failed", "exit"):
+        return "ended"  # it was told to: no failure
     if kind == "exit":
         if state.kind in ("ended", "failed") or event["code"] == 0:
             return None  # it said so itself
@@ -106,6 +108,7 @@ def _words(event: Event, state: SideState) -> str | None:
         "waiting": f"waiting for {event.get('whom')}",
         "ready": "ready",
         "running": "running",
+        "ending": "ending",
         "ended": "ended",
         "failed": f"failed: {'; '.join(event.get('reasons', ()))}",
         "restarted": f"died, started again ({event.get('n')})",

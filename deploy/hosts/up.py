@@ -79,6 +79,7 @@ class SideWatch:
         if process is None:
             return
         self._was_interrupted = True
+        self.on_event({"side": self.side, "event": "ending"})
         with contextlib.suppress(PeerError):
             await process.send(f"{INTERRUPT}\n".encode())
         await asyncio.sleep(_AFTER_INTERRUPT_S)

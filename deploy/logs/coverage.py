@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.clocks import ClockModel
+from tis.common.errors import problem
 from tis.common.runtime.chunk_writer import Ints
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.deploy.logs.log_file import LogFile
@@ -109,9 +110,11 @@ class Coverage:
         unknown = tuple(span for span in self.unknown if not any(a <= span[0] and span[1] <= b for a, b in self.away))
         if self.damage is not None:
             beyond = f"; {spans_text(unknown)}" if unknown and not self.void else ""
-            return f"log is damaged ({self.damage}){beyond}"
+            text = f"log is damaged ({self.damage}){beyond}"
+            return problem(text, "tis recover copies what can be read to a new file")
         if unknown:
-            return f"log was recovered from a damaged one ({self.file}); {spans_text(unknown)}"
+            text = f"log was recovered from a damaged one ({self.file}); {spans_text(unknown)}"
+            return problem(text, "the figures leave that out, and the run stays invalid")
         return None
 
     def aligned(self, clock: ClockModel) -> Self:

@@ -6,16 +6,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
-from rich.box import SIMPLE
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from tis.common.errors import EXIT_OK, DataError
 from tis.common.runtime.chunk_writer import by_channel
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.coverage import RECOVERED, damage_text
 from tis.deploy.logs.log_file import LogFile
+from tis.deploy.present.table import Column, Table
 from tis.deploy.shell.guard import print_json
 
 _MAX_CHARS: Final = 1000  # of a name or of metadata; the table of topics becomes slow with more
@@ -78,15 +77,14 @@ def print_file(path: Path, out: Console, err: Console, as_json: bool = False) ->
         profile = f", profile {_short(log.header.profile)}" if log.header.profile else ""
         library = _short(log.header.library) or "an unknown program"
         out.print(escape(f"written by {library}{profile}"), soft_wrap=True)
-    table = Table(title="Topics", title_justify="left", box=SIMPLE, padding=0)
-    for name in ("topic", "schema", "encoding", "messages", "Hz"):
-        table.add_column(name, justify="right" if name in ("messages", "Hz") else "left", overflow="fold")
+    rows = []
     for channel_id, channel in sorted(log.channels.items(), key=lambda entry: entry[1].topic):
         schema, count = log.schemas.get(channel.schema_id), found.counts[channel_id]
         rate = f"{(count - 1) / seconds:.1f}" if seconds > 0 and count > 1 else "-"
         names = (channel.topic, "-" if schema is None else schema.name, channel.message_encoding or "-")
-        table.add_row(*(escape(_short(name)) for name in names), str(count), rate)
-    out.print(table)
+        rows.append((*map(_short, names), str(count), rate))
+    texts = [Column(name, words=True, wraps=True) for name in ("topic", "schema", "encoding")]
+    out.print(Table("Topics", (*texts, "messages", "Hz"), rows).terminal())
     if as_json:
         print_json(_as_data(path, found))
     for name, entries in log.metadata.items():

@@ -8,7 +8,6 @@ from typing import Any, Final, get_args
 from pydantic import ValidationError
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from tis.common.channels import Direction
 from tis.common.errors import EXIT_OK, Fault, InputError
@@ -27,6 +26,7 @@ from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.scenario.overrides import KINDS, complete_stage
 from tis.common.scenario.reading import apply_settings, parse_yaml
 from tis.deploy.net.profiles import profile_path, read_profile
+from tis.deploy.present.table import PLAIN, Column, Table
 from tis.netem.expected.figures import direction_label
 
 _NONE: Final = "-"
@@ -39,14 +39,10 @@ def print_state(state: EmulatorState, address: EmulatorAddress, out: Console) ->
     both = (("forward", state.forward), ("feedback", state.feedback))
     ways = {name: of for name, of in both if of is not None}
     out.print(f"{address.endpoint}, {address.prefix}: run time {state.at_s or 0.0:.3f} s")
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for heading in ("", *(direction_label(name) for name in ways)):
-        table.add_column(heading, overflow="fold")
-    for name in _names(ways.values()):
-        table.add_row(name, *(escape(_stage(of.pipeline, of.now, name)) for of in ways.values()))
-    for name, cells in _rows(list(ways.values())):
-        table.add_row(name, *map(escape, cells))
-    out.print(table)
+    columns = [Column(head, words=True, wraps=True) for head in ("", *map(direction_label, ways))]
+    rows = [(name, *(_stage(of.pipeline, of.now, name) for of in ways.values())) for name in _names(ways.values())]
+    rows += [(name, *cells) for name, cells in _rows(list(ways.values()))]
+    out.print(Table("", columns, rows).terminal(PLAIN))
     if any(of.pipeline != of.now for of in ways.values()):
         out.print("* differs from the scenario")
     for name, of in ways.items():

@@ -37,13 +37,11 @@ class Look(NamedTuple):
 
 
 REPORT: Final = Look("SIMPLE_HEAD", pad_edge=False, spaced=True)
-"""One table among others of a report, 80 columns wide at most."""
-TIGHT: Final = Look("SIMPLE_HEAD", edge=False, padding=0)
-"""Many columns."""
-OPEN: Final = Look("SIMPLE_HEAD", edge=False, padding=(0, 1, 0, 0))
-SIMPLE: Final = Look("SIMPLE")
-FRAMED: Final = Look("HEAVY_HEAD")
-"""A table that stands alone."""
+"""The look of every table, 80 columns wide at most."""
+OPEN: Final = REPORT._replace(edge=False, padding=(0, 1, 0, 0))
+"""The same between words that belong to it."""
+TIGHT: Final = OPEN._replace(padding=0)
+"""The same with many columns."""
 PLAIN: Final = Look(None, padding=(0, 2, 0, 0))
 """A list in columns, without lines."""
 

@@ -5,6 +5,7 @@ from html import escape
 from typing import Final
 
 from tis.common.channels import Direction
+from tis.common.runtime.process import repeatable
 from tis.deploy.present.numbers import NONE, number
 from tis.deploy.present.page import Page, Section, folded, note, page_html, part
 from tis.deploy.present.table import Column, Table
@@ -232,7 +233,7 @@ def _repeat(run: RunView) -> str:
         again = ("and the one that computes its estimates again from what arrived, in its folder", "tis replay .")
     return (
         f"<p>The command of this run, {again[0]}:</p>"
-        f"<pre><code>{escape(run.summary.command or NONE)}</code></pre>"
+        f"<pre><code>{escape(repeatable(run.summary.command) or NONE)}</code></pre>"
         f"<pre><code>{again[1]}</code></pre>"
         f"<p>The seed {run.summary.seed} determines every random number of the run. In its folder, "
         f"beside this page: {listed}.</p>" + folded("Versions", versions_table(run.versions).html())

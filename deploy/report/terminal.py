@@ -1,13 +1,15 @@
-"""The summary in a terminal: a brief of at most 20 lines, or all tables."""
+"""The summary in a terminal: a brief of at most 20 lines where nothing is wrong, or all tables."""
 
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final, NamedTuple
 
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.text import Text
 
+from tis.common.runtime.process import PACKAGES
 from tis.deploy.present.numbers import number, percent
 from tis.deploy.report.contents import run_warnings, tables
 from tis.deploy.report.section import NOT_RESOLVABLE
@@ -20,7 +22,11 @@ FIDELITY_STYLES: Final = {True: "green", False: "red", None: "yellow"}
 """Terminal style of each value of a verdict's ``faithful``."""
 
 MAX_LINES: Final = 15
-"""Lines of the brief; the folder, the report and a hint at the tables follow it."""
+"""Lines of the brief of a run without problems; the folder, the report and a hint at the tables follow it."""
+MAX_FAULT_LINES: Final = 24
+"""Lines of problems and warnings: what is wrong comes before brevity."""
+
+_MANUAL: Final = "docs/testbed/troubleshooting.md"
 
 _NAME_WIDTH: Final = 14
 _MS_PER_S: Final = 1000
@@ -37,12 +43,12 @@ class Row(NamedTuple):
 def brief(summary: Summary, warnings: Sequence[str], width: int, since: str | None = None) -> Text:
     """Return the brief, wrapped to ``width``; ``since`` as in `validity_text`. Oracle: test_brief.
 
-    Without room for all problems and warnings, the first are shown and the others counted.
+    Without room for all warnings, or for very many problems, the first are shown and the others counted.
     """
     faults = _faults(summary, warnings)
     figures = [*_figures(summary), *_networks(summary), *_requirements(summary, only_counts=bool(faults))]
-    shown, below = [*_wrapped(_head(summary, since), width)], [*_wrapped(figures, width)]
-    room = MAX_LINES - len(shown) - len(below)
+    shown, below = [*_wrapped(_head(summary, since), width)], [*_wrapped([*figures, *_read_on(summary)], width)]
+    room = MAX_FAULT_LINES if summary.problems else MAX_LINES - len(shown) - len(below)
     return Text("\n").join([*shown, *_first(faults, room, width), *below])
 
 
@@ -56,6 +62,15 @@ def _head(summary: Summary, since: str | None) -> list[Row]:
 def _faults(summary: Summary, warnings: Sequence[str]) -> list[Row]:
     problems = [Row("  ", text, "red") for text in summary.problems]
     return problems + [Row("  ", f"warning: {text}", "yellow") for text in warnings]
+
+
+def _read_on(summary: Summary) -> Iterator[Row]:
+    """Yield where the manual, which a wheel lacks, explains each problem."""
+    if summary.problems:
+        page = Path(PACKAGES) / _MANUAL
+        near = page.relative_to(Path.cwd()) if page.is_relative_to(Path.cwd()) else page
+        place = str(near) if page.is_file() else f"{_MANUAL} of the clone that tis was installed from"
+        yield Row("", f"Each message in full: {place}")
 
 
 def _figures(summary: Summary) -> Iterator[Row]:
@@ -192,7 +207,7 @@ def _first(rows: Sequence[Row], room: int, width: int) -> list[Text]:
         shown += lines
         n_shown += 1
     left = len(rows) - n_shown
-    return [*shown, Text(f"  and {left} more", style=rows[-1].style)] if left else shown
+    return [*shown, Text(f"  and {left} more: tis info -v shows all", style=rows[-1].style)] if left else shown
 
 
 _HANG: Final = 2
@@ -217,9 +232,18 @@ class HangingIndent:
 _MAX_SENTENCES: Final = 6
 
 
-def print_summary(summary: Summary, console: Console, since: str | None = None, verbose: bool = False) -> None:
-    """Print the brief, or all tables if ``verbose``; ``since`` names damage to the logs after it was written."""
-    warnings, width = run_warnings(summary), console.width
+def print_summary(
+    summary: Summary,
+    console: Console,
+    since: str | None = None,
+    verbose: bool = False,
+    told: Collection[str] = (),
+) -> None:
+    """Print the brief, or all tables if ``verbose``; ``since`` names damage to the logs after it was written.
+
+    Warnings that were ``told`` before are left out.
+    """
+    warnings, width = [text for text in run_warnings(summary) if text not in told], console.width
     if verbose:
         console.print(_in_full(summary, warnings, width, since))
     else:
@@ -228,7 +252,8 @@ def print_summary(summary: Summary, console: Console, since: str | None = None, 
 
 def _in_full(summary: Summary, warnings: Sequence[str], width: int, since: str | None) -> RenderableType:
     """Return the rows of the brief, all faults among them, and more; then each verdict and all tables."""
-    rows = [*_head(summary, since), *_faults(summary, warnings), *_figures(summary), *_details(summary)]
+    faults = [*_faults(summary, warnings), *_read_on(summary)]
+    rows = [*_head(summary, since), *faults, *_figures(summary), *_details(summary)]
     parts: list[RenderableType] = [*_wrapped(rows, width)]
     parts += [verdict_view(f"network {d}", link.verdict, "the scenario") for d, link in summary.links.items()]
     parts += [table.terminal() for table in tables(summary)]

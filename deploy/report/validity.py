@@ -4,9 +4,11 @@ from operator import itemgetter
 from typing import Final
 
 from tis.common.channels import Side
+from tis.common.errors import problem
 from tis.common.metrics.tracking import SETTLING_NS
 from tis.common.records import PEERS, UNRECORDED
 from tis.common.scenario import Scenario
+from tis.common.sources.plausibility import FAR
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.payloads import Row
 from tis.deploy.logs.read.load import RunLogs
@@ -20,21 +22,34 @@ from tis.deploy.report.subjects.ticks import Ticks
 from tis.deploy.report.summary import Summary
 
 _LIVES: Final = {
-    "left": "{peer} left",
-    "frozen": "{peer} stood still ({seconds:.1f} s)",
-    "link_down": "{peer} could not be reached: nothing crossed the network between the hosts",
-    "silent": "{peer} was silent",
-    "stalled": "{peer} did not tick: its loop stayed in one step{step}",
-    "clock_step": "{peer}'s clock stepped by {seconds:+.1f} s",
-    "suspended": "{peer}'s host was suspended ({seconds:.1f} s)",
+    "left": ("{peer} left", "its last words say why"),
+    "frozen": ("{peer} stood still ({seconds:.1f} s)", "do not suspend its process, and free a core"),
+    "link_down": (
+        "{peer} could not be reached: nothing crossed the network between the hosts",
+        "check cables and firewall",
+    ),
+    "silent": ("{peer} was silent", "its own log may say why"),
+    "stalled": (
+        "{peer} did not tick: its loop stayed in one step{step}",
+        "make the estimator or the arm that it names faster",
+    ),
+    "clock_step": ("{peer}'s clock stepped by {seconds:+.1f} s", "let chrony slew the clock instead"),
+    "suspended": ("{peer}'s host was suspended ({seconds:.1f} s)", "disable sleep there"),
 }
-"""What makes a run invalid of what the sides noticed of each other, in words."""
+"""What makes a run invalid of what the sides noticed of each other, in words, and what to do about it."""
 _OWN_CAUSES: Final = {
     "clock_step": "its clock stepped",
     "suspended": "its host was suspended",
     "frozen": "it stood still",
     "stalled": "its loop stayed in one step",
 }
+_UNPLANNED: Final = "Zenoh dropped them outside netem, where a queue was full: send less, or make its queues larger"
+_NOT_USED: Final = "these are the messages that the patient did not use"
+_UNITS: Final = {
+    "": "the positions are likely in mm and taken for m",
+    "table": "the positions are likely in mm and taken for m: set source.units.position: mm",
+}
+_AGAIN: Final = "its last words say why; then run it again"
 _MAX_NOTICED: Final = 200
 _SAME_NS: Final = 2 * NS_PER_S
 _MAX_MISSED_TICKS: Final = 0.01
@@ -42,10 +57,10 @@ _MAX_UNPLANNED: Final = 0.01
 _MAX_UNUSED: Final = 0.01
 
 
-def _unused(summary: Summary) -> list[str]:
+def _unused(summary: Summary, source: str = "") -> list[str]:
     """Return a problem where the patient did not use messages that it lacked: what causes the problems below.
 
-    Junk of strangers beside a whole stream does no harm, and is none.
+    Junk of strangers beside a whole stream does no harm, and is none. ``source`` is the kind of the movement.
     """
     link = summary.links["forward"]
     few = _MAX_UNUSED * (link.sent or 0)
@@ -55,9 +70,12 @@ def _unused(summary: Summary) -> list[str]:
     rejected = summary.rejected.get("patient") or 0
     if rejected > few:
         why = "no header of the testbed, another run's number, or no such pose"
-        problems.append(f"rejected: the patient rejected {rejected} messages: {why}")
+        cure = "end the other run or program that sends on these keys"
+        problems.append(problem(f"rejected: the patient rejected {rejected} messages: {why}", cure))
     if sum(n or 0 for n in summary.quarantined.values()) > few:
-        problems += [f"quarantined: {text}" for text in quarantine_texts(summary.quarantined)]
+        is_far = summary.recording is not None and any(FAR in text for text in summary.recording.warnings)
+        texts = quarantine_texts(summary.quarantined, _UNITS.get(source, _UNITS[""]) if is_far else None)
+        problems += [f"quarantined: {text}" for text in texts]
     return problems
 
 
@@ -96,7 +114,8 @@ def _unrecorded(logs: RunLogs) -> list[str]:
         lacking = {name.removeprefix(prefix): n for name, n in counts.items() if name.startswith(prefix)}
         if lacking:
             most = ", ".join(f"{n} of {topic}" for topic, n in sorted(lacking.items(), key=lambda one: -one[1])[:3])
-            problems.append(f"{side}'s log lacks {sum(lacking.values())} records, written too slowly: {most}")
+            text = f"{side}'s log lacks {sum(lacking.values())} records, written too slowly: {most}"
+            problems.append(problem(text, "give a folder on a faster disk, by --run-dir"))
     return problems
 
 
@@ -115,12 +134,17 @@ def _knows_better(side: Side, row: Row, told: tuple[int, Side, Row]) -> bool:
 def _life_text(at_ns: int, side: Side, row: Row) -> str:
     """Return what ``side`` noticed at an instant, and who it was."""
     step = f" ({row['doing']})" if row["doing"] else ""
-    text = _LIVES[row["event"]].format(peer=row["peer"], seconds=row["for_ns"] / NS_PER_S, step=step)
-    return f"{text} at {at_ns / NS_PER_S:.1f} s, as {'it itself' if side == row['peer'] else side} noticed"
+    words, cure = _LIVES[row["event"]]
+    text = words.format(peer=row["peer"], seconds=row["for_ns"] / NS_PER_S, step=step)
+    noticed = f"as {'it itself' if side == row['peer'] else side} noticed"
+    return problem(f"{text} at {at_ns / NS_PER_S:.1f} s, {noticed}", cure)
 
 
-def _starved(summary: Summary, scenario: Scenario, logs: RunLogs) -> list[str]:
-    """Return the problems of a run that was starved, ended early, lost messages outside netem or has no score."""
+def _starved(summary: Summary, scenario: Scenario, logs: RunLogs, unused: bool) -> list[str]:
+    """Return the problems of a run that was starved, ended early, lost messages outside netem or has no score.
+
+    ``unused``: the patient did not use messages, which is another problem, and the cause of these.
+    """
     problems = []
     owners: tuple[tuple[str, Side, Ticks, str], ...] = (
         ("ticks", "patient", summary.ticks, "the run ended early"),
@@ -131,19 +155,24 @@ def _starved(summary: Summary, scenario: Scenario, logs: RunLogs) -> list[str]:
         if count is None or count >= planned:
             continue
         if covered is None or covered.whole or covered.away:
-            problems.append(f"{name}: {count} of {planned} happened, {early}")
+            problems.append(problem(f"{name}: {count} of {planned} happened, {early}", _AGAIN))
         else:
-            problems.append(f"{name}: the log tells of {count} of {planned}")
+            cure = "tis recover copies what can be read of a damaged log"
+            problems.append(problem(f"{name}: the log tells of {count} of {planned}", cure))
     for name, side, ticks, _ in owners:
         missed, count = ticks.missed or 0, ticks.count
         if count is not None and missed > _MAX_MISSED_TICKS * count:
-            problems.append(f"{name}: {missed} of {count} missed, {_why_missed(logs, side)}")
+            why, cure = _why_missed(logs, side)
+            problems.append(problem(f"{name}: {missed} of {count} missed, {why}", cure))
     for direction, link in summary.links.items():
         unplanned, sent = link.unplanned_loss, link.sent
         if unplanned is not None and sent is not None and unplanned > _MAX_UNPLANNED * sent:
-            problems.append(f"links.{direction}: {unplanned} of {sent} lost that nobody planned{_while_away(logs)}")
+            text = f"links.{direction}: {unplanned} of {sent} lost that nobody planned{_while_away(logs)}"
+            is_told = unused and direction == "forward"
+            problems.append(problem(text, _NOT_USED if is_told else _UNPLANNED))
     if not is_scored(summary.accuracy):
-        problems.append(f"accuracy: no tick could be scored: {why_unscored(logs, scenario)}")
+        text = f"accuracy: no tick could be scored: {why_unscored(logs, scenario)}"
+        problems.append(problem(text, "let more pass by the network, or make duration_s longer"))
     return problems
 
 
@@ -153,19 +182,20 @@ def _while_away(logs: RunLogs) -> str:
     return f", with {' and '.join(counted)} away for a while" if counted else ""
 
 
-def _why_missed(logs: RunLogs, side: Side) -> str:
-    """Return why ticks were missed: the side was away or stood still, its clock stepped, or the machine was busy."""
+def _why_missed(logs: RunLogs, side: Side) -> tuple[str, str]:
+    """Return why ticks were missed, and the cure: the side was away or stood still, or the machine was busy."""
     if side == "surgeon" and is_foreign(logs):
-        return "as the foreign surgeon sent no such sample in time that could be used"
+        return "as the foreign surgeon sent no such sample in time that could be used", "let it send earlier"
     covered = logs.coverage(side)
     if covered is not None and covered.away and covered.away_counts:
-        return "as it was started anew in mid-run (on_rejoin)"
+        return "as it was started anew in mid-run (on_rejoin)", "on_rejoin: exclude leaves that time out"
     of_side = [(one, row["event"]) for one in logs.sides for row in logs.of(one, PEERS) if row["peer"] == side]
     told = {event for by, event in of_side if by == side or event == "stalled"}  # a side knows best of itself
     for event, words in _OWN_CAUSES.items():
         if event in told:
-            return f"as {words}"
-    return f"the machine is too busy{contention_clause(shares_of(logs, side), side)}"
+            return f"as {words}", _LIVES[event][1]
+    cure = "free the processors, or use tis twin, whose time is virtual"
+    return f"the machine is too busy{contention_clause(shares_of(logs, side), side)}", cure
 
 
 def why_unscored(logs: RunLogs, scenario: Scenario) -> str:
@@ -185,13 +215,14 @@ def why_unscored(logs: RunLogs, scenario: Scenario) -> str:
 
 def invalidities(summary: Summary, scenario: Scenario, logs: RunLogs) -> list[str]:
     """Return a sentence for each problem that the figures of a summary show."""
+    unused = _unused(summary, scenario.source.kind)
     return [
         *_lives(logs),
-        *_unused(summary),
+        *unused,
         *silent_programs(summary.devices, summary.external_arms),
         *sent_after_arrival(summary.latency_ms, summary.uncertainty_ms),
         *_unrecorded(logs),
-        *_starved(summary, scenario, logs),
+        *_starved(summary, scenario, logs, bool(unused)),
         *without_estimate(summary.accuracy, summary.active_estimator, summary.own_estimators),
         *evidence_problems(summary.evidence, scenario),
     ]

@@ -1,6 +1,6 @@
 """The end of every run, live or twin: logs to summary, manifest, table and report."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -26,12 +26,16 @@ from tis.deploy.shell.guard import print_json
 
 @dataclass(frozen=True)
 class Ending:
-    """Mode, command and exit codes of a run; ``exit_code`` is None when the end was not observed here."""
+    """Mode, command and exit codes of a run; ``exit_code`` is None when the end was not observed here.
+
+    ``told`` are warnings that were printed before, which the brief does not repeat.
+    """
 
     mode: str
     command: str
     exit_code: int | None
     exit_codes: Mapping[Side, int]
+    told: Collection[str] = ()
 
 
 class Outputs(NamedTuple):
@@ -79,7 +83,7 @@ def _summarise(run: MeasuredRun, ending: Ending, out: Console, outputs: Outputs,
     own = {name: asdict(origin) for name, origin in origins_in(logs).items()}
     manifest = folder.manifest(run_dir, ending.command, ending.mode, ending.exit_codes, clocks, own)
     folder.write_json(run_dir / folder.MANIFEST_FILE, manifest)
-    print_summary(summary, out, verbose=outputs.verbose)
+    print_summary(summary, out, verbose=outputs.verbose, told=ending.told)
     if outputs.as_json:
         print_json(summary.as_json() | {"run_dir": str(run_dir)})
     tables = command_line(["info", "-v", str(run_dir)])

@@ -84,7 +84,7 @@ def run_live(
         # Imported late: loading the log reader would delay the first movement.
         from tis.deploy.run.conclude import Ending, conclude
 
-        ending = Ending("live", command_line(), outcome.exit_code, outcome.exit_codes)
+        ending = Ending("live", command_line(), outcome.exit_code, outcome.exit_codes, progress.told)
         code = conclude(path, scenario, ending, out, outputs)
         if page is not None:
             page.send_output(_run_output(path))

@@ -48,6 +48,7 @@ class RunProgress:
         self._next_line_s = 0.0
         self._live: Live | None = None
         self.began = False
+        self.told: Final[set[str]] = set()
         self._ending = False
 
     def start(self) -> None:
@@ -63,6 +64,7 @@ class RunProgress:
         """Show one event of a child."""
         side, kind = event["side"], event["event"]
         if kind == "warning":
+            self.told.add(event["warning"])
             text = f"{side}: warning: {event['warning']}"
             self._console.print(text, style="yellow", highlight=False, markup=False, soft_wrap=True)
         elif kind == "waiting":

@@ -56,7 +56,7 @@ def run_virtual(
         raise
     elapsed_s = time.perf_counter() - started_s
     err.print(f"{scenario.end_ns * 1e-9:g} s of run time took {elapsed_s:.2f} s of computing")
-    code = conclude(path, scenario, Ending("twin", command_line(), EXIT_OK, {}), out, outputs)
+    code = conclude(path, scenario, Ending("twin", command_line(), EXIT_OK, {}, warnings), out, outputs)
     if live is None:
         return code
     found = compare_fates(live, load_run(path), scenario)

@@ -7,6 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from tis.common.errors import DataError, Fault
+from tis.common.runtime.scenario_files import RUNS
 
 
 def unwritable(*files: Path | None) -> list[Fault]:
@@ -38,7 +39,8 @@ def _reason(file: Path) -> str | None:
     if file.is_dir():
         return os.strerror(errno.EISDIR)
     try:
-        with tempfile.TemporaryFile(dir=file.parent):
+        lacks = file.parent == RUNS and not RUNS.exists()  # `write` makes it
+        with tempfile.TemporaryFile(dir=RUNS.parent if lacks else file.parent):
             return None
     except OSError as error:
         return error.strerror

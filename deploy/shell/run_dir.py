@@ -40,9 +40,11 @@ def create(path: Path, scenario: Scenario) -> Path:
     try:
         path.mkdir(parents=True, exist_ok=True)
         if any(path.iterdir()):
-            raise DataError(Fault(str(path), "", "run folder must be new or empty"))
+            raise DataError(Fault(str(path), "", "run folder must be new or empty: give another --run-dir"))
     except OSError as error:
-        raise DataError(Fault(str(path), "", f"run folder cannot be created: {error.strerror}")) from None
+        raise DataError(
+            Fault(str(path), "", f"run folder cannot be created: {error.strerror}; give another --run-dir")
+        ) from None
     try:
         write(path / SCENARIO_FILE, scenario_io.dump_scenario(scenario))
     except DataError:
@@ -59,8 +61,8 @@ def model_file(run_dir: Path) -> Path:
 
 
 def page_file(name: str) -> Path:
-    """Return a page's default file below runs/, and make that folder; raises `DataError`."""
-    return made(Path("runs")) / name
+    """Return a page's default file below runs/, a folder that `write` makes."""
+    return RUNS / name
 
 
 def made(path: Path) -> Path:
@@ -84,6 +86,8 @@ def remove_unused(path: Path) -> None:
 
 def write(path: Path, content: str | bytes) -> None:
     """Write a file atomically, by a temporary file and a rename; raises `DataError`."""
+    if path.parent == RUNS:
+        made(RUNS)
     partial: Path | None = None
     try:
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:

@@ -8,7 +8,7 @@ from rich.markup import escape
 from rich.text import Text
 
 from tis.common.channels import Direction, Side
-from tis.common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, Fault, InputError
+from tis.common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, Fault, InputError, problem
 from tis.common.extras import GET_REPORT
 from tis.common.records import COUNTERS
 from tis.common.runtime.process import command_line
@@ -69,7 +69,8 @@ def netem_summary(run: StandaloneRun, exit_code: int | None) -> NetemSummary:
         problems += [f"links.{direction}: {text}" for text in against_counters(logs, direction, counts)]
     if leaks := count_of(logs, "netem", "leaks"):
         ways = "1 way past netem was" if leaks == 1 else f"{leaks} ways past netem were"
-        problems.append(f"{ways} found: messages crossed without it")
+        cure = "let the programs be clients that connect to netem only"
+        problems.append(problem(f"{ways} found: messages crossed without it", cure))
     return NetemSummary(
         kind=KIND,
         seed=run.request.seed,

@@ -5,6 +5,7 @@ from html import escape
 from typing import Final, get_args
 
 from tis.common.channels import Direction
+from tis.common.runtime.process import repeatable
 from tis.deploy.logs.read.packets import link_fates
 from tis.deploy.present.page import Page, Section, note, page_html, problem_list
 from tis.deploy.present.plot_style import time_range
@@ -22,6 +23,7 @@ from tis.deploy.report.subjects.network.requested import Requested
 from tis.deploy.report.subjects.processors import processor_table
 from tis.deploy.standalone.command import NetemSummary
 from tis.deploy.standalone.standalone_run import StandaloneRun, network_lines
+from tis.netem.expected.figures import direction_label
 
 _TITLE: Final = "netem between two networks"
 
@@ -59,7 +61,7 @@ def _network(run: StandaloneRun, summary: NetemSummary) -> Section:
     spans = {direction: request.spans(run.log.last_ns) for direction, request in requests.items()}
     request = {d: request.shared_by(link_fates(run.logs, d)) for d, request in requests.items()}
     figures = [
-        delay_figure(links, time_range(summary.duration_s), spans),
+        delay_figure(links, time_range(summary.duration_s), spans, {way: direction_label(way) for way in links}),
         delay_cdf(links, request, any(request.varies for request in requests.values())),
         loss_figure(links),
         release_figure(links),
@@ -72,9 +74,10 @@ def _network(run: StandaloneRun, summary: NetemSummary) -> Section:
 
 
 def _repeat(summary: NetemSummary, versions: Mapping[str, str | None]) -> Section:
+    command = repeatable(summary.command, " --log") or "-"
     markup = (
         "<p>The command; the network that was used stands in network.yaml, for --scenario-network, and the same seed "
         "gives each message of a key the same fate again:</p>"
-        f"<pre><code>{escape(summary.command or '-')}</code></pre>" + versions_table(versions).html()
+        f"<pre><code>{escape(command)}</code></pre>" + versions_table(versions).html()
     )
     return Section(anchor="repeat", title="Repeat this", markup=markup)

@@ -17,7 +17,7 @@ from tis.common.scenario.identification import Identification, is_model_file
 from tis.common.sources.provenance import in_words
 from tis.common.sources.trajectory import Recording
 from tis.deploy.present.numbers import NONE
-from tis.deploy.present.table import FRAMED, Column, Table
+from tis.deploy.present.table import Column, Table
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.early_checks import check_outputs, unwritable
 from tis.deploy.shell.guard import print_warnings
@@ -50,7 +50,7 @@ def compare_with_linear(
         title = f"{hand} hand, {arm}: held-back rows, simulated; error: rms over the movement's deviation"
         linear = [_linear_row(trainings, hand, identification, method, recording.pairing) for method in METHODS]
         columns = [Column(head, words=True, wraps=True) for head in ("model", "order", "fit, % x y z", "error")]
-        out.print(Table(title, columns, [_narx_row(study), *linear]).terminal(FRAMED))
+        out.print(Table(title, columns, [_narx_row(study), *linear]).terminal())
     out.print("narx serves this comparison only: the filters of a run need a linear model", soft_wrap=True)
 
 
@@ -142,7 +142,7 @@ def identify_and_print(
     ahead = not from_file and scenario.identification.looks_ahead
     print_warnings(err, *warnings_at_start(scenario, recording, models), *_plant_unused(scenario))
     for i, model in enumerate(models):
-        out.print(_table(model, found[i].orders if found else None, ahead).terminal(FRAMED))
+        out.print(_table(model, found[i].orders if found else None, ahead).terminal())
     if out_file is not None:
         folder.write(out_file, dump_models(models))
         out.print(

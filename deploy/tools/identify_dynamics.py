@@ -9,7 +9,7 @@ from rich.console import Console
 
 from tis.common.errors import EXIT_OK, Fault, InputError
 from tis.common.scenario import Scenario
-from tis.deploy.present.table import FRAMED, Cell, Table
+from tis.deploy.present.table import Cell, Table
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.early_checks import check_outputs
 from tis.patient_side.dynamics.consistent_fit import check_solver
@@ -47,8 +47,8 @@ def identify_dynamics_and_print(
     check_outputs(out_file)
     assert plant.kind == "mujoco"
     found = identify_dynamics(plant, scenario.seed)
-    out.print(_parameters(found).terminal(FRAMED))
-    out.print(_torques(found).terminal(FRAMED))
+    out.print(_parameters(found).terminal())
+    out.print(_torques(found).terminal())
     for line in _in_words(found):
         out.print(line, soft_wrap=True)
     if out_file is not None:

@@ -17,7 +17,7 @@ from tis.deploy.logs.describe import Described, describe
 from tis.deploy.logs.log_file import truncated_start
 from tis.deploy.logs.log_paths import log_file, recovered_name, recovery_of
 from tis.deploy.logs.read.load import RunLogs, check_written_by_tis, load_run, scenario_in
-from tis.deploy.present.table import FRAMED, Column, Table
+from tis.deploy.present.table import Column, Table
 from tis.deploy.report.summary import Summary, readable, summary_in
 from tis.deploy.report.terminal import print_summary
 from tis.deploy.shell import run_dir as folder
@@ -130,7 +130,7 @@ def print_files(run_dir: Path, states: States, out: Console) -> None:
     ]
     heads = {"log": True, "messages": False, "until s": False, "size kB": False, "state": True}
     columns = [Column(head, words=words, wraps=True) for head, words in heads.items()]
-    out.print(Table("Logs", columns, rows).terminal(FRAMED))
+    out.print(Table("Logs", columns, rows).terminal())
 
 
 def _logs(run_dir: Path) -> list[str]:

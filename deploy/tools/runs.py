@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.measure import Measurement
 
 from tis.common.errors import EXIT_OK, DataError, Fault, InputError
-from tis.deploy.present.table import Column, Look, Table
+from tis.deploy.present.table import OPEN, Column, Table
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.guard import print_json
 
@@ -39,7 +39,6 @@ COLUMNS: Final = {
 }
 """Columns of the table by key in ``--json``."""
 
-_LOOK: Final = Look("SIMPLE_HEAD", edge=False, pad_edge=False, padding=(0, 1, 0, 0))
 _MAX_WIDTH: Final = 1000
 SORTED_BY: Final[Mapping[str, str]] = {
     "written": "written",
@@ -77,7 +76,7 @@ def list_runs(wanted: Wanted, out: Console, err: Console, as_json: bool) -> int:
         print_json(chosen)
     elif chosen:
         rows = [[run[name] for name in COLUMNS] for run in chosen]
-        _print_whole(Table("", list(COLUMNS.values()), rows).terminal(_LOOK), out)
+        _print_whole(Table("", list(COLUMNS.values()), rows).terminal(OPEN), out)
     text = f"{len(chosen)} of {len(found)} runs below {wanted.base}"
     if found and not chosen:
         text += f"; there are {_kinds(found, 'scenario')}; {_kinds(found, 'mode')}"

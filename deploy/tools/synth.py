@@ -23,7 +23,7 @@ from tis.common.sources.jigsaws import MIN_ROWS, RATE_HZ, trial_text
 from tis.common.sources.population import MAX_TRIALS, SPREAD, person, population
 from tis.common.sources.synthetic import synthesise
 from tis.common.sources.trajectory import Recording
-from tis.deploy.present.table import FRAMED, Table
+from tis.deploy.present.table import Table
 from tis.patient_side.plant.build import executed, executing_plant
 
 _TEXT: Final = """\
@@ -174,7 +174,7 @@ def print_calibration(seed: int, out: Console) -> int:
         (name, f"{recorded:.4g}", f"{found[name]:.3g}", f"{ratios[name]:.2f}") for name, recorded in known.items()
     ]
     columns = ("median over trials and arms", "recorded", "synthetic", "ratio")
-    out.print(Table("The arms' tips", columns, rows).terminal(FRAMED))
+    out.print(Table("The arms' tips", columns, rows).terminal())
     far = [name for name, ratio in ratios.items() if abs(ratio - 1.0) > TOLERANCE]
     outcome = "all within" if not far else f"{len(far)} of {len(ratios)} outside"
     out.print(

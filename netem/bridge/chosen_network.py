@@ -1,6 +1,7 @@
 """The network of an emulator between any two networks: a profile, a file, and what was set over it."""
 
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from tis.common.errors import Fault, InputError
-from tis.common.runtime.scenario_files import read_scenario
+from tis.common.runtime.scenario_files import lines_told, read_scenario
 from tis.common.scenario import reading
 from tis.common.scenario.faults import faults
 from tis.common.scenario.network import NetworkPart
@@ -33,9 +34,22 @@ def read_network(
     if file is not None and name is not None:
         rule = "must not stand beside --scenario-network: name it in the file, as `profile`"
         raise InputError(Fault("netem", "--profile", rule, name))
+    with nullcontext() if file is None else lines_told(file):
+        return _read(file, name, bare, chosen, unmatched, profiles)
+
+
+def _read(
+    file: Path | None,
+    name: Any,
+    bare: list[str],
+    chosen: list[str],
+    unmatched: str | None,
+    profiles: reading.Profiles | None,
+) -> tuple[str, NetworkPart]:
     raw: Mapping[str, Any] = {} if file is None else read_scenario(file)
     where = "netem" if file is None else str(file)
-    part = raw.get("network", {}) if "network" in raw or "version" in raw else raw
+    is_scenario = "network" in raw or "version" in raw
+    part = raw.get("network", {}) if is_scenario else raw
     if name is not None:
         part = {"profile": name}
     if profiles is not None:
@@ -46,7 +60,10 @@ def read_network(
     network, invalid = _validated(changed, where)
     if network is not None and not found:
         return where, network
-    raise InputError(blamed([*found, *invalid], where, _validated(part, where)[1], overrides))
+    faulty = blamed([*found, *invalid], where, _validated(part, where)[1], overrides)
+    if is_scenario:
+        faulty = [replace(one, field=f"network.{one.field}") if one.where == where else one for one in faulty]
+    raise InputError(faulty)
 
 
 def _validated(part: Any, where: str) -> tuple[NetworkPart | None, list[Fault]]:

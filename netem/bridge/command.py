@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -13,6 +14,7 @@ from tis.common.runtime.side_cli import (
     AloneOption,
     CfgOption,
     ChildOption,
+    Completion,
     ConfigOption,
     ConnectOption,
     InsecureOption,
@@ -38,14 +40,6 @@ def _alone(*names: str, **options: Any) -> Any:
     return typer.Option(*names, rich_help_panel=_ALONE, **options)
 
 
-KeysArg = Annotated[
-    Many,
-    typer.Argument(
-        metavar="SCENARIO | KEYEXPR",
-        help="A scenario (YAML), the same on every host; or, with --west and --east, the key expressions "
-        "that cross and are impaired, all when none is given (ROS 2: '0/**', 0 being the domain).",
-    ),
-]
 RunDirOption = Annotated[
     Path | None,
     typer.Option(
@@ -60,16 +54,6 @@ EastOption = Annotated[Many, _alone(help="Listen here for the other network.")]
 ConnectWestOption = Annotated[Many, _alone(help="Connect to the one network here.")]
 ConnectEastOption = Annotated[Many, _alone(help="Connect to the other network here.")]
 ModeOption = Annotated[str, _alone(help="How to connect: client or peer.")]
-ProfileOption = Annotated[
-    str | None, _alone(help="Network of the library (tis net profiles), or a file; wifi_bad has delay only.")
-]
-NetworkOption = Annotated[
-    str | None,
-    _alone(
-        "--scenario-network", metavar="FILE|SCENARIO",
-        help="File (YAML) with a network, or a scenario with one; not beside --profile.",
-    ),
-]  # fmt: skip
 SetOption = Annotated[
     Many,
     _alone(
@@ -104,21 +88,47 @@ LogOption = Annotated[bool | None, _alone("--log/--no-log", help="Log every pack
 PrefixOption = Annotated[str, _alone(help="First chunk of the keys as tis/netem/control.")]
 
 
+def _keys_arg(scenarios: Completion | None) -> Any:
+    return typer.Argument(
+        metavar="SCENARIO | KEYEXPR",
+        help="A scenario (YAML), the same on every host; or, with --west and --east, the key expressions "
+        "that cross and are impaired, all when none is given (ROS 2: '0/**', 0 being the domain).",
+        autocompletion=scenarios,
+    )
+
+
+def _profile_option(names: Completion | None) -> Any:
+    words = "Network of the library (tis net profiles), or a file; wifi_bad has delay only."
+    return _alone(help=words, autocompletion=names)
+
+
+def _network_option(scenarios: Completion | None) -> Any:
+    return _alone(
+        "--scenario-network",
+        metavar="FILE|SCENARIO",
+        help="File (YAML) with a network, or a scenario with one; not beside --profile.",
+        autocompletion=scenarios,
+    )
+
+
 def netem_command(
     run_side: "RunSide",
     locate: Callable[[str], Path] = Path,
     profiles: "reading.Profiles | None" = None,
     close_folder: "Callable[[Path, NetworkPart, int], None] | None" = None,
+    scenarios: Completion | None = None,
+    profile_names: Completion | None = None,
 ) -> Callable[..., None]:
     """Return the typer command. ``locate`` finds a scenario's file, ``profiles`` is the library of networks.
 
-    ``close_folder`` completes the folder of a log that was written between any two networks, by its exit code.
+    ``close_folder`` completes the folder of a log that was written between any two networks, by its exit code;
+    ``scenarios`` and ``profile_names`` complete names.
     """
     run_scenario = side_command("netem", run_side, locate, profiles)
 
     # One parameter per option: typer reads the command line off this signature.
     def command(
-        words: KeysArg = None,
+        words: Annotated[Many, _keys_arg(scenarios)] = None,
         run_dir: RunDirOption = None,
         connect: ConnectOption = None,
         listen: ListenOption = None,
@@ -130,8 +140,8 @@ def netem_command(
         connect_west: ConnectWestOption = None,
         connect_east: ConnectEastOption = None,
         mode: ModeOption = "client",
-        profile: ProfileOption = None,
-        network: NetworkOption = None,
+        profile: Annotated[str | None, _profile_option(profile_names)] = None,
+        network: Annotated[str | None, _network_option(scenarios)] = None,
         settings: SetOption = None,
         unmatched: UnmatchedOption = None,
         seed: SeedOption = 0,
@@ -173,8 +183,8 @@ def netem_command(
 
         if any(places.values()):
             raise typer.Exit(guarded_exit_code("netem", run, _print_faults))
-        if len(keys) != 1:
-            rule = "must be one scenario, unless --west and --east are given"
+        if len(keys) != 1 or "*" in keys[0]:
+            rule = "must be one scenario; for key expressions give the two networks, --west and --east"
             _print_faults(InputError.exit_code, [Fault("netem", "SCENARIO", rule, keys)])
             raise typer.Exit(InputError.exit_code)
         run_scenario(keys[0], run_dir, connect, listen, config, cfg, wait_s, insecure, child, alone)
@@ -231,6 +241,7 @@ def _run(
     close_folder: "Callable[[Path, NetworkPart, int], None] | None",
 ) -> int:
     """Run the emulator between two networks to its end and complete its folder; return the exit code."""
+    from tis.common.runtime.scenario_files import lines_told
     from tis.common.runtime.status import Status
     from tis.netem.bridge.standalone import run_standalone
 
@@ -241,7 +252,8 @@ def _run(
     for word in words:
         if _is_file(word, locate):
             status.warning(f"{word} is taken for a key; --scenario-network {word} makes it the network")
-    code = run_standalone(asked, status, profiles)
+    with nullcontext() if asked.where == "netem" else lines_told(Path(asked.where)):
+        code = run_standalone(asked, status, profiles)
     has_begun = code != EXIT_INTERRUPTED  # otherwise it still waited for a network, and there is no log
     if asked.log_dir is not None and close_folder is not None and has_begun:
         close_folder(asked.log_dir, asked.network, code)

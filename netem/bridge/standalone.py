@@ -219,7 +219,9 @@ def open_log(options: Standalone) -> McapLog | None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise DataError(Fault(str(folder), "", f"cannot be created: {error.strerror}")) from None
+        raise DataError(
+            Fault(str(folder), "", f"cannot be created: {error.strerror}; give another --run-dir")
+        ) from None
     about = {"version": LOG_VERSION, "side": "netem", "mode": "live", "seed": str(options.seed)}
     about |= {name: version(name) for name in ("tis-testbed", "eclipse-zenoh")}
     about |= {"command": command_line()}

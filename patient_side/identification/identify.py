@@ -25,6 +25,8 @@ from tis.patient_side.movement_models import InputForecast
 from tis.patient_side.statespace import ArmModel, Array, FilterModel
 
 _POOR_FIT_PCT = 50.0
+_RESTING = 0.02
+"""Share of the largest axis' range below which an axis rests."""
 
 LOOKS_AHEAD = (
     "the model looks ahead: its velocity inputs are smoothed over frames after their own, so its fit is no promise"
@@ -262,7 +264,10 @@ def _doubts(trainings: Sequence[Recording]) -> list[str]:
 
 
 def _poor_fit(fit: SimulationFit, hand: Hand, training: TrainingSet, paper: bool) -> tuple[str, ...]:
-    if min(fit.fit_pct) >= _POOR_FIT_PCT:
+    # an axis at rest has nothing to explain but noise
+    ranges_m = training.output_high_m - training.output_low_m
+    moving = ranges_m >= _RESTING * ranges_m.max()
+    if min(np.array(fit.fit_pct)[moving]) >= _POOR_FIT_PCT:
         return ()
     shares = " ".join(fit_text(share, 0) for share in fit.fit_pct)
     # The paper's method simulates badly even where the arm is the right one.

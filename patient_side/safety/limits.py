@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 from tis.common.scenario.safety import USUAL_SET_POINT, Safety
 from tis.common.units import MM_PER_M, NS_PER_S, ms_to_ns
 from tis.patient_side.safety.set_point import WINDOW_NS, Pace
-from tis.patient_side.safety.trained_limits import Three, limits_from
+from tis.patient_side.safety.trained_limits import Three, limits_from, resumed_from
 from tis.patient_side.safety.wrist_point import WristLimits
 
 _MOST_CORRECTED: Final = 0.25
@@ -56,8 +56,10 @@ def limits_of(part: Safety, rate_hz: int, trained: Three | None = None) -> Limit
     workspace_m, speed_m_s, acceleration_m_s2 = limits_from(given, USUAL_SET_POINT, trained)
     usual, most_corrected_m = _tracking(speed_m_s, acceleration_m_s2, part.correction_mm / MM_PER_M, tick_s, base_s)
     # no faster than in tracking, where corrections take a share of the speed
-    slow_step = min(part.resume_speed_m_s * tick_s, usual.step)
-    slow_change = part.resume_acceleration_m_s2 * tick_s**2
+    resumed = part.resume_speed_m_s, part.resume_acceleration_m_s2
+    resume_speed_m_s, resume_acceleration_m_s2 = resumed_from(resumed, trained if part.speed_m_s is None else None)
+    slow_step = min(resume_speed_m_s * tick_s, usual.step)
+    slow_change = min(resume_acceleration_m_s2 * tick_s**2, usual.change)
     turn, most_turned = _tracking(
         radians(part.turn_deg_s),
         radians(part.turn_acceleration_deg_s2),
@@ -80,7 +82,7 @@ def limits_of(part: Safety, rate_hz: int, trained: Three | None = None) -> Limit
         break_ns=max(ms_to_ns(part.break_ms), _MIN_BREAK_TICKS * NS_PER_S // rate_hz),
         resume_ns=ms_to_ns(part.resume_ms),
         cautious_ns=ms_to_ns(part.cautious_ms),
-        near_m=part.resume_speed_m_s * base_s,
+        near_m=resume_speed_m_s * base_s,
         latch=part.latch,
     )
 

@@ -23,3 +23,17 @@ def test_each_extra_is_named_and_exists() -> None:
     page = (TESTBED / "install.md").read_text(encoding="utf-8")
     heads = re.findall(r"^\| ((?:`\w+`(?:, )?)+) \|", page, re.MULTILINE)
     assert {name for head in heads for name in re.findall(r"\w+", head)} == set(project["optional-dependencies"])
+
+
+def test_each_link_of_a_clone_leads_to_a_file() -> None:
+    """Pages that are made with the site are linked by `docs/reference/index.md`, which says what tells the same."""
+    made = re.compile(r"docs/reference/(?!index|protocol)|docs/testbed/in_python|docs/studies/_")
+    dead = []
+    for page in [*ROOT.glob("*.md"), *(ROOT / "docs").glob("[!_]*/*.md"), *(ROOT / "docs").glob("*.md")]:
+        if made.match(str(page.relative_to(ROOT))):
+            continue
+        for link in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+            target = (page.parent / link).resolve()
+            if "://" not in link and (not target.exists() or made.match(str(target.relative_to(ROOT)))):
+                dead.append(f"{page.relative_to(ROOT)}: {link}")
+    assert dead == []

@@ -40,7 +40,10 @@ def _templates(root: ast.AST) -> Iterator[str]:
         if len(re.findall(r"(?<!\S)[a-z]{2,}", text)) > 3 and "{}" not in text:
             yield text
         return
-    for child in ast.iter_child_nodes(root):
+    if isinstance(root, ast.Assign) and ast.unparse(root.targets[0]).endswith("cure"):
+        return
+    is_problem = isinstance(root, ast.Call) and ast.unparse(root.func) == "problem"  # its second text is the cure
+    for child in root.args[:1] if is_problem and isinstance(root, ast.Call) else ast.iter_child_nodes(root):
         yield from _templates(child)
 
 
@@ -60,7 +63,7 @@ def _messages() -> dict[str, str]:
     """Return where each message is declared."""
     shown = (file for file in product_files() if not str(file.relative_to(ROOT)).startswith(_ELSEWHERE))
     found = {text: f"{file.relative_to(ROOT)}" for file in shown for text in _declared(file)}
-    lives = (re.sub(r"\{[^}]*\}", "…", text) for text in (*TEXTS.values(), *_LIVES.values()))
+    lives = (re.sub(r"\{[^}]*\}", "…", text) for text in (*TEXTS.values(), *(text for text, _ in _LIVES.values())))
     return found | dict.fromkeys(lives, "what sides notice of each other")
 
 
@@ -72,6 +75,23 @@ def _is_of(entry: str, text: str) -> bool:
 def test_each_declared_message_has_an_entry() -> None:
     lacking = {text: where for text, where in _messages().items() if not any(_is_of(one, text) for one in QUOTED)}
     assert lacking == {}
+
+
+def test_each_problem_of_a_run_says_what_to_do() -> None:
+    lacking = []
+    for file in product_files():
+        for function in functions(file):
+            makes = re.match(r"Return (a|the) problem", ast.get_docstring(function) or "") is not None
+            appended = [call.args[0] for call in ast.walk(function)
+                        if isinstance(call, ast.Call) and ast.unparse(call.func) == "problems.append"]  # fmt: skip
+            made = [ast.unparse(each).startswith("problem(") for each in appended if not isinstance(each, ast.Name)]
+            returned = [each.value for each in ast.walk(function) if makes and isinstance(each, ast.Return)]
+            bare = [
+                one for each in returned for one in getattr(each, "elts", [each]) if isinstance(one, ast.JoinedStr)
+            ]
+            if not all(made) or (bare and function.name != "problem"):
+                lacking.append(f"{file.relative_to(ROOT)}: {function.name}")
+    assert lacking == []
 
 
 def test_each_kind_of_refusal_is_named() -> None:

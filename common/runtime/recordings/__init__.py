@@ -150,13 +150,20 @@ def _too_short(scenario: Scenario, start: int, recording: Recording) -> Fault | 
         return None
     longest = n_rows - start - 1
     if longest < 1:
-        advice = "it is too short for any duration_s with this start and these training rows"
+        advice = f"it is too short for any duration_s with this start and these training rows{_fewer(scenario)}"
     else:
         # rounded down, or the suggested value would be too long as well
         seconds = math.floor(1000 * longest / scenario.rate_hz) / 1000
         advice = f"duration_s can be at most {seconds:.3f}, or auto to play all of it"
     parts = f"{start} before the start + {scenario.n_samples} samples of {scenario.duration_s:g} s + 1"
     return Fault(recording.file or "", "", f"must have {needed} rows ({parts}); {advice}", n_rows)
+
+
+def _fewer(scenario: Scenario) -> str:
+    """Return how fewer training rows leave more to play; "" where the run has none of its own."""
+    if scenario.identification.train != "own_head":
+        return ""
+    return f"; set identification.train_samples, now {scenario.identification.train_samples}, to fewer"
 
 
 def check_recording(scenario: Scenario) -> None:
@@ -250,7 +257,7 @@ def whole_run(scenario: Scenario, where: str) -> Scenario:
     longest = len(recording) - start - 1
     if longest < 1:
         rows = f"{recording.file} has {len(recording)} rows, and the run begins at row {start}"
-        rule = f"auto finds no row to play: {rows}"
+        rule = f"auto finds no row to play: {rows}{_fewer(scenario)}"
         raise InputError(Fault(f"scenario {scenario.name}", "duration_s", rule))
     raw = scenario.model_dump(mode="json", exclude_none=True)
     return reading.build_scenario({**raw, "duration_s": longest / scenario.rate_hz}, where)

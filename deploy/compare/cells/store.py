@@ -4,9 +4,13 @@ Files are written atomically, so an interrupted comparison can be resumed.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
+
+from rich.console import Console
+from rich.markup import escape
 
 from tis.common.errors import DataError, Fault
 from tis.deploy.compare.cells.identity import content_digest
@@ -19,6 +23,17 @@ _TEXT, _WITH_WEIGHTS = ".json", ".safetensors"
 _ANY_FILE: Final = ".new"
 _SCORES: Final = ("hands", "forecasts", "summary")
 """The sums, forecasts or summary of a cell: it has one of them."""
+
+
+@contextmanager
+def resumable(store: "Store", err: Console) -> Iterator[None]:
+    """Say what Ctrl-C in the block leaves, and how it goes on."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        text = f"interrupted: every finished twin is stored in {store.path}; the same command resumes there"
+        err.print(escape(text), style="yellow", soft_wrap=True)
+        raise
 
 
 class Store:

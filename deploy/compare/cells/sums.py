@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.metrics.consistency import CHI2_3_95
+from tis.common.metrics.consistency import CHI2_1_95, CHI2_3_95
 from tis.common.metrics.tracking import error_vectors, moves, orientation_at
 from tis.common.sources.trajectory import HandRecording, Recording
 from tis.common.units import NS_PER_MS, sample_instant_ns
@@ -22,8 +22,6 @@ Histogram = dict[str, int]
 _WIDTH = log(1.001)
 ERROR_WIDTH = log(1.01)
 """Width of the bins of errors, 1 %: there are three times as many values as of a step's time."""
-CHI2_1_95: Final = 3.841458820694124
-"""95 % quantile of chi squared with one degree of freedom."""
 AGE_EDGES_MS: Final = (0, 20, 40, 60, 80, 100, 150, 200, 300, 400, 500, 700, 1000, 1500, 2000, 3000, 5000)
 """The bins of error against age; the last one is open."""
 
@@ -77,6 +75,12 @@ def hand_sums(
         "age_ns": histogram(ages_ns),
         "estimators": estimators,
     }
+
+
+def age_middle_ms(from_ms: float) -> float:
+    """Return the middle of the bin of ages that begins at ``from_ms``; the begin of the last, open one."""
+    later = [edge for edge in AGE_EDGES_MS if edge > from_ms]
+    return (from_ms + later[0]) / 2 if later else from_ms
 
 
 def covered(errors_m: Array, covariances_m2: Array) -> tuple[int, int]:

@@ -117,13 +117,16 @@
     const columns = about.estimators.map((_, e) => {
       const own = empty();
       for (const bin of pool.byAge(groups, e)) {
-        add(own, e, about.age_edges_ms.indexOf(bin.from_ms), bin.rmse_3d_mm, null, `from ${bin.from_ms} ms`, bin.n, "");
+        const low = about.age_edges_ms.indexOf(bin.from_ms), to_ms = about.age_edges_ms[low + 1];
+        const words = to_ms === undefined ? `from ${bin.from_ms} ms` : `${bin.from_ms} to ${to_ms} ms`;
+        add(own, e, low + 0.5, bin.rmse_3d_mm, null, words, bin.n, "");
       }
       return own;
     });
     fill("age", columns, visible);
-    const places = [...new Set(columns.flatMap(({ x }) => x))].sort((a, b) => a - b), figure = model("age-figure");
-    marks(figure.below[0], places, places.map((place) => String(about.age_edges_ms[place])));
+    const edges = columns.flatMap(({ x }) => [...x].flatMap((middle) => [middle - 0.5, middle + 0.5]));
+    const places = [...new Set(edges)].sort((a, b) => a - b), figure = model("age-figure");
+    marks(figure.below[0], places, places.map((place) => String(about.age_edges_ms[place] ?? "older")));
     if (places.length) fit(figure.x_range, places);
     top("age", highest(columns, 1.6));
   };

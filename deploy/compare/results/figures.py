@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
+from tis.deploy.compare.cells.sums import age_middle_ms
 from tis.deploy.compare.grid import axis_words
 from tis.deploy.compare.results.pooled import band_words
 from tis.deploy.compare.results.report import numeric_axes
@@ -194,8 +195,9 @@ def age_figure(report: dict[str, Any]) -> Figure | None:
         axes = figure.subplots()
         for name, bins in by_age.items():
             ages = sorted(bins)
-            draw_line(axes, name, list(by_age), ages, [(bins[age][1] / bins[age][0]) ** 0.5 for age in ages])
-        axes.set_xlabel("age of the freshest sample, ms (lower edge of the bin)")
+            errors = [(bins[age][1] / bins[age][0]) ** 0.5 for age in ages]
+            draw_line(axes, name, list(by_age), [*map(age_middle_ms, ages)], errors)
+        axes.set_xlabel("age of the freshest sample, ms (middle of the bin)")
         axes.set_ylabel("3D RMSE, mm")
         top = max(row[1] / row[0] for row in by_age.get("hold", {}).values()) ** 0.5 if "hold" in by_age else None
         axes.set_ylim(0, None if not top else 1.6 * top)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final, NamedTuple, get_args
 
 from tis.common.channels import Direction, Hand, Side, direction_of
-from tis.common.errors import DataError, Fault
+from tis.common.errors import DataError, Fault, problem
 from tis.common.records import COUNTERS
 from tis.common.runtime.chunk_writer import by_channel
 from tis.common.runtime.log_parts import PartClock, part_clock
@@ -69,7 +69,8 @@ class RunLogs:
 
     def problems(self) -> list[str]:
         """Return a sentence for each missing or damaged log."""
-        found = [f"{side}: log is missing" for side in get_args(Side) if side not in self.sides]
+        cure = "copy it from its host (tis collect), then tis summarize"
+        found = [problem(f"{side}: log is missing", cure) for side in get_args(Side) if side not in self.sides]
         found += [f"{side}: {text}" for side, log in self.sides.items() if (text := log.coverage.problem)]
         return found
 

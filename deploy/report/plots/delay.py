@@ -25,17 +25,20 @@ _CHANGED_BY = "changed by timeline or control"
 
 
 def delay_figure(
-    links: Mapping[Direction, LinkColumns], x_range: Range1d, spans: Mapping[Direction, Sequence[Span]]
+    links: Mapping[Direction, LinkColumns],
+    x_range: Range1d,
+    spans: Mapping[Direction, Sequence[Span]],
+    titles: Mapping[Direction, str] = TITLES,
 ) -> style.Figure | None:
     """Draw a panel for each direction that carried or lost a message; None when none did.
 
-    ``spans`` are the conditions in force; spans other than the plain condition are shaded.
+    ``titles`` are those of the panels; ``spans`` of conditions other than the plain one are shaded.
     """
     used = {direction: link for direction, link in links.items() if len(link.sent_s) or len(link.lost_s)}
     if not used:
         return None
     *_, last = used
-    panels = [_panel(link, d, x_range, d == last, spans.get(d, ())) for d, link in used.items()]
+    panels = [_panel(link, d, titles[d], x_range, d == last, spans.get(d, ())) for d, link in used.items()]
     shades = _shades([span for d in used for span in spans.get(d, ())])
     keys = [style.Key("decided", PALE, "dot", toggles=True)]
     keys += [style.Key(f"realised, {direction}", DIRECTIONS[direction], "dot", toggles=True) for direction in used]
@@ -102,10 +105,10 @@ def _shade(panel: figure, spans: Sequence[Span], low: float, high: float) -> Non
 
 
 def _panel(
-    link: LinkColumns, direction: Direction, x_range: Range1d, with_axis: bool, spans: Sequence[Span]
+    link: LinkColumns, direction: Direction, title: str, x_range: Range1d, with_axis: bool, spans: Sequence[Span]
 ) -> figure:
     panel = style.time_figure(x_range, "delay, ms", 240, with_axis)
-    panel.title = TITLES[direction]
+    panel.title = title
     highest_ms = max((float(ms.max()) for ms in (link.decided_ms, link.realised_ms) if len(ms)), default=0.0) or 1.0
     low, high = -0.08 * highest_ms, 1.08 * highest_ms
     panel.y_range = Range1d(start=low, end=high)

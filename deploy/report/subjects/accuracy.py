@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.channels import Hand
+from tis.common.errors import problem
 from tis.common.metrics.consistency import consistency, normalised_squares
 from tis.common.metrics.percentiles import summarise
 from tis.common.metrics.tracking import Scorable, score
@@ -188,12 +189,14 @@ def without_estimate(accuracy: Mapping[str, Scores], active: str, own: Mapping[s
     for name in failed:
         first = own[name].first_fault
         why = "" if first is None else f": {first.reason}"
-        problems.append(f"accuracy: {name} failed at every scored tick, and has no score{why}")
+        text = f"accuracy: {name} failed at every scored tick, and has no score{why}"
+        problems.append(problem(text, "mend the line that it names"))
     entry = accuracy.get(active)
     if entry is None or active in failed or entry.n_missing <= _MAX_WITHOUT_ESTIMATE * entry.n_scored:
         return problems
     of = f"{entry.n_missing} of {entry.n_scored} scored ticks"
-    return [*problems, f"accuracy: {active} gave no estimate at {of}, where hold's is scored"]
+    text = f"accuracy: {active} gave no estimate at {of}, where hold's is scored"
+    return [*problems, problem(text, "the report has its first failure")]
 
 
 def accuracy_table(accuracy: Mapping[str, Scores], which: str, active: str) -> Table:

@@ -5,6 +5,7 @@ from typing import Final, get_args
 
 from tis.common.channels import Hand, Side
 from tis.common.device_records import DEVICES, FOREIGN_SURGEON, Refusal
+from tis.common.errors import problem
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.read.load import RunLogs
@@ -96,7 +97,7 @@ def silent_programs(devices: ByHand, external_arms: ByHand) -> list[str]:
     """Return a problem for each device and external arm of which no pose was used: nothing was measured."""
     names = {"devices": (devices, "the device"), "external_arms": (external_arms, "the external arm")}
     return [
-        f"{key}.{hand}: no pose came from {name} that could be used"
+        problem(f"{key}.{hand}: no pose came from {name} that could be used", f"{key} in summary.json says why not")
         for key, (found, name) in names.items()
         for hand, row in found.items()
         if not row.poses

@@ -6,6 +6,7 @@ from pathlib import PurePath
 from typing import Any
 
 from tis.common.channels import Hand, Side
+from tis.common.errors import problem
 from tis.common.scenario import Scenario
 from tis.common.sources.provenance import RECORDING_FILE, SYNTHETIC, RecordedRows, in_words, parse_played
 from tis.deploy.logs.read.load import RunLogs
@@ -104,7 +105,7 @@ def two_recordings(logs: RunLogs) -> list[str]:
     if len({one["digest"] for one in played.values()}) < len(sides):
         return []
     files = " and ".join(f"{side}: {one['file'] or one['label']}" for side, one in played.items())
-    return [f"recording: surgeon and patient have read different ones ({files})"]
+    return [problem(f"recording: surgeon and patient have read different ones ({files})", "copy one to both hosts")]
 
 
 def source_label(scenario: Scenario, foreign_surgeon: bool = False, recording: PlayedRecording | None = None) -> str:

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final, get_args
 
 from tis.common.channels import Side
+from tis.common.errors import problem
 from tis.common.peer_life import Alarm
 from tis.common.refusal import MEANING, REFUSED, Refusal
 from tis.common.safety_records import QUARANTINED, SINCE_MS
@@ -76,14 +77,17 @@ def quarantined(logs: RunLogs) -> dict[str, int | None]:
     return {kind: count_of(logs, "patient", f"{QUARANTINED}.{kind}") for kind in get_args(Kind)}
 
 
-def quarantine_texts(found: Mapping[str, int | None]) -> list[str]:
-    """Return a sentence on the messages that the patient's gate did not let through; none without any."""
+def quarantine_texts(found: Mapping[str, int | None], cause: str | None = None) -> list[str]:
+    """Return a sentence on the messages that the patient's gate did not let through; none without any.
+
+    ``cause`` is why, where it is likely.
+    """
     counts = {kind: n for kind, n in found.items() if n}
     kinds = ", ".join(f"{number(n)} {kind}" for kind, n in counts.items())
     n_all = number(sum(counts.values()))
     limits = ", ".join(f"patient.gate.{field}" for kind, field in LIMIT_OF.items() if kind in counts)
-    cure = f": if they are right, raise {limits}" if limits else ""
-    return [f"the patient did not use {n_all} samples ({kinds}){cure}"] if counts else []
+    cure = f"if they are right, raise {limits}" if limits else "end the second program that sends as the surgeon"
+    return [problem(f"the patient did not use {n_all} samples ({kinds})", cause or cure)] if counts else []
 
 
 def evidence_summary(logs: RunLogs, scenario: Scenario) -> Evidence:
@@ -119,4 +123,5 @@ def evidence_problems(evidence: Evidence, scenario: Scenario) -> list[str]:
     n = evidence.foreign_set_point.n
     if not n or scenario.patient.plant.kind != "external":
         return []
-    return [f"evidence.foreign_set_point: the arm heard {n} set points that the patient did not send"]
+    text = f"evidence.foreign_set_point: the arm heard {n} set points that the patient did not send"
+    return [problem(text, "end the other program that publishes on servo_cp")]

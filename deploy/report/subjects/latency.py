@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from tis.common.channels import Arm, Hand, Side, hand_channels
+from tis.common.errors import problem
 from tis.common.metrics.latency import Instants, LatencyParts, latency_parts, round_trip_ns
 from tis.common.metrics.percentiles import is_resolvable
 from tis.common.units import NS_PER_MS
@@ -189,7 +190,8 @@ def sent_after_arrival(latency: Latency, uncertainty_ms: Mapping[str, Statistics
     if network_ms is None or network_ms >= _EARLIEST_MS - bound:
         return []
     rule = "by their headers (sent_ns) messages were sent after they had arrived, median"
-    return [f"latency_ms.network: {rule} {-network_ms:.1f} ms"]
+    cure = "set the clocks of the hosts by chrony, and the stamps of a foreign surgeon by its host's clock"
+    return [problem(f"latency_ms.network: {rule} {-network_ms:.1f} ms", cure)]
 
 
 def budget_ms(parts: LatencyParts) -> dict[str, float]:

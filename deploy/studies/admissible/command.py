@@ -18,7 +18,7 @@ from tis.common.runtime.process import command_line
 from tis.common.scenario import Scenario
 from tis.common.scenario.source import RecordedSource
 from tis.deploy.compare.cells.identity import dump
-from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.cells.store import Store, resumable
 from tis.deploy.compare.engine.compute import workers_of
 from tis.deploy.compare.grid import COMMAND as COMPARE
 from tis.deploy.compare.grid import Sweep
@@ -157,14 +157,9 @@ def admissible(
     with workers:
         store = Store(out_dir or Path("runs") / "admissible" / order.name)
         check_outputs_in(store.path, *_ALWAYS, *_FIGURES, _PAGE)
-        try:
-            with PhaseProgress(err) as progress:
-                evaluation = Evaluation(order.estimators, order.limits, store, workers, progress)
-                report = Study(order, evaluation).run(command_line())
-        except KeyboardInterrupt:
-            text = f"interrupted: every finished twin is stored in {store.path}; the same command resumes there"
-            err.print(escape(text), style="yellow", soft_wrap=True)
-            raise
+        with resumable(store, err), PhaseProgress(err) as progress:
+            evaluation = Evaluation(order.estimators, order.limits, store, workers, progress)
+            report = Study(order, evaluation).run(command_line())
     print_warnings(err, *report["warnings"][:_SHOWN_WARNINGS])
     if len(report["warnings"]) > _SHOWN_WARNINGS:
         more = len(report["warnings"]) - _SHOWN_WARNINGS

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, TisError
-from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.cells.store import Store, resumable
 from tis.deploy.compare.engine.compute import workers_of
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.early_checks import check_outputs, check_outputs_in
@@ -68,10 +68,11 @@ def write_methods(options: Options, out: Console, err: Console) -> int:
     duration_s = _QUICK_SYNTHETIC_S if options.quick else _SYNTHETIC_S
     trials = find_trials(options.path, options.task, store.path, options.seed, duration_s)
     subjects = [Subject(method, trials, extent, options.seed) for method in methods]
-    computed = compute_methods(subjects, store, workers_of(options.n_jobs, None, err.print), err)
-    if all(each.gaps for each in computed):
-        raise DataError([Fault(COMMAND, each.subject.method, gap) for each in computed for gap in each.gaps])
-    steps = _timed(computed, store, extent, err)
+    with resumable(store, err):
+        computed = compute_methods(subjects, store, workers_of(options.n_jobs, None, err.print), err)
+        if all(each.gaps for each in computed):
+            raise DataError([Fault(COMMAND, each.subject.method, gap) for each in computed for gap in each.gaps])
+        steps = _timed(computed, store, extent, err)
     report = report_of(options, trials, extent, computed, steps)
     files = files_of(report)
     for text in files.left_out:

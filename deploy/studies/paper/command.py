@@ -13,7 +13,7 @@ from tis.common.extras import GET_REPORT
 from tis.common.runtime.recordings import load_recording, load_training
 from tis.common.scenario import Scenario
 from tis.common.sources.trajectory import Recording
-from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.cells.store import Store, resumable
 from tis.deploy.compare.engine.compute import compute as compute_twins
 from tis.deploy.compare.engine.compute import workers_of
 from tis.deploy.compare.engine.workers import Workers
@@ -134,7 +134,7 @@ def write_paper(
     names = [f"{name}.{form}" for name in FIGURES for form in FORMATS]
     check_outputs(path)
     check_outputs_in(store.path, *names)
-    with workers, PhaseProgress(err) as progress:
+    with workers, resumable(store, err), PhaseProgress(err) as progress:
         results = compute(trial, few_cells() if quick else all_cells(), store, workers, progress)
     folder.write(path, page(results))
     out.print(f"written to {path}: {len(results.cells)} twins, {len(results.simulated)} simulations", soft_wrap=True)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from tis.common.metrics.consistency import CHI2_3_95, consistency, mean_square_bounds, normalised_squares
+from tis.common.metrics.consistency import CHI2_3_95, consistency, mean_square_bounds, normalised_squares, region_pct
 
 NAN = float("nan")
 
@@ -54,3 +54,11 @@ def test_a_certain_error_is_infinitely_inconsistent_and_no_rows_are_unknown() ->
     assert found["consistent"][0] is False
     assert found["coverage_pct"] == [0.0, 100.0, 100.0]
     assert consistency(np.full((4, 3), NAN))["mean"] == [None, None, None]
+
+
+def test_the_region_of_normal_errors_holds_95_of_100() -> None:
+    errors = np.random.default_rng(3).normal(size=(20_000, 3))
+    found = region_pct(normalised_squares(2.0 * errors, np.full_like(errors, 2.0)))
+    assert found == pytest.approx(95.0, abs=0.6)
+    assert region_pct(normalised_squares(errors[:, :1], np.ones((20_000, 1)))) == pytest.approx(95.0, abs=0.6)
+    assert region_pct(np.full((4, 3), np.nan)) is None

@@ -120,7 +120,7 @@ def test_an_unwritable_log_is_one_line(tmp_path: Path) -> None:
 
 def test_an_earlier_log_is_never_overwritten(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_bytes(b"precious")
-    with pytest.raises(DataError, match="cannot be written: File exists"):
+    with pytest.raises(DataError, match="exists, from an earlier run: give another"):
         McapLog(tmp_path / "a.mcap", {})
     assert (tmp_path / "a.mcap").read_bytes() == b"precious"
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import tis
-from tis.common.runtime.process import Interrupt, child_environment, command_line
+from tis.common.runtime.process import Interrupt, child_environment, command_line, repeatable
 
 SECRET = "Tr0ub4dor"
 PASSWORD = "transport/auth/usrpwd/password"
@@ -163,3 +163,11 @@ def test_an_end_is_an_ordinary_one_but_for_the_interpreters(load: str, code: str
     said = ["thread", "handler", *(["finalised"] if load == "pass" else [])]
     assert (done.returncode, done.stdout.split()) == (ends, said)
     assert done.stderr == ("a reason\n" if ends == 1 else "")
+
+
+@pytest.mark.parametrize("run_dir", [["--run-dir", "a/b"], ["--run-dir", "it's a b"], ["--run-dir=a b"]])
+def test_a_command_is_repeated_without_its_folder(run_dir: list[str]) -> None:
+    typed = shlex.join(["tis", "twin", "default", *run_dir, "--seed", "3"])
+    assert repeatable(typed) == "tis twin default --seed 3"
+    assert repeatable(typed, " --log") == "tis twin default --log --seed 3"
+    assert repeatable("tis twin default") == "tis twin default"

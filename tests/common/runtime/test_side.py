@@ -82,8 +82,9 @@ def test_a_run_that_is_over_is_neither_continued_nor_written_over(here: None, sc
         _killed(options, scenario, age_s=23)
         assert earlier_part(options, scenario, "surgeon") is None
         assert earlier_part(options, scenario, "patient") is None
-    with pytest.raises(DataError, match=r"surgeon\.mcap: cannot be written: File exists"):
-        open_log(named, scenario, "surgeon")
+    refused = pytest.raises(DataError, match=r"surgeon\.mcap: exists, from an earlier run: give another --run-dir")
+    with refused, open_log(named, scenario, "surgeon"):
+        pass
 
 
 def test_a_side_that_the_user_ended_begins_in_a_new_folder(here: None, scenario: Scenario) -> None:
@@ -92,6 +93,7 @@ def test_a_side_that_the_user_ended_begins_in_a_new_folder(here: None, scenario:
     with open_log(SideOptions(whole), scenario, "patient") as log:
         clock = PartClock(epoch_monotonic_ns=1, epoch_unix_ns=time.time_ns(), run_id=RUN_ID, boot=boot_digest())
         log.attach(CLOCK_FILE, clock.model_dump_json().encode())
+        log.record(Record(TICKS, 1, TickNote(tick=0, due_ns=0, begin_ns=1)))
     (whole / "patient.mcap").rename(path.with_name("patient.mcap"))
     assert earlier_part(SideOptions(None), scenario, "patient") is None
     assert earlier_part(SideOptions(path.parent), scenario, "patient") is not None
@@ -104,3 +106,12 @@ def test_the_newest_folders_of_a_scenario_are_found_by_their_names(tmp_path: Pat
     found = [path.name for path in latest_folders(tmp_path, "s")]
     assert found == ["20260102_000000_s_2", "20260102_000000_s", "20260101_000000_s"]
     assert latest_folders(tmp_path / "nowhere", "s") == []
+
+
+def test_a_run_that_did_not_begin_leaves_neither_log_nor_folder(here: None, scenario: Scenario) -> None:
+    for run_dir, left in ((None, set()), (Path("mine/run"), set()), (Path("there"), {Path("there")})):
+        if left:
+            Path("there").mkdir()
+        with open_log(SideOptions(run_dir), scenario, "patient"):
+            pass
+        assert set(Path().iterdir()) == left

@@ -200,3 +200,11 @@ def test_velocities_tell_another_rate(rate_hz: int) -> None:
 def test_velocities_that_were_not_recorded_and_an_arm_that_stands_still_tell_nothing() -> None:
     still = np.zeros((90, 3))
     assert rate_doubts(swing(90), still, 30, "MTML") == rate_doubts(still, swing(90), 30, "MTML") == ()
+
+
+@pytest.mark.parametrize("step_mm", [0.1, 1.0])
+def test_positions_in_whole_steps_do_not_jump_and_missing_rows_still_do(step_mm: float) -> None:
+    rounded = np.round(swing(6000, 200) * 1000 / step_mm) * step_mm / 1000
+    assert anomalies(rounded, 200, "PSM2", False) == ()
+    [text] = anomalies(np.delete(rounded, slice(2000, 2200), axis=0), 200, "PSM2", False)
+    assert "from row 1999 to 2000 (" in text

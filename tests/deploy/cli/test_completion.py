@@ -33,3 +33,20 @@ def test_the_options_complete(monkeypatch: pytest.MonkeyPatch) -> None:
     words = {name: [one.value for one in parameters[name].shell_complete(context, given)]
              for name, given in (("scenario", "defa"), ("estimators", "hold,adap"))}  # fmt: skip
     assert words == {"scenario": ["default"], "estimators": ["hold,adaptive_kf"]}
+
+
+@pytest.mark.parametrize(
+    ("command", "words", "parameter", "given", "found"),
+    [
+        ("patient", ["default"], "scenario", "defa", "default"),
+        ("surgeon", ["default"], "scenario", "defa", "default"),
+        ("netem", [], "words", "defa", "default"),
+        ("netem", [], "network", "defa", "default"),
+        ("netem", [], "profile", "hosp", "hospital_wifi"),
+    ],
+)
+def test_single_sides_complete(command: str, words: list[str], parameter: str, given: str, found: str) -> None:
+    side = get_command(app).commands[command]  # type: ignore[attr-defined]
+    context = side.make_context(command, words, resilient_parsing=True)
+    one = {each.name: each for each in side.params}[parameter]
+    assert [each.value for each in one.shell_complete(context, given)] == [found]

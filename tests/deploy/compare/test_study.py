@@ -34,7 +34,16 @@ def faults_of(text: str, there: Path, **given: Any) -> list[str]:
     (there / "s.yaml").write_text(text)
     with pytest.raises((InputError, DataError)) as caught:
         plan_of_study_file(Path("s.yaml"), NOTHING_GIVEN | given)
-    return [str(fault).partition(" (got")[0] for fault in caught.value.faults]
+    return [re.sub(r"^s.yaml: line \d+", "s.yaml", str(one)).partition(" (got")[0] for one in caught.value.faults]
+
+
+def test_a_fault_of_a_study_names_its_line(small: Path, tmp_path: Path) -> None:
+    (tmp_path / "s.yaml").write_text("scenario: small.yaml\nsettings:\n  seed: 1\n  surgeon.copies: 0\nseeds: 0\n")
+    with pytest.raises(InputError, match=r"^s.yaml: line 5: seeds: must be at least 1"):
+        plan_of_study_file(Path("s.yaml"), NOTHING_GIVEN)
+    (tmp_path / "s.yaml").write_text("scenario: small.yaml\nsettings:\n  seed: 1\n  surgeon.copies: 0\n")
+    with pytest.raises(InputError, match=r"^s.yaml: line 4: settings.surgeon.copies: must be at least 1"):
+        plan_of_study_file(Path("s.yaml"), NOTHING_GIVEN)
 
 
 def test_a_file_a_value_and_options_are_the_same_cells(small: Path, tmp_path: Path) -> None:

@@ -107,3 +107,14 @@ def test_every_side_its_host_and_warnings_are_shown_as_they_are(terminal: bool) 
     assert "received 7" in shown
     assert ("demo  5 of 20 s" in shown) == terminal
     assert ("netem (10.0.0.1): ready" in shown) == (not terminal)
+
+
+def test_a_side_that_was_told_to_end_has_not_failed() -> None:
+    panel = PanelState(PLACES, 20.0)
+    panel.take(_event("netem", "running", duration_s=20.0))
+    panel.take(_event("netem", "ending"))
+    assert panel.take(_event("netem", "failed", exit_code=130, reasons=["interrupted at 3.0 s"])) == [
+        "netem (10.0.0.1): ended"
+    ]
+    assert panel.take(_event("netem", "exit", code=130)) == []
+    assert (panel.sides["netem"].state, panel.sides["netem"].kind) == ("ended", "ended")

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.deploy.report.partial import causes
 from tis.common.clocks import ClockModel, Envelope
 from tis.common.node import Record
 from tis.common.records import TickNote
@@ -58,7 +59,7 @@ def test_a_cut_log_is_unknown_from_its_last_message_on_also_when_recovered(tmp_p
     assert found.unknown == ((7 * S, FOREVER),)
     assert found.problem is not None
     assert found.problem.startswith("log is damaged (the file ends early, at byte ")
-    assert found.problem.endswith("; nothing is known after 7.000 s, and figures leave that out")
+    assert causes([found.problem])[0].endswith("; nothing is known after 7.000 s, and figures leave that out")
     recover(path, tmp_path / "b.mcap")
     again = _coverage(tmp_path / "b.mcap")
     assert again.unknown == ((7 * S, FOREVER),)

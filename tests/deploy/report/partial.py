@@ -1,9 +1,10 @@
 """Parts of a summary with a few figures chosen by hand, unchecked: what a test does not name is not there."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
+from tis.common.errors import CURE
 from tis.deploy.report.section import Section
 from tis.deploy.report.summary import Summary
 
@@ -17,6 +18,11 @@ def part(model: type[Section], values: Mapping[str, Any]) -> Any:
 def summary_of(values: Mapping[str, Any]) -> Any:
     """Return a summary with these values, read from one clock."""
     return part(Summary, {"uncertainty_ms": {}, "not_resolvable": [], "recording": None, **values})
+
+
+def causes(problems: Iterable[str]) -> list[str]:
+    """Return problems without what to do about them."""
+    return [text.partition(CURE)[0] for text in problems]
 
 
 def _as(kind: Any, value: Any) -> Any:

@@ -9,7 +9,7 @@ from rich.text import Text
 from tests.deploy.report.partial import summary_of
 from tis.common.scenario.limits import REQUIREMENTS
 from tis.deploy.report import terminal as module
-from tis.deploy.report.terminal import MAX_LINES
+from tis.deploy.report.terminal import MAX_FAULT_LINES, MAX_LINES
 
 
 def _statistics(p50: float, p99: float) -> dict[str, float]:
@@ -94,14 +94,21 @@ def test_however_much_is_wrong_it_stays_brief_and_counts_the_rest(summary: dict[
     problems = [f"links.forward: trouble {k} " + "of many words that take two lines " * 2 for k in range(n_problems)]
     text = brief(summary | {"valid": False, "problems": problems}, ["a warning"], 80).plain
     lines = text.splitlines()
-    assert len(lines) <= MAX_LINES
+    assert len(lines) <= MAX_LINES + MAX_FAULT_LINES
     assert max(map(len, lines)) <= 80
-    n_shown = text.count("trouble")
+    n_shown = text.count("trouble ")
     n_warnings = text.count("warning: ")
     counted = next((int(line.split()[1]) for line in lines if line.startswith("  and ")), 0)
+    assert not counted or n_problems > 5
     assert n_shown >= 1
     assert n_shown + n_warnings + counted == n_problems + 1
     assert "  requirements  at 30 Hz: 1 met, 1 out of reach" in text  # their names leave the room
+
+
+def test_problems_name_the_page_of_the_manual_once(summary: dict[str, Any]) -> None:
+    assert "troubleshooting" not in brief(summary, ["a warning"], 80).plain
+    text = brief(summary | {"valid": False, "problems": ["one", "another"]}, [], 80).plain
+    assert text.count("docs/testbed/troubleshooting.md") == 1
 
 
 def test_the_first_fault_is_whole_however_little_room_is_left(summary: dict[str, Any]) -> None:

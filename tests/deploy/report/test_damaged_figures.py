@@ -10,6 +10,7 @@ import pytest
 
 from tests.deploy.logs.conftest import run_dir, scenario
 from tests.deploy.report.hand_made import ARM, COMMAND, ONE_CLOCK, a_scenario, estimate, message, truth, write_run
+from tests.deploy.report.partial import causes
 from tis.common.scenario import Scenario
 from tis.deploy.logs.coverage import FOREVER, WRITTEN_WITHIN_NS, Coverage, Span
 from tis.deploy.logs.read.load import RunLogs, load_run, models_in
@@ -52,7 +53,9 @@ def test_accuracy_of_a_cut_run_is_that_of_the_ticks_it_still_has(
         last = np.flatnonzero(kept)[: entry["n_scored"]]
         assert entry["rmse_3d_mm"] == pytest.approx(np.sqrt(np.mean(run.error_mm(name, "left")[last] ** 2)))
     assert [text for text in summary["problems"] if "links" in text] == []
-    assert f"ticks: the log tells of {summary['ticks']['count']} of {scenario.n_samples}" in summary["problems"]
+    assert f"ticks: the log tells of {summary['ticks']['count']} of {scenario.n_samples}" in causes(
+        summary["problems"]
+    )
     assert summary["logs"]["patient"]["state"] == "damaged"
     assert summary["logs"]["patient"]["unknown_s"] == [[until_ns / S, None]]
     for link in summary["links"].values():
@@ -120,4 +123,4 @@ def test_how_long_more_would_take_is_not_said_where_the_time_is_not_known(run_di
 def test_why_no_tick_counts(tmp_path: Path, duration_s: float, patient: list[Any], reason: str) -> None:
     logs = write_run(tmp_path, patient=patient)
     problems = build_summary(logs, a_scenario(duration_s=duration_s), (), "live", 0, "")["problems"]
-    assert f"accuracy: no tick could be scored: {reason}" in problems
+    assert f"accuracy: no tick could be scored: {reason}" in causes(problems)

@@ -10,6 +10,7 @@ import pytest
 from mcap.reader import make_reader
 
 from tests.deploy.logs.conftest import run_dir, scenario
+from tests.deploy.report.partial import causes
 from tis.common.errors import DataError, InputError
 from tis.common.scenario import Scenario
 from tis.deploy.report import OUTCOMES, load
@@ -76,7 +77,7 @@ def test_a_missing_log_is_named_and_leaves_its_columns_empty(run_dir: Path, tmp_
     for name in ("scenario.yaml", "patient.mcap"):
         (tmp_path / name).write_bytes((run_dir / name).read_bytes())
     run = load(tmp_path)
-    assert run.problems == ("surgeon: log is missing", "netem: log is missing")
+    assert causes(run.problems) == ["surgeon: log is missing", "netem: log is missing"]
     assert run.summary is None
     assert len(run.truth["left"].sample_ns) == len(run.fates["forward"].seq) == 0
     assert np.isnan(run.error_mm("hold")).all()

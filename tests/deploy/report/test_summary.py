@@ -25,6 +25,7 @@ from tests.deploy.report.hand_made import (
     write_log,
     write_run,
 )
+from tests.deploy.report.partial import causes
 from tests.patient_side.arm_models import static_model
 from tis.common.errors import EXIT_OK
 from tis.common.messages import Message, encode
@@ -144,7 +145,7 @@ def test_ticks_that_are_missed_or_never_happened_make_a_run_invalid(tmp_path: Pa
     summary = _summary(write_run(tmp_path, **(records | {"patient": [*kept, *ticks]})), a_scenario())
     assert (summary["ticks"]["count"], summary["ticks"]["missed"]) == (2, 1)
     assert summary["ticks"]["lateness_us"]["max"] == 100  # a missed tick has no lateness
-    assert summary["problems"] == [
+    assert causes(summary["problems"]) == [
         "ticks: 2 of 3 happened, the run ended early",
         "ticks: 1 of 2 missed, the machine is too busy",
     ]
@@ -155,7 +156,7 @@ def test_loss_that_nobody_planned_makes_a_run_invalid(tmp_path: Path) -> None:
     records = _three_samples()
     records["patient"] = [r for r in records["patient"] if (r.topic, r.seq) != (COMMAND, 2)]
     summary = _summary(write_run(tmp_path, **records), a_scenario())
-    assert summary["problems"] == [
+    assert causes(summary["problems"]) == [
         "rejected: the patient rejected 4 messages: no header of the testbed, another run's number, or no such pose",
         "links.forward: 1 of 3 lost that nobody planned",
     ]
@@ -170,7 +171,7 @@ def test_without_logs_the_summary_has_nulls_and_names_what_is_missing(tmp_path: 
     summary = _summary(load_run(tmp_path), a_scenario(), () if missing is None else (LEFT,))
     assert not summary["valid"]
     for side in SIDES:
-        named = f"{side}: log is missing" in summary["problems"]
+        named = f"{side}: log is missing" in causes(summary["problems"])
         assert named == (missing in (side, None)), side
     if missing in ("patient", None):
         assert summary["ticks"]["count"] is summary["superseded"] is None

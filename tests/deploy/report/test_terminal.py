@@ -21,7 +21,7 @@ from tests.deploy.report.hand_made import (
     truth,
     write_run,
 )
-from tests.deploy.report.partial import summary_of
+from tests.deploy.report.partial import causes, summary_of
 from tests.patient_side.arm_models import static_model
 from tis.common.scenario.limits import REQUIREMENTS
 from tis.deploy.logs.read.load import load_run
@@ -84,7 +84,7 @@ def test_the_answer_comes_first(summary: dict[str, Any]) -> None:
 
 def test_problems_come_first_and_verdicts_last_a_line_each(summary: dict[str, Any]) -> None:
     lines = [line.rstrip() for line in _seen(summary).splitlines()]
-    assert "  ticks: 1 of 3 happened, the run ended early" in lines
+    assert "  ticks: 1 of 3 happened, the run ended early" in causes(lines)
     last = lines[lines.index("Requirements of applications:") + 1 :]
     # one sample in time does not show that 99 % are; one of two lost shows more than 0.1 %, but not more than 10 %
     # one tick happened, in 33 ms

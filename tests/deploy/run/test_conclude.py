@@ -10,6 +10,7 @@ import pytest
 from rich.console import Console
 
 from tests.deploy.report.hand_made import COMMAND, a_scenario, message, write_log
+from tests.deploy.report.partial import causes
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError
 from tis.common.scenario import Scenario
 from tis.common.scenario.reading import digest, dump_scenario
@@ -103,7 +104,7 @@ def test_logs_of_hosts_with_different_addresses_belong_together(tmp_path: Path) 
 def test_a_missing_log_gives_a_summary_that_says_so(gathered: Path, without_report: None) -> None:
     (gathered / "netem.mcap").unlink()
     assert conclude_again(gathered, Console(quiet=True)) == EXIT_INVALID_RUN
-    assert _summary(gathered)["problems"] == ["netem: log is missing"]
+    assert causes(_summary(gathered)["problems"]) == ["netem: log is missing"]
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -112,7 +113,7 @@ def test_an_empty_log_of_a_killed_side_is_a_problem_of_the_run_not_another_scena
 ) -> None:
     (gathered / f"{side}.mcap").write_bytes(b"")
     assert conclude_again(gathered, Console(quiet=True)) == EXIT_INVALID_RUN
-    assert f"{side}: log is damaged (the file is empty)" in _summary(gathered)["problems"]
+    assert f"{side}: log is damaged (the file is empty)" in causes(_summary(gathered)["problems"])
     out = io.StringIO()
     print_info(gathered, Console(file=out, width=200), Console(quiet=True))
     assert "damaged, nothing to recover: the file is empty" in out.getvalue()

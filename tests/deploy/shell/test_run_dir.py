@@ -15,6 +15,7 @@ from tests.deploy.report.hand_made import a_scenario
 from tis.common.errors import DataError, InputError
 from tis.common.runtime.process import command_line
 from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.early_checks import unwritable
 
 
 def _names(path: Path) -> list[str]:
@@ -117,13 +118,19 @@ def test_awkward_words_survive_the_shell(monkeypatch: pytest.MonkeyPatch, word: 
     assert shlex.split(command_line()) == ["tis", "run", word]
 
 
-def test_a_page_lies_below_the_current_folder_unless_a_file_is_in_the_way(
+def test_a_page_lies_below_a_folder_that_writing_makes_unless_a_file_is_in_the_way(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert folder.page_file("paper.md") == Path("runs/paper.md")
-    assert (tmp_path / "runs").is_dir()
+    page = folder.page_file("paper.md")
+    assert page == Path("runs/paper.md")
+    assert unwritable(page) == []
+    assert not (tmp_path / "runs").exists()  # a refusal leaves none
+    folder.write(page, "text")
+    assert page.read_text() == "text"
+    page.unlink()
     (tmp_path / "runs").rmdir()
     (tmp_path / "runs").write_text("a file")
+    assert unwritable(page) != []
     with pytest.raises(DataError, match="runs: folder cannot be created: File exists"):
-        folder.page_file("paper.md")
+        folder.write(page, "text")

@@ -45,11 +45,11 @@ def test_without_places_it_is_a_scenario_s_emulator(tmp_path: Path) -> None:
     assert [options.zenoh.listen for options in started] == [["tcp/a:1", "tcp/b:2"]]
 
 
-@pytest.mark.parametrize("words", [[], ["a.yaml", "b.yaml"]])
+@pytest.mark.parametrize("words", [[], ["a.yaml", "b.yaml"], ["demo/**"]])
 def test_other_than_one_scenario_is_refused(words: list[str]) -> None:
     code, text, _ = _run(*words)
     assert code == 2
-    assert "netem: SCENARIO: must be one scenario, unless --west and --east are given" in text
+    assert "netem: SCENARIO: must be one scenario; for key expressions give the two networks, --west and" in text
 
 
 @pytest.mark.parametrize(
@@ -132,7 +132,9 @@ def test_all_faults_of_a_network_file_come_at_once_under_its_own_fields(tmp_path
     tied = "[{key: a, direction: both, pipeline: {}}, {key: a, direction: both, pipeline: {}}]"
     file.write_text(f"rules: {tied}")
     said = _run(*PLACES, "--scenario-network", str(file))[1]
-    assert f"{file}: rules.1.key: names the same keys as rules.0.key" in said
+    assert f"{file}: line 1: rules.1.key: names the same keys as rules.0.key" in said
+    file.write_text("version: 1\nnetwork:\n  forward: {delay: {kind: gama}}\n")
+    assert f"{file}: line 3: network.forward.delay.kind: must be" in _run(*PLACES, "--scenario-network", str(file))[1]
     file.write_text("# nothing yet\n")
     assert f"{file}: is empty" in _run(*PLACES, "--scenario-network", str(file))[1]
 

@@ -192,6 +192,16 @@ def test_real_arms_are_static_gains_of_a_half(jigsaws_dir: Path, trial: str) -> 
         assert 0.7 < model.forecast.damping < 1
 
 
+def test_an_axis_at_rest_raises_no_doubt() -> None:
+    command = hand_like(800, 3)
+    follower = 0.5 * command
+    follower[:, 2] = 1e-5 * np.random.default_rng(0).normal(size=800)
+    training = [recording("T", {"left": (command, follower)})]
+    model = identify_arm(training, "left", Identification(), "")
+    assert min(model.fit_pct) < 50
+    assert not any("may not be the arm" in text for text in model.warnings)
+
+
 def test_others_of_a_real_task_give_the_same_gain(jigsaws_dir: Path) -> None:
     trainings = [real_recording(jigsaws_dir, f"Suturing_{trial}") for trial in ("C004", "E003", "F003")]
     model = identify_arm(trainings, "left", Identification(train="others"), "")

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from functools import partial
 from itertools import pairwise
-from math import degrees, dist
+from math import degrees, dist, sin
 
 import numpy as np
 import pytest
@@ -269,7 +269,14 @@ def test_limits_that_are_not_given_follow_from_training_rows() -> None:
     assert limits_of(Safety(), 50, (0.2, 0.4, 30.0)) == usual
     assert limits_of(Safety(), 50, (200.0, 300.0, 900.0)) == usual  # millimetres
     assert limits_of(Safety(), 50, (3.0, 2.0, 80.0)) == limits_of(
-        Safety(workspace_m=12.0, speed_m_s=8.0, acceleration_m_s2=320.0), 50
+        Safety(
+            workspace_m=12.0,
+            speed_m_s=8.0,
+            acceleration_m_s2=320.0,
+            resume_speed_m_s=3.0,
+            resume_acceleration_m_s2=125.0,
+        ),
+        50,
     )
     given = Safety(workspace_m=0.5, speed_m_s=1.0, acceleration_m_s2=20.0)
     assert limits_of(given, 50, (3.0, 2.0, 80.0)) == limits_of(given, 50)
@@ -364,6 +371,24 @@ def test_a_search_for_the_worst_finds_nothing_beyond_the_bounds(rate_hz: int) ->
         stopped = search(rate_hz, 6, partial(run_on, part=part))
         assert run_on(stopped, part) <= 1e-6
     assert search(rate_hz, 6, lambda one: one.moved).moved <= 2.0 * max(0.033, 1 / rate_hz) + 1e-9
+
+
+@pytest.mark.parametrize(("trained", "ends"), [(None, "resuming"), ((10.0, 8.0, 6.4), "tracking")])
+def test_a_fast_arm_of_a_table_resumes_as_its_training_rows_need(
+    trained: tuple[float, float, float] | None, ends: str
+) -> None:
+    """A drone at up to 8 m/s, away for 2 s: at the usual 0.24 m/s it is never met."""
+    given = {} if trained else {"speed_m_s": 40.0, "workspace_m": 50.0}
+    safety = SafetyFilter(limits_of(Safety.model_validate(given), _RATE_HZ, trained), STILL)
+    sound = {k: _fresh(k, 10.0 * sin(0.8 * k / _RATE_HZ)) for k in (*range(30), *range(90, 500))}
+    *_, (_, state) = _run(safety, sound, 500)
+    assert state.mode == ends
+
+
+def test_an_arm_within_the_usual_limits_resumes_as_usual() -> None:
+    usual = limits_of(Safety(), _RATE_HZ)
+    assert limits_of(Safety(), _RATE_HZ, (0.2, 0.45, 9.0)) == usual
+    assert limits_of(Safety(resume_speed_m_s=0.1), _RATE_HZ, (20.0, 10.0, 20.0)).near_m < usual.near_m
 
 
 def test_modes_that_change_all_the_time_free_no_corrections() -> None:

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from tis.common.errors import problem
 from tis.common.metrics.delay_variation import first_arrivals, is_reordered
 from tis.common.metrics.fidelity import batch_inflation, half_life_inflation, is_decidable, mean_margin, share_bounds
 from tis.common.metrics.percentiles import summarise
@@ -308,4 +309,6 @@ def starvation(error_ns: Ints, shares: ProcessorFigures | None) -> str | None:
         late = f"{n_late} of {n} packets left more than 1 ms late, allowed are {_MAX_LATE:.0%}"
     else:
         return None
-    return f"starved: {late}{contention_clause(shares, 'netem')}"
+    return problem(
+        f"starved: {late}{contention_clause(shares, 'netem')}", "free a core, or give netem real-time privileges"
+    )

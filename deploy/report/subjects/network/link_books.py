@@ -8,6 +8,7 @@ from typing import Final, NamedTuple, get_args
 import numpy as np
 
 from tis.common.channels import Direction, Side
+from tis.common.errors import problem
 from tis.common.metrics.delivery import without
 from tis.common.records import REJECTED
 from tis.common.safety_records import QUARANTINE
@@ -127,6 +128,9 @@ def counted(fates: Iterable[Frame], releases: Iterable[Frame]) -> dict[str, int]
     return dict(n)
 
 
+OF_TIS: Final = "this is a fault of tis: please report it"
+
+
 def against_counters(logs: RunLogs, direction: Direction, by_log: Mapping[str, int]) -> list[str]:
     """Return the contradictions between netem's counters and its log; a complete log has none."""
     covered = logs.coverage("netem")
@@ -134,7 +138,7 @@ def against_counters(logs: RunLogs, direction: Direction, by_log: Mapping[str, i
         return []
     by_netem = {name: count_of(logs, "netem", f"{direction}.{name}") for name in by_log}
     return [
-        f"netem counted {by_netem[name]} packets as {name}, its log has {n}"
+        problem(f"netem counted {by_netem[name]} packets as {name}, its log has {n}", OF_TIS)
         for name, n in by_log.items()
         if by_netem[name] not in (None, n)
     ]
@@ -179,10 +183,11 @@ def unsent_problem(found: Unsent | None, direction: Direction) -> list[str]:
         return []
     sender, receiver = ENDS[direction]
     how_many = f"{found.n} message{'s' if found.n > 1 else ''}"
-    return [
+    text = (
         f"links.{direction}: the {receiver} used {how_many} that the {sender} did not send; the first on "
         f"{found.key}, which arrived at {found.first_ns / NS_PER_S:.3f} s"
-    ]
+    )
+    return [problem(text, "end the program that forges them, or let certificates keep it out (tis certs)")]
 
 
 def _identity(messages: Frame) -> Ints:

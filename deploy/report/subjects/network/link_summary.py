@@ -6,6 +6,7 @@ from typing import Any, Final
 import numpy as np
 
 from tis.common.channels import Direction
+from tis.common.errors import problem
 from tis.common.metrics.percentiles import queue_depth
 from tis.common.records import CONTROL, QUEUES
 from tis.common.units import NS_PER_S
@@ -16,6 +17,7 @@ from tis.deploy.report.subjects.network.fidelity import Verdict, key_verdict, st
 from tis.deploy.report.subjects.network.key_figures import KeyBooks, KeyFigures, statistics
 from tis.deploy.report.subjects.network.link_books import (
     ENDS,
+    OF_TIS,
     LinkBooks,
     against_counters,
     link_books,
@@ -123,7 +125,7 @@ def link_summary(logs: RunLogs, direction: Direction, scenario: NetworkRequest) 
     )
     problems: list[str] = []
     if logs.all_covered:
-        problems += [text for one in ours for text in one.figures.account.violations]
+        problems += [problem(text, OF_TIS) for one in ours for text in one.figures.account.violations]
         problems += against_counters(logs, direction, books.counts)
     if starved := starvation(books.error_ns, shares_of(logs, "netem")):
         problems.append(starved)

@@ -128,6 +128,8 @@ _LOSSES: Final = ("lost, %", "its 95 % interval, %", "run of losses, mean")
 _NOTHING: Final = [None] * len(_LOSSES)
 _MAX_NAMED: Final = 4
 _MAX_KEY_CHARS: Final = 26
+_SEEN_WAITING_MS: Final = 0.1
+_WAITING: Final = "realised exceeds decided: messages waited for earlier ones, in their order (fifo) or in a queue"
 _WITHOUT_CHANGES: Final = "*: without the changes by states, timeline or while running, which the others have"
 
 
@@ -159,9 +161,15 @@ def delay_table(links: Links, requested: str = "by the scenario") -> Table:
     words += "later than decided by; run of losses: messages lost in a row"
     columns = [Column(head, on_page_only=head == "p95") for head in heads(_STATISTICS)]
     columns += [Column(head, on_page_only=True) for head in _LOSSES]
-    note = "; ".join([words, *([_WITHOUT_CHANGES] if varies else []), *notes])
+    waited = [_WAITING] if any(map(_has_waited, links.values())) else []
+    note = "; ".join([words, *waited, *([_WITHOUT_CHANGES] if varies else []), *notes])
     title = "The network requested, decided and realised: delay one way, and loss"
     return Table(title, ("direction", *columns), rows, note)
+
+
+def _has_waited(link: Link) -> bool:
+    decided_ms, realised_ms = (found["mean"] for found in (link.delay_ms.decided, link.delay_ms.realised))
+    return decided_ms is not None and realised_ms is not None and realised_ms - decided_ms > _SEEN_WAITING_MS
 
 
 def _differing_keys(link: Link) -> dict[str, KeyOfLink]:

@@ -18,6 +18,7 @@ from tests.deploy.report.hand_made import (
     message,
     write_log,
 )
+from tests.deploy.report.partial import causes
 from tis.common.channels import Direction, Side
 from tis.common.node import Record
 from tis.common.runtime.mcap_log import McapLog
@@ -110,7 +111,7 @@ def test_a_hole_in_the_middle_leaves_both_ends(tmp_path: Path) -> None:
     back = _link(logs, "feedback")
     assert (back["sent"], back["untold"], back["unplanned_loss"]) == (8, 2, 0)
     (problem,) = logs.problems()
-    assert problem.endswith("nothing is known from 3.020 to 4.020 s, and figures leave that out")
+    assert causes([problem])[0].endswith("nothing is known from 3.020 to 4.020 s, and figures leave that out")
 
 
 def test_an_empty_log_tells_nothing_as_a_missing_one(tmp_path: Path) -> None:

@@ -6,17 +6,17 @@ from tests.deploy.report.partial import part
 from tis.deploy.report.subjects.orientation import AngleScores, orientation_table
 
 
-def scores(rms: float | None, ratio: float | None, coverage: list[float] | None = None) -> Any:
+def scores(rms: float | None, ratio: float | None, region_pct: float | None = None) -> Any:
     entry = {"rms": rms, "p95": rms, "max": rms, "ratio_to_hold": ratio, "step_us": {"p50": 61.25, "p99": 90.0}}
-    return part(AngleScores, entry if coverage is None else entry | {"nees": {"coverage_pct": coverage}})
+    return part(AngleScores, entry | {"region_pct": region_pct})
 
 
 TURNS = {
     "hold": scores(4.0, 1.0),
-    "tangent_ls": scores(2.5, 0.63, [94.0, 95.0, 96.0]),
+    "tangent_ls": scores(2.5, 0.63, 95.0),
     "unscored": scores(None, None),
 }
-GRIPPERS = {"hold": scores(0.2, 1.0), "tangent_ls": scores(0.05, 0.25, [95.0])}
+GRIPPERS = {"hold": scores(0.2, 1.0), "tangent_ls": scores(0.05, 0.25, 95.0)}
 
 
 def test_the_page_shows_degrees_beside_holds_and_marks_the_active_method() -> None:

@@ -162,7 +162,7 @@ def test_controls_act_on_curves_map_age_and_table_at_once(page: "Page", plan: Pl
             total = bins.setdefault(entry["from_ms"], [0.0, 0.0])
             total[0] += entry["n"]
             total[1] += entry["n"] * entry["rmse_3d_mm"] ** 2
-    assert [about_ages[place] for place in age["x"]] == sorted(bins)
+    assert [about_ages[int(place)] for place in age["x"]] == sorted(bins)
     assert age["y"] == pytest.approx([(bins[low][1] / bins[low][0]) ** 0.5 for low in sorted(bins)])
 
 

@@ -78,3 +78,10 @@ def test_what_changes_came_upon_is_marked_and_said_once() -> None:
     marked = [row[0] for row in rows if "*" in row[0]]
     assert marked == ["forward requested*, ms", "feedback requested*, ms"]
     assert notes.count("; *: without the changes by ") == 1
+
+
+def test_messages_that_waited_for_earlier_ones_are_told() -> None:
+    waited = _part(30, 31)
+    waited["delay_ms"]["realised"] = waited["delay_ms"]["realised"] | {"mean": 33.0}
+    assert "in their order (fifo)" in _rows(forward=_link(waited, {}))[1]
+    assert "fifo" not in _rows(forward=_link(_part(30, 31), {}))[1]

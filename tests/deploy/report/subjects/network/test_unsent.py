@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from tests.deploy.report.hand_made import COMMAND, cut_log, fate, message, write_log, write_run
+from tests.deploy.report.partial import causes
 from tis.common.node import Record
 from tis.deploy.logs.read.load import load_run
 from tis.deploy.report.subjects.network.link_books import Unsent, unsent, unsent_problem
@@ -30,7 +31,7 @@ def test_a_number_that_was_never_sent_is_forged(tmp_path: Path) -> None:
     logs = write_run(tmp_path, _sent(5), [], [*_received(5), forged])
     found = unsent(logs, "forward", "tis")
     assert found == Unsent(1, COMMAND, 31 * MS)
-    assert unsent_problem(found, "forward") == [
+    assert causes(unsent_problem(found, "forward")) == [
         f"links.forward: the patient used 1 message that the surgeon did not send; the first on {COMMAND}, which "
         "arrived at 0.031 s"
     ]
