@@ -15,7 +15,9 @@ _RUN = """async () => {
   const values = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
   const options = { runOnly: { type: "tag", values }, rules: { "focus-order-semantics": { enabled: true } } }
   const { violations } = await axe.run(document, options)
-  return violations.flatMap(({ id, help, nodes }) => nodes.map((node) => {
+  // in shadow roots are Bokeh's own elements: that the layer which takes its events has no role is not ours to mend
+  const ours = (id) => (node) => id !== "focus-order-semantics" || node.target.flat().length === 1
+  return violations.flatMap(({ id, help, nodes }) => nodes.filter(ours(id)).map((node) => {
     const why = [...node.any, ...node.all].map((one) => one.message).join("; ")
     return `${id}: ${help}: ${node.target.join(" ")}: ${why}`
   }))

@@ -57,7 +57,7 @@ def test_the_report(start: Start) -> None:
 @pytest.mark.live
 def test_the_page_that_drives(start: Start, model_file: Path) -> None:
     axe_file()
-    tis = start("run", "drive", "--view", *HOLD, "--set", f"identification.train={model_file}", "--no-report")
+    tis = start("run", "drive", "--view", *HOLD, "--set", f"identification.train={model_file}")
     url = url_of(tis)
     with chromium() as browser:
         page, _ = live_page(browser)
