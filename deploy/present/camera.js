@@ -236,5 +236,5 @@
     if (!doc) requestAnimationFrame(wait);
     else for (const one of document.querySelectorAll("[data-scene]")) scenes.push(new Scene(one, doc));
   };
-  if (window.Bokeh) wait();
+  addEventListener("DOMContentLoaded", () => { if (window.Bokeh) wait(); });  // a live page loads it beside the rest
 })();

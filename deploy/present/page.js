@@ -68,5 +68,5 @@
 
   apply();
   const wait = () => (models().length ? apply() : requestAnimationFrame(wait));
-  if (window.Bokeh) wait();
+  addEventListener("DOMContentLoaded", () => { if (window.Bokeh) wait(); });  // a live page loads it beside the rest
 })();

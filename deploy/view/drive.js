@@ -26,11 +26,33 @@
         if (message.lost) letGo();
         return say();
       }
-      seen = message;
-      follow();
+      if ("arm" in message) {
+        seen = message;
+        follow();
+      }
+      for (const hear of heard) hear(message, hand());
     };
-    socket.onclose = (event) => { over = true; letGo(); refused = event.reason; say(); };
+    socket.onclose = (event) => {
+      over = true; letGo(); refused = event.reason; say();
+      for (const close of closed) close();
+    };
   };
+  // What the other scripts of the page use: they ask, hear each message, and draw.
+  const heard = [], closed = [];
+  let task = null;  // what it shows: its targets, and what it hides
+  const hand = () => local ?? seen?.hand_mm;
+  Object.assign(window.live, {
+    ask: (request) => {
+      if (socket?.readyState !== WebSocket.OPEN) return false;
+      socket.send(JSON.stringify(request));
+      return true;
+    },
+    on: (hear) => heard.push(hear),
+    onClose: (close) => closed.push(close),
+    setTask: (shown) => { task = shown; canvas.classList.toggle("plays", task !== null); },
+    home: () => centre,
+    take: () => take(),
+  });
   const send = () => {
     if (!engaged || socket?.readyState !== WebSocket.OPEN) return;
     const release = !drag && performance.now() - touched > IDLE_MS;
@@ -66,8 +88,10 @@
     if (!centre && (seen.shown_mm ?? seen.hand_mm)) centre = [...(seen.shown_mm ?? seen.hand_mm)];
     if (engaged && seen.driver === "other" && now - touched > 1000) letGo();
     if (!drag && now - touched > SETTLED_MS && !engaged) local = null;
-    const places = { hand: local ?? seen.hand_mm, shown: seen.shown_mm, ghost: seen.ghost_mm };
+    const places = { hand: hand(), shown: seen.shown_mm, ghost: seen.ghost_mm };
+    if (task) { trails.hand = []; if (!task.ghost) trails.ghost = []; }
     for (const [name, place] of Object.entries(places)) {
+      if (name !== "shown" && hides(name)) continue;
       if (place) trails[name].push([now, place[0], place[1]]);
       while (trails[name].length && now - trails[name][0][0] > TRAIL_MS) trails[name].shift();
     }
@@ -76,25 +100,45 @@
     at("late").textContent = lateness(seen.late_ms);
     at("late_mm").textContent = words(seen.feedback_error_mm, "mm", 1);
     at("ghost_mm").textContent = words(seen.ghost_error_mm, "mm", 1);
+    at("late_parts").textContent = parts(seen);
+    at("why").textContent = seen.why;
+    if (at("left")) at("left").textContent = ends(seen.left_s);
     at("cut").hidden = !seen.outage;
+    const halt = HALTS[seen.mode] ?? "";
+    at("halted").hidden = !halt;
+    at("halted").classList.toggle("bad", isStopped());
+    if (at("halted").textContent !== halt) at("halted").textContent = halt;
     canvas.parentElement.classList.toggle("cut", Boolean(seen.outage));
     say();
   };
+  const HALTS = {
+    resuming: "The arm resumes: it comes slowly to where your hand is.",
+    hold: "The arm holds: what arrives is too old or in doubt, so it waits.",
+    slow_stop: "The arm brakes to a stop.",
+    safe: "The arm is stopped: it does not follow. If somebody pressed Stop the arms, Release ends it.",
+  };
+  const isStopped = () => ["safe", "slow_stop"].includes(seen.mode);
+  const parts = ({ late_ms, network_ms }) => (late_ms == null || network_ms == null ? "" :
+    ` Of that the network takes ${Math.round(network_ms)} ms both ways; the rest is waiting for the next tick, at the arm and at the display, and computing. It stays with a network that delays nothing.`);
+  const ends = (left_s) => (left_s == null ? "" : left_s > 0
+    ? `The drive ends in ${Math.floor(left_s / 60)}:${String(Math.floor(left_s % 60)).padStart(2, "0")} min, or with Ctrl-C in the terminal; then the report is written.`
+    : "The drive is over.");
   const say = () => {
     const line = at("driver");
     line.classList.toggle("refused", Boolean(refused));
     if (refused) line.textContent = `Not taken: ${refused}.`;
     else if (over) line.textContent = "The connection to the page's server is lost.";
     else if (!drives) line.textContent = "";
-    else if (seen?.driver === "you") line.textContent = clutch ? "Clutch: your hand moves, the arm stays." : "You drive the arm.";
+    else if (seen?.driver === "you") line.textContent = clutch ? "Clutch: your hand moves, the arm stays." : isStopped() ? "You have the hand, but the arm is stopped." : "You drive the arm.";
     else if (seen?.driver === "other") line.textContent = "Another page drives the arm.";
     else line.textContent = seen?.hand_mm ? "Nobody drives: the hand holds. Press and drag in the picture." : "Waiting for the arm.";
   };
 
   // Drawing, at the screen's own pace.
-  let scale = 1, inks = {};
-  const x = (place) => canvas.clientWidth / 2 + (place[0] - centre[0]) * scale;
-  const y = (place) => canvas.clientHeight / 2 - (place[1] - centre[1]) * scale;
+  let scale = 1, view = null, inks = {};
+  const x = (place) => canvas.clientWidth / 2 + (place[0] - view.centre[0]) * scale;
+  const y = (place) => canvas.clientHeight / 2 - (place[1] - view.centre[1]) * scale;
+  const hides = (name) => task !== null && (name === "hand" || (name === "ghost" && !task.ghost));
   const near = (place) => Math.min(Math.max(1 + (place[2] - centre[2]) / 60, 0.5), 1.6);
 
   const paint = () => {
@@ -114,31 +158,26 @@
       pen.fillStyle = style.color; pen.textAlign = "center";
       return pen.fillText("Waiting for the arm …", wide / 2, high / 2);
     }
-    fit(wide);
+    const reached = hides("hand") ? null : hand(), ghost = hides("ghost") ? null : seen.ghost_mm;
+    const really = at("show_arm").checked ? seen.arm_mm : null;
+    const estimate = at("show_estimate").checked ? seen.estimate_mm : null;
+    const places = [centre, hand(), seen.shown_mm, ghost, really, estimate, ...(task?.targets ?? [])].filter(Boolean);
+    view = window.pictureLayout.follow(view, centre, places, [wide, high], WIDTH_MM);
+    scale = view.scale;
     grid(pen, wide, high, dark);
     for (const name of ["hand", "shown", "ghost"]) trail(pen, name);
-    const hand = local ?? seen.hand_mm;
-    if (at("show_arm").checked && seen.arm_mm) ring(pen, seen.arm_mm, inks.arm);
-    if (seen.ghost_mm) tool(pen, seen.ghost_mm, inks.ghost, true, gripper);
+    if (task) targets(pen, style);
+    if (really) ring(pen, really, inks.arm);
+    if (ghost) tool(pen, ghost, inks.ghost, true, gripper);
     if (seen.shown_mm) tool(pen, seen.shown_mm, inks.shown, false, gripper);
-    if (at("show_estimate").checked && seen.estimate_mm) diamond(pen, seen.estimate_mm, inks.estimate);
-    if (hand) disc(pen, hand, inks.hand);
-    behind(pen, hand, style);
-    labels(pen, hand, wide);
-    depth(pen, hand, wide, high);
-  };
-  const fit = (wide) => {
-    // a recorded movement may be wider than a hand's reach on this page
-    let half = WIDTH_MM / 2;
-    for (const place of [seen.hand_mm, seen.shown_mm]) {
-      if (place) half = Math.max(half, 1.15 * Math.abs(place[0] - centre[0]), 1.8 * Math.abs(place[1] - centre[1]));
-    }
-    const wanted = wide / (2 * half);
-    scale = Math.abs(scale - wanted) > 0.5 * wanted ? wanted : scale + 0.1 * (wanted - scale);
+    if (estimate) diamond(pen, estimate, inks.estimate);
+    if (reached) disc(pen, reached, inks.hand);
+    labels(pen, { hand: reached, ghost, estimate, really }, behind(pen, reached, style), [wide, high]);
+    depth(pen, reached, ghost, wide, high);
   };
   const grid = (pen, wide, high, dark) => {
     pen.strokeStyle = dark ? "#262e37" : "#e0e5ea"; pen.lineWidth = 1;
-    const step = 10 * scale, left = (wide / 2) % step, top = (high / 2) % step;
+    const step = 10 * scale, left = ((x(centre) % step) + step) % step, top = ((y(centre) % step) + step) % step;
     pen.beginPath();
     for (let at_x = left; at_x < wide; at_x += step) { pen.moveTo(at_x, 0); pen.lineTo(at_x, high); }
     for (let at_y = top; at_y < high; at_y += step) { pen.moveTo(0, at_y); pen.lineTo(wide, at_y); }
@@ -194,39 +233,51 @@
     pen.fillStyle = ink; pen.beginPath();
     pen.moveTo(cx, cy - 9); pen.lineTo(cx + 9, cy); pen.lineTo(cx, cy + 9); pen.lineTo(cx - 9, cy); pen.fill();
   };
-  // How far the picture is behind the hand.
-  const behind = (pen, hand, style) => {
-    if (!hand || !seen.shown_mm) return;
-    const far_mm = Math.hypot(hand[0] - seen.shown_mm[0], hand[1] - seen.shown_mm[1]);
-    if (far_mm < 8) return;
-    pen.strokeStyle = pen.fillStyle = style.color; pen.lineWidth = 1.5; pen.setLineDash([2, 5]);
-    pen.beginPath(); pen.moveTo(x(seen.shown_mm), y(seen.shown_mm)); pen.lineTo(x(hand), y(hand)); pen.stroke();
-    pen.setLineDash([]); pen.textAlign = "right";  // names stand on the right
-    pen.fillText(`${far_mm.toFixed(0)} mm behind`, (x(hand) + x(seen.shown_mm)) / 2 - 22, (y(hand) + y(seen.shown_mm)) / 2 + 5);
+  // Targets of a task: those that are done, the next one, and where the ones to come lie.
+  const targets = (pen, style) => {
+    const radius = window.touchTask.RADIUS_MM * scale;
+    for (const [k, place] of task.targets.entries()) {
+      const isNext = k === task.next;
+      pen.strokeStyle = pen.fillStyle = isNext ? inks.ghost : style.color;
+      pen.lineWidth = isNext ? 4 : 1.5; pen.globalAlpha = isNext ? 1 : 0.45;
+      pen.beginPath(); pen.arc(x(place), y(place), radius, 0, 7); pen.stroke();
+      if (isNext) { pen.globalAlpha = task.inside ? 0.5 : 0.18; pen.fill(); pen.globalAlpha = 1; }
+      pen.textAlign = "center";
+      pen.fillText(k < task.next ? "\u2713" : k + 1, x(place), y(place) + 5);
+    }
+    pen.globalAlpha = 1;
   };
-  // Names stand beside what is far enough apart to be told apart.
-  const labels = (pen, hand, wide) => {
-    const named = [["your hand", hand, inks.hand], ["ghost", seen.ghost_mm, inks.ghost],
-      [seen.outage ? "frozen picture" : "as you see it", seen.shown_mm, inks.shown]];
-    const done = [];
-    for (const [name, place, ink] of named) {
-      if (!place) continue;
-      const left = x(place) > wide - 150;
-      let cy = y(place) + 5;
-      const meets = ([left_x, other]) => Math.abs(left_x - x(place)) < 150 && Math.abs(other - cy) < 17;
-      while (done.some(meets)) cy += 17;
-      done.push([x(place), cy]);
-      pen.fillStyle = ink; pen.textAlign = left ? "right" : "left";
-      pen.fillText(name, x(place) + (left ? -24 : 24), cy);
+  // How far the picture is behind the hand; returns the words for it, and where they belong.
+  const behind = (pen, hand, style) => {
+    if (!hand || !seen.shown_mm) return [];
+    const far_mm = Math.hypot(hand[0] - seen.shown_mm[0], hand[1] - seen.shown_mm[1]);
+    if (far_mm < 8) return [];
+    pen.strokeStyle = style.color; pen.lineWidth = 1.5; pen.setLineDash([2, 5]);
+    pen.beginPath(); pen.moveTo(x(seen.shown_mm), y(seen.shown_mm)); pen.lineTo(x(hand), y(hand)); pen.stroke();
+    pen.setLineDash([]);
+    const middle = [0, 1].map((axis) => (hand[axis] + seen.shown_mm[axis]) / 2);
+    return [[`${far_mm.toFixed(0)} mm behind`, middle, style.color]];
+  };
+  const labels = (pen, { hand, ghost, estimate, really }, more, size) => {
+    const named = [["your hand", hand, inks.hand], [seen.outage ? "frozen picture" : "as you see it", seen.shown_mm, inks.shown],
+      ["ghost", ghost, inks.ghost], ["the arm itself", really, inks.arm], ["estimate", estimate, inks.estimate], ...more];
+    const names = named.filter(([, place]) => place).map(([text, place, ink]) =>
+      ({ text, ink, x: x(place), y: y(place) + 5, width: pen.measureText(text).width }));
+    const [wide, high] = size;  // the scale, and near and far
+    const taken = [{ left: 0, y: 25, width: 90 + 10 * scale }, { left: wide - 50, y: 24, width: 50 }, { left: wide - 50, y: high - 14, width: 50 }];
+    pen.textAlign = "left";
+    for (const one of window.pictureLayout.placed(names, taken, size)) {
+      pen.fillStyle = one.ink;
+      pen.fillText(one.text, one.left, one.y);
     }
   };
-  const depth = (pen, hand, wide, high) => {
+  const depth = (pen, hand, ghost, wide, high) => {
     const [cx, top, tall] = [wide - 22, 34, high - 68];
     pen.strokeStyle = inks.shown; pen.globalAlpha = 0.35; pen.lineWidth = 2;
     pen.beginPath(); pen.moveTo(cx, top); pen.lineTo(cx, top + tall); pen.stroke();
     pen.globalAlpha = 1; pen.fillStyle = inks.shown; pen.textAlign = "right"; pen.font = pen.font.replace("600", "400");
     pen.fillText("near", wide - 8, 24); pen.fillText("far", wide - 8, high - 14);
-    for (const [place, ink, radius] of [[seen.shown_mm, inks.shown, 6], [seen.ghost_mm, inks.ghost, 5], [hand, inks.hand, 4]]) {
+    for (const [place, ink, radius] of [[seen.shown_mm, inks.shown, 6], [ghost, inks.ghost, 5], [hand, inks.hand, 4]]) {
       if (!place) continue;
       const share = Math.min(Math.max(0.5 - (place[2] - centre[2]) / (2 * REACH_MM[2]), 0), 1);
       pen.fillStyle = ink; pen.beginPath(); pen.arc(cx, top + share * tall, radius, 0, 7); pen.fill();
@@ -263,7 +314,7 @@
     canvas.addEventListener("pointercancel", lift);
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("wheel", (event) => {
-      if (!engaged) return;  // a page that nobody drives scrolls
+      if (!drag) return;  // else the page scrolls
       event.preventDefault();
       move(0, 0, -WHEEL_MM * event.deltaY);
     }, { passive: false });

@@ -1,18 +1,21 @@
 """Driving from pages: their messages, checked like all from outside, the driver's seat and the surgeon's picture."""
 
 import time
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from math import inf
 from typing import Annotated, Any, Final
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, TypeAdapter, ValidationError
 
 from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S
 from tis.deploy.view.device import DeviceDoor, device_pose
+from tis.deploy.view.hold_reason import RunAbout, why_hold
+from tis.deploy.view.requests import PageRequest, ask
 from tis.deploy.view.steering import Steering
-from tis.deploy.watch.arms import DisplayErrors, Place
+from tis.deploy.watch.arms import Place
 from tis.deploy.watch.book import LiveBook
+from tis.deploy.watch.live_figures import LiveFigures
 from tis.deploy.watch.observer import Observer
 
 MAX_MESSAGE_CHARS: Final = 400
@@ -35,7 +38,21 @@ class HandMove(BaseModel):
     release: bool = False
 
 
-def read_move(text: str | bytes) -> HandMove | str:
+def _kind(content: object) -> str:
+    return (
+        "request" if isinstance(content, PageRequest) or (isinstance(content, dict) and "ask" in content) else "move"
+    )
+
+
+_MESSAGE: Final[TypeAdapter[HandMove | PageRequest]] = TypeAdapter(
+    Annotated[
+        Annotated[HandMove, Tag("move")] | Annotated[PageRequest, Tag("request")],
+        Discriminator(_kind),
+    ]
+)
+
+
+def read_message(text: str | bytes) -> HandMove | PageRequest | str:
     """Return a page's message, or in words why it is refused.
 
     Oracle: messages that break one rule each, tests/deploy/view/test_drive.
@@ -43,10 +60,10 @@ def read_move(text: str | bytes) -> HandMove | str:
     if len(text) > MAX_MESSAGE_CHARS:
         return f"message: must have at most {MAX_MESSAGE_CHARS} characters (got {len(text)})"
     try:
-        return HandMove.model_validate_json(text)
+        return _MESSAGE.validate_json(text)
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False)[0]
-        field = ".".join(map(str, first["loc"])) or "message"
+        field = ".".join(map(str, first["loc"][1:])) or "message"
         got = repr(first["input"])[:60]
         return f"{field}: {first['msg'][:1].lower()}{first['msg'][1:]} (got {got})"
 
@@ -123,7 +140,7 @@ NOT_LIVE: Final = "this run plays a movement: only a run with source.kind live, 
 _RIVAL_S: Final = 3.0
 _STATE_S: Final = 0.2
 _JUDGE_S: Final = 0.5
-_WINDOW_S: Final = 3.0
+JUDGED_S: Final = 3.0
 
 
 class DriveHub:
@@ -132,12 +149,15 @@ class DriveHub:
     A hand that nobody moves is silent: the surgeon's side holds its last pose, logs that and tells it in the report.
     """
 
-    def __init__(self, observer: Observer, steering: Steering, door: DeviceDoor | None) -> None:
+    def __init__(
+        self, observer: Observer, steering: Steering, door: DeviceDoor | None, about: RunAbout | None = None
+    ) -> None:
         self.seat = Seat()
+        self._about = about
         self._observer, self._steering, self._door = observer, steering, door
         self._asked_s = self._judged_s = -inf
         self._is_outage = False
-        self._errors: DisplayErrors | None = None
+        self._figures = LiveFigures()
 
     def drive(self, page: Hashable, move: HandMove, now_s: float) -> str:
         """Move the hand for a page; return why not, "" when it moved."""
@@ -162,16 +182,24 @@ class DriveHub:
             self._is_outage = self._sees_outage()
         if now_s - self._judged_s >= _JUDGE_S:
             self._judged_s = now_s
-            self._errors = self._observer.read(
-                lambda book: book.displays.errors(book.now_ns - int(_WINDOW_S * NS_PER_S))
-            )
+            self._figures = self._observer.read(lambda book: book.figures(JUDGED_S))
         arm = None if self._door is None else self._door.device.arm
+        seen, figures, about = self._observer.read(lambda book: picture(book, arm)), self._figures, self._about
+        errors, network_ms = figures.display, figures.there_and_back_ms
         return {
-            **self._observer.read(lambda book: picture(book, arm)),
-            "feedback_error_mm": self._errors and round(self._errors.feedback_mm, 2),
-            "ghost_error_mm": self._errors and round(self._errors.predicted_mm, 2),
+            **seen,
+            "feedback_error_mm": errors and round(errors.feedback_mm, 2),
+            "ghost_error_mm": errors and round(errors.predicted_mm, 2),
+            "network_ms": None if network_ms is None else round(network_ms, 1),
+            "why": why_hold(figures, about),
             "outage": self._is_outage,
+            "network": seen["now_s"] > 0 and "netem" in self._observer.attendance().present,
+            "left_s": None if about is None else max(0.0, about.duration_s - seen["now_s"]),
         }
+
+    def ask(self, request: PageRequest, on_answer: Callable[[str], None]) -> None:
+        """Do what a page asks of network and arms; ``on_answer`` is called in another thread."""
+        ask(self._steering, request, on_answer)
 
     def _sees_outage(self) -> bool:
         state = self._steering.state()
@@ -201,6 +229,7 @@ def picture(book: LiveBook, arm: str | None) -> dict[str, Any]:
         "ghost_mm": _mm(display and display.predicted_m),
         "arm_mm": _mm(really and really.arm_m),
         "late_ms": None if display is None else display.late_ns / NS_PER_MS,
+        "mode": book.safety.mode(arm),
     }
 
 

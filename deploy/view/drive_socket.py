@@ -5,9 +5,11 @@ import time
 from typing import TYPE_CHECKING, Any, Final
 
 from bokeh.server.views.auth_request_handler import AuthRequestHandler
+from tornado.ioloop import IOLoop
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from tis.deploy.view.drive import MAX_DROPPED, MAX_RATE_HZ, DriveHub, Rate, read_move
+from tis.deploy.view.drive import MAX_DROPPED, MAX_RATE_HZ, DriveHub, Rate, read_message
+from tis.deploy.view.requests import Ask, PageRequest
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
@@ -43,7 +45,7 @@ class DriveSockets:
 
 
 class DriveSocket(AuthRequestHandler, WebSocketHandler):
-    """One page. Tornado's check admits the page's own origin only; a token, where there is one, is checked first."""
+    """One page. Tornado's check admits the page's own origin only; the token is checked first."""
 
     def initialize(self, sockets: DriveSockets) -> None:
         """Set up the connection; Tornado calls it."""
@@ -51,6 +53,7 @@ class DriveSocket(AuthRequestHandler, WebSocketHandler):
         self._rate = Rate(at_s=time.monotonic())
         self._sending: Future[None] | None = None
         self._refused = ""
+        self._asked: set[Ask] = set()
 
     def open(self, *_: str, **__: str) -> None:
         """Admit the page, unless there are too many."""
@@ -68,8 +71,11 @@ class DriveSocket(AuthRequestHandler, WebSocketHandler):
             elif self._rate.n_dropped == 1:
                 self._answer(TOO_MANY)
             return
-        move = read_move(message)
-        refused = move if isinstance(move, str) else self._sockets.hub.drive(self, move, now_s)
+        found = read_message(message)
+        if isinstance(found, PageRequest):
+            self._ask(found)
+            return
+        refused = found if isinstance(found, str) else self._sockets.hub.drive(self, found, now_s)
         if refused or self._refused:
             self._answer(refused, lost=bool(refused))
 
@@ -86,6 +92,20 @@ class DriveSocket(AuthRequestHandler, WebSocketHandler):
             except WebSocketClosedError:
                 self.on_close()
 
+    def _ask(self, request: PageRequest) -> None:
+        """Do what the page asks, of each kind one at a time, and tell it the answer."""
+        kind, loop = request.ask, IOLoop.current()
+        if kind in self._asked:
+            self._tell({"asked": kind, "answer": "not done: the one before is still under way"})
+            return
+        self._asked.add(kind)
+
+        def tell(text: str) -> None:
+            self._asked.discard(kind)
+            self._tell({"asked": kind, "answer": text})
+
+        self._sockets.hub.ask(request, lambda text: loop.add_callback(tell, text))
+
     def _answer(self, refused: str, lost: bool = False) -> None:
         """Tell the page that its moves are refused, once for each reason, or that they are taken again.
 
@@ -94,7 +114,10 @@ class DriveSocket(AuthRequestHandler, WebSocketHandler):
         if refused == self._refused:
             return
         self._refused = refused
+        self._tell({"refused": refused} | ({"lost": True} if lost else {}))
+
+    def _tell(self, content: dict[str, Any]) -> None:
         try:
-            self.write_message(json.dumps({"refused": refused} | ({"lost": True} if lost else {})))
+            self.write_message(json.dumps(content))
         except WebSocketClosedError:
             self.on_close()

@@ -1,12 +1,34 @@
 "use strict";
-// Says how the page stands until Bokeh draws it. All else is Bokeh's, and the report's script.
+// Says how the page stands until Bokeh draws it, and shows the texts that come with its figures.
+window.live = {};
 (() => {
   const LONG_MS = 10_000;
-  const opening = document.getElementById("opening");
+  const at = (id) => document.getElementById(id);
   const wait = () => {
-    if (window.Bokeh?.documents.length) opening.remove();
+    if (window.Bokeh?.documents.length) at("opening").remove();
     else if (performance.now() < LONG_MS) setTimeout(wait, 50);
-    else opening.textContent = "The page's server does not answer. The run may have ended; if not, load the page again.";
+    else at("opening").textContent = "The page's server does not answer. The run may have ended; if not, load the page again.";
   };
   wait();
+
+  const put = (id, markup) => { if (at(id).dataset.shown !== markup) at(id).innerHTML = at(id).dataset.shown = markup; };
+  let words = null, isOver = false, isFetched = false;
+  at("arm").addEventListener("change", () => { words.chosen = at("arm").value; });
+
+  window.live.show = (model) => {
+    words = model;
+    isOver = words.is_over;
+    for (const id of ["sides", "figures", "state"]) put(id, words[id]);
+    put("arm", words.arms.map((arm) => `<option${arm === words.shown ? " selected" : ""}>${arm}</option>`).join(""));
+    at("arms").hidden = words.arms.length < 2;
+    if (!words.is_reported || isFetched) return;
+    isFetched = true;
+    fetch("report").then((answer) => answer.ok ? answer.blob() : null).then((page) => {
+      if (page === null) return;
+      at("report").querySelector("a").href = URL.createObjectURL(page);  // kept by the browser: the server ends with the run
+      at("report").hidden = false;
+    }, () => {});  // the server is gone; the path of the report is on the page
+  };
+  window.live.lose = (model) => { isOver = model.is_over; at("lost").hidden = isOver; };
+  window.live.isOver = () => isOver;
 })();

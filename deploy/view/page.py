@@ -1,17 +1,17 @@
 """Page of one browser: figures, numbers and controls, refreshed from the book at the browser's pace."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final, get_args
 
-from bokeh.core.properties import Int
+from bokeh.core.properties import Bool, Int, List, String
 from bokeh.document import Document
 from bokeh.events import ConnectionLost, DocumentReady
 from bokeh.model import DataModel
-from bokeh.models import CustomJS, InlineStyleSheet, Model
-from bokeh.models.widgets.inputs import Select
-from bokeh.models.widgets.markups import Div
+from bokeh.models import CustomJS, Model
+from bokeh.resources import Resources
+from bokeh.server.views.static_handler import StaticHandler
 
 from tis.common.channels import Direction, Side
 from tis.common.scenario.control import EmulatorState
@@ -21,7 +21,7 @@ from tis.deploy.present.palette import AMBER, GREEN, RED, SLATE, TONES, Tone
 from tis.deploy.present.plot_style import THEME
 from tis.deploy.report.network_picture import DirectionFigures, network_picture
 from tis.deploy.report.plots.scene_3d import live_camera_controls
-from tis.deploy.view.controls import Controls
+from tis.deploy.view.drive import JUDGED_S
 from tis.deploy.view.feed import SHOWN_S, Feed
 from tis.deploy.view.page_text import (
     PageContext,
@@ -33,6 +33,7 @@ from tis.deploy.view.page_text import (
     vantage_text,
 )
 from tis.deploy.view.plots import ESTIMATE, HOLD, LOST, SCENE, STREAM_TONES, TRUTH, Plots
+from tis.deploy.view.requests import RANGES
 from tis.deploy.view.steering import Steering
 from tis.deploy.watch.book import WINDOW_S
 from tis.deploy.watch.live_figures import LiveFigures
@@ -113,26 +114,33 @@ FRAME_MS: Final = 200
 _TEXT_EVERY: Final = 2
 _STATE_EVERY: Final = 5
 _HERE: Final = Path(__file__).parent
-_OVER: Final = "over"
-_REPORTED: Final = "reported"
-_LOST: Final = (
-    "<p>The connection to the page's server is lost, so nothing below changes any more. "
-    '<a href="">Load the page again</a> when it can be reached.</p>'
-)
-_ON_END: Final = """
-if (!sides.tags.includes(report)) return
-const link = document.getElementById("report")
-fetch("report").then((answer) => answer.ok ? answer.blob() : null).then((page) => {
-  if (page === null) return
-  link.querySelector("a").href = URL.createObjectURL(page)  // kept by the browser: the server ends with the run
-  link.hidden = false
-}, () => {})  // the server is gone; the path of the report is on the page
-"""
+_ON_CHANGE: Final = "window.live.show(words)"
 _ON_LOSS: Final = """
 cb_data.connection.deref()?.close()  // or each change of the window's size would be an error for want of a server
-for (const widget of widgets) widget.disabled = true
-lost.visible = !sides.tags.includes(over)
+window.live.lose(words)
 """
+
+
+class Words(DataModel):
+    """Texts of the page as markup, by the id of their element; the browser's script shows them."""
+
+    sides: str = String(default="")  # type: ignore[assignment]  # Bokeh's descriptors
+    figures: str = String(default="")  # type: ignore[assignment]
+    state: str = String(default="")  # type: ignore[assignment]
+    is_over: bool = Bool(default=False)  # type: ignore[assignment]
+    is_reported: bool = Bool(default=False)  # type: ignore[assignment]
+    arms: list[str] = List(String)  # type: ignore[assignment]
+    shown: str = String(default="")  # type: ignore[assignment]
+    chosen: str = String(default="")  # type: ignore[assignment]
+    """The arm that the reader chose."""
+
+    def attach(self, doc: Document) -> None:
+        """Let the browser show each change, and the end of the connection."""
+        show = CustomJS(args={"words": self}, code=_ON_CHANGE)
+        doc.js_on_event(DocumentReady, show)
+        for name in ("sides", "figures", "state", "is_reported", "arms"):
+            self.js_on_change(name, show)
+        doc.js_on_event(ConnectionLost, CustomJS(args={"words": self}, code=_ON_LOSS))
 
 
 class Page:
@@ -142,7 +150,7 @@ class Page:
     """
 
     def __init__(
-        self, doc: Document, observer: Observer, steering: Steering, profiles: list[str], context: PageContext,
+        self, doc: Document, observer: Observer, steering: Steering, context: PageContext,
         output: Callable[[], RunOutput | None],
     ) -> None:  # fmt: skip
         self._doc = doc
@@ -153,27 +161,15 @@ class Page:
         self._feed = Feed()
         self._n_frames = 0
         self.pace: Final = Pace()
+        self.words: Final = Words()
         self._known: EmulatorState | None = None
-        style = InlineStyleSheet(css=(_HERE / "words.css").read_text(encoding="utf-8"))
         self._plots = Plots()
-        self._sides, self._figures, self._state, lost = (
-            Div(stylesheets=[style], sizing_mode="stretch_width") for _ in range(4)
-        )
-        lost.update(text=_LOST, visible=False, css_classes=["lost"], html_attributes={"role": "alert"})
-        self._controls = Controls(doc, steering, profiles, style)
-        self._arm = Select(title="Arm", options=[], visible=False, width=120, stylesheets=[self._controls.style])
-        self._arm.on_change("value", lambda _attr, _old, new: self._select_arm(new))
-        roots: dict[str, Model] = {
-            **self._plots.roots(), "lost": lost, "sides": self._sides, "figures": self._figures,
-            "state": self._state, "arm": self._arm, "controls": self._controls.layout,
-            "answer": self._controls.answer, "pace": self.pace,
-        }  # fmt: skip
+        self.words.on_change("chosen", lambda _attr, _old, new: self._select_arm(new))
+        roots: dict[str, Model] = {**self._plots.roots(), "words": self.words, "pace": self.pace}
         for name, model in roots.items():
             model.name = name
             doc.add_root(model)
-        args = {"lost": lost, "sides": self._sides, "widgets": self._controls.widgets, "over": _OVER}
-        doc.js_on_event(ConnectionLost, CustomJS(args=args, code=_ON_LOSS))
-        self._sides.js_on_change("tags", CustomJS(args={"sides": self._sides, "report": _REPORTED}, code=_ON_END))
+        self.words.attach(doc)
         self.pace.attach(doc)
 
     def refresh(self) -> None:
@@ -182,22 +178,22 @@ class Page:
         over = "netem" in attendance.left
         if self.pace.is_drawing and not over:
             return
-        if not (over and _OVER in self._sides.tags):
+        words = self.words
+        if not (over and words.is_over):
             frame = self._observer.read(self._feed.advance)
             self._plots.show(frame)
-            if list(frame.arms) != self._arm.options:
-                self._arm.update(options=list(frame.arms), value=frame.arm, visible=len(frame.arms) > 1)
-            self._controls.enable("netem" in attendance.present and frame.now_s > 0)
+            if list(frame.arms) != words.arms:
+                words.update(shown=frame.arm or "", arms=list(frame.arms))
         if over or self._n_frames % _TEXT_EVERY == 0:
             self._refresh_text(attendance)
         if over:
             self._known = None
-            self._state.text = "<p>The network has ended with the run.</p>"
+            words.state = "<p>The network has ended with the run.</p>"
             output = self._output()
-            self._sides.tags = [_OVER, _REPORTED] if output is not None and output.what == "report" else [_OVER]
+            words.update(is_over=True, is_reported=output is not None and output.what == "report")
         elif "netem" in attendance.present and self._n_frames % _STATE_EVERY == 0:
             self._known = self._steering.state()
-            self._state.text = state_html(self._known)
+            words.state = state_html(self._known)
         self._n_frames += 1
         if not over:
             self.pace.end_frame()
@@ -209,29 +205,25 @@ class Page:
                 book.alarms,
             )
         )  # fmt: skip
-        self._sides.text = run_html(attendance, now_s, self._context, self._output(), alarms)
+        self.words.sides = run_html(attendance, now_s, self._context, self._output(), alarms)
         picture = network_html(attendance, now_s, self._context, figures, self._known)
         note = vantage_text(self._observer.vantage(), self._context)
-        self._figures.text = figures_html(figures, n_missed, picture, note, safety)
+        self.words.figures = figures_html(figures, n_missed, picture, note, safety)
         title = f"tis live: {run_text(attendance, now_s, self._context)}"
         if self._doc.title != title:
             self._doc.title = title
 
     def _select_arm(self, arm: str) -> None:
-        self._feed.arm = arm
+        if arm in self.words.arms:  # a browser may send anything
+            self._feed.arm = arm
 
 
-def pages(
-    observer: Observer,
-    steering: Steering,
-    profiles: list[str],
-    context: PageContext,
-    output: Callable[[], RunOutput | None],
-) -> Callable[[Document], None]:
-    """Return the function that fills a new document for each browser."""
-    template = (_HERE / "page.html").read_text(encoding="utf-8")
-    styles = (shell.HERE / "tones.css", _HERE / "page.css", _HERE / "drive.css")
-    scripts = (_HERE / "page.js", shell.HERE / "page.js", shell.HERE / "camera.js", _HERE / "drive.js")
+_STYLES: Final = ("page.css", "words.css", "controls.css", "drive.css")
+_SCRIPTS: Final = ("page.js", "picture_layout.js", "touch_task.js", "drive.js", "controls.js", "touches.js")
+
+
+def _tones() -> dict[str, str]:
+    """Return the colours of the template by name, for light and dark pages."""
     tones: dict[str, Tone] = {
         "truth": TRUTH,
         "estimate": ESTIMATE,
@@ -241,11 +233,33 @@ def pages(
         "really": AMBER,
     }
     tones |= {str(name): tone for name, tone in STREAM_TONES.items()}
+    return {name: shell.css(tone) for name, tone in tones.items()}
+
+
+def pages(
+    observer: Observer,
+    steering: Steering,
+    profiles: Mapping[str, str],
+    context: PageContext,
+    output: Callable[[], RunOutput | None],
+) -> Callable[[Document], None]:
+    """Return the function that fills a new document for each browser."""
+    template = (_HERE / "page.html").read_text(encoding="utf-8")
+    styles = [shell.HERE / "tones.css", *(_HERE / name for name in _STYLES)]
+    scripts = [*(_HERE / name for name in _SCRIPTS), shell.HERE / "page.js", shell.HERE / "camera.js"]
+    resources = Resources(
+        mode="server", root_url="/", path_versioner=StaticHandler.append_version, components=["bokeh"]
+    )
     variables = {
         "css": "".join(path.read_text(encoding="utf-8") for path in styles),
         "script": "".join(path.read_text(encoding="utf-8") for path in scripts),
-        "tones": {name: f"light-dark({tone.light},{tone.dark})" for name, tone in tones.items()},
+        "tones": _tones(),
         "driven": context.is_driven,
+        "about": context.about,
+        "profiles": profiles,
+        "ranges": RANGES,
+        "judged_s": f"{JUDGED_S:g}",
+        "bokeh_urls": resources.js_files,
         "drive_tones": json.dumps(
             {
                 name: [tone.light, tone.dark]
@@ -270,7 +284,7 @@ def pages(
         doc.template_variables.update(variables)
         doc.config.update(reconnect_session=False, notify_connection_status=False)  # the page has its own notice
         with doc.models.freeze():  # or each root added and each change walks all models
-            page = Page(doc, observer, steering, profiles, context, output)
+            page = Page(doc, observer, steering, context, output)
             page.refresh()
         doc.add_periodic_callback(page.refresh, FRAME_MS)
 

@@ -22,7 +22,8 @@ from tis.common.runtime.running import ALONE, EAST, WEST, Running
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario import Scenario
 from tis.deploy.shell.early_checks import can_report
-from tis.deploy.view.device import Device, device_of
+from tis.deploy.view.device import device_of
+from tis.deploy.view.hold_reason import about_of
 from tis.deploy.view.page_text import RunOutput
 
 _GRACE_S: Final = 6.0
@@ -67,14 +68,16 @@ class PageProcess:
 @contextmanager
 def page_process(
     command: str, at: PageAddress, endpoints: tuple[str, str], session: str, wait_s: float | None = None,
-    beside: bool = False, zenoh: ZenohOptions | None = None, device: Device | None = None,
+    beside: bool = False, zenoh: ZenohOptions | None = None, scenario: Scenario | None = None,
 ) -> Iterator[PageProcess]:  # fmt: skip
     """Serve the page in a process that ends with the block; raises `InputError` when it cannot be served."""
     if not can_report():
         raise InputError(Fault(command, "", f"needs Bokeh: {GET_REPORT}"))
     west, east = endpoints
     options = {"west": west, "east": east, "session": session, "wait_s": wait_s, "beside": beside, **asdict(at)}
-    options["device"] = None if device is None else asdict(device)
+    if scenario is not None:
+        device = device_of(scenario)
+        options |= {"device": device and asdict(device), "about": asdict(about_of(scenario))}
     if zenoh is not None:
         file = None if zenoh.config is None else str(zenoh.config)
         options |= {"config": file, "cfg": list(zenoh.cfg), "credentials": dict(zenoh.credentials)}
@@ -106,7 +109,7 @@ def page_beside(
     page: PageProcess | None = None
     try:
         with page_process(
-            "tis run --view", at, endpoints, scenario.session, beside=True, zenoh=zenoh, device=device_of(scenario)
+            "tis run --view", at, endpoints, scenario.session, beside=True, zenoh=zenoh, scenario=scenario
         ) as page:
             announce(page.url, err)
             yield page

@@ -10,6 +10,7 @@ from tis.common.clocks import UNKNOWN_DRIFT_PPM
 from tis.common.peer_life import NO_ALARMS, TEXTS, Alarm
 from tis.common.scenario.control import DirectionState, EmulatorState
 from tis.common.units import NS_PER_S
+from tis.deploy.view.hold_reason import RunAbout
 from tis.deploy.watch.live_figures import LiveFigures
 from tis.deploy.watch.observer import Attendance, Vantage
 from tis.deploy.watch.safety import Stretch
@@ -41,6 +42,8 @@ class PageContext(NamedTuple):
     east: str
     is_driven: bool = False
     """Whether a page can move the hand."""
+    about: RunAbout | None = None
+    """The run's scenario, where the page's command started it."""
 
 
 def run_html(
@@ -71,7 +74,8 @@ def run_text(attendance: Attendance, now_s: float, context: PageContext) -> str:
     if now_s <= 0:
         missing = [side for side in get_args(Side) if side not in attendance.present]
         return f"Waiting for {' and '.join(missing)}." if missing else "All three are ready; it begins."
-    return f"Running, {now_s:.0f} s"
+    whole = "" if context.about is None else f" of {context.about.duration_s:g} s"
+    return f"Running, {now_s:.0f} s{whole}"
 
 
 def _end_html(context: PageContext, output: RunOutput | None) -> str:
@@ -139,13 +143,22 @@ def _safety_html(safety: Mapping[str, Sequence[Stretch]]) -> str:
             f'<strong>{name}{_spoken(now.mode)}</strong><span class="strip" aria-hidden="true">{parts}</span>'
         )
     return (
-        f"<li><span>Safety state</span>{''.join(arms)}<small>what drives the arm: in tracking the estimate; the "
-        "strip shows the last seconds</small></li>"
+        f"<li><span>Safety state</span>{''.join(arms)}<small>following: the estimate drives the arm; "
+        "holding, stopping, stopped: it does not. The strip shows the last seconds</small></li>"
     )
 
 
+_MODES: Final = {
+    "tracking": "following",
+    "resuming": "resuming",
+    "hold": "holding",
+    "slow_stop": "stopping",
+    "safe": "stopped",
+}
+
+
 def _spoken(mode: str) -> str:
-    return escape(mode.replace("_", " "))
+    return escape(_MODES.get(mode, mode))
 
 
 def vantage_text(found: Vantage | None, context: PageContext) -> str:

@@ -28,6 +28,7 @@ from tis.deploy.view.access import Access, TokenAuth, access_to
 from tis.deploy.view.device import Device, DeviceDoor
 from tis.deploy.view.drive import DriveHub
 from tis.deploy.view.drive_socket import FRAME_MS, DriveSockets
+from tis.deploy.view.hold_reason import RunAbout
 from tis.deploy.view.page import pages
 from tis.deploy.view.page_text import PageContext, RunOutput
 from tis.deploy.view.steering import Steering, live_profiles
@@ -98,6 +99,9 @@ class ViewOptions:
     device: Mapping[str, Any] | None = None
     """The device that a page can be, where the run's source is live: the fields of a `Device`."""
 
+    about: Mapping[str, Any] | None = None
+    """The fields of a `RunAbout`, where the command that serves the page also starts the run."""
+
     @property
     def zenoh(self) -> ZenohOptions:
         """Return the Zenoh options of the connections."""
@@ -122,9 +126,10 @@ def serve(
     endpoints: dict[Network, str] = {"west": options.west, "east": options.east}
     observer = Observer(endpoints, options.session, zenoh=options.zenoh)
     steering = Steering(EmulatorAddress(options.east, options.session, options.zenoh))
-    context = PageContext(options.beside, options.west, options.east, options.device is not None)
+    about = None if options.about is None else RunAbout(**options.about)
+    context = PageContext(options.beside, options.west, options.east, options.device is not None, about)
     door = None if options.device is None else DeviceDoor(Device(**options.device), options.west, options.zenoh)
-    sockets = DriveSockets(DriveHub(observer, steering, door))
+    sockets = DriveSockets(DriveHub(observer, steering, door, about))
     application = Application(FunctionHandler(pages(observer, steering, live_profiles(), context, output)))
     loop = IOLoop()
     loop.make_current()

@@ -13,19 +13,19 @@ from tis.common.runtime.emulator_client import EmulatorAddress, Remote, connecte
 from tis.common.scenario.control import Acknowledgement, EmulatorState
 from tis.deploy.net.control import change_requests, profile_request
 from tis.deploy.net.emergency import release_all, stop_arms
-from tis.deploy.net.profiles import shipped_names
+from tis.deploy.net.profiles import profile_path, read_profile, shipped_names
 
 
-def live_profiles() -> list[str]:
-    """Return the shipped profiles that a running emulator accepts: those without changes over time."""
-    names = []
+def live_profiles() -> dict[str, str]:
+    """Return the titles of the shipped profiles that a running emulator accepts: those without changes over time."""
+    titles = {}
     for name in shipped_names():
         try:
             profile_request(name)
         except InputError:
             continue
-        names.append(name)
-    return names
+        titles[name] = read_profile(profile_path(name)).title
+    return titles
 
 
 def describe(answer: Acknowledgement) -> str:
@@ -75,6 +75,18 @@ class Steering:
         self._submit(
             lambda remote: remote.request("set", change_requests(remote.state(), direction, [setting])), on_answer
         )
+
+    def only_delay(self, delay_ms: float, on_answer: Callable[[str], None]) -> None:
+        """Restore the scenario's own network, with this delay each way."""
+
+        def send(remote: Remote) -> Acknowledgement:
+            done = remote.request("reset", {})
+            if not done.accepted:
+                return done
+            setting = [f"delay.delay_ms={delay_ms:g}"]
+            return remote.request("set", change_requests(remote.state(), "both", setting))
+
+        self._submit(send, on_answer)
 
     def profile(self, name: str, on_answer: Callable[[str], None]) -> None:
         """Apply a shipped profile to both directions."""

@@ -148,9 +148,10 @@ class LiveBook:
         return live_figures(
             {name: _latest(_since(trail, begin_ns, lambda row: row.sent_ns)) for name, trail in self.crossed.items()},
             [row.end_to_end_ms for row in ages if row.end_to_end_ms is not None],
-            [row for trail in self.tracks.values() for row in _since(trail, begin_ns, lambda row: row.t_ns)],
+            [_since(trail, begin_ns, lambda row: row.t_ns) for trail in self.tracks.values()],
             sum(row.n for row in _since(self._unseen, begin_ns, lambda row: row.sent_ns)) // self.thinning,
             self.displays.errors(begin_ns),
+            [row.age_ms for row in ages],
         )
 
     def _note_unseen(self, key: str, header: Header) -> None:

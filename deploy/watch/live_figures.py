@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from tis.common.units import NS_PER_MS
+from tis.common.units import MM_PER_M, NS_PER_MS
 from tis.deploy.watch.arms import DisplayErrors, TrackRow
 from tis.deploy.watch.streams import Crossing, StreamName
 
@@ -41,6 +41,10 @@ class LiveFigures:
     turn_rms_deg: float | None = None
     hold_turn_rms_deg: float | None = None
     display: DisplayErrors | None = None
+    extent_mm: float | None = None
+    """Longest edge of the box that an arm's true motion fills, of all arms, in mm."""
+    age_max_ms: float | None = None
+    """Largest age of the newest sample at a tick, in ms."""
     unseen_pct: float = 0.0
     """Share of the packets that the observer did not see on their network of origin, in percent."""
 
@@ -57,6 +61,12 @@ class LiveFigures:
         return (
             f"No loss is shown: the observer cannot keep up, it did not see {self.unseen_pct:.0f} % of the packets."
         )
+
+    @property
+    def there_and_back_ms(self) -> float | None:
+        """Return the median delays of both ways together, in ms; None while one is not known."""
+        ways = [self.streams[name].delay_p50_ms if name in self.streams else None for name in ("master", "answers")]
+        return None if None in ways else sum(filter(None, ways))
 
     @property
     def ratio_to_hold(self) -> float | None:
@@ -78,11 +88,13 @@ def crossing_figures(crossings: Iterable[Crossing]) -> CrossingFigures:
 def live_figures(
     streams: Mapping[StreamName, Iterable[Crossing]],
     end_to_end_ms: Sequence[float],
-    ticks: Sequence[TrackRow],
+    tracks: Sequence[Sequence[TrackRow]],
     n_unseen: int = 0,
     display: DisplayErrors | None = None,
+    ages_ms: Sequence[float] = (),
 ) -> LiveFigures:
-    """Return the figures of the rows of a time window; of ``n_unseen`` packets the observer saw nothing."""
+    """Return the figures of the rows of a time window, ``tracks`` by arm; ``n_unseen`` packets were not seen."""
+    ticks = [row for track in tracks for row in track]
     found = {name: crossing_figures(rows) for name, rows in streams.items()}
     n_seen = sum(one.n for one in found.values())
     unseen_pct = 100 * n_unseen / (n_unseen + n_seen) if n_unseen else 0.0
@@ -98,8 +110,15 @@ def live_figures(
         turn_rms_deg=_rms([row.turn_error_deg for row in ticks if row.turn_error_deg is not None]),
         hold_turn_rms_deg=_rms([row.hold_turn_error_deg for row in ticks if row.hold_turn_error_deg is not None]),
         display=display,
+        extent_mm=max((_extent_mm(track) for track in tracks if track), default=None),
+        age_max_ms=max(ages_ms, default=None),
         unseen_pct=unseen_pct,
     )
+
+
+def _extent_mm(track: Sequence[TrackRow]) -> float:
+    places_m = np.array([row.truth_m for row in track])
+    return float(MM_PER_M * np.ptp(places_m, axis=0).max())
 
 
 def _quantiles(values: Sequence[float], *percents: int) -> list[float | None]:

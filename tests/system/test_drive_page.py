@@ -71,9 +71,12 @@ def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture
 
         # an outage: the picture freezes, and that is said in it
         assert not page.locator("#cut").is_visible()
-        page.get_by_label("Outage, ms").fill("5000")
-        page.get_by_label("Outage, ms").press("Tab")
-        page.get_by_role("button", name="Cause an outage").click()
+        outage = page.get_by_label("Outage, ms")
+        for wrong in ("abc", "-50"):
+            outage.fill(wrong)
+            page.get_by_text(f"must be a number from 1 to 60000 (got {wrong})").wait_for()
+        outage.fill("5000")
+        outage.press("Enter")
         page.locator("#cut").wait_for()
         _drag(page, 60)
         page.locator("#cut").wait_for(state="hidden")
@@ -83,6 +86,21 @@ def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture
         for key in ("ArrowLeft", "ArrowUp", "PageUp", "g", "c", "c"):
             page.keyboard.press(key)
         assert page.get_by_role("button", name="Close the gripper").get_attribute("aria-pressed") == "true"
+
+        # a stop is told where one drives
+        page.get_by_role("button", name="Stop the arms").click()
+        page.get_by_text("The arm is stopped: it does not follow").wait_for()
+        page.get_by_role("button", name="Release").click()
+        page.locator("#halted").wait_for(state="hidden")
+
+        # one click sets the delay of a task, and shows its first target
+        page.get_by_role("button", name="600 ms").click()
+        page.get_by_text("Bring the arm to target 1 of 9").wait_for()
+        page.get_by_text("delay 300 ms").first.wait_for()
+        page.get_by_role("button", name="Give up").click()
+        outage.fill("7")
+        page.get_by_role("button", name="Reset").click()
+        page.wait_for_function("() => document.getElementById('outage').value === '1000'")
         for width in (1280, 500):
             page.set_viewport_size({"width": width, "height": 900})
             page.wait_for_function("w => document.documentElement.scrollWidth <= w", arg=width)

@@ -28,7 +28,7 @@ _INK = "() => [...Bokeh.documents[0].get_model_by_name('age').renderers].map(r =
 _FOCUSED = """() => {
   let at = document.activeElement
   while (at.shadowRoot?.activeElement) at = at.shadowRoot.activeElement
-  return (at.labels?.[0] ?? at.parentNode.parentNode.querySelector("label") ?? at).textContent.trim()
+  return (at.labels?.[0] ?? at).textContent.trim()
 }"""
 
 
@@ -140,7 +140,7 @@ def test_the_page_lives_with_the_run_and_its_buttons_act(start: Start) -> None:
         assert is_free(port_of(url))
         # with the server gone nothing is sent any more, and that is no error
         page.set_viewport_size({"width": 900, "height": 700})
-        page.wait_for_function("() => Bokeh.documents[0].get_model_by_name('sides').tags.includes('over')")
+        page.wait_for_function("() => window.live.isOver()")
         assert not page.get_by_role("alert").is_visible()
         assert page.get_by_text("Client connection").count() == 0  # Bokeh's own words
         with page.expect_popup() as opened:

@@ -1,6 +1,7 @@
 """What all pages share: the picture of known rows, and who moves the hand."""
 
 import json
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -24,9 +25,11 @@ from tis.deploy.view.drive import (
     Rate,
     Seat,
     picture,
-    read_move,
+    read_message,
 )
+from tis.deploy.view.requests import PageRequest
 from tis.deploy.watch.book import LiveBook
+from tis.deploy.watch.observer import Attendance
 
 
 class _Door:
@@ -53,8 +56,16 @@ class _Observer:
     def read(self, look: Any) -> Any:
         return look(self._book)
 
+    def attendance(self) -> Attendance:
+        return Attendance()
+
 
 class _Steering:
+    """Netem's answers, at once."""
+
+    def set_stage(self, direction: str, setting: str, on_answer: Callable[[str], None]) -> None:
+        on_answer(f"done: {direction} {setting}")
+
     def state(self) -> EmulatorState | None:
         return None
 
@@ -111,7 +122,8 @@ def test_the_picture_is_the_newest_of_each_row() -> None:
 
 def test_before_anything_is_seen_the_picture_is_empty() -> None:
     assert _hub(None).frame(1.0) == {
-        "now_s": 0.0, "arm": None, "feedback_error_mm": None, "ghost_error_mm": None, "outage": False,
+        "now_s": 0.0, "arm": None, "feedback_error_mm": None, "ghost_error_mm": None, "network_ms": None, "why": "",
+        "outage": False, "network": False, "left_s": None,
     }  # fmt: skip
     found = _hub(_Door()).frame(1.0)
     assert {found[name] for name in ("hand_mm", "shown_mm", "ghost_mm", "arm_mm", "late_ms")} == {None}
@@ -183,7 +195,7 @@ def test_the_pages_own_forty_moves_a_second_are_all_taken() -> None:
 
 def test_a_move_is_read() -> None:
     text = '{"moved_mm": [1.5, -2, 0], "gripper_rad": 1, "clutch": true}'
-    assert read_move(text) == HandMove(moved_mm=[1.5, -2.0, 0.0], gripper_rad=1.0, clutch=True)
+    assert read_message(text) == HandMove(moved_mm=[1.5, -2.0, 0.0], gripper_rad=1.0, clutch=True)
 
 
 @pytest.mark.parametrize(
@@ -200,10 +212,15 @@ def test_a_move_is_read() -> None:
         ('{"x": 1, "y": 2, "z": 3}', "moved_mm", "{'x': 1"),
         ("[]", "message", "[]"),
         ("mouse", "message", "'mouse'"),
+        ('{"ask": "shutdown"}', "ask", "'shutdown'"),
+        ('{"ask": "delay", "value": -50}', "message", "{'ask'"),
+        ('{"ask": "delay", "value": "abc"}', "value", "'abc'"),
+        ('{"ask": "loss"}', "message", "{'ask'"),
+        ('{"ask": "profile", "profile": "../../etc/passwd"}', "profile", "'../../etc/passwd'"),
     ],
 )
 def test_what_is_none_is_refused_by_field_and_value(text: str, field: str, got: str) -> None:
-    refused = read_move(text)
+    refused = read_message(text)
     assert isinstance(refused, str)
     assert refused.startswith(f"{field}: ")
     assert f"(got {got}" in refused
@@ -211,10 +228,10 @@ def test_what_is_none_is_refused_by_field_and_value(text: str, field: str, got: 
 
 def test_a_long_message_is_refused_unread() -> None:
     text = json.dumps({"moved_mm": [0, 0, 0], "note": "x" * MAX_MESSAGE_CHARS})
-    assert read_move(text) == f"message: must have at most 400 characters (got {len(text)})"
+    assert read_message(text) == f"message: must have at most 400 characters (got {len(text)})"
 
 
 @given(st.one_of(st.text(), st.binary(), st.recursive(st.floats() | st.text(), st.lists).map(json.dumps)))
 def test_whatever_comes_is_read_or_refused_in_one_short_line(text: str | bytes) -> None:
-    found = read_move(text)
-    assert isinstance(found, HandMove) or len(found) < 300
+    found = read_message(text)
+    assert isinstance(found, (HandMove, PageRequest)) or len(found) < 300

@@ -89,6 +89,19 @@ def test_bad_messages_are_answered_in_words_and_the_next_good_one_moves() -> Non
     assert [pose.position_m.y for pose in _served(ask).sent] == [0.004]
 
 
+def test_a_request_is_answered_in_words_to_the_page_that_asked() -> None:
+    async def ask(place: str, door: _Door, _: DriveSockets) -> None:
+        page = await _open(place)
+        await page.write_message('{"ask": "delay", "way": "forward", "value": 50}')
+        assert await _answer(page) == {"asked": "delay", "answer": "done: forward delay.delay_ms=50"}
+        await page.write_message('{"ask": "delay", "value": 1e9}')
+        assert "value of delay must be a number from 0 to 10000" in (await _answer(page))["refused"]
+        assert door.sent == []
+        await _close(page)
+
+    _served(ask)
+
+
 def test_a_flood_is_thinned_then_told_and_at_last_shown_out() -> None:
     async def ask(place: str, _: _Door, sockets: DriveSockets) -> None:
         page, other = await _open(place), await _open(place)

@@ -32,7 +32,7 @@ class _Watched(Observer):
 
 def _page(observer: Observer) -> tuple[Page, Document]:
     doc, steering = Document(), Steering(EmulatorAddress("tcp/127.0.0.1:1"))
-    page = Page(doc, observer, steering, ["wan"], PageContext(True, "west", "east"), lambda: None)
+    page = Page(doc, observer, steering, PageContext(True, "west", "east"), lambda: None)
     return page, doc
 
 

@@ -46,6 +46,13 @@ def test_every_button_reaches_the_links() -> None:
             assert soon(lambda: bridge.bridge.in_outage("forward") and bridge.bridge.in_outage("feedback"))
             assert _ask(lambda tell: steering.reset(tell)).startswith("done")
             assert soon(lambda: not bridge.bridge.in_outage("forward"))
+            assert _ask(lambda tell: steering.set_stage("both", "loss.p_loss=0.5", tell)).startswith("done")
+            assert _ask(lambda tell: steering.only_delay(150, tell)).startswith("done")
+            assert _delay_ms(bridge, "forward") == _delay_ms(bridge, "feedback") == 150
+            found = steering.state()
+            assert found is not None
+            assert found.forward is not None
+            assert found.forward.now.loss == found.forward.pipeline.loss, "all else is the scenario's own"
             assert _ask(lambda tell: steering.profile("paper_1", tell)).startswith("done")
             assert _ask(lambda tell: steering.outage("both", -1, tell)).startswith("refused: for_ms")
             assert _ask(lambda tell: steering.set_stage("both", "delay.nonsense=1", tell)).startswith("not done: ")
@@ -65,6 +72,7 @@ def test_without_an_emulator_it_says_so() -> None:
 
 
 def test_the_profiles_offered_are_those_that_can_be_taken_on_while_running() -> None:
-    names = live_profiles()
-    assert {"paper_1", "wifi_bad"} <= set(names)
-    assert "starlink_2022_eu" not in names  # it changes with time by itself
+    titles = live_profiles()
+    assert {"paper_1", "wifi_bad"} <= set(titles)
+    assert all(titles.values()), "each with a word about it"
+    assert "starlink_2022_eu" not in titles  # it changes with time by itself

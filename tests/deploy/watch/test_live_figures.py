@@ -25,7 +25,7 @@ def test_of_nothing_nothing_is_known() -> None:
 
 def test_errors_are_pooled_over_ticks_and_compared_with_holds() -> None:
     rows = [TrackRow(i, NOWHERE, NOWHERE, NOWHERE, error, hold) for i, (error, hold) in enumerate([(3, 6), (4, 8)])]
-    found = live_figures({"arm": [Crossing(0, None)]}, [70.0, 80.0], rows)
+    found = live_figures({"arm": [Crossing(0, None)]}, [70.0, 80.0], [rows])
     assert found.rmse_mm == pytest.approx((25 / 2) ** 0.5)
     assert found.hold_rmse_mm == pytest.approx((100 / 2) ** 0.5)
     assert found.ratio_to_hold == pytest.approx(0.5)

@@ -1,0 +1,55 @@
+"""Why hold errs less than the estimate: in one sentence, and only what the page knows."""
+
+from dataclasses import dataclass
+from typing import Final
+
+from tis.common.scenario import Scenario
+from tis.deploy.watch.live_figures import LiveFigures
+
+
+@dataclass(frozen=True)
+class RunAbout:
+    """What the command that started the run tells its page about the scenario."""
+
+    duration_s: float
+    rate_hz: int
+    active_estimator: str
+    is_trained_on_synthetic: bool
+    is_live: bool
+
+
+def about_of(scenario: Scenario) -> RunAbout:
+    """Return what a page is told about a run's scenario."""
+    return RunAbout(
+        scenario.duration_s,
+        scenario.rate_hz,
+        scenario.active_estimator,
+        scenario.identification.train == "synthetic",
+        scenario.source.kind == "live",
+    )
+
+
+_STILL_MM: Final = 1.0
+_GAP_MS: Final = 500.0
+_YOUNG_MS: Final = 40.0
+
+
+def why_hold(found: LiveFigures, about: RunAbout | None) -> str:
+    """Return why hold's error is below the estimate's over the last seconds; "" where it is not.
+
+    Oracle: figures of one cause each, tests/deploy/view/test_hold_reason.
+    """
+    if about is not None and about.active_estimator == "hold":
+        return "The patient's estimate is hold in this run: it repeats the newest position, and predicts nothing."
+    if found.rmse_mm is None or found.hold_rmse_mm is None or found.rmse_mm <= found.hold_rmse_mm:
+        return ""
+    begin = f"Hold errs less now ({found.hold_rmse_mm:.2f} mm, the estimate {found.rmse_mm:.2f} mm)"
+    if found.extent_mm is not None and found.extent_mm < _STILL_MM:
+        return f"{begin}: the hand rests, so the newest position is right however old it is."
+    if found.age_max_ms is not None and found.age_max_ms > _GAP_MS:
+        return f"{begin}: nothing arrived for up to {found.age_max_ms:.0f} ms, too long to predict over."
+    if found.age_max_ms is not None and found.age_max_ms < _YOUNG_MS:
+        return f"{begin}: the newest position is at most {found.age_max_ms:.0f} ms old: there is little to predict."
+    if about is not None and about.is_trained_on_synthetic and about.is_live:
+        return f"{begin}: the filter's model was identified on synthetic movement, and has never seen this hand."
+    return f"{begin}. Nothing that this page sees tells why."

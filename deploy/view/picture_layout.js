@@ -1,0 +1,45 @@
+"use strict";
+// Where the picture looks, and where its names stand. Pure: no canvas.
+window.pictureLayout = (() => {
+  const EDGE = 0.12;  // of the picture's width and height, kept free around what is in it
+  const ZOOM_IN = 1.02;  // at most, from one picture to the next; zooming out waits for nothing
+
+  // The scale, in px/mm, and centre at which all places lie in the picture: as near to `home` as they allow, and no
+  // larger than `width_mm` across.
+  const follow = (view, home, places, [wide, high], width_mm) => {
+    const inner = [wide * (1 - 2 * EDGE), high * (1 - 2 * EDGE)];
+    const low = [0, 1].map((axis) => Math.min(...places.map((place) => place[axis])));
+    const most = [0, 1].map((axis) => Math.max(...places.map((place) => place[axis])));
+    let scale = Math.min(wide / width_mm, ...[0, 1].map((axis) => inner[axis] / Math.max(most[axis] - low[axis], 1e-9)));
+    if (view) scale = Math.min(scale, view.scale * ZOOM_IN);
+    const centre = [0, 1].map((axis) => {
+      const half = inner[axis] / 2 / scale;
+      return Math.min(Math.max(home[axis], most[axis] - half), low[axis] + half);
+    });
+    return { scale, centre };
+  };
+
+  const LINE_PX = 18, BESIDE_PX = 24;
+  const meets = (one, other) =>
+    one.left < other.left + other.width && other.left < one.left + one.width && Math.abs(one.y - other.y) < LINE_PX;
+
+  // Each name beside its mark {text, x, y, width}, on the right or left, above or below: the first place that lies in
+  // the picture and on no other name. `taken` are boxes of other words. A name without room is left out.
+  const placed = (names, taken, [wide, high]) => {
+    const done = [...taken], found = [];
+    for (const name of names) {
+      const tries = [0, 1, -1, 2, -2, 3, -3, 4, -4].flatMap((k) => [
+        { left: name.x + BESIDE_PX, y: name.y + k * LINE_PX },
+        { left: name.x - BESIDE_PX - name.width, y: name.y + k * LINE_PX },
+      ]);
+      const box = tries.map((one) => ({ ...name, ...one })).find((one) =>
+        one.left >= 2 && one.left + one.width <= wide - 2 && one.y >= LINE_PX && one.y <= high - 4
+        && !done.some((other) => meets(one, other)));
+      if (!box) continue;
+      done.push(box); found.push(box);
+    }
+    return found;
+  };
+
+  return { follow, placed };
+})();

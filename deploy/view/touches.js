@@ -1,0 +1,68 @@
+"use strict";
+// The task of touches on the page: one click sets the delay and shows the targets; its rows stay until the page closes.
+(() => {
+  const at = (id) => document.getElementById(id);
+  const buttons = [...document.querySelectorAll("[data-touch_ms]")];
+  if (!buttons.length) return;  // a page that does not drive
+  const { begin, step, isOver, rowOf, read, N_TARGETS, MAX_ROWS } = window.touchTask;
+  const KEY = "tis touches";
+  let rows = [], task = null, waits = null;
+  try { rows = read(sessionStorage.getItem(KEY)); } catch { /* a page that may keep nothing has them while it is open */ }
+
+  const say = (text) => { if (at("touching").textContent !== text) at("touching").textContent = text; };
+  const show = () => {
+    at("touched").hidden = !rows.length;
+    const cells = ({ delay_ms, ghost, time_s, path_mm, n_misses }) =>
+      [`${delay_ms} ms`, ghost ? "picture and ghost" : "late picture", `${time_s.toFixed(1)} s`, `${path_mm.toFixed(0)} mm`, n_misses];
+    at("touched").querySelector("tbody").replaceChildren(...rows.map((row) => {
+      const line = document.createElement("tr");
+      line.append(...cells(row).map((text) => Object.assign(document.createElement("td"), { textContent: text })));
+      return line;
+    }));
+  };
+  const leave = (text) => {
+    task = waits = null;
+    window.live.setTask(null);
+    at("give_up").hidden = true;
+    say(text);
+  };
+  for (const button of buttons) {
+    button.addEventListener("click", () => {
+      const delay_ms = Number(button.dataset.touch_ms), ghost = at("with_ghost").checked;
+      if (!window.live.take()) return say("Not begun: the arm is not there yet, or the connection is lost.");
+      waits = { delay_ms, ghost };
+      task = null;
+      window.live.setTask(null);
+      at("give_up").hidden = false;
+      say(`Setting ${delay_ms} ms there and back …`);
+      window.live.ask({ ask: "task", value: delay_ms });
+      at("drive").scrollIntoView({ block: "nearest" });
+    });
+  }
+  at("give_up").addEventListener("click", () => leave("Given up; the network keeps this delay until Reset."));
+
+  window.live.on((message) => {
+    if ("network" in message) for (const button of buttons) button.disabled = !message.network;
+    if (message.asked === "task" && waits) {
+      if (!message.answer.startsWith("done")) return leave(`Not begun: ${message.answer}`);
+      task = begin(window.live.home(), waits);
+      waits = null;
+    }
+    if (!task || !message.arm_mm) return;
+    if (message.driver === "other") return leave("Another page drives the arm.");
+    const before = task.next;
+    task = step(task, 1000 * message.now_s, message.arm_mm);
+    window.live.setTask({ targets: task.targets, next: task.next, inside: task.inside_ms !== null, ghost: task.label.ghost });
+    if (isOver(task)) {
+      rows = [...rows, rowOf(task)].slice(-MAX_ROWS);
+      try { sessionStorage.setItem(KEY, JSON.stringify(rows)); } catch { /* as above */ }
+      const { time_s, path_mm, n_misses } = rows.at(-1);
+      show();
+      leave(`Done with ${rows.at(-1).delay_ms} ms: ${time_s.toFixed(1)} s, ${path_mm.toFixed(0)} mm, ${n_misses} misses.`);
+    } else if (before !== task.next || !at("touching").textContent.startsWith("Bring")) {
+      say(`Bring the arm to target ${task.next + 1} of ${N_TARGETS}, and keep it there: drag, or use the arrow keys.`);
+    }
+  });
+  window.live.onClose(() => { for (const button of buttons) button.disabled = true; if (task || waits) leave("The connection is lost."); });
+  show();
+})();

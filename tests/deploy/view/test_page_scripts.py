@@ -1,0 +1,131 @@
+"""The pure parts of the live page's scripts, in a browser without a page."""
+
+import itertools
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from random import Random
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import tis.deploy.view
+from tests.system.browser import chromium, watched_page
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+_HERE = Path(tis.deploy.view.__file__).parent
+_PLAY = """(places) => {
+  const { begin, step, isOver, rowOf } = window.touchTask
+  let task = begin([10, 20], { delay_ms: 300, ghost: false })
+  for (const [at_ms, arm_mm] of places) task = step(task, at_ms, arm_mm)
+  return { next: task.next, misses: task.n_misses, over: isOver(task), row: isOver(task) ? rowOf(task) : null }
+}"""
+_FOLLOW = """(moves) => {
+  let view = null
+  return moves.map(([places, size]) => {
+    view = window.pictureLayout.follow(view, [0, 0, 0], places, size, 110)
+    const at = (place, axis) => size[axis] / 2 + (place[axis] - view.centre[axis]) * view.scale
+    return places.map((place) => [at(place, 0), at(place, 1)])
+  })
+}"""
+
+
+@pytest.fixture(scope="module")
+def page() -> Iterator["Page"]:
+    with chromium() as browser:
+        page, errors = watched_page(browser)
+        for name in ("touch_task.js", "picture_layout.js"):
+            page.add_script_tag(path=_HERE / name)
+        yield page
+        assert errors == []
+
+
+def _targets(page: "Page") -> list[list[float]]:
+    found: list[list[float]] = page.evaluate("() => window.touchTask.begin([10, 20], {}).targets")
+    return found
+
+
+def test_the_targets_lie_on_a_ring_each_across_from_the_last(page: "Page") -> None:
+    targets = _targets(page)
+    assert len({(round(x, 6), round(y, 6)) for x, y in targets}) == len(targets) == 9
+    assert [((x - 10) ** 2 + (y - 20) ** 2) ** 0.5 for x, y in targets] == pytest.approx([22.0] * 9)
+    steps = [((x - a) ** 2 + (y - b) ** 2) ** 0.5 for (x, y), (a, b) in itertools.pairwise(targets)]
+    assert steps == pytest.approx([steps[0]] * 8)
+    assert steps[0] > 40
+
+
+def test_a_task_ends_at_the_last_target_with_time_path_and_misses_from_the_first_on(page: "Page") -> None:
+    targets = _targets(page)
+    places: list[Any] = [
+        [0, targets[3]],
+        [100, targets[0]],
+        [200, [10, 20]],
+    ]  # before the first target nothing counts
+    at_ms = 1000
+    for k, target in enumerate(targets):
+        if k == 4:  # through the target and out of it again
+            places += [[at_ms, target], [at_ms + 100, [10, 20]]]
+            at_ms += 200
+        places += [[at_ms, target], [at_ms + 299, target], [at_ms + 300, target]]
+        at_ms += 1000
+    found = page.evaluate(_PLAY, places)
+    assert (found["next"], found["misses"], found["over"]) == (9, 1, True)
+    row = found["row"]
+    assert row["time_s"] == pytest.approx(8.2)
+    chord = ((targets[0][0] - targets[1][0]) ** 2 + (targets[0][1] - targets[1][1]) ** 2) ** 0.5
+    assert row["path_mm"] == pytest.approx(8 * chord + 2 * 22)
+    assert (row["delay_ms"], row["ghost"], row["n_misses"]) == (300, False, 1)
+
+
+def test_another_target_an_older_picture_and_a_short_stay_count_for_nothing(page: "Page") -> None:
+    targets = _targets(page)
+    places = [[0, targets[1]], [400, targets[1]], [500, targets[0]], [450, targets[0]], [799, targets[0]]]
+    assert page.evaluate(_PLAY, places)["next"] == 0
+    assert page.evaluate(_PLAY, [*places, [800, targets[0]]])["next"] == 1
+
+
+@pytest.mark.parametrize("text", [None, "", "{", "7", '[1, {"time_s": "x"}]'])
+def test_what_another_page_left_in_the_storage_is_no_row(page: "Page", text: str | None) -> None:
+    assert page.evaluate("(text) => window.touchTask.read(text)", text) == []
+
+
+def test_rows_are_read_again(page: "Page") -> None:
+    row = {"delay_ms": 0, "ghost": True, "time_s": 9.5, "path_mm": 400.0, "n_misses": 2}
+    assert page.evaluate("(text) => window.touchTask.read(text)", json.dumps([row])) == [row]
+
+
+def test_the_arm_never_leaves_the_picture(page: "Page") -> None:
+    draw = Random(1)
+    moves: list[tuple[list[list[float]], list[int]]] = []
+    for _ in range(300):
+        reach = draw.choice((1, 30, 120, 2000))
+        places = [[draw.uniform(-reach, reach) for _ in range(3)] for _ in range(draw.choice((1, 2, 5)))]
+        moves.append((places, draw.choice(([860, 540], [380, 240], [200, 600]))))
+    for (_, (wide, high)), seen in zip(moves, page.evaluate(_FOLLOW, moves), strict=True):
+        assert all(0.1 * wide <= x <= 0.9 * wide and 0.1 * high <= y <= 0.9 * high for x, y in seen)
+
+
+def test_a_resting_picture_looks_at_its_home(page: "Page") -> None:
+    ((first,), (second,)) = page.evaluate(_FOLLOW, [[[[5, 5, 0]], [860, 540]], [[[0, 0, 0]], [860, 540]]])
+    assert second == [430, 270]
+    assert first[0] > 430 > first[1]
+
+
+def test_no_name_lies_on_another_or_outside(page: "Page") -> None:
+    draw = Random(2)
+    for _ in range(200):
+        names = [
+            {"text": str(k), "x": draw.uniform(20, 360), "y": draw.uniform(30, 210), "width": draw.uniform(30, 120)}
+            for k in range(6)
+        ]
+        taken = [{"left": 0, "y": 25, "width": 120}]
+        found = page.evaluate("([n, t]) => window.pictureLayout.placed(n, t, [380, 240])", [names, taken])
+        assert len(found) >= 4
+        boxes = [*taken, *found]
+        for k, one in enumerate(boxes):
+            assert 0 <= one["left"] <= 380 - one["width"]
+            for other in boxes[:k]:
+                beside = one["left"] >= other["left"] + other["width"] or other["left"] >= one["left"] + one["width"]
+                assert beside or abs(one["y"] - other["y"]) >= 18
