@@ -139,7 +139,7 @@ def _print_replays(fit: DirectionFit, out: Console) -> None:
         closes = "yes" if one.closes else Cell("no", "bold red")
         rows.append((one.name, f"{one.record:.4g}", f"{one.mean:.4g}", f"{one.low:.4g} to {one.high:.4g}", closes))
     n = f"{fit.n_replays} replays"
-    columns = (n, "record", "their mean", "95 of 100 further records", Column("closes", words=True))
+    columns = (n, "record", "mean", "95 % of further ones", Column("closes", words=True))
     out.print(Table("", columns, rows).terminal(PLAIN))
 
 

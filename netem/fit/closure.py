@@ -115,7 +115,7 @@ def closures(trace: Trace, replayed: Floats) -> tuple[Closure, ...]:
     """
     found = []
     of_record = statistics_of(trace.sent_ns, trace.delay_ns)
-    reaches = half_widths(of_record, resampled(trace), replayed)
+    reaches = half_widths(of_record, resampled(trace), replayed, len(trace.sent_ns))
     for number, (name, record, values) in enumerate(zip(NAMES, of_record, replayed.T, strict=True)):
         of = values[~np.isnan(values)]
         if np.isnan(record) or not len(of):

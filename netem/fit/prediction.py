@@ -38,6 +38,7 @@ _DRAWS: Final = 200
 _LEVEL: Final = 0.98
 _BINS: Final = 4000
 _MOST: Final = 2.0
+_NONE_OF: Final = 3  # what occurs three times in a record on average is missing in one of twenty
 _COUNTS: Final = (LOSS, LONGEST, HIGH)
 _EXTREMES: Final = (LONGEST, HIGH)
 _EDGE: Final = 1e-3
@@ -66,7 +67,7 @@ def interval(name: str, record: float, reach: float) -> tuple[float, float]:
     return float(np.exp(middle - reach)), float(np.exp(middle + reach))
 
 
-def half_widths(record: Floats, drawn: Floats, replayed: Floats) -> Floats:
+def half_widths(record: Floats, drawn: Floats, replayed: Floats, n: int) -> Floats:
     """Return how far a further record lies from this one in 95 of 100 cases, (statistics,), on the scale of `scaled`.
 
     Parameters
@@ -74,7 +75,9 @@ def half_widths(record: Floats, drawn: Floats, replayed: Floats) -> Floats:
     record
         (statistics,) of the record.
     drawn, replayed
-        (n, statistics) of records made of its parts, and of replays of its fit; nan where they have none.
+        (k, statistics) of records made of its parts, and of replays of its fit; nan where they have none.
+    n
+        Number of the record's messages.
     """
     found = np.zeros(len(NAMES))
     for number, name in enumerate(NAMES):
@@ -82,13 +85,13 @@ def half_widths(record: Floats, drawn: Floats, replayed: Floats) -> Floats:
         models = _apart(scaled(name, replayed[:, number]))
         if name not in _EXTREMES and own > 0:
             models = min(models, _MOST * own)
-        # a share or number that never occurred may still occur: as often as once in a record is not excluded
-        found[number] = max(own, models, 0.0 if record[number] else _never(name))
+        found[number] = max(own, models, 0.0 if record[number] else _never(name, n))
     return found
 
 
-def _never(name: str) -> float:
-    return 1.0 if name in _EXTREMES else 0.0
+def _never(name: str, n: int) -> float:
+    """Return how far what never occurred among n messages may still be: three losses, one run, one second."""
+    return sqrt(100 * _NONE_OF / n) if name == LOSS else 1.0 if name in _EXTREMES else 0.0
 
 
 def _apart(values: Floats) -> float:
