@@ -10,6 +10,7 @@ import socket
 import stat
 import sys
 import threading
+import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -73,9 +74,48 @@ def child_environment() -> dict[str, str]:
     put on the path either: in a checkout it holds packages of common names. Oracle:
     `tests/common/runtime/test_process`, children in folders with packages of those names.
 
-    A child that crashes within a library prints where.
+    A child that crashes within a library prints where. One of ours ends with this process (`follow_parent`).
     """
-    return {**os.environ, "PYTHONSAFEPATH": "1", "PYTHONFAULTHANDLER": "1"}
+    parent = f"{os.getpid()}:{_begin_of(os.getpid())}"
+    return {**os.environ, "PYTHONSAFEPATH": "1", "PYTHONFAULTHANDLER": "1", _PARENT: parent}
+
+
+_PARENT: Final = "TIS_PARENT"
+_GLANCE_S: Final = 0.5
+
+
+def follow_parent() -> None:
+    """Let this process end, as by SIGTERM, with the one that started it by `child_environment`, killed or not.
+
+    The kernel's own means, PR_SET_PDEATHSIG, tells of the end of the *thread* that started it. A process that has
+    taken the number of the dead parent is told from it by the time of its begin.
+    """
+    pid, _, begin = os.environ.pop(_PARENT, "").partition(":")  # popped: the next child has another parent
+    if pid.isdecimal() and begin:
+        threading.Thread(target=_end_after, args=(int(pid), begin), name="parent", daemon=True).start()
+
+
+def _end_after(pid: int, begin: str) -> None:
+    try:
+        process = os.pidfd_open(pid)
+    except ProcessLookupError:
+        process = None
+    except OSError:  # a container may forbid it
+        while _begin_of(pid) == begin:
+            time.sleep(_GLANCE_S)
+        process = None
+    if process is not None and _begin_of(pid) == begin:  # it cannot become another one from here on
+        select.select((process,), (), ())
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+def _begin_of(pid: int) -> str:
+    """Return when a process began, in the kernel's ticks; empty when it is over."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()
+    except OSError:
+        return ""
+    return fields[19] if fields[0] not in "ZX" else ""
 
 
 def free_endpoints(protocol: str = "tcp") -> tuple[str, str]:
@@ -189,10 +229,13 @@ def _reader_is_gone() -> bool:
 def run_to_end(main: Callable[[], object]) -> None:
     """Run ``main`` and end the process with its exit code; once Zenoh was loaded, without finalising the interpreter.
 
+    A process that one of ours started ends with that one.
+
     Zenoh's threads outlive its sessions. One that still wants the interpreter, or runs through the exit handlers of
     the C library, aborts the whole process: `tis run` ended with SIGABRT instead of its exit code, rarely and on a
     busy machine only. Threads of ours are joined, exit handlers called and outputs flushed before.
     """
+    follow_parent()
     try:
         main()
         code = 0

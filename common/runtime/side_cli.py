@@ -3,13 +3,9 @@
 Zenoh's options, ``-c FILE --cfg KEY:VALUE --insecure``, are common to all commands that connect.
 """
 
-import ctypes
-import os
-import signal
-import sys
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -60,8 +56,6 @@ AloneOption = Annotated[bool, typer.Option(hidden=True, help="With --child: on a
 Completion = Callable[[str], list[str]]
 """What a shell may put in place of an incomplete word."""
 
-_PR_SET_PDEATHSIG: Final = 1
-
 
 def side_command(
     side: "Side",
@@ -94,8 +88,6 @@ def side_command(
         from tis.common.runtime.status import Status
 
         status = Status(side, as_events=child)
-        if child:
-            _die_with_parent()
 
         def run() -> int:
             from tis.common.runtime.clock import monotonic_ns
@@ -156,12 +148,3 @@ def endpoints_for(scenario: "Scenario", side: "Side", place: str) -> tuple[str, 
         flag = "--listen" if side == "netem" else "--connect"
         raise InputError(Fault(side, "hosts", f"auto works in `tis run` only: give hosts or {flag}"))
     return (getattr(scenario.hosts, place),)
-
-
-def _die_with_parent() -> None:
-    """End this process when `tis run` is killed (Linux; elsewhere without effect)."""
-    prctl = getattr(ctypes.CDLL(None), "prctl", None)
-    if prctl is not None:
-        prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
-        if os.getppid() == 1:
-            sys.exit(0)

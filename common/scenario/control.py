@@ -28,7 +28,7 @@ CLEARING: Final = ("reset", "profile")
 
 _MS_PER_S: Final = 1000.0
 _DAY_MS: Final = 86_400_000
-_DYNAMIC: Final = ("outages", "states", "timeline", "rules")
+_DYNAMIC: Final = ("outages", "steps", "states", "timeline", "rules")
 
 Id = Annotated[str, Field(max_length=100)]
 _ID_TEXT: Final = "Identifier of the caller's choice, returned in the acknowledgement."

@@ -250,7 +250,8 @@ def _stop_of(pipe: Connection, wake: Callable[[], None]) -> threading.Event:
     stop = threading.Event()
 
     def wait() -> None:
-        pipe.recv()
+        with contextlib.suppress(EOFError):  # the benchmark was killed
+            pipe.recv()
         stop.set()
         wake()
 

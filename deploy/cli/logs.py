@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from tis.common.errors import EXIT_OK, Fault, InputError
+from tis.common.errors import EXIT_OK, DataError, Fault, InputError
 from tis.deploy.cli.group import Commands, JsonOption, RunDirArg, VerboseOption
 from tis.deploy.shell.guard import ERR, OUT, print_json, words_to
 
@@ -104,11 +104,14 @@ def export(
     ] = None,
 ) -> int:
     """Export a run's records as tables for other tools, with a README.md that explains every column."""
-    from tis.deploy.export.export import export_run
+    from tis.deploy.export.export import Formats, export_run
+    from tis.deploy.standalone.command import export as export_of_netem
+    from tis.deploy.standalone.standalone_run import is_standalone
 
     if not (csv or parquet or jigsaws):
         raise InputError(Fault("tis export", "--csv, --parquet or --jigsaws", "at least one is required"))
-    return export_run(run_dir, out or run_dir / "export", csv, parquet, jigsaws, OUT, ERR)
+    write = export_of_netem if is_standalone(run_dir) else export_run
+    return write(run_dir, out or run_dir / "export", Formats(csv, parquet, jigsaws), OUT, ERR)
 
 
 @app.command(example="tis report --compare RUN_DIR OTHER_RUN_DIR")
@@ -142,16 +145,21 @@ def report(
     """
     from tis.deploy.report.command import COMPARED_FILE, compare_runs, draw_figures, report_again
     from tis.deploy.shell.run_dir import REPORT_FILE
+    from tis.deploy.standalone.command import draw_figures as figures_of_netem
     from tis.deploy.standalone.command import report as report_of_netem
     from tis.deploy.standalone.standalone_run import is_standalone
 
     _check(run_dirs, compare, out, figures, file_format)
     words, form = words_to(as_json), file_format or "pdf"
+    alone = [run_dir for run_dir in run_dirs if is_standalone(run_dir)]
+    if compare and alone:
+        rule = "is the folder of a standalone netem: it has no estimates to compare; tis report makes its own page"
+        raise DataError([Fault(str(run_dir), "", rule) for run_dir in alone])
     if compare:
         code = compare_runs(run_dirs, out, words)
     elif figures is not None:
-        code = draw_figures(run_dirs[0], figures, form, words)
-    elif is_standalone(run_dirs[0]):
+        code = (figures_of_netem if alone else draw_figures)(run_dirs[0], figures, form, words)
+    elif alone:
         code = report_of_netem(run_dirs[0], words)
     else:
         code = report_again(run_dirs[0], words)

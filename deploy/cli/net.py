@@ -36,7 +36,8 @@ def profiles(
 @app.command(example="tis net stages delay")
 def stages(
     name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="A stage to explain, or rules, outages, states, timeline.")
+        str | None,
+        typer.Argument(metavar="NAME", help="A stage to explain, or rules, outages, steps, states, timeline."),
     ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="PAGE.md", help="Write the whole reference as a page.")

@@ -3,11 +3,11 @@
 import csv
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from rich.console import Console
@@ -26,53 +26,86 @@ _CSV_ROWS: Final = 65_536
 _README: Final = "README.md"
 
 
-def export_run(
-    run_dir: Path, out_dir: Path, as_csv: bool, as_parquet: bool, as_jigsaws: bool, out: Console, err: Console
+class Formats(NamedTuple):
+    """What is written: tables as text and as Parquet, and trials of JIGSAWS."""
+
+    csv: bool
+    parquet: bool
+    jigsaws: bool
+
+
+class Exported(NamedTuple):
+    """What is written of a folder: the ``title`` of its README.md, tables, and files by their path and text.
+
+    ``problems`` has a sentence for each missing or damaged log.
+    """
+
+    title: str
+    problems: Sequence[str]
+    tables: Iterable[tuple[str, Pieces]]
+    files: Iterable[tuple[Path, str]] = ()
+
+
+def export_run(run_dir: Path, out_dir: Path, formats: Formats, out: Console, err: Console) -> int:
+    """Write the requested formats of a run as `export` does; raises `DataError` when the run cannot be read."""
+
+    def read() -> Exported:
+        run = load(run_dir)
+        title = f"Run of {run.scenario.name}, seed {run.scenario.seed}"
+        return Exported(title, run.problems, tables(run), _trials(run) if formats.jigsaws else ())
+
+    return export(run_dir, out_dir, formats, read, out, err)
+
+
+def _trials(run: Run) -> Iterator[tuple[Path, str]]:
+    topics = RunTopics.of(run.scenario, {model.hand: model.arm for model in models_in(run.logs)})
+    yield from jigsaws_files(run.run_dir, run.scenario, topics)
+
+
+def export(
+    run_dir: Path, out_dir: Path, formats: Formats, read: Callable[[], Exported], out: Console, err: Console
 ) -> int:
-    """Write the requested formats into a new or empty folder and print the files.
+    """Write what ``read`` returns into a new or empty folder and print the files.
 
     Its README.md explains columns and trials. Returns `EXIT_LOSSY_RECOVERY` when a log is missing or damaged. Raises
-    `InputError` without pyarrow or for a folder with content, `DataError` when the run cannot be read.
+    `InputError` without pyarrow or for a folder with content.
     """
-    if as_parquet and find_spec("pyarrow") is None:
+    if formats.parquet and find_spec("pyarrow") is None:
         raise InputError(Fault("tis export", "--parquet", f"needs pyarrow: {GET_PARQUET}"))
     if out_dir.exists() and (not out_dir.is_dir() or any(out_dir.iterdir())):
         rule = "must be a new or an empty folder: give --csv, --parquet and --jigsaws at once, or choose --out"
         raise InputError(Fault(str(out_dir), "", rule))
-    run = load(run_dir)
+    exported = read()
     try:
-        files = _write(run, out_dir, as_csv, as_parquet, as_jigsaws)
+        files = _write(exported, out_dir, formats)
     except OSError as error:
         raise DataError(Fault(str(out_dir), "", f"cannot be written: {error.strerror}")) from None
     for file in files:
         size_kb = (out_dir / file).stat().st_size / 1000
         out.print(escape(f"{out_dir / file}  {size_kb:.0f} kB"), soft_wrap=True)
-    for problem in run.problems:
+    for problem in exported.problems:
         err.print(escape(f"tis: {run_dir}: {problem}; the rest was exported"), style="red", soft_wrap=True)
-    return EXIT_LOSSY_RECOVERY if run.problems else EXIT_OK
+    return EXIT_LOSSY_RECOVERY if exported.problems else EXIT_OK
 
 
-def _write(run: Run, out_dir: Path, as_csv: bool, as_parquet: bool, as_jigsaws: bool) -> list[Path]:
+def _write(exported: Exported, out_dir: Path, formats: Formats) -> list[Path]:
     """Write all files or none; return their paths below ``out_dir``."""
     out_dir.parent.mkdir(parents=True, exist_ok=True)
     # built beside the target and renamed at the end, so that an export is complete or absent
     partial = Path(tempfile.mkdtemp(dir=out_dir.parent, prefix=".export-"))
     try:
         writers: dict[str, Callable[[Path, Pieces], tuple[str, ...]]] = {}
-        writers |= {".csv": write_csv} if as_csv else {}
-        writers |= {".parquet": write_parquet} if as_parquet else {}
+        writers |= {".csv": write_csv} if formats.csv else {}
+        writers |= {".parquet": write_parquet} if formats.parquet else {}
         columns: dict[str, tuple[str, ...]] = {}
         if writers:
-            for name, pieces in tables(run):
+            for name, pieces in exported.tables:
                 for suffix, write in writers.items():
                     columns[name] = write(partial / f"{name}{suffix}", pieces)
-        if as_jigsaws:
-            topics = RunTopics.of(run.scenario, {model.hand: model.arm for model in models_in(run.logs)})
-            for path, text in jigsaws_files(run.run_dir, run.scenario, topics):
-                (partial / path).parent.mkdir(parents=True, exist_ok=True)
-                (partial / path).write_text(text, encoding="utf-8")
-        title = f"Run of {run.scenario.name}, seed {run.scenario.seed}"
-        text = readme(title, run.problems, columns, tuple(writers), as_jigsaws)
+        for path, text in exported.files:
+            (partial / path).parent.mkdir(parents=True, exist_ok=True)
+            (partial / path).write_text(text, encoding="utf-8")
+        text = readme(exported.title, exported.problems, columns, tuple(writers), formats.jigsaws)
         (partial / _README).write_text(text, encoding="utf-8")
         files = sorted(path.relative_to(partial) for path in partial.rglob("*") if path.is_file())
         partial.chmod(0o755)  # mkdtemp makes a private folder

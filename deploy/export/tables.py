@@ -3,7 +3,7 @@
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,12 @@ def tables(run: Run) -> Iterator[tuple[str, Pieces]]:
     for name, make in _WHOLE.items():
         if len(next(iter(make(run).values()), ())):
             yield name, [partial(make, run)]
-    for name, pieces in _in_pieces(run):
+    yield from tables_of_logs(run.logs)
+
+
+def tables_of_logs(logs: RunLogs) -> Iterator[tuple[str, Pieces]]:
+    """Yield name and content of each table of records as they are logged."""
+    for name, pieces in _in_pieces(logs):
         if pieces:
             yield name, pieces
 
@@ -60,16 +65,15 @@ def _ages(run: Run) -> Columns:
 _WHOLE: Final = {"tracks": _tracks, "truth": _truth, "ticks": _ticks, "ages": _ages}
 
 
-def _in_pieces(run: Run) -> Iterator[tuple[str, Pieces]]:
+def _in_pieces(logs: RunLogs) -> Iterator[tuple[str, Pieces]]:
     """Yield the large tables with their non-empty pieces."""
-    logs = run.logs
     messages = [(side, key, frame) for side, log in logs.sides.items() for key, frame in log.messages.items()]
     yield "messages", [partial(_messages, *each) for each in messages if len(each[2])]
     for name, of, coded, texts in (
         ("fates", fates_by_key, "outcome", OUTCOMES),
         ("releases", releases_by_key, "departure", DEPARTURES),
     ):
-        packets = [(way, key) for way in run.fates for key, frame in of(logs, way).items() if len(frame)]
+        packets = [(way, key) for way in get_args(Direction) for key, frame in of(logs, way).items() if len(frame)]
         yield name, [partial(_packets, logs, of, way, key, coded, texts) for way, key in packets]
     frequent: defaultdict[str, list[Callable[[], Columns]]] = defaultdict(list)
     for side, log in logs.sides.items():

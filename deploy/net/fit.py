@@ -101,7 +101,8 @@ def profile_of(name: str, of: Records, fits: Fits, unfitted: Sequence[tuple[Dire
         found = fit.network(*fits) if together else fit.network(direction)
         n_outages = len(network.get("outages", []))
         outages = [*network.get("outages", []), *found.get("outages", [])]
-        network |= found | ({"outages": outages} if outages else {})
+        steps = [*network.get("steps", []), *found.get("steps", [])]
+        network |= found | ({"outages": outages} if outages else {}) | ({"steps": steps} if steps else {})
         source = "record" if together else f"record_{direction}"
         sources[source] = _origin(of[direction], fit)
         where = "*" if together and len(fits) > 1 else direction
@@ -112,6 +113,9 @@ def profile_of(name: str, of: Records, fits: Fits, unfitted: Sequence[tuple[Dire
         for note in _notes_of_outages(fit):
             numbers.append({"of": f"outages.{n_outages}", "source": source, "basis": "fitted", "note": note})
             n_outages += 1
+        if fit.steps is not None:
+            note = f"{len(fit.steps.values_ms)} values of 0 to {fit.steps.values_ms.max():.4g} ms"
+            numbers.append({"of": f"steps.{len(steps) - 1}", "source": source, "basis": "fitted", "note": note})
         if fit.states is not None:
             numbers.append({"of": "states", "source": source, "basis": "fitted", "note": fit.states.note})
     raw = {
@@ -179,8 +183,8 @@ def cautions(fit: DirectionFit) -> list[str]:
     if ends is not None and ends[1] > _MAX_INTERVAL_RATIO * ends[0]:
         found.append(f"the half-life is between {ends[0]:.2g} and {ends[1]:.2g} s: measure longer")
     found += [
-        f"{one.name} does not close: {one.record:.4g} in the record, {one.low:.4g} to {one.high:.4g} in the middle "
-        f"95 % of {fit.n_replays} replays"
+        f"{one.name} does not close: {one.record:.4g} in the record and {one.mean:.4g} in the mean of "
+        f"{fit.n_replays} replays; of 100 further records 95 are expected within {one.low:.4g} to {one.high:.4g}"
         for one in fit.closures
         if not one.closes
     ]
@@ -188,9 +192,9 @@ def cautions(fit: DirectionFit) -> list[str]:
 
 
 def _replayed(fit: DirectionFit) -> str:
-    """Return what replays of a fit have in common with the record, for the profile."""
+    """Return what the record was, and further ones are expected to be, for the profile."""
     each = (f"{one.name}: {one.record:.4g} ({one.low:.4g} to {one.high:.4g})" for one in fit.closures)
-    return f"Record, and middle 95 % of {fit.n_replays} replays: {'; '.join(each)}."
+    return f"Record, and where 95 of 100 further records of its length are expected: {'; '.join(each)}."
 
 
 def _remarks(fits: Fits, together: bool) -> str:
@@ -238,6 +242,7 @@ def plain(fits: Fits) -> dict[str, Any]:
             "stalls": None if fit.stalls is None else fit.stalls.process,
             "stall_lengths_s": [] if fit.stalls is None else fit.stalls.lengths_s.tolist(),
             "backlogs": None if fit.backlogs is None else _backlogs_of(fit.backlogs),
+            "steps": None if fit.steps is None else fit.steps.process,
             "states": None if fit.states is None else fit.states.network(direction),
             "n_replays": fit.n_replays,
             "closures": [{**one._asdict(), "closes": one.closes} for one in fit.closures],

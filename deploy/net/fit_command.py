@@ -90,6 +90,12 @@ def print_structure(fits: Mapping[Direction, DirectionFit], out: Console) -> Non
             _print_outages("stalls", "delays", fit.stalls.process, fit.stalls.lengths_s, out)
         if fit.backlogs is not None:
             _print_backlogs(fit.backlogs, out)
+        if fit.steps is not None:
+            values_ms, every_s = fit.steps.values_ms, fit.steps.process["every_s"]
+            words = (
+                f"{len(values_ms)} values of 0 to {values_ms.max():.4g} ms, taken out before the delays were fitted"
+            )
+            out.print(f"steps: every {every_s:g} s, {words}", soft_wrap=True)
         if fit.states is not None:
             _print_states(fit.states, out)
         if fit.closures:
@@ -132,7 +138,8 @@ def _print_replays(fit: DirectionFit, out: Console) -> None:
     for one in fit.closures:
         closes = "yes" if one.closes else Cell("no", "bold red")
         rows.append((one.name, f"{one.record:.4g}", f"{one.mean:.4g}", f"{one.low:.4g} to {one.high:.4g}", closes))
-    columns = (f"{fit.n_replays} replays", "record", "mean", "middle 95 %", Column("closes", words=True))
+    n = f"{fit.n_replays} replays"
+    columns = (n, "record", "mean", "95 % of further ones", Column("closes", words=True))
     out.print(Table("", columns, rows).terminal(PLAIN))
 
 

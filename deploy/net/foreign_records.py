@@ -10,6 +10,8 @@ import json
 import re
 from collections import defaultdict, deque
 from collections.abc import Iterator
+from contextlib import suppress
+from datetime import UTC, datetime
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
@@ -21,7 +23,7 @@ from tis.common.errors import DataError, Fault
 from tis.common.extras import GET_PCAP
 from tis.common.runtime.scenario_files import read_limited
 from tis.common.trace import LOST, MAX_DELAY_NS, Trace
-from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.common.units import NS_PER_MS, NS_PER_S, NS_PER_US
 
 _PING: Final = re.compile(
     r"^(?:\[(?P<at>\d{1,12}\.\d{1,9})\] )?\d{1,6} bytes from .{1,200}? ?icmp_seq=(?P<seq>\d{1,9}) .{0,40}?"
@@ -39,9 +41,13 @@ _ROUND_TRIPS: Final = {
     "time": 1e6,
 }
 _SENT: Final = {"sent_s": 1e9, "time_s": 1e9, "timestamp": 1e9, "sent_ms": 1e6, "sent_ns": 1.0}
+_DATES: Final = ("sent", "sent_at", "datetime", "date", "time")
+"""Further columns of send times, in ISO 8601 only; those of `_SENT` may have it, too."""
+
 _HEAD: Final = re.compile(r"^(?!#)[^\n]*\S[^\n]*$", re.MULTILINE)
 _MAX_GAP: Final = 1_000_000
 _WRAP: Final = 65_536
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 
 Row = tuple[int, float | None, float | None]
 """Number of a request, when it was sent in ns, and its round trip in ns; None: unknown, or lost."""
@@ -123,9 +129,9 @@ def _csv(text: str, where: str) -> list[Row] | None:
     if trip is None:
         return None
     number = next((name for name in _NUMBERS if name in names), None)
-    sent = next((name for name in _SENT if name in names and name != trip), None)
+    sent = next((name for name in (*_SENT, *_DATES) if name in names and name != trip), None)
     if number is None and sent is None:
-        rule = f"must have a column {', '.join(_NUMBERS)} or {', '.join(_SENT)} beside {trip}"
+        rule = f"must have a column {', '.join(_NUMBERS)} or {', '.join((*_SENT, *_DATES))} beside {trip}"
         raise DataError(Fault(where, "", rule))
     rows: list[Row] = []
     try:
@@ -136,13 +142,24 @@ def _csv(text: str, where: str) -> list[Row] | None:
             rows.append(
                 (
                     place if number is None else int(row[number]),
-                    None if sent is None else _finite(row[sent]) * _SENT[sent],
+                    None if sent is None else _instant_ns(row[sent], _SENT.get(sent)),
                     _finite(value) * _ROUND_TRIPS[trip] if value else None,
                 )
             )
     except (ValueError, KeyError, csv.Error, OverflowError):
-        raise DataError(Fault(where, f"row {len(rows) + 1}", "must have numbers in its columns")) from None
+        rule = "must have numbers in its columns, or a time in ISO 8601"
+        raise DataError(Fault(where, f"row {len(rows) + 1}", rule)) from None
     return rows
+
+
+def _instant_ns(text: str, unit_ns: float | None) -> float:
+    """Return an instant in ns from a number in a unit, or from a time in ISO 8601, without a zone of UTC."""
+    with suppress(ValueError):
+        if unit_ns is not None:
+            return _finite(text) * unit_ns
+    found = datetime.fromisoformat(text)
+    since = (found if found.tzinfo else found.replace(tzinfo=UTC)) - _EPOCH
+    return float((since.days * 86_400 + since.seconds) * NS_PER_S + since.microseconds * NS_PER_US)
 
 
 def _finite(text: str) -> float:

@@ -60,7 +60,7 @@ def sections() -> list[Section]:
     more = {name: of for name, of in change.items() if name not in pipeline}
     words = "What a state or an entry of the timeline may set beside the stages above."
     found.append(Section("change", words, (Kind("", tuple(_parameters(more, (), parts))),)))
-    living = ("rules", "outages", "states", "timeline", "buffer", "unmatched")
+    living = ("rules", "outages", "steps", "states", "timeline", "buffer", "unmatched")
     return [*found, *(_section(name, schema["properties"][name], parts) for name in living)]
 
 
@@ -164,6 +164,8 @@ rules:                        # keys with a pipeline of their own; the most spec
   - {key: demo/alarm, direction: both, pipeline: {}}       # nothing happens to it
 outages:                      # half a second every 30 s, both ways
   - {kind: periodic, every_s: 30, for_s: 0.5}
+steps:                        # up to 20 ms more, another value every 15 s, both ways
+  - {every_s: 15, delay: {kind: uniform, low_ms: 0, high_ms: 20}}
 states:                       # conditions that change delay, loss and rate together
   kind: markov
   states:

@@ -1,10 +1,10 @@
 """`tis report`: pages and figures of run folders, of one run or of several."""
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from rich.console import Console
 from rich.markup import escape
@@ -19,6 +19,9 @@ from tis.deploy.report.summarise import summary_of
 from tis.deploy.report.summary import readable, summary_in
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.early_checks import can_report
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 COMPARED_FILE: Final = Path("compare.html")
 _PAGES: Final = (".html", ".htm")
@@ -96,20 +99,38 @@ def _print_problems(problems: Sequence[str], out: Console) -> int:
 def draw_figures(run_dir: Path, into: Path, file_format: str, out: Console) -> int:
     """Write a run's figures for papers into a folder, which is created if needed.
 
-    Raises `InputError` for an unknown format or without matplotlib, `DataError` as `report_again` does.
+    Raises as `write_figures` does, and `DataError` as `report_again` does.
+    """
+
+    def draw() -> tuple[dict[str, "Figure"], Sequence[str]]:
+        from tis.deploy.report.publication.run_figures import paper_figures
+
+        run = read_run(run_dir)
+        with readable(run_dir / folder.SUMMARY_FILE):
+            return paper_figures(run), run.logs.problems()
+
+    return write_figures(run_dir, draw, into, file_format, out)
+
+
+def write_figures(
+    run_dir: Path,
+    draw: Callable[[], tuple[Mapping[str, "Figure"], Sequence[str]]],
+    into: Path,
+    file_format: str,
+    out: Console,
+) -> int:
+    """Write the figures that ``draw`` returns, with the problems of the logs, into a folder, created if needed.
+
+    Raises `InputError` for an unknown format or without matplotlib, `DataError` without a figure.
     """
     if find_spec("matplotlib") is None:
         raise InputError(Fault("tis report", "--figures", f"needs matplotlib: {GET_REPORT}"))
     from tis.deploy.report.publication.matplotlib_figures import FORMATS, rendered
-    from tis.deploy.report.publication.run_figures import paper_figures
 
     if file_format not in FORMATS:
         raise InputError(Fault("tis report", "--format", f"must be one of {', '.join(FORMATS)}", file_format))
-    run = read_run(run_dir)
-    with readable(run_dir / folder.SUMMARY_FILE):
-        drawn = {
-            f"{name}.{file_format}": rendered(figure, file_format) for name, figure in paper_figures(run).items()
-        }
+    figures, problems = draw()
+    drawn = {f"{name}.{file_format}": rendered(figure, file_format) for name, figure in figures.items()}
     if not drawn:
         raise DataError(Fault(str(run_dir), "", "its logs hold nothing to draw"))
     # a folder made here is removed again when a figure cannot be written
@@ -125,7 +146,7 @@ def draw_figures(run_dir: Path, into: Path, file_format: str, out: Console) -> i
             shutil.rmtree(into, ignore_errors=True)
         raise
     out.print(escape(f"{len(drawn)} figures in {into}: {', '.join(drawn)}"), soft_wrap=True)
-    return _print_problems(run.logs.problems(), out)
+    return _print_problems(problems, out)
 
 
 def read_run(run_dir: Path) -> RunView:

@@ -1,7 +1,7 @@
 """Commands on the folder of a standalone netem: completion, ``tis summarize``, ``tis report``, ``tis info``."""
 
 from pathlib import Path
-from typing import Final, get_args
+from typing import TYPE_CHECKING, Final, get_args
 
 from rich.console import Console, Group, RenderableType
 from rich.markup import escape
@@ -14,7 +14,11 @@ from tis.common.records import COUNTERS
 from tis.common.runtime.process import command_line
 from tis.common.scenario.network import NetworkPart
 from tis.common.units import NS_PER_S
+from tis.deploy.export.export import Exported, Formats
+from tis.deploy.export.export import export as write_export
+from tis.deploy.export.tables import tables_of_logs
 from tis.deploy.logs.read.packets import link_fates, link_releases
+from tis.deploy.report.command import write_figures
 from tis.deploy.report.section import DirectionName, Section, SideName, means
 from tis.deploy.report.subjects.logs import count_of
 from tis.deploy.report.subjects.network.link_books import against_counters, counted
@@ -30,6 +34,9 @@ from tis.deploy.standalone.standalone_run import NETWORK_FILE, StandaloneRun, lo
 from tis.deploy.tools.info import log_states, print_damage, print_files, states_as_data
 from tis.netem.bridge.standalone import network_yaml
 from tis.netem.expected.figures import direction_label
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 KIND: Final = "standalone netem"
 
@@ -60,7 +67,7 @@ class NetemSummary(Section):
 def netem_summary(run: StandaloneRun, exit_code: int | None) -> NetemSummary:
     """Return the figures of each link with the verdict. Oracle: a real bridge, tests/deploy/standalone."""
     logs, log = run.logs, run.log
-    problems = [f"netem: {text}"] if (text := log.coverage.problem) else []
+    problems = _damage(run)
     links: dict[Direction, Link] = {}
     for direction in get_args(Direction):
         links[direction], faults = link_summary(logs, direction, run.request)
@@ -142,11 +149,39 @@ def report(run_dir: Path, out: Console) -> int:
     path = run_dir / folder.REPORT_FILE
     folder.write(path, report_html(run, _computed(run), manifest.get("versions", {}) | run.versions))
     out.print(escape(f"Report: {path}"), soft_wrap=True)
-    problem = run.log.coverage.problem
-    if problem is None:
-        return EXIT_OK
-    out.print(escape(f"  not valid: netem: {problem}"), style="red", soft_wrap=True)
-    return EXIT_LOSSY_RECOVERY
+    for text in (problems := _damage(run)):
+        out.print(escape(f"  not valid: {text}"), style="red", soft_wrap=True)
+    return EXIT_LOSSY_RECOVERY if problems else EXIT_OK
+
+
+def draw_figures(run_dir: Path, into: Path, file_format: str, out: Console) -> int:
+    """Write the network's figures for papers into a folder, as `tis.deploy.report.command.draw_figures` does."""
+
+    def draw() -> "tuple[dict[str, Figure], list[str]]":
+        from tis.deploy.report.publication.run_figures import network_figures
+
+        run = load_standalone(run_dir)
+        return network_figures(run.logs), _damage(run)
+
+    return write_figures(run_dir, draw, into, file_format, out)
+
+
+def export(run_dir: Path, out_dir: Path, formats: Formats, out: Console, err: Console) -> int:
+    """Write the records as tables, as `tis.deploy.export.export.export` does; trials need surgeon and patient."""
+    if formats.jigsaws:
+        rule = "needs the logs of surgeon and patient: this is the folder of a standalone netem"
+        raise InputError(Fault("tis export", "--jigsaws", rule, str(run_dir)))
+
+    def read() -> Exported:
+        run = load_standalone(run_dir)
+        title = f"netem between two networks, seed {run.request.seed}"
+        return Exported(title, _damage(run), tables_of_logs(run.logs))
+
+    return write_export(run_dir, out_dir, formats, read, out, err)
+
+
+def _damage(run: StandaloneRun) -> list[str]:
+    return [] if run.log.coverage.problem is None else [f"netem: {run.log.coverage.problem}"]
 
 
 def info(run_dir: Path, out: Console, err: Console, as_json: bool = False) -> int:

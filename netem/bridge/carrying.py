@@ -68,7 +68,7 @@ def run_carrying(options: Standalone, status: Status, library: Profiles | None) 
         driver = Driver(links)
         interrupt.wakers.append(driver.wake)
         segment_bytes = _SEGMENT_BYTES if has_rate(network) else _CHUNK_BYTES
-        proxy = Proxy(driver, *ends, backlog, segment_bytes)
+        proxy = Proxy(driver, *ends, backlog, segment_bytes, status.warning)
         driver.also_counts.append(proxy.counters)
         if options.control is not None:
             config = configure("router", replace(options.zenoh, listen=(options.control,)))
@@ -162,9 +162,10 @@ def _shown(address: Address) -> str:
 
 def _bytes_carried(counters: Mapping[str, int]) -> str:
     carried = ", ".join(f"{counters[f'carry.{way}.bytes']} bytes {way}" for way in get_args(Direction))
-    unanswered = counters["carry.unanswered"]
+    unanswered, withdrawn = counters["carry.unanswered"], counters["carry.shared_memory_withdrawn"]
     return f"{counters['carry.connections']} connections, {carried}; each packet above is a piece of a stream" + (
-        f"; {unanswered} connections found nobody at the other end" if unanswered else ""
+        (f"; {unanswered} connections found nobody at the other end" if unanswered else "")
+        + (f"; {withdrawn} offers of shared memory, which passes netem, were withdrawn" if withdrawn else "")
     )
 
 

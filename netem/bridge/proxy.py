@@ -4,7 +4,7 @@ import os
 import selectors
 import socket
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from itertools import count
 from typing import Final
@@ -12,6 +12,7 @@ from typing import Final
 from tis.common.channels import DESTINATION, ORIGIN, Direction, Network
 from tis.common.errors import Fault, PeerError
 from tis.netem.bridge.driver import Driver
+from tis.netem.bridge.handshake import Opening
 from tis.netem.bridge.way import Budget, Segment, Way
 
 _READ, _WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE
@@ -23,7 +24,9 @@ Address = tuple[str, int]
 
 
 class Proxy:
-    """Accepts connections on the one network and continues each on the other; nothing of them is read or changed.
+    """Accepts connections on the one network and continues each on the other.
+
+    Nothing of them is read or changed but an offer of shared memory (`tis.netem.bridge.handshake`).
 
     Parameters
     ----------
@@ -37,14 +40,17 @@ class Proxy:
         Bytes by direction that are taken from the sender of each connection before it has to wait.
     segment_bytes
         The most bytes that cross a link as one packet.
+    warn
+        Reports what may pass netem.
     """
 
     def __init__(
         self, driver: Driver, listen: Address, connect: Address, comes_from: Network,
-        backlog: Mapping[Direction, int], segment_bytes: int,
+        backlog: Mapping[Direction, int], segment_bytes: int, warn: Callable[[str], None],
     ) -> None:  # fmt: skip
         self.n_connections = 0
         self.n_unanswered = 0
+        self.n_withdrawn = 0
         self.n_bytes: dict[Direction, int] = {"forward": 0, "feedback": 0}
         self._driver: Final = driver
         self._listen: Final = listen
@@ -53,6 +59,8 @@ class Proxy:
         self._inwards: Final[Direction] = next(way for way, network in DESTINATION.items() if network == comes_from)
         self._backlog: Final = backlog
         self._segment_bytes = segment_bytes
+        self._warn: Final = warn
+        self._has_warned = False
         self._selector = selectors.DefaultSelector()
         self._rings = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._over = threading.Event()
@@ -60,6 +68,7 @@ class Proxy:
         self._listener: socket.socket | None = None
         self._pairs: list[tuple[Way, Way]] = []
         self._connecting: dict[socket.socket, tuple[Way, Way]] = {}
+        self._openings: dict[Way, Opening] = {}
 
     def open(self) -> None:
         """Listen; raises `PeerError` where that is not possible."""
@@ -85,6 +94,7 @@ class Proxy:
     def counters(self) -> dict[str, int]:
         """Return the counts, by name."""
         counts = {"carry.connections": self.n_connections, "carry.unanswered": self.n_unanswered}
+        counts["carry.shared_memory_withdrawn"] = self.n_withdrawn
         return counts | {f"carry.{direction}.bytes": n for direction, n in self.n_bytes.items()}
 
     def _ring(self) -> None:
@@ -137,6 +147,7 @@ class Proxy:
             outwards = Way(place, self._outwards, ours, theirs, Budget(self._backlog[self._outwards]), self._ring)
             inwards = Way(place, self._inwards, theirs, ours, Budget(self._backlog[self._inwards]), self._ring)
             self._pairs.append((outwards, inwards))
+            self._openings[outwards] = Opening()
             self._connecting[theirs] = self._pairs[-1]
             theirs.connect_ex(self._connect)
             self._selector.register(theirs, _WRITE)
@@ -159,9 +170,30 @@ class Proxy:
             self._offer(way, Segment(way, b"", aborts=True))
             return
         way.has_read_all = not data
+        data = self._without_shared_memory(way, back, data)
         way.budget.take(len(data))
         self.n_bytes[way.direction] += len(data)
-        self._offer(way, Segment(way, data))
+        if data:
+            self._offer(way, Segment(way, data))
+        if way.has_read_all:
+            self._offer(way, Segment(way, b""))
+
+    def _without_shared_memory(self, way: Way, back: Way, data: bytes) -> bytes:
+        """Return what may go on of the bytes read: of the first message of a connection nothing, or the whole."""
+        opening = self._openings.get(way)
+        if opening is None:
+            return data
+        data = opening.take(data)
+        if data or way.has_read_all:
+            del self._openings[way]
+            self.n_withdrawn += opening.withdrawn
+            if opening.encrypted and _is_local(way.source) and _is_local(back.source) and not self._has_warned:
+                self._has_warned = True
+                self._warn(
+                    "an encrypted connection joins two programs of this machine: if both use shared memory, their "
+                    "messages pass netem; switch off transport/shared_memory/enabled in one of them"
+                )
+        return data
 
     def _offer(self, way: Way, segment: Segment) -> None:
         fate = self._driver.offer(way.direction, way.name, b"", len(segment.data), segment)
@@ -193,7 +225,15 @@ class Proxy:
     def _end(self, pair: tuple[Way, Way]) -> None:
         self._pairs.remove(pair)
         for way in pair:
+            self._openings.pop(way, None)
             self._connecting.pop(way.source, None)
             with suppress(KeyError, ValueError):
                 self._selector.unregister(way.source)
             way.source.close()
+
+
+def _is_local(connection: socket.socket) -> bool:
+    """Tell whether a connection ends on this machine; False when it has ended."""
+    with suppress(OSError):
+        return bool(connection.getpeername()[0] == connection.getsockname()[0])
+    return False

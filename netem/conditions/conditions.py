@@ -1,4 +1,4 @@
-"""The conditions of one direction by run time: outages, joint states, the timeline, changes added during the run.
+"""The conditions of one direction by run time: outages, steps, joint states, the timeline, changes during the run.
 
 The state's change comes first, then the timeline's entries in order, then the added ones. Stage by stage the last one
 wins; factors multiply, additions add, additional losses are independent. Conditions apply to packets when they are
@@ -16,6 +16,7 @@ from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.units import ms_to_ns
 from tis.netem.conditions.outage import Outage, outages_of
 from tis.netem.conditions.states import NO_STATE, StatePath
+from tis.netem.conditions.steps import StepPath, steps_of
 from tis.netem.conditions.timeline import STAGES, Segment, Timeline
 from tis.netem.draws.grid import CELL_NS, LAST_CELL, cell_of
 
@@ -71,6 +72,7 @@ class _Found(NamedTuple):
     outage: bool
     stall: bool
     segment: Segment
+    step_ns: int
 
 
 class Conditions:
@@ -82,12 +84,14 @@ class Conditions:
         states: StatePath | None,
         state_changes: Sequence[Change],
         timeline: Timeline,
+        steps: Sequence[StepPath] = (),
     ) -> None:
         self._outages: Final = tuple(outages)
         self._states: Final = states
         self._state_changes: Final = tuple(state_changes)
         self._state_stages: Final = [_stages_given([change]) for change in state_changes]
         self._timeline: Final = timeline
+        self._steps: Final = tuple(steps)
         self._tuples: dict[Change, tuple[Change, ...]] = {}
         self._replaced: tuple[int, Segment | None, tuple[Change, ...]] = (NO_STATE, None, ())
         self._held = self._condition(0)
@@ -101,13 +105,14 @@ class Conditions:
             None if states is None else StatePath.of(states, seed),
             () if states is None else [getattr(state, direction) for state in states.states],
             Timeline(network.timeline, direction),
+            steps_of(network.steps, direction, seed),
         )
 
     @property
     def is_constant(self) -> bool:
         """Tell whether there is only one condition."""
         stays = self._states is None or self._states.at(0).end == LAST_CELL
-        return stays and not self._outages and self._timeline.is_empty
+        return stays and not self._outages and not self._steps and self._timeline.is_empty
 
     def at(self, now_ns: int) -> Condition:
         """Return the condition at ``now_ns``; before the run it is the one of the first ms.
@@ -184,17 +189,22 @@ class Conditions:
             begin, end = max(begin, stretch.begin), min(end, stretch.end)
             if stretch.value == 1:
                 outage, stall = outage or not process.stalls, stall or process.stalls
-        return _Found(begin, end, state, outage, stall, segment)
+        step_ns = 0
+        for steps in self._steps:
+            stretch = steps.at(cell)
+            begin, end, step_ns = max(begin, stretch.begin), min(end, stretch.end), step_ns + stretch.value
+        return _Found(begin, end, state, outage, stall, segment, step_ns)
 
     def _condition(self, cell: int) -> Condition:
-        begin, end, state, outage, stall, segment = self._find(cell)
+        begin, end, state, outage, stall, segment, step_ns = self._find(cell)
         if segment.moves:  # in a ramp every cell is a condition of its own
             begin, end = cell, cell + 1
-        scale, scale_rate, add_ns, p_loss = 1.0, 1.0, 0, 0.0
+        scale, scale_rate, add_ns, p_loss = 1.0, 1.0, step_ns, 0.0
         if state != NO_STATE:
             change = self._state_changes[state]
             scale_rate = change.scale_rate
-            scale, add_ns, p_loss = change.scale_delay, ms_to_ns(change.add_delay_ms), change.add_p_loss
+            scale, p_loss = change.scale_delay, change.add_p_loss
+            add_ns += ms_to_ns(change.add_delay_ms)
         for window in segment.modulating:
             change, strength = window.change, window.strength(cell)
             scale *= 1.0 - strength + strength * change.scale_delay

@@ -21,6 +21,7 @@ from tis.common.units import NS_PER_MS
 from tis.netem.conditions.conditions import merged
 from tis.netem.conditions.outage import outage_share
 from tis.netem.conditions.states import state_shares
+from tis.netem.conditions.steps import levels_ms
 from tis.netem.stages.delay import LatencyModel, latency_of
 from tis.netem.stages.loss import expected_loss
 
@@ -76,7 +77,8 @@ def direction_figures(
     if total == 0:
         return DirectionFigures(*_NOTHING_ARRIVES, 0.0, 0.0, 100.0, 100 * stall)
     loss = sum(regime.share * regime.p_loss for regime in up) / total
-    burst = up[0].mean_burst if len(up) == 1 else (0.0 if loss == 0 else None)
+    bursts = {regime.mean_burst for regime in up} if network.states is None else {None}
+    burst = bursts.pop() if len(bursts) == 1 and (loss > 0 or network.states is None) else 0.0
     arriving = [(regime.share * (1 - regime.p_loss), regime) for regime in up]
     return DirectionFigures(*_delays(arriving), 100 * loss, burst, 100 * outage, 100 * stall)
 
@@ -100,7 +102,11 @@ def _regimes(network: NetworkPart, direction: Direction, traces: Mapping[str, Tr
         p_loss = 1 - (1 - own.p_loss) * (1 - change.add_p_loss)
         burst = own.mean_burst if change.add_p_loss == 0 else None
         latency = latency_of(stages, traces)
-        up.append(_Regime(share, latency, change.scale_delay, change.add_delay_ms, p_loss, burst))
+        levels = levels_ms(network.steps, direction)
+        up += [
+            _Regime(share / len(levels), latency, change.scale_delay, change.add_delay_ms + level, p_loss, burst)
+            for level in levels.tolist()
+        ]
     return up, p_out
 
 
@@ -177,6 +183,7 @@ def _words(network: NetworkPart, direction: Direction, traces: Mapping[str, Trac
         words.append(f"stalls {of.stall_pct:.3g} % of the time")
     words += [name for name in _BY_NAME if any(getattr(part, name) is not None for part in (pipeline, *changes))]
     words += _rates(pipeline, changes)
+    words += [f"steps every {of.every_s:g} s" for of in network.steps if of.direction in (direction, "both")]
     words += [*_states(network), *_timeline(network, direction), *_rules(network, direction)]
     return ", ".join(words) or "nothing injected"
 

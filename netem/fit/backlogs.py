@@ -33,7 +33,9 @@ _SAME_HEIGHT: Final = 0.05
 _MIN_FULL: Final = 3
 _FULL_SHARE: Final = 0.2
 _MIN_LOAD: Final = 0.02
+_MANY: Final = 1_000_000
 _CROSS_MS: Final = 2.0
+_BY_BYTES: Final = 2.0
 _SMOOTHED: Final = 9
 _MS_PER_S: Final = 1000.0
 _rounded: Final = partial(rounded, digits=6)
@@ -93,8 +95,12 @@ def find_backlogs(trace: Trace) -> Backlogs | None:
     for first, stop in spans:
         within[received[first] : received[stop - 1] + 1] = True
     rising, falling = (float(np.median([getattr(each, name) for each in found])) for name in ("rising", "falling"))
-    stage = _stage(trace, found, rising, falling)
+    lost_s = (trace.sent_ns[trace.delay_ns < 0] - trace.sent_ns[0]) / NS_PER_S
     highest_ms = float(np.median([each.highest_ms for each in found]))
+    full_ms = (1 - _TOP) * highest_ms
+    n_lost = int(np.count_nonzero(np.interp(lost_s, sent_s, wait_ms) >= full_ms))
+    p_lost = n_lost / max(n_lost + int(np.count_nonzero(wait_ms >= full_ms)), 1)
+    stage = _stage(trace, found, rising, falling, p_lost)
     return Backlogs(stage, within, len(found), rising, falling, highest_ms)
 
 
@@ -129,7 +135,8 @@ def _ramps(at_s: Floats, wait_ms: Floats) -> _Ramps | None:
     return _Ramps(rising, min(falling, 1.0), highest_ms, float(at_s[top[-1]] - at_s[0]), float(at_s[0]))
 
 
-def _stage(trace: Trace, found: list[_Ramps], rising: float, falling: float) -> dict[str, Any]:
+def _stage(trace: Trace, found: list[_Ramps], rising: float, falling: float, p_lost: float) -> dict[str, Any]:
+    """Return the stage; ``p_lost`` is the share of messages that were lost while the queue was about full."""
     interval_s = float(np.median(np.diff(trace.sent_ns))) / NS_PER_S
     own_kbit_s = MESSAGE_BYTES / 125 / interval_s
     kbit_s = own_kbit_s / max(1.0 - falling, _MIN_LOAD)
@@ -143,11 +150,16 @@ def _stage(trace: Trace, found: list[_Ramps], rising: float, falling: float) -> 
     at_top = heights_ms >= (1 - _SAME_HEIGHT) * heights_ms.max()
     stage: dict[str, Any] = {"kbit_s": _rounded(kbit_s)}
     if at_top.sum() >= max(_MIN_FULL, _FULL_SHARE * len(found)):  # chance does not end so many at one height
-        # in packets, not bytes: a queue that is full for long messages would still take short ones
+        # A full queue that counts packets drops what is beyond the rate, the record's messages as well; one that
+        # counts bytes still takes a message as short as these where a long one finds no room.
         n_per_s = 125 * (own_kbit_s / MESSAGE_BYTES + cross_kbit_s / cross_bytes)
         waiting_bytes = float(np.median(heights_ms[at_top])) / _MS_PER_S * kbit_s * 125
         n_waiting = waiting_bytes * n_per_s / (125 * (own_kbit_s + cross_kbit_s))
-        stage["queue"] = {"kind": "tail_drop", "max_packets": max(1, round(n_waiting))}
+        if p_lost < rising / (1 + rising) / 2:
+            cross_bytes = min(round(_BY_BYTES * cross_bytes), 65_535)  # the longer, the fewer short ones are dropped
+            stage["queue"] = {"kind": "tail_drop", "max_packets": _MANY, "max_bytes": round(waiting_bytes)}
+        else:
+            stage["queue"] = {"kind": "tail_drop", "max_packets": max(1, round(n_waiting))}
     stage["cross"] = {
         "kind": "on_off",
         "kbit_s": _rounded(cross_kbit_s),

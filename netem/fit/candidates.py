@@ -15,10 +15,11 @@ from tis.netem.fit.closure import Closure, closures, replay, replays
 from tis.netem.fit.cycle import Cycle, fit_cycle
 from tis.netem.fit.direction import DirectionFit, FittedState, JointStates, change_of, earlier, fit_direction
 from tis.netem.fit.half_life import fit_half_life
-from tis.netem.fit.loss_chain import Bools
+from tis.netem.fit.loss_chain import Bools, loss_stage
 from tis.netem.fit.marginal import MarginalName
 from tis.netem.fit.outages import find_stalls
 from tis.netem.fit.record import DirectionRecord, rounded
+from tis.netem.fit.steps import find_steps
 from tis.netem.fit.switching import fit_switching, successors
 
 REPLAYS: Final = 100
@@ -36,6 +37,7 @@ _COMPLEX: Final = 1.0
 """Cost of a structure that needs states: a statistic that misses by half of the replays' spread, as chance may do."""
 
 _WORST: Final = 3.0
+_BY_QUEUE: Final = 0.3
 
 
 def fit_closing(
@@ -66,8 +68,8 @@ def fit_closing(
 
     Notes
     -----
-    Structures are tried in this order: one regime (with outages and bursts), stalls, backlogs of a queue, a cycle, 2
-    and 3 Markov states. The first that closes is taken. Oracle: records of other processes,
+    Structures are tried in this order: one regime (with outages and bursts), stalls, backlogs of a queue,
+    steps, a cycle, 2 and 3 Markov states. The first that closes is taken. Oracle: records of other processes,
     tests/netem/fit/test_candidates.
     """
     first = fit_direction(record, wanted)
@@ -106,6 +108,7 @@ def _structures(
     more: list[Callable[[], DirectionFit | None]] = [
         lambda: _with_stalls(record, wanted),
         lambda: with_backlogs(record, wanted),
+        lambda: _with_steps(record, wanted),
     ]
     if with_states:
         more += [
@@ -138,7 +141,24 @@ def with_backlogs(record: DirectionRecord, wanted: MarginalName | None) -> Direc
         return None
     rest = replace(record, trace=backlogs.removed_from(record.trace))
     base = fit_direction(rest, wanted, ~backlogs.within)
-    return base._replace(stages={**base.stages, "rate": backlogs.stage}, backlogs=backlogs)
+    fit = base._replace(stages={**base.stages, "rate": backlogs.stage}, backlogs=backlogs)
+    lost = record.trace.delay_ns < 0
+    if "max_bytes" not in backlogs.stage.get("queue", {}) or "loss" in base.stages:
+        return fit
+    # such a queue drops few messages as short as these: what is lost beyond it has another reason
+    by_queue = replay(NetworkPart.model_validate(fit.network("forward")), record.trace, 1, not record.drawn) < 0
+    kept = ~base.outages.within
+    loss = loss_stage(lost[kept], np.diff(np.flatnonzero(kept)) == 1)
+    if loss is None or by_queue.sum() > _BY_QUEUE * lost.sum():
+        return fit
+    return fit._replace(stages={**fit.stages, "loss": loss})
+
+
+def _with_steps(record: DirectionRecord, wanted: MarginalName | None) -> DirectionFit | None:
+    steps = find_steps(record.trace)
+    if steps is None:
+        return None
+    return fit_direction(replace(record, trace=steps.removed_from(record.trace)), wanted)._replace(steps=steps)
 
 
 def _with_cycle(record: DirectionRecord, wanted: MarginalName | None) -> DirectionFit | None:

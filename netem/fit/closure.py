@@ -1,52 +1,36 @@
 """Replays of a fit: the fitted network is simulated at the record's send times, and its statistics are compared."""
 
 from collections.abc import Mapping
-from math import inf, sqrt
+from math import inf
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.metrics.loss import loss_runs
 from tis.common.scenario.network import NetworkPart
 from tis.common.trace import LOST, Trace
-from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.netem.build import build_links
 from tis.netem.conditions.conditions import Conditions
 from tis.netem.draws.blocks import Floats
 from tis.netem.expected.simulate import simulate
 from tis.netem.fit.backlogs import MESSAGE_BYTES
+from tis.netem.fit.prediction import half_widths, interval, resampled, scaled
+from tis.netem.fit.statistics import CENTRES, NAMES, statistics_of
 
-TOLERANCE: Final = 0.1
-MIDDLE: Final = (2.5, 97.5)
+_TOLERANCE: Final = 0.1
+_WITHIN: Final = 0.85
 _NEVER_NS: Final = 2**62
-_FEW: Final = 2.0
-"""Standard errors of the replays' mean that are added to the tolerance."""
-
-LAGS_S: Final = (0.1, 1.0, 10.0)
-_QUANTILES: Final = (5, 50, 95, 99)
-_HIGH_LOSS: Final = 0.2
-_MIN_PAIRS: Final = 30
-_NEAR: Final = 2
-_RESOLVED_MS: Final = 1e-6
-LOSS: Final = "loss, %"
-MEAN: Final = "mean delay, ms"
-QUANTILES: Final = tuple(f"p{q}, ms" for q in _QUANTILES)
-BESIDE: Final = "delay beside losses, ms"
-LONGEST: Final = "longest run of losses"
-HIGH: Final = "seconds above 20 % loss"
-AUTOCORRELATIONS: Final = tuple(f"autocorrelation at {lag:g} s" for lag in LAGS_S)
-NAMES: Final = (LOSS, MEAN, *QUANTILES, *AUTOCORRELATIONS, BESIDE, LONGEST, HIGH)
-CENTRES: Final = frozenset((LOSS, MEAN, *QUANTILES))
-"""Mean and quantiles, which a replay must reproduce to 10 %; the others vary from replay to replay."""
 
 
 class Closure(NamedTuple):
-    """One statistic of the record and of its replays: their mean, and the ends of their middle 95 %.
+    """One statistic of the record, the mean of its replays, and the ends of its prediction interval.
 
-    ``closes``: a mean or a quantile of the record is within 10 % of the replays' mean, as far as two standard errors
-    of that mean can tell; any other statistic is within the middle 95 %. ``severity`` is the miss in units of what is
-    allowed, above 1 where it does not close.
+    A further record of the network, of the same length, lies in the interval in 95 of 100 cases. ``closes``: so do
+    three of four replays, or, of a mean or quantile, the replays' mean is within 10 % of the record. ``severity`` is
+    the miss in units of what is allowed, above 1 where it does not close.
+
+    Of two equal networks a replay lies in the other's interval in three of four cases as long as the record is within
+    2.1 of its own standard deviations, in 96 of 100 records.
     """
 
     name: str
@@ -130,90 +114,21 @@ def closures(trace: Trace, replayed: Floats) -> tuple[Closure, ...]:
     Oracle: values by hand, tests/netem/fit/test_closure.
     """
     found = []
-    for name, record, values in zip(NAMES, statistics_of(trace.sent_ns, trace.delay_ns), replayed.T, strict=True):
+    of_record = statistics_of(trace.sent_ns, trace.delay_ns)
+    reaches = half_widths(of_record, resampled(trace), replayed, len(trace.sent_ns))
+    for number, (name, record, values) in enumerate(zip(NAMES, of_record, replayed.T, strict=True)):
         of = values[~np.isnan(values)]
         if np.isnan(record) or not len(of):
             continue
-        low, high = np.percentile(of, MIDDLE)
-        severity = _severity(name, float(record), of)
-        found.append(Closure(name, float(record), float(of.mean()), float(low), float(high), severity))
+        low, high = interval(name, float(record), float(reaches[number]))
+        away = np.abs(scaled(name, of) - scaled(name, record))
+        severity = _ratio(float(np.quantile(away, _WITHIN)), float(reaches[number]))
+        mean = float(of.mean())
+        if name in CENTRES:
+            severity = min(severity, _ratio(abs(record - mean), _TOLERANCE * abs(record)))
+        found.append(Closure(name, float(record), mean, low, high, severity))
     return tuple(found)
 
 
-def _severity(name: str, record: float, of: Floats) -> float:
-    mean = float(of.mean())
-    if name in CENTRES:
-        allowed = TOLERANCE * abs(record) + _FEW * float(of.std()) / sqrt(len(of))
-        return 0.0 if record == mean else abs(record - mean) / allowed if allowed > 0 else inf
-    low, middle, high = np.percentile(of, [MIDDLE[0], 50, MIDDLE[1]])
-    if low <= record <= high:
-        side = high - middle if record > middle else middle - low
-        return float(abs(record - middle) / side) if side > 0 else 0.0
-    side = high - middle if record > high else middle - low
-    beyond = record - high if record > high else low - record
-    return 1.0 + float(beyond) / max(float(side), 0.02 * abs(record), 1e-9)
-
-
-def statistics_of(sent_ns: NDArray[np.int64], delay_ns: NDArray[np.int64]) -> Floats:
-    """Return the statistics `NAMES` of N messages, nan where they are not defined.
-
-    Parameters
-    ----------
-    sent_ns
-        (N,), not descending.
-    delay_ns
-        (N,), negative where lost.
-
-    Notes
-    -----
-    The autocorrelation is that of the delays of messages that arrived, each with the message sent nearest to the lag
-    after it. Beside losses are the two messages on either side of a run. Oracle: values by hand and numpy's
-    `corrcoef`, tests/netem/fit/test_statistics.
-    """
-    lost = delay_ns < 0
-    delay_ms = np.where(lost, np.nan, delay_ns / NS_PER_MS)
-    arrived = delay_ms[~lost]
-    if not len(arrived):
-        return np.array([100.0] + [np.nan] * (len(NAMES) - 3) + [float(len(lost)), _seconds_of_loss(sent_ns, lost)])
-    return np.array(
-        [
-            100 * float(lost.mean()),
-            float(arrived.mean()),
-            *np.percentile(arrived, _QUANTILES),
-            *(_autocorrelation(sent_ns, delay_ms, lag) for lag in LAGS_S),
-            _beside(delay_ms, lost),
-            float(loss_runs(lost).longest),
-            _seconds_of_loss(sent_ns, lost),
-        ]
-    )
-
-
-def _autocorrelation(sent_ns: NDArray[np.int64], delay_ms: Floats, lag_s: float) -> float:
-    intervals_ns = np.diff(sent_ns)
-    half_ns = float(np.median(intervals_ns)) / 2 if len(intervals_ns) else 0.0
-    if half_ns * 2 > lag_s * NS_PER_S * 1.25:  # the messages are too rare for this lag
-        return float("nan")
-    later = np.searchsorted(sent_ns, sent_ns + (lag_s * NS_PER_S - half_ns))
-    there = np.flatnonzero(later < len(sent_ns))
-    x, y = delay_ms[there], delay_ms[later[there]]
-    near = sent_ns[later[there]] - sent_ns[there] <= lag_s * NS_PER_S + half_ns
-    both = near & ~np.isnan(x) & ~np.isnan(y)
-    x, y = x[both], y[both]
-    if len(x) < _MIN_PAIRS or min(x.std(), y.std()) < _RESOLVED_MS:
-        return float("nan")
-    return float(np.mean((x - x.mean()) * (y - y.mean())) / (x.std() * y.std()))
-
-
-def _beside(delay_ms: Floats, lost: NDArray[np.bool_]) -> float:
-    near = lost.copy()
-    for step in range(1, _NEAR + 1):
-        near[step:] |= lost[:-step]
-        near[:-step] |= lost[step:]
-    near &= ~lost
-    return float(delay_ms[near].mean()) if near.any() else float("nan")
-
-
-def _seconds_of_loss(sent_ns: NDArray[np.int64], lost: NDArray[np.bool_]) -> float:
-    second = (sent_ns - sent_ns[0]) // NS_PER_S
-    _, which = np.unique(second, return_inverse=True)
-    return float(np.count_nonzero(np.bincount(which, lost) > _HIGH_LOSS * np.bincount(which)))
+def _ratio(miss: float, allowed: float) -> float:
+    return 0.0 if miss == 0 else miss / allowed if allowed > 0 else inf

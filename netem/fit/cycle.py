@@ -57,7 +57,7 @@ def fit_cycle(trace: Trace) -> Cycle | None:
     if sent_s[-1] < _MIN_CYCLES * _MIN_PERIOD_S or sent_s[-1] / width_s > _MAX_BINS:
         return None
     channels = _channels(trace, sent_s, width_s)
-    found = [(channel, *_period(channel, width_s)) for channel in channels]
+    found = [(channel, *period_of(channel, width_s)) for channel in channels]
     channel, period_s, score = max(found, key=lambda one: one[2])
     if score < _MIN_SCORE:
         return None
@@ -99,7 +99,7 @@ def _channels(trace: Trace, sent_s: Floats, width_s: float) -> list[Floats]:
     return [channel - channel.mean() for channel in (scores, scores - trend, sharp, losses)]
 
 
-def _period(channel: Floats, width_s: float) -> tuple[float, float]:
+def period_of(channel: Floats, width_s: float) -> tuple[float, float]:
     """Return the best period in s and its score, the mean autocorrelation at its multiples."""
     n = len(channel)
     power = np.abs(np.fft.rfft(channel, 2 * n)) ** 2

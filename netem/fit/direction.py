@@ -16,6 +16,7 @@ from tis.netem.fit.loss_chain import Bools, loss_stage
 from tis.netem.fit.marginal import Marginal, MarginalName, fit_marginal, quantile_table
 from tis.netem.fit.outages import FoundOutages, FoundStalls, find_outages
 from tis.netem.fit.record import DirectionRecord, Spread, rounded
+from tis.netem.fit.steps import FoundSteps
 
 _ALWAYS: Final = 0.98
 _CERTAIN: Final = 3.0
@@ -99,8 +100,8 @@ class DirectionFit(NamedTuple):
 
     ``steady`` is the reason why the delay counts as constant, else empty. ``left_out`` is the record's. ``outages``
     were found in the record and taken out before the losses were fitted; ``states`` are joint states of delay and
-    loss, as in a scenario but with a single ``change`` each, or None. ``stalls`` and ``backlogs`` are waits that were
-    found in the record and taken out before the delays were fitted, or None.
+    loss, as in a scenario but with a single ``change`` each, or None. ``stalls``, ``backlogs`` and ``steps`` are
+    waits that were found in the record and taken out before the delays were fitted, or None.
     """
 
     stages: dict[str, Any]
@@ -117,6 +118,7 @@ class DirectionFit(NamedTuple):
     states: JointStates | None = None
     stalls: FoundStalls | None = None
     backlogs: Backlogs | None = None
+    steps: FoundSteps | None = None
     closures: tuple[Closure, ...] = ()
     n_replays: int = 0
 
@@ -127,6 +129,8 @@ class DirectionFit(NamedTuple):
         processes = (self.outages.process, None if self.stalls is None else self.stalls.process)
         if outages := [{**process, **way} for process in processes if process is not None]:
             found["outages"] = outages
+        if self.steps is not None:
+            found["steps"] = [{**self.steps.process, **way}]
         if self.states is not None:
             found["states"] = self.states.network(*directions)
         return found

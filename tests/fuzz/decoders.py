@@ -23,6 +23,7 @@ from tests.deploy.net.test_foreign_records import frame
 from tests.deploy.recordings_import.foreign_files import STORE, json_mcap, ros_mcap, ros_messages
 from tests.fuzz.host_decoders import HOST_DECODERS
 from tests.fuzz.scratch_folder import scratch_folder
+from tests.netem.bridge.test_handshake import OFFER
 from tests.netem.control.test_control import a_control
 from tests.patient_side.identification.test_model_file import model
 from tests.patient_side.learned.models import learned_model
@@ -84,6 +85,7 @@ from tis.deploy.recordings_import.trajectories import form_of, read_trajectory
 from tis.deploy.shell.run_dir import read_json
 from tis.deploy.tools.certificates import certificates, new_authority
 from tis.deploy.tools.runs import Wanted, list_runs
+from tis.netem.bridge.handshake import Opening
 from tis.netem.control.control import Control
 from tis.patient_side.identification.model_file import dump_models, parse_models
 from tis.patient_side.safety.emergency_stop import EmergencyStops
@@ -385,6 +387,7 @@ DECODERS: dict[str, Decoder] = {
     "packet header": Decoder(_attached, [Header(7, 9).pack()]),
     "pose and feedback": Decoder(_taken, [_SAMPLED, _FEEDBACK]),
     "device, JSON and ROS 2": Decoder(_device, [_DEVICE, POSE_STAMPED]),
+    "opening of a connection": Decoder(lambda data: Opening().take(data), [OFFER]),
     "emergency stop": Decoder(_stopped, [_STOP, _RELEASE, _IN_FORCE]),
     "control request": Decoder(_controlled, [_REQUEST, b"[" + _REQUEST + b"]", b'{"for_s":3}']),
     "clock reading": Decoder(_reading, [_READING]),

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field, StringConstraints, field_validator
 
 from tis.common.scenario.base import Part, obeys
-from tis.common.scenario.network.conditions import BothOr, Outages, States, TimelineEntry
+from tis.common.scenario.network.conditions import BothOr, Outages, States, Steps, TimelineEntry
 from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.zenoh_syntax import key_expression_fault
 
@@ -59,6 +59,9 @@ class NetworkPart(Part):
     feedback: Pipeline = Field(Pipeline(), description="Pipeline from patient to surgeon, east to west.")
     rules: tuple[Rule, ...] = Field((), description="Pipelines of particular keys.")
     outages: tuple[Outages, ...] = Field((), description="Recurring outages.")
+    steps: tuple[Steps, ...] = Field(
+        (), max_length=4, description="Delays that take another value at equal intervals; several add up."
+    )
     states: States | None = Field(None, description="Joint states that change delay, loss and rate together.")
     timeline: tuple[TimelineEntry, ...] = Field((), description="Changes at given moments of the run.")
     buffer: Buffer = Field(Buffer(), description="Bound on the messages that netem holds in each direction.")

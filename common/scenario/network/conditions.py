@@ -1,4 +1,4 @@
-"""Changes of the network during a run: outages, joint states of several stages, and a timeline.
+"""Changes of the network during a run: outages, steps of the delay, joint states of several stages, and a timeline.
 
 All of them act in run time, on a grid of 1 ms, on all keys of a direction together. They apply to messages that are
 offered while they hold; messages in flight are unaffected, but a rate holds from its instant on for all that waits.
@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 
 from tis.common.channels import Direction
 from tis.common.scenario.base import Milliseconds, NonNegative, Part, Positive, Probability, refuse
+from tis.common.scenario.network.delay import QuantileDelay, UniformDelay
 from tis.common.scenario.network.pipeline import Ordering, Stages
 from tis.common.units import NS_PER_MS, s_to_ns
 
@@ -151,6 +152,19 @@ class AlternatingOutages(Part):
 
 
 Outages = Annotated[PeriodicOutages | PoissonOutages | AlternatingOutages, Field(discriminator="kind")]
+
+
+class Steps(Part):
+    """A delay on top of the pipeline's that takes another value at equal intervals, as on a satellite's next path."""
+
+    every_s: Seconds = Field(description="Time from one value to the next, in s.")
+    first_s: Moment | None = Field(
+        None, description="Run time at which the first value is replaced, in s; not given: every_s."
+    )
+    delay: UniformDelay | QuantileDelay = Field(
+        discriminator="kind", description="Distribution of the values: uniform or quantiles; each is drawn once."
+    )
+    direction: BothOr = Field("both", description="Direction that has it; both take the same values.")
 
 
 class State(Part):

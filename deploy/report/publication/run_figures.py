@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from tis.common.channels import Direction
 from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S
+from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.present.palette import BLUE, DIRECTIONS, RED, VERMILION, look_of
 from tis.deploy.present.thinning import distribution, evenly_and_largest, worst
 from tis.deploy.report.publication.matplotlib_figures import STYLE
@@ -29,7 +30,6 @@ _DASHES: Final = {"solid": "-", "dashed": "--", "dotted": ":", "dashdot": "-."}
 
 def paper_figures(run: RunView) -> dict[str, Figure]:
     """Return the figures that a run's logs allow, by file name; oracle: the artists' data, test_run_figures."""
-    links: dict[Direction, LinkColumns] = {d: link_columns(run.logs, d) for d in get_args(Direction)}
     found: dict[str, Figure | None] = {}
     with mpl.rc_context(STYLE):
         views = run.hands
@@ -43,10 +43,22 @@ def paper_figures(run: RunView) -> dict[str, Figure]:
         )
         both = {"end to end": (latency_ms, BLUE.light), "round trip": (trips_ms, VERMILION.light)}
         found["latency_cdf"] = _cdf(both, "latency, ms")
+    return _drawn(found) | network_figures(run.logs)
+
+
+def network_figures(logs: RunLogs) -> dict[str, Figure]:
+    """Return the figures of the network, by file name."""
+    links: dict[Direction, LinkColumns] = {d: link_columns(logs, d) for d in get_args(Direction)}
+    found: dict[str, Figure | None] = {}
+    with mpl.rc_context(STYLE):
         found["delay"] = _delay(links)
         delays_ms = {d: (link.realised_ms, DIRECTIONS[d].light) for d, link in links.items()}
         found["delay_cdf"] = _cdf(delays_ms, "delay in netem, ms")
         found["loss_runs"] = _loss(links)
+    return _drawn(found)
+
+
+def _drawn(found: Mapping[str, Figure | None]) -> dict[str, Figure]:
     return {name: figure for name, figure in found.items() if figure is not None}
 
 

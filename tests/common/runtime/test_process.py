@@ -5,7 +5,8 @@ import shlex
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -171,3 +172,68 @@ def test_a_command_is_repeated_without_its_folder(run_dir: list[str]) -> None:
     assert repeatable(typed) == "tis twin default --seed 3"
     assert repeatable(typed, " --log") == "tis twin default --log --seed 3"
     assert repeatable("tis twin default") == "tis twin default"
+
+
+_STARTS_A_CHILD = """\
+import subprocess, sys, threading, time
+from tis.common.runtime.process import child_environment
+
+CHILD = "from tis.common.runtime.process import follow_parent as f; import time; f(); print(1, flush=True)"
+CHILD += "; time.sleep(60)"
+
+def start():
+    child = subprocess.Popen([sys.executable, "-c", CHILD], stdout=subprocess.PIPE, env=child_environment())
+    child.stdout.readline()
+    print(child.pid, flush=True)
+
+starter = threading.Thread(target=start)
+starter.start()
+starter.join()
+time.sleep(60)
+"""
+
+
+def runs(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except OSError:
+        return False
+
+
+@pytest.mark.parametrize("is_between", [False, True])
+def test_a_child_ends_with_its_killed_parent_and_not_with_the_thread_that_started_it(is_between: bool) -> None:
+    """``is_between``: the parent has the environment of a child of another process of ours."""
+    with subprocess.Popen(
+        [sys.executable, "-c", _STARTS_A_CHILD],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=child_environment() if is_between else None,
+    ) as parent:
+        assert parent.stdout is not None
+        child = int(parent.stdout.readline())
+        time.sleep(0.2)
+        assert runs(child)  # although the thread that started it is over
+        parent.kill()
+        parent.wait()
+        ended = until(lambda: not runs(child))
+    if not ended:
+        os.kill(child, signal.SIGKILL)
+    assert ended
+
+
+def test_a_child_whose_parent_is_gone_already_ends_at_once() -> None:
+    """Neither a number without a process nor one that another process has taken since counts as the parent."""
+    gone = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, check=True)
+    for parent in (f"{int(gone.stdout)}:1", f"{os.getpid()}:1"):
+        words = "from tis.common.runtime.process import follow_parent as f; import time; f(); time.sleep(60)"
+        environment = {**os.environ, "TIS_PARENT": parent}
+        done = subprocess.run([sys.executable, "-c", words], env=environment, check=False, timeout=30)
+        assert done.returncode == -signal.SIGTERM
+
+
+def until(there: Callable[[], bool]) -> bool:
+    """Wait for something, for 30 s at most; tell whether it came."""
+    end_s = time.monotonic() + 30
+    while not there() and time.monotonic() < end_s:
+        time.sleep(0.02)
+    return there()

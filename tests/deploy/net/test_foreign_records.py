@@ -62,6 +62,21 @@ def test_csv_with_numbers_times_and_gaps() -> None:
     assert trace.sent_ns.tolist() == [0, 500 * MS, 1000 * MS, 1500 * MS]
 
 
+@pytest.mark.parametrize(
+    "rows",
+    [
+        "time,rtt_ms\n2026-03-01T23:59:59.5Z,5\n2026-03-02T01:00:00+01:00,\n2026-03-02 00:00:00.500,6.5\n",
+        "seq,timestamp,time\n1,2026-03-01T23:59:59.500,5\n2,2026-03-02 00:00:00,\n3,2026-03-02 00:00:00.500,6.5\n",
+        'sent_at,rtt_ms\n"2026-03-01 23:59:59,500",5\n20260302T000000,\n2026-03-02T00:00:00.5,6.5\n',
+    ],
+)
+def test_csv_with_times_in_iso_8601(rows: str) -> None:
+    trace = parse_round_trips(rows, "r.csv")
+    assert trace is not None
+    assert trace.delay_ns.tolist() == [5 * MS, -1, 6_500_000]
+    assert trace.sent_ns.tolist() == [0, 500 * MS, 1000 * MS]
+
+
 def test_a_trace_of_our_own_is_none_of_them() -> None:
     assert parse_round_trips("sent_s,delay_ms\n0,1\n", "t.csv") is None
     assert parse_round_trips("", "t.csv") is None
@@ -74,6 +89,7 @@ def test_a_trace_of_our_own_is_none_of_them() -> None:
         ('{"round_trips": []}', "must have at least one answer"),
         ("seq,rtt_ms\n1,a\n", "row 1: must have numbers"),
         ("rtt_ms\n1\n", "must have a column seq"),
+        ("time,rtt_ms\n2026-02-30T00:00:00,1\n", "row 1: must have numbers in its columns, or a time in ISO 8601"),
         ("seq,rtt_ms\n1,5\n999999999,5\n", "must not leave out more than a million numbers"),
         ("seq,rtt_ms\n1,nan\n", "must have numbers"),
     ],

@@ -46,7 +46,7 @@ def _names(model: type[BaseModel]) -> set[str]:
 FIELDS = {name: field.annotation for name, field in {**Pipeline.model_fields, **NetworkPart.model_fields}.items()}
 
 
-@pytest.mark.parametrize("name", [*Stages.model_fields, "rules", "outages", "states", "timeline", "buffer"])
+@pytest.mark.parametrize("name", [*Stages.model_fields, "rules", "outages", "steps", "states", "timeline", "buffer"])
 def test_every_field_of_every_kind_has_its_row(name: str) -> None:
     (section,) = [one for one in sections() if one.name == name]
     expected = [_names(model) - {"kind"} for model in _models(FIELDS[name])]

@@ -241,6 +241,28 @@ def test_the_report_has_the_links_and_nothing_of_an_arm(tmp_path: Path) -> None:
     assert "Truth and estimates" not in page
 
 
+def test_its_packets_are_exported_as_tables(tmp_path: Path) -> None:
+    run_dir = _left(tmp_path / "run")
+    assert _tis("export", str(run_dir), "--csv")[0] == EXIT_OK
+    files = {path.name for path in (run_dir / "export").iterdir()}
+    assert files == {"README.md", "fates.csv", "releases.csv", "netem_counters.csv"}
+    fates = (run_dir / "export" / "fates.csv").read_text().splitlines()
+    assert len(fates) == 1 + N
+    assert sum("outage" in row for row in fates) == 100
+    assert "netem between two networks, seed 7" in (run_dir / "export" / "README.md").read_text()
+    code, out = _tis("export", str(run_dir), "--jigsaws", "--out", str(tmp_path / "j"))
+    assert (code, "--jigsaws: needs the logs of surgeon and patient" in out) == (2, True)
+
+
+def test_its_figures_are_those_of_the_network_and_it_is_compared_with_no_run(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    run_dir = _left(tmp_path / "run")
+    assert _tis("report", str(run_dir), "--figures", str(tmp_path / "f"), "--format", "svg")[0] == EXIT_OK
+    assert {path.name for path in (tmp_path / "f").iterdir()} == {"delay.svg", "delay_cdf.svg", "loss_runs.svg"}
+    code, out = _tis("report", "--compare", str(run_dir), str(tmp_path))
+    assert (code, "is the folder of a standalone netem" in out) == (DataError.exit_code, True)
+
+
 def test_a_trace_is_taken_from_the_log(tmp_path: Path) -> None:
     trace = tmp_path / "t.csv"
     trace.write_text("sent_s,delay_ms\n" + "".join(f"{i / 10},{20 + i}\n" for i in range(5000)))

@@ -1,5 +1,7 @@
 """A bad network for a program's own tests: real messages cross it, and it proves what it did."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -38,6 +40,39 @@ def test_messages_cross_it_until_an_outage_and_it_counts_them(tmp_path: Path) ->
     assert (forward["offered"], forward["dropped_by"]["outage"], forward["released"]) == (22, 1, 21)
     assert set(net.faithful) == {"forward", "feedback"}
     assert {path.name for path in net.run_dir.iterdir()} >= {"netem.mcap", "network.yaml", "summary.json"}
+
+
+_PROGRAM = """\
+import sys, time
+from tis.netem.bridge.between import between
+with between(run_dir=sys.argv[1]) as net:
+    print(net.west, flush=True)
+    time.sleep(60)
+"""
+
+
+def test_nothing_is_left_of_it_when_its_program_is_killed(tmp_path: Path) -> None:
+    run_dir = tmp_path / "run"
+
+    def left() -> int:
+        """Return how many processes name the folder, but for the program itself."""
+        commands = [content_of(path) for path in Path("/proc").glob("[0-9]*/cmdline")]
+        return sum(str(run_dir) in command and _PROGRAM not in command for command in commands)
+
+    with subprocess.Popen([sys.executable, "-c", _PROGRAM, str(run_dir)], stdout=subprocess.PIPE) as program:
+        assert program.stdout is not None
+        assert program.stdout.readline().startswith(b"tcp/")
+        assert left() == 1
+        program.kill()
+    assert soon(lambda: left() == 0)
+    assert (run_dir / "manifest.json").is_file()  # it ended in order
+
+
+def content_of(path: Path) -> str:
+    try:
+        return path.read_text().replace("\0", " ")
+    except OSError:  # the process has ended meanwhile
+        return ""
 
 
 @pytest.mark.parametrize(

@@ -82,7 +82,7 @@ def _carried(delay_ms: float) -> Iterator[tuple[Between, _Router]]:
     driver = Driver(build_links(stream_network(network, "test"), ["**"], 7, None, "test"))
     ends = ends_of({"west": Place(listen=(west_end,)), "east": Place(connect=(east_end,))})
     with _routed(east_end) as router, driving(driver):
-        proxy = Proxy(driver, *ends, backlog_bytes(network), 65_536)
+        proxy = Proxy(driver, *ends, backlog_bytes(network), 65_536, pytest.fail)
         proxy.open()
         try:
             with a_client(west_end) as west, a_client(east_end) as east:

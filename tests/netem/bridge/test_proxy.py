@@ -62,7 +62,7 @@ def _carried(
 
             threading.Thread(target=accept, daemon=True).start()
         address = ("127.0.0.1", _free_port())
-        proxy = Proxy(driver, address, target, "west", backlog_bytes(part), segment_bytes)
+        proxy = Proxy(driver, address, target, "west", backlog_bytes(part), segment_bytes, pytest.fail)
         stack.callback(over.set)
         stack.enter_context(driving(driver))
         stack.callback(proxy.close)
@@ -182,6 +182,6 @@ def test_a_sender_waits_while_the_receiver_does() -> None:
 def test_a_port_in_use_is_told() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         both: dict[Direction, int] = {"forward": 1, "feedback": 1}
-        proxy = Proxy(Driver({}), taken.getsockname(), ("127.0.0.1", 1), "west", both, 100)
+        proxy = Proxy(Driver({}), taken.getsockname(), ("127.0.0.1", 1), "west", both, 100, pytest.fail)
         with pytest.raises(PeerError, match="cannot listen here: Address already in use"):
             proxy.open()

@@ -48,6 +48,7 @@ def structure(fit: DirectionFit) -> str:
     outages = "" if fit.outages.process is None else f", {len(fit.outages.lengths_s)} outages"
     outages += "" if fit.stalls is None else f", {len(fit.stalls.lengths_s)} stalls"
     outages += "" if fit.backlogs is None else f", {fit.backlogs.n} backlogs"
+    outages += "" if fit.steps is None else f", {len(fit.steps.values_ms)} steps"
     return f"{loss}{outages}" + ("" if fit.states is None else f", {fit.states.note}")
 
 

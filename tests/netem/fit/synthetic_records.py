@@ -31,6 +31,13 @@ class Parameters:
     cycle: float = 15.0
     stall: float = 0.25
     stall_spread: float = 0.3
+    step: float = 15.0
+    step_ms: float = 30.0
+    line_mbit_s: float = 10.0
+    buffer_ms: float = 300.0
+    others_mbit_s: float = 14.0
+    others_on: float = 4.0
+    others_off: float = 8.0
 
 
 def _delays(of: Parameters, rng: np.random.Generator, n: int) -> np.ndarray:
@@ -100,12 +107,33 @@ def stalls(of: Parameters, rng: np.random.Generator, sent: np.ndarray) -> tuple[
     return delay + 1000 * (leaves - sent), rng.random(len(sent)) < of.p_loss / 4
 
 
+def steps(of: Parameters, rng: np.random.Generator, sent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A satellite: every few seconds, at a fixed period, another path with another delay."""
+    delay, lost = correlated(of, rng, sent)
+    number = ((sent + of.step * rng.random()) // of.step).astype(np.int64)
+    return delay + of.step_ms * rng.random(number.max() + 1)[number], lost
+
+
+def bufferbloat(of: Parameters, rng: np.random.Generator, sent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A line with a long buffer, which others fill now and then: a fluid queue by Lindley's recursion, each ms."""
+    n = int(of.seconds * 1000)
+    busy = _within(np.arange(n) / 1000, _alternating(rng, of.seconds, of.others_off, of.others_on))
+    wait = np.zeros(n + 1)
+    for k, load in enumerate(np.where(busy, of.others_mbit_s / of.line_mbit_s, 0.0).tolist()):
+        wait[k + 1] = min(max(wait[k] + load - 1.0, 0.0), of.buffer_ms)
+    delay = of.shift + 0.3 * _delays(of, rng, len(sent))
+    full = wait[np.minimum((sent * 1000).astype(np.int64), n)]
+    return delay + full, rng.random(len(sent)) < np.where(full >= of.buffer_ms, 0.02, 0.0)
+
+
 Make = Callable[[Parameters, np.random.Generator, np.ndarray], tuple[np.ndarray, np.ndarray]]
 RECORDS: Final[dict[str, Make]] = {
     "bursts": correlated,
     "outages": with_outages,
     "bad_states": bad_states,
     "stalls": stalls,
+    "steps": steps,
+    "bufferbloat": bufferbloat,
 }
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tis.netem.fit.closure import NAMES, statistics_of
+from tis.netem.fit.statistics import NAMES, statistics_of
 
 MS = 1_000_000
 
