@@ -25,6 +25,7 @@ _BINS: Final = 48 * _PER_OCTAVE
 LATE_NS: Final = 10 * NS_PER_MS
 """A release error above it is told while it happens: it is beyond what a machine with a free core does."""
 _LOOKS_BETWEEN: Final = 20  # 10 s
+_WORSE: Final = 10
 
 
 class ReleaseErrors:
@@ -158,12 +159,13 @@ def names_near_bounds(counters: Mapping[str, int], head: str = "") -> list[str]:
 
 
 class LateWatch:
-    """A warning for each direction while its releases are late, every 10 s at most."""
+    """A warning for each direction while its releases are late: every 10 s, and when they are ten times as late."""
 
     def __init__(self, warn: Callable[[str], None]) -> None:
         self._warn = warn
         self._most_ns: dict[Direction, int] = {}
         self._silent: dict[Direction, int] = {}
+        self._told_ns: dict[Direction, int] = {}
 
     def count(self, direction: Direction, most_ns: int) -> None:
         """Note the largest release error of a batch."""
@@ -174,9 +176,10 @@ class LateWatch:
         """Warn of releases since the last warning; called twice a second."""
         for direction in DESTINATION:
             silent = self._silent[direction] = max(0, self._silent.get(direction, 0) - 1)
-            most_ns = 0 if silent else self._most_ns.pop(direction, 0)
-            if most_ns:
-                self._silent[direction] = _LOOKS_BETWEEN
+            most_ns = self._most_ns.get(direction, 0)
+            if most_ns and (not silent or most_ns >= _WORSE * self._told_ns[direction]):
+                del self._most_ns[direction]
+                self._silent[direction], self._told_ns[direction] = _LOOKS_BETWEEN, most_ns
                 self._warn(
                     f"{direction_label(direction)}: messages leave up to {most_ns / NS_PER_MS:.0f} ms after their "
                     "instants: more than this machine releases in time, and not part of the configured network"
@@ -226,9 +229,9 @@ def table(counters: Mapping[str, int], errors: Mapping[Direction, ReleaseErrors]
 def _late_text(direction: Direction, errors: ReleaseErrors) -> list[str]:
     if not errors.n_late:
         return []
-    bound_ms = LATE_NS // NS_PER_MS
-    return [
-        f"{direction_label(direction)}: {errors.n_late} messages left more than {bound_ms} ms after their instants: "
+    label, bound_ms = direction_label(direction), LATE_NS // NS_PER_MS
+    return [  # a writer that is behind drops records
+        f"{label}: at least {errors.n_late} messages left more than {bound_ms} ms after their instants: "
         "not part of the configured network"
     ]
 
