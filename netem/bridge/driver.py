@@ -221,11 +221,11 @@ class Driver:
             if now_ns >= until_ns:
                 break
             next_ns = min(self._release(clock) - _AHEAD_NS, until_ns)
-            if now_ns >= look_ns:  # also when it is behind: that is when somebody has to be told
-                self._close_batches(recorder, now_ns)
-                look_ns = now_ns + _LOOK_NS
             if next_ns <= now_ns:
                 continue
+            if now_ns >= look_ns:
+                self._close_batches(recorder, now_ns)
+                look_ns = now_ns + _LOOK_NS
             if next_ns - now_ns <= _IDLE_NS or not self._run_deferred():
                 self.alarm.sleep(clock, next_ns)
         self.pulse.is_busy = False
