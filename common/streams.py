@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from tis.common.channels import Direction
 
-_BLOCK: Final = 4096
+BLOCK: Final = 4096
+"""The uniforms that one setting of the generator's counter yields."""
 
 
 @dataclass
@@ -34,27 +35,28 @@ class Stream:
 
     def uniform(self, index: int) -> float:
         """Return element ``index`` (>= 0), a float in the open interval (0, 1)."""
-        number, offset = divmod(index, _BLOCK)
+        number, offset = divmod(index, BLOCK)
         return float(self._block_of(number)[offset])
 
     def uniforms(self, start: int, count: int) -> NDArray[np.float64]:
         """Return elements ``start`` .. ``start + count - 1``, shape (count,)."""
-        first, last = start // _BLOCK, (start + count - 1) // _BLOCK
+        first, last = start // BLOCK, (start + count - 1) // BLOCK
         blocks = np.concatenate([self._block_of(number) for number in range(first, max(first, last) + 1)])
-        return blocks[start - first * _BLOCK :][:count]
+        return blocks[start - first * BLOCK :][:count]
+
+    def block(self, number: int, n: int = BLOCK) -> NDArray[np.float64]:
+        """Return the first ``n`` elements of block ``number``, shape (n,), which the stream does not keep."""
+        philox = np.random.Philox(key=np.array(self.key, dtype=np.uint64), counter=[0, number, 0, 0])
+        draws = np.random.Generator(philox).random(n)
+        # random() is in [0, 1); quantile functions need the open interval.
+        return np.maximum(draws, 2.0**-54)
 
     def _block_of(self, number: int) -> NDArray[np.float64]:
         # The last block is cached: packets and draws come in the order of their numbers, nearly always.
         if number != self._number:
-            self._block = self._draw(number)
+            self._block = self.block(number)
             self._number = number
         return self._block
-
-    def _draw(self, number: int) -> NDArray[np.float64]:
-        philox = np.random.Philox(key=np.array(self.key, dtype=np.uint64), counter=[0, number, 0, 0])
-        draws = np.random.Generator(philox).random(_BLOCK)
-        # random() is in [0, 1); quantile functions need the open interval.
-        return np.maximum(draws, 2.0**-54)
 
 
 class Address(NamedTuple):

@@ -42,7 +42,7 @@ from tis.netem.bridge.keys import crossing_keys
 from tis.netem.bridge.overhead import warn_of_overhead
 from tis.netem.bridge.sides import lease_s
 from tis.netem.bridge.standstill import Deadline
-from tis.netem.bridge.tally import BufferWatch, WatchedLog
+from tis.netem.bridge.tally import WatchedLog, watches
 from tis.netem.build import build_netem
 
 _LEAD_NS: Final = 150 * NS_PER_MS
@@ -97,14 +97,14 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
                 return EXIT_INTERRUPTED
             applications.refuse_leaks()
             bridge.settle()
-            watch = BufferWatch(bridge.links, scenario.network.buffer, status.warning)
+            looks = watches(bridge.links, scenario.network.buffer, status.warning)
             membership = _join(meeting)
             continued(log, options, scenario, "netem", earlier, membership.epoch.run_id)
             _tokens += _begin(bridge, membership, sessions, meeting.keys)
             status.running(scenario.duration_s, str(log.path), membership.joined_ns)
             end = scenario.peer_loss_policy(options.alone) == "end"
             peers = _watch_peers(stack, sessions, meeting, membership.clock, endpoints)
-            watched = WatchedLog(log, watch.look)
+            watched = WatchedLog(log, *looks)
             deadline.progress = lambda: watched.n_records
             stack.callback(deadline.begin)
             return drive(bridge, {}, watched, meeting, membership, status, peers, end)

@@ -142,7 +142,7 @@ def _bridge(pipe: Connection, west: str, east: str, raw: dict[str, Any]) -> None
         bridge.subscribe("feedback", "tis/**")
         bridge.settle(privileged=False)  # the bounds apply to an unprivileged process
         bridge.start(WallClock(time.monotonic_ns()))
-        tally = Tally(McapLog(Path(scratch) / "netem.mcap", {}), lambda: None)
+        tally = Tally(McapLog(Path(scratch) / "netem.mcap", {}), lambda _: None)
         recorder = ThreadedRecorder(tally)
         stopped = _stop_of(pipe, bridge.wake)
         bridge.run(recorder, 1 << 62, stopped.is_set)

@@ -6,6 +6,7 @@ Packets are offered in the Zenoh callback that delivers them; `tis.netem.bridge.
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from dataclasses import dataclass
 from typing import Any, Final
 
 import zenoh
@@ -21,6 +22,7 @@ from tis.netem.link.packet import MAX_COPIED_BYTES, Packet
 _MAX_ENCODINGS: Final = 256
 _encodings: dict[str, zenoh.Encoding] = {}
 _MAX_PUBLISHERS: Final = 4096
+_DECLARED_FROM: Final = 8  # messages: to declare a publisher takes as long as some twenty messages
 _REMOTE: Final = zenoh.Locality.REMOTE
 _PRIORITIES: Final = {
     str(one): one
@@ -50,13 +52,24 @@ def _encoding(name: str) -> zenoh.Encoding:
     return found
 
 
+def _arguments(quality: _Quality) -> dict[str, Any]:
+    """Return a quality of service as arguments of Zenoh's."""
+    _, priority, congestion_control, express = quality
+    return {
+        "priority": _PRIORITIES[priority],
+        "express": express,
+        "congestion_control": _CONGESTION_CONTROLS[congestion_control],
+        "allowed_destination": _REMOTE,
+    }
+
+
 class Put:
     """A message as it is put on the other network, with all properties of its sample that a receiver can read.
 
     Each property is read once, since each access makes another object of Zenoh's.
     """
 
-    __slots__ = ("attachment", "deletes", "encoding", "payload", "publisher", "quality", "stamps")
+    __slots__ = ("attachment", "deletes", "encoding", "is_prepared", "payload", "publisher", "quality", "stamps")
 
     def __init__(
         self, sample: zenoh.Sample, key: str, payload: zenoh.ZBytes, n_bytes: int, attachment: bytes | None
@@ -67,6 +80,7 @@ class Put:
         self.deletes = n_bytes == 0 and sample.kind == zenoh.SampleKind.DELETE
         self.quality = key, str(sample.priority), str(sample.congestion_control), sample.express
         self.publisher: zenoh.Publisher | None = None
+        self.is_prepared = False
         timestamp, source_info, stack = sample.timestamp, sample.source_info, sample.timestamp_stack
         self.stamps: dict[str, Any] = {}
         if timestamp is not None or source_info is not None or stack is not None:
@@ -75,30 +89,44 @@ class Put:
             self.stamps = {"timestamp": timestamp, "source_info": source_info, "timestamp_instrumentation": points}
 
 
-class Egress:
-    """The publishers of one network, declared at the first message with a key and a quality of service.
+@dataclass(slots=True, eq=False)
+class _Declared:
+    """A publisher, and whether a message has been put with it since the last look for one to give up."""
 
-    A declared publisher forwards a message in half the time of `Session.put`.
+    publisher: Final[zenoh.Publisher]
+    is_used: bool = True
+
+
+class Egress:
+    """The ways into one network: a publisher for each key and quality of service that has had some messages.
+
+    The first messages are put by the session, as most keys of a fleet that comes and goes have no more. Of too many
+    publishers one that has not been used lately is given up. Zenoh undeclares it when the last message that holds it
+    has gone, so never one in use, and never under our lock.
     """
 
     def __init__(self, session: zenoh.Session) -> None:
         self.n_unsent = 0
         self._session = session
-        self._lock = threading.Lock()
-        self._publishers: dict[_Quality, zenoh.Publisher] = {}
+        self._lock = threading.Lock()  # guards the dictionaries; never held while Zenoh is called
+        self._declared: dict[_Quality, _Declared] = {}
+        self._n_messages: dict[_Quality, int] = {}
 
     def prepare(self, put: Put) -> None:
         """Find the publisher ahead of `send`."""
         try:
             put.publisher = self._publisher(put.quality)
+            put.is_prepared = True
         except zenoh.ZError:  # it is counted when the message is sent
             return
 
     def send(self, put: Put, payload: zenoh.ZBytes | bytes) -> None:
         """Put or delete with all properties of ``put``, but with ``payload``; what Zenoh refuses is counted."""
         try:
-            publisher = put.publisher or self._publisher(put.quality)
-            if put.deletes:
+            publisher = put.publisher if put.is_prepared else self._publisher(put.quality)
+            if publisher is None:
+                self._put(put, payload)
+            elif put.deletes:
                 publisher.delete(attachment=put.attachment, **put.stamps)
             elif put.stamps:
                 publisher.put(payload, encoding=put.encoding, attachment=put.attachment, **put.stamps)
@@ -107,24 +135,47 @@ class Egress:
         except zenoh.ZError:
             self.n_unsent += 1
 
-    def _publisher(self, quality: _Quality) -> zenoh.Publisher:
-        return self._publishers.get(quality) or self._declare(quality)
+    def _put(self, put: Put, payload: zenoh.ZBytes | bytes) -> None:
+        key, quality = put.quality[0], _arguments(put.quality)
+        if put.deletes:
+            self._session.delete(key, attachment=put.attachment, **put.stamps, **quality)
+        else:
+            self._session.put(key, payload, encoding=put.encoding, attachment=put.attachment, **put.stamps, **quality)
+
+    def _publisher(self, quality: _Quality) -> zenoh.Publisher | None:
+        """Return the publisher; None: there are too few messages yet."""
+        found = self._declared.get(quality)
+        if found is None:
+            return self._declare(quality) if self._is_frequent(quality) else None
+        found.is_used = True
+        return found.publisher
+
+    def _is_frequent(self, quality: _Quality) -> bool:
+        with self._lock:
+            n = self._n_messages.pop(quality, 0) + 1
+            if n < _DECLARED_FROM:
+                if len(self._n_messages) >= _MAX_PUBLISHERS:
+                    del self._n_messages[next(iter(self._n_messages))]
+                self._n_messages[quality] = n
+        return n >= _DECLARED_FROM
 
     def _declare(self, quality: _Quality) -> zenoh.Publisher:
+        ours = _Declared(self._session.declare_publisher(quality[0], **_arguments(quality)))
         with self._lock:
-            evicts = len(self._publishers) >= _MAX_PUBLISHERS
-            evicted = self._publishers.pop(next(iter(self._publishers))) if evicts else None
-        del evicted  # it undeclares itself as soon as no message that waits needs it
-        key, priority, congestion_control, express = quality
-        publisher = self._session.declare_publisher(
-            key,
-            priority=_PRIORITIES[priority],
-            express=express,
-            congestion_control=_CONGESTION_CONTROLS[congestion_control],
-            allowed_destination=_REMOTE,
-        )
-        self._publishers[quality] = publisher
-        return publisher
+            kept = self._declared.setdefault(quality, ours)  # another thread may have been faster
+            given_up = self._unused() if len(self._declared) > _MAX_PUBLISHERS else None
+        del given_up  # without the lock, as it may undeclare itself
+        return kept.publisher
+
+    def _unused(self) -> _Declared:
+        """Take out the publisher that has been unused for longest, as far as one is."""
+        while True:
+            quality = next(iter(self._declared))
+            one = self._declared.pop(quality)
+            if not one.is_used:
+                return one
+            one.is_used = False
+            self._declared[quality] = one
 
 
 class Bridge(Driver):

@@ -27,7 +27,7 @@ from tis.netem.bridge.proxy import Address, Proxy
 from tis.netem.bridge.sides import Place
 from tis.netem.bridge.standalone import Standalone, drive, lines_on_the_network, open_log, start, tell
 from tis.netem.bridge.standstill import Deadline
-from tis.netem.bridge.tally import BufferWatch, Tally, table
+from tis.netem.bridge.tally import Tally, table, watches
 from tis.netem.build import build_links
 
 _SEGMENT_BYTES: Final = 1448
@@ -74,7 +74,7 @@ def run_carrying(options: Standalone, status: Status, library: Profiles | None) 
             config = configure("router", replace(options.zenoh, listen=(options.control,)))
             session = stack.enter_context(open_router(config, options.control))
             stack.callback(attach(driver, {ends.comes_from: session}, options.prefix, library, stream_change))
-        tally = Tally(open_log(options), BufferWatch(links, network.buffer, status.warning).look)
+        tally = Tally(open_log(options), status.warning, *watches(links, network.buffer, status.warning))
         clock = start(driver)
         proxy.open()
         stack.callback(proxy.close)

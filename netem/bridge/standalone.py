@@ -51,7 +51,7 @@ from tis.netem.bridge.sides import (
     scout_config,
 )
 from tis.netem.bridge.standstill import Deadline
-from tis.netem.bridge.tally import BufferWatch, Tally, table
+from tis.netem.bridge.tally import Tally, table, watches
 from tis.netem.build import build_links
 from tis.netem.expected.figures import synopsis
 
@@ -132,7 +132,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         applications.open()
         stack.callback(attach(bridge, sessions, options.prefix, library))
         # Stage 3: the log and the clock; from here on packets pass.
-        tally = Tally(open_log(options), BufferWatch(links, options.network.buffer, status.warning).look)
+        tally = Tally(open_log(options), status.warning, *watches(links, options.network.buffer, status.warning))
         clock = start(bridge)
         stack.enter_context(announced(Running(**_ends(options), session=options.prefix, title=ALONE)))
         for line in _first_lines(options, traces):

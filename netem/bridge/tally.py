@@ -1,6 +1,6 @@
 """The watch over a bridge's log: release errors and full buffers while it is written, and the summary at the end.
 
-Drops by a full buffer are not part of the configured network, so the user is warned at once.
+Drops by a full buffer and late releases are not part of the configured network, so the user is warned at once.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,12 +14,18 @@ from tis.common.node import Record
 from tis.common.records import RELEASES, ReleaseBatch
 from tis.common.runtime.recorder import FileLog
 from tis.common.scenario.network import Buffer
+from tis.common.units import NS_PER_MS
 from tis.netem.expected.figures import direction_label
+from tis.netem.link.flows import MAX_CLOSED, MAX_FLOWS
 from tis.netem.link.ledger import DROPPED_NEW, DROPPED_OLDEST, DROPS, full_buffer
 from tis.netem.link.link import Link
 
 _PER_OCTAVE: Final = 32
 _BINS: Final = 48 * _PER_OCTAVE
+LATE_NS: Final = 10 * NS_PER_MS
+"""A release error above it is told while it happens: it is beyond what a machine with a free core does."""
+_LOOKS_BETWEEN: Final = 20  # 10 s
+_WORSE: Final = 10
 
 
 class ReleaseErrors:
@@ -27,6 +33,8 @@ class ReleaseErrors:
 
     def __init__(self) -> None:
         self.n = 0
+        self.n_late = 0
+        """Errors above `LATE_NS`."""
         self.most_ns = 0
         self._counts: NDArray[np.int64] = np.zeros(_BINS, dtype=np.int64)
 
@@ -37,12 +45,14 @@ class ReleaseErrors:
         bins = np.floor(_PER_OCTAVE * np.log2(np.maximum(errors_ns, 1))).astype(np.int64)
         self._counts += np.bincount(np.minimum(bins, _BINS - 1), minlength=_BINS)
         self.n += len(errors_ns)
+        self.n_late += int(np.count_nonzero(errors_ns > LATE_NS))
         self.most_ns = max(self.most_ns, int(errors_ns.max()))
 
     def add_all(self, other: "ReleaseErrors") -> None:
         """Add the errors of another histogram."""
         self._counts += other._counts
         self.n += other.n
+        self.n_late += other.n_late
         self.most_ns = max(self.most_ns, other.most_ns)
 
     def quantile_ns(self, p: float) -> float:
@@ -59,13 +69,13 @@ class ReleaseErrors:
 class WatchedLog:
     """A wrapper of a log, or a substitute without one.
 
-    It calls ``look`` at each flush, twice a second, and at the end, in the thread that writes.
+    It calls all ``looks`` at each flush, twice a second, and at the end, in the thread that writes.
     """
 
-    def __init__(self, log: FileLog | None, look: Callable[[], None]) -> None:
+    def __init__(self, log: FileLog | None, *looks: Callable[[], None]) -> None:
         self.n_records = 0
         self._log = log
-        self._look = look
+        self._looks = looks
 
     def record(self, record: Record) -> None:
         """Pass a record on."""
@@ -79,16 +89,20 @@ class WatchedLog:
             self._log.attach(name, data)
 
     def flush(self) -> None:
-        """Call ``look`` and flush the log."""
+        """Call the looks and flush the log."""
         self._look()
         if self._log is not None:
             self._log.flush()
 
     def close(self) -> None:
-        """Call ``look`` for the last time and close the log."""
+        """Call the looks for the last time and close the log."""
         self._look()
         if self._log is not None:
             self._log.close()
+
+    def _look(self) -> None:
+        for look in self._looks:
+            look()
 
 
 class BufferWatch:
@@ -109,11 +123,75 @@ class BufferWatch:
                 self._warn(f"{direction_label(direction)}: {full}: {rule}")
 
 
-class Tally(WatchedLog):
-    """A log that also collects release errors."""
+class NamesWatch:
+    """A warning for each direction, once, when its names near a bound; any thread may call `look`."""
 
-    def __init__(self, log: FileLog | None, look: Callable[[], None]) -> None:
-        super().__init__(log, look)
+    def __init__(self, links: Mapping[Direction, Link], warn: Callable[[str], None]) -> None:
+        self._left: dict[Direction, Link] = dict(links)
+        self._warn = warn
+
+    def look(self) -> None:
+        """Warn of the directions in which as many names are in use, or have come and gone, as netem keeps apart."""
+        for direction, link in list(self._left.items()):
+            if texts := names_near_bounds(link.flows.counters()):
+                del self._left[direction]
+                self._warn(f"{direction_label(direction)}: {'; '.join(texts)}")
+
+
+def watches(
+    links: Mapping[Direction, Link], buffer: Buffer, warn: Callable[[str], None]
+) -> tuple[Callable[[], None], ...]:
+    """Return the watches over links, each to be called twice a second."""
+    return BufferWatch(links, buffer, warn).look, NamesWatch(links, warn).look
+
+
+def names_near_bounds(counters: Mapping[str, int], head: str = "") -> list[str]:
+    """Return a sentence on each bound of a link's names that is near; ``head`` precedes the names of its counters."""
+    texts = []
+    if n := counters.get(f"{head}most_names"):
+        texts.append(f"{n} names at once: above {MAX_FLOWS} it draws anew for each message of a name that returns")
+    if n := counters.get(f"{head}gone_names"):
+        texts.append(
+            f"{n} names have come and gone: above {MAX_CLOSED} all new ones get random numbers of their own, but "
+            "no longer those of a run in which fewer came before them"
+        )
+    return texts
+
+
+class LateWatch:
+    """A warning for each direction while its releases are late: every 10 s, and when they are ten times as late."""
+
+    def __init__(self, warn: Callable[[str], None]) -> None:
+        self._warn = warn
+        self._most_ns: dict[Direction, int] = {}
+        self._silent: dict[Direction, int] = {}
+        self._told_ns: dict[Direction, int] = {}
+
+    def count(self, direction: Direction, most_ns: int) -> None:
+        """Note the largest release error of a batch."""
+        if most_ns > max(LATE_NS, self._most_ns.get(direction, 0)):
+            self._most_ns[direction] = most_ns
+
+    def look(self) -> None:
+        """Warn of releases since the last warning; called twice a second."""
+        for direction in DESTINATION:
+            silent = self._silent[direction] = max(0, self._silent.get(direction, 0) - 1)
+            most_ns = self._most_ns.get(direction, 0)
+            if most_ns and (not silent or most_ns >= _WORSE * self._told_ns[direction]):
+                del self._most_ns[direction]
+                self._silent[direction], self._told_ns[direction] = _LOOKS_BETWEEN, most_ns
+                self._warn(
+                    f"{direction_label(direction)}: messages leave up to {most_ns / NS_PER_MS:.0f} ms after their "
+                    "instants: more than this machine releases in time, and not part of the configured network"
+                )
+
+
+class Tally(WatchedLog):
+    """A log that also collects release errors, and warns of what is not part of the configured network."""
+
+    def __init__(self, log: FileLog | None, warn: Callable[[str], None], *looks: Callable[[], None]) -> None:
+        self._late: Final = LateWatch(warn)
+        super().__init__(log, self._late.look, *looks)
         self.errors: Final[dict[Direction, ReleaseErrors]] = {"forward": ReleaseErrors(), "feedback": ReleaseErrors()}
 
     def record(self, record: Record) -> None:
@@ -126,7 +204,9 @@ class Tally(WatchedLog):
     def _count(self, batch: ReleaseBatch) -> None:
         released_ns = np.array(batch.released_ns, dtype=np.int64)
         errors_ns = released_ns - np.array(batch.release_ns, dtype=np.int64)
-        self.errors[batch.direction].add(errors_ns[released_ns > 0])
+        errors_ns = errors_ns[released_ns > 0]
+        self.errors[batch.direction].add(errors_ns)
+        self._late.count(batch.direction, int(errors_ns.max(initial=0)))
 
 
 def table(counters: Mapping[str, int], errors: Mapping[Direction, ReleaseErrors]) -> list[str]:
@@ -137,7 +217,23 @@ def table(counters: Mapping[str, int], errors: Mapping[Direction, ReleaseErrors]
     rows = [head, *(_row(direction, columns, counters, errors[direction]) for direction in errors)]
     widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
     lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
-    return [*lines, *_more(counters)]
+    late = [text for direction, found in errors.items() for text in _late_text(direction, found)]
+    near = [
+        f"{direction_label(direction)}: {text}"
+        for direction in errors
+        for text in names_near_bounds(counters, f"{direction}.")
+    ]
+    return [*lines, *_more(counters), *late, *near]
+
+
+def _late_text(direction: Direction, errors: ReleaseErrors) -> list[str]:
+    if not errors.n_late:
+        return []
+    label, bound_ms = direction_label(direction), LATE_NS // NS_PER_MS
+    return [  # a writer that is behind drops records
+        f"{label}: at least {errors.n_late} messages left more than {bound_ms} ms after their instants: "
+        "not part of the configured network"
+    ]
 
 
 def _row(

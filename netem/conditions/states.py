@@ -12,7 +12,7 @@ from tis.common.scenario.network.conditions import CycleStates, MarkovState, Mar
 from tis.common.streams import Stream
 from tis.common.units import s_to_ns
 from tis.netem.draws import grid
-from tis.netem.draws.blocks import BLOCK, Floats
+from tis.netem.draws.blocks import Floats
 from tis.netem.draws.grid import Cells, Path, RenewalPath, Stretch
 from tis.netem.draws.markov import MarkovChain
 
@@ -95,7 +95,7 @@ def _stays(
     means = np.array([state.mean_s * grid.CELLS_PER_S for state in states])
 
     def draw(number: int, before: int) -> tuple[Cells, NDArray[np.integer]]:
-        u = stream.uniforms(number * BLOCK, BLOCK)
+        u = stream.block(number)
         path = np.append([0], chain.walk(u[2::2], 0)) if number == 0 else chain.walk(u[0::2], before)
         return grid.geometric_cells(u[1::2], means[path]), path
 

@@ -10,9 +10,11 @@ from typing import Any, Final, Generic, Literal, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tis.common.streams import BLOCK as BLOCK
 from tis.common.streams import Address
 
-BLOCK: Final = 4096
+HEAD: Final = 64
+"""The draws of a name's first packets: most names have no more, and a whole block takes 32 kB."""
 
 Counts = Literal["packet", "cell"]
 """The unit of an index into the blocks: a packet of a key, or a cell of 1 ms of run time."""
@@ -37,8 +39,8 @@ class Blocks(Protocol[Drawn]):
         """Return the unit of an index."""
         ...
 
-    def block(self, number: int) -> Drawn:
-        """Return block ``number`` >= 0, (BLOCK,), which does not depend on earlier calls."""
+    def block(self, number: int, n: int = BLOCK) -> Drawn:
+        """Return the first ``n`` draws of block ``number`` >= 0, or all, which do not depend on earlier calls."""
         ...
 
 
@@ -59,14 +61,14 @@ class SelectionBlocks:
         self._p = p
         self._stream = address.stream(stage)
 
-    def block(self, number: int) -> NDArray[np.bool_]:
-        """Return the packets of block ``number`` >= 0 that are selected, (BLOCK,).
+    def block(self, number: int, n: int = BLOCK) -> NDArray[np.bool_]:
+        """Return which of the first ``n`` packets of block ``number`` >= 0 are selected, (n,).
 
         Oracle: the binomial distribution of their number, tests/netem/stages/test_duplication.
         """
         if self._p == 0.0:
-            return np.zeros(BLOCK, dtype=np.bool_)
-        return np.asarray(self._stream.uniforms(number * BLOCK, BLOCK) < self._p)
+            return np.zeros(n, dtype=np.bool_)
+        return np.asarray(self._stream.block(number, n) < self._p)
 
 
 DeferredDraw = Callable[[], None]
@@ -74,13 +76,14 @@ DeferredDraw = Callable[[], None]
 
 
 class Column:
-    """Element i is element ``i % BLOCK`` of ``draw(i // BLOCK)``, in any order of access.
+    """Element i is element ``i % BLOCK`` of ``draw(i // BLOCK, BLOCK)``, in any order of access.
 
-    The first access to a block appends the draw of the next block to ``deferred``: it is made in an idle moment, so
-    that no packet waits for it.
+    ``draw(number, n)`` returns the first n elements of a block, or more. Of its first block a column keeps the first
+    `HEAD` elements until another one is asked for. From then on the first access to a block appends the draw of the
+    next one to ``deferred``: it is made in an idle moment, so that no packet waits for it.
     """
 
-    def __init__(self, draw: Callable[[int], NDArray[Any]], deferred: list[DeferredDraw] | None = None) -> None:
+    def __init__(self, draw: Callable[[int, int], NDArray[Any]], deferred: list[DeferredDraw] | None = None) -> None:
         self._draw = draw
         self._deferred = deferred
         self._kept: dict[int, memoryview] = {}
@@ -91,10 +94,12 @@ class Column:
         """Return one element as a Python number (oracle: `many`)."""
         number = index >> _SHIFT
         if number != self._number:
-            self._block, self._number = self._fetch(number), number
-            if self._deferred is not None:
-                self._deferred.append(lambda: self.prepare(number + 1))
-        return self._block[index & _MASK]
+            self._select(number, index & _MASK)
+        try:
+            return self._block[index & _MASK]
+        except IndexError:  # beyond the head
+            self._go_to(number)
+            return self._block[index & _MASK]
 
     def stretch(self, first: int, n: int) -> NDArray[Any]:
         """Return elements ``first`` .. ``first + n - 1``, n >= 1 (oracle: `many`)."""
@@ -111,15 +116,32 @@ class Column:
         """Return the elements at ``indices`` (N,), each >= 0, in any order."""
         numbers, which = np.unique(indices >> _SHIFT, return_inverse=True)
         if len(numbers) == 0:
-            return self._draw(0)[:0]
-        found: NDArray[Any] = np.stack([self._draw(int(number)) for number in numbers])[which, indices & _MASK]
+            return self._draw(0, 1)[:0]
+        blocks = [self._draw(int(number), BLOCK) for number in numbers]
+        found: NDArray[Any] = np.stack(blocks)[which, indices & _MASK]
         return found
+
+    def _select(self, number: int, offset: int) -> None:
+        """Make an element of another block accessible."""
+        if self._number >= 0:
+            self._go_to(number)
+        elif offset < HEAD:
+            # a copy, as the rest is not worth its memory
+            self._block, self._number = np.array(self._draw(number, HEAD)[:HEAD]).data, number
+        else:
+            self._block, self._number = self._fetch(number), number
+
+    def _go_to(self, number: int) -> None:
+        """Go to a whole block, and have the next one drawn."""
+        self._block, self._number = self._fetch(number), number
+        if self._deferred is not None:
+            self._deferred.append(lambda: self.prepare(number + 1))
 
     def _fetch(self, number: int) -> memoryview:
         block = self._kept.get(number)
         if block is None:
             # a memoryview yields a Python number three times faster than an array, at a quarter of a list's memory
-            block = np.ascontiguousarray(self._draw(number)).data
+            block = np.ascontiguousarray(self._draw(number, BLOCK)).data
             if len(self._kept) >= _MAX_KEPT:
                 del self._kept[next(iter(self._kept))]
             self._kept[number] = block
@@ -146,7 +168,7 @@ class SegmentedPath(Generic[S]):
         # (segment, block) -> state before that block, so that the next block in a row costs one walk
         self._states: dict[tuple[int, int], S] = {}
 
-    def block(self, number: int) -> Floats:
+    def block(self, number: int, n: int = BLOCK) -> Floats:  # noqa: ARG002 - a walk costs the same
         """Return block ``number`` >= 0, (BLOCK,): at most 17 walks, one when the previous block was returned last.
 
         Oracle: one walk through all blocks in order, tests/netem/draws/test_segments.

@@ -25,7 +25,8 @@ from tis.netem.draws.blocks import BLOCK, Floats
 _CELL_S: Final = 0.001
 # a step on the grid of level 3 is 795 days, beyond any half-life, so its points are independent
 _TOP: Final = 3
-_MAX_KEPT_BLOCKS: Final = 2  # two neighbours of the coarser grid may lie in two of its blocks
+_STRETCH: Final = 64  # of a coarser grid, kept for 262 s or longer: whole blocks of three grids are 200 kB a key
+_MAX_KEPT: Final = 2  # two neighbours of the coarser grid may lie in two stretches
 
 
 def uniforms(scores: Floats) -> Floats:
@@ -71,22 +72,23 @@ class _Process:
         return self._draw(0, number)
 
     def _draw(self, level: int, number: int) -> Floats:
-        normals = scipy.special.ndtri(self._streams[level].uniforms(number * BLOCK, BLOCK))
+        normals = scipy.special.ndtri(self._streams[level].block(number))
         if level == _TOP:
             return normals
         begin, end = self._point(level + 1, number), self._point(level + 1, number + 1)
         return self._bridges[level].between(normals, begin, end)
 
     def _point(self, level: int, index: int) -> float:
-        number, offset = divmod(index, BLOCK)
+        number, offset = divmod(index, _STRETCH)
         kept = self._coarse[level]
-        block = kept.get(number)
-        if block is None:
-            block = self._draw(level, number)
-            if len(kept) >= _MAX_KEPT_BLOCKS:
+        stretch = kept.get(number)
+        if stretch is None:
+            block, begin = divmod(number * _STRETCH, BLOCK)
+            stretch = self._draw(level, block)[begin : begin + _STRETCH].copy()  # else it keeps the block
+            if len(kept) >= _MAX_KEPT:
                 del kept[min(kept)]
-            kept[number] = block
-        return float(block[offset])
+            kept[number] = stretch
+        return float(stretch[offset])
 
 
 @dataclass(frozen=True, eq=False)

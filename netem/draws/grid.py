@@ -139,7 +139,7 @@ def alternating(stream: Stream, off: Callable[[Floats], Cells], on: Callable[[Fl
     values = np.tile(np.array([0, 1], np.int64), BLOCK // 2)
 
     def draw(number: int, _: int) -> tuple[Cells, Cells]:
-        u = stream.uniforms(number * BLOCK, BLOCK)
+        u = stream.block(number)
         return np.stack([off(u[0::2]), on(u[1::2])], axis=1).ravel(), values
 
     return RenewalPath(draw)

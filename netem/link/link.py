@@ -11,7 +11,9 @@ from tis.common.scenario.network import Buffer
 from tis.common.streams import Address
 from tis.common.trace import Trace
 from tis.netem.conditions.conditions import Condition, Conditions
-from tis.netem.draws.blocks import DeferredDraw
+from tis.netem.draws.blocks import HEAD, DeferredDraw
+from tis.netem.draws.grid import CELL_NS
+from tis.netem.link.flows import Flows
 from tis.netem.link.ledger import DROPS, Ledger
 from tis.netem.link.packet import Fate, Flow, Packet, flow_key, held_bytes
 from tis.netem.link.queue.queues import Queues
@@ -20,7 +22,6 @@ from tis.netem.link.rules import LINK, RuleTable
 from tis.netem.stages.impairment import Impairment
 from tis.netem.stages.single_packets import flip_bits
 
-MAX_FLOWS: Final = 20_000
 _BYTES_PER_MB: Final = 1_000_000
 
 
@@ -97,7 +98,8 @@ class Link:
         self._evicts = buffer.policy == "drop_oldest"
         self._by_age: deque[Packet] = deque()
         self._dropped: list[Packet] = []  # since the last call of `release`: evicted, or by CoDel
-        self._flows: dict[str, Flow] = {}
+        self.flows: Final = Flows()
+        self._flows: Final = self.flows.open
         self._queues: Final = Queues(conditions, rules.pipelines, self.address(""), self.traces)
         self._servers: Final = self._queues.servers  # empty, and cheap to test, until a message meets a queue
         self._clear_until_ns = 0
@@ -109,9 +111,10 @@ class Link:
     def prepare(self, names: Iterable[str]) -> None:
         """Open the flows of expected names and make their first draws, so that no packet waits for them."""
         for name in names:
-            flow = self._flows.get(name) or self._open(name)
+            flow = self._flows.get(name) or self._open(name, 0)
             if flow.impairment is not None:
-                flow.impairment.decide(0, 0, 0, self._condition)
+                for seq in (0, HEAD):  # whole blocks too
+                    flow.impairment.decide(seq, seq * CELL_NS, 0, self._condition)
         self.run_deferred()
 
     def run_deferred(self, limit: int | None = None) -> None:
@@ -155,7 +158,7 @@ class Link:
         self.offered += 1
         if self._servers:
             self.catch_up(now_ns)
-        flow = self._flows.get(name) or self._open(name)
+        flow = self._flows.get(name) or self._open(name, now_ns)
         seq, foreign = flow.number(attachment, self.run_id)
         size = n_bytes + len(attachment)
         fate = self._decide(flow, seq, foreign, n_bytes, size, now_ns, item)
@@ -182,7 +185,8 @@ class Link:
 
     def crossed(self, name: str, attachment: bytes, n_bytes: int, offered_ns: int, released_ns: int) -> None:
         """Count and record a packet that `lets_through` admitted and that was sent at ``released_ns``."""
-        seq, foreign = self._flows[name].number(attachment, self.run_id)
+        flow = self._flows.get(name) or self._open(name, offered_ns)  # another flow may have closed it meanwhile
+        seq, foreign = flow.number(attachment, self.run_id)
         self.offered += 1
         self.released += 1
         self.most_held = self.most_held or 1
@@ -271,22 +275,21 @@ class Link:
         return not (self._servers or self._evicts)
 
     def counters(self) -> dict[str, int]:
-        """Return the counts, by name; ``held_at_end`` is the number held now."""
+        """Return the counts, by name; ``held_at_end`` is the number held now; those of names only near a bound."""
         counts = {"offered": self.offered, "copied": self.copied, "released": self.released}
         counts |= {f"dropped.{cause}": count for cause, count in self.dropped.items()}
         counts |= {"held_at_end": self.held, "most_held": self.most_held, "flipped_bits": self.flipped}
+        counts |= self.flows.counters()
         return {f"{self.direction}.{name}": count for name, count in counts.items()}
 
-    def _open(self, name: str) -> Flow:
-        assigned = self.rules.assign(flow_key(name)) if len(self._flows) < MAX_FLOWS else None
+    def _open(self, name: str, now_ns: int) -> Flow:
+        assigned = self.rules.assign(flow_key(name))
         if assigned is None:
             flow = Flow(name, None, "")
-            if len(self._flows) >= MAX_FLOWS:
-                return flow
         else:
             impairment = Impairment(assigned.pipeline, self.address(name), self.traces, self.deferred)
             flow = Flow(name, impairment, assigned.group)
-        self._flows[name] = flow
+        self.flows.add(flow, now_ns)
         return flow
 
     def _decide(self, flow: Flow, seq: int, foreign: bool, n_bytes: int, size: int, now_ns: int, item: Any) -> Fate:

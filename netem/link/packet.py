@@ -33,12 +33,12 @@ class Flow:
     """The state of one name. Without an ``impairment`` its packets are refused; ``is_open``: no stage holds them.
 
     ``n_queued`` of its packets wait for a rate, the last one in the queue of the group ``queue``; ``latest_ns`` is
-    the latest release instant so far.
+    the latest release instant so far. ``looked_ns`` and ``activity`` are of the last look whether it is idle.
     """
 
     __slots__ = (
-        "changes", "group", "impairment", "is_copied", "is_open", "latest_ns", "n_queued", "n_unnumbered", "name",
-        "ordering", "orderings", "queue",
+        "activity", "changes", "group", "impairment", "is_copied", "is_open", "latest_ns", "looked_ns", "n_queued",
+        "n_unnumbered", "name", "ordering", "orderings", "queue",
     )  # fmt: skip
 
     def __init__(self, name: str, impairment: Impairment | None, group: str) -> None:
@@ -50,6 +50,8 @@ class Flow:
         self.n_unnumbered = 0
         self.n_queued = 0
         self.latest_ns = 0
+        self.looked_ns = 0
+        self.activity = 0
         self.queue = group
         self.changes: tuple[Change, ...] = ()
         self.orderings: dict[OrderingName, Ordering] = {}

@@ -13,7 +13,7 @@ from tis.common.streams import Address
 from tis.common.trace import Trace
 from tis.common.units import NS_PER_MS
 from tis.netem.conditions.conditions import Condition, merged
-from tis.netem.draws.blocks import BLOCK, Column, DeferredDraw
+from tis.netem.draws.blocks import Column, DeferredDraw
 from tis.netem.stages.pipeline_draws import Draw, Draws, ManyDraws
 
 _NEUTRAL: Final = 1.0
@@ -56,8 +56,7 @@ class Impairment:
         self._address = address
         self._traces = traces or {}
         self._deferred = deferred
-        extra = address.stream("extra_loss")
-        self._extra = Column(lambda number: extra.uniforms(number * BLOCK, BLOCK), deferred)
+        self._extra = Column(address.stream("extra_loss").block, deferred)
         self._variants: dict[tuple[Change, ...], Variant] = {}
         self._select(())
 

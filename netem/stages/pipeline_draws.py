@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.streams import Address, Stream
 from tis.common.trace import Trace
-from tis.netem.draws.blocks import BLOCK, Column, DeferredDraw, LossBlocks
+from tis.netem.draws.blocks import Column, DeferredDraw, LossBlocks
 from tis.netem.stages.delay import delay_blocks
 from tis.netem.stages.loss import loss_blocks
 from tis.netem.stages.single_packets import corrupted, duplicated, n_flipped, reordered, skipped_ns
@@ -61,7 +61,7 @@ class Draws:
         self._delay_by_cell = delays.counts == "cell"
         self._delays = Column(delays.block, deferred)
         constant = pipeline.delay is None or (pipeline.delay.kind == "constant" and pipeline.jitter is None)
-        self._constant = Draw(self._delays[0]) if constant else None
+        self._constant = Draw(int(delays.block(0, 1)[0])) if constant else None
         self._rare = None
         if pipeline.duplicate is not None or pipeline.corrupt is not None or pipeline.reorder is not None:
             self._rare = _RareStages(pipeline, address, traces, deferred)
@@ -132,7 +132,7 @@ class _Losses:
         self._by_cell = blocks.counts == "cell"
         self._has_memory = has_memory
         self._p = Column(blocks.block, deferred)
-        self._u = Column(lambda number: uniforms.uniforms(number * BLOCK, BLOCK), deferred)
+        self._u = Column(uniforms.block, deferred)
 
     def is_lost(self, seq: int, cell: int, n_parts: int) -> bool:
         if n_parts > 1 and self._has_memory:

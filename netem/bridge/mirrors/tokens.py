@@ -43,6 +43,7 @@ class _DirectionState:
         self.alive: dict[str, bool] = {}
         self.numbers: dict[str, int] = {}
         self.applied: dict[str, int] = {}
+        self.n_crossing: dict[str, int] = {}
         self.retries: dict[str, _Retry] = {}
         self.mirrors: dict[str, Any] = {}
         self.withdrawn_s: dict[str, float] = {}
@@ -56,6 +57,25 @@ class _DirectionState:
         self.last_number += 1
         self.alive[key] = alive
         self.numbers[key] = self.last_number
+
+    def left(self, key: str) -> None:
+        """Note that a change, or its copy, has left the link."""
+        n = self.n_crossing.pop(key, 0) - 1
+        if n > 0:
+            self.n_crossing[key] = n
+
+    def forget(self, key: str) -> None:
+        """Forget a token that is gone, unless something of it is still to come: else every name would stay."""
+        if not (self.alive.get(key) or key in self.mirrors or key in self.retries or key in self.n_crossing):
+            for known in (self.alive, self.numbers, self.applied):
+                known.pop(key, None)
+
+    def withdrew(self, key: str, now_s: float) -> None:
+        """Note when a mirror was withdrawn; earlier withdrawals are forgotten when they no longer count."""
+        self.withdrawn_s.pop(key, None)
+        self.withdrawn_s[key] = now_s
+        while now_s - self.withdrawn_s[oldest := next(iter(self.withdrawn_s))] >= _RECENT_S:
+            del self.withdrawn_s[oldest]
 
 
 class Tokens:
@@ -116,10 +136,16 @@ class Tokens:
     def apply(self, direction: Direction, key: str, number: int, alive: bool) -> None:
         """Apply a change that has arrived, unless a later one came first or the networks were cut meanwhile."""
         state = self._states[direction]
+        state.left(key)
+        self._apply(direction, key, number, alive)
+        state.forget(key)
+
+    def _apply(self, direction: Direction, key: str, number: int, alive: bool) -> None:
+        state = self._states[direction]
         if self._cut or self._closed or number <= max(state.applied.get(key, 0), state.void_up_to):
             return
         state.applied[key] = number
-        if state.numbers[key] == number:
+        if state.numbers.get(key) == number:
             state.retries.pop(key, None)
         mirror = state.mirrors.get(key)
         if alive and mirror is None:
@@ -127,11 +153,17 @@ class Tokens:
         elif not alive and mirror is not None:
             self._withdraw(direction, key)
 
+    def dropped(self, direction: Direction, key: str, number: int) -> None:
+        """Handle a change, or its copy, that the link drops after all."""
+        self._states[direction].left(key)
+        self.lost(direction, key, number)
+
     def lost(self, direction: Direction, key: str, number: int) -> None:
-        """Schedule a lost change to be sent again, unless there is a later one."""
+        """Schedule a lost change to be sent again, unless there is a later one or its copy has arrived."""
         state = self._states[direction]
-        if state.numbers.get(key) == number:
+        if state.numbers.get(key) == number > max(state.applied.get(key, 0), state.void_up_to):
             self._schedule(state, key, max(_MIN_RETRY_S, state.round_trip_s))
+        state.forget(key)
 
     def _step(self) -> None:
         """Send lost changes again, and handle outages."""
@@ -186,8 +218,12 @@ class Tokens:
         if fate is None:
             self._schedule(state, key, 0.0)
         elif fate.outcome == "deliver":
+            state.n_crossing[key] = state.n_crossing.get(key, 0) + 1 + fate.n_copies
             state.round_trip_s = 2e-9 * fate.delay_ns
-        elif fate.outcome != "refused":
+        elif fate.outcome == "refused":
+            state.retries.pop(key, None)
+            state.forget(key)
+        else:
             self.lost(direction, key, number)
 
     def _schedule(self, state: _DirectionState, key: str, pause_s: float) -> None:
@@ -223,7 +259,7 @@ class Tokens:
     def _withdraw(self, direction: Direction, key: str) -> None:
         state = self._states[direction]
         state.mirrors.pop(key).undeclare()
-        state.withdrawn_s[key] = time.monotonic()
+        state.withdrew(key, time.monotonic())
         self._query(OPPOSITE[direction], key)
 
     def _withdraw_all(self) -> None:
@@ -238,9 +274,12 @@ class Tokens:
         self._cut = False
         for state in self._states.values():
             state.void_up_to = state.last_number
-            for key in [key for key, alive in state.alive.items() if alive]:
-                state.note(key, alive=True)
-                self._schedule(state, key, 0.0)
+            state.retries.clear()
+            for key, alive in list(state.alive.items()):
+                if alive:
+                    state.note(key, alive=True)
+                    self._schedule(state, key, 0.0)
+                state.forget(key)
 
     def _end(self) -> None:
         self._closed = True
@@ -263,4 +302,4 @@ class _Change:
 
     def drop(self) -> None:
         """Schedule it to be sent again."""
-        self.tokens.executor.post(lambda: self.tokens.lost(self.direction, self.key, self.number))
+        self.tokens.executor.post(lambda: self.tokens.dropped(self.direction, self.key, self.number))

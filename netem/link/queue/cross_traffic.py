@@ -11,7 +11,6 @@ import numpy as np
 from tis.common.scenario.network.capacity import Cross, OnOffCross, PoissonCross
 from tis.common.streams import Address
 from tis.common.units import NS_PER_S
-from tis.netem.draws.blocks import BLOCK
 from tis.netem.draws.grid import CELL_NS, CELLS_PER_S, RenewalPath, alternating, geometric_cells
 from tis.netem.link.queue.transmission import NS_PER_BYTE_AT_1_KBIT_S
 
@@ -70,7 +69,7 @@ class CrossTraffic:
         stream, gap_ns = self._address.stream(f"{_STAGE}/{second}"), float(self._gap_ns)
         at_ns, known = 0.0, []
         for number in range(1 << 20):
-            instants = at_ns - np.cumsum(np.log(stream.uniforms(number * BLOCK, BLOCK))) * gap_ns
+            instants = at_ns - np.cumsum(np.log(stream.block(number))) * gap_ns
             known.append(instants[instants < NS_PER_S])
             at_ns = float(instants[-1])
             if at_ns >= NS_PER_S:

@@ -52,32 +52,33 @@ class DrawnBlocks:
     """Delays drawn from the uniforms of delay and jitter, one draw per packet or per cell of run time."""
 
     def __init__(
-        self, model: LatencyModel, counts: Counts, delay: Callable[[int], Floats], jitter: Callable[[int], Floats]
+        self,
+        model: LatencyModel,
+        counts: Counts,
+        delay: Callable[[int, int], Floats],
+        jitter: Callable[[int, int], Floats],
     ) -> None:
         self.counts = counts
         self._model, self._delay, self._jitter = model, delay, jitter
 
-    def block(self, number: int) -> NDArray[np.int64]:
-        """Return delays in ns, (BLOCK,). Oracle: scipy.stats, tests/netem/stages/delay/test_blocks."""
-        u_delay = self._delay(number)
-        return self._model.sample(u_delay, u_delay if self._model.jitter is None else self._jitter(number))
+    def block(self, number: int, n: int = BLOCK) -> NDArray[np.int64]:
+        """Return ``n`` delays in ns or more. Oracle: scipy.stats, tests/netem/stages/delay/test_blocks."""
+        u_delay = self._delay(number, n)
+        return self._model.sample(u_delay, u_delay if self._model.jitter is None else self._jitter(number, n))
 
 
 def _independent(model: LatencyModel, address: Address) -> DrawnBlocks:
-    delay, jitter = address.stream("delay"), address.stream("jitter")
-    return DrawnBlocks(
-        model,
-        "packet",
-        lambda number: delay.uniforms(number * BLOCK, BLOCK),
-        lambda number: jitter.uniforms(number * BLOCK, BLOCK),
-    )
+    return DrawnBlocks(model, "packet", address.stream("delay").block, address.stream("jitter").block)
 
 
 def _correlated(model: LatencyModel, part: network.Correlation, address: Address) -> DrawnBlocks:
     """Return blocks in which delay and jitter follow one path each over run time, so that a cell has one delay."""
     delay, jitter = ScorePath(part, address, "delay"), ScorePath(part, address, "jitter")
     return DrawnBlocks(
-        model, "cell", lambda number: uniforms(delay.block(number)), lambda number: uniforms(jitter.block(number))
+        model,
+        "cell",
+        lambda number, _: uniforms(delay.block(number)),
+        lambda number, _: uniforms(jitter.block(number)),
     )
 
 
@@ -91,7 +92,7 @@ class TraceBlocks:
         self._delays_ns = row_delays_ns(trace)
         self._jitter = address.stream("jitter")
 
-    def block(self, number: int) -> NDArray[np.int64]:
-        """Return delays in ns, (BLOCK,). Oracle: a loop over the rows, tests/netem/stages/delay/test_trace."""
-        rows = rows_of_block(self._trace, self.counts, number)
-        return self._model.with_jitter(self._delays_ns[rows], self._jitter.uniforms(number * BLOCK, BLOCK))
+    def block(self, number: int, n: int = BLOCK) -> NDArray[np.int64]:
+        """Return ``n`` delays in ns. Oracle: a loop over the rows, tests/netem/stages/delay/test_trace."""
+        rows = rows_of_block(self._trace, self.counts, number)[:n]
+        return self._model.with_jitter(self._delays_ns[rows], self._jitter.block(number, n))

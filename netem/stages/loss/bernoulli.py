@@ -1,5 +1,6 @@
 """Independent (Bernoulli) losses."""
 
+from functools import lru_cache
 from typing import Literal, Self
 
 import numpy as np
@@ -16,14 +17,13 @@ class Bernoulli:
 
     def __init__(self, p_loss: float) -> None:
         self._p_loss = p_loss
-        self._block = np.full(BLOCK, p_loss)
-        self._block.flags.writeable = False  # one array for all blocks
+        self._block = _constant(p_loss)
 
     def blocks(self, address: Address) -> Self:  # noqa: ARG002 - all keys are alike
         """Return the loss blocks of one key."""
         return self
 
-    def block(self, number: int) -> Floats:  # noqa: ARG002 - all blocks are alike
+    def block(self, number: int, n: int = BLOCK) -> Floats:  # noqa: ARG002 - all blocks are alike
         """Return probabilities, (BLOCK,)."""
         return self._block
 
@@ -31,3 +31,11 @@ class Bernoulli:
         """Return p and 1 / (1 - p): run lengths are geometric (oracle: the binomial law, tests/netem/stages/loss)."""
         p = of_message(self._p_loss, n_packets)
         return ExpectedLoss.of_rates(p, p * (1.0 - p))
+
+
+@lru_cache(maxsize=64)
+def _constant(p: float) -> Floats:
+    """Return one array for all blocks of all keys, (BLOCK,)."""
+    block = np.full(BLOCK, p)
+    block.flags.writeable = False
+    return block

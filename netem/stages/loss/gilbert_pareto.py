@@ -102,10 +102,11 @@ class GilbertParetoBlocks(SegmentedPath[_Place]):
         self._chain, self._laws, self._cycles = loss.chain, loss.laws, loss.cycles
         self._steps = address.stream("loss_state")
         self._lengths = address.stream("loss_run")
-        self._starts = address.stream("loss_start")
+        self._address = address
 
     def _enter(self, segment: int) -> _Place:
-        u_drawn, u_length, u_position, u_state = (float(u) for u in self._starts.uniforms(4 * segment, 4))
+        starts = self._address.stream("loss_start").uniforms(4 * segment, 4).tolist()  # the stream would keep a block
+        u_drawn, u_length, u_position, u_state = starts
         # the state in which the cycle of the packet before the segment was drawn, weighted by the cycle's length
         packets = self._cycles * [1.0 + law.mean for law in self._laws]
         drawn = int(u_drawn >= packets[0] / packets.sum())
@@ -115,8 +116,8 @@ class GilbertParetoBlocks(SegmentedPath[_Place]):
         return _Place(int(u_state < p_bad_now), max(0, n_lost - position - 1), position < n_lost)
 
     def _walk(self, number: int, place: _Place) -> tuple[Floats, _Place]:
-        states = self._chain.walk(self._steps.uniforms(number * BLOCK, BLOCK), place.state)
-        u = self._lengths.uniforms(number * BLOCK, BLOCK)
+        states = self._chain.walk(self._steps.block(number), place.state)
+        u = self._lengths.block(number)
         n_lost = np.where(states, self._laws[1].quantiles(u), self._laws[0].quantiles(u))
         values = np.zeros(BLOCK)
         values[: place.n_lost_left] = 1.0  # the rest of the burst before this block

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tis.common.streams import Address
-from tis.netem.draws.blocks import BLOCK, Floats, SegmentedPath
+from tis.netem.draws.blocks import Floats, SegmentedPath
 from tis.netem.draws.markov import MarkovChain
 from tis.netem.stages.loss.expected_loss import ExpectedLoss
 
@@ -56,11 +56,11 @@ class ModulatedBlocks(SegmentedPath[int]):
         self._chain = loss.chain
         self._p_loss = np.array(loss.p_loss)
         self._steps = address.stream("loss_state")
-        self._starts = address.stream("loss_start")
+        self._address = address
 
     def _enter(self, segment: int) -> int:
-        return self._chain.draw(self._starts.uniform(segment))
+        return self._chain.draw(self._address.stream("loss_start").uniform(segment))  # the stream would keep a block
 
     def _walk(self, number: int, state: int) -> tuple[Floats, int]:
-        path = self._chain.walk(self._steps.uniforms(number * BLOCK, BLOCK), state)
+        path = self._chain.walk(self._steps.block(number), state)
         return self._p_loss[path], int(path[-1])

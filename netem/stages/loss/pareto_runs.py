@@ -61,15 +61,15 @@ class ParetoRunsBlocks(SegmentedPath[_Run]):
         self._laws = loss.laws
         self._p_loss = loss.expected(1).p_loss
         self._lengths = address.stream("loss_run")
-        self._starts = address.stream("loss_start")
+        self._address = address
 
     def _enter(self, segment: int) -> _Run:
-        u_phase, u_rest = self._starts.uniforms(2 * segment, 2)
+        u_phase, u_rest = self._address.stream("loss_start").uniforms(2 * segment, 2)  # the stream would keep a block
         lost = bool(u_phase < self._p_loss)
         return _Run(lost, self._laws[lost].residual(float(u_rest)))
 
     def _walk(self, number: int, run: _Run) -> tuple[Floats, _Run]:
-        u = self._lengths.uniforms(number * BLOCK, BLOCK)
+        u = self._lengths.block(number)
         lengths = tuple((law.quantiles(u) + 1).tolist() for law in self._laws)
         values = np.zeros(BLOCK)
         lost, at = run.lost, run.n_left

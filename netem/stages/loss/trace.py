@@ -7,7 +7,7 @@ import numpy as np
 from tis.common.scenario.network import loss as network
 from tis.common.streams import Address
 from tis.common.trace import Trace
-from tis.netem.draws.blocks import Counts, Floats
+from tis.netem.draws.blocks import BLOCK, Counts, Floats
 from tis.netem.draws.grid import cells_of_rows, rows_of_block
 from tis.netem.stages.loss.expected_loss import ExpectedLoss
 
@@ -25,9 +25,9 @@ class RecordedLoss:
         """Return the loss blocks of one key."""
         return self
 
-    def block(self, number: int) -> Floats:
-        """Return probabilities, (BLOCK,)."""
-        return self._p_loss[rows_of_block(self._trace, self.counts, number)]
+    def block(self, number: int, n: int = BLOCK) -> Floats:
+        """Return probabilities, (n,)."""
+        return self._p_loss[rows_of_block(self._trace, self.counts, number)[:n]]
 
     def expected(self, n_packets: int) -> ExpectedLoss:  # noqa: ARG002 - a message is one row
         """Return the share of lost rows, or of run time, and the mean run of lost rows.

@@ -2,10 +2,12 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.netem.making import link
 from tis.common.channels import Direction
 from tis.common.node import Record
 from tis.common.records import RELEASES, ReleaseBatch
-from tis.netem.bridge.tally import ReleaseErrors, Tally, WatchedLog, table
+from tis.common.units import NS_PER_MS
+from tis.netem.bridge.tally import NamesWatch, ReleaseErrors, Tally, WatchedLog, table
 
 NOTHING = {"loss": 0, "outage": 0, "refused": 0, "overflow": 0, "queue_full": 0, "late": 0, "codel": 0, "evicted": 0}
 
@@ -25,7 +27,7 @@ def test_without_packets_it_is_0() -> None:
 
 
 def test_only_what_was_released_is_counted() -> None:
-    tally = Tally(None, lambda: None)
+    tally = Tally(None, lambda _: None)
     batch = ReleaseBatch(
         direction="forward", key="a", seq=(0, 1, 2), copy_index=(0, 0, 0), offered_ns=(0, 0, 0),
         release_ns=(1000, 2000, 3000), released_ns=(1500, 0, 3100), departure=("released", "late", "released"),
@@ -53,6 +55,62 @@ def test_the_table_says_what_was_counted() -> None:
         "2 messages before the beginning, 1 way past netem found: not valid, 30 messages dropped by a full buffer: "
         "not part of the configured network"
     )
+
+
+def _late_batch(late_ms: int) -> Record:
+    batch = ReleaseBatch(
+        direction="forward", key="a", seq=(0,), copy_index=(0,), offered_ns=(0,), release_ns=(1000,),
+        released_ns=(1000 + late_ms * NS_PER_MS,), departure=("released",), queued_ns=(0,),
+    )  # fmt: skip
+    return Record(RELEASES, 0, batch)
+
+
+def test_late_releases_are_told_once_in_ten_seconds_and_at_the_end() -> None:
+    said: list[str] = []
+    tally = Tally(None, said.append)
+    tally.record(_late_batch(10))
+    tally.flush()
+    assert said == []  # that is the bound
+    for late_ms in (11, 300, 40):
+        tally.record(_late_batch(late_ms))
+    tally.flush()
+    assert len(said) == 1
+    assert "forward (west to east)" in said[0]
+    assert "300 ms" in said[0]
+    for _ in range(19):
+        tally.record(_late_batch(2700))
+        tally.flush()
+    assert len(said) == 1
+    tally.flush()
+    assert len(said) == 2
+    assert "2700 ms" in said[1]
+    tally.record(_late_batch(27_000))
+    tally.flush()
+    assert len(said) == 3  # much worse
+    for _ in range(50):
+        tally.flush()
+    assert len(said) == 3
+    counters = {
+        f"{way}.{name}": 0 for way in tally.errors for name in ("offered", "released", "held_at_end", "copied")
+    }
+    counters |= {f"{way}.dropped.{cause}": 0 for way in tally.errors for cause in NOTHING}
+    assert [line for line in table(counters, tally.errors) if "23 messages left more than 10 ms" in line]
+
+
+def test_names_near_a_bound_are_told_once_and_at_the_end() -> None:
+    said: list[str] = []
+    made = link()
+    watch = NamesWatch({"forward": made}, said.append)
+    watch.look()
+    assert said == []
+    made.flows.most_open = 17_000
+    watch.look()
+    watch.look()
+    assert len(said) == 1
+    assert "17000 names at once" in said[0]
+    counters = made.counters() | {name.replace("forward", "feedback"): n for name, n in link().counters().items()}
+    last = table(counters, {"forward": ReleaseErrors(), "feedback": ReleaseErrors()})[-1]
+    assert last == said[0]
 
 
 def test_what_dropped_nothing_is_no_column() -> None:

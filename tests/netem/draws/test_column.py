@@ -2,10 +2,10 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tis.netem.draws.blocks import BLOCK, Column
+from tis.netem.draws.blocks import BLOCK, HEAD, Column, DeferredDraw
 
 
-def _squares(number: int) -> np.ndarray:
+def _squares(number: int, _: int = BLOCK) -> np.ndarray:
     return (np.arange(number * BLOCK, (number + 1) * BLOCK, dtype=np.int64)) ** 2
 
 
@@ -18,39 +18,59 @@ def test_single_elements_are_those_of_many(indices: list[int]) -> None:
 
 def test_elements_are_python_numbers() -> None:
     assert type(Column(_squares)[3]) is int
-    assert type(Column(lambda _: np.zeros(BLOCK, dtype=bool))[3]) is bool
-    assert type(Column(lambda _: np.zeros(BLOCK))[3]) is float
+    assert type(Column(lambda *_: np.zeros(BLOCK, dtype=bool))[3]) is bool
+    assert type(Column(lambda *_: np.zeros(BLOCK))[3]) is float
+
+
+class _Draw:
+    """Draws that are noted: the block, and how many of its elements."""
+
+    def __init__(self) -> None:
+        self.drawn: list[tuple[int, int]] = []
+
+    def __call__(self, number: int, n: int) -> np.ndarray:
+        self.drawn.append((number, n))
+        return _squares(number)[:n]
+
+
+def test_of_its_first_block_only_the_head_is_drawn_until_more_is_asked_for() -> None:
+    draw, deferred = _Draw(), list[DeferredDraw]()
+    column = Column(draw, deferred)
+    assert [column[i] for i in range(HEAD)] == [i * i for i in range(HEAD)]
+    assert draw.drawn == [(0, HEAD)]
+    assert not deferred  # most names have no more packets
+    assert column[HEAD] == HEAD**2
+    assert column[3] == 9
+    assert draw.drawn == [(0, HEAD), (0, BLOCK)]
+    assert len(deferred) == 1
+
+
+def test_of_a_block_that_comes_whole_only_the_head_is_kept() -> None:
+    column = Column(_squares)
+    assert column[0] == 0
+    assert column._block.nbytes == 8 * HEAD
+    assert np.asarray(column._block).base is None or not column._kept
 
 
 def test_the_next_block_is_a_deferred_draw() -> None:
-    drawn: list[int] = []
-
-    def draw(number: int) -> np.ndarray:
-        drawn.append(number)
-        return _squares(number)
-
-    deferred: list[object] = []
-    column = Column(draw, deferred)  # type: ignore[arg-type]
-    assert column[5] == 25
-    assert drawn == [0]
-    deferred.pop()()  # type: ignore[operator]
-    assert drawn == [0, 1]
+    draw, deferred = _Draw(), list[DeferredDraw]()
+    column = Column(draw, deferred)
+    assert column[HEAD] == HEAD**2
+    assert column[BLOCK - 1] == (BLOCK - 1) ** 2
+    assert not deferred  # it is not known yet that the name stays
     assert column[BLOCK] == BLOCK**2
-    assert drawn == [0, 1]  # nobody had to wait for it
+    deferred.pop()()
+    assert column[2 * BLOCK] == 4 * BLOCK**2
+    assert draw.drawn == [(0, BLOCK), (1, BLOCK), (2, BLOCK)]  # nobody had to wait for the last one
     assert len(deferred) == 1
 
 
 def test_few_blocks_are_kept() -> None:
-    drawn: list[int] = []
-
-    def draw(number: int) -> np.ndarray:
-        drawn.append(number)
-        return _squares(number)
-
+    draw = _Draw()
     column = Column(draw)
     for index in (0, BLOCK, 0, BLOCK, 5 * BLOCK, 0):
         assert column[index] == index * index
-    assert drawn == [0, 1, 5]
+    assert draw.drawn == [(0, HEAD), (1, BLOCK), (0, BLOCK), (5, BLOCK)]
     for number in range(20):
         assert column[number * BLOCK] == (number * BLOCK) ** 2
     assert len(column._kept) <= 4

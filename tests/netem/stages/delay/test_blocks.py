@@ -9,7 +9,7 @@ from scipy.special import ndtri
 
 from tests.netem.stages.delay.laws import ADDRESS, LAWS, MS, drawn, model, stages
 from tis.common.scenario.network.pipeline import Stages
-from tis.netem.draws.blocks import BLOCK
+from tis.netem.draws.blocks import BLOCK, HEAD
 from tis.netem.stages.delay import delay_blocks
 
 LOGNORMAL = LAWS["lognormal"].part
@@ -121,3 +121,13 @@ def test_existing_seeds_give_the_numbers_that_they_always_gave() -> None:
 def test_keys_that_share_a_process_are_equally_late() -> None:
     shared = stages(LOGNORMAL, correlation={"half_life_s": 0.5, "across_keys": True})
     assert np.array_equal(drawn(shared, BLOCK), drawn(shared, BLOCK, ADDRESS._replace(key="other")))
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize(
+    "others", [{}, {"jitter": NORMAL_JITTER}, {"jitter": {"kind": "uniform", "half_width_ms": 3}}]
+)
+def test_the_head_of_a_block_is_its_beginning_bit_for_bit(name: str, others: dict[str, Any]) -> None:
+    blocks = delay_blocks(stages(LAWS[name].part, **others), ADDRESS, {})
+    for number, n in ((0, HEAD), (0, 1), (5, HEAD)):
+        assert blocks.block(number, n).tolist() == blocks.block(number)[:n].tolist()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tests.netem.stages.loss.making import HERE, losses, make, netfi
 from tis.common.scenario.network import loss as network
 from tis.common.streams import Address
-from tis.netem.draws.blocks import BLOCK
+from tis.netem.draws.blocks import BLOCK, HEAD
 from tis.netem.stages.loss import expected_loss, loss_blocks
 
 PARTS: dict[str, network.Loss] = {
@@ -94,3 +94,10 @@ def test_a_higher_share_loses_the_same_packets_and_more(kind: str) -> None:
     few, many = (losses(make(kind, p_loss=p_loss, **more), 10) for p_loss in (0.01, 0.02))
     assert many[few].all()
     assert many.sum() > few.sum()
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_the_head_of_a_block_is_its_beginning(name: str) -> None:
+    blocks = loss_blocks(PARTS[name], HERE, {})
+    for number in (0, 20):
+        assert (blocks.block(number, HEAD)[:HEAD] == blocks.block(number)[:HEAD]).all()
