@@ -38,6 +38,7 @@ from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.command import netem_command
 from tis.netem.bridge.control import attach
 from tis.netem.bridge.emergency import EmergencyLine
+from tis.netem.bridge.gate import RECEIVE_BYTES, gates_for, without_gates
 from tis.netem.bridge.keys import crossing_keys
 from tis.netem.bridge.overhead import warn_of_overhead
 from tis.netem.bridge.sides import lease_s
@@ -61,6 +62,9 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
     zenoh_options = replace(options.zenoh, credentials=credentials(security, "netem"), lease_ms=lease)
     traces = load_traces(scenario.network)
     node = build_netem(scenario, traces)
+    gates = gates_for(scenario.network, lease_s(zenoh_options))
+    if gates:
+        zenoh_options = replace(zenoh_options, receive_bytes=RECEIVE_BYTES)
     interrupt = Interrupt()
     with ExitStack() as stack:
         stack.enter_context(interrupt.installed())
@@ -74,7 +78,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         log = stack.enter_context(open_log(options, scenario, "netem", earlier))
         for name, content in trace_attachments(scenario.network).items():
             log.attach(name, content)
-        bridge = Bridge(sessions, {link.direction: link for link in node.links.values()})
+        bridge = Bridge(sessions, {link.direction: link for link in node.links.values()}, gates)
         bridge.local = node.local
         stack.callback(bridge.close)
         meeting = new_meeting(scenario, "netem", ("west", "east"), interrupt, bridge.wake)
@@ -144,7 +148,7 @@ def _open_routers(
 def _serve(stack: ExitStack, bridge: Bridge, sessions: Sessions, keys: ControlKeys, refusals: RefusalCounter) -> None:
     """Answer questions for the clock and requests to the emulator, and pass emergency stops on."""
     stack.enter_context(ClockServer(sessions.values(), keys.clock))
-    stack.callback(attach(bridge, sessions, keys.session))
+    stack.callback(attach(bridge, sessions, keys.session, adapt=None if bridge.gates else without_gates))
     emergency = EmergencyLine(sessions, keys.session)
     stack.callback(emergency.close)
     bridge.also_counts.extend((refusals.counters, emergency.counters))

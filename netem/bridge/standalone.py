@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -36,6 +36,7 @@ from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.bypass import refuse_one_router
 from tis.netem.bridge.control import attach
 from tis.netem.bridge.driver import Driver
+from tis.netem.bridge.gate import RECEIVE_BYTES, gates_for, without_gates
 from tis.netem.bridge.keys import CrossingKeys, crossing_keys
 from tis.netem.bridge.mirrors.queries import TIME_OUT_S, QueryTargetName
 from tis.netem.bridge.overhead import warn_of_overhead
@@ -99,7 +100,10 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
     for link in links.values():
         link.prepare(options.keys)
     share_arenas()
+    gates = gates_for(options.network, lease_s(options.zenoh))
     merge_acceptor()
+    if gates:
+        options = replace(options, zenoh=replace(options.zenoh, receive_bytes=RECEIVE_BYTES))
     interrupt = Interrupt()
     with ExitStack() as stack:
         stack.enter_context(interrupt.installed())
@@ -118,7 +122,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         if sessions is None:
             raise PeerError(Fault("netem", "zenoh", f"no network answered within {options.wait_s} s"))
         refuse_one_router(sessions)
-        bridge = Bridge(sessions, links)
+        bridge = Bridge(sessions, links, gates)
         interrupt.wakers.append(bridge.wake)
         stack.callback(bridge.close)
         listers = lister_configs(options.places, options.zenoh, private, sessions)
@@ -130,7 +134,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         applications.refuse_leaks()
         bridge.base_overhead_ns = _base_overhead_ns(options, sessions, traces, status)
         applications.open()
-        stack.callback(attach(bridge, sessions, options.prefix, library))
+        stack.callback(attach(bridge, sessions, options.prefix, library, None if gates else without_gates))
         # Stage 3: the log and the clock; from here on packets pass.
         tally = Tally(open_log(options), BufferWatch(links, options.network.buffer, status.warning).look)
         clock = start(bridge)
