@@ -157,7 +157,7 @@ class Driver:
             first_ns = link.next_release_ns()
             if visit is not None:
                 door = link.door(name, n_bytes + len(attachment), now_ns)
-                if self.gates[direction].must_wait(visit, door):
+                if self.gates[direction].must_wait(visit, door, now_ns):
                     return HELD_BACK
             fate = link.offer(name, attachment, n_bytes, now_ns, item, priority)
             if fate.outcome != "deliver":

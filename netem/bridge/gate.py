@@ -6,13 +6,13 @@ callbacks in its receiving threads, one for each connection; there must be more 
 
 import os
 import threading
-import time
 from typing import Final, get_args
 
 from tis.common.channels import Direction
 from tis.common.errors import Fault, InputError
 from tis.common.scenario.network import NetworkPart
 from tis.common.scenario.network.conditions import Change
+from tis.common.units import s_to_ns
 from tis.netem.link.link import Door
 
 MAX_WAITING: Final = 24
@@ -29,11 +29,11 @@ _LEASE_SHARE: Final = 0.5
 class Visit:
     """One message at the gate; `Gate.leave` ends it."""
 
-    __slots__ = ("bell", "group", "turn", "until_s")
+    __slots__ = ("bell", "group", "turn", "until_ns")
 
-    def __init__(self, turn: tuple[int, int], until_s: float) -> None:
+    def __init__(self, turn: tuple[int, int]) -> None:
         self.turn: Final = turn
-        self.until_s: Final = until_s
+        self.until_ns = 0
         self.bell: Final = threading.Event()
         self.group: str | None = None
 
@@ -55,26 +55,27 @@ class Gate:
         self.n_overdue = 0
         """Those that waited as long as the lease allows, or found too many waiting."""
         self._most: Final = most
-        self._patience_s: Final = _LEASE_SHARE * lease_s
+        self._patience_ns: Final = s_to_ns(_LEASE_SHARE * lease_s)
         self._n_visits = 0
         self._waiting: list[Visit] = []
 
     def visit(self, priority: int) -> Visit:
         """Return a new visit."""
         self._n_visits += 1
-        return Visit((priority, self._n_visits), time.monotonic() + self._patience_s)
+        return Visit((priority, self._n_visits))
 
-    def must_wait(self, visit: Visit, door: Door | None) -> bool:
+    def must_wait(self, visit: Visit, door: Door | None, now_ns: int) -> bool:
         """Tell whether a message must wait before this door, None where nothing pushes back."""
         is_new = visit.group is None
         if door is None or (door.has_room and not self._is_behind(visit, door.group)):
             return False
-        if time.monotonic() >= visit.until_s or (is_new and len(self._waiting) >= self._most):
-            self.n_overdue += 1
-            return False
-        if is_new:
+        if is_new and len(self._waiting) < self._most:
             self.n_held_back += 1
             self._waiting.append(visit)
+            visit.until_ns = now_ns + self._patience_ns
+        if now_ns >= visit.until_ns:
+            self.n_overdue += 1
+            return False
         visit.group = door.group
         return True
 

@@ -19,6 +19,7 @@ from tis.common.scenario.network import NetworkPart
 from tis.netem.bridge.applications import Applications
 from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.driver import Driver
+from tis.netem.bridge.gate import gates_for
 from tis.netem.bridge.keys import crossing_keys
 from tis.netem.bridge.mirrors.queries import QueryTargetName
 from tis.netem.bridge.sides import lister_config
@@ -115,7 +116,8 @@ def bridging(
     ``ways`` lead those that list queryables to the networks; by default they are the endpoints.
     """
     crossing = crossing_keys(keys)
-    bridge = Bridge(sessions, build_links(NetworkPart.model_validate(network), crossing.all, 7, {}, "test"))
+    part = NetworkPart.model_validate(network)
+    bridge = Bridge(sessions, build_links(part, crossing.all, 7, {}, "test"), gates_for(part, lease_s))
     leaks: list[str] = []
     listers = {
         network: lister_config(ZenohOptions(connect=[way]))
