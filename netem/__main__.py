@@ -28,7 +28,7 @@ from tis.common.runtime.side_cli import endpoints_for
 from tis.common.runtime.side_log import SideOptions, continued, earlier_part, open_log
 from tis.common.runtime.status import Status
 from tis.common.runtime.zenoh_log import ROUTER_LEVELS, RefusalCounter, ZenohLog
-from tis.common.runtime.zenoh_session import ZenohOptions, configure, lease_ms, merge_acceptor, open_router
+from tis.common.runtime.zenoh_session import ZenohOptions, configure, lease_ms, open_router
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_MS
 from tis.common.zenoh_syntax import port_of
@@ -38,7 +38,7 @@ from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.command import netem_command
 from tis.netem.bridge.control import attach
 from tis.netem.bridge.emergency import EmergencyLine
-from tis.netem.bridge.gate import RECEIVE_BYTES, gates_for, without_gates
+from tis.netem.bridge.gate import gates_for, without_gates
 from tis.netem.bridge.keys import crossing_keys
 from tis.netem.bridge.overhead import warn_of_overhead
 from tis.netem.bridge.sides import lease_s
@@ -62,9 +62,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
     zenoh_options = replace(options.zenoh, credentials=credentials(security, "netem"), lease_ms=lease)
     traces = load_traces(scenario.network)
     node = build_netem(scenario, traces)
-    gates = gates_for(scenario.network, lease_s(zenoh_options))
-    if gates:
-        zenoh_options = replace(zenoh_options, receive_bytes=RECEIVE_BYTES)
+    gates, zenoh_options = gates_for(scenario.network, lease_s(zenoh_options), zenoh_options)
     interrupt = Interrupt()
     with ExitStack() as stack:
         stack.enter_context(interrupt.installed())
@@ -133,7 +131,6 @@ def _open_routers(
 ) -> dict[Network, zenoh.Session]:
     """Open netem's router on each network, with the access control of the run."""
     share_arenas()
-    merge_acceptor()
     sessions: dict[Network, zenoh.Session] = {}
     for network, endpoint in endpoints.items():
         config = configure("router", replace(options, listen=[endpoint]))

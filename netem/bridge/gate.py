@@ -6,10 +6,12 @@ callbacks in its receiving threads, one for each connection; there must be more 
 
 import os
 import threading
+from dataclasses import replace
 from typing import Final, get_args
 
 from tis.common.channels import Direction
 from tis.common.errors import Fault, InputError
+from tis.common.runtime.zenoh_session import ZenohOptions, merge_acceptor
 from tis.common.scenario.network import NetworkPart
 from tis.common.scenario.network.conditions import Change
 from tis.common.units import s_to_ns
@@ -18,7 +20,7 @@ from tis.netem.link.link import Door
 MAX_WAITING: Final = 24
 """Connections that are held back at once; what others send meanwhile finds the queue full and is dropped."""
 
-RECEIVE_BYTES: Final = 65_536
+_RECEIVE_BYTES: Final = 65_536
 """The part of a connection that the system keeps in front of netem, which is a queue without priorities."""
 
 _N_SPARE: Final = 8
@@ -98,17 +100,21 @@ class Gate:
         return any(one.group == group and one.turn < visit.turn for one in self._waiting)
 
 
-def gates_for(network: NetworkPart, lease_s: float) -> dict[Direction, Gate]:
-    """Return the gates of a network, none unless it pushes back; call it before the first session opens.
+def gates_for(
+    network: NetworkPart, lease_s: float, options: ZenohOptions
+) -> tuple[dict[Direction, Gate], ZenohOptions]:
+    """Return the gates of a network, none unless it pushes back, and the options of the sessions that have them.
 
-    It gives Zenoh enough receiving threads for callbacks that wait, unless the user has set their number: then one
-    connection of each direction waits, since Zenoh has two of these threads by default.
+    It sets up Zenoh's receiving threads, so it comes before the first session. Callbacks that wait need many of them,
+    unless the user has set their number: then one connection of each direction waits, as Zenoh's default is two.
     """
     if not network.pushes_back:
-        return {}
+        merge_acceptor()
+        return {}, options
     threads = f"(acc: (handover: rx), rx: (worker_threads: {2 * MAX_WAITING + _N_SPARE}))"
     most = MAX_WAITING if os.environ.setdefault("ZENOH_RUNTIME", threads) == threads else 1
-    return {direction: Gate(lease_s, most) for direction in get_args(Direction)}
+    gates = {direction: Gate(lease_s, most) for direction in get_args(Direction)}
+    return gates, replace(options, receive_bytes=_RECEIVE_BYTES)
 
 
 def without_gates(change: Change) -> Change:

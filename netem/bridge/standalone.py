@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -26,7 +26,7 @@ from tis.common.runtime.running import ALONE, Running, announced
 from tis.common.runtime.scenario_files import load_traces, trace_attachments
 from tis.common.runtime.side_log import LOG_VERSION
 from tis.common.runtime.status import Status
-from tis.common.runtime.zenoh_session import ZenohOptions, merge_acceptor
+from tis.common.runtime.zenoh_session import ZenohOptions
 from tis.common.scenario.network import NetworkPart
 from tis.common.scenario.reading import Profiles
 from tis.common.trace import Trace
@@ -36,7 +36,7 @@ from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.bypass import refuse_one_router
 from tis.netem.bridge.control import attach
 from tis.netem.bridge.driver import Driver
-from tis.netem.bridge.gate import RECEIVE_BYTES, gates_for, without_gates
+from tis.netem.bridge.gate import gates_for, without_gates
 from tis.netem.bridge.keys import CrossingKeys, crossing_keys
 from tis.netem.bridge.mirrors.queries import TIME_OUT_S, QueryTargetName
 from tis.netem.bridge.overhead import warn_of_overhead
@@ -100,10 +100,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
     for link in links.values():
         link.prepare(options.keys)
     share_arenas()
-    gates = gates_for(options.network, lease_s(options.zenoh))
-    merge_acceptor()
-    if gates:
-        options = replace(options, zenoh=replace(options.zenoh, receive_bytes=RECEIVE_BYTES))
+    gates, zenoh_options = gates_for(options.network, lease_s(options.zenoh), options.zenoh)
     interrupt = Interrupt()
     with ExitStack() as stack:
         stack.enter_context(interrupt.installed())
@@ -116,7 +113,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
 
         private = open_private_endpoints(stack, options.places, options.zenoh)
         # Stage 2: the sessions, then every listener, closed in the reverse order.
-        sessions = open_sides(stack, options.places, options.zenoh, options.mode, stopped, status.waiting, private)
+        sessions = open_sides(stack, options.places, zenoh_options, options.mode, stopped, status.waiting, private)
         if sessions is None and interrupt.requested:
             return EXIT_INTERRUPTED
         if sessions is None:

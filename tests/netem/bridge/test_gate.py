@@ -10,9 +10,10 @@ import zenoh
 from tests.netem.bridge.live_bridge import Bridged, a_bridge
 from tests.netem.making import KEY, link, offer, packet
 from tis.common.errors import InputError
+from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario.network import NetworkPart
 from tis.common.scenario.network.conditions import Change
-from tis.netem.bridge.gate import Gate, Visit, without_gates
+from tis.netem.bridge.gate import MAX_WAITING, Gate, Visit, gates_for, without_gates
 from tis.netem.link.link import Door
 
 MS = 1_000_000
@@ -97,6 +98,25 @@ def test_back_pressure_cannot_begin_later() -> None:
     without_gates(Change.model_validate({"rate": {"kbit_s": 8}}))
     with pytest.raises(InputError, match="must hold from the start of netem on"):
         without_gates(Change.model_validate({"rate": {"kbit_s": 8, "backpressure": True}}))
+
+
+@pytest.mark.parametrize(("runtime", "most"), [(None, MAX_WAITING), ("(rx: (worker_threads: 3))", 1)])
+def test_the_user_may_have_set_how_many_threads_receive(
+    monkeypatch: pytest.MonkeyPatch, runtime: str | None, most: int
+) -> None:
+    monkeypatch.setenv("ZENOH_RUNTIME", runtime or "")
+    if runtime is None:
+        monkeypatch.delenv("ZENOH_RUNTIME")
+    network = NetworkPart.model_validate({"forward": {"rate": {"kbit_s": 8, "backpressure": True}}})
+    gates, options = gates_for(network, 2.0, ZenohOptions())
+    held = [gates["forward"].must_wait(gates["forward"].visit(5), FULL, 0) for _ in range(MAX_WAITING + 1)]
+    assert sum(held) == most
+    assert configure("client", options).get_json("transport/link/tcp/so_rcvbuf") == "65536"
+
+
+def test_without_back_pressure_there_is_no_gate(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ZENOH_RUNTIME", "")
+    assert gates_for(NetworkPart(), 2.0, ZenohOptions()) == ({}, ZenohOptions())
 
 
 def _flood(there: Bridged, n: int) -> threading.Thread:
