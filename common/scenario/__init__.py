@@ -243,7 +243,7 @@ def virtual_time_faults(where: str, source: Source, patient: PatientPart, networ
         faults.append(Fault(where, "patient.plant.kind", rule, patient.plant.kind))
     if network.pushes_back:
         rule = "must be false in virtual time: no sender of Zenoh is there that could wait or drop"
-        faults.append(Fault(where, "network: rate.backpressure", rule, True))
+        faults.append(Fault(where, "network.*.rate.backpressure", rule, True))
     return faults
 
 
