@@ -222,8 +222,12 @@ PLANT = Topic("/tis/plant", PlantNote, stamps=("t_ns",), is_frequent=True, is_re
 Outcome = Literal["deliver", "loss", "outage", "refused", "overflow", "queue_full"]
 """Decision on a packet when it is offered. ``deliver``: it is held, or waits in the queue of a rate."""
 
-Departure = Literal["released", "late", "codel", "evicted"]
-"""Departure of a held packet: released, or dropped (overtaken, by CoDel, or by the policy of a full buffer)."""
+Departure = Literal["released", "late", "codel", "evicted", "queue_full"]
+"""Departure of a held packet: released, or dropped.
+
+It is dropped as overtaken (late), by CoDel, by the policy of a full buffer (evicted), or from a full queue, for a
+message of a higher priority.
+"""
 
 
 class FateBatch(Message, frozen=True):
@@ -278,7 +282,7 @@ class ReleaseBatch(Message, frozen=True):
         tuple[Departure, ...],
         Meta(
             description="released, or the reason of the drop: overtaken (late), CoDel (codel), policy of a full "
-            "buffer (evicted)."
+            "buffer (evicted), a full queue that makes room for a higher priority (queue_full)."
         ),
     ] = ()
     queued_ns: Annotated[

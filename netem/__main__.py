@@ -28,7 +28,7 @@ from tis.common.runtime.side_cli import endpoints_for
 from tis.common.runtime.side_log import SideOptions, continued, earlier_part, open_log
 from tis.common.runtime.status import Status
 from tis.common.runtime.zenoh_log import ROUTER_LEVELS, RefusalCounter, ZenohLog
-from tis.common.runtime.zenoh_session import ZenohOptions, configure, lease_ms, merge_acceptor, open_router
+from tis.common.runtime.zenoh_session import ZenohOptions, configure, lease_ms, open_router
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_MS
 from tis.common.zenoh_syntax import port_of
@@ -38,6 +38,7 @@ from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.command import netem_command
 from tis.netem.bridge.control import attach
 from tis.netem.bridge.emergency import EmergencyLine
+from tis.netem.bridge.gate import gates_for, without_gates
 from tis.netem.bridge.keys import crossing_keys
 from tis.netem.bridge.overhead import warn_of_overhead
 from tis.netem.bridge.sides import lease_s
@@ -61,6 +62,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
     zenoh_options = replace(options.zenoh, credentials=credentials(security, "netem"), lease_ms=lease)
     traces = load_traces(scenario.network)
     node = build_netem(scenario, traces)
+    gates, zenoh_options = gates_for(scenario.network, lease_s(zenoh_options), zenoh_options)
     interrupt = Interrupt()
     with ExitStack() as stack:
         stack.enter_context(interrupt.installed())
@@ -74,7 +76,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         log = stack.enter_context(open_log(options, scenario, "netem", earlier))
         for name, content in trace_attachments(scenario.network).items():
             log.attach(name, content)
-        bridge = Bridge(sessions, {link.direction: link for link in node.links.values()})
+        bridge = Bridge(sessions, {link.direction: link for link in node.links.values()}, gates)
         bridge.local = node.local
         stack.callback(bridge.close)
         meeting = new_meeting(scenario, "netem", ("west", "east"), interrupt, bridge.wake)
@@ -129,7 +131,6 @@ def _open_routers(
 ) -> dict[Network, zenoh.Session]:
     """Open netem's router on each network, with the access control of the run."""
     share_arenas()
-    merge_acceptor()
     sessions: dict[Network, zenoh.Session] = {}
     for network, endpoint in endpoints.items():
         config = configure("router", replace(options, listen=[endpoint]))
@@ -144,7 +145,7 @@ def _open_routers(
 def _serve(stack: ExitStack, bridge: Bridge, sessions: Sessions, keys: ControlKeys, refusals: RefusalCounter) -> None:
     """Answer questions for the clock and requests to the emulator, and pass emergency stops on."""
     stack.enter_context(ClockServer(sessions.values(), keys.clock))
-    stack.callback(attach(bridge, sessions, keys.session))
+    stack.callback(attach(bridge, sessions, keys.session, adapt=None if bridge.gates else without_gates))
     emergency = EmergencyLine(sessions, keys.session)
     stack.callback(emergency.close)
     bridge.also_counts.extend((refusals.counters, emergency.counters))

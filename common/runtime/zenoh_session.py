@@ -17,6 +17,7 @@ from tis.common.zenoh_syntax import endpoint_faults, is_local, is_tls
 
 _LEASE: Final = "transport/link/tx/lease"
 _LEASE_MS: Final = 2000
+_RECEIVE_BYTES: Final = ("transport/link/tcp/so_rcvbuf", "transport/link/tls/so_rcvbuf")
 _AFTER_TIMEOUT_S: Final = 5
 _ATTEMPT_MS: Final = 400
 _PATIENCE_US: Final = 20_000
@@ -55,6 +56,8 @@ class ZenohOptions:
     """Whether routers may listen beyond loopback although anybody may connect."""
     lease_ms: int = _LEASE_MS
     """How long a silent connection counts as alive, unless the user's settings say otherwise."""
+    receive_bytes: int | None = None
+    """What the system may keep of a connection before it is read, unless the user's settings say otherwise."""
     credentials: Mapping[str, Any] = field(default_factory=dict, repr=False)
     """Proof of this program's name, and what its routers ask of others (`tis.common.runtime.credentials`)."""
 
@@ -70,7 +73,8 @@ def configure(mode: Literal["client", "peer", "router"], options: ZenohOptions) 
         raise InputError(Fault("--config", str(options.config), _as_line(error))) from None
     # The testbed's defaults, only where the user's file has not changed Zenoh's.
     untouched = zenoh.Config()
-    for key, value in (_DEFAULTS | {_LEASE: options.lease_ms}).items():
+    bounds = {} if options.receive_bytes is None else dict.fromkeys(_RECEIVE_BYTES, options.receive_bytes)
+    for key, value in (_DEFAULTS | {_LEASE: options.lease_ms} | bounds).items():
         if config.get_json(key) == untouched.get_json(key):
             config.insert_json5(key, json.dumps(value))
     config.insert_json5("mode", json.dumps(mode))

@@ -229,8 +229,11 @@ class Scenario(Part):
         return self.on_peer_loss or ("continue" if side_alone else "end")
 
 
-def virtual_time_faults(where: str, source: Source, patient: PatientPart) -> list[Fault]:
-    """Return the faults of a scenario that cannot run in virtual time: its movement or its arm is made elsewhere."""
+def virtual_time_faults(where: str, source: Source, patient: PatientPart, network: NetworkPart) -> list[Fault]:
+    """Return the faults of a scenario that cannot run in virtual time.
+
+    Its movement or its arm is made elsewhere, or its network holds back senders, whose queues only live runs have.
+    """
     faults = []
     if source.kind == "live":
         rule = "must be recorded or synthetic in virtual time: nothing tells what a live device would do"
@@ -238,6 +241,9 @@ def virtual_time_faults(where: str, source: Source, patient: PatientPart) -> lis
     if patient.plant.kind == "external":
         rule = "must be replay, servo or mujoco in virtual time: an external arm moves in real time only"
         faults.append(Fault(where, "patient.plant.kind", rule, patient.plant.kind))
+    if network.pushes_back:
+        rule = "must be false in virtual time: no sender of Zenoh is there that could wait or drop"
+        faults.append(Fault(where, "network.*.rate.backpressure", rule, True))
     return faults
 
 

@@ -162,7 +162,9 @@ def _scenarios(request: Request, points: Sequence[Point]) -> list[Scenario]:
                 break
     source = scenarios[0].source if scenarios else _source(request)
     faults += [
-        fault for each in scenarios[:1] for fault in virtual_time_faults(request.scenario, each.source, each.patient)
+        fault
+        for each in scenarios[:1]
+        for fault in virtual_time_faults(request.scenario, each.source, each.patient, each.network)
     ]
     missing = [] if source is None else folder_faults(source)
     faults += [] if source is None else trial_faults(source, request.trials, request.people)

@@ -98,7 +98,8 @@ RUN_HEADER_FIELDS: Final = ("delay", "release_error", "states")
 
 _LOG: Final = "netem.mcap"
 _OUTAGE, _REFUSED, _OVERFLOW = (OUTCOMES.index(name) for name in ("outage", "refused", "overflow"))
-_LATE, _CODEL, _EVICTED = (DEPARTURES.index(name) for name in ("late", "codel", "evicted"))
+_LATE, _EVICTED = (DEPARTURES.index(name) for name in ("late", "evicted"))
+_BY_QUEUE: Final = tuple(DEPARTURES.index(name) for name in ("codel", "queue_full"))
 
 
 def run_records(run_dir: Path) -> dict[Direction, DirectionRecord]:
@@ -188,7 +189,7 @@ def _record(label: str, packets: Packets, changed: Flags, about: dict[str, str])
         kept &= ~which
         left_out += [f"{n} {why}"] if n else []
     # delays of delivered packets; dropped ones are losses of the record
-    through = kept & (fates.outcome == DELIVER) & (left != _CODEL)
+    through = kept & (fates.outcome == DELIVER) & ~np.isin(left, _BY_QUEUE)
     if not through.any():
         return None
     delay_ns = np.where(through, fates.delay_ns + packets.queued_ns, LOST)[kept]

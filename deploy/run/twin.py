@@ -34,8 +34,8 @@ from tis.surgeon_side.build import build_surgeon
 
 
 def refuse_in_virtual_time(scenario: Scenario) -> None:
-    """Raise `InputError` for a scenario whose movement or arm is made elsewhere, in real time."""
-    refused = virtual_time_faults(f"scenario {scenario.name}", scenario.source, scenario.patient)
+    """Raise `InputError` for a scenario of which some part exists in real time only."""
+    refused = virtual_time_faults(f"scenario {scenario.name}", scenario.source, scenario.patient, scenario.network)
     if refused:
         raise InputError(refused)
 

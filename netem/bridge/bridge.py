@@ -15,6 +15,7 @@ from tis.common.channels import DESTINATION, ORIGIN, Direction, Network
 from tis.common.peer_life import NO_ALARMS, Alarm
 from tis.common.zenoh_syntax import KeySet
 from tis.netem.bridge.driver import Driver
+from tis.netem.bridge.gate import Gate
 from tis.netem.bridge.keys import is_private
 from tis.netem.link.link import Link
 from tis.netem.link.packet import MAX_COPIED_BYTES, Packet
@@ -31,6 +32,7 @@ _PRIORITIES: Final = {
         zenoh.Priority.DATA_HIGH, zenoh.Priority.DATA, zenoh.Priority.DATA_LOW, zenoh.Priority.BACKGROUND,
     )
 }  # fmt: skip
+_NUMBERS: Final = {name: number for number, name in enumerate(_PRIORITIES, 1)}
 _CONGESTION_CONTROLS: Final = {
     str(one): one
     for one in (
@@ -185,8 +187,12 @@ class Bridge(Driver):
     replies and tokens objects that forward themselves.
     """
 
-    def __init__(self, sessions: Mapping[Network, zenoh.Session], links: Mapping[Direction, Link]) -> None:
+    def __init__(
+        self, sessions: Mapping[Network, zenoh.Session], links: Mapping[Direction, Link],
+        gates: Mapping[Direction, Gate] | None = None,
+    ) -> None:  # fmt: skip
         super().__init__(links)
+        self.gates = gates or {}
         self.local = KeySet()  # keys that stay on their network
         self.base_overhead_ns = 0
         self._egress: Final = {direction: Egress(sessions[DESTINATION[direction]]) for direction in links}
@@ -195,12 +201,14 @@ class Bridge(Driver):
 
     def subscribe(self, direction: Direction, key: str) -> None:
         """Let the messages that match ``key`` cross in ``direction``."""
-        session, receiver = self._sessions[ORIGIN[direction]], self.receiver(direction)
+        # a callback that may wait runs in the thread that reads the connection, which stops reading it
+        receiver = zenoh.handlers.Callback(self.receiver(direction), indirect=direction not in self.gates)
+        session = self._sessions[ORIGIN[direction]]
         self._held.callback(session.declare_subscriber(key, receiver, allowed_origin=_REMOTE).undeclare)
 
     def receiver(self, direction: Direction) -> Callable[[zenoh.Sample], None]:
         """Return the callback for the messages of one direction."""
-        link = self.links[direction]
+        link, is_gated = self.links[direction], direction in self.gates
 
         def receive(sample: zenoh.Sample) -> None:
             try:
@@ -212,8 +220,13 @@ class Bridge(Driver):
                 attachment, n_bytes = None if attached is None else attached.to_bytes(), len(payload)
                 put, header = Put(sample, key, payload, n_bytes, attachment), attachment or b""
                 # what is held now, without the lock, only decides which way is tried first
-                if link.held or not self._cross(direction, key, header, n_bytes, put):
-                    self.offer(direction, key, header, n_bytes, put)
+                if not link.held and self._cross(direction, key, header, n_bytes, put):
+                    return
+                priority = _NUMBERS[put.quality[1]]
+                if is_gated:
+                    self.offer_in_turn(direction, key, header, n_bytes, put, priority)
+                else:
+                    self.offer(direction, key, header, n_bytes, put, priority)
             except BaseException as error:
                 self.failed(error)
 

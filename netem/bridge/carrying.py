@@ -16,7 +16,7 @@ from tis.common.runtime.scenario_files import load_traces
 from tis.common.runtime.status import Status
 from tis.common.runtime.zenoh_session import configure, open_router
 from tis.common.scenario.network import Buffer, NetworkPart
-from tis.common.scenario.network.capacity import CoDel, Rate, RecordedRate, TailDrop
+from tis.common.scenario.network.capacity import CoDel, PriorityQueue, Rate, RecordedRate, TailDrop
 from tis.common.scenario.network.conditions import Change, State
 from tis.common.scenario.network.pipeline import Stages
 from tis.common.scenario.reading import Profiles
@@ -238,7 +238,7 @@ def _faults(where: str, field: str, stages: Stages) -> list[Fault]:
         names.append("ordering")
     if getattr(stages, "add_p_loss", 0.0) > 0.0:
         names.append("add_p_loss")
-    if isinstance(stages.rate, Rate | RecordedRate) and isinstance(stages.rate.queue, CoDel):
+    if isinstance(stages.rate, Rate | RecordedRate) and isinstance(stages.rate.queue, CoDel | PriorityQueue):
         names.append("rate.queue")
     return [Fault(where, f"{field}.{name}", _RULE) for name in names]
 

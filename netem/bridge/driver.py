@@ -17,10 +17,12 @@ from tis.common.node import Record
 from tis.common.runtime.clock import Clock
 from tis.common.runtime.loop import LateRecorder
 from tis.common.runtime.scheduling import let_zenoh_wait, settle, sharpen_timers
+from tis.netem.bridge.gate import Gate, Visit
 from tis.netem.bridge.standstill import Pulse
 from tis.netem.link.ledger import last_records
 from tis.netem.link.link import Link
 from tis.netem.link.packet import Fate, Packet
+from tis.netem.link.queue.lines import DATA
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -36,6 +38,9 @@ _AHEAD_NS: Final = 20_000  # packets are taken from the link this early, so that
 _LOOK_NS: Final = 1_000_000  # between two looks whether a batch is full
 _LAST_SENDS_S: Final = 0.5
 _SEND_S: Final = 0.001
+
+HELD_BACK: Final = Fate(-1, "queue_full")
+"""What `Driver.offer` returns for a packet that waits for room in a queue."""
 
 
 class Alarm:
@@ -91,6 +96,8 @@ class Driver:
         self.alarm: Final = Alarm()
         self.pulse: Final = Pulse("the thread that releases messages")
         self.also_counts: Final[list[Callable[[], dict[str, int]]]] = []
+        self.gates: Mapping[Direction, Gate] = {}
+        """Where senders are held back."""
         self.n_early = 0
         self.error: BaseException | None = None
         self._lock = threading.Lock()  # guards the links and their ledgers; never held while a packet is sent
@@ -114,11 +121,29 @@ class Driver:
         """End the release thread's sleep; safe from callbacks and signal handlers."""
         self.alarm.ring()
 
-    def offer(self, direction: Direction, name: str, attachment: bytes, n_bytes: int, item: Any) -> Fate | None:
+    def offer_in_turn(
+        self, direction: Direction, name: str, attachment: bytes, n_bytes: int, item: Any, priority: int
+    ) -> None:
+        """Offer a packet once the queue that it joins has room: the calling thread waits at the gate."""
+        gate = self.gates[direction]
+        with self._lock:
+            visit = gate.visit(priority)
+        try:
+            while self.offer(direction, name, attachment, n_bytes, item, priority, visit) is HELD_BACK:
+                visit.wait()
+        finally:
+            with self._lock:
+                gate.leave(visit)
+
+    def offer(
+        self, direction: Direction, name: str, attachment: bytes, n_bytes: int, item: Any, priority: int = DATA,
+        visit: Visit | None = None,
+    ) -> Fate | None:  # fmt: skip
         """Offer a packet to a link now, and send it at once unless it has to wait.
 
         ``item`` has ``forward(due)`` and ``drop()``, of which one is called for each copy that leaves. Returns None
-        before `start` and after the end, when nothing passes.
+        before `start` and after the end, when nothing passes, and `HELD_BACK` where its ``visit`` at the gate has to
+        go on: it is not offered then.
         """
         link = self.links[direction]
         due: list[Packet] = []
@@ -130,7 +155,11 @@ class Driver:
                 self.n_early += 1
                 return None
             first_ns = link.next_release_ns()
-            fate = link.offer(name, attachment, n_bytes, now_ns, item)
+            if visit is not None:
+                door = link.door(name, n_bytes + len(attachment), now_ns)
+                if self.gates[direction].must_wait(visit, door, now_ns):
+                    return HELD_BACK
+            fate = link.offer(name, attachment, n_bytes, now_ns, item, priority)
             if fate.outcome != "deliver":
                 return fate
             release_ns = fate.release_ns
@@ -239,6 +268,8 @@ class Driver:
         """Return the counts, by name."""
         counts = {name: n for link in self.links.values() for name, n in link.counters().items()}
         counts |= {"before_epoch": self.n_early, "lead_ns": self.alarm.lead_ns}
+        counts |= {f"{direction}.held_back": gate.n_held_back for direction, gate in self.gates.items()}
+        counts |= {f"{direction}.held_back_overdue": gate.n_overdue for direction, gate in self.gates.items()}
         return counts | {name: n for count in self.also_counts for name, n in count().items()}
 
     def _release(self, clock: Clock) -> int:
@@ -258,6 +289,8 @@ class Driver:
             # an earlier packet that is offered from now on rings the alarm, also while this thread sends
             self._sleeps_until_ns = next_ns
             self._busy = bool(due)
+            for gate in self.gates.values():
+                gate.ring()
         # while _busy is set, callbacks leave sending and recording of departures to this thread
         for link, packets in due:
             for one in packets:

@@ -26,7 +26,7 @@ from tis.common.runtime.running import ALONE, Running, announced
 from tis.common.runtime.scenario_files import load_traces, trace_attachments
 from tis.common.runtime.side_log import LOG_VERSION
 from tis.common.runtime.status import Status
-from tis.common.runtime.zenoh_session import ZenohOptions, merge_acceptor
+from tis.common.runtime.zenoh_session import ZenohOptions
 from tis.common.scenario.network import NetworkPart
 from tis.common.scenario.reading import Profiles
 from tis.common.trace import Trace
@@ -36,6 +36,7 @@ from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.bypass import refuse_one_router
 from tis.netem.bridge.control import attach
 from tis.netem.bridge.driver import Driver
+from tis.netem.bridge.gate import gates_for, without_gates
 from tis.netem.bridge.keys import CrossingKeys, crossing_keys
 from tis.netem.bridge.mirrors.queries import TIME_OUT_S, QueryTargetName
 from tis.netem.bridge.overhead import warn_of_overhead
@@ -99,7 +100,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
     for link in links.values():
         link.prepare(options.keys)
     share_arenas()
-    merge_acceptor()
+    gates, zenoh_options = gates_for(options.network, lease_s(options.zenoh), options.zenoh)
     interrupt = Interrupt()
     with ExitStack() as stack:
         stack.enter_context(interrupt.installed())
@@ -112,13 +113,13 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
 
         private = open_private_endpoints(stack, options.places, options.zenoh)
         # Stage 2: the sessions, then every listener, closed in the reverse order.
-        sessions = open_sides(stack, options.places, options.zenoh, options.mode, stopped, status.waiting, private)
+        sessions = open_sides(stack, options.places, zenoh_options, options.mode, stopped, status.waiting, private)
         if sessions is None and interrupt.requested:
             return EXIT_INTERRUPTED
         if sessions is None:
             raise PeerError(Fault("netem", "zenoh", f"no network answered within {options.wait_s} s"))
         refuse_one_router(sessions)
-        bridge = Bridge(sessions, links)
+        bridge = Bridge(sessions, links, gates)
         interrupt.wakers.append(bridge.wake)
         stack.callback(bridge.close)
         listers = lister_configs(options.places, options.zenoh, private, sessions)
@@ -130,7 +131,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         applications.refuse_leaks()
         bridge.base_overhead_ns = _base_overhead_ns(options, sessions, traces, status)
         applications.open()
-        stack.callback(attach(bridge, sessions, options.prefix, library))
+        stack.callback(attach(bridge, sessions, options.prefix, library, None if gates else without_gates))
         # Stage 3: the log and the clock; from here on packets pass.
         tally = Tally(open_log(options), status.warning, *watches(links, options.network.buffer, status.warning))
         clock = start(bridge)

@@ -259,4 +259,10 @@ def _more(counters: Mapping[str, int]) -> list[str]:
     causes = (DROPPED_NEW, DROPPED_OLDEST)
     if n_full := sum(counters[f"{direction}.dropped.{cause}"] for direction in DESTINATION for cause in causes):
         words.append(f"{n_full} messages dropped by a full buffer: not part of the configured network")
+    n_held, n_overdue = (
+        sum(counters.get(f"{direction}.{name}", 0) for direction in DESTINATION)
+        for name in ("held_back", "held_back_overdue")
+    )
+    words += [f"{n_held} messages held back at a full queue"] if n_held else []
+    words += [f"{n_overdue} let go on before there was room"] if n_overdue else []
     return [", ".join(words)] if words else []

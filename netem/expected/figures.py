@@ -12,7 +12,7 @@ import numpy as np
 
 from tis.common.channels import DESTINATION, ORIGIN, Direction
 from tis.common.scenario.network import NetworkPart
-from tis.common.scenario.network.capacity import Capacity, CoDel, Cross, RecordedRate
+from tis.common.scenario.network.capacity import Capacity, CoDel, Cross, PriorityQueue, RecordedRate
 from tis.common.scenario.network.conditions import Change, CycleStates, Effect
 from tis.common.scenario.network.loss import TraceLoss
 from tis.common.scenario.network.pipeline import Pipeline
@@ -211,10 +211,12 @@ def _rate_in_words(rate: Capacity | str) -> str:
     queue = rate.queue
     bounds = [f"{queue.max_packets} messages"]
     bounds += [] if queue.max_bytes is None else [f"{queue.max_bytes} bytes"]
-    kind = f"CoDel queue, target {queue.target_ms:g} ms," if isinstance(queue, CoDel) else "queue"
+    kind = "priority queue" if isinstance(queue, PriorityQueue) else "queue"
+    kind = f"CoDel queue, target {queue.target_ms:g} ms," if isinstance(queue, CoDel) else kind
     overhead = f", {rate.overhead_bytes} bytes on top of each" if rate.overhead_bytes else ""
     what = f"opportunities of {rate.opportunities}" if isinstance(rate, RecordedRate) else _bit_rate(rate.kbit_s)
-    return f"rate {what} ({kind} of {' or '.join(bounds)}{overhead}{_cross_in_words(rate.cross)})"
+    full = ", senders wait while it is full" if rate.backpressure else ""
+    return f"rate {what} ({kind} of {' or '.join(bounds)}{overhead}{_cross_in_words(rate.cross)}{full})"
 
 
 def _cross_in_words(cross: Cross | None) -> str:

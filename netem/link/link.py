@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Iterable, Mapping
 from heapq import heappop, heappush
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from tis.common.channels import Direction
 from tis.common.records import Departure, Outcome
@@ -16,6 +16,7 @@ from tis.netem.draws.grid import CELL_NS
 from tis.netem.link.flows import Flows
 from tis.netem.link.ledger import DROPS, Ledger
 from tis.netem.link.packet import Fate, Flow, Packet, flow_key, held_bytes
+from tis.netem.link.queue.lines import DATA
 from tis.netem.link.queue.queues import Queues
 from tis.netem.link.queue.transmission import Service
 from tis.netem.link.rules import LINK, RuleTable
@@ -23,6 +24,13 @@ from tis.netem.stages.impairment import Impairment
 from tis.netem.stages.single_packets import flip_bits
 
 _BYTES_PER_MB: Final = 1_000_000
+
+
+class Door(NamedTuple):
+    """The entry to the queue of a group, and whether a packet has room in it."""
+
+    group: str
+    has_room: bool
 
 
 class Link:
@@ -97,7 +105,7 @@ class Link:
         self._max_bytes = round(buffer.max_mb * _BYTES_PER_MB)
         self._evicts = buffer.policy == "drop_oldest"
         self._by_age: deque[Packet] = deque()
-        self._dropped: list[Packet] = []  # since the last call of `release`: evicted, or by CoDel
+        self._dropped: list[Packet] = []  # since the last `release`: evicted, by CoDel, or for a higher priority
         self.flows: Final = Flows()
         self._flows: Final = self.flows.open
         self._queues: Final = Queues(conditions, rules.pipelines, self.address(""), self.traces)
@@ -134,7 +142,7 @@ class Link:
         self._clear_until_ns = condition.until_ns if condition.is_clear else 0
         return condition
 
-    def offer(self, name: str, attachment: bytes, n_bytes: int, now_ns: int, item: Any) -> Fate:
+    def offer(self, name: str, attachment: bytes, n_bytes: int, now_ns: int, item: Any, priority: int = DATA) -> Fate:
         """Decide and record the fate of a packet, and hold the packet unless it is dropped.
 
         Parameters
@@ -149,6 +157,8 @@ class Link:
             The instant of offering; the delay counts from it.
         item
             The packet, which `release` returns.
+        priority
+            Zenoh's, 1 (real time) to 7 (background), by which a queue of kind ``priority`` serves.
 
         Returns
         -------
@@ -161,9 +171,26 @@ class Link:
         flow = self._flows.get(name) or self._open(name, now_ns)
         seq, foreign = flow.number(attachment, self.run_id)
         size = n_bytes + len(attachment)
-        fate = self._decide(flow, seq, foreign, n_bytes, size, now_ns, item)
+        fate = self._decide(flow, seq, foreign, n_bytes, size, now_ns, item, priority)
         self.ledger.decided(name, fate, now_ns, n_bytes)
         return fate
+
+    def door(self, name: str, n_bytes: int, now_ns: int) -> Door | None:
+        """Return the entry to the queue that a packet would join now, None where nothing pushes back.
+
+        ``n_bytes`` includes the attachment. In an outage nobody waits, since what is offered then is lost.
+        """
+        if self._servers:
+            self.catch_up(now_ns)
+        flow = self._flows.get(name) or self._open(name)
+        impairment = flow.impairment
+        condition = self._condition if now_ns < self._condition.until_ns else self.condition(now_ns)
+        if impairment is None or condition.outage:
+            return None
+        service, group = self._service_of(flow, impairment, condition)
+        if service.capacity is None or not service.capacity.backpressure:
+            return None
+        return Door(group, self._queues.has_room(group, service, n_bytes, now_ns))
 
     def lets_through(self, name: str, n_bytes: int, now_ns: int) -> bool:
         """Tell whether nothing holds back a packet offered now; it may be sent at once, and `crossed` records it.
@@ -211,7 +238,7 @@ class Link:
             if packet.departure is not None:  # evicted while it waited
                 continue
             if departed.dropped:
-                self._dropped.append(self._lose(packet, "codel"))
+                self._dropped.append(self._lose(packet, "queue_full" if departed.gives_way else "codel"))
             else:
                 release_ns = self._push(packet, departed.left_ns)  # its delay counts from the end of its transmission
                 if packet.ordering is not packet.flow.ordering:  # it has changed meanwhile
@@ -292,7 +319,9 @@ class Link:
         self.flows.add(flow, now_ns)
         return flow
 
-    def _decide(self, flow: Flow, seq: int, foreign: bool, n_bytes: int, size: int, now_ns: int, item: Any) -> Fate:
+    def _decide(
+        self, flow: Flow, seq: int, foreign: bool, n_bytes: int, size: int, now_ns: int, item: Any, priority: int
+    ) -> Fate:
         # Stage 1, rules: a key that no rule admits has no impairment.
         impairment = flow.impairment
         if impairment is None:
@@ -323,7 +352,7 @@ class Link:
         if impairment.rate is not None or condition.stall or flow.n_queued:
             service, group = self._service_of(flow, impairment, condition)
             waits = service.is_needed
-            if waits and not self._queue(packet, service, group, now_ns):
+            if waits and not self._queue(packet, service, group, now_ns, priority):
                 return self._drop(seq, "queue_full", foreign)
         release_ns = None if waits else self._hold(packet, now_ns)
         self.flipped += n_flips
@@ -332,7 +361,7 @@ class Link:
         if copy_ns is not None and self._make_room(memory, now_ns):
             copy = Packet(flow, item, seq, 1, now_ns, copy_ns, size, memory, n_flips, foreign, number, ordering)
             if waits:
-                n_copies = int(self._queue(copy, service, group, now_ns))
+                n_copies = int(self._queue(copy, service, group, now_ns, priority))
             else:
                 self._hold(copy, now_ns)
                 n_copies = 1
@@ -363,9 +392,9 @@ class Link:
                 self._dropped.append(self._lose(oldest, "evicted"))
         return self.held < self._max_held and self.held_bytes + memory <= self._max_bytes
 
-    def _queue(self, packet: Packet, service: Service, group: str, now_ns: int) -> bool:
+    def _queue(self, packet: Packet, service: Service, group: str, now_ns: int, priority: int) -> bool:
         """Put a packet into the queue of a group; False: the queue is full."""
-        if not self._queues.offer(group, service, packet, packet.n_bytes, now_ns):
+        if not self._queues.offer(group, service, packet, packet.n_bytes, now_ns, priority):
             return False
         packet.flow.n_queued += 1
         packet.flow.queue = group

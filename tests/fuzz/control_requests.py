@@ -57,6 +57,7 @@ _CROSSES: Final[list[dict[str, Any]]] = [
 _QUEUES: Final[list[dict[str, Any]]] = [
     {"kind": "tail_drop", "max_packets": 10, "max_bytes": 5000},
     {"kind": "codel", "target_ms": 5, "interval_ms": 100, "max_packets": 10},
+    {"kind": "priority", "max_packets": 10, "max_bytes": 5000},
 ]
 _STAGES: Final[Mapping[str, Callable[[random.Random], Any]]] = {
     "delay": lambda rng: rng.choice(_DELAYS),

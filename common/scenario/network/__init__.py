@@ -73,6 +73,15 @@ class NetworkPart(Part):
         rules = [rule.pipeline for rule in self.rules if rule.direction in (direction, "both")]
         return any(stages.corrupt is not None for stages in (getattr(self, direction), *rules, *changes))
 
+    @property
+    def pushes_back(self) -> bool:
+        """Tell whether a full queue holds senders back, at any time of the run."""
+        states = self.states.states if self.states else ()
+        changes = [change for state in states for change in (state.forward, state.feedback)]
+        changes += [entry.set for entry in self.timeline]
+        stages = (self.forward, self.feedback, *(rule.pipeline for rule in self.rules), *changes)
+        return any(getattr(one.rate, "backpressure", False) for one in stages)
+
     @field_validator("profile")
     @classmethod
     def _filled_in(cls, profile: str | None) -> None:

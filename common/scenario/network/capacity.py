@@ -39,6 +39,21 @@ class CoDel(Part):
     max_bytes: Count | None = Field(None, description=_BYTES)
 
 
+class PriorityQueue(Part):
+    """One line for each of Zenoh's priorities: the next message is the oldest one of the highest priority.
+
+    A message that finds the queue full takes the place of the newest ones of the lowest priority below its own; where
+    there are none it is dropped. A transmission is not interrupted.
+    """
+
+    kind: Literal["priority"] = Field(
+        description="priority: the message of the highest Zenoh priority goes first; a full queue drops the newest "
+        "of the lowest."
+    )
+    max_packets: Count = Field(1000, description=_PACKETS)
+    max_bytes: Count | None = Field(None, description=_BYTES)
+
+
 _MAX_PER_S: Final = 50_000
 
 
@@ -85,7 +100,10 @@ class PoissonCross(_Cross):
 Cross = Annotated[ConstantCross | OnOffCross | PoissonCross, Field(discriminator="kind")]
 
 
-Queue = Annotated[TailDrop | CoDel, Field(discriminator="kind", description="Queue in front of the transmission.")]
+Queue = Annotated[
+    TailDrop | CoDel | PriorityQueue,
+    Field(discriminator="kind", description="Queue in front of the transmission."),
+]
 _Overhead = Annotated[
     int,
     Field(
@@ -99,6 +117,13 @@ _CrossOrNone = Annotated[
     Cross | None,
     Field(description="Messages of others, which wait in the same queue; not given: there are none."),
 ]
+_Backpressure = Annotated[
+    bool,
+    Field(
+        description="Whether netem stops reading a sender's connection while the queue is full, so that the sender's "
+        "own congestion control (DROP, BLOCK, BLOCK_FIRST) acts. Live only."
+    ),
+]
 _QUEUE: Final = TailDrop(kind="tail_drop", max_packets=1000, max_bytes=None)
 
 
@@ -109,6 +134,7 @@ class Rate(Part):
     overhead_bytes: _Overhead = 0
     queue: Queue = _QUEUE
     cross: _CrossOrNone = None
+    backpressure: _Backpressure = False
 
 
 class RecordedRate(Part):
@@ -124,6 +150,7 @@ class RecordedRate(Part):
     overhead_bytes: _Overhead = 0
     queue: Queue = _QUEUE
     cross: _CrossOrNone = None
+    backpressure: _Backpressure = False
 
 
 Capacity = Rate | RecordedRate

@@ -20,6 +20,7 @@ from tis.common.channels import DESTINATION, OPPOSITE, ORIGIN, Direction, Networ
 from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.standstill import SerialExecutor
 from tis.netem.link.packet import Packet
+from tis.netem.link.queue.lines import CONTROL
 
 _MIN_RETRY_S: Final = 0.2
 _MAX_RETRY_S: Final = 3.0
@@ -214,7 +215,7 @@ class Tokens:
         change = _Change(self, direction, key, number, alive)
         fate = None
         if self._bridge.is_running:
-            fate = self._bridge.offer(direction, f"token {key}", b"", len(key), change)
+            fate = self._bridge.offer(direction, f"token {key}", b"", len(key), change, CONTROL)
         if fate is None:
             self._schedule(state, key, 0.0)
         elif fate.outcome == "deliver":

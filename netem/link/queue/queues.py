@@ -9,6 +9,7 @@ from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.streams import Address
 from tis.common.trace import Trace
 from tis.netem.conditions.conditions import Condition, Conditions, merged
+from tis.netem.link.queue.lines import DATA
 from tis.netem.link.queue.server import MEMORY_NS, Departed, Server
 from tis.netem.link.queue.transmission import Service
 from tis.netem.link.rules import LINK
@@ -43,15 +44,23 @@ class Queues:
         self._held: Condition | None = None
         self._until_ns = 0
 
-    def offer(self, group: str, service: Service, item: Any, n_bytes: int, now_ns: int) -> bool:
+    def offer(self, group: str, service: Service, item: Any, n_bytes: int, now_ns: int, priority: int = DATA) -> bool:
         """Put a message into the queue of its group, whose terms are ``service`` now; False if the queue is full."""
+        return self._server(group, service, now_ns).offer(item, n_bytes, now_ns, priority)
+
+    def has_room(self, group: str, service: Service, n_bytes: int, now_ns: int) -> bool:
+        """Tell whether a message fits into the queue of its group, on the terms ``service``, or never will."""
+        return self._server(group, service, now_ns).has_room(n_bytes, now_ns)
+
+    def _server(self, group: str, service: Service, now_ns: int) -> Server:
+        """Return the server of a group on these terms."""
         self._follow(now_ns)
         server = self.servers.get(group)
         if server is None:
             server = Server(service, self._address._replace(key=group), self._traces)
             self.servers[group] = server
         server.set_service(service, now_ns)
-        return server.offer(item, n_bytes, now_ns)
+        return server
 
     def service(self, group: str) -> Service:
         """Return the terms on which a group's queue is served."""

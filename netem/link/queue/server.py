@@ -1,17 +1,17 @@
 """The server of a link: messages of all its keys share one queue and are sent one after the other."""
 
-from collections import deque
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple, Self
 
 from tis.common.scenario.network import capacity
-from tis.common.scenario.network.capacity import Capacity
+from tis.common.scenario.network.capacity import Capacity, PriorityQueue
 from tis.common.scenario.network.capacity import CoDel as CoDelPart
 from tis.common.streams import Address
 from tis.common.trace import Trace
 from tis.common.units import NS_PER_S
 from tis.netem.link.queue.codel import CoDel
 from tis.netem.link.queue.cross_traffic import CrossTraffic
+from tis.netem.link.queue.lines import DATA, Fifo, Lines, Waiting
 from tis.netem.link.queue.transmission import Service, transmission_of
 
 MEMORY_NS: Final = 10 * NS_PER_S
@@ -19,13 +19,13 @@ MEMORY_NS: Final = 10 * NS_PER_S
 
 
 class TailDrop(NamedTuple):
-    """The bounds of a queue, also of one that CoDel manages; a message that finds it full is dropped on arrival."""
+    """The bounds of a queue of any kind; a message that finds it full is dropped on arrival, if nothing gives way."""
 
     max_packets: int
     max_bytes: int | None = None
 
     @classmethod
-    def of(cls, part: capacity.TailDrop | capacity.CoDel) -> Self:
+    def of(cls, part: capacity.Queue) -> Self:
         """Return the bounds of a scenario's queue."""
         return cls(part.max_packets, part.max_bytes)
 
@@ -40,16 +40,20 @@ _UNBOUNDED: Final = TailDrop(1 << 62)
 
 
 class Departed(NamedTuple):
-    """A message whose last bit was sent at ``left_ns``, or which CoDel ``dropped`` then at the head of the queue."""
+    """A message whose last bit was sent at ``left_ns``, or which was ``dropped`` then.
+
+    CoDel drops at the head of the queue; a message ``gives_way`` to one of a higher priority.
+    """
 
     item: Any
     offered_ns: int
     left_ns: int
     dropped: bool
+    gives_way: bool = False
 
 
 class Server:
-    """A first-come, first-served server with a bounded queue that includes the message being sent.
+    """A server with a bounded queue that includes the message being sent: first come, first served, or by priority.
 
     Messages of others stand in the same queue, count for its bounds and are never returned. Instants must not
     decrease from call to call; an earlier one counts as the latest so far. The result depends on the offers alone,
@@ -75,9 +79,8 @@ class Server:
         self._cross: CrossTraffic | None = None
         self._n_all = self._all_bytes = 0
         self._longest_bytes = 0
-        # (item, bytes, offered_ns); the bytes include the overhead at the time of offering
-        self._waiting: deque[tuple[Any, int, int]] = deque()
-        self._sending: tuple[Any, int, int] | None = None
+        self._waiting: Fifo | Lines = _waiting_for(capacity)
+        self._sending: Waiting | None = None
         self._departed: list[Departed] = []
         self._now_ns = 0
         self._follow_cross(0)
@@ -87,15 +90,21 @@ class Server:
         """Tell whether others send here, so that time passes also while no message of ours waits."""
         return self._cross is not None
 
-    def offer(self, item: Any, n_bytes: int, now_ns: int) -> bool:
+    def offer(self, item: Any, n_bytes: int, now_ns: int, priority: int = DATA) -> bool:
         """Put a message of ``n_bytes`` (without overhead) into the queue; False if it is full."""
         now_ns = self._advance(now_ns)
         n_bytes += self._overhead_bytes
-        if not self._join(item, n_bytes, now_ns):
+        if not self._join(item, n_bytes, now_ns, priority):
             return False
         self.n_packets += 1
         self.n_bytes += n_bytes
         return True
+
+    def has_room(self, n_bytes: int, now_ns: int) -> bool:
+        """Tell whether a message of ``n_bytes`` (without overhead) fits now, or never will."""
+        self._advance(now_ns)
+        n_bytes += self._overhead_bytes
+        return self._admits(n_bytes) or not self._bounds.admits(0, 0, n_bytes)
 
     def next_departure_ns(self) -> int | None:
         """Return the next departure, unless the service changes before it; None if none of ours waits.
@@ -135,6 +144,10 @@ class Server:
             self._overhead_bytes, self._bounds = capacity.overhead_bytes, TailDrop.of(capacity.queue)
         if _control(capacity) != _control(before):
             self._codel = _codel_of(capacity)
+        waiting = _waiting_for(capacity)
+        if type(waiting) is not type(self._waiting):
+            waiting.extend(self._waiting.in_order())
+            self._waiting = waiting
         self._follow_cross(now_ns)
         self._advance(now_ns)
 
@@ -159,7 +172,7 @@ class Server:
                 if while_ours and not self.n_packets:
                     self._now_ns = at_ns
                     return at_ns
-                self._join(None, cross.n_bytes, at_ns)
+                self._join(None, cross.n_bytes, at_ns, DATA)
                 cross.pass_one()
         self._now_ns = now_ns
         self._transmit(now_ns)
@@ -167,25 +180,32 @@ class Server:
 
     def _forget(self, cross: CrossTraffic, now_ns: int) -> None:
         """Begin anew with an empty queue: nobody saw what became of the messages of others."""
-        self._waiting.clear()
+        self._waiting = _waiting_for(self.service.capacity)
         self._sending = None
         self._n_all = self._all_bytes = 0
         self._transmission = transmission_of(self.service, self._traces)
         cross.skip_to(now_ns)
 
-    def _join(self, item: Any, n_bytes: int, now_ns: int) -> bool:
+    def _admits(self, n_bytes: int) -> bool:
+        return self._bounds.admits(self._n_all, self._all_bytes, n_bytes)
+
+    def _join(self, item: Any, n_bytes: int, now_ns: int, priority: int) -> bool:
         """Put a message into the queue, None for one of others; False if it is full."""
-        if not self._bounds.admits(self._n_all, self._all_bytes, n_bytes):
-            return False
+        if not self._admits(n_bytes):
+            n_below, bytes_below = self._waiting.below(priority)
+            if not self._bounds.admits(self._n_all - n_below, self._all_bytes - bytes_below, n_bytes):
+                return False
+            while not self._admits(n_bytes):
+                self._leave(self._waiting.pop_last(), now_ns, dropped=True, gives_way=True)
         self._n_all += 1
         self._all_bytes += n_bytes
         if n_bytes > self._longest_bytes:
             self._longest_bytes = n_bytes
         if self._sending is None:
-            self._sending = (item, n_bytes, now_ns)
+            self._sending = Waiting(item, n_bytes, now_ns, priority)
             self._transmission.send(n_bytes, now_ns)
         else:
-            self._waiting.append((item, n_bytes, now_ns))
+            self._waiting.append(Waiting(item, n_bytes, now_ns, priority))
         return True
 
     def _transmit(self, now_ns: int) -> None:
@@ -195,12 +215,12 @@ class Server:
             self._leave(self._sending, left_ns, dropped=False)
             self._sending = self._next(left_ns)
 
-    def _next(self, now_ns: int) -> tuple[Any, int, int] | None:
+    def _next(self, now_ns: int) -> Waiting | None:
         """Begin to send the next message that is not dropped, and return it; None if the queue is empty."""
         codel = self._codel
         while self._waiting:
             head = self._waiting.popleft()
-            _, n_bytes, offered_ns = head
+            _, n_bytes, offered_ns, _ = head
             if codel is not None:
                 is_short = self._all_bytes - n_bytes <= self._longest_bytes
                 if codel.drops(now_ns - offered_ns, is_short, now_ns):
@@ -210,14 +230,18 @@ class Server:
             return head
         return None
 
-    def _leave(self, message: tuple[Any, int, int], left_ns: int, dropped: bool) -> None:
-        item, n_bytes, offered_ns = message
+    def _leave(self, message: Waiting, left_ns: int, dropped: bool, gives_way: bool = False) -> None:
+        item, n_bytes, offered_ns, _ = message
         self._n_all -= 1
         self._all_bytes -= n_bytes
         if item is not None:
             self.n_packets -= 1
             self.n_bytes -= n_bytes
-            self._departed.append(Departed(item, offered_ns, left_ns, dropped))
+            self._departed.append(Departed(item, offered_ns, left_ns, dropped, gives_way))
+
+
+def _waiting_for(capacity: Capacity | None) -> Fifo | Lines:
+    return Lines() if capacity is not None and isinstance(capacity.queue, PriorityQueue) else Fifo()
 
 
 def _codel_of(capacity: Capacity | None) -> CoDel | None:

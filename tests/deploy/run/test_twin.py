@@ -202,14 +202,17 @@ def test_a_figure_that_changes_is_named() -> None:
 
 
 def test_what_happens_elsewhere_in_real_time_has_no_twin() -> None:
+    rate = "network.forward.rate={kbit_s: 8, backpressure: true}"
     with pytest.raises(InputError) as refused:
-        build_sides(resolve("live", ["patient.plant.kind=external"]))
+        build_sides(resolve("live", ["patient.plant.kind=external", rate]))
     found = [str(fault) for fault in refused.value.faults]
     assert found == [
         "scenario live: source.kind: must be recorded or synthetic in virtual time: nothing tells what a live device "
         "would do (got 'live')",
         "scenario live: patient.plant.kind: must be replay, servo or mujoco in virtual time: an external arm moves "
         "in real time only (got 'external')",
+        "scenario live: network.*.rate.backpressure: must be false in virtual time: no sender of Zenoh is there that "
+        "could wait or drop (got True)",
     ]
 
 

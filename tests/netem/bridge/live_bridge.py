@@ -5,12 +5,12 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, get_args
 
 import zenoh
 
 from tests.common.runtime.live_zenoh import a_client
-from tis.common.channels import Network
+from tis.common.channels import Direction, Network
 from tis.common.node import Record
 from tis.common.runtime.clock import WallClock
 from tis.common.runtime.process import free_endpoints
@@ -19,6 +19,7 @@ from tis.common.scenario.network import NetworkPart
 from tis.netem.bridge.applications import Applications
 from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.driver import Driver
+from tis.netem.bridge.gate import Gate
 from tis.netem.bridge.keys import crossing_keys
 from tis.netem.bridge.mirrors.queries import QueryTargetName
 from tis.netem.bridge.sides import lister_config
@@ -115,7 +116,9 @@ def bridging(
     ``ways`` lead those that list queryables to the networks; by default they are the endpoints.
     """
     crossing = crossing_keys(keys)
-    bridge = Bridge(sessions, build_links(NetworkPart.model_validate(network), crossing.all, 7, {}, "test"))
+    part = NetworkPart.model_validate(network)
+    gates = {direction: Gate(lease_s) for direction in get_args(Direction)} if part.pushes_back else {}
+    bridge = Bridge(sessions, build_links(part, crossing.all, 7, {}, "test"), gates)
     leaks: list[str] = []
     listers = {
         network: lister_config(ZenohOptions(connect=[way]))

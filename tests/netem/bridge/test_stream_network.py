@@ -42,6 +42,12 @@ def test_what_needs_messages_is_refused_by_name_and_all_at_once() -> None:
     ]
 
 
+def test_priorities_need_messages_too_and_back_pressure_is_what_a_stream_has_anyway() -> None:
+    rate = {"kbit_s": 100, "queue": {"kind": "priority"}, "backpressure": True}
+    assert _refused(_network(forward={"rate": rate})) == [f"bad.yaml: forward.rate.queue: {RULE}"]
+    stream_network(_network(forward={"rate": {"kbit_s": 100, "backpressure": True}}), "x")
+
+
 def test_an_outage_becomes_a_stall_wherever_it_stands() -> None:
     network = _network(
         outages=[{"kind": "periodic", "every_s": 2, "for_s": 1}],

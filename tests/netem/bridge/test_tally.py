@@ -121,11 +121,13 @@ def test_what_dropped_nothing_is_no_column() -> None:
     }
     counters |= {f"{way}.dropped.{cause}": 0 for way in ("forward", "feedback") for cause in NOTHING}
     counters |= {"feedback.dropped.queue_full": 709, "leaks": 2}
+    counters |= {"forward.held_back": 3, "feedback.held_back": 4, "forward.held_back_overdue": 1}
     head, forward, feedback, more = table(counters, {"forward": ReleaseErrors(), "feedback": ReleaseErrors()})
     assert head.split()[:4] == ["offered", "released", "queue_full", "held"]
     assert forward.split()[4:7] == ["7", "7", "0"]
     assert feedback.split()[4:7] == ["7", "7", "709"]
-    assert more == "2 ways past netem found: not valid"
+    held = "7 messages held back at a full queue, 1 let go on before there was room"
+    assert more == f"2 ways past netem found: not valid, {held}"
 
 
 class _Kept:

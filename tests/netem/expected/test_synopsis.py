@@ -93,6 +93,10 @@ def test_a_profile_s_line_has_the_figures_of_the_library(name: str) -> None:
             },
             "rate 64 kbit/s (CoDel queue, target 5 ms, of 50 messages or 20000 bytes, 42 bytes on top of each)",
         ),
+        (
+            {"rate": {"kbit_s": 64, "queue": {"kind": "priority"}, "backpressure": True}},
+            "rate 64 kbit/s (priority queue of 1000 messages, senders wait while it is full)",
+        ),
     ],
 )
 def test_loss_says_of_what_and_a_rate_how_much(pipeline: dict[str, Any], words: str) -> None:

@@ -64,6 +64,16 @@ def test_what_finds_the_queue_full_is_dropped() -> None:
     assert offer(made, packet(8 * MS, 3), 8 * MS).outcome == "deliver"
 
 
+def test_what_gives_way_to_a_higher_priority_is_dropped_by_the_full_queue() -> None:
+    made = link(forward={"rate": {**RATE, "queue": {"kind": "priority", "max_packets": 2}}})
+    for seq, priority in ((0, 5), (1, 7), (2, 1)):
+        one = packet(0, seq)
+        made.offer(one.key, one.attachment, len(one.payload), 0, one, priority)
+    due = made.release(100 * MS)
+    assert [(one.seq, one.departure) for one in due] == [(1, "queue_full"), (0, "released"), (2, "released")]
+    assert (made.dropped["queue_full"], made.held, made.queue_depth()) == (1, 0, (0, 0))
+
+
 def test_codel_drops_what_has_waited_too_long() -> None:
     codel = {"kind": "codel", "target_ms": 10, "interval_ms": 50}
     made = link(forward={"rate": {**RATE, "queue": codel}})

@@ -240,10 +240,11 @@ def _in_order_of_offering(offered: Ints, left: Ints, delay_ns: Ints) -> tuple[In
 
 
 def _reasons(fates: Frame, releases: Frame) -> dict[str, int]:
-    at_once = {name: int(np.count_nonzero(fates.outcome == code)) for code, name in enumerate(OUTCOMES)}
-    later = {name: int(np.count_nonzero(releases.departure == code)) for code, name in enumerate(DEPARTURES)}
+    n: dict[str, int] = {name: int(np.count_nonzero(fates.outcome == code)) for code, name in enumerate(OUTCOMES)}
+    for code, name in enumerate(DEPARTURES):  # a full queue drops at the door, or what waits
+        n[name] = n.get(name, 0) + int(np.count_nonzero(releases.departure == code))
     passed = (OUTCOMES[DELIVER], DEPARTURES[RELEASED])
-    return {name: n for name, n in (at_once | later).items() if n and name not in passed}
+    return {name: count for name, count in n.items() if count and name not in passed}
 
 
 def _merged_lost(figures: Sequence[KeyFigures]) -> NDArray[np.bool_]:
