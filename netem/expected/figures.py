@@ -36,6 +36,8 @@ class DirectionFigures(NamedTuple):
 
     ``loss_pct`` is the share of messages offered outside outages, ``outage_pct`` and ``stall_pct`` are the shares of
     time in an outage and in a stall.
+    ``recovered_pct`` is the share of messages whose first sending is lost and repeated; how late they are, and what
+    waits behind them, depends on the message rate (`tis.netem.expected.simulate`).
     ``mean_burst`` is None if it depends on the message rate, and 0 without losses.
     """
 
@@ -47,6 +49,7 @@ class DirectionFigures(NamedTuple):
     mean_burst: float | None
     outage_pct: float
     stall_pct: float
+    recovered_pct: float = 0.0
 
 
 class _Regime(NamedTuple):
@@ -58,6 +61,7 @@ class _Regime(NamedTuple):
     add_ms: float
     p_loss: float
     mean_burst: float | None
+    p_recovered: float
 
 
 def direction_figures(
@@ -78,7 +82,8 @@ def direction_figures(
     loss = sum(regime.share * regime.p_loss for regime in up) / total
     burst = up[0].mean_burst if len(up) == 1 else (0.0 if loss == 0 else None)
     arriving = [(regime.share * (1 - regime.p_loss), regime) for regime in up]
-    return DirectionFigures(*_delays(arriving), 100 * loss, burst, 100 * outage, 100 * stall)
+    recovered = sum(regime.share * regime.p_recovered for regime in up) / total
+    return DirectionFigures(*_delays(arriving), 100 * loss, burst, 100 * outage, 100 * stall, 100 * recovered)
 
 
 def _share_without(network: NetworkPart, direction: Direction, effect: Effect) -> float:
@@ -100,7 +105,10 @@ def _regimes(network: NetworkPart, direction: Direction, traces: Mapping[str, Tr
         p_loss = 1 - (1 - own.p_loss) * (1 - change.add_p_loss)
         burst = own.mean_burst if change.add_p_loss == 0 else None
         latency = latency_of(stages, traces)
-        up.append(_Regime(share, latency, change.scale_delay, change.add_delay_ms, p_loss, burst))
+        p_recovered = 0.0
+        if stages.recovery is not None:
+            p_recovered, p_loss, burst = p_loss, 0.0, 0.0
+        up.append(_Regime(share, latency, change.scale_delay, change.add_delay_ms, p_loss, burst, p_recovered))
     return up, p_out
 
 
@@ -171,6 +179,8 @@ def _words(network: NetworkPart, direction: Direction, traces: Mapping[str, Trac
         words.append(f"delay {of.mean_ms:.4g} ms, sd {of.std_ms:.3g}")
     if of.loss_pct > 0:
         words.append(f"loss {of.loss_pct:.3g} %{_of_each(pipeline, changes)}")
+    if of.recovered_pct > 0:
+        words.append(f"{of.recovered_pct:.3g} %{_of_each(pipeline, changes)} sent again (recovery)")
     if of.outage_pct > 0:
         words.append(f"outages {of.outage_pct:.3g} % of the time")
     if of.stall_pct > 0:
