@@ -260,6 +260,12 @@ class FateBatch(Message, frozen=True):
         tuple[int, ...], Meta(description="Number of copies that netem made, the original not counted.")
     ] = ()
     flipped: Annotated[tuple[int, ...], Meta(description="Number of flipped payload bits.")] = ()
+    recovered: Annotated[
+        tuple[int, ...],
+        Meta(
+            description="1 where the first sending is lost, and a recovery repeats it; empty: nowhere in the batch."
+        ),
+    ] = ()
 
 
 FATES = Topic("/tis/fates", FateBatch, is_frequent=True)
@@ -287,6 +293,13 @@ class ReleaseBatch(Message, frozen=True):
     ] = ()
     queued_ns: Annotated[
         tuple[int, ...], Meta(description="Time in the queue of a rate, transmission included, in ns.")
+    ] = ()
+    recovered_ns: Annotated[
+        tuple[int, ...],
+        Meta(
+            description="Delay that a recovery added, by repeats of this packet and of earlier ones, in ns; empty: "
+            "none in the batch."
+        ),
     ] = ()
 
 

@@ -47,14 +47,14 @@ def expected_fates(request: Requested, seed: int, direction: Direction, key: str
         _columns(impairment.decide(seq, at_ns, n_bytes, held.conditions[which]))
         for seq, at_ns, n_bytes, which in rows
     ]
-    outcome, delay_ns, copies, flipped = np.array(decided, dtype=np.int64).reshape(-1, 4).T
-    return fates.with_columns(outcome=outcome, delay_ns=delay_ns, copies=copies, flipped=flipped)
+    outcome, delay_ns, copies, flipped, recovered = np.array(decided, dtype=np.int64).reshape(-1, 5).T
+    return fates.with_columns(outcome=outcome, delay_ns=delay_ns, copies=copies, flipped=flipped, recovered=recovered)
 
 
-def _columns(drawn: Draw | Outcome) -> tuple[int, int, int, int]:
+def _columns(drawn: Draw | Outcome) -> tuple[int, int, int, int, int]:
     if isinstance(drawn, str):
-        return _CODES[drawn], 0, 0, 0
-    return DELIVER, drawn.delay_ns, int(drawn.copy_delay_ns is not None), drawn.n_flips
+        return _CODES[drawn], 0, 0, 0, 0
+    return DELIVER, drawn.delay_ns, int(drawn.copy_delay_ns is not None), drawn.n_flips, int(drawn.is_lost)
 
 
 _NOT_DRAWN: Final = tuple(OUTCOMES.index(name) for name in ("queue_full", "overflow"))

@@ -261,7 +261,8 @@ def merged(pipeline: Pipeline, changes: Sequence[Change]) -> Pipeline:
     """Return a pipeline with the stages that ``changes`` replace; the last change wins.
 
     The result must be valid by itself (`Pipeline`), so stages that lack what they need are dropped: jitter,
-    correlation and reorder without a delay, correlation beside a trace, reorder with another ordering.
+    correlation and reorder without a delay, correlation beside a trace, reorder with another ordering, and what a
+    recovery of lost messages excludes.
     """
     given = _stages_given(changes)
     if not given:
@@ -275,6 +276,8 @@ def merged(pipeline: Pipeline, changes: Sequence[Change]) -> Pipeline:
         dropped = {"correlation": None}
     if result.ordering != "reorder":
         dropped["reorder"] = None
+    if result.recovery is not None:
+        dropped |= {**dict.fromkeys(("duplicate", "corrupt", "rate", "reorder")), "ordering": "fifo"}
     return result.model_copy(update=dropped)
 
 

@@ -37,6 +37,8 @@ class DirectionFigures(NamedTuple):
 
     ``loss_pct`` is the share of messages offered outside outages, ``outage_pct`` and ``stall_pct`` are the shares of
     time in an outage and in a stall.
+    ``recovered_pct`` is the share of messages whose first sending is lost and repeated; how late they are, and what
+    waits behind them, depends on the message rate (`tis.netem.expected.simulate`).
     ``mean_burst`` is None if it depends on the message rate, and 0 without losses.
     """
 
@@ -48,6 +50,7 @@ class DirectionFigures(NamedTuple):
     mean_burst: float | None
     outage_pct: float
     stall_pct: float
+    recovered_pct: float = 0.0
 
 
 class _Regime(NamedTuple):
@@ -59,6 +62,7 @@ class _Regime(NamedTuple):
     add_ms: float
     p_loss: float
     mean_burst: float | None
+    p_recovered: float
 
 
 def direction_figures(
@@ -80,7 +84,8 @@ def direction_figures(
     bursts = {regime.mean_burst for regime in up} if network.states is None else {None}
     burst = bursts.pop() if len(bursts) == 1 and (loss > 0 or network.states is None) else 0.0
     arriving = [(regime.share * (1 - regime.p_loss), regime) for regime in up]
-    return DirectionFigures(*_delays(arriving), 100 * loss, burst, 100 * outage, 100 * stall)
+    recovered = sum(regime.share * regime.p_recovered for regime in up) / total
+    return DirectionFigures(*_delays(arriving), 100 * loss, burst, 100 * outage, 100 * stall, 100 * recovered)
 
 
 def _share_without(network: NetworkPart, direction: Direction, effect: Effect) -> float:
@@ -102,9 +107,20 @@ def _regimes(network: NetworkPart, direction: Direction, traces: Mapping[str, Tr
         p_loss = 1 - (1 - own.p_loss) * (1 - change.add_p_loss)
         burst = own.mean_burst if change.add_p_loss == 0 else None
         latency = latency_of(stages, traces)
+        p_recovered = 0.0
+        if stages.recovery is not None:
+            p_recovered, p_loss, burst = p_loss, 0.0, 0.0
         levels = levels_ms(network.steps, direction)
         up += [
-            _Regime(share / len(levels), latency, change.scale_delay, change.add_delay_ms + level, p_loss, burst)
+            _Regime(
+                share / len(levels),
+                latency,
+                change.scale_delay,
+                change.add_delay_ms + level,
+                p_loss,
+                burst,
+                p_recovered,
+            )
             for level in levels.tolist()
         ]
     return up, p_out
@@ -177,6 +193,8 @@ def _words(network: NetworkPart, direction: Direction, traces: Mapping[str, Trac
         words.append(f"delay {of.mean_ms:.4g} ms, sd {of.std_ms:.3g}")
     if of.loss_pct > 0:
         words.append(f"loss {of.loss_pct:.3g} %{_of_each(pipeline, changes)}")
+    if of.recovered_pct > 0:
+        words.append(f"{of.recovered_pct:.3g} %{_of_each(pipeline, changes)} sent again (recovery)")
     if of.outage_pct > 0:
         words.append(f"outages {of.outage_pct:.3g} % of the time")
     if of.stall_pct > 0:

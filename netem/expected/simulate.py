@@ -1,7 +1,8 @@
 """Vectorised simulation of a link's models, for statistics: loss, delay, copies and flips, without queues.
 
 It has the draws of the live path (`tis.netem.stages.pipeline_draws`) under the same conditions
-(`tis.netem.conditions.conditions`). Ordering and queueing depend on arrival times and are left out.
+(`tis.netem.conditions.conditions`). Ordering and queueing depend on arrival times and are left out; a recovery of
+lost packets is followed packet by packet.
 """
 
 from collections.abc import Mapping
@@ -16,12 +17,16 @@ from tis.common.scenario.network.conditions import Change
 from tis.common.streams import Address
 from tis.common.trace import Trace
 from tis.common.units import NS_PER_MS
-from tis.netem.conditions.conditions import Condition, Conditions
+from tis.netem.conditions.conditions import FOREVER_NS, Condition, Conditions
 from tis.netem.stages.impairment import Impairment, Modulations
+from tis.netem.stages.loss.recovery import Connection
 
 
 class Simulated(NamedTuple):
-    """N packets in the order of offering: arrays (N,). ``delay_ns`` is 0 for a lost packet."""
+    """N packets in the order of offering: arrays (N,). ``delay_ns`` is 0 for a lost packet.
+
+    With a recovery ``recovered`` packets are repeated, and ``delay_ns`` has all that this takes.
+    """
 
     offered_ns: NDArray[np.int64]
     lost: NDArray[np.bool_]
@@ -29,6 +34,7 @@ class Simulated(NamedTuple):
     delay_ns: NDArray[np.int64]
     copy_delay_ns: NDArray[np.int64]
     n_flips: NDArray[np.int64]
+    recovered: NDArray[np.bool_]
 
 
 def simulate(
@@ -73,21 +79,51 @@ def simulate(
     # Stage 1: the condition of each packet; outages need no draw.
     which, found = _conditions_of(Conditions.of(network, direction, seed), offered_ns)
     outage = np.array([condition.outage for condition in found], dtype=bool)[which]
-    columns = (np.full(len(offered_ns), value, dtype=np.int64) for value in (0, -1, 0))
-    out = Simulated(offered_ns, outage.copy(), outage, *columns)
+    delay_ns, copy_ns, n_flips = (np.full(len(offered_ns), value, dtype=np.int64) for value in (0, -1, 0))
+    out = Simulated(offered_ns, outage.copy(), outage, delay_ns, copy_ns, n_flips, np.zeros_like(outage))
     # Stage 2: the draws, grouped by replaced stages, since each group has a pipeline of its own.
     pipeline = network.forward if direction == "forward" else network.feedback
     impairment = Impairment(pipeline, Address(seed, direction, key), traces)
+    if any(impairment.variant(condition.changes).terms for condition in found):
+        _recover(impairment, Conditions.of(network, direction, seed), out, n_bytes)
+        return out
     groups = {condition.changes: number for number, condition in enumerate(found)}
     group = np.array([groups[condition.changes] for condition in found], dtype=np.int64)[which]
     for changes, number in groups.items():
         seqs = np.flatnonzero((group == number) & ~outage)
         modulations = _modulations(changes, found, which[seqs])
         draws = impairment.decide_many(seqs, offered_ns[seqs] // NS_PER_MS, n_bytes, modulations)
-        for column, drawn in zip((out.lost, out.delay_ns, out.copy_delay_ns, out.n_flips), draws, strict=True):
+        for column, drawn in zip((out.lost, delay_ns, copy_ns, n_flips), draws, strict=True):
             column[seqs] = drawn
     out.delay_ns[out.lost] = 0
     return out
+
+
+def _recover(impairment: Impairment, conditions: Conditions, out: Simulated, n_bytes: int) -> None:
+    """Fill in the fates of packets of a connection that repeats what is lost, one by one."""
+    sent_ns = out.offered_ns.tolist()
+    ways = Connection(lambda seq, n, at_ns: impairment.leaves_again_ns(seq, n, at_ns, conditions))
+
+    def arrive(until_ns: int) -> None:
+        for seq, from_ns, due_ns in ways.advance(until_ns):
+            out.delay_ns[seq] = due_ns - from_ns
+
+    for seq, now_ns in enumerate(sent_ns):
+        arrive(now_ns)
+        draw = impairment.decide(seq, now_ns, n_bytes, conditions.at(now_ns))
+        out.lost[seq] = isinstance(draw, str)
+        if isinstance(draw, str):
+            continue
+        out.outage[seq] &= not draw.is_lost
+        out.recovered[seq], out.n_flips[seq] = draw.is_lost, draw.n_flips
+        out.delay_ns[seq] = draw.delay_ns
+        if draw.copy_delay_ns is not None:
+            out.copy_delay_ns[seq] = draw.copy_delay_ns
+        if impairment.terms is not None:
+            due_ns = ways.send(seq, now_ns, draw.delay_ns, n_bytes, draw.is_lost, impairment.terms)
+            out.delay_ns[seq] = 0 if due_ns is None else due_ns - now_ns
+    while (next_ns := ways.next_ns()) is not None and next_ns < FOREVER_NS:
+        arrive(next_ns)
 
 
 def _modulations(changes: tuple[Change, ...], found: list[Condition], which: NDArray[np.int64]) -> Modulations:

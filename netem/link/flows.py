@@ -59,7 +59,7 @@ class Flows:
             if not is_full and now_ns - flow.looked_ns < IDLE_NS:
                 return  # and so it is with all others
             del self.open[flow.name]
-            holds = flow.n_queued > 0 or flow.latest_ns > now_ns
+            holds = flow.n_queued > 0 or flow.n_awaited > 0 or flow.latest_ns > now_ns
             if holds or (not is_full and flow.activity != flow.n_unnumbered + flow.latest_ns):
                 self._keep(flow, now_ns)
             else:

@@ -37,8 +37,8 @@ _QUEUE_EVERY_NS: Final = 10 * NS_PER_MS
 _MAX_ROWS: Final = 4096
 
 _Flow = tuple[str, bool]  # name, foreign: a plain tuple, which hashes faster than a named one
-_FateRow = tuple[int, int, str, int, int, int, int, int]
-_ReleaseRow = tuple[int, int, int, int, int, str, int]
+_FateRow = tuple[int, int, str, int, int, int, int, int, int]
+_ReleaseRow = tuple[int, int, int, int, int, str, int, int]
 
 
 class Ledger:
@@ -104,8 +104,8 @@ class Ledger:
                 left[packet.flow.name, packet.foreign].append(_release_row(packet, released_ns))
             # Stage 2: crossed packets among the others, by instant.
             for flow, seq, offered_ns, released_ns, n_bytes in crossings:
-                decided[flow].append((seq, offered_ns, "deliver", 0, offered_ns, n_bytes, 0, 0))
-                left[flow].append((seq, 0, offered_ns, offered_ns, released_ns, "released", 0))
+                decided[flow].append((seq, offered_ns, "deliver", 0, offered_ns, n_bytes, 0, 0, 0))
+                left[flow].append((seq, 0, offered_ns, offered_ns, released_ns, "released", 0, 0))
             for flow in {flow for flow, *_ in crossings}:
                 decided[flow].sort(key=itemgetter(1))  # the instant of offering
                 left[flow].sort(key=_gone_ns)
@@ -117,18 +117,21 @@ class Ledger:
         return make
 
     def _fate_batch(self, flow: _Flow, rows: list[_FateRow]) -> FateBatch:
-        seq, offered_ns, outcome, delay_ns, release_ns, n_bytes, copies, flipped = zip(*rows, strict=True)
+        seq, offered_ns, outcome, delay_ns, release_ns, n_bytes, copies, flipped, recovered = zip(*rows, strict=True)
         return FateBatch(
             direction=self._direction, key=flow[0], foreign=flow[1], seq=seq, offered_ns=offered_ns, outcome=outcome,
             delay_ns=delay_ns, release_ns=release_ns, n_bytes=n_bytes, copies=copies, flipped=flipped,
+            recovered=_or_empty(recovered),
         )  # fmt: skip
 
     def _release_batch(self, flow: _Flow, rows: list[_ReleaseRow]) -> ReleaseBatch:
-        seq, copy_index, offered_ns, release_ns, released_ns, departure, queued_ns = zip(*rows, strict=True)
+        seq, copy_index, offered_ns, release_ns, released_ns, departure, queued_ns, recovered_ns = zip(
+            *rows, strict=True
+        )
         return ReleaseBatch(
             direction=self._direction, key=flow[0], foreign=flow[1], seq=seq, copy_index=copy_index,
             offered_ns=offered_ns, release_ns=release_ns, released_ns=released_ns, departure=departure,
-            queued_ns=queued_ns,
+            queued_ns=queued_ns, recovered_ns=_or_empty(recovered_ns),
         )  # fmt: skip
 
 
@@ -148,9 +151,16 @@ def last_records(ledgers: Iterable[Ledger], counters: Mapping[str, int], now_ns:
     return records + [Record(COUNTERS, now_ns, note) for note in notes]
 
 
+def _or_empty(column: tuple[int, ...]) -> tuple[int, ...]:
+    return column if any(column) else ()
+
+
 def _fate_row(fate: Fate, offered_ns: int, n_bytes: int) -> _FateRow:
     release_ns = fate.release_ns or 0
-    return fate.seq, offered_ns, fate.outcome, fate.delay_ns, release_ns, n_bytes, fate.n_copies, fate.n_flips
+    return (
+        fate.seq, offered_ns, fate.outcome, fate.delay_ns, release_ns, n_bytes, fate.n_copies, fate.n_flips,
+        int(fate.recovered),
+    )  # fmt: skip
 
 
 def _release_row(packet: Packet, released_ns: int) -> _ReleaseRow:
@@ -161,12 +171,13 @@ def _release_row(packet: Packet, released_ns: int) -> _ReleaseRow:
     release_ns = packet.release_ns or 0
     return (
         packet.seq, packet.copy_index, packet.offered_ns, release_ns, released_ns, departure, packet.queued_ns,
+        packet.recovered_ns,
     )  # fmt: skip
 
 
 def _gone_ns(row: _ReleaseRow) -> int:
     """Return the instant at which a packet left, or was due to leave when it was dropped."""
-    _, _, offered_ns, release_ns, released_ns, _, queued_ns = row
+    _, _, offered_ns, release_ns, released_ns, _, queued_ns, _ = row
     return released_ns or max(release_ns, offered_ns + queued_ns)
 
 

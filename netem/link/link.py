@@ -21,6 +21,7 @@ from tis.netem.link.queue.queues import Queues
 from tis.netem.link.queue.transmission import Service
 from tis.netem.link.rules import LINK, RuleTable
 from tis.netem.stages.impairment import Impairment
+from tis.netem.stages.loss.recovery import Connection
 from tis.netem.stages.single_packets import flip_bits
 
 _BYTES_PER_MB: Final = 1_000_000
@@ -110,6 +111,7 @@ class Link:
         self._flows: Final = self.flows.open
         self._queues: Final = Queues(conditions, rules.pipelines, self.address(""), self.traces)
         self._servers: Final = self._queues.servers  # empty, and cheap to test, until a message meets a queue
+        self._connection: Connection | None = None  # until a packet's pipeline has a recovery
         self._clear_until_ns = 0
         self._condition = self.condition(0)
         # (release_ns, number, packet): the number breaks ties, so packets are never compared
@@ -166,7 +168,7 @@ class Link:
             The decision; ``release_ns`` is None for a dropped packet and in the queue of a rate.
         """
         self.offered += 1
-        if self._servers:
+        if self._servers or self._connection is not None:
             self.catch_up(now_ns)
         flow = self._flows.get(name) or self._open(name, now_ns)
         seq, foreign = flow.number(attachment, self.run_id)
@@ -182,7 +184,7 @@ class Link:
         """
         if self._servers:
             self.catch_up(now_ns)
-        flow = self._flows.get(name) or self._open(name)
+        flow = self._flows.get(name) or self._open(name, now_ns)
         impairment = flow.impairment
         condition = self._condition if now_ns < self._condition.until_ns else self.condition(now_ns)
         if impairment is None or condition.outage:
@@ -225,13 +227,24 @@ class Link:
             return self._dropped[0].offered_ns
         next_ns = self._heap[0][0] if self._heap else None
         queues_ns = self._queues.next_ns() if self._servers else None
+        if self._connection is not None:
+            repeats_ns = self._connection.next_ns()
+            if queues_ns is None or (repeats_ns is not None and repeats_ns < queues_ns):
+                queues_ns = repeats_ns
         return next_ns if queues_ns is None or (next_ns is not None and next_ns < queues_ns) else queues_ns
 
     def catch_up(self, now_ns: int) -> None:
-        """Schedule what the queues of rates have sent until ``now_ns``, before anything else happens then."""
-        if not self._servers:
-            return
-        for departed in self._queues.depart(now_ns):
+        """Schedule what queues and the connection have sent until ``now_ns``, before anything else happens then."""
+        if self._servers:
+            self._depart(now_ns)
+        if self._connection is not None:
+            self._arrive(self._connection, now_ns)
+
+    def _depart(self, now_ns: int) -> None:
+        departures = self._queues.depart(now_ns)
+        if self._connection is not None:  # groups share the connection
+            departures.sort(key=lambda departed: departed.left_ns)
+        for departed in departures:
             packet: Packet = departed.item
             packet.queued_ns = departed.left_ns - packet.offered_ns
             packet.flow.n_queued -= 1
@@ -240,8 +253,8 @@ class Link:
             if departed.dropped:
                 self._dropped.append(self._lose(packet, "queue_full" if departed.gives_way else "codel"))
             else:
-                release_ns = self._push(packet, departed.left_ns)  # its delay counts from the end of its transmission
-                if packet.ordering is not packet.flow.ordering:  # it has changed meanwhile
+                release_ns = self._send(packet, departed.left_ns)  # its delay counts from the end of its transmission
+                if release_ns is not None and packet.ordering is not packet.flow.ordering:  # it has changed meanwhile
                     packet.flow.ordering.schedule(release_ns)
 
     def release(self, now_ns: int) -> list[Packet]:
@@ -250,8 +263,7 @@ class Link:
         Packets that are dropped after all are returned too, for the log.
         """
         # Stage 1: the queues of rates, and packets that they or a full buffer have dropped since the previous call.
-        if self._servers:
-            self.catch_up(now_ns)
+        self.catch_up(now_ns)
         due: list[Packet] = []
         if self._dropped:
             due, self._dropped = self._dropped, due
@@ -346,7 +358,8 @@ class Link:
         # Stage 5, rate and order: the packet joins the queue of a rate, or is scheduled for release.
         delay_ns, n_flips, number, ordering = draw.delay_ns, draw.n_flips, self.offered, flow.ordering
         packet = Packet(
-            flow, item, seq, 0, now_ns, delay_ns, size, memory, n_flips, foreign, number, ordering
+            flow, item, seq, 0, now_ns, delay_ns, size, memory, n_flips, foreign, number, ordering,
+            is_lost=draw.is_lost, terms=impairment.terms,
         )  # fmt: skip
         waits = False
         if impairment.rate is not None or condition.stall or flow.n_queued:
@@ -366,7 +379,7 @@ class Link:
                 self._hold(copy, now_ns)
                 n_copies = 1
             self.copied += n_copies
-        return Fate(seq, "deliver", delay_ns, release_ns, n_copies, n_flips, foreign)
+        return Fate(seq, "deliver", delay_ns, release_ns, n_copies, n_flips, foreign, draw.is_lost)
 
     def _service_of(self, flow: Flow, impairment: Impairment, condition: Condition) -> tuple[Service, str]:
         """Return the terms on which a packet is sent now, and its group."""
@@ -401,9 +414,9 @@ class Link:
         self._count_in(packet)
         return True
 
-    def _hold(self, packet: Packet, now_ns: int) -> int:
+    def _hold(self, packet: Packet, now_ns: int) -> int | None:
         self._count_in(packet)
-        return self._push(packet, now_ns)
+        return self._send(packet, now_ns)
 
     def _count_in(self, packet: Packet) -> None:
         self.held += 1
@@ -413,8 +426,34 @@ class Link:
         if self._evicts:
             self._by_age.append(packet)
 
-    def _push(self, packet: Packet, from_ns: int) -> int:
-        release_ns = packet.release_ns = packet.ordering.schedule(from_ns + packet.delay_ns)
+    def _send(self, packet: Packet, from_ns: int) -> int | None:
+        """Send a packet; return its release instant, or None while it waits for a repeat."""
+        due_ns: int | None = from_ns + packet.delay_ns
+        terms = packet.flow.terms = packet.terms or packet.flow.terms
+        if terms is not None:  # also of a flow that no longer has any: nothing overtakes what waits
+            if self._connection is None:
+                self._connection = Connection(self._leaves_again_ns)
+            self._arrive(self._connection, from_ns)
+            due_ns = self._connection.send(packet, from_ns, packet.delay_ns, packet.n_bytes, packet.is_lost, terms)
+        if due_ns is None:
+            packet.flow.n_awaited += 1
+            return None
+        return self._push(packet, from_ns, due_ns)
+
+    def _leaves_again_ns(self, packet: Packet, n: int, at_ns: int) -> int | None:
+        impairment = packet.flow.impairment
+        assert impairment is not None, "it was offered"
+        return impairment.leaves_again_ns(packet.seq, n, at_ns, self.conditions)
+
+    def _arrive(self, connection: Connection, now_ns: int) -> None:
+        for packet, from_ns, due_ns in connection.advance(now_ns):
+            packet.flow.n_awaited -= 1
+            if packet.departure is None:  # else evicted while it waited
+                self._push(packet, from_ns, due_ns)
+
+    def _push(self, packet: Packet, from_ns: int, due_ns: int) -> int:
+        packet.recovered_ns = due_ns - from_ns - packet.delay_ns
+        release_ns = packet.release_ns = packet.ordering.schedule(due_ns)
         flow = packet.flow
         if release_ns > flow.latest_ns:
             flow.latest_ns = release_ns

@@ -9,6 +9,7 @@ from tis.common.records import Departure, Outcome
 from tis.common.scenario.network.conditions import Change
 from tis.common.scenario.network.pipeline import Ordering as OrderingName
 from tis.netem.stages.impairment import Impairment
+from tis.netem.stages.loss.recovery import Terms
 from tis.netem.stages.ordering import Ordering, build_ordering
 
 MAX_COPIED_BYTES: Final = 16_384
@@ -32,13 +33,14 @@ def held_bytes(n_bytes: int, copied: bool = True) -> int:
 class Flow:
     """The state of one name. Without an ``impairment`` its packets are refused; ``is_open``: no stage holds them.
 
-    ``n_queued`` of its packets wait for a rate, the last one in the queue of the group ``queue``; ``latest_ns`` is
-    the latest release instant so far. ``looked_ns`` and ``activity`` are of the last look whether it is idle.
+    ``n_queued`` of its packets wait for a rate, the last one in the queue of the group ``queue``, and ``n_awaited`` for
+    a repeat of what a reliable transport lost. ``latest_ns`` is the latest release instant so far, ``terms`` those of
+    its latest packet with a recovery. ``looked_ns`` and ``activity`` are of the last look whether it is idle.
     """
 
     __slots__ = (
-        "activity", "changes", "group", "impairment", "is_copied", "is_open", "latest_ns", "looked_ns", "n_queued",
-        "n_unnumbered", "name", "ordering", "orderings", "queue",
+        "activity", "changes", "group", "impairment", "is_copied", "is_open", "latest_ns", "looked_ns", "n_awaited",
+        "n_queued", "n_unnumbered", "name", "ordering", "orderings", "queue", "terms",
     )  # fmt: skip
 
     def __init__(self, name: str, impairment: Impairment | None, group: str) -> None:
@@ -49,9 +51,11 @@ class Flow:
         self.is_copied = flow_key(name) == name  # queries and replies keep Zenoh's objects
         self.n_unnumbered = 0
         self.n_queued = 0
+        self.n_awaited = 0
         self.latest_ns = 0
         self.looked_ns = 0
         self.activity = 0
+        self.terms: Terms | None = None
         self.queue = group
         self.changes: tuple[Change, ...] = ()
         self.orderings: dict[OrderingName, Ordering] = {}
@@ -82,7 +86,8 @@ def flow_key(name: str) -> str:
 class Fate(Struct, frozen=True):
     """The decision for one packet when it is offered; instants in ns of run time.
 
-    ``release_ns`` is None when the packet is dropped, and while the queue of a rate has not transmitted it.
+    ``release_ns`` is None when the packet is dropped, and while the queue of a rate has not transmitted it or a
+    recovery makes it wait. ``recovered``: its first sending is lost, and repeated.
     """
 
     seq: int
@@ -92,14 +97,16 @@ class Fate(Struct, frozen=True):
     n_copies: int = 0
     n_flips: int = 0
     foreign: bool = False
+    recovered: bool = False
 
 
 class Packet(Struct, eq=False):
     """A packet, or its copy, from its offer until it leaves: released, or dropped after all.
 
     ``item`` is the object that was offered, ``memory`` what it occupies, ``number`` counts the packets offered to the
-    link. ``departure`` is None while it waits for the queue of a rate or for its release instant; ``release_ns`` is
-    None as long as that instant is unknown.
+    link. With ``terms`` it belongs to the connection that repeats what is lost: ``is_lost`` tells of its first
+    sending, ``recovered_ns`` how much later it is due. ``departure`` is None while it waits for the queue of a rate
+    or for its release instant; ``release_ns`` is None as long as that instant is unknown.
     """
 
     flow: Flow
@@ -115,6 +122,9 @@ class Packet(Struct, eq=False):
     number: int
     ordering: Ordering
     queued_ns: int = 0
+    is_lost: bool = False
+    terms: Terms | None = None
+    recovered_ns: int = 0
     release_ns: int | None = None
     departure: Departure | None = None
 

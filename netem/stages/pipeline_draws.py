@@ -29,6 +29,8 @@ class Draw(Struct, frozen=True):
     delay_ns: int
     copy_delay_ns: int | None = None
     n_flips: int = 0
+    is_lost: bool = False
+    """Whether its first sending is lost; only with a recovery, which repeats it."""
 
 
 class ManyDraws(NamedTuple):
@@ -94,6 +96,16 @@ class Draws:
             draw = Draw(self._delays[cell if self._delay_by_cell else seq])
         return draw if self._rare is None else self._rare.add(draw, seq, cell, n_bytes)
 
+    def decide_recovered(self, seq: int, cell: int, n_bytes: int) -> Draw:
+        """Return the draw for a packet that a reliable transport repeats if it is lost."""
+        losses = self._losses
+        is_lost = losses is not None and losses.is_lost(seq, cell, self.n_parts(n_bytes))
+        return Draw(self._delays[cell if self._delay_by_cell else seq], is_lost=is_lost)
+
+    def p_loss(self, seq: int, cell: int, n_bytes: int) -> float:
+        """Return the probability that the law loses a packet at the place of ``seq``, or at the time of ``cell``."""
+        return 0.0 if self._losses is None else self._losses.p_loss(seq, cell, self.n_parts(n_bytes))
+
     def decide_many(self, seqs: NDArray[np.int64], cells: NDArray[np.int64], n_bytes: int) -> ManyDraws:
         """Return the draws of packets ``seqs`` (N,), each of ``n_bytes``, offered in ``cells`` (N,), in any order."""
         lost = np.zeros(len(seqs), dtype=bool)
@@ -134,12 +146,14 @@ class _Losses:
         self._p = Column(blocks.block, deferred)
         self._u = Column(uniforms.block, deferred)
 
-    def is_lost(self, seq: int, cell: int, n_parts: int) -> bool:
+    def p_loss(self, seq: int, cell: int, n_parts: int) -> float:
         if n_parts > 1 and self._has_memory:
-            p: float = 1.0 - float(np.prod(1.0 - self._p.stretch(seq * n_parts, n_parts)))
-        else:
-            p = self._p[cell if self._by_cell else seq]
-            p = p if n_parts == 1 else 1.0 - (1.0 - p) ** n_parts
+            return 1.0 - float(np.prod(1.0 - self._p.stretch(seq * n_parts, n_parts)))
+        p: float = self._p[cell if self._by_cell else seq]
+        return p if n_parts == 1 else 1.0 - (1.0 - p) ** n_parts
+
+    def is_lost(self, seq: int, cell: int, n_parts: int) -> bool:
+        p = self.p_loss(seq, cell, n_parts)
         if 0.0 < p < 1.0:  # else no uniform is needed, and none is drawn
             return bool(self._u[seq] < p)
         return p > 0.0

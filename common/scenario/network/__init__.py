@@ -1,12 +1,13 @@
 """The emulated network of a scenario. Every number is one way, per direction."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self, get_args
 
-from pydantic import Field, StringConstraints, field_validator
+from pydantic import Field, StringConstraints, field_validator, model_validator
 
-from tis.common.scenario.base import Part, obeys
-from tis.common.scenario.network.conditions import BothOr, Outages, States, Steps, TimelineEntry
-from tis.common.scenario.network.pipeline import Pipeline
+from tis.common.channels import Direction
+from tis.common.scenario.base import Part, obeys, refuse
+from tis.common.scenario.network.conditions import BothOr, Change, Outages, States, Steps, TimelineEntry
+from tis.common.scenario.network.pipeline import Pipeline, against_recovery
 from tis.common.zenoh_syntax import key_expression_fault
 
 KeyExpression = Annotated[str, StringConstraints(min_length=1), obeys(key_expression_fault)]
@@ -66,12 +67,33 @@ class NetworkPart(Part):
     timeline: tuple[TimelineEntry, ...] = Field((), description="Changes at given moments of the run.")
     buffer: Buffer = Field(Buffer(), description="Bound on the messages that netem holds in each direction.")
 
-    def corrupts(self, direction: Literal["forward", "feedback"]) -> bool:
+    def corrupts(self, direction: Direction) -> bool:
         """Tell whether bits of messages flip in a direction, at any time of the run."""
-        changes = [getattr(state, direction) for state in self.states.states] if self.states else []
-        changes += [entry.set for entry in self.timeline if entry.direction in (direction, "both")]
+        return any(stages.corrupt is not None for stages in (*self._pipelines(direction), *self._changes(direction)))
+
+    def _pipelines(self, direction: Direction) -> list[Pipeline]:
         rules = [rule.pipeline for rule in self.rules if rule.direction in (direction, "both")]
-        return any(stages.corrupt is not None for stages in (getattr(self, direction), *rules, *changes))
+        return [getattr(self, direction), *rules]
+
+    def _changes(self, direction: Direction) -> list[Change]:
+        changes = [getattr(state, direction) for state in self.states.states] if self.states else []
+        return changes + [entry.set for entry in self.timeline if entry.direction in (direction, "both")]
+
+    @model_validator(mode="after")
+    def _recovers_alone(self) -> Self:
+        """Refuse changes that bring to a recovery, at any time, what it excludes."""
+        faults: list[str] = []
+        for direction in get_args(Direction):
+            pipelines, changes = self._pipelines(direction), self._changes(direction)
+            beside: list[Pipeline | Change] = []
+            if any(stages.recovery for stages in (*pipelines, *changes)):
+                beside += changes
+            if any(change.recovery for change in changes):
+                beside += pipelines
+            rules = (rule for stages in beside for rule in against_recovery(stages, stages.ordering))
+            faults += [f"{direction}: {rule}" for rule in rules]
+        refuse(dict.fromkeys(faults))
+        return self
 
     @property
     def pushes_back(self) -> bool:

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from tis.common.channels import Direction
 from tis.common.scenario.base import Milliseconds, NonNegative, Part, Positive, Probability, refuse
 from tis.common.scenario.network.delay import QuantileDelay, UniformDelay
-from tis.common.scenario.network.pipeline import Ordering, Stages
+from tis.common.scenario.network.pipeline import Ordering, Stages, against_recovery
 from tis.common.units import NS_PER_MS, s_to_ns
 
 BothOr = Literal[Direction, "both"]
@@ -66,6 +66,8 @@ class Change(Stages):
             faults.append("correlation and a trace exclude each other: a trace has its own")
         if self.reorder is not None and self.ordering != "reorder":
             faults.append("reorder needs ordering: reorder")
+        if self.recovery is not None:
+            faults += against_recovery(self, self.ordering)
         refuse(faults)
         return self
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from tis.common.scenario.base import Advance, Part, Probability, TraceFile, refuse
+from tis.common.scenario.base import Advance, Milliseconds, Part, Probability, TraceFile, refuse
 
 Segment = Annotated[int, Field(strict=True, ge=64, le=1_000_000)]
 _MIN_P: float = 1e-9  # rarer transitions would not occur in any run
@@ -15,7 +15,36 @@ _ROUNDING: float = 1e-12
 OpenProbability = Annotated[float, Field(ge=_MIN_P, le=1)]
 
 
-class _Loss(Part):
+class Recovery(Part):
+    """Repeats of lost messages by a reliable transport: none is lost, but it and all behind it arrive later.
+
+    Linux's TCP: RACK and tail loss probe (RFC 8985), retransmission timeout with doubling (RFC 6298). All keys of a
+    direction that have a recovery share one connection. Without congestion control.
+    """
+
+    rto_ms: Annotated[float, Field(ge=1, le=60_000)] = Field(
+        200.0, description="Retransmission timeout above the round trip, in ms; Linux has at least 200."
+    )
+    rtt_ms: Milliseconds | None = Field(
+        None, description="Round trip that the sender measures, in ms; not given: twice the pipeline's mean delay."
+    )
+    tail_probe: bool = Field(True, description="true: the last packet is repeated early, two round trips after it.")
+    max_ms: Annotated[float, Field(ge=1, le=3_600_000)] = Field(
+        120_000.0, description="Longest retransmission timeout after doubling, in ms."
+    )
+
+
+class _Recovered(Part):
+    """Base of all loss models: what becomes of what they lose."""
+
+    recovery: Recovery | None = Field(
+        None,
+        description="Repeats by a reliable transport, for all losses of the pipeline, outages included; not given: "
+        "lost messages never arrive.",
+    )
+
+
+class _Loss(_Recovered):
     """Base of the loss models."""
 
     mtu_bytes: Segment | None = Field(
@@ -132,7 +161,7 @@ class GilbertParetoLoss(_Loss):
     bad: ParetoBurst = Field(description="Distribution of the lengths of bursts that begin in the bad state.")
 
 
-class TraceLoss(Part):
+class TraceLoss(_Recovered):
     """The losses of a recorded trace, row by row."""
 
     kind: Literal["trace"] = Field(description="trace: the losses of a recorded trace.")

@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 from tis.common.scenario.base import Milliseconds, Part, Probability, refuse
 from tis.common.scenario.network.capacity import RateOrLink
 from tis.common.scenario.network.delay import Correlation, Delay, Jitter
-from tis.common.scenario.network.loss import Loss
+from tis.common.scenario.network.loss import Loss, Recovery
 
 Ordering = Literal["fifo", "reorder", "drop_late"]
 
@@ -54,6 +54,25 @@ class Stages(Part):
     )
     reorder: Reorder | None = Field(None, description="Messages that skip their delay; not given: none.")
 
+    @property
+    def recovery(self) -> Recovery | None:
+        """Return the recovery of lost messages."""
+        return None if self.loss is None else self.loss.recovery
+
+
+def against_recovery(stages: Stages, ordering: Ordering | None) -> list[str]:
+    """Return the rules that stages break beside a recovery of lost messages."""
+    why = {
+        "duplicate": "a reliable transport delivers once",
+        "corrupt": "a reliable transport repeats what is damaged",
+        "reorder": "a reliable transport delivers in order",
+        "rate": "a full queue drops, which congestion control would answer",
+    }
+    found = [f"{name} and loss.recovery exclude each other: {why[name]}" for name in why if getattr(stages, name)]
+    if ordering not in (None, "fifo"):
+        found.append("loss.recovery needs ordering: fifo")
+    return found
+
 
 class Pipeline(Stages):
     """Stages in the order of their effect: loss, duplicate, corrupt, rate, delay plus jitter, ordering.
@@ -86,5 +105,8 @@ class Pipeline(Stages):
             "reorder needs a delay": self.reorder is None or self.delay is not None,
             "reorder needs ordering: reorder": self.reorder is None or self.ordering == "reorder",
         }
-        refuse(rule for rule, holds in rules.items() if not holds)
+        faults = [rule for rule, holds in rules.items() if not holds]
+        if self.recovery is not None:
+            faults += against_recovery(self, self.ordering)
+        refuse(faults)
         return self

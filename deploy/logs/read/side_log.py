@@ -41,8 +41,11 @@ _CODES: Final[Mapping[str, Mapping[str, int]]] = {
     "outcome": {name: code for code, name in enumerate(OUTCOMES)},
     "departure": {name: code for code, name in enumerate(DEPARTURES)},
 }
-_SMALL: Final = ("outcome", "departure", "copies", "copy_index", "flipped")
+_SMALL: Final = ("outcome", "departure", "copies", "copy_index", "flipped", "recovered")
 """Columns kept as int8, as millions of packets are in memory at a time."""
+
+_RARE: Final = ("recovered", "recovered_ns")
+"""Columns that are empty where all are 0; logs of older versions lack them."""
 
 PACKETS: Final[Mapping[str, Mapping[str, DTypeLike]]] = {
     topic: {
@@ -233,14 +236,15 @@ def check_rows(topic: Topic | None, rows: Sequence[Row]) -> None:
 def _batch(topic: str, row: Row) -> dict[str, NDArray[Any]]:
     """Return a batch's columns as arrays."""
     try:
-        columns = {name: _coded(name, row[name]) for name in PACKETS[topic] if name != "foreign"}
+        n = len(row["seq"])
+        rare = {name: row.get(name) or [0] * n for name in _RARE if name in PACKETS[topic]}
+        columns = {name: _coded(name, (row | rare)[name]) for name in PACKETS[topic] if name != "foreign"}
         if not all(isinstance(row[name], str) for name in ("direction", "key")) or not isinstance(
             row["foreign"], bool
         ):
             raise TypeError("a batch is of one direction and key")
     except UNREADABLE:
         raise other_version(topic) from None
-    n = len(columns["seq"])
     if any(len(column) != n for column in columns.values()):
         raise DataError(Fault(topic, "", "holds a batch with columns of different lengths"))
     return {"foreign": np.full(n, row["foreign"], dtype=np.int64), **columns}

@@ -41,7 +41,7 @@ def _columns(made: Link) -> Books:
     for record in made.ledger.close(0)():
         assert isinstance(record.data, Message)
         rows = asdict(record.data)
-        names = [name for name, column in rows.items() if isinstance(column, tuple | list)]
+        names = [name for name, column in rows.items() if isinstance(column, tuple | list) and column]
         key = (record.topic, rows["key"], rows["foreign"])
         columns = sorted(zip(*(rows[name] for name in names), strict=True))
         books.setdefault(key, {}).update(dict(enumerate(columns)))

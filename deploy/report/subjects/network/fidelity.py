@@ -121,7 +121,8 @@ def _check_decisions(verdict: Verdict, request: Requested, key: str, fates: Fram
         verdict.not_decidable.append("what was decided: a trace that is named cannot be read")
         return
     verdict.n_decided += 1
-    out, refused = fates.outcome == _OUTAGE, fates.outcome == _REFUSED
+    recovered = fates.recovered > 0  # what a model lost, or an outage, and a transport repeated
+    out, refused = (fates.outcome == _OUTAGE) | (recovered & expected.outage), fates.outcome == _REFUSED
     if n_refused := int(np.count_nonzero(refused)):
         verdict.violations.append(f"{n_refused} of {n} messages were refused, though a rule lets this key pass")
     for wrong, what in (
@@ -135,7 +136,7 @@ def _check_decisions(verdict: Verdict, request: Requested, key: str, fates: Fram
 
 
 def _check_shares(verdict: Verdict, fates: Frame, expected: Expected, modelled: NDArray[np.bool_]) -> None:
-    lost, p = (fates.outcome == _LOSS)[modelled], expected.p_loss[modelled]
+    lost, p = ((fates.outcome == _LOSS) | (fates.recovered > 0))[modelled], expected.p_loss[modelled]
     _check_share(verdict, "loss", "lost", lost, p, expected.loss_inflation)
     through = fates.outcome == DELIVER
     _check_share(verdict, "corruption", "corrupted", (fates.flipped > 0)[through], expected.p_corrupt[through], 1.0)

@@ -112,7 +112,8 @@ class KeyFigures(NamedTuple):
 
     ``decided_ns`` is of delivered packets, originals only, as fates hold no delay of a copy. ``realised_ns``, from
     netem's ingress to its egress, and the variations of delay are of each message's first copy to leave (RFC 7679);
-    ``error_ns`` and ``queued_ns`` of everything that left. Packets are in order of leaving netem.
+    ``error_ns``, ``queued_ns`` and ``recovered_ns`` of everything that left;
+    ``n_recovered`` counts the messages whose first sending was lost. Packets are in order of leaving netem.
     """
 
     account: KeyAccount
@@ -124,6 +125,8 @@ class KeyFigures(NamedTuple):
     jitter_ns: NDArray[np.float64]
     error_ns: Ints
     queued_ns: Ints
+    recovered_ns: Ints
+    n_recovered: int
     run_lengths: Ints
     loss_distances: Ints
     extents: Ints
@@ -154,6 +157,8 @@ class KeyFigures(NamedTuple):
             jitter_ns=rtp_jitter_ns(first.offered_ns, first.released_ns),
             error_ns=left.released_ns - left.release_ns,
             queued_ns=left.queued_ns,
+            recovered_ns=left.recovered_ns,
+            n_recovered=int(np.count_nonzero(fates.recovered)),
             run_lengths=runs.lengths,
             loss_distances=runs.distances,
             extents=reordering_extents(first_arrivals(books.received)),
@@ -174,6 +179,7 @@ def statistics(figures: Sequence[KeyFigures]) -> dict[str, Any]:
     low_high = loss_interval(lost) if len(lost) else None
     jitter_ms = _all(figures, "jitter_ns") / NS_PER_MS
     ipdv_ms = _all(figures, "ipdv_ns") / NS_PER_MS
+    recovered_ns = _all(figures, "recovered_ns")
     error_ns, extents = _all(figures, "error_ns"), _all(figures, "extents")
     return {
         **counts,
@@ -206,6 +212,8 @@ def statistics(figures: Sequence[KeyFigures]) -> dict[str, Any]:
         },
         "release_error_us": lateness_us(np.zeros_like(error_ns), error_ns),
         "queued_ms": summarise(_all(figures, "queued_ns") / NS_PER_MS, TAIL, ("mean", "max")),
+        "recovered": sum(one.n_recovered for one in figures),
+        "recovered_ms": summarise(recovered_ns[recovered_ns > 0] / NS_PER_MS, TAIL, ("mean", "max")),
     }
 
 

@@ -118,6 +118,10 @@ class PacketFigures(Section):
         "Interarrival jitter as an RTP receiver computes it (RFC 3550).", "last mean max"
     )
     release_error_us: Statistics = statistics("How much later than decided packets left netem.", LATE)
+    recovered: int | None = means("Messages whose first sending was lost, and repeated by a recovery.")
+    recovered_ms: Statistics = statistics(
+        "Delay that a recovery added to those messages, and to what waited behind them.", VARIATIONS
+    )
     queued_ms: Statistics = statistics("Time in the queue of a rate, transmission included.", VARIATIONS)
 
 

@@ -36,6 +36,7 @@ from tis.deploy.report.subjects.network.link_figures import (
 from tis.deploy.report.subjects.network.requested import NetworkRequest, Requested
 from tis.deploy.report.subjects.network.requested_pipeline import RequestedPipeline
 from tis.deploy.report.subjects.processors import shares_of
+from tis.netem.stages.loss import ExpectedLoss
 
 
 def queue_summary(logs: RunLogs, direction: Direction) -> Queue:
@@ -197,6 +198,8 @@ def _requested_shares(
         n_packets = np.concatenate([pipeline.n_packets(one.books.fates.n_bytes) for one in measured])
         sizes, counts = np.unique(n_packets, return_counts=True)
         losses = [pipeline.loss(int(size)) for size in sizes] or [pipeline.loss()]
+        if pipeline.pipeline.recovery is not None:  # nothing is lost for good
+            losses = [ExpectedLoss(0.0, 0.0) for _ in losses]
         burst = losses[0].mean_burst
         entries = {
             "loss_pct": 100

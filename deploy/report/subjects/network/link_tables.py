@@ -110,6 +110,8 @@ def key_table(caption: str, key: KeyOfLink) -> Table:
     }
     if key.queued_ms["max"]:
         named["of it in a queue, ms"] = key.queued_ms
+    if key.recovered_ms["max"]:
+        named["of it by a recovery, where any, ms"] = key.recovered_ms
     base = " (without changes)" if key.requested.varies else ""
     line = (
         f"Lost: {number(key.loss_pct)} % of {number(key.offered)} (95 % interval "
@@ -118,6 +120,8 @@ def key_table(caption: str, key: KeyOfLink) -> Table:
         f"Copied: {number(key.copied)}, corrupted: {number(key.corrupted)}. Reordered: "
         f"{number(key.reordered_in_netem)} in netem, {number(key.reordered)} on arrival. "
         f"Unplanned loss: {number(key.unplanned_loss)}."
+        + f" Sent again by a recovery: {number(key.recovered)}."
+        * bool(key.recovered)
     )
     rows = [(title, *(found.get(name) for name in _COLUMNS)) for title, found in named.items()]
     return Table(caption, ("what", *heads(_COLUMNS)), rows, line)

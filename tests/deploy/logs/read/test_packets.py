@@ -50,7 +50,7 @@ def test_batches_become_columns_in_their_order(tmp_path: Path) -> None:
 
 def test_without_a_log_there_is_nothing(tmp_path: Path) -> None:
     logs = load_run(tmp_path)
-    for frame, n_columns in ((link_fates(logs, "forward"), 10), (link_releases(logs, "feedback"), 9)):
+    for frame, n_columns in ((link_fates(logs, "forward"), 11), (link_releases(logs, "feedback"), 10)):
         assert [len(frame.column(name)) for name in frame.names] == [0] * n_columns
 
 
