@@ -7,12 +7,12 @@ from math import log
 import numpy as np
 
 from tis.common.errors import DataError, Fault
-from tis.common.scenario.identification import Order
-from tis.patient_side.identification.noise import estimate_noise, innovations
+from tis.common.order_rules import Order
+from tis.patient_side.identification.noise import estimate_noise, innovations, innovations_noise
 from tis.patient_side.identification.output_error import STABLE_BELOW
-from tis.patient_side.identification.trials import Trial
+from tis.patient_side.identification.trials import Scaling, Trial
 from tis.patient_side.identification.validation import SimulationFit, prediction_error, simulation_fit
-from tis.patient_side.statespace import Array, NoiseModel, StateSpace
+from tis.patient_side.linear_system import Array, NoiseModel, StateSpace
 
 MAX_ORDER = 12
 _ENERGY_SHARE = 0.85
@@ -48,6 +48,11 @@ class Candidate:
         with np.errstate(over="ignore", invalid="ignore"):
             errors = np.concatenate(innovations(space, gain, x0, trials))
             return cls(space, gain, errors.T @ errors / len(errors))
+
+    def noise(self, scaling: Scaling) -> NoiseModel:
+        """Return the noise in innovations form, in the units that ``scaling`` leads back to."""
+        out = scaling.output
+        return innovations_noise(self.gain / out, out[:, None] * self.covariance * out)
 
     def criterion(self, n_rows: int) -> float:
         """Return Bauer's IVC (2001, Automatica 37:1561) with Schwarz's penalty, per row: log det Re + d log N / N.

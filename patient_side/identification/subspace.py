@@ -25,7 +25,14 @@ import numpy as np
 from tis.common.errors import DataError, Fault
 from tis.patient_side.identification.hankel import triangular_factor
 from tis.patient_side.identification.linear_model import LinearModel, Provenance, Signals, as_trials, check_numbers
-from tis.patient_side.identification.noise import estimate_noise
+from tis.patient_side.identification.noise import (
+    covariance_of,
+    estimate_noise,
+    floored,
+    innovations,
+    refined_gain,
+    riccati_gain,
+)
 from tis.patient_side.identification.order import NEGLIGIBLE_ERROR, Candidate
 from tis.patient_side.identification.output_error import (
     STABLE_BELOW,
@@ -35,7 +42,7 @@ from tis.patient_side.identification.output_error import (
 )
 from tis.patient_side.identification.trials import Scaling, Trial, breakdown_as_fault, check_trials
 from tis.patient_side.identification.validation import prediction_error
-from tis.patient_side.statespace import Array, StateSpace
+from tis.patient_side.linear_system import Array, StateSpace
 
 _LARGE_CONDITION = 1e3
 _NEGLIGIBLE = 1e-10
@@ -202,6 +209,8 @@ def check_excitation(factor: Array, n_input_rows: int) -> tuple[str, ...]:
     ``factor`` is triangular and begins with the inputs' ``n_input_rows`` Hankel rows.
     """
     n = n_input_rows
+    if n == 0:
+        return ()
     values = np.linalg.svd(factor[:n, :n], compute_uv=False)
     rank = int(np.count_nonzero(values > _NEGLIGIBLE * values[0]))
     if rank < n:
@@ -260,13 +269,18 @@ class PastStates:
     def excess(self, A: Array, C: Array, observability: Array) -> float:
         """Return by how much, relatively, A and C miss the next state and the output by more than `dynamics` does."""
         known, answers = self._regression(observability)
-        n = len(A)
         least = answers - known @ np.linalg.lstsq(known, answers)[0]
-        rest = answers - known[:, :n] @ np.vstack([A, C]).T
-        rest = rest - known[:, n:] @ np.linalg.lstsq(known[:, n:], rest)[0]
+        rest = self.errors(A, C, observability)
         own, other = least.T @ least, rest.T @ rest
         floor = 1e-12 * np.trace(other) * np.eye(len(own))
         return float(np.trace(np.linalg.solve(own + floor, other + floor)) / len(own)) - 1.0
+
+    def errors(self, A: Array, C: Array, observability: Array) -> Array:
+        """Return by what A and C, with the best B and D, miss the next state and the output, (d, n + p)."""
+        known, answers = self._regression(observability)
+        n = len(A)
+        rest = answers - known[:, :n] @ np.vstack([A, C]).T
+        return np.asarray(rest - known[:, n:] @ np.linalg.lstsq(known[:, n:], rest)[0])
 
     def _regression(self, observability: Array) -> tuple[Array, Array]:
         known = np.hstack([self.now @ observability, self.inputs])
@@ -280,6 +294,8 @@ def realise(
     trials: Sequence[Trial],
     block_rows: int,
     residuals: Sequence[Array] | None = None,
+    *,
+    stable: bool = True,
 ) -> Realised:
     """Return the model of ``order`` states with A and C by shift, or by the states' regression where that is better.
 
@@ -288,8 +304,9 @@ def realise(
     shift's A and C explain the states clearly worse; at a system's own order they do not. Oracle: truncated systems,
     the evaporator of DaISy, test_low_order.
     """
-    by_shift = fit_order(found, order, trials)
     basis = found.left[:, :order]
+    complete = partial(_completed if stable else partial(_with_filter, states, basis), trials=trials)
+    by_shift = complete(*shifted(found, order))
     doubtful = order > 0 and found.uses_outputs
     if not doubtful or states.excess(by_shift.space.A, by_shift.space.C, basis) <= _EXCESS:
         return by_shift
@@ -297,8 +314,9 @@ def realise(
     best, error = with_error(by_shift)
     if error <= NEGLIGIBLE_ERROR:
         return best
-    by_states, other = with_error(_completed(*states.dynamics(basis), trials))
-    for each, its_error in ((by_states, other), with_error(_for_filter(by_states, trials))):
+    by_states, other = with_error(complete(*states.dynamics(basis)))
+    others = ((by_states, other), with_error(_for_filter(by_states, trials))) if stable else ((by_states, other),)
+    for each, its_error in others:
         if its_error < _WORTH * error:
             best, error = each, its_error
     return best
@@ -310,25 +328,30 @@ def _for_filter(model: Realised, trials: Sequence[Trial]) -> Realised:
     if candidate is None or not candidate.gain.any() or model.warnings:
         return model
     B, D, x0 = fit_inputs_by_innovations(space.A, space.C, candidate.gain, trials)
-    return replace(model, space=StateSpace(space.A, B, space.C, D), x0=x0)
+    return replace(model, space=StateSpace(space.A, B, space.C, D), x0=x0, candidate=None)
 
 
 def _with_error(
     model: Realised, trials: Sequence[Trial], block_rows: int, residuals: Sequence[Array] | None
 ) -> tuple[Realised, float]:
-    candidate = Candidate.of(model.space, model.x0, trials, block_rows, residuals)
+    candidate = model.candidate or Candidate.of(model.space, model.x0, trials, block_rows, residuals)
     error = prediction_error(model.space, candidate.gain, trials, 2 * block_rows)
     return replace(model, candidate=candidate), error
 
 
 def fit_order(found: Subspace, order: int, trials: Sequence[Trial]) -> Realised:
-    """Return the model of ``order`` states by the shift of the extended observability matrix."""
+    """Return the stable model of ``order`` states by the shift of the extended observability matrix."""
+    return _completed(*shifted(found, order), trials)
+
+
+def shifted(found: Subspace, order: int) -> tuple[Array, Array]:
+    """Return A (n, n) and C (p, n) by the shift of the extended observability matrix."""
     p = found.n_outputs
     observability = found.left[:, :order]
     A = np.empty((0, 0))
     if order:
         A = np.asarray(np.linalg.lstsq(observability[:-p], observability[p:], rcond=_SHIFTED_OUT)[0])
-    return _completed(A, np.ascontiguousarray(observability[:p]), trials)
+    return A, np.ascontiguousarray(observability[:p])
 
 
 def _completed(A: Array, C: Array, trials: Sequence[Trial]) -> Realised:
@@ -340,3 +363,23 @@ def _completed(A: Array, C: Array, trials: Sequence[Trial]) -> Realised:
         " inside the unit circle and B, D and x0 fitted to that",
     )
     return Realised(StateSpace(A, B, C, D), x0, () if radius < STABLE_BELOW else warnings)
+
+
+_PASSES = 2
+"""Alternations of B, D and x0 with K: the first K, from the states' regression, is close already."""
+
+
+def _with_filter(states: PastStates, basis: Array, A: Array, C: Array, trials: Sequence[Trial]) -> Realised:
+    """Return the model with A as it is, and with K, B, D and x0 for the one-step errors of its filter.
+
+    A - K C is stable where A is not, so that errors neither grow with the rows nor depend on a distant start.
+    """
+    if not len(A):
+        return _completed(A, C, trials)
+    gain = riccati_gain(A, C, states.errors(A, C, basis))
+    for _ in range(_PASSES):
+        B, D, x0 = fit_inputs_by_innovations(A, C, gain, trials)
+        space = StateSpace(A, B, C, D)
+        gain = refined_gain(space, gain, x0, trials)
+    covariance = floored(covariance_of(innovations(space, gain, x0, trials)))
+    return Realised(space, x0, (), Candidate(space, gain, covariance))
