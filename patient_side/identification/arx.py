@@ -76,7 +76,7 @@ class ArxFactor:
 
 
 @breakdown_as_fault("arx")
-def identify(u: Signals, y: Signals, order: int, horizon: int) -> LinearModel:
+def identify(u: Signals, y: Signals, order: int, horizon: int, *, stable: bool = True) -> LinearModel:
     """Return the ARX model of ``order`` lags, 0 for y = D u, fitted to all rows but each trial's first ``horizon``.
 
     The parameters are those of `identify_subspace`, with ``order`` the number of lags; an unstable model is
@@ -85,12 +85,12 @@ def identify(u: Signals, y: Signals, order: int, horizon: int) -> LinearModel:
     """
     check_numbers(order, horizon)
     trials = as_trials(u, y)
-    check_trials(trials, horizon)
+    check_trials(trials, horizon, fewest_inputs=1 if stable else 0)
     check_lags(order, horizon)
     scaling = Scaling.of(trials)
     scaled = scaling.scaled(trials)
     factor = ArxFactor.of(scaled, horizon)
-    scaled_space, x0, gain, unstable = fit_lags(factor, order, scaled, horizon)
+    scaled_space, x0, gain, unstable = fit_lags(factor, order, scaled, horizon, stable=stable)
     space = scaling.unscaled(scaled_space)
     if gain is None:
         noise, _ = estimate_noise(space, x0, trials, horizon)

@@ -42,7 +42,7 @@ from tis.patient_side.identification.output_error import (
 )
 from tis.patient_side.identification.trials import Scaling, Trial, breakdown_as_fault, check_trials
 from tis.patient_side.identification.validation import prediction_error
-from tis.patient_side.linear_system import Array, StateSpace
+from tis.patient_side.linear_system import Array, NoiseModel, StateSpace
 
 _LARGE_CONDITION = 1e3
 _NEGLIGIBLE = 1e-10
@@ -132,7 +132,9 @@ def column_space(part: Array, scale: float, n_outputs: int) -> Subspace:
 
 
 @breakdown_as_fault("a subspace method")
-def identify_subspace(name: str, method: Method, u: Signals, y: Signals, order: int, horizon: int) -> LinearModel:
+def identify_subspace(
+    name: str, method: Method, u: Signals, y: Signals, order: int, horizon: int, *, stable: bool = True
+) -> LinearModel:
     """Identify a linear model by a subspace method; each method's ``identify`` is this with the method filled in.
 
     Parameters
@@ -146,6 +148,8 @@ def identify_subspace(name: str, method: Method, u: Signals, y: Signals, order: 
         Number of states n; 0 for y = D u.
     horizon
         Number of block rows of past and future each.
+    stable
+        Whether unstable poles are moved inside the unit circle. Else the inputs may have no columns.
 
     Returns
     -------
@@ -166,7 +170,7 @@ def identify_subspace(name: str, method: Method, u: Signals, y: Signals, order: 
     # Checks, scaling and factor.
     check_numbers(order, horizon)
     trials = as_trials(u, y)
-    check_trials(trials, horizon)
+    check_trials(trials, horizon, fewest_inputs=1 if stable else 0)
     n_inputs, n_outputs = trials[0][0].shape[1], trials[0][1].shape[1]
     scaling = Scaling.of(trials)
     scaled = scaling.scaled(trials)
@@ -176,9 +180,9 @@ def identify_subspace(name: str, method: Method, u: Signals, y: Signals, order: 
     found = method(FutureBlocks.of(factor, horizon, n_inputs, n_outputs))
     check_order(order, horizon, n_outputs, shown=len(found.singular_values))
     states = PastStates.of(factor, horizon, n_inputs, n_outputs)
-    realised = realise(found, states, order, scaled, horizon)
+    realised = realise(found, states, order, scaled, horizon, stable=stable)
     space = scaling.unscaled(realised.space)
-    noise, no_gain = estimate_noise(space, realised.x0, trials, horizon)
+    noise, no_gain = noise_of(realised, scaling, trials, horizon, stable=stable)
     n_rows = sum(len(inputs) for inputs, _ in trials)
     return LinearModel(
         space,
@@ -188,6 +192,15 @@ def identify_subspace(name: str, method: Method, u: Signals, y: Signals, order: 
         Provenance(name, horizon, order, n_rows, len(trials), found.singular_values),
         (*weakly, *realised.warnings, *no_gain),
     )
+
+
+def noise_of(
+    realised: Realised, scaling: Scaling, trials: Sequence[Trial], block_rows: int, *, stable: bool
+) -> tuple[NoiseModel, tuple[str, ...]]:
+    """Return the noise of a model of scaled trials in the units of ``trials``, and a warning when K is zero."""
+    if stable or realised.candidate is None:
+        return estimate_noise(scaling.unscaled(realised.space), realised.x0, trials, block_rows)
+    return realised.candidate.noise(scaling), ()
 
 
 def check_order(order: int, block_rows: int, n_outputs: int, smallest: int = 0, shown: int | None = None) -> None:

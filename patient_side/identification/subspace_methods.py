@@ -14,8 +14,8 @@ import numpy as np
 from tis.common.order_rules import Order
 from tis.patient_side.identification import arx
 from tis.patient_side.identification.hankel import triangular_factor
-from tis.patient_side.identification.linear_model import LinearModel, Signals
-from tis.patient_side.identification.noise import arx_residuals, estimate_noise
+from tis.patient_side.identification.linear_model import LinearModel
+from tis.patient_side.identification.noise import arx_residuals
 from tis.patient_side.identification.order import Candidate, Fitted, choose_order, is_static, largest_candidate
 from tis.patient_side.identification.subspace import (
     FutureBlocks,
@@ -26,6 +26,7 @@ from tis.patient_side.identification.subspace import (
     check_order,
     column_space,
     identify_subspace,
+    noise_of,
     realise,
 )
 from tis.patient_side.identification.trials import Scaling, Trial, check_trials
@@ -100,13 +101,13 @@ SUBSPACE_METHODS: Mapping[str, Method] = MappingProxyType(
     {"moesp": moesp_subspace, "pi_moesp": pi_moesp_subspace, "n4sid": n4sid_subspace, "cva": cva_subspace}
 )
 
-METHODS: Mapping[str, Callable[[Signals, Signals, int, int], LinearModel]] = MappingProxyType(
+METHODS: Mapping[str, Callable[..., LinearModel]] = MappingProxyType(
     {
         **{name: partial(identify_subspace, name, method) for name, method in SUBSPACE_METHODS.items()},
         "arx": arx.identify,
     }
 )
-"""Each takes ``(u, y, order, horizon)``: see `identify_subspace`."""
+"""Each takes ``(u, y, order, horizon, stable=True)``: see `identify_subspace`."""
 
 
 def fit_subspace(
@@ -149,10 +150,7 @@ def fit_subspace(
     # The model of all rows with its noise.
     realised = realise(found, states, chosen, scaled, block_rows, stable=stable)
     space = scaling.unscaled(realised.space)
-    if stable or realised.candidate is None:
-        noise, no_gain = estimate_noise(space, realised.x0, trials, block_rows)
-    else:
-        noise, no_gain = realised.candidate.noise(scaling), ()
+    noise, no_gain = noise_of(realised, scaling, trials, block_rows, stable=stable)
     static = is_static(chosen, fit)
     if static:
         warnings = ()  # a gain needs no excitation over time, only movement in every direction
