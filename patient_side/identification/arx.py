@@ -17,7 +17,14 @@ from tis.common.order_rules import Order
 from tis.patient_side.identification.hankel import COLUMNS_AT_ONCE, accumulate, empty_factor
 from tis.patient_side.identification.linear_model import LinearModel, Provenance, Signals, as_trials, check_numbers
 from tis.patient_side.identification.noise import estimate_noise, floored, innovations_noise
-from tis.patient_side.identification.order import Candidate, Fitted, choose_order, is_static
+from tis.patient_side.identification.order import (
+    NEGLIGIBLE_ERROR,
+    NO_ERROR,
+    Candidate,
+    Fitted,
+    choose_order,
+    is_static,
+)
 from tis.patient_side.identification.output_error import STABLE_BELOW, fit_inputs, stabilised
 from tis.patient_side.identification.trials import Scaling, Trial, breakdown_as_fault, check_trials
 from tis.patient_side.identification.validation import HELD_BACK, initial_state, simulation_fit, split_trials
@@ -85,7 +92,7 @@ def identify(u: Signals, y: Signals, order: int, horizon: int, *, stable: bool =
     """
     check_numbers(order, horizon)
     trials = as_trials(u, y)
-    check_trials(trials, horizon, fewest_inputs=1 if stable else 0)
+    check_trials(trials, horizon, fewest_inputs=0)
     check_lags(order, horizon)
     scaling = Scaling.of(trials)
     scaled = scaling.scaled(trials)
@@ -134,7 +141,7 @@ def fit_arx(
     """Return the ARX model of at most ``largest`` lags; ``order`` counts lags. Raises `DataError` with all faults."""
     # Checks and scaling.
     n_start = 2 * largest
-    check_trials(trials, largest, labels, HELD_BACK, fewest_inputs=1 if stable else 0)
+    check_trials(trials, largest, labels, HELD_BACK, fewest_inputs=0)
     if isinstance(order, int):
         check_lags(order, largest)
     scaling = Scaling.of(trials)
@@ -151,7 +158,8 @@ def fit_arx(
             if gain is None
             else Candidate(space, gain, floored(factor_of_first.residual(lags)))
         )
-    orders = choose_order(candidates, factor_of_first.n_rows, validate_on, None, n_start)
+    negligible = NEGLIGIBLE_ERROR if stable else NO_ERROR
+    orders = choose_order(candidates, factor_of_first.n_rows, validate_on, None, n_start, negligible)
     chosen = orders.by_rule(order)
     first_rows = candidates[chosen].space
     fit = simulation_fit(first_rows, validate_on, n_start)

@@ -33,7 +33,7 @@ from tis.patient_side.identification.noise import (
     refined_gain,
     riccati_gain,
 )
-from tis.patient_side.identification.order import NEGLIGIBLE_ERROR, Candidate
+from tis.patient_side.identification.order import NEGLIGIBLE_ERROR, NO_ERROR, Candidate
 from tis.patient_side.identification.output_error import (
     STABLE_BELOW,
     fit_inputs,
@@ -142,14 +142,14 @@ def identify_subspace(
     name, method
         Name and column space of the method, see `methods`.
     u, y
-        One trial, (N, m) and (N, p), or one array for each of several trials; no Hankel column crosses their borders.
-        They are neither centred nor modified.
+        One trial, (N, m) and (N, p), m may be 0; or one array for each of several trials, whose borders no Hankel
+        column crosses. They are neither centred nor modified.
     order
         Number of states n; 0 for y = D u.
     horizon
         Number of block rows of past and future each.
     stable
-        Whether unstable poles are moved inside the unit circle. Else the inputs may have no columns.
+        Whether unstable poles are moved inside the unit circle.
 
     Returns
     -------
@@ -170,7 +170,7 @@ def identify_subspace(
     # Checks, scaling and factor.
     check_numbers(order, horizon)
     trials = as_trials(u, y)
-    check_trials(trials, horizon, fewest_inputs=1 if stable else 0)
+    check_trials(trials, horizon, fewest_inputs=0)
     n_inputs, n_outputs = trials[0][0].shape[1], trials[0][1].shape[1]
     scaling = Scaling.of(trials)
     scaled = scaling.scaled(trials)
@@ -325,7 +325,7 @@ def realise(
         return by_shift
     with_error = partial(_with_error, trials=trials, block_rows=block_rows, residuals=residuals)
     best, error = with_error(by_shift)
-    if error <= NEGLIGIBLE_ERROR:
+    if error <= (NEGLIGIBLE_ERROR if stable else NO_ERROR):
         return best
     by_states, other = with_error(complete(*states.dynamics(basis)))
     others = ((by_states, other), with_error(_for_filter(by_states, trials))) if stable else ((by_states, other),)

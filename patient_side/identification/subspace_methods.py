@@ -16,7 +16,15 @@ from tis.patient_side.identification import arx
 from tis.patient_side.identification.hankel import triangular_factor
 from tis.patient_side.identification.linear_model import LinearModel
 from tis.patient_side.identification.noise import arx_residuals
-from tis.patient_side.identification.order import Candidate, Fitted, choose_order, is_static, largest_candidate
+from tis.patient_side.identification.order import (
+    NEGLIGIBLE_ERROR,
+    NO_ERROR,
+    Candidate,
+    Fitted,
+    choose_order,
+    is_static,
+    largest_candidate,
+)
 from tis.patient_side.identification.subspace import (
     FutureBlocks,
     Method,
@@ -125,7 +133,7 @@ def fit_subspace(
     """
     # Checks, scaling, and the subspaces of the first rows and of all rows.
     n_start = 2 * block_rows
-    check_trials(trials, block_rows, labels, HELD_BACK, fewest_inputs=1 if stable else 0)
+    check_trials(trials, block_rows, labels, HELD_BACK, fewest_inputs=0)
     scaling = Scaling.of(trials)
     scaled = scaling.scaled(trials)
     fit_on, validate_on = split_trials(scaled)
@@ -142,7 +150,8 @@ def fit_subspace(
         each.candidate or Candidate.of(each.space, each.x0, fit_on, block_rows, residuals) for each in fitted
     ]
     n_fitted = sum(len(u) for u, _ in fit_on)
-    orders = choose_order(candidates, n_fitted, validate_on, found.singular_values, n_start)
+    negligible = NEGLIGIBLE_ERROR if stable else NO_ERROR
+    orders = choose_order(candidates, n_fitted, validate_on, found.singular_values, n_start, negligible)
     chosen = orders.by_rule(order)
     first_rows = (fitted[chosen] if chosen <= largest else on_first(order=chosen, residuals=residuals)).space
     fit = simulation_fit(first_rows, validate_on, n_start)

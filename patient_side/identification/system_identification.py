@@ -74,7 +74,7 @@ def identify(
     -----
     Example: docs/research/identification.md. Oracles in test_system_identification: Markov parameters, known plants.
     """
-    _check_options(dt, method, order, horizon, delay)
+    _check_options(dt, method, order, horizon, delay, alone=u is None)
     trials, places, each, block_rows = _prepared(_trials(u, y), order, horizon, delay)
     scaling = Scaling.of(trials)
     scaled = scaling.scaled(trials)
@@ -102,12 +102,14 @@ def _prepared(
     return trials, places, each, block_rows
 
 
-def _check_options(dt: object, method: object, order: object, horizon: object, delay: object) -> None:
+def _check_options(dt: object, method: object, order: object, horizon: object, delay: object, *, alone: bool) -> None:
     faults = []
     if not isinstance(dt, float | int | np.number) or not 0 < dt < np.inf:
         faults.append(Fault(_WHERE, "dt", "must be a time in s above 0", dt))
     if method not in METHODS:
         faults.append(Fault(_WHERE, "method", f"must be one of {', '.join(METHODS)}", method))
+    elif method == "pi_moesp" and alone:
+        faults.append(Fault(_WHERE, "method", "must be another one without inputs, which pi_moesp explains all by"))
     rules = get_args(OrderRule)
     if order not in rules if isinstance(order, str) else not _whole(order, 0):
         faults.append(Fault(_WHERE, "order", f"must be an integer >= 0 or one of {', '.join(rules)}", order))

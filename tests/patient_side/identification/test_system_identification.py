@@ -106,6 +106,24 @@ def test_gaps_end_stretches_and_the_filter_passes_them() -> None:
     assert np.isfinite(system.predict(u, y, steps=3)[3:]).all()
 
 
+def test_the_order_is_the_best_one_also_where_every_error_is_far_below_that_of_hold() -> None:
+    servo = PLANTS[1]
+    u, y = servo.rows(1500, 2)
+    orders = identify(u, y).orders
+    assert orders is not None
+    assert orders.predictions[orders.validation] <= 1.05 * min(orders.predictions)
+    assert min(orders.predictions) < 0.05
+
+
+@pytest.mark.parametrize("stable", [False, True])
+def test_a_random_walk_without_inputs_has_one_pole_at_one(stable: bool) -> None:
+    walk = np.cumsum(np.random.default_rng(3).normal(size=600))
+    (pole,) = identify(None, walk, order=1, stable=stable).poles
+    assert pole == pytest.approx(1.0, abs=0.02)
+    with pytest.raises(DataError, match="pi_moesp"):
+        identify(None, walk, method="pi_moesp")
+
+
 def test_outputs_alone_are_identified_too() -> None:
     _, y = Noisy(four_states(), 0.5 * np.eye(4), 0.05 * np.eye(3)).run(3000, np.random.default_rng(5))
     alone = identify(None, y)
