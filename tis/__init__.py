@@ -5,6 +5,10 @@ In a checkout these are links to the folders at the top level, in a wheel the fo
 
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tis.patient_side.identification.system_identification import identify as identify
 
 if not (Path(__file__).parent / "common").is_dir():
     sys.exit(
@@ -20,3 +24,12 @@ def refuse_old_name(name: str) -> None:
     """
     if not name.startswith("tis.") and sys.argv[:1] != ["-m"]:
         raise ImportError(f"{name} has become tis.{name}: import it by this name", name=name)
+
+
+def __getattr__(name: str) -> Any:
+    """Return `identify`, the library's function, whose modules load when it is asked for."""
+    if name != "identify":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from tis.patient_side.identification.system_identification import identify
+
+    return identify

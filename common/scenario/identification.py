@@ -7,6 +7,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from tis.common.errors import Fault, InputError
 from tis.common.estimators import LEARNED
+from tis.common.order_rules import OrderRule
 from tis.common.scenario.base import Part, Positive, RuleText
 from tis.common.scenario.estimator_names import AnyEstimatorName, LearnedName, each_once, is_learned
 from tis.common.units import MM_PER_M
@@ -38,7 +39,6 @@ class Learning(Part):
     )
 
 
-OrderRule = Literal["auto", "energy", "gap", "criterion", "validation"]
 Order = Annotated[
     Annotated[int, Field(ge=0, strict=True)] | OrderRule,
     RuleText("must be an integer >= 0 or one of auto, energy, gap, criterion, validation"),

@@ -1,7 +1,8 @@
 """Benchmark of identification (`tis bench identification`): time and memory, beside other packages.
 
 One call is a complete identification: A, B, C, D, each trial's x0, K and the noise. The other packages (the extra
-``peers``) are measured in the same run, on the same data; neither accepts several trials.
+``peers``) are measured in the same run, on the same data; none accepts several trials. Predictions of plants with
+poles near the unit circle follow, see `prediction_accuracy`.
 """
 
 import time
@@ -16,6 +17,7 @@ import numpy as np
 from rich.console import Console
 
 from tis.common.errors import EXIT_OK
+from tis.deploy.bench.prediction_accuracy import PLANTS, prediction_errors
 from tis.deploy.present.table import Column, Table
 from tis.patient_side.identification.hankel import triangular_factor
 from tis.patient_side.identification.subspace_methods import METHODS
@@ -23,6 +25,8 @@ from tis.patient_side.statespace import Array, StateSpace
 
 BLOCK_ROWS: Final = 10
 ORDER: Final = 4
+PLANT_ROWS: Final = 1500
+ORDER_OF_PLANTS: Final = 2
 _MB: Final = 1e6
 _MAX_TOTAL_MS: Final = 5000.0
 
@@ -76,6 +80,11 @@ def bench_identification(out: Console) -> int:
             rows.append((who, f"{measured.time_ms:.1f}", f"{measured.memory_mb:.1f}", _verdict(size, measured)))
         title = f"{size.name}: {BLOCK_ROWS} block rows, order {ORDER}"
         out.print(Table(title, ("", "median, ms", "peak memory, MB", "bound"), rows).terminal())
+    for plant in PLANTS:
+        found = prediction_errors(*plant.rows(PLANT_ROWS, 1), ORDER_OF_PLANTS)
+        errors = [(who, f"{error:.4f}") for who, _, error in found]
+        title = f"{plant.name}: errors 5 samples ahead over the outputs' deviation, poles free unless stable"
+        out.print(Table(title, ("", "error"), errors).terminal())
     return EXIT_OK
 
 

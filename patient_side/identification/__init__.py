@@ -8,5 +8,7 @@ Where to look:
 - the arm's own movement: `fit_innovations` on `stochastic_moesp` with `fit_correction`, `direct_ls`, `fit_drmf`;
 - the forecast of a command: `forecast`;
 - the paper's method: `moesp_paper`; for comparison: `narx`;
+- as a library, `from tis import identify`: `system_identification`, with `identified_system`, `input_delay` and
+  `residual_tests`;
 - model files: `model_file`.
 """

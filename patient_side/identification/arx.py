@@ -13,16 +13,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from tis.common.errors import DataError, Fault
-from tis.common.scenario.identification import Order
-from tis.patient_side.identification.dataset import TrainingSet
+from tis.common.order_rules import Order
 from tis.patient_side.identification.hankel import COLUMNS_AT_ONCE, accumulate, empty_factor
 from tis.patient_side.identification.linear_model import LinearModel, Provenance, Signals, as_trials, check_numbers
 from tis.patient_side.identification.noise import estimate_noise, floored, innovations_noise
-from tis.patient_side.identification.order import Candidate, Fitted, choose_order, is_static
+from tis.patient_side.identification.order import (
+    NEGLIGIBLE_ERROR,
+    NO_ERROR,
+    Candidate,
+    Fitted,
+    choose_order,
+    is_static,
+)
 from tis.patient_side.identification.output_error import STABLE_BELOW, fit_inputs, stabilised
 from tis.patient_side.identification.trials import Scaling, Trial, breakdown_as_fault, check_trials
 from tis.patient_side.identification.validation import HELD_BACK, initial_state, simulation_fit, split_trials
-from tis.patient_side.statespace import Array, StateSpace
+from tis.patient_side.linear_system import Array, StateSpace
 
 _NEGLIGIBLE = 1e-10
 """Singular value of the regressors, relative to the largest, below which a direction is rounding."""
@@ -77,7 +83,7 @@ class ArxFactor:
 
 
 @breakdown_as_fault("arx")
-def identify(u: Signals, y: Signals, order: int, horizon: int) -> LinearModel:
+def identify(u: Signals, y: Signals, order: int, horizon: int, *, stable: bool = True) -> LinearModel:
     """Return the ARX model of ``order`` lags, 0 for y = D u, fitted to all rows but each trial's first ``horizon``.
 
     The parameters are those of `identify_subspace`, with ``order`` the number of lags; an unstable model is
@@ -86,12 +92,12 @@ def identify(u: Signals, y: Signals, order: int, horizon: int) -> LinearModel:
     """
     check_numbers(order, horizon)
     trials = as_trials(u, y)
-    check_trials(trials, horizon)
+    check_trials(trials, horizon, fewest_inputs=0)
     check_lags(order, horizon)
     scaling = Scaling.of(trials)
     scaled = scaling.scaled(trials)
     factor = ArxFactor.of(scaled, horizon)
-    scaled_space, x0, gain, unstable = fit_lags(factor, order, scaled, horizon)
+    scaled_space, x0, gain, unstable = fit_lags(factor, order, scaled, horizon, stable=stable)
     space = scaling.unscaled(scaled_space)
     if gain is None:
         noise, _ = estimate_noise(space, x0, trials, horizon)
@@ -111,15 +117,15 @@ def check_lags(lags: int, largest: int) -> None:
 
 
 def fit_lags(
-    factor: ArxFactor, lags: int, trials: Sequence[Trial], n_start: int
+    factor: ArxFactor, lags: int, trials: Sequence[Trial], n_start: int, *, stable: bool = True
 ) -> tuple[StateSpace, tuple[Array, ...], Array | None, tuple[str, ...]]:
     """Return model, each trial's x0 from its first ``n_start`` rows, gain, and a warning if it was unstable.
 
-    A gain is valid for its own A only: a stabilised model has none.
+    A gain is valid for its own A only: a stabilised model has none. Without ``stable`` an unstable A stays.
     """
     space, gain = factor.model(lags)
     A, radius = stabilised(space.A)
-    if radius < STABLE_BELOW:
+    if radius < STABLE_BELOW or not stable:
         return space, tuple(initial_state(space, u[:n_start], y[:n_start]) for u, y in trials), gain, ()
     B, D, x0 = fit_inputs(A, space.C, trials)
     warning = (
@@ -129,38 +135,41 @@ def fit_lags(
     return StateSpace(A, B, space.C, D), x0, None, (warning,)
 
 
-def fit_arx(training: TrainingSet, largest: int, order: Order) -> Fitted:
+def fit_arx(
+    trials: Sequence[Trial], labels: Sequence[str], largest: int, order: Order, *, stable: bool = True
+) -> Fitted:
     """Return the ARX model of at most ``largest`` lags; ``order`` counts lags. Raises `DataError` with all faults."""
     # Checks and scaling.
     n_start = 2 * largest
-    check_trials(training.trials, largest, training.labels, HELD_BACK)
+    check_trials(trials, largest, labels, HELD_BACK, fewest_inputs=0)
     if isinstance(order, int):
         check_lags(order, largest)
-    scaling = Scaling.of(training.trials)
-    scaled = scaling.scaled(training.trials)
+    scaling = Scaling.of(trials)
+    scaled = scaling.scaled(trials)
     fit_on, validate_on = split_trials(scaled)
 
     # The number of lags: a model of the first rows for each, compared on the last rows.
     factor_of_first = ArxFactor.of(fit_on, largest)
     candidates = []
     for lags in range(largest + 1):
-        space, x0, gain, _ = fit_lags(factor_of_first, lags, fit_on, n_start)
+        space, x0, gain, _ = fit_lags(factor_of_first, lags, fit_on, n_start, stable=stable)
         candidates.append(
             Candidate.of(space, x0, fit_on, largest)
             if gain is None
             else Candidate(space, gain, floored(factor_of_first.residual(lags)))
         )
-    orders = choose_order(candidates, factor_of_first.n_rows, validate_on, None, n_start)
+    negligible = NEGLIGIBLE_ERROR if stable else NO_ERROR
+    orders = choose_order(candidates, factor_of_first.n_rows, validate_on, None, n_start, negligible)
     chosen = orders.by_rule(order)
     first_rows = candidates[chosen].space
     fit = simulation_fit(first_rows, validate_on, n_start)
 
     # The model of all rows.
     factor = ArxFactor.of(scaled, largest)
-    scaled_space, x0, gain, unstable = fit_lags(factor, chosen, scaled, n_start)
+    scaled_space, x0, gain, unstable = fit_lags(factor, chosen, scaled, n_start, stable=stable)
     space, out = scaling.unscaled(scaled_space), scaling.output
     if gain is None:
-        noise, no_gain = estimate_noise(space, x0, training.trials, largest)
+        noise, no_gain = estimate_noise(space, x0, trials, largest)
     else:
         noise, no_gain = innovations_noise(gain / out, out[:, None] * factor.residual(chosen) * out), ()
     return Fitted(

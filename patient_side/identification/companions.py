@@ -60,7 +60,7 @@ def fit_paper(rows: TrainingRows) -> Companions:
 def fit_arx_models(rows: TrainingRows) -> Companions:
     """Return the model of ARX, and where validation chooses no lag the autoregression of the arm alone."""
     training, block_rows = rows.training, rows.identification.block_rows
-    arx = _filter_model(training, fit_arx(training, block_rows, "auto"))
+    arx = _filter_model(training, fit_arx(training.trials, training.labels, block_rows, "auto"))
     if arx.space.order:
         return Companions({"arx": arx})
     alone = fit_autoregression(training.trials, training.rate_hz, block_rows)
@@ -78,8 +78,9 @@ def fit_movement(rows: TrainingRows) -> Companions:
 def fit_n4sid(rows: TrainingRows) -> Companions:
     """Return the model of N4SID."""
     method, block_rows = SUBSPACE_METHODS["n4sid"], rows.identification.block_rows
+    training = rows.training
     return Companions(
-        {"n4sid": _filter_model(rows.training, fit_subspace(rows.training, method, block_rows, "auto"))}
+        {"n4sid": _filter_model(training, fit_subspace(training.trials, training.labels, method, block_rows, "auto"))}
     )
 
 

@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg.lapack import dtpqrt
 
 from tis.patient_side.identification.trials import Trial
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 
 def block_hankel(signal: Array, block_rows: int) -> Array:
@@ -31,7 +31,7 @@ def block_hankel(signal: Array, block_rows: int) -> Array:
 def fill_hankel(matrix: Array, signal: Array) -> None:
     """Write the first columns of the block Hankel matrix of ``signal`` (N, d) into ``matrix`` (s d, columns)."""
     n_columns, n_channels = matrix.shape[1], signal.shape[1]
-    if n_columns == 0:
+    if matrix.size == 0:
         return
     block_rows = len(matrix) // n_channels
     # Channel by channel in memory, so that whole rows are copied.

@@ -242,8 +242,9 @@ def _fit(training: TrainingSet, identification: Identification) -> Fitted:
     if method == "moesp_paper":
         return fit_moesp_paper(training, identification)
     if method == "arx":
-        return fit_arx(training, block_rows, identification.order)
-    return fit_subspace(training, SUBSPACE_METHODS[method], block_rows, identification.order)
+        return fit_arx(training.trials, training.labels, block_rows, identification.order)
+    chosen = SUBSPACE_METHODS[method]
+    return fit_subspace(training.trials, training.labels, chosen, block_rows, identification.order)
 
 
 def _validation_run(training: TrainingSet, fitted: Fitted) -> ValidationRun:

@@ -7,7 +7,7 @@ import numpy as np
 
 from tis.common.errors import DataError, Fault
 from tis.patient_side.identification.trials import Scaling, Trial
-from tis.patient_side.statespace import Array, NoiseModel, StateSpace
+from tis.patient_side.linear_system import Array, NoiseModel, StateSpace
 
 Signals = Array | Sequence[Array]
 """One trial (N, d), or several: a sequence of arrays (N_i, d). Nested lists of numbers are accepted as arrays."""

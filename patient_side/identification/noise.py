@@ -13,7 +13,7 @@ import numpy as np
 from tis.patient_side.identification.hankel import COLUMNS_AT_ONCE, accumulate, empty_factor, fill_hankel
 from tis.patient_side.identification.output_error import STABLE_BELOW, fit_response
 from tis.patient_side.identification.trials import Trial
-from tis.patient_side.statespace import Array, NoiseModel, StateSpace
+from tis.patient_side.linear_system import Array, NoiseModel, StateSpace
 
 SENSOR_RESOLUTION_M = 1e-6
 """Resolution of the recordings, six decimals of a metre: a lower bound on the deviation of innovations."""
@@ -21,6 +21,9 @@ SENSOR_RESOLUTION_M = 1e-6
 _MAX_STEPS = 10
 _MIN_IMPROVEMENT = 0.01
 _MIN_STEP = 1 / 16
+_DOUBLINGS, _CONVERGED = 40, 1e-14
+_NOTHING = 1e-30  # signals have unit deviation
+_RICCATI_FLOORS = (1e-10, 1e-7, 1e-4, 1e-2)
 
 
 def estimate_noise(
@@ -40,12 +43,12 @@ def estimate_noise(
     """
     gain = np.zeros((space.order, space.n_outputs))
     simulation_errors = innovations(space, gain, x0, trials)
-    covariance = _covariance(simulation_errors)
+    covariance = covariance_of(simulation_errors)
     warnings: tuple[str, ...] = ()
     if space.order and np.all(np.diag(covariance) > SENSOR_RESOLUTION_M**2):
         gain = _start(space, x0, trials, simulation_errors, residuals or arx_residuals(trials, lags))
-        gain = _refined(space, gain, x0, trials)
-        covariance = _covariance(innovations(space, gain, x0, trials))
+        gain = refined_gain(space, gain, x0, trials)
+        covariance = covariance_of(innovations(space, gain, x0, trials))
         if not gain.any():
             warnings = ("no Kalman gain predicts the training rows better than the simulation: Q is zero",)
     return innovations_noise(gain, covariance), warnings
@@ -80,13 +83,54 @@ def _start(
     """Return the K by which the simulation errors respond to the ARX residuals; zero where it is no improvement."""
     responses = [(e, r - e) for e, r in zip(residuals, simulation_errors, strict=True)]
     gain = fit_response(space.A, space.C, responses)
-    while not _is_stable(space, gain):
+    while not is_observer_stable(space.A, space.C, gain):
         gain = gain / 2
     better = _size(innovations(space, gain, x0, trials)) < _size(simulation_errors)
     return gain if better else np.zeros_like(gain)
 
 
-def _refined(space: StateSpace, gain: Array, x0: Sequence[Array], trials: Sequence[Trial]) -> Array:
+def riccati_gain(A: Array, C: Array, errors: Array) -> Array:
+    """Return the Kalman gain K (n, p) of noises w and v with the covariance of the rows of ``errors`` (N, n + p).
+
+    It needs no stable A, and A - K C is stable. A floor on both noises, relative to their size, keeps the Riccati
+    equation solvable where data without noise leave modes on the unit circle that nothing drives; it rises until the
+    solution exists. Oracle: the innovations form of a known system, test_riccati_gain.
+    """
+    n, p = len(A), len(C)
+    covariance = errors.T @ errors / max(1, len(errors))
+    size = max(float(np.trace(covariance)), _NOTHING)
+    for floor in _RICCATI_FLOORS:
+        joint = covariance + floor * size * np.eye(n + p)
+        Q, S, R = joint[:n, :n], joint[:n, n:], joint[n:, n:]
+        P = _riccati(A, C, Q, R, S)
+        K = np.asarray(np.linalg.solve(C @ P @ C.T + R, (A @ P @ C.T + S).T).T)
+        if np.all(np.isfinite(K)) and is_observer_stable(A, C, K):
+            return K
+    raise np.linalg.LinAlgError("no filter of the model is stable: some state is not observable")
+
+
+def _riccati(A: Array, C: Array, Q: Array, R: Array, S: Array) -> Array:
+    """Return the filter's covariance P (n, n) before each sample, by structure-preserving doubling.
+
+    Chu, Fan, Lin and Wang 2004, Int. J. Control 77:767. Each step doubles the samples that the recursion covers, and
+    none reorders eigenvalues, which fails where some lie near the unit circle.
+    """
+    one = np.eye(len(A))
+    across = np.linalg.solve(R, S.T).T
+    F, G, P = (A - across @ C).T, C.T @ np.linalg.solve(R, C), Q - across @ S.T
+    for _ in range(_DOUBLINGS):
+        before = P
+        W = np.linalg.inv(one + G @ P)
+        onward = F @ W
+        P = P + F.T @ P @ W @ F
+        G = G + onward @ G @ F.T
+        P, G, F = (P + P.T) / 2, (G + G.T) / 2, onward @ F
+        if np.linalg.norm(P - before) <= _CONVERGED * np.linalg.norm(P):
+            break
+    return np.asarray(P)
+
+
+def refined_gain(space: StateSpace, gain: Array, x0: Sequence[Array], trials: Sequence[Trial]) -> Array:
     """Return ``gain`` after Gauss-Newton steps on the determinant of the innovations' covariance.
 
     To first order a change dK changes e by minus the response of (A - K C, dK, C) to e, so the best dK is a
@@ -99,7 +143,7 @@ def _refined(space: StateSpace, gain: Array, x0: Sequence[Array], trials: Sequen
         step = 1.0
         while step >= _MIN_STEP:
             candidate = gain + step * direction
-            if _is_stable(space, candidate):
+            if is_observer_stable(space.A, space.C, candidate):
                 candidate_errors = innovations(space, candidate, x0, trials)
                 saved = size - _size(candidate_errors)
                 if saved >= _MIN_IMPROVEMENT:
@@ -143,17 +187,19 @@ def _regressors(u: Array, y: Array, lags: int) -> Iterator[Array]:
         yield columns
 
 
-def _is_stable(space: StateSpace, gain: Array) -> bool:
-    return bool(np.max(np.abs(np.linalg.eigvals(space.A - gain @ space.C))) < STABLE_BELOW)
+def is_observer_stable(A: Array, C: Array, gain: Array) -> bool:
+    """Return whether the errors of the filter with a constant ``gain`` (n, p) decay."""
+    return bool(np.max(np.abs(np.linalg.eigvals(A - gain @ C))) < STABLE_BELOW)
 
 
-def _covariance(errors: Sequence[Array]) -> Array:
+def covariance_of(errors: Sequence[Array]) -> Array:
+    """Return the second moments (p, p) of the errors (N, p) of all trials."""
     return np.asarray(np.sum([e.T @ e for e in errors], axis=0) / sum(len(e) for e in errors))
 
 
 def _size(errors: Sequence[Array]) -> float:
     """Return the log-determinant of the errors' covariance."""
-    return float(np.linalg.slogdet(_covariance(errors))[1])
+    return float(np.linalg.slogdet(covariance_of(errors))[1])
 
 
 def floored(covariance: Array) -> Array:

@@ -7,18 +7,21 @@ from math import log
 import numpy as np
 
 from tis.common.errors import DataError, Fault
-from tis.common.scenario.identification import Order
-from tis.patient_side.identification.noise import estimate_noise, innovations
+from tis.common.order_rules import Order
+from tis.patient_side.identification.noise import estimate_noise, innovations, innovations_noise
 from tis.patient_side.identification.output_error import STABLE_BELOW
-from tis.patient_side.identification.trials import Trial
+from tis.patient_side.identification.trials import Scaling, Trial
 from tis.patient_side.identification.validation import SimulationFit, prediction_error, simulation_fit
-from tis.patient_side.statespace import Array, NoiseModel, StateSpace
+from tis.patient_side.linear_system import Array, NoiseModel, StateSpace
 
 MAX_ORDER = 12
 _ENERGY_SHARE = 0.85
 _RELATIVE_TOLERANCE = 1.05
 NEGLIGIBLE_ERROR = 0.05
 """In units of hold's error. With the inputs' forecast, at best 0.4, it adds sqrt(0.4^2 + 0.05^2) - 0.4 = 0.003."""
+
+NO_ERROR = 1e-6
+"""The same bound for a system that others than the testbed's filters use: what rounding leaves without noise."""
 
 _STATIC_FIT_PCT = 90.0
 
@@ -48,6 +51,11 @@ class Candidate:
         with np.errstate(over="ignore", invalid="ignore"):
             errors = np.concatenate(innovations(space, gain, x0, trials))
             return cls(space, gain, errors.T @ errors / len(errors))
+
+    def noise(self, scaling: Scaling) -> NoiseModel:
+        """Return the noise in innovations form, in the units that ``scaling`` leads back to."""
+        out = scaling.output
+        return innovations_noise(self.gain / out, out[:, None] * self.covariance * out)
 
     def criterion(self, n_rows: int) -> float:
         """Return Bauer's IVC (2001, Automatica 37:1561) with Schwarz's penalty, per row: log det Re + d log N / N.
@@ -122,12 +130,14 @@ def choose_order(
     validate_on: Sequence[Trial],
     singular_values: Array | None,
     n_start: int,
+    negligible: float = NEGLIGIBLE_ERROR,
 ) -> OrderChoice:
     """Simulate and predict the last rows with every candidate, and return the orders by all rules.
 
     ``candidates[n]`` has the order n and is fitted to ``n_fitted`` first rows, in the units of ``validate_on``;
     ``singular_values`` are those of all rows. The validated order is the smallest one whose prediction error lies
-    within 5 % of the smallest, or below 5 % of hold's error: a smaller improvement is not worth a state.
+    within 5 % of the smallest, or below ``negligible`` of hold's error: a smaller improvement is not worth
+    a state.
     """
     fits = [simulation_fit(candidate.space, validate_on, n_start) for candidate in candidates]
     predictions = [prediction_error(each.space, each.gain, validate_on, n_start) for each in candidates]
@@ -136,16 +146,16 @@ def choose_order(
         None if singular_values is None else energy_order(singular_values),
         None if singular_values is None else log_gap_order(singular_values),
         int(np.argmin(criteria)),
-        smallest_sufficient(predictions),
+        smallest_sufficient(predictions, negligible),
         tuple(fits),
         tuple(predictions),
     )
 
 
-def smallest_sufficient(errors: Sequence[float]) -> int:
+def smallest_sufficient(errors: Sequence[float], negligible: float = NEGLIGIBLE_ERROR) -> int:
     """Return the smallest order whose error equals the best one within the tolerances."""
     best = min(errors)
-    bound = max(_RELATIVE_TOLERANCE * best, NEGLIGIBLE_ERROR)
+    bound = max(_RELATIVE_TOLERANCE * best, negligible)
     return next(order for order, error in enumerate(errors) if error <= bound)
 
 

@@ -24,7 +24,7 @@ from scipy.linalg import schur
 from tis.patient_side.filters.recursion import filtered
 from tis.patient_side.identification.hankel import COLUMNS_AT_ONCE, accumulate, empty_factor
 from tis.patient_side.identification.trials import Trial
-from tis.patient_side.statespace import Array, StateSpace
+from tis.patient_side.linear_system import Array, StateSpace
 
 
 def fit_inputs(A: Array, C: Array, trials: Sequence[Trial]) -> tuple[Array, Array, tuple[Array, ...]]:

@@ -25,8 +25,15 @@ import numpy as np
 from tis.common.errors import DataError, Fault
 from tis.patient_side.identification.hankel import triangular_factor
 from tis.patient_side.identification.linear_model import LinearModel, Provenance, Signals, as_trials, check_numbers
-from tis.patient_side.identification.noise import estimate_noise
-from tis.patient_side.identification.order import NEGLIGIBLE_ERROR, Candidate
+from tis.patient_side.identification.noise import (
+    covariance_of,
+    estimate_noise,
+    floored,
+    innovations,
+    refined_gain,
+    riccati_gain,
+)
+from tis.patient_side.identification.order import NEGLIGIBLE_ERROR, NO_ERROR, Candidate
 from tis.patient_side.identification.output_error import (
     STABLE_BELOW,
     fit_inputs,
@@ -35,7 +42,7 @@ from tis.patient_side.identification.output_error import (
 )
 from tis.patient_side.identification.trials import Scaling, Trial, breakdown_as_fault, check_trials
 from tis.patient_side.identification.validation import prediction_error
-from tis.patient_side.statespace import Array, StateSpace
+from tis.patient_side.linear_system import Array, NoiseModel, StateSpace
 
 _LARGE_CONDITION = 1e3
 _NEGLIGIBLE = 1e-10
@@ -125,7 +132,9 @@ def column_space(part: Array, scale: float, n_outputs: int) -> Subspace:
 
 
 @breakdown_as_fault("a subspace method")
-def identify_subspace(name: str, method: Method, u: Signals, y: Signals, order: int, horizon: int) -> LinearModel:
+def identify_subspace(
+    name: str, method: Method, u: Signals, y: Signals, order: int, horizon: int, *, stable: bool = True
+) -> LinearModel:
     """Identify a linear model by a subspace method; each method's ``identify`` is this with the method filled in.
 
     Parameters
@@ -133,12 +142,14 @@ def identify_subspace(name: str, method: Method, u: Signals, y: Signals, order: 
     name, method
         Name and column space of the method, see `methods`.
     u, y
-        One trial, (N, m) and (N, p), or one array for each of several trials; no Hankel column crosses their borders.
-        They are neither centred nor modified.
+        One trial, (N, m) and (N, p), m may be 0; or one array for each of several trials, whose borders no Hankel
+        column crosses. They are neither centred nor modified.
     order
         Number of states n; 0 for y = D u.
     horizon
         Number of block rows of past and future each.
+    stable
+        Whether unstable poles are moved inside the unit circle.
 
     Returns
     -------
@@ -159,7 +170,7 @@ def identify_subspace(name: str, method: Method, u: Signals, y: Signals, order: 
     # Checks, scaling and factor.
     check_numbers(order, horizon)
     trials = as_trials(u, y)
-    check_trials(trials, horizon)
+    check_trials(trials, horizon, fewest_inputs=0)
     n_inputs, n_outputs = trials[0][0].shape[1], trials[0][1].shape[1]
     scaling = Scaling.of(trials)
     scaled = scaling.scaled(trials)
@@ -169,9 +180,9 @@ def identify_subspace(name: str, method: Method, u: Signals, y: Signals, order: 
     found = method(FutureBlocks.of(factor, horizon, n_inputs, n_outputs))
     check_order(order, horizon, n_outputs, shown=len(found.singular_values))
     states = PastStates.of(factor, horizon, n_inputs, n_outputs)
-    realised = realise(found, states, order, scaled, horizon)
+    realised = realise(found, states, order, scaled, horizon, stable=stable)
     space = scaling.unscaled(realised.space)
-    noise, no_gain = estimate_noise(space, realised.x0, trials, horizon)
+    noise, no_gain = noise_of(realised, scaling, trials, horizon, stable=stable)
     n_rows = sum(len(inputs) for inputs, _ in trials)
     return LinearModel(
         space,
@@ -181,6 +192,15 @@ def identify_subspace(name: str, method: Method, u: Signals, y: Signals, order: 
         Provenance(name, horizon, order, n_rows, len(trials), found.singular_values),
         (*weakly, *realised.warnings, *no_gain),
     )
+
+
+def noise_of(
+    realised: Realised, scaling: Scaling, trials: Sequence[Trial], block_rows: int, *, stable: bool
+) -> tuple[NoiseModel, tuple[str, ...]]:
+    """Return the noise of a model of scaled trials in the units of ``trials``, and a warning when K is zero."""
+    if stable or realised.candidate is None:
+        return estimate_noise(scaling.unscaled(realised.space), realised.x0, trials, block_rows)
+    return realised.candidate.noise(scaling), ()
 
 
 def check_order(order: int, block_rows: int, n_outputs: int, smallest: int = 0, shown: int | None = None) -> None:
@@ -202,6 +222,8 @@ def check_excitation(factor: Array, n_input_rows: int) -> tuple[str, ...]:
     ``factor`` is triangular and begins with the inputs' ``n_input_rows`` Hankel rows.
     """
     n = n_input_rows
+    if n == 0:
+        return ()
     values = np.linalg.svd(factor[:n, :n], compute_uv=False)
     rank = int(np.count_nonzero(values > _NEGLIGIBLE * values[0]))
     if rank < n:
@@ -260,13 +282,18 @@ class PastStates:
     def excess(self, A: Array, C: Array, observability: Array) -> float:
         """Return by how much, relatively, A and C miss the next state and the output by more than `dynamics` does."""
         known, answers = self._regression(observability)
-        n = len(A)
         least = answers - known @ np.linalg.lstsq(known, answers)[0]
-        rest = answers - known[:, :n] @ np.vstack([A, C]).T
-        rest = rest - known[:, n:] @ np.linalg.lstsq(known[:, n:], rest)[0]
+        rest = self.errors(A, C, observability)
         own, other = least.T @ least, rest.T @ rest
         floor = 1e-12 * np.trace(other) * np.eye(len(own))
         return float(np.trace(np.linalg.solve(own + floor, other + floor)) / len(own)) - 1.0
+
+    def errors(self, A: Array, C: Array, observability: Array) -> Array:
+        """Return by what A and C, with the best B and D, miss the next state and the output, (d, n + p)."""
+        known, answers = self._regression(observability)
+        n = len(A)
+        rest = answers - known[:, :n] @ np.vstack([A, C]).T
+        return np.asarray(rest - known[:, n:] @ np.linalg.lstsq(known[:, n:], rest)[0])
 
     def _regression(self, observability: Array) -> tuple[Array, Array]:
         known = np.hstack([self.now @ observability, self.inputs])
@@ -280,6 +307,8 @@ def realise(
     trials: Sequence[Trial],
     block_rows: int,
     residuals: Sequence[Array] | None = None,
+    *,
+    stable: bool = True,
 ) -> Realised:
     """Return the model of ``order`` states with A and C by shift, or by the states' regression where that is better.
 
@@ -288,17 +317,19 @@ def realise(
     shift's A and C explain the states clearly worse; at a system's own order they do not. Oracle: truncated systems,
     the evaporator of DaISy, test_low_order.
     """
-    by_shift = fit_order(found, order, trials)
     basis = found.left[:, :order]
+    complete = partial(_completed if stable else partial(_with_filter, states, basis), trials=trials)
+    by_shift = complete(*shifted(found, order))
     doubtful = order > 0 and found.uses_outputs
     if not doubtful or states.excess(by_shift.space.A, by_shift.space.C, basis) <= _EXCESS:
         return by_shift
     with_error = partial(_with_error, trials=trials, block_rows=block_rows, residuals=residuals)
     best, error = with_error(by_shift)
-    if error <= NEGLIGIBLE_ERROR:
+    if error <= (NEGLIGIBLE_ERROR if stable else NO_ERROR):
         return best
-    by_states, other = with_error(_completed(*states.dynamics(basis), trials))
-    for each, its_error in ((by_states, other), with_error(_for_filter(by_states, trials))):
+    by_states, other = with_error(complete(*states.dynamics(basis)))
+    others = ((by_states, other), with_error(_for_filter(by_states, trials))) if stable else ((by_states, other),)
+    for each, its_error in others:
         if its_error < _WORTH * error:
             best, error = each, its_error
     return best
@@ -310,25 +341,30 @@ def _for_filter(model: Realised, trials: Sequence[Trial]) -> Realised:
     if candidate is None or not candidate.gain.any() or model.warnings:
         return model
     B, D, x0 = fit_inputs_by_innovations(space.A, space.C, candidate.gain, trials)
-    return replace(model, space=StateSpace(space.A, B, space.C, D), x0=x0)
+    return replace(model, space=StateSpace(space.A, B, space.C, D), x0=x0, candidate=None)
 
 
 def _with_error(
     model: Realised, trials: Sequence[Trial], block_rows: int, residuals: Sequence[Array] | None
 ) -> tuple[Realised, float]:
-    candidate = Candidate.of(model.space, model.x0, trials, block_rows, residuals)
+    candidate = model.candidate or Candidate.of(model.space, model.x0, trials, block_rows, residuals)
     error = prediction_error(model.space, candidate.gain, trials, 2 * block_rows)
     return replace(model, candidate=candidate), error
 
 
 def fit_order(found: Subspace, order: int, trials: Sequence[Trial]) -> Realised:
-    """Return the model of ``order`` states by the shift of the extended observability matrix."""
+    """Return the stable model of ``order`` states by the shift of the extended observability matrix."""
+    return _completed(*shifted(found, order), trials)
+
+
+def shifted(found: Subspace, order: int) -> tuple[Array, Array]:
+    """Return A (n, n) and C (p, n) by the shift of the extended observability matrix."""
     p = found.n_outputs
     observability = found.left[:, :order]
     A = np.empty((0, 0))
     if order:
         A = np.asarray(np.linalg.lstsq(observability[:-p], observability[p:], rcond=_SHIFTED_OUT)[0])
-    return _completed(A, np.ascontiguousarray(observability[:p]), trials)
+    return A, np.ascontiguousarray(observability[:p])
 
 
 def _completed(A: Array, C: Array, trials: Sequence[Trial]) -> Realised:
@@ -340,3 +376,23 @@ def _completed(A: Array, C: Array, trials: Sequence[Trial]) -> Realised:
         " inside the unit circle and B, D and x0 fitted to that",
     )
     return Realised(StateSpace(A, B, C, D), x0, () if radius < STABLE_BELOW else warnings)
+
+
+_PASSES = 2
+"""Alternations of B, D and x0 with K: the first K, from the states' regression, is close already."""
+
+
+def _with_filter(states: PastStates, basis: Array, A: Array, C: Array, trials: Sequence[Trial]) -> Realised:
+    """Return the model with A as it is, and with K, B, D and x0 for the one-step errors of its filter.
+
+    A - K C is stable where A is not, so that errors neither grow with the rows nor depend on a distant start.
+    """
+    if not len(A):
+        return _completed(A, C, trials)
+    gain = riccati_gain(A, C, states.errors(A, C, basis))
+    for _ in range(_PASSES):
+        B, D, x0 = fit_inputs_by_innovations(A, C, gain, trials)
+        space = StateSpace(A, B, C, D)
+        gain = refined_gain(space, gain, x0, trials)
+    covariance = floored(covariance_of(innovations(space, gain, x0, trials)))
+    return Realised(space, x0, (), Candidate(space, gain, covariance))

@@ -11,13 +11,20 @@ from types import MappingProxyType
 
 import numpy as np
 
-from tis.common.scenario.identification import Order
+from tis.common.order_rules import Order
 from tis.patient_side.identification import arx
-from tis.patient_side.identification.dataset import TrainingSet
 from tis.patient_side.identification.hankel import triangular_factor
-from tis.patient_side.identification.linear_model import LinearModel, Signals
-from tis.patient_side.identification.noise import arx_residuals, estimate_noise
-from tis.patient_side.identification.order import Candidate, Fitted, choose_order, is_static, largest_candidate
+from tis.patient_side.identification.linear_model import LinearModel
+from tis.patient_side.identification.noise import arx_residuals
+from tis.patient_side.identification.order import (
+    NEGLIGIBLE_ERROR,
+    NO_ERROR,
+    Candidate,
+    Fitted,
+    choose_order,
+    is_static,
+    largest_candidate,
+)
 from tis.patient_side.identification.subspace import (
     FutureBlocks,
     Method,
@@ -27,6 +34,7 @@ from tis.patient_side.identification.subspace import (
     check_order,
     column_space,
     identify_subspace,
+    noise_of,
     realise,
 )
 from tis.patient_side.identification.trials import Scaling, Trial, check_trials
@@ -101,22 +109,33 @@ SUBSPACE_METHODS: Mapping[str, Method] = MappingProxyType(
     {"moesp": moesp_subspace, "pi_moesp": pi_moesp_subspace, "n4sid": n4sid_subspace, "cva": cva_subspace}
 )
 
-METHODS: Mapping[str, Callable[[Signals, Signals, int, int], LinearModel]] = MappingProxyType(
+METHODS: Mapping[str, Callable[..., LinearModel]] = MappingProxyType(
     {
         **{name: partial(identify_subspace, name, method) for name, method in SUBSPACE_METHODS.items()},
         "arx": arx.identify,
     }
 )
-"""Each takes ``(u, y, order, horizon)``: see `identify_subspace`."""
+"""Each takes ``(u, y, order, horizon, stable=True)``: see `identify_subspace`."""
 
 
-def fit_subspace(training: TrainingSet, method: Method, block_rows: int, order: Order) -> Fitted:
-    """Return the model identified by ``method``; raises `DataError` with all faults."""
+def fit_subspace(
+    trials: Sequence[Trial],
+    labels: Sequence[str],
+    method: Method,
+    block_rows: int,
+    order: Order,
+    *,
+    stable: bool = True,
+) -> Fitted:
+    """Return the model identified by ``method``; raises `DataError` with all faults.
+
+    ``stable``: unstable poles are moved inside; else they stay, and B, D, x0 and K are those of the filter.
+    """
     # Checks, scaling, and the subspaces of the first rows and of all rows.
     n_start = 2 * block_rows
-    check_trials(training.trials, block_rows, training.labels, HELD_BACK)
-    scaling = Scaling.of(training.trials)
-    scaled = scaling.scaled(training.trials)
+    check_trials(trials, block_rows, labels, HELD_BACK, fewest_inputs=0)
+    scaling = Scaling.of(trials)
+    scaled = scaling.scaled(trials)
     fit_on, validate_on = split_trials(scaled)
     (found_on_first, states_on_first), (found, states), warnings = _subspaces(scaled, fit_on, method, block_rows)
     if isinstance(order, int):
@@ -125,21 +144,22 @@ def fit_subspace(training: TrainingSet, method: Method, block_rows: int, order: 
     # The order: a model of the first rows for each, compared on the last rows.
     largest = largest_candidate(found_on_first.rank, block_rows, found.n_outputs)
     residuals = arx_residuals(fit_on, block_rows)
-    on_first = partial(realise, found_on_first, states_on_first, trials=fit_on, block_rows=block_rows)
+    on_first = partial(realise, found_on_first, states_on_first, trials=fit_on, block_rows=block_rows, stable=stable)
     fitted = [on_first(order=n, residuals=residuals) for n in range(largest + 1)]
     candidates = [
         each.candidate or Candidate.of(each.space, each.x0, fit_on, block_rows, residuals) for each in fitted
     ]
     n_fitted = sum(len(u) for u, _ in fit_on)
-    orders = choose_order(candidates, n_fitted, validate_on, found.singular_values, n_start)
+    negligible = NEGLIGIBLE_ERROR if stable else NO_ERROR
+    orders = choose_order(candidates, n_fitted, validate_on, found.singular_values, n_start, negligible)
     chosen = orders.by_rule(order)
     first_rows = (fitted[chosen] if chosen <= largest else on_first(order=chosen, residuals=residuals)).space
     fit = simulation_fit(first_rows, validate_on, n_start)
 
     # The model of all rows with its noise.
-    realised = realise(found, states, chosen, scaled, block_rows)
+    realised = realise(found, states, chosen, scaled, block_rows, stable=stable)
     space = scaling.unscaled(realised.space)
-    noise, no_gain = estimate_noise(space, realised.x0, training.trials, block_rows)
+    noise, no_gain = noise_of(realised, scaling, trials, block_rows, stable=stable)
     static = is_static(chosen, fit)
     if static:
         warnings = ()  # a gain needs no excitation over time, only movement in every direction

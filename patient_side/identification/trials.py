@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.errors import DataError, Fault
-from tis.patient_side.statespace import Array, StateSpace
+from tis.patient_side.linear_system import Array, StateSpace
 
 Trial = tuple[Array, Array]
 """Inputs (N, m) and outputs (N, p) of one uninterrupted stretch, row by row."""
@@ -30,8 +30,11 @@ def check_trials(
     held_back: float = 0.0,
     *,
     past: bool = True,
+    fewest_inputs: int = 1,
 ) -> None:
     """Raise `DataError` with every fault: transposed or unequal arrays, NaN, no movement, too few rows.
+
+    ``fewest_inputs`` is 0 where outputs alone are a trial.
 
     The Hankel matrix needs as many columns as rows, when the share ``held_back`` of each trial's rows is set
     aside: ``N - 2 s + 1 >= 2 s (m + p)`` with ``past`` and future block rows, else ``N - s + 1 >= s (m + p)``.
@@ -41,7 +44,7 @@ def check_trials(
     if not trials:
         faults.append(Fault("identification", "trials", "needs at least one trial"))
     for name, (u, y) in zip(names, trials, strict=True):
-        faults += _shape_faults(name, u, y)
+        faults += _shape_faults(name, u, y, fewest_inputs)
     if not faults and len({(u.shape[1], y.shape[1]) for u, y in trials}) > 1:
         faults.append(Fault("identification", "trials", "all must have the same numbers of inputs and outputs"))
     if faults:
@@ -65,10 +68,10 @@ def finite_faults(name: str, u: Array, y: Array) -> list[Fault]:
     return faults
 
 
-def _shape_faults(name: str, u: Array, y: Array) -> list[Fault]:
+def _shape_faults(name: str, u: Array, y: Array, fewest_inputs: int) -> list[Fault]:
     faults = []
-    for side, signal in (("input", u), ("output", y)):
-        if signal.ndim != 2 or signal.shape[1] < 1:
+    for side, signal, fewest in (("input", u, fewest_inputs), ("output", y, 1)):
+        if signal.ndim != 2 or signal.shape[1] < fewest:
             faults.append(Fault(name, side, "must have the shape (samples, channels)", signal.shape))
         elif signal.shape[0] < signal.shape[1]:
             rule = "must have one row per sample, and no fewer rows than columns: too short, or transposed"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tis.patient_side.identification.trials import Trial, n_first
-from tis.patient_side.statespace import Array, StateSpace
+from tis.patient_side.linear_system import Array, StateSpace
 
 HELD_BACK = 0.3
 """Share of each trial's rows, its last ones, that models are compared on."""

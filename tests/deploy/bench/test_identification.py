@@ -7,16 +7,20 @@ from rich.console import Console
 
 from tis.deploy.bench import identification
 from tis.deploy.bench.identification import Size, bench_identification, measure, simulated_trials
+from tis.deploy.bench.prediction_accuracy import PLANTS
 from tis.patient_side.statespace import Array
 
 
 def test_every_size_has_a_table_with_every_method_and_its_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     small = (Size("one", 1, 300, 2, 2, 10_000.0), Size("two", 3, 200, 2, 1, 0.0, 500.0, peers=False))
     monkeypatch.setattr(identification, "SIZES", small)
+    monkeypatch.setattr(identification, "PLANTS", PLANTS[:1])
     text = StringIO()
     assert bench_identification(Console(file=text, width=120)) == 0
     for name in ("moesp", "pi_moesp", "n4sid", "cva", "arx", "triangular factor alone"):
-        assert text.getvalue().count(f" {name} ") == 2
+        assert text.getvalue().split("ball and beam")[0].count(f" {name} ") == 2
+    assert "ball and beam" in text.getvalue()
+    assert " tis moesp, stable " in text.getvalue()
     assert "10000 ms: kept" in text.getvalue()
     assert "0 ms, 500 MB: MISSED" in text.getvalue()
 
