@@ -34,8 +34,8 @@ class Flow:
     """The state of one name. Without an ``impairment`` its packets are refused; ``is_open``: no stage holds them.
 
     ``n_queued`` of its packets wait for a rate, the last one in the queue of the group ``queue``, and ``n_awaited``
-    for a repeat of what a reliable transport lost. ``latest_ns`` is the latest release instant so far, ``terms`` those
-    of its latest packet with a recovery. ``looked_ns`` and ``activity`` are of the last look whether it is idle.
+    for a repeat of what a reliable transport lost. ``latest_ns`` is the latest release instant so far, ``terms`` are
+    its latest packet's, of a recovery. ``looked_ns`` and ``activity`` are of the last look whether it is idle.
     """
 
     __slots__ = (
