@@ -196,7 +196,7 @@ def _locate(loc: Sequence[int | str], model: type[BaseModel]) -> _Place:
         if chosen:
             here, chosen = chosen.get(str(step)), {}
             continue
-        if step == "[key]":  # the fault is in the key before it
+        if step == "[key]" and path:  # the fault is in the key before it
             continue
         path.append(text if (text := str(step)).isprintable() else repr(text))
         if get_origin(here) is tuple:

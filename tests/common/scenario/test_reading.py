@@ -4,7 +4,7 @@ from types import NoneType
 from typing import Any, get_args
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from tis.common.errors import InputError
@@ -284,6 +284,7 @@ values = st.recursive(
 
 
 @settings(deadline=None, max_examples=150)
+@example({"[key]": None}, False)  # as pydantic marks the key of a mapping
 @given(
     st.dictionaries(st.sampled_from(list(Scenario.model_fields)) | st.text(max_size=5), values, max_size=8),
     st.booleans(),

@@ -22,7 +22,7 @@ class Wire:
     def offer(self, *arguments: Any) -> Fate:
         if self.outcome != "deliver":
             return Fate(0, self.outcome)
-        self.items.append(arguments[-1])
+        self.items.append(arguments[4])  # behind direction, name, attachment and size
         return Fate(0, "deliver", n_copies=1)
 
 
