@@ -130,6 +130,31 @@ def test_a_fit_to_next_to_nothing_says_so_here_and_in_the_profile(tis: Call) -> 
     assert tis("net", "fit", "t.csv")[2] == ""
 
 
+def write_ping(path: str, n: int) -> None:
+    every = "[{}] 64 bytes from h: icmp_seq={} ttl=64 time={} ms"
+    lines = [every.format(1_700_000_000 + i / 50, i, 20 + i * i % 17) for i in range(1, n + 1) if i % 8]
+    Path(path).write_text("\n".join(["PING h (10.0.0.1) 56(84) bytes of data.", *lines]) + "\n")
+
+
+@pytest.mark.parametrize(("way", "n"), [("forward", 31), ("feedback", 31), ("forward", 10)])
+def test_a_ping_that_is_too_short_for_its_varying_way_makes_no_profile(tis: Call, way: str, n: int) -> None:
+    """Its other way, the constant half, would inject nothing of what was measured."""
+    write_ping("ping.txt", n)
+    code, out, err = tis("net", "fit", "ping.txt", "--way", way, "-o", "mine.yaml")
+    assert (code, out, Path("mine.yaml").exists()) == (4, "", False)
+    assert f"ping.txt: must have at least 30 messages that arrived, has {n - n // 8}" in err
+    assert len(err.strip().splitlines()) == 1
+    assert "ping -c 200" in err
+
+
+def test_a_wanted_distribution_leaves_the_constant_half_of_a_ping_as_it_is(tis: Call) -> None:
+    write_ping("ping.txt", 200)
+    code, _, err = tis("net", "fit", "ping.txt", "--distribution", "gamma", "--replays", "0", "-o", "mine.yaml")
+    assert (code, err) == (0, "")
+    network = find_profile("mine.yaml").network
+    assert [getattr(way.delay, "kind", None) for way in (network.forward, network.feedback)] == ["gamma", "constant"]
+
+
 def test_a_constant_delay_is_told_from_what_the_machine_added(tis: Call) -> None:
     """25 ms and exponential noise of 0.03 ms; an idle relay is known to vary by as much."""
     noise_ms = np.random.default_rng(1).exponential(0.03, 900)
