@@ -1,5 +1,6 @@
 """``tis net``: what it prints, what it writes, what a mistake gets."""
 
+import io
 import json
 import socket
 from pathlib import Path
@@ -7,11 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zenoh
+from rich.console import Console
 
 from tests.deploy.commands import Call, call
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from tis.common.trace import Trace, parse_trace, render_trace
 from tis.deploy.net.fit import cautions
+from tis.deploy.net.library import list_profiles
 from tis.deploy.net.profiles import find_profile, shipped_names
 from tis.netem.fit.direction import fit_direction
 from tis.netem.fit.half_life import HalfLife
@@ -38,8 +41,17 @@ def test_the_library_is_listed_with_what_it_amounts_to(tis: Call) -> None:
     code, out, _ = tis("net", "profiles")
     assert code == 0
     assert all(name in out for name in shipped_names())
-    (line,) = (line for line in out.splitlines() if line.startswith("netfi_clm_2"))
+    line = next(line for line in out.splitlines() if line.startswith("netfi_clm_2"))
     assert "33.33" in line
+
+
+def test_a_narrow_terminal_has_the_titles_as_well() -> None:
+    out = Console(file=io.StringIO(), width=80)
+    with out.capture() as shown:
+        list_profiles(out, as_json=False)
+    words = set(shown.get().split())
+    titles = [find_profile(name).title for name in shipped_names()]
+    assert not [title for title in titles if not set(title.split()) <= words]
 
 
 def test_the_library_as_json(tis: Call) -> None:
