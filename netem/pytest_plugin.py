@@ -72,8 +72,10 @@ def _proof(net: "Between") -> str:
     for direction, link in net.summary.get("links", {}).items():
         delay = link["delay_ms"]["realised"]["p50"]
         median = "" if delay is None else f", median delay {delay:.2f} ms"
+        causes = ", ".join(f"{cause} {n}" for cause, n in link["dropped_by"].items() if n)
         lines.append(
             f"{direction}: {_JUDGED[net.faithful[direction]]}, {link['offered']} messages offered, "
-            f"{link['dropped']} dropped{median}"
+            f"{link['dropped']} dropped{f' ({causes})' if causes else ''}{median}"
         )
+    lines += [f"asked for while it ran: {text}" for text in net.summary.get("changes", ())]
     return "\n".join([*lines, *(f"problem: {text}" for text in net.summary.get("problems", ()))])

@@ -23,13 +23,13 @@ def runs(
     ] = "written",
     reverse: Annotated[bool, typer.Option("--reverse", help="Largest or latest first.")] = False,
     scenario: Annotated[str | None, typer.Option(metavar="NAME", help="Runs of this scenario only.")] = None,
-    mode: Annotated[str | None, typer.Option(metavar="live|twin", help="Runs of this mode only.")] = None,
+    mode: Annotated[str | None, typer.Option(metavar="live|twin|netem", help="Runs of this mode only.")] = None,
     valid: Annotated[
         bool | None, typer.Option("--valid/--invalid", help="Runs that are valid, or not, only.")
     ] = None,
     as_json: JsonOption = False,
 ) -> int:
-    """List the runs below a folder with their key figures: latency, loss and error."""
+    """List the runs below a folder, also of `tis netem` alone, with their key figures: latency, loss and error."""
     from tis.deploy.tools.runs import Wanted, list_runs
 
     return list_runs(Wanted(base, sort, reverse, scenario, mode, valid), OUT, ERR, as_json)

@@ -21,12 +21,13 @@ from tis.common.scenario.control import (
     profile_requests,
 )
 from tis.common.scenario.faults import faults
-from tis.common.scenario.network.conditions import Change, TimelineEntry
+from tis.common.scenario.network.conditions import Change
 from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.scenario.overrides import KINDS, complete_stage
 from tis.common.scenario.reading import apply_settings, parse_yaml
 from tis.deploy.net.profiles import profile_path, read_profile
 from tis.deploy.present.table import PLAIN, Column, Table
+from tis.netem.control.replay import entry_in_words, value_in_words
 from tis.netem.expected.figures import direction_label
 
 _NONE: Final = "-"
@@ -47,7 +48,7 @@ def print_state(state: EmulatorState, address: EmulatorAddress, out: Console) ->
         out.print("* differs from the scenario")
     for name, of in ways.items():
         for entry in of.added:
-            out.print(escape(f"changed, {name}: {_entry(entry)}"), soft_wrap=True)
+            out.print(escape(f"changed, {name}: {entry_in_words(entry)}"), soft_wrap=True)
     for name, of in ways.items():
         for rule in of.rules:
             out.print(escape(f"rule, {name}: {rule.key}: {_rule(rule)}"), soft_wrap=True)
@@ -86,35 +87,16 @@ def _dropped(counters: Mapping[str, int]) -> str:
 
 def _stage(scenario: Pipeline, now: Pipeline, name: str) -> str:
     before, after = getattr(scenario, name), getattr(now, name)
-    return _words(_plain(now).get(name)) + ("" if before == after else _CHANGED)
+    return value_in_words(_plain(now).get(name)) + ("" if before == after else _CHANGED)
 
 
 def _rule(rule: RuleState) -> str:
-    stages = [f"{name} {_words(value)}" for name, value in _plain(rule.now).items() if name != "ordering"]
+    stages = [f"{name} {value_in_words(value)}" for name, value in _plain(rule.now).items() if name != "ordering"]
     return (", ".join(stages) or "passes without delay") + ("" if rule.now == rule.pipeline else _CHANGED)
-
-
-def _entry(entry: TimelineEntry) -> str:
-    length = "" if entry.for_s is None else f" for {entry.for_s:g} s"
-    ramp = f", ramped for {entry.ramp_s:g} s" if entry.ramp_s else ""
-    given = entry.set.model_dump(mode="json", exclude_unset=True)
-    return f"from {entry.at_s:.3f} s{length}{ramp}: " + ", ".join(f"{name} {_words(v)}" for name, v in given.items())
 
 
 def _plain(pipeline: Pipeline) -> dict[str, Any]:
     return pipeline.model_dump(mode="json", exclude_defaults=True) | {"ordering": pipeline.ordering}
-
-
-def _words(value: Any) -> str:
-    """Return a stage on one line: its kind, then names and values, a list by its length."""
-    if isinstance(value, Mapping):
-        kind = [str(value["kind"])] if "kind" in value else []
-        return " ".join([*kind, *(f"{name} {_words(below)}" for name, below in value.items() if name != "kind")])
-    if isinstance(value, list):
-        return f"({len(value)} points)"
-    if value is None:
-        return _NONE
-    return f"{value:g}" if isinstance(value, float) else str(value).lower() if isinstance(value, bool) else str(value)
 
 
 _LENGTH: Final = re.compile(r"(\d+(?:\.\d*)?|\.\d+)(us|ms|s|min|h|)")

@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal
 
+import numpy as np
+
 from tis.common.channels import Direction
 from tis.common.errors import DataError, Fault
 from tis.common.runtime.scenario_files import load_traces, read_limited
@@ -15,7 +17,7 @@ from tis.deploy.net.profiles import build_profile
 from tis.deploy.net.run_records import run_records
 from tis.netem.fit.backlogs import MESSAGE_BYTES, Backlogs
 from tis.netem.fit.candidates import REPLAYS, fit_closing
-from tis.netem.fit.direction import DirectionFit
+from tis.netem.fit.direction import MIN_RECEIVED, DirectionFit
 from tis.netem.fit.marginal import MarginalName
 from tis.netem.fit.record import DirectionRecord
 
@@ -69,23 +71,45 @@ def fit_records(
 ) -> tuple[dict[Direction, DirectionFit], list[tuple[Direction, Fault]]]:
     """Fit each distinct record once; return the fits, and a fault for each record without one.
 
-    A network has one path of states for both directions, so of two records only the first has states. Raises
-    `DataError` when no record can be fitted.
+    A network has one path of states for both directions, so of two records only the first has states. ``wanted``
+    does not bind a constant record beside another one, as the constant half of round trips. Raises `DataError` when
+    no record can be fitted.
     """
     done: dict[int, DirectionFit] = {}
     refused: dict[int, Fault] = {}
+    alone = len({id(record) for record in of.values()}) == 1
     for record in of.values():
         if id(record) not in done and id(record) not in refused:
             taken = any(fit.states is not None for fit in done.values())
             try:
-                done[id(record)] = fit_closing(record, wanted, n_replays, with_states=not taken)
+                own = wanted if alone or not _is_constant(record.trace) else None
+                done[id(record)] = fit_closing(record, own, n_replays, with_states=not taken)
             except ValueError as error:
                 without = f", without {'; '.join(record.left_out)}" if record.left_out else ""
-                refused[id(record)] = Fault(record.trace.label, "", f"{error}{without}")
+                refused[id(record)] = Fault(record.trace.label, "", f"{error}{without}{_advice(record.trace)}")
     if not done:
-        raise DataError(list(refused.values()))
+        varying = [refused[id(record)] for record in of.values() if alone or not _is_constant(record.trace)]
+        raise DataError(list(dict.fromkeys(varying)) or list(refused.values()))
     fits = {direction: done[id(record)] for direction, record in of.items() if id(record) in done}
     return fits, [(direction, refused[id(record)]) for direction, record in of.items() if id(record) in refused]
+
+
+def _is_constant(trace: Trace) -> bool:
+    return len(np.unique(trace.delay_ns[trace.delay_ns >= 0])) == 1
+
+
+def _advice(trace: Trace) -> str:
+    is_short = int((trace.delay_ns >= 0).sum()) < MIN_RECEIVED
+    return "; record more round trips, as with `ping -c 200`" if is_short and "split" in trace.about else ""
+
+
+def refuse_unfitted(source: Path, unfitted: Sequence[tuple[Direction, Fault]]) -> None:
+    """Raise `DataError` if a recorded direction has no fit: all of its delays and losses would be missing.
+
+    Only of a run folder a direction is left out, as applications may use one way alone.
+    """
+    if unfitted and not source.is_dir():
+        raise DataError([fault for _, fault in unfitted])
 
 
 def profile_of(name: str, of: Records, fits: Fits, unfitted: Sequence[tuple[Direction, Fault]] = ()) -> Profile:

@@ -12,7 +12,16 @@ from rich.markup import escape
 from tis.common.channels import Direction
 from tis.common.errors import EXIT_OK, Fault, InputError
 from tis.common.runtime.process import command_line
-from tis.deploy.net.fit import Ways, cautions, fit_records, plain, profile_of, records, unfitted_lines
+from tis.deploy.net.fit import (
+    Ways,
+    cautions,
+    fit_records,
+    plain,
+    profile_of,
+    records,
+    refuse_unfitted,
+    unfitted_lines,
+)
 from tis.deploy.net.profiles import SUFFIXES, dump_profile
 from tis.deploy.net.run_records import RUN_HEADER_FIELDS
 from tis.deploy.present.numbers import known
@@ -167,6 +176,7 @@ def fit_and_print(
         raise InputError(Fault("tis net fit", "--out", f"must end in {SUFFIXES[0]}", str(target)))
     of = records(source, ways, received)
     fits, unfitted = fit_records(of, wanted, n_replays)
+    refuse_unfitted(source, unfitted)
     gaps = dict.fromkeys(record.trace.about["lack"] for record in of.values() if "lack" in record.trace.about)
     print_warnings(err, *(f"{source}: {gap}" for gap in gaps), *unfitted_lines(unfitted))
     profile = profile_of(name or _name_for(target or source), of, fits, unfitted)

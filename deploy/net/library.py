@@ -115,8 +115,11 @@ def _plain(profile: Profile, figures: Figures) -> dict[str, Any]:
 
 
 def print_library(rows: list[tuple[Profile, Figures]], out: Console) -> None:
-    """Print one line per profile, two where the directions differ; all figures are computed from the models."""
-    roomy = out.width >= _ROOMY  # titles on a narrow terminal would push the figures out
+    """Print one line per profile, two where the directions differ; all figures are computed from the models.
+
+    On a narrow terminal titles would push the figures out: they come below.
+    """
+    roomy = out.width >= _ROOMY
     columns: list[Column | str] = [
         "profile",
         Column("way", words=True),
@@ -136,8 +139,12 @@ def print_library(rows: list[tuple[Profile, Figures]], out: Console) -> None:
             first = direction != "feedback"
             title = [profile.title if first else ""] if roomy else []
             lines.append([profile.name if first else "", direction, *_cells(of), *title])
-    out.print(Table("", columns, lines).terminal(PLAIN if roomy else PLAIN._replace(padding=(0, 1, 0, 0))))
+    look = PLAIN if roomy else PLAIN._replace(padding=(0, 1, 0, 0))
+    out.print(Table("", columns, lines).terminal(look))
     out.print("One way, in ms, of messages that arrive; loss outside outages; out: share of time in outage.")
+    if not roomy:
+        titles = [(profile.name, profile.title) for profile, _ in rows]
+        out.print(Table("", _wrapping("profile", "title"), titles).terminal(look))
 
 
 def print_profile(profile: Profile, figures: Figures, out: Console) -> None:

@@ -1,8 +1,10 @@
 """Commands on the folder of a standalone netem: completion, ``tis summarize``, ``tis report``, ``tis info``."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, get_args
 
+from msgspec import convert
 from rich.console import Console, Group, RenderableType
 from rich.markup import escape
 from rich.text import Text
@@ -10,7 +12,7 @@ from rich.text import Text
 from tis.common.channels import Direction, Side
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, Fault, InputError, problem
 from tis.common.extras import GET_REPORT
-from tis.common.records import COUNTERS
+from tis.common.records import CONTROL, COUNTERS, ControlNote
 from tis.common.runtime.process import command_line
 from tis.common.scenario.network import NetworkPart
 from tis.common.units import NS_PER_S
@@ -33,12 +35,14 @@ from tis.deploy.shell.guard import print_json
 from tis.deploy.standalone.standalone_run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
 from tis.deploy.tools.info import log_states, print_damage, print_files, states_as_data
 from tis.netem.bridge.standalone import network_yaml
+from tis.netem.control.replay import changes_in_words
 from tis.netem.expected.figures import direction_label
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 KIND: Final = "standalone netem"
+_MAX_CHANGES: Final = 6
 
 
 class NetemSummary(Section):
@@ -58,6 +62,7 @@ class NetemSummary(Section):
     versions: dict[str, str] = means("Versions of the packages that it used.")
     duration_s: float = means("Length of its log.")
     complete: bool = means("True when the log ends with netem's counters.")
+    changes: list[str] = means("Changes made while it ran, in words, each with its direction and time.")
     links: dict[DirectionName, Link] = means("The two directions of the network.")
     processors: dict[SideName, ProcessorFigures | None] = means("Use of the processors.")
     problems: list[str] = means("Reasons for which it is not valid as a measurement.")
@@ -90,11 +95,19 @@ def netem_summary(run: StandaloneRun, exit_code: int | None) -> NetemSummary:
         versions=run.versions,
         duration_s=log.last_ns / NS_PER_S,
         complete=bool(log.of(COUNTERS)),
+        changes=changes_in_words(convert(row, ControlNote) for row in logs.of("netem", CONTROL)),
         links=links,
         processors=processors_summary(logs, ("netem",)),
         problems=problems,
         valid=not problems,
     )
+
+
+def named_changes(changes: Sequence[str]) -> list[str]:
+    """Return a line for each of the first changes made while running, then how many more there were."""
+    left = len(changes) - _MAX_CHANGES
+    named = [f"changed while running: {text}" for text in changes[:_MAX_CHANGES]]
+    return [*named, f"and {left} more changes while running"] if left > 0 else named
 
 
 def summary_view(summary: NetemSummary) -> RenderableType:
@@ -106,6 +119,7 @@ def summary_view(summary: NetemSummary) -> RenderableType:
     parts: list[RenderableType] = [
         Text(f"netem between two networks for {summary.duration_s:.1f} s: {crossing}", style="bold")
     ]
+    parts += [HangingIndent(text) for text in named_changes(summary.changes)]
     parts += [HangingIndent(f"not valid: {text}", "red") for text in summary.problems]
     parts += [
         verdict_view(direction_label(way), link.verdict, "the request", link.verdict.not_decidable)

@@ -21,7 +21,7 @@ from tis.deploy.report.subjects.network.link_tables import (
 )
 from tis.deploy.report.subjects.network.requested import Requested
 from tis.deploy.report.subjects.processors import processor_table
-from tis.deploy.standalone.command import NetemSummary
+from tis.deploy.standalone.command import NetemSummary, named_changes
 from tis.deploy.standalone.standalone_run import StandaloneRun, network_lines
 from tis.netem.expected.figures import direction_label
 
@@ -46,7 +46,7 @@ def _tags(summary: NetemSummary) -> list[tuple[str, str]]:
 
 def _answer(run: StandaloneRun, summary: NetemSummary) -> Section:
     verdict = "This is a valid measurement." if summary.valid else "This is not a valid measurement:"
-    request = "".join(f"<li>{escape(line)}</li>" for line in network_lines(run))
+    request = "".join(f"<li>{escape(line)}</li>" for line in [*network_lines(run), *named_changes(summary.changes)])
     markup = (
         f"<p>{escape('Crossing: ' + ', '.join(summary.keys))}</p><ul>{request}</ul><p>{verdict}</p>"
         + problem_list(summary.problems)
@@ -75,9 +75,10 @@ def _network(run: StandaloneRun, summary: NetemSummary) -> Section:
 
 def _repeat(summary: NetemSummary, versions: Mapping[str, str | None]) -> Section:
     command = repeatable(summary.command, " --log") or "-"
+    live = note("Changes made while it ran are not repeated by it.") if summary.changes else ""
     markup = (
         "<p>The command; the network that was used stands in network.yaml, for --scenario-network, and the same seed "
         "gives each message of a key the same fate again:</p>"
-        f"<pre><code>{escape(command)}</code></pre>" + versions_table(versions).html()
+        f"<pre><code>{escape(command)}</code></pre>" + live + versions_table(versions).html()
     )
     return Section(anchor="repeat", title="Repeat this", markup=markup)

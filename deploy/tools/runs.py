@@ -39,6 +39,7 @@ COLUMNS: Final = {
 }
 """Columns of the table by key in ``--json``."""
 
+_NETEM_LOG: Final = "netem.mcap"
 _MAX_WIDTH: Final = 1000
 SORTED_BY: Final[Mapping[str, str]] = {
     "written": "written",
@@ -59,16 +60,17 @@ _MAX_FIGURE: Final = 1e300  # integers beyond cannot be compared with floats
 def list_runs(wanted: Wanted, out: Console, err: Console, as_json: bool) -> int:
     """Print the runs below a folder, as a table or as JSON; raises `InputError` and `DataError`.
 
-    A folder whose summary cannot be read is named on standard error and left out.
+    The folder of a netem between two networks has the mode netem, and figures after ``tis summarize``. A folder whose
+    summary cannot be read is named on standard error and left out.
     """
     if wanted.sort not in (*SORTED_BY, *SORTED_BY.values()):
         raise InputError(Fault("tis runs", "--sort", f"must be one of {', '.join(SORTED_BY)}", wanted.sort))
     if not wanted.base.is_dir():
         raise DataError(Fault(str(wanted.base), "", "is no folder"))
     found: list[Listed] = []
-    for path in sorted(wanted.base.rglob(folder.SCENARIO_FILE)):
+    for run_dir in sorted(_run_dirs(wanted.base)):
         try:
-            found.append(_listed(path.parent, wanted.base))
+            found.append(_listed(run_dir, wanted.base))
         except DataError as error:
             err.print(escape(f"warning: {error.faults[0]}"), style="yellow", soft_wrap=True)
     chosen = _ordered([run for run in found if _is_wanted(run, wanted)], wanted)
@@ -82,6 +84,12 @@ def list_runs(wanted: Wanted, out: Console, err: Console, as_json: bool) -> int:
         text += f"; there are {_kinds(found, 'scenario')}; {_kinds(found, 'mode')}"
     err.print(escape(text), style="dim", highlight=False, soft_wrap=True)
     return EXIT_OK
+
+
+def _run_dirs(base: Path) -> set[Path]:
+    """Return the folders of runs below a folder, and of netem between two networks, which has no scenario."""
+    of_netem = {path.parent for path in base.rglob(folder.NETWORK_FILE) if (path.parent / _NETEM_LOG).exists()}
+    return of_netem | {path.parent for path in base.rglob(folder.SCENARIO_FILE)}
 
 
 def _print_whole(table: RenderableType, out: Console) -> None:
@@ -102,11 +110,12 @@ def _listed(run_dir: Path, base: Path) -> Listed:
     summary = folder.read_json(run_dir / folder.SUMMARY_FILE) or {}
     manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}
     active = _at(summary, str, "active_estimator")
+    is_run = (run_dir / folder.SCENARIO_FILE).exists()
     return {
         "run_dir": str(run_dir.relative_to(base)),
         "scenario": _at(summary, str, "scenario"),
         "written": _at(manifest, str, "written"),
-        "mode": _at(summary, str, "mode"),
+        "mode": _at(summary, str, "mode") if is_run else "netem",
         "valid": _at(summary, bool, "valid"),
         "end_to_end_p50_ms": _at(summary, float, "latency_ms", "end_to_end", "p50"),
         "end_to_end_p99_ms": _at(summary, float, "latency_ms", "end_to_end", "p99"),

@@ -264,7 +264,9 @@ def _first_lines(options: Standalone, traces: Mapping[str, Trace]) -> list[str]:
 def lines_on_the_network(options: Standalone, traces: Mapping[str, Trace]) -> list[str]:
     """Return the lines on the network, the log and the end."""
     lines = synopsis(options.network, traces)
-    if options.log_dir is not None:
+    if options.log_dir is None:
+        lines.append("not logging: --log, or --run-dir FOLDER, keeps what is decided for every packet")
+    else:
         lines.append(f"logging to {options.log_dir / 'netem.mcap'}")
     until = "Ctrl-C ends it" if options.duration_s is None else f"for {options.duration_s:g} s"
     return [*lines, f"running, {until}"]

@@ -1,9 +1,10 @@
 """Replay of live control: the changes of a run, read from its log and applied again to links or to conditions."""
 
 import json
+import re
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from pydantic_core import from_json
 
@@ -14,9 +15,12 @@ from tis.common.records import CONTROL, ControlNote
 from tis.common.scenario.control import CLEARING
 from tis.common.scenario.network import NetworkPart
 from tis.common.scenario.network.conditions import TimelineEntry
+from tis.common.units import NS_PER_S
 from tis.netem.conditions.conditions import Condition, Conditions, Span, joined
 from tis.netem.link.link import Link
 from tis.netem.node import NetemNode
+
+_PROFILE: Final = re.compile(r'"profile"\s*:\s*"([^"]*)"')  # the request is logged truncated
 
 
 class LiveChange(NamedTuple):
@@ -49,6 +53,47 @@ def _entries(text: str) -> tuple[TimelineEntry, ...]:
         return tuple(TimelineEntry.model_validate(entry) for entry in from_json(text))
     except (ValueError, TypeError):
         raise DataError(Fault(CONTROL, "added", "must be a JSON list of timeline entries", text)) from None
+
+
+def changes_in_words(notes: Iterable[ControlNote]) -> list[str]:
+    """Return each accepted change with its direction and time, in the order of the requests."""
+    lines = []
+    for note in notes:
+        if not note.accepted:
+            continue
+        named = _PROFILE.search(note.request) if note.operation == "profile" else None
+        if note.operation in CLEARING:
+            what = "reset to what was asked for at the start" if named is None else f"profile {named[1]}, and no more"
+            lines.append(f"both directions, from {note.applied_ns / NS_PER_S:.3f} s: {what}")
+        else:
+            entries = _entries(note.added or "[]")
+            lines += [
+                f"{'both directions' if entry.direction == 'both' else entry.direction}, {entry_in_words(entry)}"
+                for entry in entries
+            ]
+    return lines
+
+
+def entry_in_words(entry: TimelineEntry) -> str:
+    """Return the time of a change and what it sets: ``from 96.123 s for 10 s: delay constant delay_ms 200``."""
+    length = "" if entry.for_s is None else f" for {entry.for_s:g} s"
+    ramp = f", ramped for {entry.ramp_s:g} s" if entry.ramp_s else ""
+    given = entry.set.model_dump(mode="json", exclude_unset=True)
+    words = (name if value is True else f"{name} {value_in_words(value)}" for name, value in given.items())
+    return f"from {entry.at_s:.3f} s{length}{ramp}: {', '.join(words)}"
+
+
+def value_in_words(value: object) -> str:
+    """Return a stage on one line: its kind, then names and values, a list by its length."""
+    if isinstance(value, Mapping):
+        kind = [str(value["kind"])] if "kind" in value else []
+        named = (f"{name} {value_in_words(below)}" for name, below in value.items() if name != "kind")
+        return " ".join([*kind, *named])
+    if isinstance(value, list):
+        return f"({len(value)} points)"
+    if value is None:
+        return "-"
+    return f"{value:g}" if isinstance(value, float) else str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def apply_entries(

@@ -125,7 +125,7 @@ def closures(trace: Trace, replayed: Floats) -> tuple[Closure, ...]:
         severity = _ratio(float(np.quantile(away, _WITHIN)), float(reaches[number]))
         mean = float(of.mean())
         if name in CENTRES:
-            severity = min(severity, _ratio(abs(record - mean), _TOLERANCE * abs(record)))
+            severity = min(severity, _ratio(abs(float(record) - mean), _TOLERANCE * abs(float(record))))
         found.append(Closure(name, float(record), mean, low, high, severity))
     return tuple(found)
 

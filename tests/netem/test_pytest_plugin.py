@@ -23,7 +23,9 @@ def test_without_a_network():
     assert "tis.netem.bridge" not in sys.modules
 
 def test_a_robot_hears(tis_netem):
-    west, east = tis_netem(settings=["forward.loss={kind: bernoulli, p_loss: 1}"], seed=3)
+    west, east = net = tis_netem(settings=["forward.loss={kind: bernoulli, p_loss: 1}"], seed=3)
+    net.outage(0.05)
+    time.sleep(0.1)
     with a_session(west) as one, a_session(east) as other:
         heard = []
         held = other.declare_subscriber("a/b", heard.append)
@@ -45,7 +47,9 @@ def test_a_project_of_its_own_gets_a_network_and_the_proof(tmp_path: Path) -> No
     assert done.returncode == 1, done.stdout + done.stderr
     assert "1 failed, 1 passed" in done.stdout
     assert "nothing came through" in done.stdout
-    assert "1 messages offered, 1 dropped" in done.stdout
+    assert "1 messages offered, 1 dropped (loss 1)" in done.stdout
+    assert "asked for while it ran: both directions, from " in done.stdout
+    assert " for 0.05 s: outage" in done.stdout
     (summary,) = (tmp_path / "proofs").glob("*/netem_1/summary.json")
     assert json.loads(summary.read_text())["links"]["forward"]["dropped_by"]["loss"] == 1
     assert (

@@ -1,5 +1,6 @@
 """``tis net``: what it prints, what it writes, what a mistake gets."""
 
+import io
 import json
 import socket
 from pathlib import Path
@@ -7,11 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zenoh
+from rich.console import Console
 
 from tests.deploy.commands import Call, call
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from tis.common.trace import Trace, parse_trace, render_trace
 from tis.deploy.net.fit import cautions
+from tis.deploy.net.library import list_profiles
 from tis.deploy.net.profiles import find_profile, shipped_names
 from tis.netem.fit.direction import fit_direction
 from tis.netem.fit.half_life import HalfLife
@@ -38,8 +41,17 @@ def test_the_library_is_listed_with_what_it_amounts_to(tis: Call) -> None:
     code, out, _ = tis("net", "profiles")
     assert code == 0
     assert all(name in out for name in shipped_names())
-    (line,) = (line for line in out.splitlines() if line.startswith("netfi_clm_2"))
+    line = next(line for line in out.splitlines() if line.startswith("netfi_clm_2"))
     assert "33.33" in line
+
+
+def test_a_narrow_terminal_has_the_titles_as_well() -> None:
+    out = Console(file=io.StringIO(), width=80)
+    with out.capture() as shown:
+        list_profiles(out, as_json=False)
+    words = set(shown.get().split())
+    titles = [find_profile(name).title for name in shipped_names()]
+    assert not [title for title in titles if not set(title.split()) <= words]
 
 
 def test_the_library_as_json(tis: Call) -> None:
@@ -128,6 +140,31 @@ def test_a_fit_to_next_to_nothing_says_so_here_and_in_the_profile(tis: Call) -> 
     assert warning in find_profile("mine.yaml").notes
     write_trace("t.csv")
     assert tis("net", "fit", "t.csv")[2] == ""
+
+
+def write_ping(path: str, n: int) -> None:
+    every = "[{}] 64 bytes from h: icmp_seq={} ttl=64 time={} ms"
+    lines = [every.format(1_700_000_000 + i / 50, i, 20 + i * i % 17) for i in range(1, n + 1) if i % 8]
+    Path(path).write_text("\n".join(["PING h (10.0.0.1) 56(84) bytes of data.", *lines]) + "\n")
+
+
+@pytest.mark.parametrize(("way", "n"), [("forward", 31), ("feedback", 31), ("forward", 10)])
+def test_a_ping_that_is_too_short_for_its_varying_way_makes_no_profile(tis: Call, way: str, n: int) -> None:
+    """Its other way, the constant half, would inject nothing of what was measured."""
+    write_ping("ping.txt", n)
+    code, out, err = tis("net", "fit", "ping.txt", "--way", way, "-o", "mine.yaml")
+    assert (code, out, Path("mine.yaml").exists()) == (4, "", False)
+    assert f"ping.txt: must have at least 30 messages that arrived, has {n - n // 8}" in err
+    assert len(err.strip().splitlines()) == 1
+    assert "ping -c 200" in err
+
+
+def test_a_wanted_distribution_leaves_the_constant_half_of_a_ping_as_it_is(tis: Call) -> None:
+    write_ping("ping.txt", 200)
+    code, _, err = tis("net", "fit", "ping.txt", "--distribution", "gamma", "--replays", "0", "-o", "mine.yaml")
+    assert (code, err) == (0, "")
+    network = find_profile("mine.yaml").network
+    assert [getattr(way.delay, "kind", None) for way in (network.forward, network.feedback)] == ["gamma", "constant"]
 
 
 def test_a_constant_delay_is_told_from_what_the_machine_added(tis: Call) -> None:

@@ -1,5 +1,6 @@
 """The library: every profile is whole, accounts for its numbers, and amounts to what its source says."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,11 +9,13 @@ import yaml
 from scipy.stats import poisson
 
 from tis.common.errors import InputError
+from tis.common.scenario.control import profile_requests
 from tis.deploy.net.profiles import (
     SHIPPED,
     build_profile,
     dump_profile,
     find_profile,
+    library,
     read_profile,
     shipped_names,
 )
@@ -187,6 +190,18 @@ def test_a_bad_file_is_refused_with_its_name(tmp_path: Path, text: str, rule: st
         read_profile(path)
     assert str(caught.value).startswith(str(path))
     assert rule in str(caught.value)
+
+
+def test_the_manual_names_those_that_cannot_be_set_while_a_network_runs() -> None:
+    manual = (Path(__file__).parents[3] / "docs/emulator/describe_network.md").read_text(encoding="utf-8")
+    (sentence,) = re.findall("Of the library it refuses (.*?):", manual, re.DOTALL)
+    refused = []
+    for name in shipped_names():
+        try:
+            profile_requests(name, library(name))
+        except InputError:
+            refused.append(name)
+    assert re.findall("`(.*?)`", sentence) == refused
 
 
 def test_a_file_that_is_not_there_is_named() -> None:

@@ -14,7 +14,7 @@ from tests.deploy.report.hand_made import MS, counter, fate, ints, release, writ
 from tests.deploy.report.partial import causes
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, DataError
 from tis.common.node import Record
-from tis.common.records import FATES, RELEASES, Departure, FateBatch, Outcome, ReleaseBatch
+from tis.common.records import CONTROL, FATES, RELEASES, ControlNote, Departure, FateBatch, Outcome, ReleaseBatch
 from tis.common.runtime.scenario_files import load_traces, trace_attachments
 from tis.common.scenario.network import NetworkPart
 from tis.deploy.cli.main import app
@@ -239,6 +239,44 @@ def test_the_report_has_the_links_and_nothing_of_an_arm(tmp_path: Path) -> None:
     for words in ("valid measurement", "delay 30 ms", KEY, "How the delays are distributed", "9.8.7"):
         assert words in page
     assert "Truth and estimates" not in page
+
+
+def _live(number: int, operation: str, request: str, *added: dict[str, Any]) -> Record:
+    at_ns = (10 + number) * 1000 * MS
+    note = ControlNote(
+        at_ns=at_ns - MS,
+        applied_ns=at_ns,
+        operation=operation,
+        request=request,
+        added=json.dumps(added),
+        accepted=True,
+    )
+    return Record(CONTROL, note.at_ns, note)
+
+
+def _slower(number: int) -> Record:
+    change = {"delay": {"kind": "constant", "delay_ms": 200.0}}
+    return _live(number, "set", "", {"at_s": 10.0 + number, "for_s": 0.5, "direction": "forward", "set": change})
+
+
+def test_each_change_made_while_it_ran_stands_in_words_and_is_not_repeated(tmp_path: Path) -> None:
+    pytest.importorskip("bokeh")
+    whole = ({"at_s": 11.0, "direction": way, "set": {"clean": True}} for way in ("forward", "feedback"))
+    more = (_slower(0), _live(1, "profile", '{"profile": "wifi_bad", "netw...', *whole), _live(2, "reset", "{}"))
+    run_dir = _left(tmp_path / "few", more=more)
+    out = _tis("info", str(run_dir))[1]
+    _tis("report", str(run_dir))
+    page = (run_dir / "report.html").read_text()
+    for words in (
+        "changed while running: forward, from 10.000 s for 0.5 s: delay constant delay_ms 200",
+        "changed while running: both directions, from 11.000 s: profile wifi_bad, and no more",
+        "changed while running: both directions, from 12.000 s: reset to what was asked for at the start",
+    ):
+        assert words in out
+        assert words in page
+    assert "Changes made while it ran are not repeated" in page
+    many = _left(tmp_path / "many", more=tuple(map(_slower, range(9))))
+    assert "and 3 more changes while running" in _tis("info", str(many))[1]
 
 
 def test_its_packets_are_exported_as_tables(tmp_path: Path) -> None:

@@ -68,6 +68,19 @@ def test_they_are_sorted_and_chosen(base: Path, words: tuple[str, ...], expected
     assert _listed(base, *words) == expected
 
 
+def test_the_folder_of_a_netem_alone_is_listed_before_and_after_its_summary(base: Path) -> None:
+    alone = base / "alone"
+    alone.mkdir()
+    (alone / "network.yaml").write_text("{}")
+    assert "alone" not in _listed(base)  # a network without a log is no run
+    (alone / "netem.mcap").touch()
+    assert _listed(base, "--mode", "netem") == ["alone"]
+    content = {"mode": "live", "valid": False, "links": {"forward": {"loss_pct": 2.5}}}
+    (alone / "summary.json").write_text(json.dumps(content))
+    (run,) = json.loads(call("runs", str(base), "--json", "--mode", "netem")[1])
+    assert (run["mode"], run["valid"], run["loss_pct"], run["scenario"]) == ("netem", False, 2.5, None)
+
+
 def test_figures_are_numbers_and_unknown_ones_null(base: Path) -> None:
     _, out, _ = call("runs", str(base), "--json")
     runs = {run["run_dir"]: run for run in json.loads(out)}

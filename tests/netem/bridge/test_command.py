@@ -12,8 +12,10 @@ from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.side_log import SideOptions
 from tis.common.runtime.status import Status
 from tis.common.scenario import Scenario
+from tis.common.scenario.network import NetworkPart
 from tis.netem.bridge.chosen_network import read_network
 from tis.netem.bridge.command import netem_command
+from tis.netem.bridge.standalone import Standalone, lines_on_the_network
 
 PLACES = ["--west", "tcp/127.0.0.1:1", "--east", "tcp/127.0.0.1:2"]
 
@@ -35,6 +37,15 @@ def _run(*words: str) -> tuple[int, str, list[SideOptions]]:
     app.command()(netem_command(side, Path, _library))
     result = CliRunner().invoke(app, words)
     return result.exit_code, result.output + result.stderr, started
+
+
+@pytest.mark.parametrize(
+    ("log_dir", "said"), [(None, "not logging: --log"), (Path("runs/a"), "logging to runs/a/netem.mcap")]
+)
+def test_its_first_lines_say_whether_it_keeps_a_log(log_dir: Path | None, said: str) -> None:
+    lines = lines_on_the_network(Standalone({}, NetworkPart(), log_dir=log_dir), {})
+    assert sum(line.startswith(said) for line in lines) == 1
+    assert sum("logging" in line for line in lines) == 1
 
 
 def test_without_places_it_is_a_scenario_s_emulator(tmp_path: Path) -> None:
