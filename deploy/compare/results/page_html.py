@@ -107,6 +107,8 @@ _SCRIPTS: Final = tuple(Path(__file__).with_name(name) for name in ("pooling.js"
 _STYLE: Final = Path(__file__).with_name("comparison.css")
 _COLUMNS: Final = ("estimator", "R\u00b2 x, %", "y", "z", "3D RMSE, mm", "95 %", "ratio to hold", "95 %", "cover, %")
 _COUNTS: Final = ("ticks", "people")
+_POOLED: Final = '<p class="pooled"></p>'
+"""Where the script tells which values the figures pool."""
 _MARKS: Final = {"solid": "", "dashed": "dashed", "dotted": "dotted", "dashdot": "dashdot"}
 
 
@@ -118,7 +120,7 @@ def comparison_html(report: dict[str, Any], sums: PageSums) -> str:
     found += problem_list((), report["warnings"][:_MAX_WARNINGS])
     sections = [
         Section("answer", "The answer", markup=found),
-        Section("choose", "What is shown", markup=_filters(sums) + '<p class="note" id="words"></p>'),
+        Section("choose", "What is shown", markup=_filters(sums) + _POOLED + '<p class="note" id="words"></p>'),
     ]
     if sums.axes:
         choice = _select("x-axis", "Axis", list(sums.axes))
@@ -210,7 +212,7 @@ def _table() -> str:
         "same ticks. Cover: share of the errors within the 95 % ellipsoid. 95 %: bootstrap interval over people."
     )
     found = f'<table><thead><tr>{head}</tr></thead><tbody id="rows"></tbody></table>'
-    return f'<div class="wide">{found}</div><p class="note">{note}</p>'
+    return f'{_POOLED}<div class="wide">{found}</div><p class="note">{note}</p>'
 
 
 def _orientation(report: dict[str, Any]) -> str:
