@@ -15,7 +15,7 @@ from tis.deploy.compare.grid import axis_words
 from tis.deploy.compare.results.answer import answer
 from tis.deploy.compare.results.page_sums import PageSums
 from tis.deploy.compare.results.pooled import origin
-from tis.deploy.compare.results.tables import TURN_CAPTION, headline, setting_title, turn_table
+from tis.deploy.compare.results.tables import SENT, TURN_CAPTION, headline, setting_title, turn_table
 from tis.deploy.present.page import Page, Section, nonbreaking_units, note, page_html, problem_list
 from tis.deploy.present.palette import AXIS, SOFT, look_of
 from tis.deploy.present.plot_style import Figure, plain_figure
@@ -116,7 +116,7 @@ def comparison_html(report: dict[str, Any], sums: PageSums) -> str:
     """Return the page; the script pools `sums` again whenever a filter changes."""
     found = f'<p class="answer">{escape(nonbreaking_units(answer(report)))}</p>'
     computed = [one for one in report["settings"] if one["n_cells"]]
-    found += note(f"{setting_title(computed[0])}.") if len(computed) == 1 else ""
+    found += note(f"{setting_title(computed[0])} ({SENT}).") if len(computed) == 1 else ""
     found += problem_list((), report["warnings"][:_MAX_WARNINGS])
     sections = [
         Section("answer", "The answer", markup=found),
