@@ -1,5 +1,6 @@
 """A scenario, the complete description of a run: frozen, no unknown keys, human units, delays one way."""
 
+import difflib
 from collections.abc import Mapping
 from typing import Annotated, Final, Literal, Self
 
@@ -151,8 +152,11 @@ class Scenario(Part):
     def _consistent(self) -> Self:
         n_packets = self.surgeon.packets_per_s(self.rate_hz, len(self.source.hands))
         mb = self.surgeon.mb_per_s(self.rate_hz, len(self.source.hands))
+        near = difflib.get_close_matches(self.active_estimator, self.estimators, n=1)
+        meant = f", did you mean {near[0]!r}?" if near else ""
+        active = f"active_estimator {self.active_estimator}"
         rules = {
-            f"active_estimator must be one of estimators ({', '.join(self.estimators)})": (
+            f"{active} must be one of estimators ({', '.join(self.estimators)}){meant}": (
                 self.active_estimator in self.estimators
             ),
             **self.source.rules(self.session, self.rate_hz, self.identification.train, self.patient.plant.kind),

@@ -91,10 +91,11 @@ def compare(
 
     To compare runs, see tis report --compare.
 
-    Recorded trials use models trained on the other subjects, if there are any,
+    JIGSAWS trials use models trained on the other subjects, if there are any,
     whatever the scenario's identification.train is, unless it names a model
     file. To train on the first rows of each trial instead:
-    --set identification.train=own_head.
+    --set identification.train=own_head. Tables are trained on as the scenario
+    says.
     """
     from tis.deploy.compare.engine.compute import workers_of
 

@@ -175,6 +175,7 @@ def _metadata(source: Path, found: Found, rows: Rows) -> dict[str, Any]:
 
 
 def _doubts(rows: Rows) -> list[str]:
+    """Return warnings of rows that look wrong, and of what their devices lack."""
     _, question = other_unit(rows.rate_hz, float(rows.t_s[-1]), "s")
     found = [f"{rows.rate_hz:g} rows a second: {question}"] if question else []
     for device in rows.devices:

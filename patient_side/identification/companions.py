@@ -114,8 +114,9 @@ def fit_companions(
 
     Their orders are the validated ones, up to the scenario's number of block rows. The paper's model, whose order
     follows its own rule, is fitted to the set ``about_lowest``; None where the scenario's own method is the paper's.
-    A wanted model that cannot be fitted is a `DataError`, an optional one a warning; for a user-defined estimator all
-    models are optional. ``stage`` measures each fit.
+    A wanted model that cannot be fitted is a `DataError`; where all are wanted it is a warning. For a user-defined
+    estimator all models are tried, without a warning: which of them it reads is not known. ``stage`` measures each
+    fit.
     """
     rows = TrainingRows(training, identification, about_lowest)
     models: dict[str, Any] = {}
@@ -138,8 +139,9 @@ def fit_companions(
         except DataError as error:
             if users:
                 raise
-            warnings.append(f"no model for {user}: {'; '.join(map(str, error.faults))}")
+            if wanted is None:
+                warnings.append(f"no model for {user}: {'; '.join(map(str, error.faults))}")
             continue
         models |= found.models
-        warnings.extend(found.warnings)
+        warnings.extend(found.warnings if users or wanted is None else ())
     return Companions(models, tuple(warnings))

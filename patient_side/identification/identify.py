@@ -265,6 +265,7 @@ def _doubts(trainings: Sequence[Recording]) -> list[str]:
 
 
 def _poor_fit(fit: SimulationFit, hand: Hand, training: TrainingSet, paper: bool) -> tuple[str, ...]:
+    """Return a warning of a model that explains little of held-back rows."""
     # an axis at rest has nothing to explain but noise
     ranges_m = training.output_high_m - training.output_low_m
     moving = ranges_m >= _RESTING * ranges_m.max()

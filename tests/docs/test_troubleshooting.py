@@ -15,12 +15,12 @@ PAGE: Final = (ROOT / "docs" / "testbed" / "troubleshooting.md").read_text(encod
 HEADS: Final = re.findall(r"^\| ((?:`[^`]+`(?:<br>)?)+) \|", PAGE, re.MULTILINE)
 ENTRIES: Final = [words for head in HEADS for words in re.findall(r"`([^`]+)`", head)]
 QUOTED: Final = [*ENTRIES, *(words for words in re.findall(r"`([^`]+)`", PAGE) if " " in words)]
-_MAKES: Final = re.compile(r"Return ((a |the )?problems?|(a sentence|sentences) on|warnings)\b")
+_MAKES: Final = re.compile(r"Return ((a |the )?problems?|(a )?sentences? on|(a )?warnings?|.*, and warnings)\b")
 _WHOLLY: Final = ("plausibility.py", "own_estimators.py", "tally.py", "pairing.py")
 """Files whose functions declare nothing but messages of runs, though their docstrings tell it otherwise."""
 _CALLS: Final = ("violations.append", "warnings.append", "problems.append", ".warning", "._warn", "print_warnings")
 _ELSEWHERE: Final = (
-    "deploy/studies", "deploy/compare", "deploy/bench", "patient_side/identification",  # beside their tables
+    "deploy/studies", "deploy/compare", "deploy/bench",  # beside their tables
     "deploy/present", "deploy/report/plots", "deploy/report/run_view", "deploy/report/subjects/network/disturbances",
     "deploy/watch",  # below their pictures
 )  # fmt: skip

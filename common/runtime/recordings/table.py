@@ -235,6 +235,7 @@ def _pairing(layout: HandLayout, hand: HandRecording, head_rows: int) -> tuple[s
 
 
 def _lacking(layout: HandLayout) -> list[str]:
+    """Return warnings of what a table lacks, and of what stands in its place."""
     master, arm = MASTER[layout.hand], layout.arm
     if layout.master is None:
         return [

@@ -17,8 +17,8 @@ def answer(report: Report) -> str:
     """Return the estimator that is best at each setting, its gain over hold, and the rivals not told apart from it.
 
     Best is the smallest 3D RMSE. A rival is told apart if the 95 % interval of its RMSE over the best one's, over
-    people, lies above 1 (`tis.deploy.compare.results.pooled.rivalries`). "" without a scored row. Oracle: literal
-    reports, test_answer.
+    people, lies above 1 (`tis.deploy.compare.results.pooled.rivalries`); of fewer than `ENOUGH_PEOPLE` none is, as
+    their intervals cover less. "" without a scored row. Oracle: literal reports, test_answer.
     """
     names = {about["setting"]: _named(about) for about in report["settings"]}
     ranked = [rows for setting in names if (rows := ranking(report["rows"], setting))]
@@ -61,9 +61,17 @@ def _gain(pct: float) -> str:
 
 
 def _close(ranked: Sequence[Rows], names: Mapping[str | None, str]) -> Iterable[str]:
-    """Yield which rivals are not told apart from the best, by rival."""
-    if ranked[0][0]["n_people"] < 2:
-        yield "Of one person's movements nothing is told apart: intervals are over people."
+    """Yield which rivals are not told apart from the best, by rival, or that the people are too few to tell."""
+    n_people = ranked[0][0]["n_people"]
+    if n_people < 2:
+        yield "This holds for one person's movements: nothing can be claimed about other people."
+        return
+    if n_people < ENOUGH_PEOPLE:
+        most = range_holds_median_pct(n_people)
+        yield (
+            f"With {n_people} people no estimator is told apart from another: an interval over them is right at most "
+            f"{most:.0f} times in 100, and 95 take {ENOUGH_PEOPLE} people."
+        )
         return
     near: dict[tuple[str, str], list[str]] = {}
     for best, *others in ranked:
@@ -75,10 +83,6 @@ def _close(ranked: Sequence[Rows], names: Mapping[str | None, str]) -> Iterable[
         yield "It is told apart from each other one." if len(ranked) == 1 else "Each is told apart from all others."
     for (best_name, rival), settings in near.items():
         yield f"{rival} is not told apart from {best_name}{_where(settings, len(ranked))}."
-    n_people = ranked[0][0]["n_people"]
-    if n_people < ENOUGH_PEOPLE:
-        most = range_holds_median_pct(n_people)
-        yield f"Intervals over {n_people} people are right {most:.0f} times in 100 at most."
 
 
 def _where(settings: Sequence[str], n_all: int) -> str:

@@ -153,6 +153,17 @@
   };
   const heads = all("#table thead th").map((cell) => cell.textContent);
 
+  // What the figures pool, told beside them: "all" on a slider is easily overlooked.
+  const MAX_VALUES = 8;
+  const pooledOver = ({ axes }) => {
+    const swept = about.axes.map((axis, i) => ({ ...axis, chosen: axes[i] })).filter(({ values }) => values.length > 1);
+    const every = ({ title, values }) =>
+      `${title} (${values.length > MAX_VALUES ? `${values.length}: ${values[0]} ... ${values.at(-1)}` : values.join(", ")})`;
+    const over = swept.filter(({ chosen }) => !chosen).map(every).join(" and all values of ");
+    const at = swept.filter(({ chosen }) => chosen).map(({ title, values, chosen }) => `${title}: ${values[chosen[0]]}`).join("; ");
+    return [over && `Pooled over all values of ${over}.`, at && `At ${at}.`].filter(Boolean).join(" ");
+  };
+
   const words = (found) => {
     if (!found?.n_scored) return "Nothing is chosen that has a scored tick.";
     const count = found.n_people, who = about.synthetic ? ", one for each seed" : "";
@@ -165,6 +176,7 @@
   const draw = () => {
     const groups = pool.chosen(filter()), visible = shown();
     byId("words").textContent = words(drawTable(groups, visible));
+    for (const one of all(".pooled")) one.textContent = pooledOver(filter());
     document.documentElement.style.setProperty("--panel", `${byId("choose").offsetHeight}px`);
     if (byId("x-axis")) drawCurves(groups, visible);
     if (byId("across")) drawMap(groups);

@@ -15,7 +15,7 @@ from tis.deploy.compare.grid import axis_words
 from tis.deploy.compare.results.answer import answer
 from tis.deploy.compare.results.page_sums import PageSums
 from tis.deploy.compare.results.pooled import origin
-from tis.deploy.compare.results.tables import TURN_CAPTION, headline, setting_title, turn_table
+from tis.deploy.compare.results.tables import SENT, TURN_CAPTION, headline, setting_title, turn_table
 from tis.deploy.present.page import Page, Section, nonbreaking_units, note, page_html, problem_list
 from tis.deploy.present.palette import AXIS, SOFT, look_of
 from tis.deploy.present.plot_style import Figure, plain_figure
@@ -107,6 +107,8 @@ _SCRIPTS: Final = tuple(Path(__file__).with_name(name) for name in ("pooling.js"
 _STYLE: Final = Path(__file__).with_name("comparison.css")
 _COLUMNS: Final = ("estimator", "R\u00b2 x, %", "y", "z", "3D RMSE, mm", "95 %", "ratio to hold", "95 %", "cover, %")
 _COUNTS: Final = ("ticks", "people")
+_POOLED: Final = '<p class="pooled"></p>'
+"""Where the script tells which values the figures pool."""
 _MARKS: Final = {"solid": "", "dashed": "dashed", "dotted": "dotted", "dashdot": "dashdot"}
 
 
@@ -114,11 +116,11 @@ def comparison_html(report: dict[str, Any], sums: PageSums) -> str:
     """Return the page; the script pools `sums` again whenever a filter changes."""
     found = f'<p class="answer">{escape(nonbreaking_units(answer(report)))}</p>'
     computed = [one for one in report["settings"] if one["n_cells"]]
-    found += note(f"{setting_title(computed[0])}.") if len(computed) == 1 else ""
+    found += note(f"{setting_title(computed[0])} ({SENT}).") if len(computed) == 1 else ""
     found += problem_list((), report["warnings"][:_MAX_WARNINGS])
     sections = [
         Section("answer", "The answer", markup=found),
-        Section("choose", "What is shown", markup=_filters(sums) + '<p class="note" id="words"></p>'),
+        Section("choose", "What is shown", markup=_filters(sums) + _POOLED + '<p class="note" id="words"></p>'),
     ]
     if sums.axes:
         choice = _select("x-axis", "Axis", list(sums.axes))
@@ -210,7 +212,7 @@ def _table() -> str:
         "same ticks. Cover: share of the errors within the 95 % ellipsoid. 95 %: bootstrap interval over people."
     )
     found = f'<table><thead><tr>{head}</tr></thead><tbody id="rows"></tbody></table>'
-    return f'<div class="wide">{found}</div><p class="note">{note}</p>'
+    return f'{_POOLED}<div class="wide">{found}</div><p class="note">{note}</p>'
 
 
 def _orientation(report: dict[str, Any]) -> str:

@@ -22,10 +22,12 @@ TURN_CAPTION: Final = (
     "deg: RMS of the angle between estimated and true orientation; gripper: RMS of its angle; each with its ratio to "
     "hold's and the per cent of the errors within the stated 95 % region"
 )
+SENT: Final = "sent: packets of all keys, two for each hand: its command and its arm's position"
 _CAPTION: Final = (
     "mm: RMSE in 3D; ratio: that over hold's, then its 95 % bootstrap interval over people; cover: per cent of the "
     "errors within the 95 % ellipsoid; \u00b5s: CPU time of a step, median and p99; train: s of its identification; "
-    "age: over the scored ticks, how old the freshest sample is that has arrived, command or arm's position"
+    "age: over the scored ticks, how old the freshest sample is that has arrived, command or arm's position; "
+    f"{SENT}"
 )
 _OBSERVER: Final = (
     "Topology observer: the commands pass clean, so the freshest sample is mostly a command; the arm's positions are "

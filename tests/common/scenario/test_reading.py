@@ -220,7 +220,15 @@ def test_a_file_must_be_a_mapping(text: str) -> None:
             "hosts must be endpoints like tls/192.168.1.5:7447 with security mtls",
         ),
         ({"version": 2}, "version: must be 1 (got 2)"),
-        ({"estimators": ["hold"]}, "active_estimator must be one of estimators (hold)"),
+        (
+            {"estimators": ["hold"], "active_estimator": "moesp_kf"},
+            "active_estimator moesp_kf must be one of estimators (hold)",
+        ),
+        (
+            {"estimators": ["hold", "my_filter:AlphaBeta"], "active_estimator": "my_filter:AlfaBeta"},
+            "active_estimator my_filter:AlfaBeta must be one of estimators (hold, my_filter:AlphaBeta), did you mean "
+            "'my_filter:AlphaBeta'?",
+        ),
         ({"duration_s": 0.01}, "duration_s must contain at least one sample at rate_hz"),
         (
             {"identification": {"train": "others"}},
@@ -254,7 +262,7 @@ def test_every_faulty_field_is_named_at_once() -> None:
 def test_rules_between_fields_are_checked_together_too() -> None:
     found = faults(source={"kind": "jigsaws"}, rate_hz=1000, estimators=["hold"])
     assert [line.split(" must")[0] for line in found] == [
-        "active_estimator",
+        "active_estimator innovations_kf",
         "rate_hz",
         "patient.tick_phase_ms",
     ]

@@ -60,6 +60,8 @@ def test_named_tables_and_people_are_compared(tables: Path) -> None:
     assert [person(cell) for cell in plan.cells] == ["ann", "eve"]
     assert [cell.scenario.n_samples for cell in plan.cells] == [299, 299]
     assert sorted(each.label for each in plan.trainings.values()) == ["all subjects but ann", "all subjects but eve"]
+    named = plan_of(tables, trials=("ann_2.csv", "eve_1.csv"))
+    assert named.trained_on == "the rows of each trial before its start"  # as the scenario says, whoever is beside it
     plan = plan_of(tables, people=("ann",))
     assert [cell.trial for cell in plan.cells] == ["ann_1.csv", "ann_2.csv"]
     with pytest.raises(InputError, match=r"no such trial; there are ann_1.csv, ann_2.csv, bob_1.csv, eve_1.csv"):

@@ -43,7 +43,7 @@ def _faults(
         # a rule of the whole scenario
         (
             ["seed=3", "estimators=[hold]"],
-            ["--set: estimators: active_estimator must be one of estimators (hold)"],
+            ["--set: estimators: active_estimator innovations_kf must be one of estimators (hold)"],
         ),
         (["seed=3", "seed=4"], ["--set: seed: is set more than once"]),
         (["seed=x", "seed=y"], ["--set: seed: is set more than once", "--set: seed: must be an integer (got 'y')"]),

@@ -146,6 +146,9 @@ def test_controls_act_on_curves_map_age_and_table_at_once(page: "Page", plan: Pl
     assert rows[0].split("\t")[4] == f"{whole['rmse_3d_mm']:.3f}"
     words = f"{whole['n_scored']} scored ticks. Bands: 95 % bootstrap intervals over 7 people, one for each seed."
     assert page.locator("#words").inner_text() == words
+    pooled = page.locator(".pooled").all_inner_texts()
+    assert len(pooled) == 2  # beside the filters, and above the table
+    assert all("(10, 20, 1000). At " in text for text in pooled)
     # map: the chosen row only
     page.locator("#of").select_option("velocity")
     page.evaluate(_DRAWN)
