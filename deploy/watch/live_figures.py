@@ -45,6 +45,10 @@ class LiveFigures:
     """Longest edge of the box that an arm's true motion fills, of all arms, in mm."""
     age_max_ms: float | None = None
     """Largest age of the newest sample at a tick, in ms."""
+    silent_s: float | None = None
+    """Time for which no command has reached the patient, in s; None where that is not long."""
+    display_silent_s: float | None = None
+    """The same of answers that reach the surgeon's display."""
     unseen_pct: float = 0.0
     """Share of the packets that the observer did not see on their network of origin, in percent."""
 
