@@ -81,6 +81,8 @@
     if (touched - sent >= SEND_MS) send();  // else with the next tick of the timer: a mouse moves 1000 times a second
   };
 
+  // A time in words; of two times the longer one never reads as the shorter.
+  const lateness = (ms) => (ms == null ? "–" : ms < 95 ? `${Math.round(ms)} ms` : ms < 950 ? `${Math.round(ms / 10) * 10} ms` : `${(ms / 1000).toFixed(1)} s`);
   // What was seen, for the trails and the words.
   const follow = () => {
     if (!seen.arm) return;
@@ -95,7 +97,6 @@
       if (place) trails[name].push([now, place[0], place[1]]);
       while (trails[name].length && now - trails[name][0][0] > TRAIL_MS) trails[name].shift();
     }
-    const lateness = (ms) => (ms == null ? "–" : ms < 950 ? `${Math.round(ms / 10) * 10} ms` : `${(ms / 1000).toFixed(1)} s`);
     const words = (value, unit, digits) => (value == null ? "–" : `${value.toFixed(digits)} ${unit}`);
     at("late").textContent = lateness(seen.late_ms);
     at("late_mm").textContent = words(seen.feedback_error_mm, "mm", 1);
@@ -118,8 +119,9 @@
     safe: "The arm is stopped: it does not follow. If somebody pressed Stop the arms, Release ends it.",
   };
   const isStopped = () => ["safe", "slow_stop"].includes(seen.mode);
-  const parts = ({ late_ms, network_ms }) => (late_ms == null || network_ms == null ? "" :
-    ` Of that the network takes ${Math.round(network_ms)} ms both ways; the rest is waiting for the next tick, at the arm and at the display, and computing. It stays with a network that delays nothing.`);
+  const parts = ({ late_ms, network_ms, silent_s, outage }) => (late_ms == null || outage ? "" :
+    silent_s != null ? ` Nothing newer arrived for ${silent_s.toFixed(1)} s.` :
+    ` Of that the network takes ${lateness(network_ms)} both ways; the rest is waiting for the next tick, at the arm and at the display, and computing. It stays with a network that delays nothing.`);
   const ends = (left_s) => (left_s == null ? "" : left_s > 0
     ? `The drive ends in ${Math.floor(left_s / 60)}:${String(Math.floor(left_s % 60)).padStart(2, "0")} min, or with Ctrl-C in the terminal; then the report is written.`
     : "The drive is over.");

@@ -67,12 +67,6 @@ class LiveFigures:
         )
 
     @property
-    def there_and_back_ms(self) -> float | None:
-        """Return the median delays of both ways together, in ms; None while one is not known."""
-        ways = [self.streams[name].delay_p50_ms if name in self.streams else None for name in ("master", "answers")]
-        return None if None in ways else sum(filter(None, ways))
-
-    @property
     def ratio_to_hold(self) -> float | None:
         """Return the estimate's error over hold's; below 1 is better than hold."""
         if self.rmse_mm is None or not self.hold_rmse_mm:
