@@ -64,6 +64,7 @@
     if ("network" in message) usable(message.network);
     const form = forms.find((one) => one.dataset.ask === message.asked);
     if (form) tellAnswer(form, message.answer);
+    else if (message.asked) way.closest("section").querySelector(".answer").textContent = "";  // a task's delay ended what it tells
   });
   window.live.onClose(() => usable(false));
   window.live.number = number;

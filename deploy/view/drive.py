@@ -233,6 +233,7 @@ def picture(book: LiveBook, arm: str | None) -> dict[str, Any]:
         "ghost_mm": _mm(display and display.predicted_m),
         "arm_mm": _mm(really and really.arm_m),
         "mode": book.safety.mode(arm),
+        "stopped": book.is_stopped,
     }
 
 

@@ -9,11 +9,12 @@ from typing import Final, NamedTuple, TypeVar
 import numpy as np
 from msgspec import DecodeError
 
-from tis.common.channels import ORIGIN, Network, is_set_point, local_keys
+from tis.common.channels import ORIGIN, Network, is_set_point, local_keys, stopped_key
 from tis.common.header import Header
 from tis.common.messages import FeedbackPose, Pose, components, decode, position_m
 from tis.common.peer_life import Alarm, Beat
 from tis.common.runtime.control import ControlKeys
+from tis.common.stop_messages import StopState
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.deploy.watch.arms import ArmMotion, Displays, Place, TrackRow, Trail
 from tis.deploy.watch.live_figures import LiveFigures, live_figures
@@ -82,7 +83,10 @@ class LiveBook:
         """By arm the newest place in m of the commanded pose (``hand``) and of the patient's ``estimate``."""
         self.alarms: dict[Alarm, int] = {}
         """What the patient has evidence of, and the run time at which it began, in ns."""
+        self.is_stopped: bool | None = None
+        """Whether an emergency stop is in force, as the patient last told anyone; None: it told nobody."""
         self._beat_key = ControlKeys(session).beat("patient")
+        self._stopped_key = stopped_key(session)
         self._local = local_keys(session, "east")
         self._table = watched_streams(session)
         self._crossings: defaultdict[str, Crossings] = defaultdict(Crossings)
@@ -95,8 +99,8 @@ class LiveBook:
 
     def take(self, seen: Sighting) -> None:
         """Add a message; messages that are not of the session's streams are ignored."""
-        if seen.key == self._beat_key:
-            self._hear(seen.payload)
+        if seen.key in (self._beat_key, self._stopped_key):
+            self._hear(seen)
             return
         if seen.key in self._local:
             if seen.network == "east" and is_set_point(seen.key):
@@ -119,9 +123,12 @@ class LiveBook:
         if at_origin or stream.role == "arm":
             self._decode(stream, header, seen, at_origin)
 
-    def _hear(self, payload: bytes) -> None:
+    def _hear(self, seen: Sighting) -> None:
         with suppress(DecodeError):
-            beat = decode(payload, Beat)
+            if seen.key == self._stopped_key:
+                self.is_stopped = decode(seen.payload, StopState).stop
+                return
+            beat = decode(seen.payload, Beat)
             if beat.side == "patient":
                 self.alarms = {**beat.alarms, **self.alarms}
 
