@@ -18,6 +18,14 @@
     input.setAttribute("aria-invalid", Boolean(fault));
     document.getElementById(`${input.id}_fault`).textContent = fault;
   };
+  // What a delay is of: of each way alone, where a task's buttons mean there and back.
+  const ways = (value, way) => (value === undefined ? "" : {
+    both: `each way: ${value} there and ${value} back`, forward: `${value} there, back as it is`, feedback: `there as it is, ${value} back`,
+  }[way]);
+  const delay = document.getElementById("delay");
+  const tellWays = () => {
+    document.getElementById("delay_ways").textContent = ways(number(delay.value, delay.dataset.low, delay.dataset.high).value, way.value);
+  };
   const check = (input) => {
     const found = number(input.value, Number(input.dataset.low), Number(input.dataset.high));
     tell(input, found.fault ?? "");
@@ -26,7 +34,7 @@
 
   for (const form of forms) {
     const input = form.querySelector("input"), { ask } = form.dataset;
-    input?.addEventListener("input", () => check(input));
+    input?.addEventListener("input", () => { check(input); tellWays(); });
     form.addEventListener("submit", (event) => {
       event.preventDefault();
       const request = { ask };
@@ -40,12 +48,15 @@
         for (const one of forms) { one.reset(); const field = one.querySelector("input"); if (field) tell(field, ""); }
         way.value = "both";
         title();
+        tellWays();
       }
       tellAnswer(form, window.live.ask(request) ? "sent …" : "not sent, the connection is lost");
     });
   }
   profile.addEventListener("change", title);
   title();
+  way.addEventListener("change", tellWays);
+  tellWays();
 
   const usable = (on) => { for (const one of document.querySelectorAll(".asks :is(button, input, select)")) one.disabled = !on; };
   usable(false);
@@ -53,6 +64,7 @@
     if ("network" in message) usable(message.network);
     const form = forms.find((one) => one.dataset.ask === message.asked);
     if (form) tellAnswer(form, message.answer);
+    else if (message.asked) way.closest("section").querySelector(".answer").textContent = "";  // a task's delay ended what it tells
   });
   window.live.onClose(() => usable(false));
   window.live.number = number;

@@ -39,18 +39,21 @@
   };
   // What the other scripts of the page use: they ask, hear each message, and draw.
   const heard = [], closed = [];
+  let stops = false;  // whether this page was the last one here to stop the arms
   let task = null;  // what it shows: its targets, and what it hides
   const hand = () => local ?? seen?.hand_mm;
   Object.assign(window.live, {
     ask: (request) => {
       if (socket?.readyState !== WebSocket.OPEN) return false;
       socket.send(JSON.stringify(request));
+      if (["stop", "release"].includes(request.ask)) stops = request.ask === "stop";
       return true;
     },
     on: (hear) => heard.push(hear),
     onClose: (close) => closed.push(close),
     setTask: (shown) => { task = shown; canvas.classList.toggle("plays", task !== null); },
     home: () => centre,
+    say: () => say(),
     take: () => take(),
   });
   const send = () => {
@@ -81,6 +84,8 @@
     if (touched - sent >= SEND_MS) send();  // else with the next tick of the timer: a mouse moves 1000 times a second
   };
 
+  // A time in words; of two times the longer one never reads as the shorter.
+  const lateness = (ms) => (ms == null ? "–" : ms < 95 ? `${Math.round(ms)} ms` : ms < 950 ? `${Math.round(ms / 10) * 10} ms` : `${(ms / 1000).toFixed(1)} s`);
   // What was seen, for the trails and the words.
   const follow = () => {
     if (!seen.arm) return;
@@ -95,16 +100,14 @@
       if (place) trails[name].push([now, place[0], place[1]]);
       while (trails[name].length && now - trails[name][0][0] > TRAIL_MS) trails[name].shift();
     }
-    const lateness = (ms) => (ms == null ? "–" : ms < 950 ? `${Math.round(ms / 10) * 10} ms` : `${(ms / 1000).toFixed(1)} s`);
     const words = (value, unit, digits) => (value == null ? "–" : `${value.toFixed(digits)} ${unit}`);
     at("late").textContent = lateness(seen.late_ms);
     at("late_mm").textContent = words(seen.feedback_error_mm, "mm", 1);
     at("ghost_mm").textContent = words(seen.ghost_error_mm, "mm", 1);
     at("late_parts").textContent = parts(seen);
     at("why").textContent = seen.why;
-    if (at("left")) at("left").textContent = ends(seen.left_s);
     at("cut").hidden = !seen.outage;
-    const halt = HALTS[seen.mode] ?? "";
+    const halt = haltOf(seen);
     at("halted").hidden = !halt;
     at("halted").classList.toggle("bad", isStopped());
     if (at("halted").textContent !== halt) at("halted").textContent = halt;
@@ -115,18 +118,26 @@
     resuming: "The arm resumes: it comes slowly to where your hand is.",
     hold: "The arm holds: what arrives is too old or in doubt, so it waits.",
     slow_stop: "The arm brakes to a stop.",
-    safe: "The arm is stopped: it does not follow. If somebody pressed Stop the arms, Release ends it.",
+    safe: "The arm is stopped: what arrives is too old or in doubt. It resumes when fresh data come; where the scenario latches it, Release is needed.",
   };
+  // Why it stands: a stop, by this page or another, or the data. A page that came later may not have heard of a stop.
+  const haltOf = ({ mode, stopped }) => (mode !== "safe" || stopped === false ? HALTS[mode] ?? ""
+    : stopped ? `${stops ? "You" : "Somebody"} pressed Stop the arms: the arm does not follow until Release.`
+      : drives ? HALTS.safe : `${HALTS.safe} If somebody pressed Stop the arms, Release ends it.`);
   const isStopped = () => ["safe", "slow_stop"].includes(seen.mode);
-  const parts = ({ late_ms, network_ms }) => (late_ms == null || network_ms == null ? "" :
-    ` Of that the network takes ${Math.round(network_ms)} ms both ways; the rest is waiting for the next tick, at the arm and at the display, and computing. It stays with a network that delays nothing.`);
-  const ends = (left_s) => (left_s == null ? "" : left_s > 0
+  const parts = ({ late_ms, network_ms, silent_s, outage }) => (late_ms == null || outage ? "" :
+    silent_s != null ? ` Nothing newer arrived for ${silent_s.toFixed(1)} s.` :
+    ` Of that the network takes ${lateness(network_ms)} both ways; the rest is waiting for the next tick, at the arm and at the display, and computing. It stays with a network that delays nothing.`);
+  const ENDED = "The run has ended.";
+  const ends = (left_s) => (window.live.isOver() ? ENDED : left_s == null ? "" : left_s > 0
     ? `The drive ends in ${Math.floor(left_s / 60)}:${String(Math.floor(left_s % 60)).padStart(2, "0")} min, or with Ctrl-C in the terminal; then the report is written.`
     : "The drive is over.");
   const say = () => {
-    const line = at("driver");
-    line.classList.toggle("refused", Boolean(refused));
-    if (refused) line.textContent = `Not taken: ${refused}.`;
+    const line = at("driver"), isEnded = window.live.isOver();
+    if (at("left") && seen) at("left").textContent = ends(seen.left_s);
+    line.classList.toggle("refused", Boolean(refused) && !isEnded);
+    if (isEnded) line.textContent = ENDED;
+    else if (refused) line.textContent = `Not taken: ${refused}.`;
     else if (over) line.textContent = "The connection to the page's server is lost.";
     else if (!drives) line.textContent = "";
     else if (seen?.driver === "you") line.textContent = clutch ? "Clutch: your hand moves, the arm stays." : isStopped() ? "You have the hand, but the arm is stopped." : "You drive the arm.";

@@ -17,6 +17,7 @@ from tis.deploy.watch.arms import Place
 from tis.deploy.watch.book import LiveBook
 from tis.deploy.watch.live_figures import LiveFigures
 from tis.deploy.watch.observer import Observer
+from tis.deploy.watch.streams import there_and_back_ns
 
 MAX_MESSAGE_CHARS: Final = 400
 """Longest message of a page; the page's own have 120."""
@@ -158,6 +159,7 @@ class DriveHub:
         self._asked_s = self._judged_s = -inf
         self._is_outage = False
         self._figures = LiveFigures()
+        self._delays: dict[str, float | None] = {}
 
     def drive(self, page: Hashable, move: HandMove, now_s: float) -> str:
         """Move the hand for a page; return why not, "" when it moved."""
@@ -177,20 +179,22 @@ class DriveHub:
 
     def frame(self, now_s: float) -> dict[str, Any]:
         """Return the picture for all pages; positions in mm, null where nothing is known yet."""
-        if now_s - self._asked_s >= _STATE_S:
-            self._asked_s = now_s
-            self._is_outage = self._sees_outage()
         if now_s - self._judged_s >= _JUDGE_S:
             self._judged_s = now_s
             self._figures = self._observer.read(lambda book: book.figures(JUDGED_S))
         arm = None if self._door is None else self._door.device.arm
         seen, figures, about = self._observer.read(lambda book: picture(book, arm)), self._figures, self._about
-        errors, network_ms = figures.display, figures.there_and_back_ms
+        if now_s - self._asked_s >= _STATE_S:
+            self._asked_s = now_s
+            self._is_outage = self._sees_outage()
+            self._delays = self._observer.read(lambda book: delays(book, seen["arm"]))
+        errors = figures.display
         return {
             **seen,
+            **self._delays,
+            "silent_s": figures.display_silent_s,
             "feedback_error_mm": errors and round(errors.feedback_mm, 2),
             "ghost_error_mm": errors and round(errors.predicted_mm, 2),
-            "network_ms": None if network_ms is None else round(network_ms, 1),
             "why": why_hold(figures, about),
             "outage": self._is_outage,
             "network": seen["now_s"] > 0 and "netem" in self._observer.attendance().present,
@@ -228,8 +232,22 @@ def picture(book: LiveBook, arm: str | None) -> dict[str, Any]:
         "shown_mm": _mm(display and display.shown_m),
         "ghost_mm": _mm(display and display.predicted_m),
         "arm_mm": _mm(really and really.arm_m),
-        "late_ms": None if display is None else display.late_ns / NS_PER_MS,
         "mode": book.safety.mode(arm),
+        "stopped": book.is_stopped,
+    }
+
+
+def delays(book: LiveBook, arm: str | None) -> dict[str, float | None]:
+    """Return how late the newest display of an arm is, and the network's part of that, by the same messages."""
+    rows = None if arm is None else book.displays.rows[arm]
+    display = None if rows is None else next(iter(rows.since(rows.n - 1)), None)
+    if display is None:
+        return {"late_ms": None, "network_ms": None}
+    there, back = book.crossed["master"].all(), book.crossed["answers"].all()
+    part_ns = there_and_back_ns(display.command_ns, display.t_ns, there, back)
+    return {
+        "late_ms": display.late_ns / NS_PER_MS,
+        "network_ms": None if part_ns is None else round(part_ns / NS_PER_MS, 1),
     }
 
 

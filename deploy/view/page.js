@@ -17,7 +17,10 @@ window.live = {};
 
   window.live.show = (model) => {
     words = model;
-    isOver = words.is_over;
+    if (isOver !== words.is_over) {
+      isOver = words.is_over;
+      window.live.say?.();
+    }
     for (const id of ["sides", "figures", "state"]) put(id, words[id]);
     put("arm", words.arms.map((arm) => `<option${arm === words.shown ? " selected" : ""}>${arm}</option>`).join(""));
     at("arms").hidden = words.arms.length < 2;

@@ -138,7 +138,7 @@ class Words(DataModel):
         """Let the browser show each change, and the end of the connection."""
         show = CustomJS(args={"words": self}, code=_ON_CHANGE)
         doc.js_on_event(DocumentReady, show)
-        for name in ("sides", "figures", "state", "is_reported", "arms"):
+        for name in ("sides", "figures", "state", "is_over", "is_reported", "arms"):
             self.js_on_change(name, show)
         doc.js_on_event(ConnectionLost, CustomJS(args={"words": self}, code=_ON_LOSS))
 

@@ -108,13 +108,15 @@ def figures_html(
             f"{_number(found.hold_rmse_mm, 'mm')} by which repeating the last sample (<i>hold</i>) errs"
         )
     tiles = (
-        ("End to end", _number(found.end_to_end_p50_ms, "ms"),
-         f"median, from newest sample to estimate; 99 of 100 within {_number(found.end_to_end_p99_ms, 'ms')} (p99)"),
+        ("End to end", _number(found.end_to_end_p50_ms, "ms"), _silence(found.silent_s)
+         or "median, from newest sample to estimate; "
+         f"99 of 100 within {_number(found.end_to_end_p99_ms, 'ms')} (p99)"),
         ("Position error", _number(found.rmse_mm, "mm"), verdict),
         ("Orientation error", _number(found.turn_rms_deg, "°"),
          f"of the estimate, root mean square; hold errs by {_number(found.hold_turn_rms_deg, '°')}"),
         ("The surgeon sees", "–" if found.display is None else _number(found.display.feedback_mm, "mm"),
-         "error of the delayed picture, root mean square, against the arm when the newest command acts; the "
+         _silence(found.display_silent_s)
+         or "error of the delayed picture, root mean square, against the arm when the newest command acts; the "
          f"predicted arm errs by {_number(found.display and found.display.predicted_mm, 'mm')}"),
         ("Ticks missed", str(n_ticks_missed), "ticks at which the patient sent no estimate, since the page began"),
     )  # fmt: skip
@@ -125,6 +127,10 @@ def figures_html(
     items += _safety_html(safety)
     below = f'<p class="note">{escape(f"{found.limit_text} {_END_TO_END} {note}".strip())}</p>'
     return f'<div class="seconds">{picture}<ul class="tiles">{items}</ul></div>{below}'
+
+
+def _silence(silent_s: float | None) -> str:
+    return "" if silent_s is None else f"nothing arrived for {silent_s:.1f} s"
 
 
 def _safety_html(safety: Mapping[str, Sequence[Stretch]]) -> str:

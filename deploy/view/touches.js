@@ -63,6 +63,6 @@
       say(`Bring the arm to target ${task.next + 1} of ${N_TARGETS}, and keep it there: drag, or use the arrow keys.`);
     }
   });
-  window.live.onClose(() => { for (const button of buttons) button.disabled = true; if (task || waits) leave("The connection is lost."); });
+  window.live.onClose(() => { for (const button of buttons) button.disabled = true; if (task || waits) leave(window.live.isOver() ? "The run has ended." : "The connection is lost."); });
   show();
 })();

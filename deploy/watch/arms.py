@@ -164,6 +164,11 @@ class DisplayRow(NamedTuple):
     predicted_m: Place
     late_ns: int
 
+    @property
+    def command_ns(self) -> int:
+        """Return the instant of the newest command behind the feedback."""
+        return self.t_ns - self.late_ns
+
 
 class ArmRow(NamedTuple):
     """The arm at a tick of the patient, and the newest command that the patient has then."""
@@ -189,6 +194,8 @@ class Displays:
     def __init__(self, session: str) -> None:
         self.rows: dict[str, Trail[DisplayRow]] = {arm: Trail(_MAX_ROWS) for arm in FOLLOWER.values()}
         self.arms: dict[str, Trail[ArmRow]] = {arm: Trail(_MAX_ROWS) for arm in FOLLOWER.values()}
+        self.fresh_ns = -1
+        """Run time at which a display last showed an answer to a newer command; -1 before the first."""
         self._arm_of = {
             (network, channel.key(session)): channel.device
             for hand, arm in FOLLOWER.items()
@@ -211,7 +218,9 @@ class Displays:
                 pose = decode(payload, PredictedPose)
                 shown, late_ns = pose.shown_m, pose.sample_ns - pose.command_ns
                 row = DisplayRow(pose.sample_ns, (shown.x, shown.y, shown.z), position_m(pose), late_ns)
-                _add(self.rows[arm], row, now_ns)
+                last = self.rows[arm].since(self.rows[arm].n - 1)
+                if _add(self.rows[arm], row, now_ns) and all(known.command_ns < row.command_ns for known in last):
+                    self.fresh_ns = max(self.fresh_ns, row.t_ns)
             else:
                 feedback = decode(payload, FeedbackPose)
                 command_ns = feedback.command_sample_ns
@@ -244,10 +253,12 @@ class Displays:
         return DisplayErrors(feedback, predicted)
 
 
-def _add(trail: Trail[Row], row: Row, now_ns: int) -> None:
+def _add(trail: Trail[Row], row: Row, now_ns: int) -> bool:
     newest_ns = max((known.t_ns for known in trail.since(trail.n - 1)), default=-1)
-    if newest_ns < row.t_ns <= now_ns + _MAX_AHEAD_NS:
+    is_new = newest_ns < row.t_ns <= now_ns + _MAX_AHEAD_NS
+    if is_new:
         trail.append(row)
+    return is_new
 
 
 def _channels(row: HandChannels) -> list[tuple[Network, Channel]]:

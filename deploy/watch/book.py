@@ -3,16 +3,18 @@
 from collections import defaultdict
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 from msgspec import DecodeError
 
-from tis.common.channels import ORIGIN, Network, is_set_point, local_keys
+from tis.common.channels import ORIGIN, Network, is_set_point, local_keys, stopped_key
 from tis.common.header import Header
 from tis.common.messages import FeedbackPose, Pose, components, decode, position_m
 from tis.common.peer_life import Alarm, Beat
 from tis.common.runtime.control import ControlKeys
+from tis.common.stop_messages import StopState
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.deploy.watch.arms import ArmMotion, Displays, Place, TrackRow, Trail
 from tis.deploy.watch.live_figures import LiveFigures, live_figures
@@ -21,6 +23,9 @@ from tis.deploy.watch.streams import STREAM_OF, Crossing, Crossings, Stream, Str
 from tis.patient_side.rotations import unit
 
 WINDOW_S: Final = 5
+_SILENT_NS: Final = 2 * NS_PER_S
+"""Time without an arrival after which figures of what arrived are of the past, and are not told."""
+
 _MAX_ROWS: Final = 4000
 
 Row = TypeVar("Row")
@@ -78,20 +83,24 @@ class LiveBook:
         """By arm the newest place in m of the commanded pose (``hand``) and of the patient's ``estimate``."""
         self.alarms: dict[Alarm, int] = {}
         """What the patient has evidence of, and the run time at which it began, in ns."""
+        self.is_stopped: bool | None = None
+        """Whether an emergency stop is in force, as the patient last told anyone; None: it told nobody."""
         self._beat_key = ControlKeys(session).beat("patient")
+        self._stopped_key = stopped_key(session)
         self._local = local_keys(session, "east")
         self._table = watched_streams(session)
         self._crossings: defaultdict[str, Crossings] = defaultdict(Crossings)
         self._motion: defaultdict[str, ArmMotion] = defaultdict(ArmMotion)
         self._newest_command_ns: dict[str, int] = {}
+        self._fresh_ns = -1
         self._answered: dict[str, tuple[int, int]] = {}
         self._offered_seq: dict[str, int] = {}
         self._unseen: Trail[UnseenRow] = Trail(_MAX_ROWS)
 
     def take(self, seen: Sighting) -> None:
         """Add a message; messages that are not of the session's streams are ignored."""
-        if seen.key == self._beat_key:
-            self._hear(seen.payload)
+        if seen.key in (self._beat_key, self._stopped_key):
+            self._hear(seen)
             return
         if seen.key in self._local:
             if seen.network == "east" and is_set_point(seen.key):
@@ -114,9 +123,12 @@ class LiveBook:
         if at_origin or stream.role == "arm":
             self._decode(stream, header, seen, at_origin)
 
-    def _hear(self, payload: bytes) -> None:
+    def _hear(self, seen: Sighting) -> None:
         with suppress(DecodeError):
-            beat = decode(payload, Beat)
+            if seen.key == self._stopped_key:
+                self.is_stopped = decode(seen.payload, StopState).stop
+                return
+            beat = decode(seen.payload, Beat)
             if beat.side == "patient":
                 self.alarms = {**beat.alarms, **self.alarms}
 
@@ -145,14 +157,21 @@ class LiveBook:
         """Return the figures of the newest ``window_s`` of run time, of all arms together."""
         begin_ns = self.now_ns - int(window_s * NS_PER_S)
         ages = [row for trail in self.ages.values() for row in _since(trail, begin_ns, lambda row: row.t_ns)]
-        return live_figures(
+        silent_s, display_silent_s = self._silence_s(self._fresh_ns), self._silence_s(self.displays.fresh_ns)
+        found = live_figures(
             {name: _latest(_since(trail, begin_ns, lambda row: row.sent_ns)) for name, trail in self.crossed.items()},
-            [row.end_to_end_ms for row in ages if row.end_to_end_ms is not None],
+            [row.end_to_end_ms for row in ages if row.end_to_end_ms is not None and silent_s is None],
             [_since(trail, begin_ns, lambda row: row.t_ns) for trail in self.tracks.values()],
             sum(row.n for row in _since(self._unseen, begin_ns, lambda row: row.sent_ns)) // self.thinning,
-            self.displays.errors(begin_ns),
+            self.displays.errors(begin_ns) if display_silent_s is None else None,
             [row.age_ms for row in ages],
         )
+        return replace(found, silent_s=silent_s, display_silent_s=display_silent_s)
+
+    def _silence_s(self, fresh_ns: int) -> float | None:
+        """Return the time since ``fresh_ns``, in s; None where that is not long, or nothing ever arrived."""
+        silent_ns = self.now_ns - fresh_ns
+        return silent_ns / NS_PER_S if fresh_ns >= 0 and silent_ns > _SILENT_NS else None
 
     def _note_unseen(self, key: str, header: Header) -> None:
         """Note the packets that were sent between this one and the last one seen, and that did not come here."""
@@ -205,6 +224,8 @@ class LiveBook:
             return
         is_new = fresh_ns > self._newest_command_ns.get(arm, -1)
         self._newest_command_ns[arm] = max(fresh_ns, self._newest_command_ns.get(arm, -1))
+        if is_new:
+            self._fresh_ns = max(self._fresh_ns, pose.sample_ns)
         end_to_end_ms = (header.sent_ns - fresh_ns) / NS_PER_MS if is_new else None
         self.ages[arm].append(AgeRow(pose.sample_ns, (pose.sample_ns - fresh_ns) / NS_PER_MS, end_to_end_ms))
 

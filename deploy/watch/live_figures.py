@@ -45,6 +45,10 @@ class LiveFigures:
     """Longest edge of the box that an arm's true motion fills, of all arms, in mm."""
     age_max_ms: float | None = None
     """Largest age of the newest sample at a tick, in ms."""
+    silent_s: float | None = None
+    """Time for which no command has reached the patient, in s; None where that is not long."""
+    display_silent_s: float | None = None
+    """The same of answers that reach the surgeon's display."""
     unseen_pct: float = 0.0
     """Share of the packets that the observer did not see on their network of origin, in percent."""
 
@@ -61,12 +65,6 @@ class LiveFigures:
         return (
             f"No loss is shown: the observer cannot keep up, it did not see {self.unseen_pct:.0f} % of the packets."
         )
-
-    @property
-    def there_and_back_ms(self) -> float | None:
-        """Return the median delays of both ways together, in ms; None while one is not known."""
-        ways = [self.streams[name].delay_p50_ms if name in self.streams else None for name in ("master", "answers")]
-        return None if None in ways else sum(filter(None, ways))
 
     @property
     def ratio_to_hold(self) -> float | None:

@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple, TypeVar
 
 import zenoh
 
-from tis.common.channels import Network, Side, local_keys
+from tis.common.channels import Network, Side, local_keys, stopped_key
 from tis.common.clocks import Exchanges
 from tis.common.errors import PeerError
 from tis.common.runtime.clock_watch import ClockWatch
@@ -62,7 +62,7 @@ T = TypeVar("T")
 _STEP_S: Final = 0.02
 _MAX_QUEUED: Final = 20_000
 _MAX_DECODED_PER_S: Final = 1_500
-_MAX_BEAT_BYTES: Final = 2048
+_MAX_TOLD_BYTES: Final = 8192
 _NICENESS: Final = 10
 _COMPARE_EVERY_S: Final = 1.0
 _MAX_SILENCE_NS: Final = 3 * NS_PER_S
@@ -168,13 +168,14 @@ class Observer:
                 payload = sample.payload.to_bytes()
                 queue.append(Sighting(network, str(sample.key_expr), at_ns, attachment.to_bytes(), payload))
 
-        def on_beat(sample: zenoh.Sample) -> None:
-            if len(sample.payload) <= _MAX_BEAT_BYTES:
+        def on_told(sample: zenoh.Sample) -> None:
+            if len(sample.payload) <= _MAX_TOLD_BYTES:
                 queue.append(Sighting(network, str(sample.key_expr), clock_ns(), b"", sample.payload.to_bytes()))
 
         held: list[Any] = [session.declare_subscriber(key, on_sample) for key in ours]
         if network == "east":
-            held.append(session.declare_subscriber(ControlKeys(self.session).beat("patient"), on_beat))
+            told = (ControlKeys(self.session).beat("patient"), stopped_key(self.session))
+            held += [session.declare_subscriber(key, on_told) for key in told]
         stack.callback(held.clear)
 
     def _follow(self) -> None:

@@ -22,6 +22,7 @@ pytestmark = pytest.mark.live
 
 _IS_DRAWN = "() => document.getElementById('late').textContent !== '–'"
 _STATUS = "text => document.getElementById('driver').textContent.includes(text)"
+_ENDED = "id => document.getElementById(id).textContent === 'The run has ended.'"
 _STEP_MS = 25
 
 
@@ -89,18 +90,26 @@ def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture
 
         # a stop is told where one drives
         page.get_by_role("button", name="Stop the arms").click()
-        page.get_by_text("The arm is stopped: it does not follow").wait_for()
+        page.get_by_text("You pressed Stop the arms").wait_for()
         page.get_by_role("button", name="Release").click()
         page.locator("#halted").wait_for(state="hidden")
 
         # one click sets the delay of a task, and shows its first target
+        page.get_by_role("button", name="Reset").click()
+        page.get_by_text("Reset: done").wait_for()
         page.get_by_role("button", name="600 ms").click()
         page.get_by_text("Bring the arm to target 1 of 9").wait_for()
         page.get_by_text("delay 300 ms").first.wait_for()
+        page.get_by_text("Reset: done").wait_for(state="detached")  # it is true no more
         page.get_by_role("button", name="Give up").click()
+        page.get_by_label("Delay, ms").fill("250")
+        page.get_by_text("each way: 250 there and 250 back").wait_for()
+        page.get_by_label("Which way").select_option("back")
+        page.get_by_text("there as it is, 250 back").wait_for()
         outage.fill("7")
         page.get_by_role("button", name="Reset").click()
         page.wait_for_function("() => document.getElementById('outage').value === '1000'")
+        page.get_by_text("each way: 100 there and 100 back").wait_for()
         for width in (1280, 500):
             page.set_viewport_size({"width": width, "height": 900})
             page.wait_for_function("w => document.documentElement.scrollWidth <= w", arg=width)
@@ -116,9 +125,13 @@ def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture
         assert tis.process.poll() is None
         tis.process.send_signal(signal.SIGINT)
         watching.wait_for_function("() => document.title.startsWith('tis live: The run has ended')")
+        for line in ("driver", "left"):
+            watching.wait_for_function(_ENDED, arg=line)
     assert tis.wait()[0] == 130
 
     summary, logs = tis.summary(), load_run(tis.run_dir)
+    assert summary["ticks"]["count"] < summary["ticks"]["planned"]
+    assert not any("ended early" in text for text in summary["problems"]), "Ctrl-C ends a drive, as the page says"
     counters = {row["name"]: row["value"] for row in logs.of("surgeon", COUNTERS)}
     assert counters["device_poses.left"] > 150
     assert counters["device_undecodable.left"] == counters["device_backwards.left"] == 0

@@ -114,16 +114,16 @@ def test_the_picture_is_the_newest_of_each_row() -> None:
         [14.0, 0.0, 0.0],
         [15.5, 0.0, 0.0],
     )
-    assert found["late_ms"] == 210.0
     frame = _hub(_Door(), book).frame(1.0)
     assert {name: frame[name] for name in found} == found
+    assert (frame["late_ms"], frame["network_ms"]) == (210.0, None)
     assert (frame["feedback_error_mm"], frame["ghost_error_mm"]) == (5.5, 1.5)
 
 
 def test_before_anything_is_seen_the_picture_is_empty() -> None:
     assert _hub(None).frame(1.0) == {
-        "now_s": 0.0, "arm": None, "feedback_error_mm": None, "ghost_error_mm": None, "network_ms": None, "why": "",
-        "outage": False, "network": False, "left_s": None,
+        "now_s": 0.0, "arm": None, "feedback_error_mm": None, "ghost_error_mm": None, "late_ms": None,
+        "network_ms": None, "silent_s": None, "why": "", "outage": False, "network": False, "left_s": None,
     }  # fmt: skip
     found = _hub(_Door()).frame(1.0)
     assert {found[name] for name in ("hand_mm", "shown_mm", "ghost_mm", "arm_mm", "late_ms")} == {None}

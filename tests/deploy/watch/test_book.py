@@ -6,6 +6,7 @@ from statistics import median
 import pytest
 
 from tests.deploy.watch.making import LEFT, STARTED_NS, a_book, a_run, answer, pose, sighting
+from tests.deploy.watch.test_arms import _arm, _display
 from tis.common.units import NS_PER_MS
 from tis.deploy.watch.book import LiveBook, Sighting
 
@@ -116,3 +117,35 @@ def test_memory_is_bounded() -> None:
         book.take(sighting("west", LEFT.command, i, i * NS_PER_MS, i * NS_PER_MS, pose(i * NS_PER_MS, 0.0)))
     book.settle(STARTED_NS + 100_000 * NS_PER_MS)
     assert len(book.masters["MTML"].all()) == len(book.crossed["master"].all()) == 4000
+
+
+def test_what_arrived_before_a_long_silence_is_not_told_as_of_now() -> None:
+    for n, silent_s in ((250, None), (450, 2.51)):  # after sample 199 nothing crosses
+        book = LiveBook("tis")
+        for seen in a_run(n, lost=frozenset(range(200, 1000))):
+            book.take(seen)
+        found = book.figures()
+        assert found.silent_s == (None if silent_s is None else pytest.approx(silent_s, abs=0.03))
+        assert (found.end_to_end_p50_ms is None) == (silent_s is not None)
+        assert found.display_silent_s is None, "no display was ever seen"
+
+
+def test_a_display_that_shows_the_same_answer_for_long_has_no_error_of_now() -> None:
+    book = LiveBook("tis")
+    displays = (
+        (1000, 900),
+        (1100, 1000),
+        (2000, 1000),
+        (3200, 1000),
+    )  # instant, newest command behind it, ms
+    for k, (t_ms, command_ms) in enumerate(displays):
+        for network, channel, payload in (
+            ("east", LEFT.measured, _arm(t_ms, 0.0, t_ms)),  # the way there is open
+            ("west", LEFT.predicted, _display(t_ms, 0.0, 0.0, t_ms - command_ms)),
+            ("west", LEFT.command, pose(t_ms * NS_PER_MS, 0.0)),
+        ):
+            book.take(sighting(network, channel, k, t_ms * NS_PER_MS, t_ms * NS_PER_MS, payload))  # type: ignore[arg-type]
+        if t_ms == 2000:
+            assert book.figures().display == (0.0, 0.0)
+    assert book.figures().display is None
+    assert book.figures().display_silent_s == pytest.approx(2.1)

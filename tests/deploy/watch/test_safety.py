@@ -1,9 +1,11 @@
 """Safety states that an observer shows."""
 
+from tis.common.channels import stopped_key
 from tis.common.header import Header
 from tis.common.messages import Quaternion, SafetyMode, SetPoint, Vector3, encode
 from tis.common.peer_life import Beat
 from tis.common.runtime.control import ControlKeys
+from tis.common.stop_messages import StopState
 from tis.common.units import NS_PER_S
 from tis.deploy.watch.book import LiveBook, Sighting
 from tis.deploy.watch.safety import SafetyStates, Stretch
@@ -73,3 +75,23 @@ def test_the_book_keeps_what_the_patient_has_evidence_of() -> None:
     ):
         book.take(Sighting("east", key, 5, b"", beat))
     assert book.alarms == {"conflict": 3 * NS_PER_S}
+
+
+def test_the_book_keeps_whether_a_stop_is_in_force() -> None:
+    book = LiveBook("tis")
+    assert book.is_stopped is None
+    for payload in (_told(True), b"{}", encode(Beat(side="patient", at_ns=6, loop_ns=6))):
+        book.take(Sighting("east", stopped_key("tis"), 5, b"", payload))
+        assert book.is_stopped
+    book.take(Sighting("east", stopped_key("tis"), 6, b"", _told(False)))
+    assert book.is_stopped is False
+
+
+def _told(is_stopped: bool) -> bytes:
+    numbers = (7,) if is_stopped else ()
+    return encode(
+        StopState(
+            number=7, stop=is_stopped, led_by=7, under=7, in_force=numbers, reasons=("page",) * len(numbers),
+            latched=False, release="anyone", refused="",
+        )
+    )  # fmt: skip
