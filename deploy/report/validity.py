@@ -4,7 +4,7 @@ from operator import itemgetter
 from typing import Final
 
 from tis.common.channels import Side
-from tis.common.errors import problem
+from tis.common.errors import EXIT_INTERRUPTED, problem
 from tis.common.metrics.tracking import SETTLING_NS
 from tis.common.records import PEERS, UNRECORDED
 from tis.common.scenario import Scenario
@@ -150,9 +150,12 @@ def _starved(summary: Summary, scenario: Scenario, logs: RunLogs, unused: bool) 
         ("ticks", "patient", summary.ticks, "the run ended early"),
         ("surgeon_ticks", "surgeon", summary.surgeon_ticks, "the surgeon ended early"),
     )
+    may_end = scenario.source.kind == "live" and summary.exit == EXIT_INTERRUPTED  # nobody drives for a planned time
     for name, side, ticks, early in owners:
         count, planned, covered = ticks.count, ticks.planned, logs.coverage(side)
         if count is None or count >= planned:
+            continue
+        if may_end and (covered is None or covered.whole):
             continue
         if covered is None or covered.whole or covered.away:
             problems.append(problem(f"{name}: {count} of {planned} happened, {early}", _AGAIN))
@@ -239,6 +242,9 @@ def validity_text(summary: Summary, since: str | None = None) -> str:
         return "This run is not a valid measurement:"
     unlike = [name for name, link in summary.links.items() if link.verdict.faithful is False]
     is_one = f"Before {since} this run was a valid measurement" if since else "This run is a valid measurement"
+    count = summary.ticks.count or 0
+    if summary.exit == EXIT_INTERRUPTED and count < summary.ticks.planned:  # only a drive is valid then
+        is_one += f" of the {count / summary.ticks.rate_hz:.1f} s until Ctrl-C ended it, as it may end a drive"
     if not unlike:
         return f"{is_one}."
     return (

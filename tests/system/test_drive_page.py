@@ -130,6 +130,8 @@ def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture
     assert tis.wait()[0] == 130
 
     summary, logs = tis.summary(), load_run(tis.run_dir)
+    assert summary["ticks"]["count"] < summary["ticks"]["planned"]
+    assert not any("ended early" in text for text in summary["problems"]), "Ctrl-C ends a drive, as the page says"
     counters = {row["name"]: row["value"] for row in logs.of("surgeon", COUNTERS)}
     assert counters["device_poses.left"] > 150
     assert counters["device_undecodable.left"] == counters["device_backwards.left"] == 0

@@ -38,6 +38,7 @@ def summary() -> dict[str, Any]:
         "uncertainty_ms": {},
         "scenario": "default",
         "mode": "live",
+        "exit": 0,
         "source": "synthetic surgeon, left hand",
         "valid": True,
         "problems": [],

@@ -152,6 +152,21 @@ def test_ticks_that_are_missed_or_never_happened_make_a_run_invalid(tmp_path: Pa
     assert not summary["valid"]
 
 
+@pytest.mark.parametrize(
+    ("kind", "code", "is_early"), [("live", 130, False), ("live", 3, True), ("synthetic", 130, True)]
+)
+def test_only_a_drive_may_be_ended_by_an_interrupt(tmp_path: Path, kind: str, code: int, is_early: bool) -> None:
+    records = _three_samples()
+    kept = [record for record in records["patient"] if record.topic != "/tis/ticks"]
+    logs = write_run(tmp_path, **(records | {"patient": [*kept, tick(0, 15, 15.1), tick(1, 48, 48.1)]}))
+    changes: dict[str, Any] = {"source": {"kind": kind}}
+    if kind == "live":
+        changes |= {"patient": {"plant": {"kind": "servo"}}, "identification": {"train": "synthetic"}}
+    scenario = a_scenario(**changes)
+    summary = build_summary(logs, scenario, (LEFT,), "live", code, "tis run by_hand.yaml")
+    assert any("the run ended early" in text for text in summary["problems"]) == is_early
+
+
 def test_loss_that_nobody_planned_makes_a_run_invalid(tmp_path: Path) -> None:
     records = _three_samples()
     records["patient"] = [r for r in records["patient"] if (r.topic, r.seq) != (COMMAND, 2)]

@@ -12,11 +12,16 @@ from tis.deploy.report.validity import validity_text
 
 def _summary(valid: bool, forward: bool | None, feedback: bool | None) -> Any:
     links = {"forward": {"verdict": {"faithful": forward}}, "feedback": {"verdict": {"faithful": feedback}}}
-    return summary_of({"valid": valid, "links": links})
+    return summary_of({"valid": valid, "links": links, "exit": 0, "ticks": {"count": 3, "planned": 3, "rate_hz": 30}})
 
 
 def _list(links: dict[str, Any], *request: str) -> str:
     return fidelity_list(summary_of({"links": links}).links, *request)
+
+
+def test_a_drive_that_was_ended_is_valid_for_its_time() -> None:
+    ended = {"valid": True, "links": {}, "exit": 130, "ticks": {"count": 1230, "planned": 18000, "rate_hz": 30}}
+    assert "valid measurement of the 41.0 s until Ctrl-C ended it" in validity_text(summary_of(ended))
 
 
 @pytest.mark.parametrize("forward", [True, None])
