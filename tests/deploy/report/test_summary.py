@@ -159,10 +159,10 @@ def test_only_a_drive_may_be_ended_by_an_interrupt(tmp_path: Path, kind: str, co
     records = _three_samples()
     kept = [record for record in records["patient"] if record.topic != "/tis/ticks"]
     logs = write_run(tmp_path, **(records | {"patient": [*kept, tick(0, 15, 15.1), tick(1, 48, 48.1)]}))
-    driven = (
-        {"patient": {"plant": {"kind": "servo"}}, "identification": {"train": "synthetic"}} if kind == "live" else {}
-    )
-    scenario = a_scenario(source={"kind": kind}, **driven)
+    changes: dict[str, Any] = {"source": {"kind": kind}}
+    if kind == "live":
+        changes |= {"patient": {"plant": {"kind": "servo"}}, "identification": {"train": "synthetic"}}
+    scenario = a_scenario(**changes)
     summary = build_summary(logs, scenario, (LEFT,), "live", code, "tis run by_hand.yaml")
     assert any("the run ended early" in text for text in summary["problems"]) == is_early
 
