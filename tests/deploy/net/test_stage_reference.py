@@ -75,7 +75,8 @@ def test_they_are_printed_and_one_is_explained(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(guard.OUT, "width", 200)
     listed = CliRunner().invoke(app, ["net", "stages"])
     assert listed.exit_code == 0
-    assert "gilbert_elliott   p_bad, p_good, [mtu_bytes], [p_loss_bad], [p_loss_good]" in listed.output
+    assert "gilbert_elliott   p_bad, p_good, " in listed.output
+    assert "[mtu_bytes], [p_loss_bad], [p_loss_good]" in listed.output
     explained = CliRunner().invoke(app, ["net", "stages", "jitter"])
     assert "half_width_ms  0 to 3,600,000  required  Largest deviation in either direction" in explained.output
     refused = CliRunner().invoke(app, ["net", "stages", "los"])
