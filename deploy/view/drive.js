@@ -125,9 +125,15 @@
     : stopped ? `${stops ? "You" : "Somebody"} pressed Stop the arms: the arm does not follow until Release.`
       : drives ? HALTS.safe : `${HALTS.safe} If somebody pressed Stop the arms, Release ends it.`);
   const isStopped = () => ["safe", "slow_stop"].includes(seen.mode);
+  // One of a picture's own messages may not have been seen: then the part of the last two seconds stays, if it can.
+  let part = { ms: null, at_ms: -Infinity };
+  const lasting = (network_ms, late_ms) => {
+    if (network_ms != null) part = { ms: network_ms, at_ms: performance.now() };
+    return performance.now() - part.at_ms < 2000 && part.ms <= late_ms ? part.ms : null;
+  };
   const parts = ({ late_ms, network_ms, silent_s, outage }) => (late_ms == null || outage ? "" :
-    silent_s != null ? ` Nothing newer arrived for ${silent_s.toFixed(1)} s.` :
-    ` Of that the network takes ${lateness(network_ms)} both ways; the rest is waiting for the next tick, at the arm and at the display, and computing. It stays with a network that delays nothing.`);
+    silent_s != null ? ` Nothing newer arrived for ${silent_s.toFixed(1)} s.` : lasting(network_ms, late_ms) == null ? "" :
+    ` Of that the network takes ${lateness(lasting(network_ms, late_ms))} both ways; the rest is waiting for the next tick, at the arm and at the display, and computing. It stays with a network that delays nothing.`);
   const ENDED = "The run has ended.";
   const ends = (left_s) => (window.live.isOver() ? ENDED : left_s == null ? "" : left_s > 0
     ? `The drive ends in ${Math.floor(left_s / 60)}:${String(Math.floor(left_s % 60)).padStart(2, "0")} min, or with Ctrl-C in the terminal; then the report is written.`
