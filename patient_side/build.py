@@ -17,6 +17,7 @@ from tis.patient_side.identification.companions import Stage, untimed
 from tis.patient_side.identification.identify import identify_hands
 from tis.patient_side.identification.movement import trained
 from tis.patient_side.learning.train import with_learned
+from tis.patient_side.linear_system import Array
 from tis.patient_side.node import PatientNode
 from tis.patient_side.orientation.methods import build_methods
 from tis.patient_side.phase_lock import PhaseLock
@@ -28,7 +29,7 @@ from tis.patient_side.safety.gate import StreamGate
 from tis.patient_side.safety.limits import limits_of
 from tis.patient_side.safety.safety_state import SafetyFilter
 from tis.patient_side.safety.set_point import Place
-from tis.patient_side.statespace import ArmModel, Array
+from tis.patient_side.statespace import ArmModel
 
 
 def identify_models(

@@ -10,13 +10,13 @@ from tis.common.messages import MAX_SIZE, Pose, SafetyMode, Vector3
 from tis.common.records import ESTIMATES, ORIENTATIONS
 from tis.common.scenario.estimator_names import plain_name
 from tis.patient_side.estimators.protocol import Estimator
+from tis.patient_side.linear_system import Array
 from tis.patient_side.orientation.wrist import NOTHING, Stated, Wrist, WristEstimate, WristMethod
 from tis.patient_side.plant.protocol import Plant, PlantOutput
 from tis.patient_side.playout import Playout
 from tis.patient_side.safety.evidence import Evidence
 from tis.patient_side.safety.safety_state import SafetyFilter, SafetyState
 from tis.patient_side.safety.set_point import Place
-from tis.patient_side.statespace import Array
 
 
 class Fresh(NamedTuple):

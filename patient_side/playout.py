@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.units import sample_index, sample_instant_ns
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 _NOWHERE: Final = (nan, nan, nan, nan)
 _NEVER: Final = -(1 << 62)

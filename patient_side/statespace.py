@@ -10,9 +10,7 @@ from pydantic import Field
 from tis.common.channels import Arm, Hand
 from tis.common.sources.provenance import RecordedRows
 from tis.patient_side.learned_model import LearnedModel
-from tis.patient_side.linear_system import Array as Array
-from tis.patient_side.linear_system import NoiseModel as NoiseModel
-from tis.patient_side.linear_system import StateSpace as StateSpace
+from tis.patient_side.linear_system import Array, NoiseModel, StateSpace
 from tis.patient_side.model_fields import (
     AXES,
     Axes,

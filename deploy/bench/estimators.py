@@ -28,8 +28,9 @@ from tis.patient_side.estimators.builders import build_estimator
 from tis.patient_side.estimators.protocol import Estimator
 from tis.patient_side.identification.fit_innovations import fit_innovations
 from tis.patient_side.identification.identify import identify_arm
+from tis.patient_side.linear_system import Array
 from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import ArmModel, Array
+from tis.patient_side.statespace import ArmModel
 
 BENCHED: Final = tuple(name for name in NAMES if ESTIMATORS[name].benched)
 RATE_HZ: Final = 30

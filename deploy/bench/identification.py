@@ -21,7 +21,7 @@ from tis.deploy.bench.prediction_accuracy import PLANTS, prediction_errors
 from tis.deploy.present.table import Column, Table
 from tis.patient_side.identification.hankel import triangular_factor
 from tis.patient_side.identification.subspace_methods import METHODS
-from tis.patient_side.statespace import Array, StateSpace
+from tis.patient_side.linear_system import Array, StateSpace
 
 BLOCK_ROWS: Final = 10
 ORDER: Final = 4

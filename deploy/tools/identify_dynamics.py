@@ -22,9 +22,9 @@ from tis.patient_side.dynamics.identify import (
     identify_dynamics,
 )
 from tis.patient_side.dynamics.parameters import NAMES, OF_JOINT, PER_LINK, joints, links, pseudo_inertia
+from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.arm_geometry import JOINTS
 from tis.patient_side.plant.extra import check_simulator
-from tis.patient_side.statespace import Array
 
 
 def identify_dynamics_and_print(

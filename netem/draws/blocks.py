@@ -10,8 +10,7 @@ from typing import Any, Final, Generic, Literal, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.streams import BLOCK as BLOCK
-from tis.common.streams import Address
+from tis.common.streams import BLOCK, Address
 
 HEAD: Final = 64
 """The draws of a name's first packets: most names have no more, and a whole block takes 32 kB."""

@@ -19,8 +19,8 @@ import numpy as np
 import scipy
 
 from tis.common.scenario.network.delay import Correlation
-from tis.common.streams import Address, Stream
-from tis.netem.draws.blocks import BLOCK, Floats
+from tis.common.streams import BLOCK, Address, Stream
+from tis.netem.draws.blocks import Floats
 
 _CELL_S: Final = 0.001
 # a step on the grid of level 3 is 795 days, beyond any half-life, so its points are independent

@@ -12,10 +12,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.streams import Stream
+from tis.common.streams import BLOCK, Stream
 from tis.common.trace import Trace
 from tis.common.units import NS_PER_MS
-from tis.netem.draws.blocks import BLOCK, Counts, Floats
+from tis.netem.draws.blocks import Counts, Floats
 
 CELL_NS: Final = NS_PER_MS
 CELLS_PER_S: Final = 1000.0

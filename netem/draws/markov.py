@@ -6,7 +6,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.netem.draws.blocks import BLOCK, Floats
+from tis.common.streams import BLOCK
+from tis.netem.draws.blocks import Floats
 
 States = NDArray[np.uint8]
 

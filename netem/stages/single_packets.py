@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.scenario.network.pipeline import Corrupt, Duplicate, Reorder
-from tis.common.streams import Address
+from tis.common.streams import BLOCK, Address
 from tis.common.units import ms_to_ns
-from tis.netem.draws.blocks import BLOCK, Floats, SelectionBlocks
+from tis.netem.draws.blocks import Floats, SelectionBlocks
 
 _BITS_PER_BYTE: Final = 8
 

@@ -9,8 +9,8 @@ import numpy as np
 from tis.common.errors import DataError, Fault, InputError
 from tis.common.extras import GET_DYNAMICS
 from tis.patient_side.dynamics.parameters import N_OF_LINK, PER_LINK, BaseParameters, pseudo_inertia
+from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.arm_geometry import N_JOINTS
-from tis.patient_side.statespace import Array
 
 MASS_KG: Final = np.array([1.0, 1.0, 1.0, 0.1, 0.01, 0.01, 0.01])
 LENGTH_M: Final = np.array([0.1, 0.1, 0.1, 0.1, 0.01, 0.01, 0.01])

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from tis.common.streams import Stream
 from tis.patient_side.dynamics.parameters import N_PARAMETERS, regressor
+from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.arm_geometry import HIGH, LOW, N_JOINTS
-from tis.patient_side.statespace import Array
 
 PERIOD_S: Final = 10.0
 HARMONICS: Final = 15

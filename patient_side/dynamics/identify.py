@@ -12,9 +12,9 @@ from tis.patient_side.dynamics.consistent_fit import consistent_fit
 from tis.patient_side.dynamics.excitation import excitation
 from tis.patient_side.dynamics.parameters import BaseParameters, base_parameters, true_parameters
 from tis.patient_side.dynamics.readings import Equations, clean_equations, equations, read
+from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.arm_geometry import INSERTION, N_JOINTS
 from tis.patient_side.plant.physics import ArmPhysics
-from tis.patient_side.statespace import Array
 
 N_TRAINING: Final = 3
 N_VALIDATION: Final = 2

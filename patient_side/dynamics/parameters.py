@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.streams import Stream
+from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.arm_geometry import GRAVITY_M_S2, HIGH, INSERTION, LOW, N_JOINTS, link_transforms
 from tis.patient_side.plant.arm_links import COM_M, COULOMB, INERTIA_KG_M2, MASS_KG, MOTOR_INERTIA, VISCOUS
-from tis.patient_side.statespace import Array
 
 OF_LINK: Final = ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 OF_JOINT: Final = ("motor", "viscous", "coulomb")

@@ -10,8 +10,8 @@ from scipy.special import ndtri
 from tis.common.streams import Stream
 from tis.patient_side.dynamics.excitation import MAX_SPEED
 from tis.patient_side.dynamics.parameters import NAMES, regressor
+from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.physics import Motion
-from tis.patient_side.statespace import Array
 
 CUTOFF_HZ: Final = 45.0
 """Of the readings: thirty times the highest frequency of the movements."""

@@ -29,8 +29,9 @@ from tis.patient_side.estimators.innovations_kf import InnovationsKf, Innovation
 from tis.patient_side.estimators.protocol import Estimate
 from tis.patient_side.filters.innovations_filter import AXES
 from tis.patient_side.horizon import HORIZON_S, horizon_samples
+from tis.patient_side.linear_system import Array
 from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import ArmModel, Array
+from tis.patient_side.statespace import ArmModel
 
 _REMEMBERED_S = 60.0
 _PRIOR_TICKS = 300.0

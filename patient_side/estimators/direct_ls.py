@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from tis.common.errors import DataError, Fault
 from tis.patient_side.estimators.protocol import Estimate
 from tis.patient_side.identification.direct_ls import Moved, differences, random_walk, regression
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import DirectModel
 from tis.patient_side.playout import Playout, SourceBuffer
-from tis.patient_side.statespace import ArmModel, Array
+from tis.patient_side.statespace import ArmModel
 
 _MAX_PATTERNS: Final = 256
 """Patterns of missing samples whose regressions are kept."""

@@ -11,9 +11,10 @@ from tis.common.errors import DataError, Fault
 from tis.patient_side.estimators.protocol import Estimate
 from tis.patient_side.filters.hankel_completion import column_moments, complete
 from tis.patient_side.filters.input_path import known_point
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import CompletionModel
 from tis.patient_side.playout import Playout, SourceBuffer
-from tis.patient_side.statespace import ArmModel, Array
+from tis.patient_side.statespace import ArmModel
 
 _INTERPOLATION_RATIO: Final = 4
 """Minimum length of a step in which a sample is interpolated, in distances to its nearest arrived neighbour."""

@@ -19,8 +19,9 @@ from tis.common.messages import MAX_SIZE
 from tis.common.scenario.estimator_names import is_built_in
 from tis.patient_side.estimators.builders import build_estimator
 from tis.patient_side.estimators.protocol import Estimate, Estimator
+from tis.patient_side.linear_system import Array
 from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import ArmModel, Array
+from tis.patient_side.statespace import ArmModel
 
 Factory = Callable[[ArmModel], Any]
 Factories = Mapping[str, Factory]

@@ -47,8 +47,9 @@ from tis.patient_side.filters.row_clock import NO_PHASE, Phasor, RowClock
 from tis.patient_side.filters.stand_in import PAIRS, Offset, StandIn
 from tis.patient_side.filters.unbroken import Unbroken
 from tis.patient_side.horizon import horizon_samples
+from tis.patient_side.linear_system import Array
 from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import ArmModel, Array
+from tis.patient_side.statespace import ArmModel
 
 _CHECK_EVERY = 4
 """Samples between two checks whether a broken row counts as unbroken again."""

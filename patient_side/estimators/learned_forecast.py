@@ -21,8 +21,9 @@ from tis.patient_side.learned.inputs import activity_of
 from tis.patient_side.learned.predictor import MAX_AGE, Predictor, predictor_of
 from tis.patient_side.learned.window import stride_of, window_before
 from tis.patient_side.learned_model import LearnedModel
+from tis.patient_side.linear_system import Array
 from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import ArmModel, Array
+from tis.patient_side.statespace import ArmModel
 
 
 def linear_forecast(model: ArmModel) -> InnovationsKf:

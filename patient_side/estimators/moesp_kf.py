@@ -25,8 +25,9 @@ from tis.patient_side.estimators.protocol import Estimate
 from tis.patient_side.filters import kalman
 from tis.patient_side.filters.input_path import known_point, newest_velocity
 from tis.patient_side.horizon import PATIENCE_SAMPLES, horizon_samples
+from tis.patient_side.linear_system import Array
 from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import ArmModel, Array, with_model
+from tis.patient_side.statespace import ArmModel, with_model
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,9 @@ import numpy as np
 from tis.patient_side.estimators.paper_as_printed import PaperState, Reading, paper_model, position_m, read, start
 from tis.patient_side.estimators.protocol import Estimate
 from tis.patient_side.filters.kalman import kalman_predict, kalman_update
+from tis.patient_side.linear_system import Array
 from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import ArmModel, Array
+from tis.patient_side.statespace import ArmModel
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,9 @@ from tis.common.messages import MAX_SIZE
 from tis.common.units import NS_PER_S
 from tis.patient_side.estimators.protocol import Estimate
 from tis.patient_side.filters.paper_kalman import printed_update
+from tis.patient_side.linear_system import Array
 from tis.patient_side.playout import Playout, SourceBuffer
-from tis.patient_side.statespace import ArmModel, Array, with_model
+from tis.patient_side.statespace import ArmModel, with_model
 
 
 class PaperState(NamedTuple):

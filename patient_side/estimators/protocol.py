@@ -2,8 +2,8 @@
 
 from typing import Any, NamedTuple, Protocol
 
+from tis.patient_side.linear_system import Array
 from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import Array
 
 
 class Estimate(NamedTuple):

@@ -7,8 +7,9 @@ import numpy as np
 from tis.patient_side.estimators.protocol import Estimate
 from tis.patient_side.filters.input_path import continued, newest_velocity
 from tis.patient_side.horizon import horizon_samples
+from tis.patient_side.linear_system import Array, StateSpace
 from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import ArmModel, Array, StateSpace
+from tis.patient_side.statespace import ArmModel
 
 
 @dataclass(frozen=True)

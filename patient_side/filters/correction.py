@@ -42,8 +42,8 @@ from tis.common.streams import Stream
 from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter
 from tis.patient_side.filters.recent_past import N_INCREMENTS, SLOW_MEANS
 from tis.patient_side.filters.row_clock import N_CLOCK_TERMS, Phasor, RowClock
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import MEANS_S, N_PARTS, N_TERMS, Correction
-from tis.patient_side.statespace import Array
 
 LENGTH = 3.5
 """Length of the kernel, in deviations of the inputs."""

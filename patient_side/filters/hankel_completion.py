@@ -25,8 +25,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import Factorisation
-from tis.patient_side.statespace import Array
 
 _MIN_SHRINKAGE = 1e-12
 """Ridge in any case, as columns may have fewer known entries than factors."""

@@ -36,8 +36,8 @@ from scipy.linalg.blas import dgemm, dsymm
 from scipy.linalg.lapack import dposv
 
 from tis.patient_side.filters.recent_past import RecentPast
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import InnovationsModel
-from tis.patient_side.statespace import Array
 
 _MAX_DOUBLINGS = 40
 

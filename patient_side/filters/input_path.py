@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import InputForecast
 from tis.patient_side.playout import SourceBuffer
-from tis.patient_side.statespace import Array
 
 
 class PathPoint(NamedTuple):

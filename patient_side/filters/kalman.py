@@ -36,8 +36,9 @@ from typing import NamedTuple
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
+from tis.patient_side.linear_system import Array, StateSpace
 from tis.patient_side.movement_models import InputForecast
-from tis.patient_side.statespace import ArmModel, Array, StateSpace
+from tis.patient_side.statespace import ArmModel
 
 # Every Kalman filter of the patient's side computes this update:
 # - here, by filterpy, for `moesp_kf`, `n4sid_kf`, `arx_kf` (through `filters.kalman`) and `paper`;

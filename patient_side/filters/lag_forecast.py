@@ -10,8 +10,8 @@ from tis.common.units import NS_PER_S
 from tis.patient_side.filters.correction import CorrectionForecasts, LagCorrection
 from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter
 from tis.patient_side.filters.unbroken import Unbroken
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import InnovationsModel
-from tis.patient_side.statespace import Array
 
 _MAX_KEPT = 500
 _LAG_MASK_NS = ~63

@@ -16,7 +16,7 @@ last channel is assimilated; D is dropped; a sample that is ``delay`` old is use
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.patient_side.statespace import Array, StateSpace
+from tis.patient_side.linear_system import Array, StateSpace
 
 
 def printed_update(x: Array, P: Array, y: float, c: Array, r: float) -> tuple[Array, Array]:

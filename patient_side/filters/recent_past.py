@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import MEANS_S
-from tis.patient_side.statespace import Array
 
 N_INCREMENTS = 4
 SLOW_MEANS = 3

@@ -20,7 +20,7 @@ from tis.patient_side.filters.activity import Activity
 from tis.patient_side.filters.innovations_filter import InnovationsFilter
 from tis.patient_side.filters.row_clock import NO_PHASE, Phasor
 from tis.patient_side.filters.unbroken import Unbroken
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 _MAX_DEPTH = 12
 """Samples after an unbroken row up to which covariances are stored: later ones hardly recur."""

@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tis.patient_side.filters.innovations_filter import AXES
+from tis.patient_side.linear_system import Array
 from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import ArmModel, Array
+from tis.patient_side.statespace import ArmModel
 
 PAIRS = 4
 """Samples over which the offset between arm and command is averaged: few, as it changes with the clutch."""

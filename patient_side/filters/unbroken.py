@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tis.patient_side.filters.innovations_filter import InnovationsFilter
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 _EVERY_LENGTH_UP_TO = 50
 _RATIO = 1.02

@@ -8,7 +8,7 @@ uncertain itself, and too small where the forecast was fitted to the same rows.
 import numpy as np
 from scipy.special import chdtri, fdtri
 
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 _COVERED = 0.95
 _HALF_WEIGHT_WINDOWS = 10

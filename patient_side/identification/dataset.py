@@ -15,7 +15,7 @@ from tis.common.errors import DataError, Fault
 from tis.common.sources.plausibility import stretches
 from tis.common.sources.trajectory import HandRecording, Recording
 from tis.patient_side.identification.trials import Trial, finite_faults
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from tis.common.errors import DataError, Fault
 from tis.patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
 from tis.patient_side.identification.noise import SENSOR_RESOLUTION_M
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import DirectModel
-from tis.patient_side.statespace import Array
 
 RESOLUTION: Final = SENSOR_RESOLUTION_M
 """Resolution of all signals in their SI unit: recordings have six decimals of metres, radians and of rotations."""

@@ -30,8 +30,8 @@ from tis.patient_side.identification.correction_rows import (
     short,
     without_weights,
 )
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import N_PARTS, N_TERMS, Correction
-from tis.patient_side.statespace import Array
 
 # Ridge regressions from second moments: sums over rows, by groups that are held out together.
 

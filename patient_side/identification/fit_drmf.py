@@ -19,8 +19,8 @@ from tis.patient_side.filters.hankel_completion import column_moments, complete_
 from tis.patient_side.identification.coverage import coverage_factor, prediction_factor
 from tis.patient_side.identification.noise import SENSOR_RESOLUTION_M
 from tis.patient_side.identification.trials import held_out_groups
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import CompletionModel, Factorisation
-from tis.patient_side.statespace import Array
 
 MAX_P_LOSS = 0.3
 MAX_JITTER_STEPS = 15.0

@@ -31,8 +31,8 @@ from tis.patient_side.identification.stochastic_moesp import InnovationsForm, ch
 from tis.patient_side.identification.structure import PREFERRED, Structure, StructuredSubspace
 from tis.patient_side.identification.trials import Scaling, Trial, held_out_groups, n_first
 from tis.patient_side.identification.validation import HELD_BACK
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import InnovationsModel
-from tis.patient_side.statespace import Array
 
 ORDERS = (4, 6, 8, 10, 12, 14, 16, 20, 24, 30)
 AXIS_ORDERS = (2, 3, 4, 5, 6, 7, 8, 10)

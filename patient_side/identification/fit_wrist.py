@@ -12,9 +12,9 @@ from tis.patient_side.identification.coverage import coverage_factor, independen
 from tis.patient_side.identification.dataset import TrainingSet
 from tis.patient_side.identification.direct_ls import RESOLUTION, STEP_HZ, Moved, differences, fit_direct, steps_of
 from tis.patient_side.identification.forecast import DAMPINGS, HORIZONS_S, SPANS, relative_error
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import RateModel, WristModel
 from tis.patient_side.rotations import turned
-from tis.patient_side.statespace import Array
 
 # Identification of damped rates, for orientations and grippers.
 #

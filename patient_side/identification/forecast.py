@@ -13,8 +13,8 @@ import numpy as np
 
 from tis.patient_side.filters.input_path import forecast_steps
 from tis.patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import InputForecast, max_damping
-from tis.patient_side.statespace import Array
 
 HORIZONS_S = (1 / 30, 0.1, 0.2, 0.5, 1.0, 2.0)
 """Up to the length of an outage: a forecast must not run away from a hand that has turned back."""

@@ -21,8 +21,9 @@ from tis.patient_side.identification.order import Fitted, OrderChoice
 from tis.patient_side.identification.subspace_methods import SUBSPACE_METHODS, fit_subspace
 from tis.patient_side.identification.trials import breakdown_as_fault, explain_repeats
 from tis.patient_side.identification.validation import SimulationFit, fewest_rows, fit_text, simulate_on, split_trials
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import InputForecast
-from tis.patient_side.statespace import ArmModel, Array, FilterModel
+from tis.patient_side.statespace import ArmModel, FilterModel
 
 _POOR_FIT_PCT = 50.0
 _RESTING = 0.02

@@ -24,8 +24,8 @@ from tis.patient_side.identification.correction_rows import CorrectionRows, corr
 from tis.patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
 from tis.patient_side.identification.fit_correction import FittedCorrection, fit_correction
 from tis.patient_side.identification.trials import held_out_groups
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import InnovationsModel
-from tis.patient_side.statespace import Array
 
 T = TypeVar("T")
 

@@ -42,7 +42,7 @@ from tis.patient_side.identification.order import (
 from tis.patient_side.identification.subspace import check_excitation, check_order
 from tis.patient_side.identification.trials import Scaling, Trial, check_trials
 from tis.patient_side.identification.validation import HELD_BACK, simulation_fit, split_trials
-from tis.patient_side.statespace import Array, NoiseModel, StateSpace
+from tis.patient_side.linear_system import Array, NoiseModel, StateSpace
 
 _NEGLIGIBLE = 1e-10
 

@@ -8,9 +8,10 @@ import numpy as np
 
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_S
+from tis.patient_side.linear_system import Array
 from tis.patient_side.safety.gate import BASE_NS
 from tis.patient_side.safety.trained_limits import Three
-from tis.patient_side.statespace import Array, Movement
+from tis.patient_side.statespace import Movement
 
 _SHARE: Final = 0.999
 """Share of the rows that count: a jump of a recorder is no movement."""

@@ -27,7 +27,7 @@ from tis.patient_side.identification.hankel import COLUMNS_AT_ONCE, accumulate, 
 from tis.patient_side.identification.linear_model import Signals, as_trials, check_numbers
 from tis.patient_side.identification.trials import Scaling, Trial, breakdown_as_fault, check_trials
 from tis.patient_side.identification.validation import HELD_BACK, SimulationFit, fewest_rows, scored, split_trials
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 MAX_TERMS = 12
 _RIDGE = 1e-6

@@ -34,7 +34,7 @@ from tis.patient_side.identification.linear_model import LinearModel, Provenance
 from tis.patient_side.identification.output_error import STABLE_BELOW, stabilised
 from tis.patient_side.identification.trials import Scaling, breakdown_as_fault, check_trials, n_first
 from tis.patient_side.identification.validation import initial_state
-from tis.patient_side.statespace import Array, NoiseModel, StateSpace
+from tis.patient_side.linear_system import Array, NoiseModel, StateSpace
 
 _MAX_DOUBLINGS = 60
 _CONVERGED = 1e-15

@@ -26,8 +26,8 @@ from tis.patient_side.identification.stochastic_moesp import (
     stochastic_subspace,
 )
 from tis.patient_side.identification.trials import Scaling
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import InnovationsModel
-from tis.patient_side.statespace import Array
 
 # Correction of the bias from centring: a movement about its own mean seems to return to it too fast.
 #

@@ -19,11 +19,11 @@ from tis.common.scenario.patient import OrientationMethod
 from tis.patient_side.estimators.direct_ls import ArrivedPast, DirectForecast, arrived_past
 from tis.patient_side.filters.input_path import damped_steps
 from tis.patient_side.identification.direct_ls import differences
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import DirectModel, RateModel, WristModel
 from tis.patient_side.orientation.wrist import NOTHING, WristEstimate, WristMethod
 from tis.patient_side.playout import SourceBuffer
 from tis.patient_side.rotations import at_end, turned, turned_by
-from tis.patient_side.statespace import Array
 
 
 @dataclass(frozen=True)

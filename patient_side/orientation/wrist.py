@@ -10,10 +10,10 @@ from tis.common.channels import Hand
 from tis.common.messages import MAX_SIZE, Pose, Quaternion, Vector3
 from tis.common.records import OrientationNote
 from tis.common.scenario.patient import OrientationMethod
+from tis.patient_side.linear_system import Array
 from tis.patient_side.playout import SourceBuffer
 from tis.patient_side.rotations import Quaternion as Components
 from tis.patient_side.rotations import is_orientation
-from tis.patient_side.statespace import Array
 
 
 class WristEstimate(NamedTuple):

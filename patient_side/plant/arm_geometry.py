@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 JOINTS: Final = ("outer_yaw", "outer_pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw", "jaw")
 N_JOINTS: Final = len(JOINTS)

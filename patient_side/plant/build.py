@@ -14,12 +14,12 @@ from tis.common.servo import servo_transition
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 from tis.common.streams import Stream
 from tis.common.units import MM_PER_M, NS_PER_S, sample_instant_ns
+from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.arm_geometry import INSERTION, N_JOINTS
 from tis.patient_side.plant.physics import ArmPhysics
 from tis.patient_side.plant.protocol import Plant, PlantOutput, Reference
 from tis.patient_side.plant.simulated_arm import SimulatedArm
 from tis.patient_side.rotations import after_turn, turn_to
-from tis.patient_side.statespace import Array
 
 
 @dataclass(frozen=True)

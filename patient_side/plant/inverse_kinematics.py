@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.arm_geometry import (
     HIGH,
     LOW,
@@ -19,7 +20,6 @@ from tis.patient_side.plant.arm_geometry import (
     YAW_TO_TIP_M,
     link_transforms,
 )
-from tis.patient_side.statespace import Array
 
 _ROUNDS: Final = 12
 """Each brings the tip at least five times closer: the wrist is 20 mm long and at least 110 mm from its pivot."""

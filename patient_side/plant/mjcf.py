@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 
+from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.arm_geometry import (
     A_M,
     ALPHA_RAD,
@@ -20,7 +21,6 @@ from tis.patient_side.plant.arm_geometry import (
     TIP_LINK,
 )
 from tis.patient_side.plant.arm_links import COM_M, COULOMB, INERTIA_KG_M2, MASS_KG, MAX_FORCE, MOTOR_INERTIA, VISCOUS
-from tis.patient_side.statespace import Array
 
 _MARGIN: Final = np.where(np.arange(N_JOINTS) == INSERTION, 0.01, np.radians(5.0))
 """The joints' hard stops lie this far beyond the limits of the set points."""

@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tis.common.scenario.patient import MujocoPlant
+from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.arm_geometry import INSERTION, N_JOINTS
 from tis.patient_side.plant.arm_links import VISCOUS
 from tis.patient_side.plant.extra import check_simulator
 from tis.patient_side.plant.mjcf import arm_mjcf
-from tis.patient_side.statespace import Array
 
 
 class Moved(NamedTuple):

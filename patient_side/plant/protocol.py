@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple, Protocol
 
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 
 class Reference(NamedTuple):

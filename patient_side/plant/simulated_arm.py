@@ -9,11 +9,11 @@ from scipy.special import ndtri
 
 from tis.common.streams import Stream
 from tis.common.units import NS_PER_S
+from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.arm_geometry import INSERTION, N_JOINTS, tip_frame
 from tis.patient_side.plant.inverse_kinematics import Reached, joints_for
 from tis.patient_side.plant.physics import ArmPhysics
 from tis.patient_side.plant.protocol import PlantOutput, Reference
-from tis.patient_side.statespace import Array
 
 # Place of the scenario's positions in the workspace of the simulated arm.
 

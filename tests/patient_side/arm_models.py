@@ -11,6 +11,7 @@ from tis.common.metrics.consistency import CHI2_3_95
 from tis.common.units import sample_instant_ns
 from tis.patient_side.estimators.protocol import Estimate, Estimator
 from tis.patient_side.identification.direct_ls import fit_direct
+from tis.patient_side.linear_system import Array, NoiseModel, StateSpace
 from tis.patient_side.movement_models import (
     CompletionModel,
     DirectModel,
@@ -19,7 +20,7 @@ from tis.patient_side.movement_models import (
     InputForecast,
 )
 from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import ArmModel, Array, FilterModel, NoiseModel, StateSpace
+from tis.patient_side.statespace import ArmModel, FilterModel
 
 RATE_HZ = 30
 PHASE_NS = 2_000_000

@@ -6,8 +6,9 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from tests.patient_side.arm_models import static_model
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import InnovationsModel
-from tis.patient_side.statespace import ArmModel, Array
+from tis.patient_side.statespace import ArmModel
 
 DEVIATION_M = 1e-4
 

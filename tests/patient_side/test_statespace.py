@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tis.patient_side.statespace import StateSpace
+from tis.patient_side.linear_system import StateSpace
 
 
 @settings(max_examples=40, deadline=None)

@@ -11,10 +11,10 @@ import numpy as np
 
 from tis.common.scenario.patient import OrientationMethod
 from tis.patient_side.estimators.protocol import Estimate, Estimator
+from tis.patient_side.linear_system import Array
 from tis.patient_side.node import PatientNode
 from tis.patient_side.orientation.wrist import WristEstimate, WristMethod
 from tis.patient_side.playout import Playout, SourceBuffer
-from tis.patient_side.statespace import Array
 
 _NO_COVARIANCE = np.full((3, 3), np.nan)
 

@@ -14,7 +14,8 @@ from tis.common.sources.trajectory import HandRecording, Recording
 from tis.common.units import NS_PER_MS, sample_instant_ns
 from tis.deploy.compare.cells.measured import MeasuredEstimator, MeasuredMethod
 from tis.deploy.report.subjects.tracking import HandTrack
-from tis.patient_side.statespace import ArmModel, Array
+from tis.patient_side.linear_system import Array
+from tis.patient_side.statespace import ArmModel
 
 Histogram = dict[str, int]
 """Bins of equal ratio: number (text, as JSON keys are) -> count; bin b holds 1.001^b to 1.001^(b + 1)."""

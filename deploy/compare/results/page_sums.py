@@ -16,7 +16,7 @@ from tis.deploy.compare.grid import axis_words
 from tis.deploy.compare.plan import Plan
 from tis.deploy.compare.results.pooled import N_RESAMPLES, SEED, person
 from tis.deploy.compare.results.report import numbers_of
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 Places = NDArray[np.int32]
 

@@ -14,7 +14,7 @@ from tis.common.scenario.source import RecordedSource
 from tis.common.streams import Stream
 from tis.common.units import MM_PER_M
 from tis.deploy.compare.cells.cell import Cell
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 # People of a comparison: the units over which intervals are resampled, as their trials are not independent.
 

@@ -14,7 +14,7 @@ from tis.deploy.compare.engine.compute import Outcome
 from tis.deploy.compare.grid import Point
 from tis.deploy.compare.plan import Plan
 from tis.deploy.compare.results.pooled import interval, person, pooled, resampled, rivalries
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 # Rows of a comparison for the orientation methods: errors in degrees beside hold's, per setting and method.
 

@@ -17,7 +17,7 @@ from tis.deploy.studies.paper.cells import PAIRINGS, Pairing, Results, scenario_
 from tis.deploy.studies.paper.page import nearest_simulation
 from tis.deploy.studies.paper.printed import ORDER, ROWS, TRAIN_SAMPLES
 from tis.deploy.studies.paper.simulation import run_algorithm
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 _TITLES: Final[dict[Pairing, str]] = {"same_name": "same-name pair", "cross": "true pair"}
 _ENERGY: Final = 0.85

@@ -12,7 +12,8 @@ from tis.common.sources.trajectory import HandRecording
 from tis.common.streams import Stream
 from tis.deploy.studies.paper.printed import PaperRow
 from tis.patient_side.filters.paper_kalman import paper_filter
-from tis.patient_side.statespace import ArmModel, Array
+from tis.patient_side.linear_system import Array
+from tis.patient_side.statespace import ArmModel
 
 Reading = Literal["ms", "samples"]
 

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from tis.common.scenario.network import delay as network
 from tis.common.scenario.network.pipeline import Stages
-from tis.common.streams import Address
+from tis.common.streams import BLOCK, Address
 from tis.common.trace import Trace
-from tis.netem.draws.blocks import BLOCK, Counts, DelayBlocks, Floats
+from tis.netem.draws.blocks import Counts, DelayBlocks, Floats
 from tis.netem.draws.correlation import ScorePath, uniforms
 from tis.netem.draws.grid import rows_of_block
 from tis.netem.stages.delay.latency import LatencyModel, build_jitter

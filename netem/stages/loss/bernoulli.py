@@ -5,8 +5,8 @@ from typing import Literal, Self
 
 import numpy as np
 
-from tis.common.streams import Address
-from tis.netem.draws.blocks import BLOCK, Floats
+from tis.common.streams import BLOCK, Address
+from tis.netem.draws.blocks import Floats
 from tis.netem.stages.loss.expected_loss import ExpectedLoss, of_message
 
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tis.common.scenario.network import loss as network
-from tis.common.streams import Address
-from tis.netem.draws.blocks import BLOCK, Floats, SegmentedPath
+from tis.common.streams import BLOCK, Address
+from tis.netem.draws.blocks import Floats, SegmentedPath
 from tis.netem.stages.loss.expected_loss import ExpectedLoss
 from tis.netem.stages.loss.lomax import FlooredLomax
 

@@ -5,9 +5,9 @@ from typing import Self
 import numpy as np
 
 from tis.common.scenario.network import loss as network
-from tis.common.streams import Address
+from tis.common.streams import BLOCK, Address
 from tis.common.trace import Trace
-from tis.netem.draws.blocks import BLOCK, Counts, Floats
+from tis.netem.draws.blocks import Counts, Floats
 from tis.netem.draws.grid import cells_of_rows, rows_of_block
 from tis.netem.stages.loss.expected_loss import ExpectedLoss
 

@@ -8,7 +8,7 @@ from rich.console import Console
 from tis.deploy.bench import identification
 from tis.deploy.bench.identification import Size, bench_identification, measure, simulated_trials
 from tis.deploy.bench.prediction_accuracy import PLANTS
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 
 def test_every_size_has_a_table_with_every_method_and_its_bound(monkeypatch: pytest.MonkeyPatch) -> None:

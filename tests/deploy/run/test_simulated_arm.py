@@ -19,10 +19,11 @@ from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
 from tis.deploy.shell import run_dir as folder
+from tis.patient_side.linear_system import Array
 from tis.patient_side.plant import extra
 from tis.patient_side.plant.build import executing_plant
 from tis.patient_side.plant.protocol import Reference
-from tis.patient_side.statespace import ArmModel, Array
+from tis.patient_side.statespace import ArmModel
 
 EXTRA = pytest.mark.skipif(find_spec("mujoco") is None, reason="the extra sim is not installed")
 HOLD = ("estimators=[hold]", "active_estimator=hold")

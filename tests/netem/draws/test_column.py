@@ -2,7 +2,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tis.netem.draws.blocks import BLOCK, HEAD, Column, DeferredDraw
+from tis.common.streams import BLOCK
+from tis.netem.draws.blocks import HEAD, Column, DeferredDraw
 
 
 def _squares(number: int, _: int = BLOCK) -> np.ndarray:

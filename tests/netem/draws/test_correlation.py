@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from tis.common.scenario.network.delay import Correlation
-from tis.common.streams import Address
-from tis.netem.draws.blocks import BLOCK
+from tis.common.streams import BLOCK, Address
 from tis.netem.draws.correlation import ScorePath, bridge_of, uniforms
 
 ADDRESS = Address(3, "forward", "tis/MTML/measured_cp")

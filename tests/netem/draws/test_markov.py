@@ -4,8 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from tis.common.streams import Stream
-from tis.netem.draws.blocks import BLOCK
+from tis.common.streams import BLOCK, Stream
 from tis.netem.draws.markov import MarkovChain
 
 U = Stream.named(1, "markov").uniforms(0, BLOCK)

@@ -2,7 +2,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tis.netem.draws.blocks import BLOCK, Floats, SegmentedPath
+from tis.common.streams import BLOCK
+from tis.netem.draws.blocks import Floats, SegmentedPath
 
 
 class Counting:

@@ -4,8 +4,8 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest
 
 from tis.common.scenario.network.pipeline import Duplicate
-from tis.common.streams import Address
-from tis.netem.draws.blocks import BLOCK, SelectionBlocks
+from tis.common.streams import BLOCK, Address
+from tis.netem.draws.blocks import SelectionBlocks
 from tis.netem.stages.single_packets import duplicated
 
 ADDRESS = Address(7, "forward", "tis/MTML/measured_cp")

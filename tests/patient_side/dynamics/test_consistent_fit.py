@@ -16,8 +16,8 @@ from tis.patient_side.dynamics.parameters import (
     regressor,
     true_parameters,
 )
+from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.arm_geometry import HIGH, LOW
-from tis.patient_side.statespace import Array
 
 SOLVER = pytest.mark.skipif(
     find_spec("cvxpy") is None or find_spec("clarabel") is None,

@@ -6,8 +6,8 @@ from tis.common.scenario.patient import MujocoPlant
 from tis.common.streams import Stream
 from tis.patient_side.dynamics.parameters import base_parameters, regressor, true_parameters
 from tis.patient_side.dynamics.readings import clean_equations, equations, read
+from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.physics import ArmPhysics, Motion
-from tis.patient_side.statespace import Array
 
 HOME = np.array([0.1, 0.2, 0.12, 0.3, 0.1, -0.2, 0.2])
 

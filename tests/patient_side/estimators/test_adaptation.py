@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from tis.common.metrics.consistency import CHI2_3_95
 from tis.patient_side.estimators.adaptive_kf import Adaptation, Adapter, Forecast, Scales, octave_of
+from tis.patient_side.linear_system import Array
 from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import Array
 
 RATE_HZ = 30
 ADAPTER = Adapter(RATE_HZ)

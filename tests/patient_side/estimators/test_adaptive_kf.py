@@ -20,9 +20,9 @@ from tis.common.metrics.consistency import CHI2_3_95
 from tis.common.units import sample_instant_ns
 from tis.patient_side.estimators.adaptive_kf import AdaptiveKf
 from tis.patient_side.estimators.innovations_kf import InnovationsKf
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import InnovationsModel
 from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import Array
 
 N = 4000
 

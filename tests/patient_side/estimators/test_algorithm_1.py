@@ -37,9 +37,10 @@ from tis.patient_side.estimators.paper import Paper
 from tis.patient_side.estimators.paper_as_printed import PaperAsPrinted, read
 from tis.patient_side.filters.paper_kalman import paper_filter
 from tis.patient_side.hand import PatientHand
+from tis.patient_side.linear_system import Array, NoiseModel, StateSpace
 from tis.patient_side.node import PatientNode
 from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import ArmModel, Array, NoiseModel, StateSpace
+from tis.patient_side.statespace import ArmModel
 
 N = 30
 COMMAND, ARM = "tis/MTML/measured_cp", "tis/PSM2/setpoint_cp"

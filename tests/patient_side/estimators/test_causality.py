@@ -29,7 +29,8 @@ from tests.patient_side.filters.test_correction import correction
 from tis.common.scenario.estimator_names import NAMES
 from tis.common.units import sample_instant_ns
 from tis.patient_side.estimators.builders import build_estimator
-from tis.patient_side.statespace import ArmModel, Array
+from tis.patient_side.linear_system import Array
+from tis.patient_side.statespace import ArmModel
 
 N = 40
 BY_LAST_ARRIVAL: list[str] = ["paper", "paper_as_printed", "hold_last_arrived"]

@@ -23,8 +23,8 @@ from tis.common.units import sample_instant_ns
 from tis.patient_side.estimators.direct_ls import DirectLs, direct_ls
 from tis.patient_side.estimators.simple import Hold
 from tis.patient_side.identification.direct_ls import fit_direct, windows
+from tis.patient_side.linear_system import Array
 from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import Array
 
 DAMPING, NOISE_M = 0.9, 1e-4
 

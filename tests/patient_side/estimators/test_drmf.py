@@ -24,9 +24,9 @@ from tis.patient_side.estimators.drmf import Drmf, drmf
 from tis.patient_side.estimators.simple import Hold
 from tis.patient_side.identification import fit_drmf as fitting
 from tis.patient_side.identification.fit_drmf import fit_drmf
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import CompletionModel, Factorisation
 from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import Array
 
 COVARIANCES = np.array([1e-6, 9e-6, 16e-6])[:, None, None] * np.eye(3)
 

@@ -27,9 +27,9 @@ from tis.common.units import sample_instant_ns
 from tis.patient_side.estimators.innovations_kf import InnovationsKf
 from tis.patient_side.estimators.protocol import Estimate
 from tis.patient_side.filters.innovations_filter import build_innovations_filter
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import InnovationsModel
 from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import Array
 
 STRUCTURES = pytest.mark.parametrize("integrated", [False, True])
 NS = 1_000_000

@@ -23,7 +23,8 @@ from tis.common.errors import DataError
 from tis.patient_side.estimators.innovations_kf import InnovationsKf
 from tis.patient_side.estimators.moesp_kf import MoespKf, arx_kf, n4sid_kf
 from tis.patient_side.estimators.protocol import Estimator
-from tis.patient_side.statespace import ArmModel, Array, FilterModel
+from tis.patient_side.linear_system import Array
+from tis.patient_side.statespace import ArmModel, FilterModel
 
 
 def some_model(seed: int, n: int) -> ArmModel:

@@ -27,8 +27,9 @@ from tis.patient_side.estimators.moesp_kf import FilterState, MoespKf
 from tis.patient_side.estimators.simple import Hold
 from tis.patient_side.filters.kalman import BIAS_STEP, augment
 from tis.patient_side.horizon import PATIENCE_SAMPLES, horizon_samples
+from tis.patient_side.linear_system import Array
 from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import ArmModel, Array
+from tis.patient_side.statespace import ArmModel
 
 DAMPING, SPEED_NOISE_M = 0.9, 1e-4
 

@@ -19,8 +19,9 @@ from tests.patient_side.arm_models import (
 )
 from tis.common.units import sample_instant_ns
 from tis.patient_side.estimators.builders import build_estimator
+from tis.patient_side.linear_system import Array, NoiseModel, StateSpace
 from tis.patient_side.movement_models import InputForecast
-from tis.patient_side.statespace import ArmModel, Array, NoiseModel, StateSpace
+from tis.patient_side.statespace import ArmModel
 
 TRAIN = 1240
 DAMPING = 0.85

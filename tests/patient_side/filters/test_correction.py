@@ -27,8 +27,8 @@ from tis.patient_side.filters.correction import (
 from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter, build_innovations_filter
 from tis.patient_side.filters.recent_past import RecentPast
 from tis.patient_side.filters.row_clock import NO_PHASE, RowClock
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import MEANS_S, N_PARTS, N_TERMS, Correction
-from tis.patient_side.statespace import Array
 
 HORIZON = 12
 KNOTS = np.array([1.0, 4.0, 9.0])

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tis.patient_side.filters.hankel_completion import column_moments, complete, complete_all
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import Factorisation
-from tis.patient_side.statespace import Array
 
 EXACT = Factorisation(
     rank=4, ridge=0.0, n_outliers=0, least_outlier_m=0.0, least_noise_m2=1e-24, tolerance_m=1e-10, max_turns=300

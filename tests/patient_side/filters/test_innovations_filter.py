@@ -13,8 +13,8 @@ from scipy.signal import place_poles
 
 from tests.patient_side.movements import drawn, joint_covariance, movement_model
 from tis.patient_side.filters.innovations_filter import build_innovations_filter
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import InnovationsModel
-from tis.patient_side.statespace import Array
 
 N = 30
 STRUCTURES = pytest.mark.parametrize("integrated", [False, True])

@@ -19,8 +19,9 @@ from tis.patient_side.filters.kalman import (
     start_at,
     update,
 )
+from tis.patient_side.linear_system import Array, NoiseModel
 from tis.patient_side.movement_models import InputForecast
-from tis.patient_side.statespace import ArmModel, Array, NoiseModel
+from tis.patient_side.statespace import ArmModel
 
 
 def dynamic_model(seed: int, n: int = 3) -> ArmModel:

@@ -5,7 +5,7 @@ import pytest
 from filterpy.kalman import KalmanFilter
 
 from tis.patient_side.filters.kalman import joseph_update, kalman_predict, kalman_update
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 
 def drawn(n: int, p: int, seed: int) -> tuple[Array, ...]:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tis.patient_side.filters.paper_kalman import paper_filter
-from tis.patient_side.statespace import Array, StateSpace
+from tis.patient_side.linear_system import Array, StateSpace
 
 # One state, two outputs. D is there to be dropped.
 SPACE = StateSpace(np.array([[0.5]]), np.array([[1.0]]), np.array([[1.0], [2.0]]), np.array([[100.0], [100.0]]))

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tis.patient_side.filters.hankel_completion import largest, left_factor, low_rank_part
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 
 def about_level(columns: Array) -> Array:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tis.patient_side.filters.row_clock import NO_PHASE, Phasor, RowClock, evidence_of, terms_of
 from tis.patient_side.identification.correction_rows import find_row_clock
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 RATIO = 51.326 / 30
 """Samples of the source per row."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tis.common.channels import FOLLOWER, SAME_NAME, Hand
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 from tis.patient_side.identification.stochastic_moesp import InnovationsForm
-from tis.patient_side.statespace import StateSpace
+from tis.patient_side.linear_system import StateSpace
 
 Array = NDArray[np.float64]
 

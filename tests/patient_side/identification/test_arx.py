@@ -6,7 +6,7 @@ from tis.common.errors import DataError
 from tis.patient_side.identification import arx
 from tis.patient_side.identification.arx import ArxFactor
 from tis.patient_side.identification.noise import innovations
-from tis.patient_side.statespace import StateSpace
+from tis.patient_side.linear_system import StateSpace
 
 
 def arx_run(n_rows: int, rng: np.random.Generator) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@ import pytest
 
 from tis.patient_side.identification.arx import ArxFactor
 from tis.patient_side.identification.fit_innovations import autoregression, fit_autoregression, schwarz_lags
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 
 def process(n_rows: int, seed: int) -> Array:

@@ -3,7 +3,7 @@ import pytest
 
 from tests.patient_side.arm_models import random_command
 from tis.patient_side.identification.direct_ls import Candidate, moments, most_cautious, random_walk, windows
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 LAGS, HORIZONS = np.array([1, 2, 3]), np.array([1, 5, 10, 60])  # 60: most of a part of 72 rows
 CANDIDATES = [Candidate(n, penalty) for n in (1, 3) for penalty in (0.01, 0.3, 10.0, 1000.0)]

@@ -11,7 +11,7 @@ from tis.common.estimators import ESTIMATORS
 from tis.common.scenario.identification import Identification
 from tis.patient_side.identification.companions import FITS, fit_companions
 from tis.patient_side.identification.dataset import TrainingSet, training_set
-from tis.patient_side.statespace import StateSpace
+from tis.patient_side.linear_system import StateSpace
 
 __all__ = ["few_draws"]
 LAG = StateSpace(0.7 * np.eye(3), 0.15 * np.eye(3), np.eye(3), np.zeros((3, 3)))

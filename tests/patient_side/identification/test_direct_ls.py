@@ -8,8 +8,8 @@ from tis.common.errors import DataError
 from tis.common.scenario.source import SyntheticSource
 from tis.common.sources.synthetic import synthesise
 from tis.patient_side.identification.direct_ls import fit_direct, random_walk, regression, windows
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import DirectModel
-from tis.patient_side.statespace import Array
 
 
 def movement(n_rows: int, seed: int) -> Array:

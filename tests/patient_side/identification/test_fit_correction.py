@@ -29,8 +29,8 @@ from tis.patient_side.identification.fit_correction import Moments, fit_correcti
 from tis.patient_side.identification.fit_innovations import fit_innovations
 from tis.patient_side.identification.level_and_scale import HeldBack
 from tis.patient_side.identification.trials import held_out_groups
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import N_PARTS, N_TERMS, InnovationsModel
-from tis.patient_side.statespace import Array
 
 MS = 1_000_000
 STEPS = np.array([1, 2, 5])

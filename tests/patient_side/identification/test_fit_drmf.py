@@ -15,9 +15,9 @@ from tests.patient_side.arm_models import (
 from tis.common.errors import DataError
 from tis.patient_side.estimators.drmf import Drmf
 from tis.patient_side.identification.fit_drmf import fit_drmf
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import CompletionModel
 from tis.patient_side.playout import Playout
-from tis.patient_side.statespace import Array
 
 
 def movement(n_rows: int, seed: int) -> Array:

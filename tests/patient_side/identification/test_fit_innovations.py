@@ -27,8 +27,8 @@ from tis.patient_side.identification.level_and_scale import (
 )
 from tis.patient_side.identification.structure import Structure
 from tis.patient_side.identification.trials import Trial
+from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import InnovationsModel
-from tis.patient_side.statespace import Array
 
 RATE_HZ = 30
 HORIZONS = [1, 3, 6]

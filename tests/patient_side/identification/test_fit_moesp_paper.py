@@ -7,7 +7,7 @@ from tis.common.scenario.identification import Identification
 from tis.patient_side.identification.identify import identify_arm, identify_with_orders
 from tis.patient_side.identification.model_file import dump_models, parse_models
 from tis.patient_side.identification.moesp_paper import empirical_noise, paper_model, paper_subspace
-from tis.patient_side.statespace import StateSpace
+from tis.patient_side.linear_system import StateSpace
 
 SETTLING = StateSpace(
     np.diag([0.9, 0.6, 0.75]),

@@ -23,7 +23,7 @@ from tis.patient_side.identification.subspace import (
 from tis.patient_side.identification.subspace_methods import METHODS, moesp_subspace, pi_moesp_subspace
 from tis.patient_side.identification.trials import Trial
 from tis.patient_side.identification.validation import prediction_error
-from tis.patient_side.statespace import StateSpace
+from tis.patient_side.linear_system import StateSpace
 
 EVAPORATOR: Final = Path(__file__).resolve().parents[4] / "shared" / "data" / "evaporator" / "evaporator.dat"
 

@@ -15,8 +15,9 @@ from tis.common.channels import Hand
 from tis.common.errors import DataError
 from tis.common.sources.provenance import RecordedRows
 from tis.patient_side.identification.model_file import dump_models, parse_models
+from tis.patient_side.linear_system import NoiseModel, StateSpace
 from tis.patient_side.movement_models import InputForecast, WristModel
-from tis.patient_side.statespace import ArmModel, FilterModel, NoiseModel, StateSpace
+from tis.patient_side.statespace import ArmModel, FilterModel
 
 
 def model(order: int = 2, hand: Hand = "left", seed: int = 0) -> ArmModel:

@@ -19,7 +19,7 @@ from tis.common.scenario.identification import Identification
 from tis.patient_side.identification.hankel import block_hankel
 from tis.patient_side.identification.identify import identify_with_orders
 from tis.patient_side.identification.moesp_paper import paper_model, paper_subspace
-from tis.patient_side.statespace import StateSpace
+from tis.patient_side.linear_system import StateSpace
 
 
 def clean_trials(*lengths: int, seed: int = 0, at_rest: bool = True) -> list[tuple[Array, Array]]:

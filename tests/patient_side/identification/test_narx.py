@@ -6,7 +6,7 @@ import pytest
 from tests.patient_side.identification.known_systems import real_recording
 from tis.patient_side.identification import arx, narx
 from tis.patient_side.identification.noise import innovations
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 
 def bilinear(n_rows: int, noise: float, rng: np.random.Generator) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ from scipy.optimize import minimize
 from tests.patient_side.identification.known_systems import Array, Noisy, four_states
 from tis.patient_side.identification.noise import SENSOR_RESOLUTION_M, estimate_noise, innovations
 from tis.patient_side.identification.subspace_methods import METHODS
-from tis.patient_side.statespace import NoiseModel, StateSpace
+from tis.patient_side.linear_system import NoiseModel, StateSpace
 
 
 def kalman_innovations(space: StateSpace, noise: NoiseModel, u: Array, y: Array, P: Array) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ from filterpy.kalman import KalmanFilter
 from tests.patient_side.identification.known_systems import Noisy, four_states
 from tis.common.errors import DataError
 from tis.patient_side.identification.moesp_paper import empirical_noise, first_run
-from tis.patient_side.statespace import StateSpace
+from tis.patient_side.linear_system import StateSpace
 
 ONE = np.eye(1)
 

@@ -3,7 +3,7 @@ import pytest
 
 from tests.patient_side.arm_models import random_command
 from tis.patient_side.identification.direct_ls import fit_direct, moments, pooled, random_walk, regression, windows
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 LAGS, HORIZONS = np.array([1, 2, 4]), np.array([1, 3])
 

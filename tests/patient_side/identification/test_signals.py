@@ -10,7 +10,7 @@ from tis.common.errors import DataError
 from tis.patient_side.identification import arx, narx, stochastic_moesp
 from tis.patient_side.identification.linear_model import as_trials
 from tis.patient_side.identification.subspace_methods import METHODS as BY_NAME
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 Identify = Callable[..., Any]
 METHODS = pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from tis.patient_side.identification.dataset import training_set
 from tis.patient_side.identification.identify import identify_with_orders
 from tis.patient_side.identification.subspace_methods import METHODS
 from tis.patient_side.identification.trials import breakdown_as_fault, explain_repeats
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 _KERNELS = {**METHODS, "stochastic_moesp": stochastic_moesp.identify}
 _N = 400

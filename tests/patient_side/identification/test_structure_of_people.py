@@ -8,7 +8,7 @@ import scipy
 from tis.common.scenario.source import SyntheticSource
 from tis.common.sources.population import population
 from tis.patient_side.identification.fit_innovations import fit_innovations
-from tis.patient_side.statespace import Array
+from tis.patient_side.linear_system import Array
 
 RATE_HZ = 30
 N_PEOPLE = 6

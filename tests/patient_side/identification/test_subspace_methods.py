@@ -14,7 +14,7 @@ from tis.patient_side.identification.hankel import block_hankel, triangular_fact
 from tis.patient_side.identification.moesp_paper import paper_model, paper_subspace
 from tis.patient_side.identification.subspace import FutureBlocks, Subspace
 from tis.patient_side.identification.subspace_methods import METHODS, SUBSPACE_METHODS, cva_subspace, n4sid_subspace
-from tis.patient_side.statespace import StateSpace
+from tis.patient_side.linear_system import StateSpace
 
 Run = Callable[[int, np.random.Generator], tuple[Array, Array]]
 

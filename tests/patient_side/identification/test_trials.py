@@ -4,7 +4,7 @@ import pytest
 from tests.patient_side.identification.known_systems import Array
 from tis.common.errors import DataError
 from tis.patient_side.identification.trials import Scaling, check_trials
-from tis.patient_side.statespace import StateSpace
+from tis.patient_side.linear_system import StateSpace
 
 
 def sound(n_rows: int = 60) -> tuple[Array, Array]:

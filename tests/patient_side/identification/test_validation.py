@@ -10,7 +10,7 @@ from tis.patient_side.identification.validation import (
     simulation_fit,
     split_trials,
 )
-from tis.patient_side.statespace import StateSpace
+from tis.patient_side.linear_system import StateSpace
 
 
 def test_the_true_model_explains_everything_from_any_start() -> None:

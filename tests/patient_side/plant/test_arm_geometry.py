@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.arm_geometry import HIGH, LOW, link_frames, tip_frame
-from tis.patient_side.statespace import Array
 
 # The research kit's table, row by row: alpha in degrees, a in m, offset of theta in degrees, offset of d in m.
 TABLE = [

@@ -5,9 +5,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
+from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.arm_geometry import HIGH, LOW, tip_frame
 from tis.patient_side.plant.inverse_kinematics import joints_for
-from tis.patient_side.statespace import Array
 
 HOME = np.array([0.0, 0.0, 0.12, 0.0, 0.0, 0.0, 0.0])
 SHARES = arrays(float, 7, elements=st.floats(0.0, 1.0))

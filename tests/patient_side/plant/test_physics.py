@@ -7,13 +7,13 @@ from tis.common.errors import InputError
 from tis.common.extras import GET_SIM
 from tis.common.scenario.patient import MujocoPlant
 from tis.common.servo import servo_transition
+from tis.patient_side.linear_system import Array
 from tis.patient_side.plant import extra
 from tis.patient_side.plant.arm_geometry import HIGH, LOW, link_frames
 from tis.patient_side.plant.arm_links import COM_M, INERTIA_KG_M2, MASS_KG, MOTOR_INERTIA
 from tis.patient_side.plant.extra import check_simulator
 from tis.patient_side.plant.mjcf import arm_mjcf
 from tis.patient_side.plant.physics import ArmPhysics, mass_matrix
-from tis.patient_side.statespace import Array
 
 HOME = np.array([0.0, 0.0, 0.12, 0.0, 0.0, 0.0, 0.0])
 BENT = np.array([0.4, -0.3, 0.16, 1.2, 0.5, -0.6, 0.3])

@@ -11,9 +11,9 @@ from tis.common.scenario import Scenario
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 from tis.common.streams import Stream
 from tis.common.units import sample_instant_ns
+from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.build import ReplayPlant, ServoPlant, build_plant, noise_label
 from tis.patient_side.plant.protocol import Reference
-from tis.patient_side.statespace import Array
 
 NOISE = Stream.named(1, noise_label("PSM2"))
 

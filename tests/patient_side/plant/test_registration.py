@@ -5,10 +5,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
+from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.arm_geometry import tip_frame
 from tis.patient_side.plant.protocol import Reference
 from tis.patient_side.plant.simulated_arm import Registration, inverse, orientation_of, pose
-from tis.patient_side.statespace import Array
 
 HOME = tip_frame(np.array([0.0, 0.0, 0.12, 0.0, 0.0, 0.0, 0.0]))
 PLACES = arrays(float, 3, elements=st.floats(-1.0, 1.0))

@@ -5,10 +5,10 @@ from scipy.stats import kstest
 
 from tis.common.scenario.patient import MujocoPlant
 from tis.common.streams import Stream
+from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.build import simulated_arm
 from tis.patient_side.plant.protocol import PlantOutput, Reference
 from tis.patient_side.plant.simulated_arm import ArmState, SimulatedArm
-from tis.patient_side.statespace import Array
 
 pytest.importorskip("mujoco", reason="the extra sim is not installed")
 

@@ -7,7 +7,7 @@ import pytest
 
 from tests.patient_side.arm_models import static_model
 from tis.deploy.report.plots.models import poles_figure, poles_of
-from tis.patient_side.statespace import StateSpace
+from tis.patient_side.linear_system import StateSpace
 
 
 def _with_poles(A: np.ndarray) -> StateSpace:

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from tis.common.scenario.network.pipeline import Pipeline
-from tis.common.streams import Address
-from tis.netem.draws.blocks import BLOCK
+from tis.common.streams import BLOCK, Address
 from tis.netem.stages.delay import LatencyModel, delay_blocks, latency_of
 
 MS = 1e6

@@ -9,7 +9,8 @@ from scipy.special import ndtri
 
 from tests.netem.stages.delay.laws import ADDRESS, LAWS, MS, drawn, model, stages
 from tis.common.scenario.network.pipeline import Stages
-from tis.netem.draws.blocks import BLOCK, HEAD
+from tis.common.streams import BLOCK
+from tis.netem.draws.blocks import HEAD
 from tis.netem.stages.delay import delay_blocks
 
 LOGNORMAL = LAWS["lognormal"].part

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from tests.netem.stages.delay.laws import ADDRESS
 from tis.common.scenario.network.pipeline import Stages
+from tis.common.streams import BLOCK
 from tis.common.trace import Trace
-from tis.netem.draws.blocks import BLOCK
 from tis.netem.stages.delay import delay_blocks, latency_of
 from tis.netem.stages.delay.trace import row_delays_ns
 

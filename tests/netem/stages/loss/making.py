@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from tis.common.scenario.network import loss as network
-from tis.common.streams import Address
-from tis.netem.draws.blocks import BLOCK
+from tis.common.streams import BLOCK, Address
 from tis.netem.stages.loss import loss_blocks
 
 HERE = Address(5, "forward", "tis/MTML/measured_cp")

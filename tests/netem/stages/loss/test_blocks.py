@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from tests.netem.stages.loss.making import HERE, losses, make, netfi
 from tis.common.scenario.network import loss as network
-from tis.common.streams import Address
-from tis.netem.draws.blocks import BLOCK, HEAD
+from tis.common.streams import BLOCK, Address
+from tis.netem.draws.blocks import HEAD
 from tis.netem.stages.loss import expected_loss, loss_blocks
 
 PARTS: dict[str, network.Loss] = {

@@ -10,7 +10,7 @@ from scipy import stats
 from tests.netem.stages.loss.making import big_chain, losses, make, netfi
 from tis.common.metrics.loss import loss_runs
 from tis.common.scenario.network import loss as network
-from tis.netem.draws.blocks import BLOCK
+from tis.common.streams import BLOCK
 from tis.netem.stages.loss import ExpectedLoss, expected_loss
 
 BOUND = 0.02  # four standard errors, relative

@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.netem.stages.loss.making import HERE, make
+from tis.common.streams import BLOCK
 from tis.common.trace import Trace
 from tis.common.units import NS_PER_MS
-from tis.netem.draws.blocks import BLOCK
 from tis.netem.draws.grid import span_ns
 from tis.netem.stages.loss import ExpectedLoss, expected_loss, loss_blocks
 
