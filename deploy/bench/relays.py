@@ -26,8 +26,8 @@ from tis.common.runtime.zenoh_session import ZenohOptions, configure, merge_acce
 from tis.common.scenario.network import NetworkPart
 from tis.common.units import NS_PER_S
 from tis.deploy.bench.measured_command import resident_bytes
+from tis.netem.bridge.alarm import Alarm, measure_lead_ns
 from tis.netem.bridge.bridge import Bridge
-from tis.netem.bridge.driver import Alarm, measure_lead_ns
 from tis.netem.bridge.tally import Tally
 from tis.netem.build import build_links
 

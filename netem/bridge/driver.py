@@ -5,8 +5,6 @@ sends the others at their release instants, for which it sleeps until shortly be
 driver of the same links in virtual time is `tis.netem.node`.
 """
 
-import os
-import select
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -17,6 +15,7 @@ from tis.common.node import Record
 from tis.common.runtime.clock import Clock
 from tis.common.runtime.loop import LateRecorder
 from tis.common.runtime.scheduling import let_zenoh_wait, settle, sharpen_timers
+from tis.netem.bridge.alarm import Alarm, measure_lead_ns
 from tis.netem.bridge.gate import Gate, Visit
 from tis.netem.bridge.standstill import Pulse
 from tis.netem.link.ledger import last_records
@@ -27,11 +26,6 @@ from tis.netem.link.queue.lines import DATA
 P = ParamSpec("P")
 T = TypeVar("T")
 
-_MAX_SLEEP_S: Final = 0.5
-_N_SLEEPS: Final = 100
-_SLEEP_NS: Final = 500_000
-_PUNCTUAL_SHARE: Final = 0.9
-_MAX_LEAD_NS: Final = 150_000
 _NEVER_NS: Final = 1 << 62
 _IDLE_NS: Final = 2_000_000
 _AHEAD_NS: Final = 20_000  # packets are taken from the link this early, so that the search does not delay them
@@ -41,48 +35,6 @@ _SEND_S: Final = 0.001
 
 HELD_BACK: Final = Fate(-1, "queue_full")
 """What `Driver.offer` returns for a packet that waits for room in a queue."""
-
-
-class Alarm:
-    """A sleep for one thread, which any other thread, a callback or a signal handler may end.
-
-    ``lead_ns`` is the time by which it wakes early, to poll the clock for the rest (`measure_lead_ns`).
-    """
-
-    def __init__(self) -> None:
-        self.lead_ns = 0
-        self._rings = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-
-    def ring(self) -> None:
-        """End the sleep, or the next one."""
-        os.eventfd_write(self._rings, 1)
-
-    def sleep(self, clock: Clock, until_ns: int) -> None:
-        """Sleep until run time ``until_ns`` or a ring, at most half a second."""
-        asleep_s = (until_ns - clock.now_ns() - self.lead_ns) * 1e-9
-        if asleep_s > 0 and select.select((self._rings,), (), (), min(asleep_s, _MAX_SLEEP_S))[0]:
-            os.eventfd_read(self._rings)
-        elif asleep_s <= _MAX_SLEEP_S:
-            while clock.now_ns() < until_ns:
-                time.sleep(0)  # yields the interpreter lock to callbacks
-
-
-def measure_lead_ns() -> int:
-    """Measure for a twentieth of a second how late this machine wakes a thread; return the 90th percentile, in ns.
-
-    A thread that sleeps that much less and polls the clock for the rest is punctual nine times in ten. The result is
-    bounded, since polling costs processor time.
-    """
-    sharpen_timers()
-    alarm, late_ns = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC), list[int]()
-    try:
-        for _ in range(_N_SLEEPS):
-            due_ns = time.monotonic_ns() + _SLEEP_NS
-            select.select((alarm,), (), (), _SLEEP_NS * 1e-9)
-            late_ns.append(time.monotonic_ns() - due_ns)
-    finally:
-        os.close(alarm)
-    return min(_MAX_LEAD_NS, max(0, sorted(late_ns)[int(_PUNCTUAL_SHARE * _N_SLEEPS)]))
 
 
 class Driver:

@@ -2,7 +2,7 @@ import threading
 
 import pytest
 
-from tis.netem.bridge.driver import Alarm
+from tis.netem.bridge.alarm import Alarm
 
 S = 1_000_000_000
 

@@ -7,8 +7,8 @@ from typing import Any, Final
 from tests.netem.making import KEY, link
 from tis.common.node import Record
 from tis.common.runtime.clock import Clock
+from tis.netem.bridge.alarm import Alarm
 from tis.netem.bridge.bridge import Bridge
-from tis.netem.bridge.driver import Alarm
 from tis.netem.link.packet import Packet
 
 MS: Final = 1_000_000
