@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tis.deploy.compare.cells.sums import histogram
+from tis.deploy.compare.results.orientation_rows import orientation_rows
 from tis.deploy.compare.results.pooled import resampled
-from tis.deploy.compare.results.report import orientation_rows
 from tis.deploy.compare.results.tables import turn_ratio_table, turn_table
 
 
