@@ -35,8 +35,9 @@ _HEADERS: Final = {
     "Referrer-Policy": "no-referrer",  # the address holds the token
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
-    "Cache-Control": "no-store",
 }
+_STATIC: Final = "/static/"
+"""What lies there is Bokeh's, has no secrets, and may stay in the browser."""
 
 
 @dataclass(frozen=True)
@@ -74,12 +75,14 @@ class _Hardened(OutputTransform):
     """Adds the headers that keep other sites out to every response."""
 
     def __init__(self, request: HTTPServerRequest) -> None:
-        self._policy = _POLICY.format(sockets=f"ws://{request.host}")
+        self._headers = _HEADERS | {"Content-Security-Policy": _POLICY.format(sockets=f"ws://{request.host}")}
+        if not request.path.startswith(_STATIC):
+            self._headers["Cache-Control"] = "no-store"
 
     def transform_first_chunk(
         self, status_code: int, headers: HTTPHeaders, chunk: bytes, finishing: bool
     ) -> tuple[int, HTTPHeaders, bytes]:
-        headers.update(_HEADERS | {"Content-Security-Policy": self._policy})
+        headers.update(self._headers)
         return super().transform_first_chunk(status_code, headers, chunk, finishing)
 
 

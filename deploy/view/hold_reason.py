@@ -1,4 +1,4 @@
-"""Why hold errs less than the estimate: in one sentence, and only what the page knows."""
+"""The reason why hold errs less than the estimate: one sentence, of what the page knows."""
 
 from dataclasses import dataclass
 from typing import Final

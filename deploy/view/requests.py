@@ -1,4 +1,4 @@
-"""What a page asks of netem and of the patient: its message, checked like all from outside, and who does it."""
+"""Requests of a page to netem and to the patient: the message, checked like all from outside, and who acts on it."""
 
 from collections.abc import Callable
 from typing import Annotated, Final, Literal, Self

@@ -111,18 +111,8 @@ def _regimes(network: NetworkPart, direction: Direction, traces: Mapping[str, Tr
         if stages.recovery is not None:
             p_recovered, p_loss, burst = p_loss, 0.0, 0.0
         levels = levels_ms(network.steps, direction)
-        up += [
-            _Regime(
-                share / len(levels),
-                latency,
-                change.scale_delay,
-                change.add_delay_ms + level,
-                p_loss,
-                burst,
-                p_recovered,
-            )
-            for level in levels.tolist()
-        ]
+        added_ms, of_each = (change.add_delay_ms + levels).tolist(), share / len(levels)
+        up += [_Regime(of_each, latency, change.scale_delay, ms, p_loss, burst, p_recovered) for ms in added_ms]
     return up, p_out
 
 

@@ -1,11 +1,11 @@
-"""Where a further record of the same network lies: prediction intervals of a record's statistics.
+"""Prediction intervals of a record's statistics, in which a further record of the same network is expected.
 
 Two records of one network differ by the difference of two independent draws of a statistic. How far such draws lie
 apart is taken from the record itself, whose tenths are drawn anew with replacement (the block bootstrap; Kunsch, "The
 jackknife and the bootstrap for general stationary observations", 1989), and from pairs of replays of the fitted
 network. The larger counts; of the replays at most twice the other, since a model may spread too far. Extremes, such
 as the longest run of losses, are not seen in tenths: there the replays count in full. One record may itself be an
-unusual one: so that not only the average of all records is kept, 98 of 100 pairs count.
+unusual one: for 95 of 100 further records of it, too, the distance that 98 of 100 pairs do not exceed is taken.
 """
 
 from math import ceil, floor, sqrt
@@ -68,7 +68,7 @@ def interval(name: str, record: float, reach: float) -> tuple[float, float]:
 
 
 def half_widths(record: Floats, drawn: Floats, replayed: Floats, n: int) -> Floats:
-    """Return how far a further record lies from this one in 95 of 100 cases, (statistics,), on the scale of `scaled`.
+    """Return how far a further record is expected to lie from this one, (statistics,), on the scale of `scaled`.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def _never(name: str, n: int) -> float:
 
 
 def _apart(values: Floats) -> float:
-    """Return the distance that 95 of 100 pairs of values do not exceed, of those that are numbers."""
+    """Return the distance that 98 of 100 pairs of values do not exceed, of those that are numbers."""
     known = values[np.isfinite(values)]
     if len(known) < 2:
         return 0.0

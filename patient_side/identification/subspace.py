@@ -318,7 +318,7 @@ def realise(
     the evaporator of DaISy, test_low_order.
     """
     basis = found.left[:, :order]
-    complete = partial(_completed if stable else partial(_with_filter, states, basis), trials=trials)
+    complete = partial(completed if stable else partial(_with_filter, states, basis), trials=trials)
     by_shift = complete(*shifted(found, order))
     doubtful = order > 0 and found.uses_outputs
     if not doubtful or states.excess(by_shift.space.A, by_shift.space.C, basis) <= _EXCESS:
@@ -352,11 +352,6 @@ def _with_error(
     return replace(model, candidate=candidate), error
 
 
-def fit_order(found: Subspace, order: int, trials: Sequence[Trial]) -> Realised:
-    """Return the stable model of ``order`` states by the shift of the extended observability matrix."""
-    return _completed(*shifted(found, order), trials)
-
-
 def shifted(found: Subspace, order: int) -> tuple[Array, Array]:
     """Return A (n, n) and C (p, n) by the shift of the extended observability matrix."""
     p = found.n_outputs
@@ -367,8 +362,8 @@ def shifted(found: Subspace, order: int) -> tuple[Array, Array]:
     return A, np.ascontiguousarray(observability[:p])
 
 
-def _completed(A: Array, C: Array, trials: Sequence[Trial]) -> Realised:
-    """Return the model with a stabilised A, and B, D and x0 fitted to that."""
+def completed(A: Array, C: Array, trials: Sequence[Trial]) -> Realised:
+    """Return the model with A stabilised, and B, D and x0 fitted to that."""
     A, radius = stabilised(A)
     B, D, x0 = fit_inputs(A, C, trials)
     warnings = (
@@ -388,7 +383,7 @@ def _with_filter(states: PastStates, basis: Array, A: Array, C: Array, trials: S
     A - K C is stable where A is not, so that errors neither grow with the rows nor depend on a distant start.
     """
     if not len(A):
-        return _completed(A, C, trials)
+        return completed(A, C, trials)
     gain = riccati_gain(A, C, states.errors(A, C, basis))
     for _ in range(_PASSES):
         B, D, x0 = fit_inputs_by_innovations(A, C, gain, trials)

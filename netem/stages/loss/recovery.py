@@ -66,7 +66,7 @@ class Connection:
 
     A driver calls `advance` before `send`, and at `next_ns`; instants must not decrease. Without a loss every packet
     is due after its own delay. Oracle: a simulation of a TCP sender by another method, and the TCP of a kernel,
-    tests/netem/link/test_recovery.
+    tests/netem/stages/loss/test_recovery.
     """
 
     def __init__(self, again: Again) -> None:

@@ -173,6 +173,8 @@ def test_no_other_site_may_frame_the_page_or_read_it() -> None:
             assert f"connect-src 'self' ws://{place};" in policy, path
             assert headers["X-Frame-Options"] == "DENY", path
             assert headers["Referrer-Policy"] == "no-referrer", path  # the address holds the token
+            # the page is of one run, Bokeh's scripts serve the next one, too
+            assert (headers.get("Cache-Control") == "no-store") == (not path.startswith("static")), path
 
     _served(_PAGE, ask)
 

@@ -17,8 +17,9 @@ from tis.patient_side.identification.subspace import (
     PastStates,
     Realised,
     Subspace,
-    fit_order,
+    completed,
     realise,
+    shifted,
 )
 from tis.patient_side.identification.subspace_methods import METHODS, moesp_subspace, pi_moesp_subspace
 from tis.patient_side.identification.trials import Trial
@@ -62,7 +63,7 @@ def test_cut_off_orders_predict_fresh_rows_better_than_by_shift_and_none_worse(s
     found, states = subspace_of(trial, moesp_subspace, 6)
     ratios = []
     for order in (2, 3, 4, 5, 6):
-        by_shift = error_on(fresh, fit_order(found, order, [trial]), trial, 6)
+        by_shift = error_on(fresh, completed(*shifted(found, order), [trial]), trial, 6)
         ratios.append(error_on(fresh, realise(found, states, order, [trial], 6), trial, 6) / by_shift)
     assert max(ratios) <= 1.0
     assert min(ratios) < 0.7
@@ -76,14 +77,14 @@ def test_at_the_systems_own_order_the_shift_is_kept(n_rows: int, noise: float, c
     found, states = subspace_of(trial, moesp_subspace, 8)
     kept = realise(found, states, 4, [trial], 8)
     assert (kept.candidate is not None) == compared
-    assert_same_space(kept.space, fit_order(found, 4, [trial]).space)
+    assert_same_space(kept.space, completed(*shifted(found, 4), [trial]).space)
 
 
 def test_past_inputs_alone_never_use_states_of_past_outputs() -> None:
     trial = tanks(3000, 1)
     found, states = subspace_of(trial, pi_moesp_subspace, 6)
     kept = realise(found, states, 5, [trial], 6)
-    assert_same_space(kept.space, fit_order(found, 5, [trial]).space)
+    assert_same_space(kept.space, completed(*shifted(found, 5), [trial]).space)
 
 
 def assert_same_space(one: StateSpace, other: StateSpace) -> None:

@@ -13,7 +13,7 @@ from tis.patient_side.identification.order import (
     log_gap_order,
     smallest_sufficient,
 )
-from tis.patient_side.identification.subspace import FutureBlocks, fit_order
+from tis.patient_side.identification.subspace import FutureBlocks, completed, shifted
 from tis.patient_side.identification.subspace_methods import moesp_subspace
 from tis.patient_side.identification.trials import Scaling
 from tis.patient_side.identification.validation import split_trials
@@ -25,7 +25,7 @@ def choose(u: Array, y: Array, block_rows: int) -> OrderChoice:
     factor = triangular_factor(first, block_rows)
     found = moesp_subspace(FutureBlocks.of(factor, block_rows, u.shape[1], y.shape[1]))
     largest = largest_candidate(found.rank, block_rows, y.shape[1])
-    fitted = [fit_order(found, n, first) for n in range(largest + 1)]
+    fitted = [completed(*shifted(found, n), first) for n in range(largest + 1)]
     candidates = [Candidate.of(each.space, each.x0, first, block_rows) for each in fitted]
     return choose_order(candidates, len(first[0][0]), last, found.singular_values, 2 * block_rows)
 
