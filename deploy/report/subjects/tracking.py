@@ -242,6 +242,8 @@ def actuation_ms(track: HandTrack, active: str, rate_hz: int) -> Array:
 def _aligned(track: HandTrack, reproduced_m: Array, original_m: Array, rate_hz: int) -> Etvo:
     known = track.scored & np.isfinite(reproduced_m).all(axis=1) & np.isfinite(original_m).all(axis=1)
     which = np.flatnonzero(known)[:MAX_ALIGNED]
+    if (original_m[which] == original_m[which[:1]]).all():
+        which = which[:0]  # at rest every offset fits
     # four candidate offsets per tick resolve a quarter of the period
     grid_s = offset_grid_s(_MIN_OFFSET_S, _MAX_OFFSET_S, 1.0 / (_STEPS_A_TICK * rate_hz))
     return etvo(track.t_ns[which] / NS_PER_S, reproduced_m[which], original_m[which], grid_s)

@@ -1,6 +1,7 @@
 """Scores from hand-made logs: millimetres that can be added up in the head."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -187,6 +188,14 @@ def test_an_arm_is_as_late_as_it_follows_the_active_estimate() -> None:
     assert np.median(actuation_ms(track, "kalman", 30)) == pytest.approx(50)
     assert np.median(actuation_ms(track, "hold", 30)) == pytest.approx(-50)
     assert len(actuation_ms(a_track(hold=0.1), "hold", 30)) == 0
+
+
+def test_a_hand_at_rest_is_followed_with_no_offset_that_could_be_told() -> None:
+    moving = a_track(kalman=0.1, plant=0.15)
+    rest = {name: np.zeros_like(position_m) for name, position_m in moving.estimates.items()}
+    still = replace(moving, truth_m=np.zeros_like(moving.truth_m), estimates=rest)
+    assert len(actuation_ms(still, "kalman", 30)) == 0
+    assert offsets([still], "kalman", 30).time_ms["p50"] is None
 
 
 def test_long_runs_are_aligned_in_part_and_missing_estimates_are_left_out() -> None:
