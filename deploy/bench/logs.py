@@ -20,6 +20,7 @@ from rich.console import Console
 from tis.common.channels import Side
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
 from tis.deploy.bench.measured_command import measure
+from tis.deploy.compare.engine.workers import begin_worker
 from tis.deploy.present.table import Column, Row, Table
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
@@ -101,7 +102,7 @@ def _record_all(cases: Sequence[tuple[int, float]], scratch: Path, out: Console)
     """Record each case (by its place in `CASES`) and length, the longest first; return the run folders."""
     places = {one: scratch / f"{CASES[one[0]].rate_hz}_hz_{one[1]:.0f}_s" for one in cases}
     begun_s = time.perf_counter()
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), begin_worker) as pool:
         jobs = [pool.submit(_record, *one, places[one]) for one in sorted(cases, reverse=True)]
         for job in jobs:
             job.result()

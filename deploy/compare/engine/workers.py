@@ -181,7 +181,7 @@ class Processes:
         if self._pool is None:
             n_jobs = 1 if self._is_alone else self._n_jobs
             context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(n_jobs, mp_context=context, initializer=_begin)
+            self._pool = ProcessPoolExecutor(n_jobs, mp_context=context, initializer=begin_worker)
         self._pending[self._pool.submit(perform, unit, model_file)] = unit, model_file
         self._started |= set(multiprocessing.active_children()) - self._others
 
@@ -196,7 +196,7 @@ class Processes:
             self._pool = None
 
 
-def _begin() -> None:
+def begin_worker() -> None:
     """Prepare a worker: it ignores Ctrl-C, which reaches every process of the terminal, and outlives no client.
 
     A client that is killed cannot end its workers, and their siblings keep the queue open that they wait at.
