@@ -51,5 +51,9 @@ window.touchTask = (() => {
     return Array.isArray(rows) ? rows.filter(ours).slice(-MAX_ROWS) : [];
   };
 
-  return { N_TARGETS, RADIUS_MM, DWELL_MS, RING_MM, begin, step, isOver, rowOf, read, MAX_ROWS };
+  // The rows as a table for other programs; names carry the units.
+  const csvOf = (rows) => ["delay_there_and_back_ms,with_ghost,time_s,arm_path_mm,n_misses", ...rows.map((row) =>
+    [row.delay_ms, row.ghost, row.time_s.toFixed(3), row.path_mm.toFixed(2), row.n_misses].join(","))].join("\n") + "\n";
+
+  return { N_TARGETS, RADIUS_MM, DWELL_MS, RING_MM, begin, step, isOver, rowOf, read, csvOf, MAX_ROWS };
 })();

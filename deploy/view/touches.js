@@ -4,14 +4,15 @@
   const at = (id) => document.getElementById(id);
   const buttons = [...document.querySelectorAll("[data-touch_ms]")];
   if (!buttons.length) return;  // a page that does not drive
-  const { begin, step, isOver, rowOf, read, N_TARGETS, MAX_ROWS } = window.touchTask;
+  const { begin, step, isOver, rowOf, read, csvOf, N_TARGETS, MAX_ROWS } = window.touchTask;
   const KEY = "tis touches";
   let rows = [], task = null, waits = null;
   try { rows = read(sessionStorage.getItem(KEY)); } catch { /* a page that may keep nothing has them while it is open */ }
 
   const say = (text) => { if (at("touching").textContent !== text) at("touching").textContent = text; };
   const show = () => {
-    at("touched").hidden = !rows.length;
+    at("touched").hidden = at("touched_csv").hidden = !rows.length;
+    at("touched_csv").href = `data:text/csv;charset=utf-8,${encodeURIComponent(csvOf(rows))}`;
     const cells = ({ delay_ms, ghost, time_s, path_mm, n_misses }) =>
       [`${delay_ms} ms`, ghost ? "picture and ghost" : "late picture", `${time_s.toFixed(1)} s`, `${path_mm.toFixed(0)} mm`, n_misses];
     at("touched").querySelector("tbody").replaceChildren(...rows.map((row) => {

@@ -1,5 +1,6 @@
 """The pure parts of the live page's scripts, in a browser without a page."""
 
+import csv
 import itertools
 import json
 from collections.abc import Iterator
@@ -94,6 +95,15 @@ def test_what_another_page_left_in_the_storage_is_no_row(page: "Page", text: str
 def test_rows_are_read_again(page: "Page") -> None:
     row = {"delay_ms": 0, "ghost": True, "time_s": 9.5, "path_mm": 400.0, "n_misses": 2}
     assert page.evaluate("(text) => window.touchTask.read(text)", json.dumps([row])) == [row]
+
+
+def test_rows_are_saved_as_a_table_that_other_programs_read(page: "Page") -> None:
+    row = {"delay_ms": 300, "ghost": False, "time_s": 9.5, "path_mm": 400.25, "n_misses": 2}
+    (read,) = csv.DictReader(page.evaluate("(rows) => window.touchTask.csvOf(rows)", [row]).splitlines())
+    assert read == {
+        "delay_there_and_back_ms": "300", "with_ghost": "false", "time_s": "9.500", "arm_path_mm": "400.25",
+        "n_misses": "2",
+    }  # fmt: skip
 
 
 def test_the_arm_never_leaves_the_picture(page: "Page") -> None:
