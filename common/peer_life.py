@@ -24,7 +24,7 @@ NO_ALARMS: Final[Mapping[Alarm, int]] = MappingProxyType({})
 
 Event = Literal[
     "left", "frozen", "link_down", "silent", "back", "stalled", "resumed", "clock_step", "suspended", "conflict",
-    "foreign_set_point", "foreign_release", "stop_flood",
+    "foreign_set_point", "foreign_release", "stop_flood", "foreign_beat",
 ]  # fmt: skip
 
 View = Literal["left", "frozen", "link_down", "silent"]
@@ -41,8 +41,12 @@ _MAX_STALL_NS: Final = NS_PER_S
 _MIN_STEP_NS: Final = NS_PER_S // 2
 """Smallest step of a clock that is told; beats of a busy host come later by less."""
 _RANK: Final[dict[View, int]] = {"silent": 0, "frozen": 1, "link_down": 2, "left": 3}
-_N_LOW: Final = 5
-"""Late beats in a row that are no longer late: the peer's clock stepped back."""
+_N_BEATS: Final = 5
+_MIN_STEPPED_NS: Final = 4 * BEAT_EVERY_NS
+"""A step of a clock shows in so many beats in a row, over so long: a flood of forged ones is no step."""
+_N_CONTRADICTED: Final = 2
+"""Beats that are ahead, each followed by one that is not: a clock does not step forth and back."""
+MAX_RUN_ID: Final = (1 << 32) - 1
 _MAX_DRIFT_NS: Final = NS_PER_MS
 """By which a clock may fall behind from beat to beat, far more than any does."""
 _MAX_STAMP_NS: Final = 1 << 60
@@ -57,6 +61,7 @@ class Beat(Message, frozen=True):
     side: Annotated[Side, Meta(description="Side that sends it.")]
     at_ns: Annotated[Stamp, Meta(description="Its run time, in ns.")]
     loop_ns: Annotated[Stamp, Meta(description="Run time of its loop's last turn, in ns.")]
+    run_id: Annotated[int, Meta(ge=0, le=MAX_RUN_ID, description="The run; 0: none yet.")] = 0
     doing: Annotated[
         str, Meta(max_length=200, description="What the loop does in this turn, where that may take long.")
     ] = ""
@@ -86,6 +91,15 @@ class Change(NamedTuple):
 
 
 @dataclass
+class _Away:
+    """Beats in a row whose offset is not the usual one."""
+
+    is_ahead: bool
+    since_ns: int
+    n: int = 0
+
+
+@dataclass
 class PeerLife:
     """Life of one other side, as this side sees it. Oracle: test_peer_life, by literal times.
 
@@ -101,8 +115,10 @@ class PeerLife:
     stalled_ns: int | None = None
     has_left: bool = False
     _offset_ns: int | None = None
-    _n_low: int = 0
     _n_known: int = 0
+    _away: "_Away | None" = None
+    _n_contradicted: int = 0
+    _is_forged: bool = False
     _blind_until_ns: int = -(1 << 62)
     _beat: Beat | None = None
     _alarms: set[Alarm] = field(default_factory=set)
@@ -114,25 +130,41 @@ class PeerLife:
         if self.silence is None and now_ns >= self._blind_until_ns:
             self._judge_clock(beat.at_ns - now_ns, now_ns)
         else:
-            self._offset_ns = None
+            self._offset_ns = self._away = None
         for alarm, begun_ns in beat.alarms.items():
             if alarm not in self._alarms:
                 self._alarms.add(alarm)
                 self._raised.append(Change(self.peer, alarm, begun_ns, 0))
         self.heard_ns, self._beat = now_ns, beat
 
+    def forged(self, now_ns: int) -> None:
+        """Take note that somebody else sends beats of this side."""
+        if not self._is_forged:
+            self._is_forged = True
+            self._raised.append(Change(self.peer, "foreign_beat", now_ns, 0))
+
     def _judge_clock(self, offset_ns: int, now_ns: int) -> None:
         """Judge the peer's clock by the offset of a beat: a late one is below, and only a step can be far above."""
         usual_ns = self._offset_ns
-        self._n_low = 0 if usual_ns is None or offset_ns > usual_ns - _MIN_STEP_NS else self._n_low + 1
-        if usual_ns is None or self._n_known < _N_LOW:
+        if usual_ns is None or self._n_known < _N_BEATS:
             self._offset_ns = offset_ns if usual_ns is None else max(offset_ns, usual_ns)
             self._n_known = 1 if usual_ns is None else self._n_known + 1
-        elif offset_ns > usual_ns + _MIN_STEP_NS or self._n_low >= _N_LOW:
-            self._steps.append(Change(self.peer, "clock_step", now_ns, offset_ns - usual_ns))
-            self._offset_ns, self._n_low = offset_ns, 0
-        elif not self._n_low:
+            return
+        is_ahead = offset_ns > usual_ns + _MIN_STEP_NS
+        if not is_ahead and offset_ns > usual_ns - _MIN_STEP_NS:  # as always
+            if self._away is not None and self._away.is_ahead:
+                self._n_contradicted += 1
+                if self._n_contradicted >= _N_CONTRADICTED:
+                    self.forged(now_ns)
+            self._away = None
             self._offset_ns = max(offset_ns, usual_ns - _MAX_DRIFT_NS)
+            return
+        if self._away is None or self._away.is_ahead != is_ahead:
+            self._away = _Away(is_ahead, now_ns)
+        self._away.n += 1
+        if self._away.n >= _N_BEATS and now_ns - self._away.since_ns >= _MIN_STEPPED_NS:
+            self._steps.append(Change(self.peer, "clock_step", now_ns, offset_ns - usual_ns))
+            self._offset_ns, self._away = offset_ns, None
 
     def pause(self, paused_ns: int, now_ns: int) -> None:
         """Take note that this side stood still until now, for so long: nobody was silent meanwhile."""
@@ -221,6 +253,7 @@ TEXTS: Final[dict[Event, str]] = {
     "foreign_set_point": "hears set points for its arm that somebody else sends",
     "foreign_release": "has ended an emergency stop without its token (patient.safety.release)",
     "stop_flood": "is flooded with requests to stop or to release",
+    "foreign_beat": "has signs of life that it did not send: somebody forges them",
 }
 
 

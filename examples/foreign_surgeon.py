@@ -66,7 +66,7 @@ with zenoh.open(config) as session:
                 publishers[key].put(payload, attachment=struct.pack("<4sIqI", b"tis\x02", k, sent_ns, run_id))
             k += 1
         if now_ns >= beat_due_ns:
-            session.put(beat, json.dumps({"side": "surgeon", "at_ns": now_ns, "loop_ns": now_ns}))
+            session.put(beat, json.dumps({"side": "surgeon", "at_ns": now_ns, "loop_ns": now_ns, "run_id": run_id}))
             beat_due_ns = now_ns + 200_000_000
         time.sleep(0.001)
 print(f"{k} samples sent in run {run_id}")

@@ -105,7 +105,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
             _tokens += _begin(bridge, membership, sessions, meeting.keys)
             status.running(scenario.duration_s, str(log.path), membership.joined_ns)
             end = scenario.peer_loss_policy(options.alone) == "end"
-            peers = _watch_peers(stack, sessions, meeting, membership.clock, endpoints)
+            peers = _watch_peers(stack, sessions, meeting, membership, endpoints)
             watched = WatchedLog(log, *looks)
             deadline.progress = lambda: watched.n_records
             stack.callback(deadline.begin)
@@ -184,13 +184,13 @@ def _begin(bridge: Bridge, membership: Membership, sessions: Sessions, keys: Con
 
 
 def _watch_peers(
-    stack: ExitStack, sessions: Sessions, meeting: Meeting, clock: WallClock, endpoints: Mapping[Network, str]
+    stack: ExitStack, sessions: Sessions, meeting: Meeting, membership: Membership, endpoints: Mapping[Network, str]
 ) -> PeerWatch:
     """Return the judge of the other sides' lives; it also passes their signs of life on."""
-    beats = Beats("netem", sessions, meeting.keys)
+    beats = Beats("netem", sessions, meeting.keys, membership.epoch.run_id)
     stack.callback(beats.close)
     ports = {SIDE_ON[network]: {*filter(None, [port_of(one)])} for network, one in endpoints.items()}
-    return PeerWatch("netem", beats, clock, ports, meeting.present, meeting.scenario.peer_timeout_s)
+    return PeerWatch("netem", beats, membership.clock, ports, meeting.present, meeting.scenario.peer_timeout_s)
 
 
 def _gather(meeting: Meeting, sessions: Sessions, options: SideOptions, status: Status) -> list[Any] | None:

@@ -148,7 +148,7 @@ class _Client:
             tokens.append(liveliness.declare_token(meeting.keys.run(self.side, membership.epoch.text)))
         self.status.running(scenario.duration_s, str(log.path), membership.joined_ns)
         end = scenario.peer_loss_policy(self.options.alone) == "end"
-        beats = Beats(self.side, {self.network: self.session}, meeting.keys, is_witness)
+        beats = Beats(self.side, {self.network: self.session}, meeting.keys, bus.run_id, is_witness)
         ports: dict[Side, set[int]] = {"netem": {*filter(None, map(port_of, self.connect))}}
         peers = PeerWatch(self.side, beats, clock, ports, meeting.present, scenario.peer_timeout_s)
         try:

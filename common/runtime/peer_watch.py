@@ -36,13 +36,21 @@ _MIN_PAUSE_NS: Final = NS_PER_S
 class Beats:
     """Sends a side's beats on its networks, and hears those of the others.
 
-    netem, which is on both networks, passes each side's on to the other one, and believes a side on its own only.
+    netem, which is on both networks, passes each side's on to the other one, and believes a side on its own only. A
+    beat of another run is not believed, and counts as ``forged``; one without a run waits for its own.
     ``is_witness``: another program is this side, and sends its own beats.
     """
 
     def __init__(
-        self, side: Side, sessions: Mapping[Network, zenoh.Session], keys: ControlKeys, is_witness: bool = False
+        self,
+        side: Side,
+        sessions: Mapping[Network, zenoh.Session],
+        keys: ControlKeys,
+        run_id: int,
+        is_witness: bool = False,
     ) -> None:
+        self.run_id = run_id
+        self.forged: set[Side] = set()
         self._heard: deque[Beat] = deque(maxlen=_MAX_WAITING)
         self._keys = keys
         heard_by = () if is_witness else sessions.values()
@@ -91,6 +99,9 @@ class Beats:
             except DecodeError:
                 return
             if str(sample.key_expr) != self._keys.beat(beat.side) or home not in (None, beat.side):
+                return
+            if beat.run_id != self.run_id:
+                self.forged |= {beat.side} if beat.run_id else set()
                 return
             self._heard.append(beat)
             relay = self._relays.get(beat.side)
@@ -142,6 +153,8 @@ class PeerWatch:
         if pause_ns > _MIN_STEP_NS:
             for life in self._lives.values():
                 life.pause(pause_ns, now_ns)
+        for peer in self._beats.forged & self._lives.keys():
+            self._lives[peer].forged(now_ns)
         for beat in self._beats.heard():
             if beat.side == "netem":
                 self._views = beat.views
@@ -149,7 +162,7 @@ class PeerWatch:
                 self._lives[beat.side].hear(beat, now_ns)
         found += self._look_at_others(now_ns)
         views = self._unwell() if self._side == "netem" else {}
-        self._beats.send(Beat(self._side, now_ns, loop_ns, doing, views, dict(alarms)))
+        self._beats.send(Beat(self._side, now_ns, loop_ns, self._beats.run_id, doing, views, dict(alarms)))
         return found
 
     def own_changes(self) -> list[Change]:

@@ -8,7 +8,7 @@ from msgspec import DecodeError
 from msgspec.structs import replace
 
 from tis.common.messages import decode
-from tis.common.peer_life import Beat, Change, PeerLife, described
+from tis.common.peer_life import Beat, Change, Event, PeerLife, described
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.limits import MAX_NUMBER
 
@@ -102,6 +102,35 @@ def test_a_step_of_its_clock_is_told_once(step_ms: int) -> None:
     _live(life, 0, 5_000)
     found = _live(life, 5_000, 10_000, step_ms)
     assert [(one.event, one.for_ns // _MS) for one in found] == [("clock_step", step_ms)]
+
+
+def _events(life: PeerLife, n_forged: int, forged_ms: int) -> set[Event]:
+    """Return what is told of a peer whose beats somebody forges, ``n_forged`` between two of its own."""
+    _live(life, 0, 5_000)
+    found = set[Event]()
+    for at_ms in range(5_000, 15_000, 200):
+        life.hear(_beat(at_ms), at_ms * _MS)
+        for k in range(n_forged):
+            life.hear(_beat(at_ms + forged_ms), (at_ms + 10 * (k + 1)) * _MS)
+        found |= {change.event for change in life.look((at_ms + 150) * _MS, True, False, None)}
+    return found
+
+
+@pytest.mark.parametrize("n_forged", [1, 3, 12])
+def test_forged_beats_among_its_own_are_told_and_no_step_of_its_clock(n_forged: int) -> None:
+    assert _events(PeerLife("patient"), n_forged, 10_000) == {"foreign_beat"}
+
+
+@pytest.mark.parametrize("n_forged", [1, 12])
+def test_old_beats_sent_again_are_no_step_of_its_clock(n_forged: int) -> None:
+    assert "clock_step" not in _events(PeerLife("patient"), n_forged, -4_000)
+
+
+def test_a_single_forged_beat_blames_nobody() -> None:
+    life = PeerLife("patient")
+    _live(life, 0, 5_000)
+    life.hear(_beat(50_000), 5_050 * _MS)
+    assert _live(life, 5_200, 15_000) == []
 
 
 def test_a_drift_and_a_late_beat_are_no_step() -> None:

@@ -91,7 +91,7 @@ def test_sample_instants_clock_exchanges_and_runs() -> None:
         (SetPoint, ("sample_ns", "position_m", "orientation", "gripper_rad", "hand", "tick", "mode", "age_ns")),
         (SampledPose, ("sample_ns", "position_m", "orientation", "gripper_rad")),
         (FeedbackPose, ("sample_ns", "position_m", "orientation", "gripper_rad", "tick", "command_sample_ns")),
-        (Beat, ("side", "at_ns", "loop_ns")),
+        (Beat, ("side", "at_ns", "loop_ns", "run_id")),
         (EmergencyStop, ("stop", "reason", "number", "lock")),
         (EmergencyStop, ("stop", "number", "ends", "secret")),
         (StopState, StopState.__struct_fields__),

@@ -1,10 +1,20 @@
-"""Rows of the kernel's table of connections; live, a network that is taken down: tests/system/test_peers."""
+"""Beats over loopback, and rows of the kernel's table of connections.
+
+Live, a network that is taken down: tests/system/test_peers.
+"""
 
 import socket
+import time
 
 import pytest
+import zenoh
 
+from tis.common.messages import encode
+from tis.common.peer_life import Beat
 from tis.common.runtime import peer_watch
+from tis.common.runtime.control import ControlKeys
+from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.zenoh_session import ZenohOptions, configure
 
 
 def _row(queues: str, timer: str, retransmits: str, remote: str = "0100007F:1D17") -> list[str]:
@@ -39,3 +49,29 @@ def test_own_connections_are_found_by_their_ports_and_none_is_not_known() -> Non
         assert peer_watch.is_retransmitting({port}) is None
         with socket.create_connection(("127.0.0.1", port)):
             assert peer_watch.is_retransmitting({port}) is False
+
+
+def test_beats_of_another_run_are_not_believed_nor_passed_on() -> None:
+    west, east = free_endpoints()
+    keys, passed = ControlKeys("tis"), list[bytes]()
+    with (
+        zenoh.open(configure("router", ZenohOptions(listen=[west]))) as at_west,
+        zenoh.open(configure("router", ZenohOptions(listen=[east]))) as at_east,
+        zenoh.open(configure("client", ZenohOptions(connect=[west]))) as surgeon,
+        zenoh.open(configure("client", ZenohOptions(connect=[east]))) as patient,
+    ):
+        patient.declare_subscriber(keys.beat("surgeon"), lambda sample: passed.append(sample.payload.to_bytes()))
+        netem = peer_watch.Beats("netem", {"west": at_west, "east": at_east}, keys, run_id=7)
+        own = Beat("surgeon", 5, 5, 7)
+        heard: list[Beat] = []
+        until_s = time.monotonic() + 20
+        while len(heard) < 3 or len(passed) < 3:
+            for beat in (Beat("surgeon", 10**10, 0, 8), Beat("surgeon", 0, 0), Beat("patient", 9, 9, 7), own):
+                surgeon.put(keys.beat(beat.side), encode(beat))
+            time.sleep(0.02)
+            heard += netem.heard()
+            assert time.monotonic() < until_s
+        netem.close()
+    assert heard == [own] * len(heard)
+    assert set(passed) == {encode(own)}
+    assert netem.forged == {"surgeon"}
