@@ -63,6 +63,9 @@ def collect(
     wait_s: Annotated[
         float | None, typer.Option(min=0, help="Over Zenoh: give up after so many s; by default never.")
     ] = None,
+    max_gb: Annotated[
+        float, typer.Option(min=0.001, help="Largest size of all logs together; a host that offers more is refused.")
+    ] = 50.0,
     outputs: OutputOptions,
     connection: ConnectionOptions,
 ) -> int:
@@ -80,14 +83,14 @@ def collect(
         from tis.deploy.hosts.collect import collect_from_hosts
 
         return collect_from_hosts(
-            Path(asked.sources[0]), run, run_dir, outputs.wanted, outputs.words, outputs.progress
+            Path(asked.sources[0]), run, run_dir, max_gb, outputs.wanted, outputs.words, outputs.progress
         )
     from tis.deploy.hosts.zenoh_logs import collect_over_zenoh, offer_logs
 
     if offer is not None:
         return offer_logs(offer, connection.zenoh(connect, listen), ERR)
     return collect_over_zenoh(
-        connection.zenoh(sources, listen), run_dir, wait_s, outputs.wanted, outputs.words, outputs.progress
+        connection.zenoh(sources, listen), run_dir, wait_s, max_gb, outputs.wanted, outputs.words, outputs.progress
     )
 
 

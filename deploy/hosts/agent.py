@@ -11,6 +11,7 @@ from typing import BinaryIO, Final
 
 from tis.common.channels import Side
 from tis.common.errors import EXIT_OK, DataError, Fault, TisError
+from tis.deploy.hosts.log_offer import offered_logs, read_range
 from tis.deploy.hosts.protocol import (
     MAX_REQUEST_BYTES,
     CheckAnswer,
@@ -24,7 +25,6 @@ from tis.deploy.hosts.protocol import (
     line_of,
     request_of,
 )
-from tis.deploy.hosts.transfer import offered_logs, read_range
 from tis.deploy.shell.guard import version_text
 
 _RUNS: Final = "runs"

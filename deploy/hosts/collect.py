@@ -15,7 +15,7 @@ from tis.deploy.hosts.connections import at_all, hosts_of
 from tis.deploy.hosts.host import HostLogs, SideHost
 from tis.deploy.hosts.hosts_file import read_plan
 from tis.deploy.hosts.protocol import RUN_NAME, RunsAnswer, RunsRequest
-from tis.deploy.hosts.transfer import Collection
+from tis.deploy.hosts.transfer import BYTES_PER_GB, MAX_COLLECTION_GB, Collection
 from tis.deploy.run.conclude import Outputs, conclude_again
 
 _WHERE: Final = "tis collect"
@@ -78,9 +78,11 @@ def _is_endpoint(source: str) -> bool:
     return source.partition("/")[0] in _PROTOCOLS and "/" in source
 
 
-async def gather_logs(hosts: Sequence[SideHost], run: str, folder: Path, told: Callable[[str], None]) -> None:
+async def gather_logs(
+    hosts: Sequence[SideHost], run: str, folder: Path, told: Callable[[str], None], max_gb: float = MAX_COLLECTION_GB
+) -> None:
     """Fetch the logs of a run from all its hosts at once; raises the faults of all."""
-    collection = Collection(folder, told)
+    collection = Collection(folder, told, max_bytes=int(max_gb * BYTES_PER_GB))
 
     async def fetch(one: SideHost) -> None:
         await collection.fetch_all(HostLogs(one, run))
@@ -107,7 +109,7 @@ async def newest_run(hosts: Sequence[SideHost]) -> str:
 
 
 def collect_from_hosts(
-    file: Path, run: str | None, run_dir: Path | None, outputs: Outputs, out: Console, err: Console
+    file: Path, run: str | None, run_dir: Path | None, max_gb: float, outputs: Outputs, out: Console, err: Console
 ) -> int:
     """Fetch the logs of a run, by default the newest of all hosts, and summarise them; return the exit code.
 
@@ -121,7 +123,7 @@ def collect_from_hosts(
                 stack.push_async_callback(one.host.close)
             name = run or await newest_run(hosts)
             path = collection_folder(run_dir or RUNS / name)
-            await gather_logs(hosts, name, path, told_on(err))
+            await gather_logs(hosts, name, path, told_on(err), max_gb)
             return path
 
     return conclude_again(asyncio.run(fetch()), out, outputs)

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 from tis.common.channels import Side
 from tis.common.errors import Fault, PeerError
 from tis.deploy.hosts.hosts_file import AnyHost
+from tis.deploy.hosts.log_offer import OfferedLog
 from tis.deploy.hosts.protocol import (
     MAX_LINE_BYTES,
     AnyRequest,
@@ -21,7 +22,6 @@ from tis.deploy.hosts.protocol import (
     line_of,
     printable,
 )
-from tis.deploy.hosts.transfer import OfferedLog
 
 Answer = TypeVar("Answer", bound=BaseModel)
 

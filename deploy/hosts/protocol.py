@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapte
 from tis.common.channels import Side
 from tis.common.errors import Fault, InputError
 from tis.common.yaml_text import MAX_YAML_BYTES
-from tis.deploy.hosts.transfer import LogName, OfferedLog
+from tis.deploy.hosts.log_offer import LogName, OfferedLog
 from tis.deploy.shell.outcome import Event
 
 MAX_REQUEST_BYTES: Final = 2 * MAX_YAML_BYTES

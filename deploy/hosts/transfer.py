@@ -1,115 +1,19 @@
 """Logs from several hosts into one folder: resumable, and checked by their SHA-256.
 
-A run folder offers regular files of the sides' names, and nothing else of it. A log that is fetched grows as
-``NAME.part``, and gets its name when its SHA-256 is the source's.
+A log that is fetched grows as ``NAME.part``, and gets its name when its SHA-256 is the source's.
 """
 
 import asyncio
-import hashlib
-import os
-import re
-import stat
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+import shutil
+from collections import Counter
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, BinaryIO, Final, NamedTuple, Protocol, get_args
+from typing import Final, NamedTuple, Protocol
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints
-
-from tis.common.channels import Side
 from tis.common.errors import DataError, Fault, PeerError
-
-MAX_LOG_BYTES: Final = 1 << 40
-_FORM: Final = rf"^({'|'.join(get_args(Side))})(_[0-9]{{1,3}})?(_recovered)?\.mcap$"
-_BLOCK_BYTES: Final = 1 << 20
-
-LogName = Annotated[str, StringConstraints(pattern=_FORM)]
-"""Name of a log: SIDE.mcap, SIDE_2.mcap of a side that was started again, SIDE_recovered.mcap."""
-Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
-
-
-class OfferedLog(BaseModel):
-    """A log at its source: ``part_sha256`` is that of as many first bytes as were fetched before, if it has them."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
-
-    name: LogName
-    n_bytes: int = Field(ge=0, le=MAX_LOG_BYTES)
-    sha256: Sha256
-    part_sha256: Sha256 | None = None
-
-
-def log_names(folder: Path) -> list[str]:
-    """Return the names of the logs in a folder; symbolic links and devices are none."""
-    try:
-        with os.scandir(folder) as entries:
-            return sorted(one.name for one in entries if _is_log(one.name) and one.is_file(follow_symlinks=False))
-    except OSError as error:
-        raise DataError(Fault(str(folder), "", f"cannot be read: {error.strerror}")) from None
-
-
-def offered_logs(folder: Path, parts: Mapping[str, int]) -> list[OfferedLog]:
-    """Return the logs of a folder; ``parts`` are the sizes of what the receiver has, by name. Raises `DataError`.
-
-    A log that still grows is offered as far as it reaches now.
-    """
-    found = []
-    for name in log_names(folder):
-        with opened_log(folder, name) as file:
-            n_bytes = os.fstat(file.fileno()).st_size
-            n_part = parts.get(name, 0)
-            part, whole = _digests(file, n_bytes, n_part)
-        found.append(OfferedLog(name=name, n_bytes=n_bytes, sha256=whole, part_sha256=part))
-    return found
-
-
-@contextmanager
-def opened_log(folder: Path, name: str) -> Iterator[BinaryIO]:
-    """Open a log of a folder, and no other file, whatever the name; raises `DataError`."""
-    if not _is_log(name):
-        raise DataError(Fault(str(folder), "", "offers the logs of a run only", name))
-    try:
-        # Not through a link that was put there, and without waiting for the other end of a pipe.
-        number = os.open(folder / name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-    except OSError as error:
-        raise DataError(Fault(str(folder / name), "", f"cannot be read: {error.strerror}")) from None
-    if not stat.S_ISREG(os.fstat(number).st_mode):
-        os.close(number)
-        raise DataError(Fault(str(folder / name), "", "must be a regular file"))
-    with os.fdopen(number, "rb") as file:
-        yield file
-
-
-def read_range(folder: Path, name: str, begin: int, end: int) -> Iterator[bytes]:
-    """Yield a log's bytes from ``begin`` to before ``end``, or to its end, in blocks; raises `DataError`."""
-    with opened_log(folder, name) as file:
-        file.seek(begin)
-        while begin < end and (block := file.read(min(_BLOCK_BYTES, end - begin))):
-            begin += len(block)
-            yield block
-
-
-def digest_of(file: Path) -> str:
-    """Return a file's SHA-256 in hex digits."""
-    with file.open("rb") as opened:
-        return hashlib.file_digest(opened, "sha256").hexdigest()
-
-
-def _is_log(name: str) -> bool:
-    return re.fullmatch(_FORM.strip("^$"), name) is not None
-
-
-def _digests(file: BinaryIO, n_bytes: int, n_part: int) -> tuple[str | None, str]:
-    """Return the SHA-256 of the first ``n_part`` bytes, None if there are not as many, and that of ``n_bytes``."""
-    digest, part, done = hashlib.sha256(), None, 0
-    for until in (n_part, n_bytes) if n_part <= n_bytes else (n_bytes,):
-        while done < until and (block := file.read(min(_BLOCK_BYTES, until - done))):
-            digest.update(block)
-            done += len(block)
-        if until == n_part:
-            part = digest.hexdigest()
-    return part, digest.hexdigest()
+from tis.deploy.hosts.log_offer import MAX_LOG_BYTES, OfferedLog, digest_of, log_names
 
 
 class Held(NamedTuple):
@@ -144,9 +48,15 @@ def plan_fetch(offered: OfferedLog, held: Held) -> Fetch | None:
 
 
 PART: Final = ".part"
-_MAX_TRIES: Final = 4
-"""Without a byte of progress; a transfer that goes on may break any number of times."""
+_MAX_TRIES: Final = 10
+"""In a row that bring less than `PROGRESS_BYTES`; a transfer that goes on may break any number of times."""
 _MAX_CHANGES: Final = 2
+PROGRESS_BYTES: Final = 65_536
+"""What a source must bring within `Collection.slow_s`, and in an attempt that counts; less is a stall."""
+MAX_COLLECTION_GB: Final = 50.0
+BYTES_PER_GB: Final = 10**9
+_RESERVE_BYTES: Final = 10**9
+"""Left free on the disk that takes the logs."""
 
 
 class Source(Protocol):
@@ -171,40 +81,57 @@ class Collection:
     told: Callable[[str], None]
     pause_s: float = 0.5
     """Before a broken transfer is continued."""
+    max_bytes: int = int(MAX_COLLECTION_GB * BYTES_PER_GB)
+    """Of all logs together."""
+    slow_s: float = 60.0
+    """Within which a source must bring `PROGRESS_BYTES`."""
     origins: dict[str, str] = field(default_factory=dict)
     """The source of each log, by name."""
+    _n_received: int = 0
+    _n_changes: Counter[str] = field(default_factory=Counter)
 
     async def fetch_all(self, source: Source) -> None:
         """Fetch the logs of a source, from where an earlier transfer stopped; raises `DataError` and `PeerError`.
 
-        A transfer that breaks is continued, unless several attempts in a row bring nothing.
+        A transfer that breaks is continued, unless several attempts in a row bring next to nothing. A source may be
+        hostile: size, rate and number of attempts are bounded. Oracle: sources that lie, trickle and break by turns,
+        tests/deploy/hosts/test_transfer.
         """
-        n_tries, n_before = 0, -1
+        n_tries = 0
         while True:
+            n_before = self._n_received
             try:
                 return await self._fetch_once(source)
             except PeerError:
-                n_here = sum(file.stat().st_size for file in self.folder.glob(f"*{PART}"))
-                n_tries = n_tries + 1 if n_here <= n_before else 1
-                n_before = n_here
+                n_tries = n_tries + 1 if self._n_received - n_before < PROGRESS_BYTES else 1
                 if n_tries >= _MAX_TRIES:
                     raise
                 await asyncio.sleep(self.pause_s)
 
     async def _fetch_once(self, source: Source) -> None:
-        for n_changes in range(_MAX_CHANGES + 1):
+        changed = True
+        while changed:
             changed = False
-            for offered in await source.offered(self._parts()):
+            logs = await source.offered(self._parts())
+            self._check_size(logs, source.place)
+            for offered in logs:
                 self._check_origin(offered, source.place)
-                fetch = plan_fetch(offered, self._held(offered.name))
+                held = self._held(offered.name)
+                fetch = plan_fetch(offered, held)
                 if fetch is None:
                     self.told(f"{offered.name} is here already")
                     continue
-                changed |= not await self._fetch(source, fetch)
-            if not changed:
-                return
-            if n_changes == _MAX_CHANGES:
-                raise DataError(Fault(source.place, "", "its logs change while they are fetched: try again"))
+                if fetch.begin < held.n_part_bytes:
+                    self._note_change(fetch.log, source.place)
+                if not await self._fetch(source, fetch):
+                    self._note_change(fetch.log, source.place)
+                    changed = True
+
+    def _note_change(self, log: OfferedLog, place: str) -> None:
+        """Count a log that begins anew; raises `DataError` for one that never is what was offered."""
+        self._n_changes[log.name] += 1
+        if self._n_changes[log.name] > _MAX_CHANGES:
+            raise DataError(Fault(place, log.name, "its logs change while they are fetched: try again"))
 
     async def _fetch(self, source: Source, fetch: Fetch) -> bool:
         """Fetch one log; False if it proved not to be what was offered, so that it has to start anew."""
@@ -214,10 +141,11 @@ class Collection:
             file.seek(begin)
             file.truncate()
             blocks = source.read(log.name, begin, log.n_bytes) if begin < log.n_bytes else _nothing()
-            async for block in blocks:
+            async for block in self._in_time(blocks, Fault(source.place, log.name, "")):
                 done += len(block)
+                self._n_received += len(block)
                 if done > log.n_bytes:
-                    raise PeerError(Fault(source.place, log.name, "sends more than it offered"))
+                    raise DataError(Fault(source.place, log.name, "sends more than it offered"))
                 file.write(block)
                 file.flush()  # what is here stays here, however this ends
         if done < log.n_bytes:
@@ -232,6 +160,43 @@ class Collection:
         went_on = f", continued after {begin} bytes" if begin else ""
         self.told(f"{log.name} from {source.place}: {log.n_bytes} bytes{went_on}")
         return True
+
+    async def _in_time(self, blocks: AsyncIterator[bytes], at: Fault) -> AsyncIterator[bytes]:
+        """Yield blocks as long as they bring `PROGRESS_BYTES` within `slow_s`; raises `PeerError`."""
+        loop, n_bytes = asyncio.get_running_loop(), 0
+        until_s = loop.time() + self.slow_s
+        while True:
+            try:
+                async with asyncio.timeout_at(until_s):
+                    block = await anext(blocks)
+            except StopAsyncIteration:
+                return
+            except TimeoutError:
+                rule = f"brought less than {PROGRESS_BYTES} bytes in {self.slow_s:g} s"
+                raise PeerError(Fault(at.where, at.field, rule)) from None
+            yield block
+            n_bytes += len(block)
+            if n_bytes >= PROGRESS_BYTES:
+                n_bytes, until_s = 0, loop.time() + self.slow_s
+
+    def _check_size(self, logs: Sequence[OfferedLog], place: str) -> None:
+        """Raise `DataError` where the logs do not fit the collection or its disk, before a byte of them is read."""
+        offered = {log.name: log.n_bytes for log in logs}
+        with _faults_named(self.folder):
+            here = {name: (self.folder / name).stat().st_size for name in log_names(self.folder)}
+            n_free = shutil.disk_usage(self.folder).free - _RESERVE_BYTES
+        parts = self._parts()
+        n_offered, n_missing = sum(offered.values()), 0
+        for name, n_bytes in offered.items():
+            n_missing += 0 if here.get(name) == n_bytes else n_bytes - parts.get(name, 0)
+        gb = n_offered / BYTES_PER_GB
+        if sum((here | offered).values()) > self.max_bytes:
+            most = self.max_bytes / BYTES_PER_GB
+            rule = f"offers {gb:.2f} GB, and the logs together may have {most:g}: raise it with --max-gb"
+            raise DataError(Fault(place, "", rule))
+        if n_missing > n_free:
+            rule = f"offers {gb:.2f} GB, and {self.folder} has {max(n_free, 0) / BYTES_PER_GB:.2f} GB free"
+            raise DataError(Fault(place, "", rule))
 
     def _parts(self) -> dict[str, int]:
         parts = self.folder.glob(f"*{PART}")

@@ -31,8 +31,9 @@ from tis.common.runtime.scenario_files import run_folder
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router, visitor
 from tis.common.scenario.base import Part
 from tis.deploy.hosts.collect import collection_folder, told_on
+from tis.deploy.hosts.log_offer import LogName, OfferedLog, log_names, offered_logs, read_range
 from tis.deploy.hosts.protocol import ListAnswer, printable
-from tis.deploy.hosts.transfer import Collection, LogName, OfferedLog, log_names, offered_logs, read_range
+from tis.deploy.hosts.transfer import BYTES_PER_GB, Collection
 from tis.deploy.run.conclude import Outputs, conclude_again
 
 CHUNK_BYTES: Final = 256 * 1024
@@ -213,8 +214,9 @@ def offer_logs(folder: Path, options: ZenohOptions, err: Console) -> int:
 
 
 def collect_over_zenoh(
-    options: ZenohOptions, run_dir: Path | None, wait_s: float | None, outputs: Outputs, out: Console, err: Console
-) -> int:
+    options: ZenohOptions, run_dir: Path | None, wait_s: float | None, max_gb: float, outputs: Outputs, out: Console,
+    err: Console,
+) -> int:  # fmt: skip
     """Fetch the logs that are offered at the endpoints of ``options`` and summarise them; return the exit code.
 
     Where it listens it waits until a log of each side is there, at most ``wait_s``. Raises `TisError`.
@@ -225,7 +227,7 @@ def collect_over_zenoh(
     def is_over() -> bool:
         return deadline_s is not None and time.monotonic() > deadline_s
 
-    collection = Collection(folder, told_on(err))
+    collection = Collection(folder, told_on(err), max_bytes=int(max_gb * BYTES_PER_GB))
     with ExitStack() as stack:
         sessions = _sessions(stack, options, is_over, err)
         if sessions is None:

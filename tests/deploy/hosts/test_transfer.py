@@ -12,17 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tis.common.errors import DataError, Fault, PeerError
-from tis.deploy.hosts.transfer import (
-    Collection,
-    Fetch,
-    Held,
-    OfferedLog,
-    log_names,
-    offered_logs,
-    opened_log,
-    plan_fetch,
-    read_range,
-)
+from tis.deploy.hosts.log_offer import MAX_LOG_BYTES, OfferedLog, log_names, offered_logs, opened_log, read_range
+from tis.deploy.hosts.transfer import Collection, Fetch, Held, plan_fetch
 
 _LOG = bytes(range(250)) * 40
 _BLOCK = 1000
@@ -41,6 +32,7 @@ class FakeSource:
     place: str = "surgeon on 10.0.0.2"
     read_from: list[int] = field(default_factory=list)
     n_bytes: int = 0
+    block: int = _BLOCK
 
     async def offered(self, parts: Mapping[str, int]) -> list[OfferedLog]:
         def part(name: str, data: bytes) -> str | None:
@@ -54,10 +46,10 @@ class FakeSource:
 
     async def read(self, name: str, begin: int, end: int) -> AsyncIterator[bytes]:
         self.read_from.append(begin)
-        for at in range(begin, end, _BLOCK):
+        for at in range(begin, end, self.block):
             if at - begin >= self.breaks_after:
                 return
-            block = self.logs[name][at : min(at + _BLOCK, end)]
+            block = self.logs[name][at : min(at + self.block, end)]
             self.n_bytes += len(block)
             yield block
 
@@ -126,9 +118,70 @@ def test_a_source_that_sends_more_than_it_offers_fills_no_disk(tmp_path: Path) -
             while True:
                 yield bytes(_BLOCK)
 
-    with pytest.raises(PeerError, match="more than it offered"):
+    with pytest.raises(DataError, match="more than it offered"):
         _collect(tmp_path, Endless({"surgeon.mcap": _LOG}))
     assert sum(map(len, _files(tmp_path).values())) <= len(_LOG)
+
+
+@pytest.mark.parametrize("held", [b"", _LOG[:5000]], ids=["empty", "held"])
+def test_more_than_the_collection_may_hold_is_refused_before_a_byte_is_read(tmp_path: Path, held: bytes) -> None:
+    if held:
+        (tmp_path / "netem.mcap").write_bytes(held)
+    source = FakeSource({"surgeon.mcap": _LOG, "surgeon_2.mcap": _LOG})
+    with pytest.raises(DataError, match=r"offers .* GB, and the logs together may have .*--max-gb"):
+        asyncio.run(Collection(tmp_path, list[str]().append, max_bytes=len(_LOG) + 6000).fetch_all(source))
+    assert source.n_bytes == 0
+
+
+def test_a_log_larger_than_the_disk_is_refused_before_a_byte_is_read(tmp_path: Path) -> None:
+    class Huge(FakeSource):
+        async def offered(self, parts: Mapping[str, int]) -> list[OfferedLog]:
+            return [OfferedLog(name="surgeon.mcap", n_bytes=MAX_LOG_BYTES, sha256=_sha(b""))]
+
+    source = Huge({"surgeon.mcap": _LOG})
+    with pytest.raises(DataError, match=r"offers 1099\.51 GB, and .* has .* GB free"):
+        asyncio.run(Collection(tmp_path, list[str]().append, max_bytes=2 * MAX_LOG_BYTES).fetch_all(source))
+    assert source.n_bytes == 0
+
+
+def test_a_source_that_brings_a_byte_with_each_attempt_ends_the_collection(tmp_path: Path) -> None:
+    source = FakeSource({"surgeon.mcap": _LOG}, breaks_after=1)
+    source.block = 1
+    with pytest.raises(PeerError, match="the transfer stopped after"):
+        _collect(tmp_path, source)
+    assert len(source.read_from) <= 10
+
+
+def test_a_source_that_trickles_ends_the_collection(tmp_path: Path) -> None:
+    class Slow(FakeSource):
+        async def read(self, name: str, begin: int, end: int) -> AsyncIterator[bytes]:
+            self.read_from.append(begin)
+            while True:
+                yield bytes(1)
+                await asyncio.sleep(0.001)
+
+    source = Slow({"surgeon.mcap": bytes(1_000_000)})
+    collection = Collection(tmp_path, list[str]().append, pause_s=0, slow_s=0.02)
+    with pytest.raises(PeerError, match=r"brought less than 65536 bytes in 0\.02 s"):
+        asyncio.run(collection.fetch_all(source))
+    assert len(source.read_from) <= 10
+
+
+def test_a_source_that_lies_and_breaks_by_turns_is_not_read_for_ever(tmp_path: Path) -> None:
+    class Turns(FakeSource):
+        async def offered(self, parts: Mapping[str, int]) -> list[OfferedLog]:
+            [log] = await super().offered(parts)
+            return [log.model_copy(update={"sha256": _sha(b"other")})]
+
+        async def read(self, name: str, begin: int, end: int) -> AsyncIterator[bytes]:
+            self.breaks_after = end if self.breaks_after < end else 70_000
+            async for block in super().read(name, begin, end):
+                yield block
+
+    source = Turns({"surgeon.mcap": bytes(100_000)})
+    with pytest.raises((DataError, PeerError)):
+        _collect(tmp_path, source)
+    assert source.n_bytes <= 1_000_000
 
 
 def test_two_sources_of_the_same_log_are_refused(tmp_path: Path) -> None:
