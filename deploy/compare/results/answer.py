@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
-from tis.deploy.compare.results.pooled import ENOUGH_PEOPLE, range_holds_median_pct
+from tis.deploy.compare.results.pooled import ENOUGH_PEOPLE
 from tis.deploy.present.numbers import number
 
 Report = Mapping[str, Any]
@@ -67,11 +67,7 @@ def _close(ranked: Sequence[Rows], names: Mapping[str | None, str]) -> Iterable[
         yield "This holds for one person's movements: nothing can be claimed about other people."
         return
     if n_people < ENOUGH_PEOPLE:
-        most = range_holds_median_pct(n_people)
-        yield (
-            f"With {n_people} people no estimator is told apart from another: an interval over them is right at most "
-            f"{most:.0f} times in 100, and 95 take {ENOUGH_PEOPLE} people."
-        )
+        yield f"With {n_people} people no estimator is told apart from another: that takes {ENOUGH_PEOPLE}."
         return
     near: dict[tuple[str, str], list[str]] = {}
     for best, *others in ranked:

@@ -55,11 +55,11 @@ def test_no_gain_is_all_of_the_error() -> None:
     assert answer(report({None: tiny})).startswith("one is best: its error is 99.9 % below hold's.")
 
 
-@pytest.mark.parametrize(("n_people", "most"), [(2, 50), (5, 94)])
-def test_of_few_people_nothing_is_told_apart(n_people: int, most: int) -> None:
+@pytest.mark.parametrize("n_people", [2, 5])
+def test_of_few_people_nothing_is_told_apart(n_people: int) -> None:
     found = answer(report({"100": FAR, "300": NEAR}, n_people))
     assert f"With {n_people} people no estimator is told apart" in found
-    assert f"at most {most} times in 100, and 95 take 6 people" in found
+    assert "that takes 6" in found
     assert "two is" not in found
     assert "Each is" not in found
 
