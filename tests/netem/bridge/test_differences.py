@@ -14,7 +14,8 @@ from tests.netem.bridge.scenarios import SCENARIOS, Between, crosses_after, outc
 from tis.common.channels import Network
 from tis.common.runtime.process import free_endpoints
 from tis.common.scenario.network import NetworkPart
-from tis.netem.bridge.carrying import backlog_bytes, ends_of, stream_network
+from tis.netem.bridge.carried_network import backlog_bytes, stream_network
+from tis.netem.bridge.carrying import ends_of
 from tis.netem.bridge.driver import Driver
 from tis.netem.bridge.proxy import Proxy
 from tis.netem.bridge.sides import Place
@@ -80,7 +81,7 @@ def _carried(delay_ms: float) -> Iterator[tuple[Between, _Router]]:
     west_end, east_end = free_endpoints()
     network = NetworkPart.model_validate(delays(delay_ms))
     driver = Driver(build_links(stream_network(network, "test"), ["**"], 7, None, "test"))
-    ends = ends_of({"west": Place(listen=(west_end,)), "east": Place(connect=(east_end,))})
+    ends = ends_of({"west": Place(listen=(west_end,)), "east": Place(connect=(east_end,))}, "tcp")
     with _routed(east_end) as router, driving(driver):
         proxy = Proxy(driver, *ends, backlog_bytes(network), 65_536, pytest.fail)
         proxy.open()

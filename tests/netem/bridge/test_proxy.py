@@ -14,7 +14,7 @@ from tests.netem.bridge.live_bridge import driving
 from tis.common.channels import Direction
 from tis.common.errors import PeerError
 from tis.common.scenario.network import NetworkPart
-from tis.netem.bridge.carrying import backlog_bytes, stream_network
+from tis.netem.bridge.carried_network import backlog_bytes, stream_network
 from tis.netem.bridge.driver import Driver
 from tis.netem.bridge.proxy import Proxy
 from tis.netem.build import build_links

@@ -5,7 +5,14 @@ import pytest
 from tis.common.errors import InputError
 from tis.common.scenario.network import NetworkPart
 from tis.common.scenario.network.conditions import Change
-from tis.netem.bridge.carrying import backlog_bytes, has_rate, stream_change, stream_network
+from tis.netem.bridge.carried_network import (
+    backlog_bytes,
+    datagram_change,
+    datagram_network,
+    has_rate,
+    stream_change,
+    stream_network,
+)
 
 RULE = "needs messages: a stream of bytes (--carry tcp) loses, copies, alters and reorders nothing"
 
@@ -34,7 +41,7 @@ def test_what_needs_messages_is_refused_by_name_and_all_at_once() -> None:
         ]},
     )  # fmt: skip
     assert _refused(network) == [
-        "bad.yaml: rules: cannot be told apart in a stream of bytes (--carry tcp)",
+        "bad.yaml: rules: need keys, and there are none in a stream of bytes (--carry tcp)",
         *(f"bad.yaml: forward.{name}: {RULE}" for name in ("loss", "duplicate", "corrupt", "reorder", "ordering")),
         f"bad.yaml: forward.rate.queue: {RULE}",
         f"bad.yaml: timeline.0.set.add_p_loss: {RULE}",
@@ -83,3 +90,23 @@ def test_a_live_change_is_refused_or_adapted() -> None:
     assert (outage.outage, outage.stall) == (False, True)
     plain = Change(scale_delay=2)
     assert stream_change(plain) is plain
+
+
+def test_datagrams_refuse_what_only_zenoh_has_and_nothing_else() -> None:
+    whole = {
+        "loss": {"kind": "burst", "p_loss": 0.1, "mean_burst": 3}, "duplicate": {"p_duplicate": 0.1},
+        "corrupt": {"p_corrupt": 0.1}, "delay": {"kind": "constant", "delay_ms": 3}, "ordering": "reorder",
+        "reorder": {"p_reorder": 0.1}, "rate": {"kbit_s": 100, "queue": {"kind": "codel"}},
+    }  # fmt: skip
+    network = _network(forward=whole, timeline=[{"at_s": 1, "set": {"outage": True}}])
+    assert datagram_network(network, "x") is network
+    rate = {"kbit_s": 100, "queue": {"kind": "priority"}, "backpressure": True}
+    zenoh = _network(
+        rules=[{"key": "a/**", "direction": "both", "pipeline": {}}], timeline=[{"at_s": 1, "set": {"rate": rate}}]
+    )
+    with pytest.raises(InputError) as error:
+        datagram_network(zenoh, "x")
+    fields = ["rules", "timeline.0.set.rate.queue", "timeline.0.set.rate.backpressure"]
+    assert [fault.field for fault in error.value.faults] == fields
+    with pytest.raises(InputError, match=r"control: change\.rate\.queue: needs priorities"):
+        datagram_change(zenoh.timeline[0].set)
