@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from typing import Final, NamedTuple, get_args
 
 from tis.common.channels import Direction, Network
@@ -20,7 +21,7 @@ from tis.netem.bridge.carried_network import (
     backlog_bytes,
     datagram_change,
     datagram_network,
-    has_rate,
+    needs_segments,
     stream_change,
     stream_network,
 )
@@ -46,7 +47,7 @@ class _Kind(NamedTuple):
     protocols: tuple[str, str]
     name: str
     network: Callable[[NetworkPart, str], NetworkPart]
-    change: Callable[[Change], Change]
+    change: Callable[[NetworkPart, Change], Change]
 
 
 _KINDS: Final[Mapping[Carriage, _Kind]] = {
@@ -79,7 +80,7 @@ def run_carrying(options: Standalone, status: Status, library: Profiles | None) 
     ends, network = _checked(options)
     asked, options = options.network, replace(options, network=network, keys=_KEYS)
     traces = load_traces(network)
-    links = build_links(network, _KEYS, options.seed, traces, options.where)
+    links = build_links(network, _KEYS, options.seed, traces, options.where, own_connections=options.carry == "tcp")
     interrupt = Interrupt()
     with ExitStack() as stack:
         stack.enter_context(interrupt.installed())
@@ -92,7 +93,7 @@ def run_carrying(options: Standalone, status: Status, library: Profiles | None) 
         if options.control is not None:
             config = configure("router", replace(options.zenoh, listen=(options.control,)))
             session = stack.enter_context(open_router(config, options.control))
-            adapt = _KINDS[options.carry].change
+            adapt = partial(_KINDS[options.carry].change, asked)
             stack.callback(attach(driver, {ends.comes_from: session}, options.prefix, library, adapt))
         tally = Tally(open_log(options), status.warning, *watches(links, network.buffer, status.warning))
         clock = start(driver)
@@ -112,7 +113,7 @@ def _carrier(options: Standalone, driver: Driver, ends: Ends, asked: NetworkPart
     """Return what carries; ``asked`` still has the bounds of queues, which a stream no longer has."""
     if options.carry == "udp":
         return Relay(driver, *ends, status.warning)
-    segment_bytes = _SEGMENT_BYTES if has_rate(options.network) else _CHUNK_BYTES
+    segment_bytes = _SEGMENT_BYTES if needs_segments(options.network) else _CHUNK_BYTES
     return Proxy(driver, *ends, backlog_bytes(asked), segment_bytes, status.warning)
 
 

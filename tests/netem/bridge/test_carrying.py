@@ -63,7 +63,7 @@ def test_other_protocols_are_refused_together() -> None:
         (["--control", "tcp/127.0.0.1:1"], "netem: --control: needs --carry tcp"),
         (["--carry", "tcp", "--control", "nonsense"], "netem: --control: must be PROTOCOL/ADDRESS"),
         (["--carry", "tcp", "demo/**"], "netem: KEYEXPR: must not be given with --carry tcp"),
-        (["--carry", "tcp", "--set", "forward.loss.p_loss=0.1"], "netem: forward.loss: needs messages"),
+        (["--carry", "tcp", "--set", "forward.loss.p_loss=0.1"], "netem: forward.loss: needs recovery"),
     ],
 )
 def test_faults_of_the_command_line_are_told(words: list[str], said: str) -> None:
