@@ -9,17 +9,10 @@ from typing import Any
 import pytest
 
 from tests.common.runtime.live_zenoh import a_client, a_router
-from tests.netem.bridge.live_bridge import a_bridge, bridging, delays, driving
+from tests.netem.bridge.live_bridge import a_bridge, bridging, carrying, delays
 from tests.netem.bridge.scenarios import SCENARIOS, Between, crosses_after, outcomes
 from tis.common.channels import Network
 from tis.common.runtime.process import free_endpoints
-from tis.common.scenario.network import NetworkPart
-from tis.netem.bridge.carried_network import backlog_bytes, stream_network
-from tis.netem.bridge.carrying import ends_of
-from tis.netem.bridge.driver import Driver
-from tis.netem.bridge.proxy import Proxy
-from tis.netem.bridge.sides import Place
-from tis.netem.build import build_links
 
 pytestmark = pytest.mark.live
 
@@ -78,18 +71,12 @@ def _bridged_to_a_router() -> Iterator[tuple[Between, _Router]]:
 
 @contextmanager
 def _carried(delay_ms: float) -> Iterator[tuple[Between, _Router]]:
-    west_end, east_end = free_endpoints()
-    network = NetworkPart.model_validate(delays(delay_ms))
-    driver = Driver(build_links(stream_network(network, "test"), ["**"], 7, None, "test"))
-    ends = ends_of({"west": Place(listen=(west_end,)), "east": Place(connect=(east_end,))}, "tcp")
-    with _routed(east_end) as router, driving(driver):
-        proxy = Proxy(driver, *ends, backlog_bytes(network), 65_536, pytest.fail)
-        proxy.open()
-        try:
-            with a_client(west_end) as west, a_client(east_end) as east:
-                yield Between(west, east, west_end, east_end), router
-        finally:
-            proxy.close()
+    _, east_end = free_endpoints()
+    host, port = east_end.removeprefix("tcp/").split(":")
+    with _routed(east_end) as router, carrying((host, int(port)), **delays(delay_ms)) as (_, _, ours):
+        west_end = f"tcp/{ours[0]}:{ours[1]}"
+        with a_client(west_end) as west, a_client(east_end) as east:
+            yield Between(west, east, west_end, east_end), router
 
 
 @pytest.fixture(scope="module")

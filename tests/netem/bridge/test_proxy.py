@@ -10,14 +10,11 @@ from typing import Any
 
 import pytest
 
-from tests.netem.bridge.live_bridge import driving
+from tests.netem.bridge.live_bridge import carrying
 from tis.common.channels import Direction
 from tis.common.errors import PeerError
-from tis.common.scenario.network import NetworkPart
-from tis.netem.bridge.carried_network import backlog_bytes, stream_network
 from tis.netem.bridge.driver import Driver
 from tis.netem.bridge.proxy import Proxy
-from tis.netem.build import build_links
 from tis.netem.link.packet import Fate
 
 pytestmark = pytest.mark.live
@@ -43,9 +40,6 @@ def _free_port() -> int:
 def _carried(
     serve: Callable[[socket.socket], None] | None, segment_bytes: int = 65_536, **network: Any
 ) -> Iterator[_Carried]:
-    part = NetworkPart.model_validate(network)
-    links = build_links(stream_network(part, "test"), ["**"], 3, None, "test", own_connections=True)
-    driver = Driver(links)
     over = threading.Event()
     with ExitStack() as stack:
         target = ("127.0.0.1", _free_port())
@@ -62,13 +56,8 @@ def _carried(
                     threading.Thread(target=serve, args=[connection], daemon=True).start()
 
             threading.Thread(target=accept, daemon=True).start()
-        address = ("127.0.0.1", _free_port())
-        proxy = Proxy(driver, address, target, "west", backlog_bytes(part), segment_bytes, pytest.fail)
         stack.callback(over.set)
-        stack.enter_context(driving(driver))
-        stack.callback(proxy.close)
-        proxy.open()
-        yield _Carried(driver, proxy, address)
+        yield _Carried(*stack.enter_context(carrying(target, segment_bytes, **network)))
 
 
 def _echo(connection: socket.socket) -> None:
