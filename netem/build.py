@@ -35,18 +35,23 @@ def staying_keys(scenario: Scenario) -> KeySet:
 
 
 def build_links(
-    network: NetworkPart, keys: Sequence[str], seed: int, traces: Mapping[str, Trace] | None, where: str
-) -> Links:
-    """Return the links of an emulator that impairs the keys that match ``keys``; raises `InputError`."""
-    return _links(network, compile_rules(network, where, keys, below="rules"), seed, traces)
+    network: NetworkPart, keys: Sequence[str], seed: int, traces: Mapping[str, Trace] | None, where: str,
+    own_connections: bool = False,
+) -> Links:  # fmt: skip
+    """Return the links of an emulator that impairs the keys that match ``keys``; raises `InputError`.
+
+    With ``own_connections`` each key is a connection of its own that repeats what is lost, not one for all.
+    """
+    return _links(network, compile_rules(network, where, keys, below="rules"), seed, traces, own_connections)
 
 
 def _links(
-    network: NetworkPart, rules: Mapping[Direction, RuleTable], seed: int, traces: Mapping[str, Trace] | None
-) -> Links:
+    network: NetworkPart, rules: Mapping[Direction, RuleTable], seed: int, traces: Mapping[str, Trace] | None,
+    own_connections: bool = False,
+) -> Links:  # fmt: skip
     return {
         direction: Link(
-            direction, table, seed, Conditions.of(network, direction, seed), traces=traces, buffer=network.buffer
+            direction, table, seed, Conditions.of(network, direction, seed), traces, network.buffer, own_connections
         )
         for direction, table in rules.items()
     }

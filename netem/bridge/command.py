@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, get_args
 
 import typer
 
@@ -76,13 +76,13 @@ TargetOption = Annotated[
 CarryOption = Annotated[
     str,
     _alone(
-        metavar="messages|tcp",
+        metavar="messages|tcp|udp",
         help="messages: Zenoh's messages, by key; tcp: the bytes of TCP connections, unread, from --west to "
-        "--connect-east, or from --east to --connect-west.",
+        "--connect-east, or from --east to --connect-west; udp: datagrams, unread, likewise.",
     ),
 ]
 ControlOption = Annotated[
-    str | None, _alone(metavar="ENDPOINT", help="With --carry tcp: listen here for `tis net show|set|outage`.")
+    str | None, _alone(metavar="ENDPOINT", help="With --carry tcp or udp: listen here for `tis net show|set|outage`.")
 ]
 LogOption = Annotated[bool | None, _alone("--log/--no-log", help="Log every packet; as --run-dir says.")]
 PrefixOption = Annotated[str, _alone(help="First chunk of the keys as tis/netem/control.")]
@@ -216,12 +216,16 @@ def _log_folder(run_dir: Path | None, log: bool | None) -> Path | None:
 
 
 def _carriage(name: str, control: str | None) -> "Carriage":
-    if name not in ("messages", "tcp"):
-        raise InputError(Fault("netem", "--carry", "must be messages or tcp", name))
-    if name == "messages" and control is not None:
-        raise InputError(Fault("netem", "--control", "needs --carry tcp: else both networks answer", control))
+    from tis.netem.bridge.standalone import Carriage
+
+    found = next((one for one in get_args(Carriage) if one == name), None)
+    if found is None:
+        raise InputError(Fault("netem", "--carry", f"must be {', '.join(get_args(Carriage))}", name))
+    if found == "messages" and control is not None:
+        raise InputError(Fault("netem", "--control", "needs --carry tcp or udp: else both networks answer", control))
     _refuse(endpoint_faults("netem", {"--control": [] if control is None else [control]}))
-    return "tcp" if name == "tcp" else "messages"
+    carriage: Carriage = found
+    return carriage
 
 
 def _query_target(name: str) -> "QueryTargetName":
@@ -245,7 +249,7 @@ def _run(
     from tis.common.runtime.status import Status
     from tis.netem.bridge.standalone import run_standalone
 
-    if asked.carry == "tcp":
+    if asked.carry != "messages":
         from tis.netem.bridge.carrying import run_carrying as run_standalone
 
     status = Status("netem", as_events=False)

@@ -197,7 +197,7 @@ class Proxy:
 
     def _offer(self, way: Way, segment: Segment) -> None:
         fate = self._driver.offer(way.direction, way.name, b"", len(segment.data), segment)
-        if fate is None:  # nothing passes any longer
+        if fate is None or fate.outcome != "deliver":  # nothing passes any longer, or the stream has a gap
             way.fail()
 
     def _settle(self) -> None:

@@ -59,7 +59,7 @@ from tis.netem.expected.figures import synopsis
 _ENDLESS_NS: Final = 1 << 62
 _EVERYTHING: Final = ("**",)
 
-Carriage = Literal["messages", "tcp"]
+Carriage = Literal["messages", "tcp", "udp"]
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Standalone:
     prefix: str = "tis"
     carry: Carriage = "messages"
     control: str | None = None
-    """Endpoint on which control is answered where netem has no session of its own: ``carry`` tcp."""
+    """Endpoint on which control is answered where netem has no session of its own: ``carry`` tcp or udp."""
 
 
 def run_standalone(options: Standalone, status: Status, library: Profiles | None) -> int:

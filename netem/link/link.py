@@ -21,7 +21,7 @@ from tis.netem.link.queue.queues import Queues
 from tis.netem.link.queue.transmission import Service
 from tis.netem.link.rules import LINK, RuleTable
 from tis.netem.stages.impairment import Impairment
-from tis.netem.stages.loss.recovery import Connection
+from tis.netem.stages.loss.recovery import Arrived, Connections
 from tis.netem.stages.single_packets import flip_bits
 
 _BYTES_PER_MB: Final = 1_000_000
@@ -54,6 +54,8 @@ class Link:
         Recorded networks, by the path that a pipeline names.
     buffer
         Bound on the packets held and on their memory (`tis.netem.link.packet`); beyond it packets are dropped.
+    own_connections
+        Whether each flow is a connection of its own that repeats what is lost, not one for all.
 
     Attributes
     ----------
@@ -83,6 +85,7 @@ class Link:
         conditions: Conditions,
         traces: Mapping[str, Trace] | None = None,
         buffer: Buffer | None = None,
+        own_connections: bool = False,
     ) -> None:
         self.direction: Final = direction
         self.conditions: Final = conditions
@@ -111,7 +114,8 @@ class Link:
         self._flows: Final = self.flows.open
         self._queues: Final = Queues(conditions, rules.pipelines, self.address(""), self.traces)
         self._servers: Final = self._queues.servers  # empty, and cheap to test, until a message meets a queue
-        self._connection: Connection | None = None  # until a packet's pipeline has a recovery
+        self._connections: Final = Connections(self._leaves_again_ns, own_connections)
+        self._repeats: Final = self._connections.by_name  # empty until a packet's pipeline has a recovery
         self._clear_until_ns = 0
         self._condition = self.condition(0)
         # (release_ns, number, packet): the number breaks ties, so packets are never compared
@@ -168,7 +172,7 @@ class Link:
             The decision; ``release_ns`` is None for a dropped packet and in the queue of a rate.
         """
         self.offered += 1
-        if self._servers or self._connection is not None:
+        if self._servers or self._repeats:
             self.catch_up(now_ns)
         flow = self._flows.get(name) or self._open(name, now_ns)
         seq, foreign = flow.number(attachment, self.run_id)
@@ -227,8 +231,8 @@ class Link:
             return self._dropped[0].offered_ns
         next_ns = self._heap[0][0] if self._heap else None
         queues_ns = self._queues.next_ns() if self._servers else None
-        if self._connection is not None:
-            repeats_ns = self._connection.next_ns()
+        if self._repeats:
+            repeats_ns = self._connections.next_ns()
             if queues_ns is None or (repeats_ns is not None and repeats_ns < queues_ns):
                 queues_ns = repeats_ns
         return next_ns if queues_ns is None or (next_ns is not None and next_ns < queues_ns) else queues_ns
@@ -237,12 +241,12 @@ class Link:
         """Schedule what queues and the connection have sent until ``now_ns``, before anything else happens then."""
         if self._servers:
             self._depart(now_ns)
-        if self._connection is not None:
-            self._arrive(self._connection, now_ns)
+        if self._repeats:
+            self._arrive(self._connections.advance(now_ns))
 
     def _depart(self, now_ns: int) -> None:
         departures = self._queues.depart(now_ns)
-        if self._connection is not None:  # groups share the connection
+        if self._repeats:  # groups share a connection
             departures.sort(key=lambda departed: departed.left_ns)
         for departed in departures:
             packet: Packet = departed.item
@@ -431,10 +435,9 @@ class Link:
         due_ns: int | None = from_ns + packet.delay_ns
         terms = packet.flow.terms = packet.terms or packet.flow.terms
         if terms is not None:  # also of a flow that no longer has any: nothing overtakes what waits
-            if self._connection is None:
-                self._connection = Connection(self._leaves_again_ns)
-            self._arrive(self._connection, from_ns)
-            due_ns = self._connection.send(packet, from_ns, packet.delay_ns, packet.n_bytes, packet.is_lost, terms)
+            connection = self._connections.of(packet.flow.name)
+            self._arrive(connection.advance(from_ns))
+            due_ns = connection.send(packet, from_ns, packet.delay_ns, packet.n_bytes, packet.is_lost, terms)
         if due_ns is None:
             packet.flow.n_awaited += 1
             return None
@@ -445,8 +448,8 @@ class Link:
         assert impairment is not None, "it was offered"
         return impairment.leaves_again_ns(packet.seq, n, at_ns, self.conditions)
 
-    def _arrive(self, connection: Connection, now_ns: int) -> None:
-        for packet, from_ns, due_ns in connection.advance(now_ns):
+    def _arrive(self, arrived: Iterable[Arrived]) -> None:
+        for packet, from_ns, due_ns in arrived:
             packet.flow.n_awaited -= 1
             if packet.departure is None:  # else evicted while it waited
                 self._push(packet, from_ns, due_ns)

@@ -230,3 +230,33 @@ class Connection:
         self._missing.clear()
         self._recovers_upto = self._n
         self._transmit(head, at_ns)
+
+
+class Connections:
+    """The connections of a link: one for all flows, or ``each`` flow's own.
+
+    A driver calls `advance` at `next_ns`, and before anything else happens.
+    """
+
+    def __init__(self, again: Again, each: bool = False) -> None:
+        self.by_name: Final[dict[str, Connection]] = {}
+        """Those that have sent something; empty as long as nothing needs a recovery."""
+        self._again: Final = again
+        self._each: Final = each
+
+    def next_ns(self) -> int | None:
+        """Return the instant of the next event; None while nothing waits."""
+        instants = [ns for one in self.by_name.values() if (ns := one.next_ns()) is not None]
+        return min(instants, default=None)
+
+    def advance(self, now_ns: int) -> list[Arrived]:
+        """Let all happen that happens until ``now_ns``; return the packets that wait no longer, in order."""
+        return [arrived for one in self.by_name.values() for arrived in one.advance(now_ns)]
+
+    def of(self, flow: str) -> Connection:
+        """Return the connection of a flow."""
+        name = flow if self._each else ""
+        found = self.by_name.get(name)
+        if found is None:
+            found = self.by_name[name] = Connection(self._again)
+        return found

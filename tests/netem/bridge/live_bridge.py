@@ -1,5 +1,6 @@
 """A bridge between two networks on loopback, with a client on each side."""
 
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -7,6 +8,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from typing import Any, get_args
 
+import pytest
 import zenoh
 
 from tests.common.runtime.live_zenoh import a_client
@@ -18,10 +20,12 @@ from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_route
 from tis.common.scenario.network import NetworkPart
 from tis.netem.bridge.applications import Applications
 from tis.netem.bridge.bridge import Bridge
+from tis.netem.bridge.carried_network import backlog_bytes, stream_network
 from tis.netem.bridge.driver import Driver
 from tis.netem.bridge.gate import Gate
 from tis.netem.bridge.keys import crossing_keys
 from tis.netem.bridge.mirrors.queries import QueryTargetName
+from tis.netem.bridge.proxy import Address, Proxy
 from tis.netem.bridge.sides import lister_config
 from tis.netem.build import build_links
 
@@ -64,6 +68,23 @@ def driving(driver: Driver) -> Iterator[None]:
         thread.join()
     if driver.error is not None:
         raise driver.error
+
+
+@contextmanager
+def carrying(target: Address, segment_bytes: int = 65_536, **network: Any) -> Iterator[tuple[Driver, Proxy, Address]]:
+    """Carry the connections to an address of ours to ``target`` during the block."""
+    part = NetworkPart.model_validate(network)
+    links = build_links(stream_network(part, "test"), ["**"], 3, None, "test", own_connections=True)
+    driver = Driver(links)
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        address = free.getsockname()
+    proxy = Proxy(driver, address, target, "west", backlog_bytes(part), segment_bytes, pytest.fail)
+    with driving(driver):
+        proxy.open()
+        try:
+            yield driver, proxy, address
+        finally:
+            proxy.close()
 
 
 def n_open(there: Bridged) -> int:

@@ -3,12 +3,16 @@
 Each scenario has keys of its own, so that all can run at once in one network.
 """
 
+import json
+import sys
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
 from typing import Any
 
 import zenoh
@@ -40,6 +44,11 @@ SCENARIOS: dict[str, Scenario] = {}
 def _scenario(told: Scenario) -> Scenario:
     SCENARIOS[told.__name__.strip("_")] = told
     return told
+
+
+def _stamp(after_s: float) -> zenoh.Timestamp:
+    """Return a timestamp, made as older versions of Zenoh can, too."""
+    return zenoh.Timestamp(datetime.fromtimestamp(1_700_000_000 + after_s, UTC), b"abc")
 
 
 def _known(*sessions: zenoh.Session) -> None:
@@ -112,7 +121,7 @@ def attachments_and_encodings(there: Between, root: str) -> Any:
 @_scenario
 def timestamps_and_sources(there: Between, root: str) -> Any:
     def act() -> None:
-        stamp = zenoh.Timestamp(zenoh.NTP64(1_700_000_000, 5), b"abc")
+        stamp = _stamp(0.5)
         there.west.put(f"{root}/stamped", b"t", timestamp=stamp)
         there.west.put(f"{root}/sourced", b"s", source_info=zenoh.SourceInfo(there.west.id, 41))
 
@@ -270,7 +279,7 @@ def _replies(
 
 def _three(query: zenoh.Query) -> None:
     for i in range(3):
-        query.reply(query.key_expr, str(i), timestamp=zenoh.Timestamp(zenoh.NTP64(1_700_000_000 + i, 0), b"abc"))
+        query.reply(query.key_expr, str(i), timestamp=_stamp(i))
 
 
 @_scenario
@@ -483,3 +492,14 @@ def outcomes(there: Between) -> dict[str, Any]:
     for thread in threads:
         thread.join()
     return found
+
+
+def _told(west_end: str, east_end: str) -> str:
+    """Return what came of all scenarios as JSON, with the version of Zenoh."""
+    with a_client(west_end) as west, a_client(east_end) as east:
+        found = outcomes(Between(west, east, west_end, east_end))
+    return json.dumps({"zenoh": version("eclipse-zenoh"), "outcomes": found})
+
+
+if __name__ == "__main__":
+    sys.stdout.write(_told(*sys.argv[1:]))

@@ -1,28 +1,27 @@
 """The bridge and the carriage of bytes beside a native router: what differs is what the manual's table says."""
 
+import json
+import os
 import re
+import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.common.runtime.live_zenoh import a_client, a_router
-from tests.netem.bridge.live_bridge import a_bridge, bridging, delays, driving
+from tests.netem.bridge.live_bridge import a_bridge, bridging, carrying, delays
 from tests.netem.bridge.scenarios import SCENARIOS, Between, crosses_after, outcomes
 from tis.common.channels import Network
 from tis.common.runtime.process import free_endpoints
-from tis.common.scenario.network import NetworkPart
-from tis.netem.bridge.carrying import backlog_bytes, ends_of, stream_network
-from tis.netem.bridge.driver import Driver
-from tis.netem.bridge.proxy import Proxy
-from tis.netem.bridge.sides import Place
-from tis.netem.build import build_links
 
 pytestmark = pytest.mark.live
 
-_PAGE = Path(__file__).resolve().parents[3] / "docs" / "emulator" / "transparency.md"
+_ROOT = Path(__file__).resolve().parents[3]
+_PAGE = _ROOT / "docs" / "emulator" / "transparency.md"
 _ATTEMPTS = 3
 _ROW = re.compile(r"^\| `(\w+)` \|", re.MULTILINE)
 
@@ -77,42 +76,60 @@ def _bridged_to_a_router() -> Iterator[tuple[Between, _Router]]:
 
 @contextmanager
 def _carried(delay_ms: float) -> Iterator[tuple[Between, _Router]]:
-    west_end, east_end = free_endpoints()
-    network = NetworkPart.model_validate(delays(delay_ms))
-    driver = Driver(build_links(stream_network(network, "test"), ["**"], 7, None, "test"))
-    ends = ends_of({"west": Place(listen=(west_end,)), "east": Place(connect=(east_end,))})
-    with _routed(east_end) as router, driving(driver):
-        proxy = Proxy(driver, *ends, backlog_bytes(network), 65_536, pytest.fail)
-        proxy.open()
-        try:
-            with a_client(west_end) as west, a_client(east_end) as east:
-                yield Between(west, east, west_end, east_end), router
-        finally:
-            proxy.close()
+    _, east_end = free_endpoints()
+    host, port = east_end.removeprefix("tcp/").split(":")
+    with _routed(east_end) as router, carrying((host, int(port)), **delays(delay_ms)) as (_, _, ours):
+        west_end = f"tcp/{ours[0]}:{ours[1]}"
+        with a_client(west_end) as west, a_client(east_end) as east:
+            yield Between(west, east, west_end, east_end), router
+
+
+Outcomes = Callable[[Between], dict[str, Any]]
 
 
 @pytest.fixture(scope="module")
 def native() -> dict[str, Any]:
-    return _reference()
+    return _reference(outcomes)
 
 
-def _reference() -> dict[str, Any]:
+@pytest.fixture(scope="module")
+def others() -> Outcomes:
+    """Return what runs the scenarios with clients of another version of Zenoh."""
+    python = os.environ.get("TIS_ZENOH_OTHER")
+    if python is None:
+        pytest.skip("TIS_ZENOH_OTHER names no Python that has another version of Zenoh")
+
+    def run(there: Between) -> dict[str, Any]:
+        words = [python, "-m", "tests.netem.bridge.scenarios", there.west_end, there.east_end]
+        done = subprocess.run(words, capture_output=True, text=True, cwd=_ROOT, check=True)
+        told = json.loads(done.stdout)
+        assert told["zenoh"] != version("eclipse-zenoh"), "it should be another version"
+        found: dict[str, Any] = told["outcomes"]
+        return found
+
+    return run
+
+
+def _reference(run: Outcomes) -> dict[str, Any]:
     with _native() as (there, _):
-        return outcomes(there)
+        return run(there)
 
 
 def _differing(
-    native: dict[str, Any], expected: set[str], network: Callable[[], AbstractContextManager[Between]]
+    native: dict[str, Any],
+    expected: set[str],
+    network: Callable[[], AbstractContextManager[Between]],
+    run: Outcomes = outcomes,
 ) -> dict[str, Any]:
     """Return what differs from the native router, thrice if need be: a busy machine may be late once."""
     always: dict[str, Any] = dict.fromkeys(SCENARIOS)
     for _ in range(_ATTEMPTS):
         with network() as there:
-            found = outcomes(there)
+            found = run(there)
         always = {name: (native[name], found[name]) for name in always if native[name] != found[name]}
         if set(always) <= expected:
             break
-        native = _reference()
+        native = _reference(run)
     return always
 
 
@@ -131,14 +148,23 @@ def test_the_bridge_differs_where_the_manual_says_so(native: dict[str, Any], del
     assert set(differing) == expected
 
 
+@contextmanager
+def _carried_alone(delay_ms: float) -> Iterator[Between]:
+    with _carried(delay_ms) as (there, _):
+        yield there
+
+
 @pytest.mark.parametrize("delay_ms", [0.0, 50.0])
 def test_bytes_that_are_carried_differ_in_nothing(native: dict[str, Any], delay_ms: float) -> None:
-    @contextmanager
-    def network() -> Iterator[Between]:
-        with _carried(delay_ms) as (there, _):
-            yield there
+    assert _differing(native, set(), lambda: _carried_alone(delay_ms)) == {}
 
-    assert _differing(native, set(), network) == {}
+
+def test_clients_of_another_version_find_the_same_differences(others: Outcomes) -> None:
+    """Their router is this version's, as the bridge is."""
+    native, expected = _reference(others), set(_ROW.findall(_PAGE.read_text()))
+    assert not {name: told for name, told in native.items() if isinstance(told, str)}
+    assert set(_differing(native, expected, lambda: _bridged(50.0), others)) == expected
+    assert _differing(native, set(), lambda: _carried_alone(50.0), others) == {}
 
 
 @pytest.mark.parametrize(

@@ -10,14 +10,12 @@ from typing import Any
 
 import pytest
 
-from tests.netem.bridge.live_bridge import driving
+from tests.netem.bridge.live_bridge import carrying
 from tis.common.channels import Direction
 from tis.common.errors import PeerError
-from tis.common.scenario.network import NetworkPart
-from tis.netem.bridge.carrying import backlog_bytes, stream_network
 from tis.netem.bridge.driver import Driver
 from tis.netem.bridge.proxy import Proxy
-from tis.netem.build import build_links
+from tis.netem.link.packet import Fate
 
 pytestmark = pytest.mark.live
 
@@ -42,9 +40,6 @@ def _free_port() -> int:
 def _carried(
     serve: Callable[[socket.socket], None] | None, segment_bytes: int = 65_536, **network: Any
 ) -> Iterator[_Carried]:
-    part = NetworkPart.model_validate(network)
-    links = build_links(stream_network(part, "test"), ["**"], 3, None, "test")
-    driver = Driver(links)
     over = threading.Event()
     with ExitStack() as stack:
         target = ("127.0.0.1", _free_port())
@@ -61,13 +56,8 @@ def _carried(
                     threading.Thread(target=serve, args=[connection], daemon=True).start()
 
             threading.Thread(target=accept, daemon=True).start()
-        address = ("127.0.0.1", _free_port())
-        proxy = Proxy(driver, address, target, "west", backlog_bytes(part), segment_bytes, pytest.fail)
         stack.callback(over.set)
-        stack.enter_context(driving(driver))
-        stack.callback(proxy.close)
-        proxy.open()
-        yield _Carried(driver, proxy, address)
+        yield _Carried(*stack.enter_context(carrying(target, segment_bytes, **network)))
 
 
 def _echo(connection: socket.socket) -> None:
@@ -108,6 +98,33 @@ def test_bytes_cross_in_order_and_unchanged_and_so_does_their_end(network: dict[
         assert carried.proxy.n_bytes == {"forward": len(content), "feedback": len(content)}
         links = carried.driver.links
         assert not any(sum(link.dropped.values()) for link in links.values())
+
+
+def test_what_is_lost_is_repeated_and_holds_up_its_own_connection_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    content = hashlib.shake_256(b"tis").digest(200_000)
+    burst = {"kind": "burst", "p_loss": 0.1, "mean_burst": 3, "recovery": {"rto_ms": 50}}
+    lossy = {"delay": {"kind": "constant", "delay_ms": 2}, "loss": burst}
+    outage = {"kind": "periodic", "every_s": 0.3, "for_s": 0.1, "direction": "forward"}
+    fates: list[Fate] = []
+    with _carried(_echo, 1448, forward=lossy, outages=[outage]) as carried, ExitStack() as stack:
+        offer = carried.driver.offer
+
+        def counted(*words: Any) -> Fate | None:
+            fate = offer(*words)
+            assert fate is not None
+            fates.append(fate)
+            return fate
+
+        monkeypatch.setattr(carried.driver, "offer", counted)
+        connections = [stack.enter_context(carried.connect()) for _ in range(3)]
+        for one in connections:
+            threading.Thread(target=lambda one=one: (one.sendall(content), one.shutdown(socket.SHUT_WR))).start()
+        for one in connections:
+            assert _read_all(one) == content
+        links = carried.driver.links
+        assert set(links["forward"]._connections.by_name) == {f"connection/{i}" for i in (1, 2, 3)}
+        assert not any(sum(link.dropped.values()) for link in links.values())
+    assert sum(fate.recovered for fate in fates) > 20
 
 
 def test_a_delay_holds_in_its_direction_only() -> None:

@@ -12,6 +12,7 @@ from tests.netem.link.test_changing_rate import driven
 from tests.netem.making import KEY, link, scenario
 from tis.common.records import FateBatch, ReleaseBatch
 from tis.common.scenario.network import NetworkPart
+from tis.netem.build import build_links
 from tis.netem.expected.figures import direction_figures, synopsis
 from tis.netem.expected.simulate import simulate
 from tis.netem.link.link import Link
@@ -57,6 +58,19 @@ def test_a_key_with_a_rule_of_its_own_is_not_on_the_connection() -> None:
     timeline = [{"at_s": 0.1, "for_s": 0.05, "set": {"add_p_loss": 1}}]
     made = link(forward=lossy(), rules=rules, timeline=timeline)
     assert left_ms(made, [(100, KEY), (160, OTHER_KEY)]) == [(OTHER_KEY, 160), (KEY, 330)]
+
+
+def test_with_connections_of_their_own_keys_do_not_wait_for_each_other() -> None:
+    network = {"forward": lossy(), "timeline": [{"at_s": 0.1, "for_s": 0.05, "set": {"outage": True}}]}
+
+    def left_after(own: bool) -> list[tuple[str, float]]:
+        part = NetworkPart.model_validate(network)
+        made = build_links(part, ["**"], 7, None, "test", own_connections=own)["forward"]
+        return left_ms(made, [(100, KEY), (160, OTHER_KEY), (200, KEY), (240, OTHER_KEY)])
+
+    # the timeout of the first is due at 320; the acknowledgement of the third tells of it before
+    assert left_after(True) == [(OTHER_KEY, 170), (KEY, 230), (KEY, 230), (OTHER_KEY, 250)]
+    assert min(at_ms for _, at_ms in left_after(False)) > 170
 
 
 def test_nothing_overtakes_what_waits_when_the_recovery_ends() -> None:
