@@ -209,7 +209,7 @@ def _refuse(found: Sequence[Fault]) -> None:
 
 def _log_folder(run_dir: Path | None, log: bool | None) -> Path | None:
     """Return the folder of the log, None without one: between any two networks it has to be asked for."""
-    from tis.common.runtime.scenario_files import RUNS, run_folder
+    from tis.common.runtime.run_folders import RUNS, run_folder
 
     folder = run_folder(RUNS, "netem") if run_dir is None else run_dir
     return folder if (run_dir is not None if log is None else log) else None
