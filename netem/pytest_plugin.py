@@ -3,7 +3,8 @@
 pytest finds it by itself once ``tis-testbed`` is installed; until a test asks for it, nothing else is imported.
 """
 
-from collections.abc import Callable, Iterator
+import os
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -29,12 +30,39 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+@pytest.fixture(scope="session")
+def tis_netem_shared(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> "Iterator[Start]":
+    """Return a function as `tis_netem` is, whose networks last as long as pytest's session (with xdist, a worker's).
+
+    Equal arguments start one network. It is for fixtures of the session, such as a program that runs all the time; a
+    test asks for the same network by ``tis_netem(..., shared=True)``.
+    """
+    from tis.netem.bridge.between import between
+
+    parent: Path | None = request.config.getoption("--tis-netem-dir")
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "of_all_tests")
+    base = tmp_path_factory.mktemp("tis_netem") if parent is None else parent / worker
+    started: dict[str, Between] = {}
+    with ExitStack() as stack:
+
+        def start(profile: str | None = None, **arguments: Any) -> "Between":
+            asked = repr((profile, sorted(arguments.items())))
+            if asked not in started:
+                started[asked] = stack.enter_context(between(profile, run_dir=_free(base), **arguments))
+            return started[asked]
+
+        yield start
+
+
 @pytest.fixture
 def tis_netem(request: pytest.FixtureRequest, tmp_path: Path) -> "Iterator[Start]":
     """Return a function that starts a network: ``west, east = tis_netem("wifi_bad", seed=3)``.
 
     It takes the arguments of `tis.netem.bridge.between.between` but ``run_dir``, and may be called several times. The
     networks end with the test; the test's report then has a section on what each one did.
+
+    With ``shared=True`` the network is that of all tests of the session that ask for it by the same arguments: it
+    starts once, ``counts()`` begins at zero with each test, and what a test has changed ends with the test.
     """
     from tis.netem.bridge.between import between
 
@@ -43,15 +71,30 @@ def tis_netem(request: pytest.FixtureRequest, tmp_path: Path) -> "Iterator[Start
     started: list[Between] = []
     with ExitStack() as stack:
 
-        def start(profile: str | None = None, **arguments: Any) -> "Between":
-            net = stack.enter_context(between(profile, run_dir=_free(base), **arguments))
-            started.append(net)
+        def start(profile: str | None = None, shared: bool = False, **arguments: Any) -> "Between":
+            if shared:
+                net: Between = request.getfixturevalue("tis_netem_shared")(profile, **arguments)
+                net.count_anew()
+                stack.callback(_leave, net, request.node)
+            else:
+                net = stack.enter_context(between(profile, run_dir=_free(base), **arguments))
+                started.append(net)
             request.node.user_properties.append(("tis_netem", str(net.run_dir)))
             return net
 
         yield start
     for net in started:
         request.node.add_report_section("teardown", "tis_netem", _proof(net))
+
+
+def _leave(net: "Between", test: pytest.Item) -> None:
+    """Report what a shared network did in a test, and end the test's changes."""
+    lines = [f"log, of all tests: {net.run_dir}"]
+    for direction, counts in net.counts().items():
+        causes = {name.removeprefix("dropped."): n for name, n in counts.items() if name.startswith("dropped.")}
+        lines.append(f"{direction}: {_offered(counts['offered'], causes)}")
+    test.add_report_section("teardown", "tis_netem", "\n".join(lines))
+    net.reset()
 
 
 def _folder_name(node_id: str) -> str:
@@ -72,10 +115,12 @@ def _proof(net: "Between") -> str:
     for direction, link in net.summary.get("links", {}).items():
         delay = link["delay_ms"]["realised"]["p50"]
         median = "" if delay is None else f", median delay {delay:.2f} ms"
-        causes = ", ".join(f"{cause} {n}" for cause, n in link["dropped_by"].items() if n)
-        lines.append(
-            f"{direction}: {_JUDGED[net.faithful[direction]]}, {link['offered']} messages offered, "
-            f"{link['dropped']} dropped{f' ({causes})' if causes else ''}{median}"
-        )
+        happened = _offered(link["offered"], link["dropped_by"])
+        lines.append(f"{direction}: {_JUDGED[net.faithful[direction]]}, {happened}{median}")
     lines += [f"asked for while it ran: {text}" for text in net.summary.get("changes", ())]
     return "\n".join([*lines, *(f"problem: {text}" for text in net.summary.get("problems", ()))])
+
+
+def _offered(n_offered: int, n_dropped: Mapping[str, int]) -> str:
+    causes = ", ".join(f"{cause} {n}" for cause, n in n_dropped.items() if n)
+    return f"{n_offered} messages offered, {sum(n_dropped.values())} dropped{f' ({causes})' if causes else ''}"

@@ -1,11 +1,9 @@
-"""Files that a scenario stands in or names, read up to a limit of size; and the folder of its run.
+"""Files that a scenario stands in or names, read up to a limit of size.
 
 Recordings of movements have a folder of their own: `tis.common.runtime.recordings`.
 """
 
 import errno
-import re
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -36,9 +34,6 @@ def read_limited(path: Path, max_bytes: int) -> bytes:
     return content
 
 
-RUNS: Final = Path("runs")
-"""Folder of the runs whose folder the user does not name."""
-_MAX_FOLDERS: Final = 20
 _RECORDINGS: Final = (".csv", ".tsv", ".parquet", ".mcap", ".db3", ".bag")
 
 
@@ -73,26 +68,6 @@ def _with_line(fault: Fault, where: str, text: str) -> Fault:
         return fault
     line = line_of(text, fault.field)
     return fault if line is None else replace(fault, where=f"{where}: line {line}")
-
-
-def run_folder(base: Path, name: str) -> Path:
-    """Return a new folder's name below ``base``: the date, the time and the scenario."""
-    stamp = time.strftime("%Y%m%d_%H%M%S")
-    path, n = base / f"{stamp}_{name}", 1
-    while path.exists():
-        n += 1
-        path = base / f"{stamp}_{name}_{n}"
-    return path
-
-
-def latest_folders(base: Path, name: str) -> list[Path]:
-    """Return the newest folders that `run_folder` has named for a scenario, newest first, and at most twenty."""
-    ours = re.compile(rf"[0-9]{{8}}_[0-9]{{6}}_{re.escape(name)}(_[0-9]+)?")
-    try:
-        found = [path for path in base.iterdir() if ours.fullmatch(path.name)]
-    except OSError:
-        return []
-    return sorted(found, reverse=True)[:_MAX_FOLDERS]
 
 
 _FOLDER: Final = "traces"

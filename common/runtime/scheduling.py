@@ -82,3 +82,10 @@ def settle(privileged: bool = True) -> None:
     gc.freeze()
     gc.disable()  # the loop creates no cycles, and a full collection would stall it for milliseconds
     keep_heap_level()
+
+
+def give_way() -> None:
+    """Undo `settle` for this thread, whose work in real time is over: what it computes now must delay no loop."""
+    with contextlib.suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    gc.enable()

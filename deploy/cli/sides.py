@@ -38,11 +38,11 @@ def _library(name: str) -> Mapping[str, Any]:
     return library(name)
 
 
-def _close_folder(run_dir: Path, network: "NetworkPart", exit_code: int) -> None:
-    """Complete the folder of a standalone netem."""
+def _close_folder(run_dir: Path, network: "NetworkPart", exit_code: int, summarized: bool) -> int:
+    """Complete the folder of a standalone netem; return the exit code."""
     from tis.deploy.standalone.command import close_folder
 
-    close_folder(run_dir, network, exit_code)
+    return close_folder(run_dir, network, exit_code, summarized)
 
 
 def _side_of(side: "Side", module: str) -> "RunSide":

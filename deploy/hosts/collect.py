@@ -9,7 +9,7 @@ from typing import Final, Literal, NamedTuple
 from rich.console import Console
 
 from tis.common.errors import DataError, Fault, InputError
-from tis.common.runtime.scenario_files import RUNS
+from tis.common.runtime.run_folders import RUNS
 from tis.common.zenoh_syntax import endpoint_faults
 from tis.deploy.hosts.connections import at_all, hosts_of
 from tis.deploy.hosts.host import HostLogs, SideHost

@@ -15,7 +15,7 @@ from rich.markup import escape
 from tis.common.channels import Side
 from tis.common.errors import EXIT_INTERRUPTED, EXIT_OK, PeerError, TisError
 from tis.common.runtime.process import Interrupt, command_line
-from tis.common.runtime.scenario_files import RUNS, run_folder
+from tis.common.runtime.run_folders import RUNS, run_folder
 from tis.common.scenario import reading
 from tis.deploy.hosts.collect import gather_logs, told_on
 from tis.deploy.hosts.connections import connect_and_check, hosts_of

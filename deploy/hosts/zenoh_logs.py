@@ -27,7 +27,7 @@ from rich.console import Console
 from tis.common.channels import Side
 from tis.common.errors import EXIT_OK, DataError, Fault, PeerError, TisError
 from tis.common.runtime.process import Interrupt
-from tis.common.runtime.scenario_files import run_folder
+from tis.common.runtime.run_folders import run_folder
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router, visitor
 from tis.common.scenario.base import Part
 from tis.deploy.hosts.collect import collection_folder, told_on

@@ -9,7 +9,8 @@ from tis.common.errors import DataError, InputError
 from tis.common.runtime.process import command_line
 from tis.common.runtime.recordings import build_whole, load_recording
 from tis.common.runtime.recordings.table_file import open_table
-from tis.common.runtime.scenario_files import RUNS, read_scenario
+from tis.common.runtime.run_folders import RUNS
+from tis.common.runtime.scenario_files import read_scenario
 from tis.common.scenario.identification import Identification
 from tis.common.scenario.patient import PatientPart
 from tis.common.scenario.reading import apply_settings, setting

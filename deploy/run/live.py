@@ -10,8 +10,9 @@ from tis.common.errors import EXIT_INTERRUPTED, EXIT_OK
 from tis.common.runtime.credentials import credentials, own_client
 from tis.common.runtime.process import command_line
 from tis.common.runtime.recordings import check_recording
+from tis.common.runtime.run_folders import RUNS, run_folder
 from tis.common.runtime.running import Running, announced
-from tis.common.runtime.scenario_files import RUNS, load_traces, run_folder
+from tis.common.runtime.scenario_files import load_traces
 from tis.common.runtime.zenoh_session import ZenohOptions
 from tis.common.scenario import Scenario, check_foreign_surgeon
 from tis.common.scenario.identification import is_model_file

@@ -12,7 +12,7 @@ from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK, Fault, InputError
 from tis.common.records import CONTROL, ControlNote
 from tis.common.runtime.process import command_line
 from tis.common.runtime.recordings import load_recording
-from tis.common.runtime.scenario_files import RUNS, run_folder
+from tis.common.runtime.run_folders import RUNS, run_folder
 from tis.common.scenario import Scenario
 from tis.common.scenario.reading import digest
 from tis.deploy.logs.read.load import load_run

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from tis.common.errors import DataError, Fault
-from tis.common.runtime.scenario_files import RUNS
+from tis.common.runtime.run_folders import RUNS
 
 
 def unwritable(*files: Path | None) -> list[Fault]:

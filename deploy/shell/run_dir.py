@@ -17,7 +17,8 @@ from pydantic_core import from_json
 
 from tis.common.channels import Side
 from tis.common.errors import DataError, Fault
-from tis.common.runtime.scenario_files import RUNS, read_limited
+from tis.common.runtime.run_folders import RUNS
+from tis.common.runtime.scenario_files import read_limited
 from tis.common.scenario import Scenario
 from tis.common.scenario import reading as scenario_io
 from tis.common.sources.provenance import MODEL_FILES

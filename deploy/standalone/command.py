@@ -14,6 +14,7 @@ from tis.common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, Fa
 from tis.common.extras import GET_REPORT
 from tis.common.records import CONTROL, COUNTERS, ControlNote
 from tis.common.runtime.process import command_line
+from tis.common.runtime.scheduling import give_way
 from tis.common.scenario.network import NetworkPart
 from tis.common.units import NS_PER_S
 from tis.deploy.export.export import Exported, Formats
@@ -31,7 +32,7 @@ from tis.deploy.report.subjects.processors import ProcessorFigures, processors_s
 from tis.deploy.report.terminal import HangingIndent, verdict_view
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.early_checks import can_report
-from tis.deploy.shell.guard import print_json
+from tis.deploy.shell.guard import OUT, print_json
 from tis.deploy.standalone.standalone_run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
 from tis.deploy.tools.info import log_states, print_damage, print_files, states_as_data
 from tis.netem.bridge.standalone import network_yaml
@@ -129,10 +130,18 @@ def summary_view(summary: NetemSummary) -> RenderableType:
     return Group(*parts, packet_table(links).terminal(), beyond, delay_table(links, "by the options").terminal())
 
 
-def close_folder(run_dir: Path, network: NetworkPart, exit_code: int) -> None:
-    """Write the used network and the manifest beside netem's log at its end; raises `DataError`."""
+def close_folder(run_dir: Path, network: NetworkPart, exit_code: int, summarized: bool = False) -> int:
+    """Write the used network and the manifest beside netem's log at its end; raises `DataError`.
+
+    With ``summarized`` also the summary. Returns the exit code, which is that of the summary if netem's own is 0.
+    """
     folder.write(run_dir / NETWORK_FILE, network_yaml(network))
     _write_manifest(run_dir, command_line(), exit_code)
+    if not summarized:
+        return exit_code
+    give_way()
+    code = summarize(run_dir, OUT)
+    return exit_code or code
 
 
 def summarize(run_dir: Path, out: Console, as_json: bool = False) -> int:

@@ -30,11 +30,13 @@ from tis.common.units import NS_PER_S
 
 Ways = Literal["forward", "feedback", "both"]
 
-_TIS: Final = (sys.executable, "-m", "tis.deploy.cli.main")
+# Summarized in netem's process: another one would take as long again to load.
+_COMMAND: Final = (sys.executable, "-m", "tis.deploy.cli.main", "netem", "--summarize")
 _RUNNING: Final = "netem: running"
 _START_S: Final = 60.0
-_END_S: Final = 30.0
+_END_S: Final = 300.0  # netem ends itself within seconds; then it reads its log
 _MAX_LINES: Final = 200
+_COUNTED: Final = ("offered", "copied", "released", "dropped")
 
 
 class Between:
@@ -54,6 +56,7 @@ class Between:
     def __init__(self, west: str, east: str, run_dir: Path) -> None:
         self.west, self.east, self.run_dir = west, east, run_dir
         self.summary: dict[str, Any] = {}
+        self._counted: dict[str, dict[str, int]] = {}
 
     def __iter__(self) -> Iterator[str]:
         """Yield both endpoints: ``west, east = net``."""
@@ -76,14 +79,43 @@ class Between:
         request: dict[str, Any] = {"direction": direction, "change": dict(change)}
         self._ask("set", request if for_s is None else request | {"for_s": for_s})
 
+    def profile(self, name: str) -> None:
+        """Put a static network of the library in place of all changes; returns when that holds."""
+        self._ask("profile", {"profile": name})
+
     def reset(self) -> None:
         """End all changes and outages; returns when that holds."""
         self._ask("reset", {})
+
+    def counts(self) -> dict[str, dict[str, int]]:
+        """Return while it runs, by direction, the messages since its start or `count_anew`, by outcome.
+
+        Outcomes are ``offered``, ``copied`` (duplicates), ``released``, and ``dropped.loss`` and its like by cause.
+        """
+        now, before = self._counters(), self._counted
+        return {
+            direction: {name: n - before.get(direction, {}).get(name, 0) for name, n in found.items()}
+            for direction, found in now.items()
+        }
+
+    def count_anew(self) -> None:
+        """Let `counts` begin at zero."""
+        self._counted = self._counters()
 
     @property
     def faithful(self) -> dict[str, bool | None]:
         """Return by direction whether the network was as requested, None: not decidable; empty before the end."""
         return {direction: link["verdict"]["faithful"] for direction, link in self.summary.get("links", {}).items()}
+
+    def _counters(self) -> dict[str, dict[str, int]]:
+        with connected(EmulatorAddress(self.west)) as remote:
+            state = remote.state()
+        ways = {"forward": state.forward, "feedback": state.feedback}
+        return {
+            direction: {name: n for name, n in way.counters.items() if name.partition(".")[0] in _COUNTED}
+            for direction, way in ways.items()
+            if way is not None
+        }
 
     def _ask(self, operation: str, request: Mapping[str, Any]) -> None:
         with connected(EmulatorAddress(self.west)) as remote:
@@ -138,13 +170,12 @@ def between(
     """
     west, east = endpoints or free_endpoints()
     folder = Path(tempfile.mkdtemp(prefix="tis-netem-")) / "run" if run_dir is None else Path(run_dir)
-    words = [*_TIS, "netem", *keys, "--west", west, "--east", east, "--seed", str(seed), "--run-dir", str(folder)]
+    words = [*_COMMAND, *keys, "--west", west, "--east", east, "--seed", str(seed), "--run-dir", str(folder)]
     words += [] if profile is None else ["--profile", profile]
     words += [] if network is None else ["--scenario-network", str(network)]
     words += [word for setting in settings for word in ("--set", setting)]
     net = Between(west, east, folder)
-    # A process of its own: netem asks for real-time scheduling and turns the garbage collector off.
-    process = subprocess.Popen(  # noqa: S603  (our own command)
+    process = subprocess.Popen(  # noqa: S603  (its own: netem asks for real-time scheduling, and collects no garbage)
         [*words, *options], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=child_environment()
     )
     said = _Said(process)
@@ -208,11 +239,8 @@ def _end(process: "subprocess.Popen[str]") -> None:
 
 
 def _summary(folder: Path) -> dict[str, Any]:
-    """Return the summary of netem's log; raises `PeerError` when it cannot be computed."""
-    words = [*_TIS, "summarize", str(folder), "--json"]
-    done = subprocess.run(words, capture_output=True, text=True, env=child_environment(), check=False)  # noqa: S603
+    """Return the summary that netem has written; raises `PeerError` when there is none."""
     try:
-        found = json.loads(done.stdout)
-    except ValueError:
-        raise PeerError(Fault(str(folder), "", " ".join(done.stderr.split()))) from None
-    return dict(found)
+        return dict(json.loads((folder / "summary.json").read_bytes()))
+    except (OSError, ValueError) as error:
+        raise PeerError(Fault(str(folder), "", f"netem left no summary: {error}")) from None

@@ -30,6 +30,8 @@ if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, n
     from tis.netem.bridge.mirrors.queries import QueryTargetName
     from tis.netem.bridge.standalone import Carriage, Standalone
 
+    CloseFolder = Callable[[Path, NetworkPart, int, bool], int]
+
 Many = list[str] | None
 
 _ALONE: Final = "Between any two networks"
@@ -85,6 +87,9 @@ ControlOption = Annotated[
     str | None, _alone(metavar="ENDPOINT", help="With --carry tcp or udp: listen here for `tis net show|set|outage`.")
 ]
 LogOption = Annotated[bool | None, _alone("--log/--no-log", help="Log every packet; as --run-dir says.")]
+SummarizeOption = Annotated[
+    bool, _alone("--summarize", help="Log, and at the end summarize the log, as `tis summarize` does.")
+]
 PrefixOption = Annotated[str, _alone(help="First chunk of the keys as tis/netem/control.")]
 
 
@@ -115,13 +120,14 @@ def netem_command(
     run_side: "RunSide",
     locate: Callable[[str], Path] = Path,
     profiles: "reading.Profiles | None" = None,
-    close_folder: "Callable[[Path, NetworkPart, int], None] | None" = None,
+    close_folder: "CloseFolder | None" = None,
     scenarios: Completion | None = None,
     profile_names: Completion | None = None,
 ) -> Callable[..., None]:
     """Return the typer command. ``locate`` finds a scenario's file, ``profiles`` is the library of networks.
 
-    ``close_folder`` completes the folder of a log that was written between any two networks, by its exit code;
+    ``close_folder`` completes the folder of a log that was written between any two networks, by its exit code, and
+    summarizes it if asked to; it returns the exit code;
     ``scenarios`` and ``profile_names`` complete names.
     """
     run_scenario = side_command("netem", run_side, locate, profiles)
@@ -149,6 +155,7 @@ def netem_command(
         query_time_out_s: QueryOption = 600.0,
         query_target: TargetOption = "best_matching",
         log: LogOption = None,
+        summarize: SummarizeOption = False,
         carry: CarryOption = "messages",
         control: ControlOption = None,
         prefix: PrefixOption = "tis",
@@ -175,9 +182,9 @@ def netem_command(
                 network=part, keys=keys or ("**",), where=where, seed=seed,
                 zenoh=ZenohOptions(connect or (), listen or (), config, cfg or (), insecure),
                 mode="peer" if mode == "peer" else "client", duration_s=duration_s, wait_s=wait_s,
-                log_dir=_log_folder(run_dir, log), query_time_out_s=query_time_out_s,
-                query_target=_query_target(query_target), prefix=prefix, carry=_carriage(carry, control),
-                control=control,
+                log_dir=_log_folder(run_dir, True if summarize else log), summarize=summarize,
+                query_time_out_s=query_time_out_s, query_target=_query_target(query_target),
+                prefix=prefix, carry=_carriage(carry, control), control=control,
             )  # fmt: skip
             return _run(asked, keys, locate, profiles, close_folder)
 
@@ -209,7 +216,7 @@ def _refuse(found: Sequence[Fault]) -> None:
 
 def _log_folder(run_dir: Path | None, log: bool | None) -> Path | None:
     """Return the folder of the log, None without one: between any two networks it has to be asked for."""
-    from tis.common.runtime.scenario_files import RUNS, run_folder
+    from tis.common.runtime.run_folders import RUNS, run_folder
 
     folder = run_folder(RUNS, "netem") if run_dir is None else run_dir
     return folder if (run_dir is not None if log is None else log) else None
@@ -242,7 +249,7 @@ def _run(
     words: Sequence[str],
     locate: Callable[[str], Path],
     profiles: "reading.Profiles | None",
-    close_folder: "Callable[[Path, NetworkPart, int], None] | None",
+    close_folder: "CloseFolder | None",
 ) -> int:
     """Run the emulator between two networks to its end and complete its folder; return the exit code."""
     from tis.common.runtime.scenario_files import lines_told
@@ -260,7 +267,7 @@ def _run(
         code = run_standalone(asked, status, profiles)
     has_begun = code != EXIT_INTERRUPTED  # otherwise it still waited for a network, and there is no log
     if asked.log_dir is not None and close_folder is not None and has_begun:
-        close_folder(asked.log_dir, asked.network, code)
+        return close_folder(asked.log_dir, asked.network, code, asked.summarize)
     return code
 
 

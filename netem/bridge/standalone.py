@@ -76,6 +76,8 @@ class Standalone:
     duration_s: float | None = None
     wait_s: float | None = None
     log_dir: Path | None = None
+    summarize: bool = False
+    """Whether the log is summarized at the end."""
     query_time_out_s: float = TIME_OUT_S
     query_target: QueryTargetName = "best_matching"
     prefix: str = "tis"

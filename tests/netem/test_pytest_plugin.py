@@ -36,14 +36,59 @@ def test_a_robot_hears(tis_netem):
         time.sleep(0.3)
     assert heard, "nothing came through"
 """
+_OF_ALL_TESTS = """
+import time, pytest
+from test_robot import a_session
+
+@pytest.fixture(scope="session")
+def robot(tis_netem_shared):
+    west, east = tis_netem_shared(seed=3)
+    with a_session(east) as session:
+        heard = []
+        held = session.declare_subscriber("a/b", heard.append)
+        yield heard
+
+@pytest.fixture
+def operator(tis_netem):
+    net = tis_netem(seed=3, shared=True)
+    with a_session(net.west) as session:
+        publisher = session.declare_publisher("a/b")
+        while not publisher.matching_status.matching:
+            time.sleep(0.05)
+        yield net, publisher
+
+def sent(net, publisher, n):
+    for _ in range(n):
+        publisher.put("x")
+    while net.counts()["forward"]["offered"] < n:
+        time.sleep(0.01)
+
+def test_in_an_outage(robot, operator):
+    operator[0].outage(60)
+    sent(*operator, 3)
+    assert not robot
+    assert False, "as asked for"
+
+def test_after_it(robot, operator):
+    net, publisher = operator
+    assert net.counts()["forward"]["offered"] == 0
+    net.profile("transatlantic_fiber")
+    sent(net, publisher, 5)
+    while net.counts()["forward"]["released"] < 5:
+        time.sleep(0.01)
+    assert net.counts()["forward"]["dropped.outage"] == 0
+"""
+
+
+def _pytest(folder: Path, *words: str) -> "subprocess.CompletedProcess[str]":
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--tis-netem-dir", "proofs", *words]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, env=environment, check=False)
 
 
 def test_a_project_of_its_own_gets_a_network_and_the_proof(tmp_path: Path) -> None:
     (tmp_path / "test_robot.py").write_text(_TEST)
-    words = ["-q", "-p", "no:cacheprovider", "--tis-netem-dir", "proofs", "--junit-xml", "junit.xml"]
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
-    command = [sys.executable, "-m", "pytest", *words]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=environment, check=False)
+    done = _pytest(tmp_path, "--junit-xml", "junit.xml")
     assert done.returncode == 1, done.stdout + done.stderr
     assert "1 failed, 1 passed" in done.stdout
     assert "nothing came through" in done.stdout
@@ -55,3 +100,13 @@ def test_a_project_of_its_own_gets_a_network_and_the_proof(tmp_path: Path) -> No
     assert (
         str(Path("proofs") / "test_robot.py__test_a_robot_hears" / "netem_1") in (tmp_path / "junit.xml").read_text()
     )
+
+
+def test_tests_share_a_network_and_each_has_its_own_conditions_and_counts(tmp_path: Path) -> None:
+    (tmp_path / "test_robot.py").write_text(_TEST)
+    (tmp_path / "test_shared.py").write_text(_OF_ALL_TESTS)
+    done = _pytest(tmp_path, "test_shared.py")
+    assert "1 failed, 1 passed" in done.stdout, done.stdout + done.stderr
+    assert "forward: 3 messages offered, 3 dropped (outage 3)" in done.stdout
+    (summary,) = (tmp_path / "proofs").glob("**/summary.json")  # one network for both
+    assert json.loads(summary.read_text())["links"]["forward"]["offered"] == 8

@@ -10,7 +10,7 @@ from tis.common.node import Record
 from tis.common.records import TICKS, TickNote
 from tis.common.runtime.control import boot_digest
 from tis.common.runtime.log_parts import CLOCK_FILE, PartClock
-from tis.common.runtime.scenario_files import latest_folders
+from tis.common.runtime.run_folders import latest_folders
 from tis.common.runtime.side_log import SideOptions, continued, earlier_part, open_log
 from tis.common.scenario import Scenario
 from tis.common.scenario.reading import build_scenario

@@ -102,6 +102,12 @@ def test_scipy_is_loaded_only_by_who_computes_with_it(module: str) -> None:
     assert not {"scipy.special", "scipy.signal", "scipy.stats", "scipy.linalg", "scipy.spatial"} & set(found.split())
 
 
+def test_the_help_of_a_command_loads_nothing_of_a_run() -> None:
+    """It would take twice as long."""
+    found = _said_by("import sys, tis.deploy.cli.main; print(*sys.modules)")
+    assert not {"numpy", "pydantic", "msgspec", "zenoh", "mcap", "yaml"} & set(found.split())
+
+
 def test_the_patient_loads_no_signal_processing() -> None:
     """It would nearly double the time that it takes to load."""
     found = _said_by(
