@@ -15,6 +15,9 @@ Hue = Literal["VERMILION", "GREEN", "PINK", "VIOLET", "BROWN", "BLUE", "AMBER"]
 """Names of tones in `tis.deploy.present.palette`."""
 Dash = Literal["solid", "dashed", "dotted", "dashdot"]
 
+OF_PAPER: Final = "tis paper"
+OF_METHODS: Final = "tis paper --methods"
+
 
 @dataclass(frozen=True, kw_only=True)
 class EstimatorRow:
@@ -28,6 +31,9 @@ class EstimatorRow:
         The style of its lines in all figures; no two estimators look alike.
     words
         What it is good for, and its limits, for builders of surgical robots.
+    judged_by
+        The study that judges it, where it is a method to compare with: a scenario names it like one's own,
+        ``tis.patient_side.estimators:name``.
     of_model
         Whether the code takes an arm's models, and raises `DataError` where the arm lacks its own.
     fit
@@ -45,7 +51,8 @@ class EstimatorRow:
     code: str
     hue: Hue
     dash: Dash = "solid"
-    words: str
+    words: str = ""
+    judged_by: str = ""
     of_model: bool = True
     fit: str = ""
     slow: bool = False
@@ -70,26 +77,19 @@ ESTIMATORS: Final[Mapping[str, EstimatorRow]] = MappingProxyType(
             hue="VERMILION",
             dash="dashed",
             of_model=False,
-            words="The arm is where the packet that came in last saw it, however old that is: what a receiver "
-            "does that does not look at time stamps. Where packets overtake each other it jumps back in "
-            "time, and any other choice is better.",
+            judged_by=OF_PAPER,
         ),
         "static_gain": EstimatorRow(
             code="simple:StaticGain",
             hue="GREEN",
-            words="The freshest command, scaled as the identified model says, and shifted as the freshest pair "
-            "of command and position shows where a gain is all that relates them. It helps where commands "
-            "come sooner than arm positions (topology `observer`), and takes an arm that lags for one "
-            "that is there.",
+            judged_by=OF_PAPER,
         ),
         "velocity": EstimatorRow(
             code="simple:Velocity",
             hue="PINK",
             dash="dashed",
             of_model=False,
-            words="The arm goes on with the speed of its last two samples until something newer comes. Good for "
-            "delays of a few samples; for longer ones it overshoots at each turn of the hand, worse than "
-            "holding.",
+            judged_by=OF_PAPER,
         ),
         "damped_velocity": EstimatorRow(
             code="simple:DampedVelocity",
@@ -115,9 +115,7 @@ ESTIMATORS: Final[Mapping[str, EstimatorRow]] = MappingProxyType(
             dash="dashed",
             fit="fit_n4sid",
             benched=True,
-            words="The same filter on a model that N4SID identifies, which finds the states by an oblique "
-            "projection. Take it to see whether a result hangs on the identification method: on good data "
-            "it should not.",
+            judged_by=OF_METHODS,
         ),
         "arx_kf": EstimatorRow(
             code="moesp_kf:arx_kf",
@@ -156,9 +154,7 @@ ESTIMATORS: Final[Mapping[str, EstimatorRow]] = MappingProxyType(
             hue="AMBER",
             fit="fit_horizons",
             benched=True,
-            words="For each horizon a least-squares regression of its own, from the recent past straight to the "
-            "position after that delay. About as accurate as a filter at its horizons, without a state "
-            "that could go wrong; gaps in the recent past cost it more than they cost a filter.",
+            judged_by=OF_METHODS,
         ),
         "drmf": EstimatorRow(
             code="drmf:drmf",
@@ -167,29 +163,21 @@ ESTIMATORS: Final[Mapping[str, EstimatorRow]] = MappingProxyType(
             fit="fit_completion",
             slow=True,
             benched=True,
-            words="Direct robust matrix factorisation of the arm's recent positions, as a Hankel matrix: what "
-            "is late or lost is a gap that a low-rank part fills, and single wrong positions go to a "
-            "sparse part. Gaps cost it little, as every column is fitted to what has arrived; but it "
-            "reads no commands, which stand in for lost positions in the filters. It factorises anew at "
-            "each tick, which takes twenty times as long as a filter's step.",
+            judged_by=OF_METHODS,
         ),
         "paper": EstimatorRow(
             code="paper:paper",
             hue="BROWN",
             dash="dashed",
             fit="fit_paper",
-            words="The Kalman filter of the paper that this testbed goes back to, with its update repaired so "
-            "that all three axes are assimilated. It takes a late sample for a present one and drops the "
-            "direct term of the model: here for comparison, not for use.",
+            judged_by=OF_PAPER,
         ),
         "paper_as_printed": EstimatorRow(
             code="paper_as_printed:paper_as_printed",
             hue="AMBER",
             dash="dashed",
             fitted_with="paper",
-            words="The same algorithm to the letter: each axis starts again from the prediction, so that only "
-            "the last axis is corrected and the others drift away. It shows what the printed algorithm "
-            "does.",
+            judged_by=OF_PAPER,
         ),
         "gpr": EstimatorRow(
             code="learned_forecast:learned_forecast",
@@ -197,9 +185,7 @@ ESTIMATORS: Final[Mapping[str, EstimatorRow]] = MappingProxyType(
             dash="dashdot",
             fitted_with="innovations_kf",
             learned=True,
-            words="A sparse Gaussian process adds to the linear forecast what training showed of the recent "
-            "path, with 512 inducing points, for nine ages at once. It knows where it knows little, and "
-            "says so in its uncertainty; each step compares the path with every point.",
+            judged_by=OF_METHODS,
         ),
         "srlsmf": EstimatorRow(
             code="learned_forecast:learned_forecast",
@@ -207,9 +193,7 @@ ESTIMATORS: Final[Mapping[str, EstimatorRow]] = MappingProxyType(
             dash="dashdot",
             fitted_with="innovations_kf",
             learned=True,
-            words="The same process on two thousand training rows, whose kernel matrix is a randomised low-rank "
-            "part plus its largest other entries (SRLSMF, cited by the paper). It shows what more rows "
-            "gain, and what they cost in each step.",
+            judged_by=OF_METHODS,
         ),
         "srlsmf_l1": EstimatorRow(
             code="learned_forecast:learned_forecast",
@@ -217,8 +201,7 @@ ESTIMATORS: Final[Mapping[str, EstimatorRow]] = MappingProxyType(
             dash="dashdot",
             fitted_with="innovations_kf",
             learned=True,
-            words="The same with all other entries shrunk instead of the largest ones kept: the l1 variant of "
-            "that factorisation. Beside the other variant it shows whether the choice matters.",
+            judged_by=OF_METHODS,
         ),
         "transformer": EstimatorRow(
             code="learned_forecast:learned_forecast",
@@ -226,10 +209,7 @@ ESTIMATORS: Final[Mapping[str, EstimatorRow]] = MappingProxyType(
             dash="dashdot",
             fitted_with="innovations_kf",
             learned=True,
-            words="A small causal transformer adds to the linear forecast what the recent path of ten seconds "
-            "tells, for any age, with a deviation of its own; trained on drawn losses and delays. It "
-            "takes minutes to train and some hundred microseconds a step, and wants many people in its "
-            "training.",
+            judged_by=OF_METHODS,
         ),
         "informer": EstimatorRow(
             code="learned_forecast:learned_forecast",
@@ -237,9 +217,7 @@ ESTIMATORS: Final[Mapping[str, EstimatorRow]] = MappingProxyType(
             dash="dashdot",
             fitted_with="innovations_kf",
             learned=True,
-            words="The transformer with Informer's sparse attention and distilling, and with zeros for lost "
-            "samples, as the authors of the paper plan. Where much is lost, zeros tell it less than "
-            "interpolation tells the others.",
+            judged_by=OF_METHODS,
         ),
         "cnn": EstimatorRow(
             code="learned_forecast:learned_forecast",
@@ -247,12 +225,25 @@ ESTIMATORS: Final[Mapping[str, EstimatorRow]] = MappingProxyType(
             dash="dashdot",
             fitted_with="innovations_kf",
             learned=True,
-            words="A small causal convolutional network with the same inputs and the same end. It is the "
-            "quickest of the networks to train, and a good first choice among them.",
+            judged_by=OF_METHODS,
         ),
     }
 )
+NAMES: Final = tuple(name for name, row in ESTIMATORS.items() if not row.judged_by)
+"""The estimators that scenarios name without a module."""
 LEARNED: Final = tuple(name for name, row in ESTIMATORS.items() if row.learned)
+
+_STUDIED: Final = "tis.patient_side.estimators:"
+
+
+def short_name(name: str) -> str:
+    """Return the name of an estimator's row for its name in a scenario; others are returned unchanged."""
+    return name.removeprefix(_STUDIED) if name.removeprefix(_STUDIED) in ESTIMATORS else name
+
+
+def scenario_name(name: str) -> str:
+    """Return the name in a scenario of the estimator with the row ``name``."""
+    return f"{_STUDIED}{name}" if ESTIMATORS[name].judged_by else name
 
 
 def users_of_fit(name: str) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 from tis.common.channels import HandChannels, hand_channels
 from tis.common.errors import DataError, Fault
+from tis.common.estimators import short_name
 from tis.common.scenario import Scenario
 from tis.common.scenario.estimator_names import is_learned
 from tis.common.sources.trajectory import Recording
@@ -44,7 +45,7 @@ def identify_models(
     wanted = {scenario.active_estimator, *scenario.estimators, *scenario.patient.orientation.in_order}
     hands = [hand.hand for hand in recording.hands]
     found = identify_hands(trainings, hands, scenario.identification, recording.pairing, wanted, stage)
-    learned = [name for name in scenario.estimators if is_learned(name)]
+    learned = [short_name(name) for name in scenario.estimators if is_learned(name)]
     return with_learned([each.model for each in found], trainings, scenario.identification, learned, stage)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 from pydantic import WithJsonSchema
 
-from tis.common.estimators import ESTIMATORS, LEARNED
+from tis.common.estimators import ESTIMATORS, LEARNED, NAMES, scenario_name, short_name
 from tis.common.scenario.base import obeys
 
 if TYPE_CHECKING:
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 else:  # the schema lists them
     LearnedName = Literal[LEARNED]
     """Estimators whose models are trained, which takes minutes: only where they are named."""
-NAMES: Final = tuple(ESTIMATORS)
 
 _WORD: Final = r"[A-Za-z_][A-Za-z0-9_]*"
 _PATTERN: Final = rf"^[A-Za-z][A-Za-z0-9_]*(\.{_WORD})*:{_WORD}(\.{_WORD})*$"
@@ -29,32 +28,34 @@ _USER_RULE: Final = (
 
 
 def is_user_defined(name: str) -> bool:
-    """Tell whether a name has the form ``module:factory`` of a user-defined estimator."""
-    return ":" in name
+    """Tell whether a name has the form ``module:factory``, and is not one of the testbed's."""
+    return ":" in name and not is_built_in(name)
 
 
 def is_built_in(name: str) -> bool:
-    """Tell whether a name is that of a built-in estimator."""
-    return name in ESTIMATORS
+    """Tell whether a name is that of a built-in estimator, of a method of the studies too."""
+    return name in NAMES or short_name(name) != name
 
 
 def is_learned(name: str) -> bool:
     """Tell whether an estimator's model is trained by a learned method."""
-    return name in LEARNED
+    return short_name(name) in LEARNED
 
 
 def plain_name(name: str) -> str:
-    """Return a name in letters, digits and ``_``, for topics and columns; built-in names are returned unchanged.
+    """Return a name in letters, digits and ``_``, for topics and columns; built-in ones have that of their row.
 
     ``my_filter:AlphaBeta`` becomes ``my_filter__AlphaBeta``; no built-in name contains ``__``.
     """
-    return name.replace(":", "__").replace(".", "_")
+    return short_name(name).replace(":", "__").replace(".", "_")
 
 
 def fault_of(name: str) -> str | None:
     """Return the rule that the text of a name breaks, None for a sound one."""
     if is_built_in(name):
         return None
+    if name in ESTIMATORS:
+        return f"is a method of `{ESTIMATORS[name].judged_by}`; a scenario names it {scenario_name(name)}"
     if is_user_defined(name):
         return None if re.fullmatch(_PATTERN, name) and len(name) <= _MAX_CHARS else _USER_RULE
     near = difflib.get_close_matches(name, NAMES, n=2, cutoff=0.6)

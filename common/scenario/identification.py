@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from tis.common.errors import Fault, InputError
-from tis.common.estimators import LEARNED
+from tis.common.estimators import LEARNED, short_name
 from tis.common.order_rules import OrderRule
 from tis.common.scenario.base import Part, Positive, RuleText
 from tis.common.scenario.estimator_names import AnyEstimatorName, LearnedName, each_once, is_learned
@@ -166,6 +166,7 @@ class Identification(Part):
         """
         self.check_for_runs()
         untrained = [] if is_model_file(self.train) else [name for name in estimators if is_learned(name)]
+        untrained = [short_name(name) for name in untrained]
         if untrained:
             rule = (
                 f"must be a model file in a live run with {' and '.join(untrained)}, as training takes minutes: "

@@ -25,7 +25,7 @@ _NETWORK: Final = (
     "network={forward: {loss: {kind: gilbert_elliott, p_bad: 0.01, p_good: 0.2}, delay: {kind: uniform, low_ms: 50, "
     "high_ms: 150}}}"
 )
-_ESTIMATORS: Final = (("hold", "innovations_kf"), ("hold", "velocity", "damped_velocity", "innovations_kf"))
+_ESTIMATORS: Final = (("hold", "innovations_kf"), ("hold", "damped_velocity", "moesp_kf", "innovations_kf"))
 
 
 def bench_cells(seconds: float, rounds: int, out: Console) -> dict[str, Any]:

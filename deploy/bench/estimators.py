@@ -16,8 +16,7 @@ import numpy as np
 from rich.console import Console
 
 from tis.common.errors import EXIT_OK
-from tis.common.estimators import ESTIMATORS
-from tis.common.scenario.estimator_names import NAMES
+from tis.common.estimators import ESTIMATORS, NAMES
 from tis.common.scenario.identification import Identification
 from tis.common.scenario.source import SyntheticSource
 from tis.common.sources.synthetic import synthesise

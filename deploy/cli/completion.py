@@ -21,11 +21,11 @@ def profiles(incomplete: str) -> list[str]:
 
 def estimators(incomplete: str) -> list[str]:
     """Return the list ``A,B,`` with each estimator that it may go on with."""
-    from tis.common.estimators import ESTIMATORS
+    from tis.common.estimators import NAMES
 
     before, comma, last = incomplete.rpartition(",")
     given = before.split(",")
-    return [f"{before}{comma}{name}" for name in _beginning(last, ESTIMATORS) if name not in given]
+    return [f"{before}{comma}{name}" for name in _beginning(last, NAMES) if name not in given]
 
 
 def _beginning(incomplete: str, names: Iterable[str]) -> list[str]:

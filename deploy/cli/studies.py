@@ -191,7 +191,7 @@ _Over = Annotated[
 ]
 _People = Annotated[str | None, typer.Option(metavar="D,E", help="People, instead of --trials: all of theirs.")]
 _Seeds = Annotated[
-    int | None, typer.Option("--seeds", min=1, help="Seeds per trial (4), or synthetic people, a seed each (8).")
+    int | None, typer.Option("--seeds", min=1, help="Seeds per trial (4), or synthetic people, a seed each (16).")
 ]
 _Profiles = Annotated[
     str, typer.Option(metavar="all|none|A,B", help="Profiles of the library that are judged as networks, too.")

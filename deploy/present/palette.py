@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from tis.common.channels import Direction
-from tis.common.estimators import ESTIMATORS, Hue
+from tis.common.estimators import ESTIMATORS, Hue, short_name
 
 
 @dataclass(frozen=True)
@@ -104,8 +104,8 @@ def look_of(estimator: str, among: Sequence[str] = ()) -> Look:
 
     The testbed's have fixed styles; user-defined ones get theirs by their order ``among`` the names.
     """
-    known = _ESTIMATORS.get(estimator)
+    known = _ESTIMATORS.get(short_name(estimator))
     if known is not None:
         return known
-    others = [name for name in among if name not in _ESTIMATORS]
+    others = [name for name in among if short_name(name) not in _ESTIMATORS]
     return _OWN[others.index(estimator) % len(_OWN) if estimator in others else 0]

@@ -17,6 +17,7 @@ from pydantic_core import from_json
 
 from tis.common.channels import Side
 from tis.common.errors import DataError, Fault
+from tis.common.estimators import ESTIMATORS, scenario_name
 from tis.common.runtime.run_folders import RUNS
 from tis.common.runtime.scenario_files import read_limited
 from tis.common.scenario import Scenario
@@ -171,7 +172,20 @@ def read_scenario(run_dir: Path, fallback: str | None = None) -> Scenario:
                 f"is no run folder: it holds no readable {SCENARIO_FILE}; tis runs lists those below a folder",
             )
         ) from None
-    return scenario_io.build_scenario(scenario_io.parse_yaml(text, str(path)), str(path))
+    return scenario_io.build_scenario(_as_now(scenario_io.parse_yaml(text, str(path))), str(path))
+
+
+def _as_now(raw: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the scenario of a run that an earlier version may have made, in the words of this one."""
+    found = dict(raw)
+    if isinstance(names := found.get("estimators"), list):
+        found["estimators"] = [_estimator_now(name) for name in names]
+    found |= {key: _estimator_now(found[key]) for key in ("active_estimator",) if key in found}
+    return found
+
+
+def _estimator_now(name: Any) -> Any:
+    return scenario_name(name) if isinstance(name, str) and name in ESTIMATORS else name
 
 
 def _scenario_text(path: Path) -> str:

@@ -9,6 +9,7 @@ from rich.markup import escape
 
 from tis.common.channels import Hand
 from tis.common.errors import EXIT_OK, DataError, Fault, InputError
+from tis.common.estimators import short_name
 from tis.common.extras import GET_REPORT
 from tis.common.runtime.recordings import load_recording, load_training
 from tis.common.scenario import Scenario
@@ -81,7 +82,7 @@ def _linear_row(
 def learned_names(scenario: Scenario) -> list[LearnedName]:
     """Return the methods to train: the scenario's method, and its estimators, as far as they are learned."""
     names = (scenario.identification.method, *scenario.estimators)
-    return list(dict.fromkeys(name for name in names if is_learned(name)))
+    return list(dict.fromkeys(short_name(name) for name in names if is_learned(name)))
 
 
 def print_epoch(epoch: Epoch, err: Console) -> None:

@@ -10,4 +10,21 @@ Where to look:
 - a regression for each horizon: `direct_ls`;
 - a completed Hankel matrix: `drmf`, on `filters.hankel_completion`;
 - the paper's Algorithm 1: `paper_as_printed`, `paper` (its update repaired).
+
+Those that only the studies judge (`tis.common.estimators`) are factories of this package for a scenario, by
+``module:factory``: ``tis.patient_side.estimators:direct_ls``.
 """
+
+from functools import partial
+from typing import Any
+
+
+def __getattr__(name: str) -> Any:
+    """Return the factory of a method of the studies."""
+    from tis.common.estimators import ESTIMATORS
+
+    if name not in ESTIMATORS or not ESTIMATORS[name].judged_by:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from tis.patient_side.estimators.builders import build_estimator
+
+    return partial(build_estimator, name)

@@ -38,7 +38,7 @@ def learned_forecast(name: str, model: ArmModel) -> "LearnedForecast":
     """Return the estimator called ``name``; raises `DataError` where the model file holds no such model."""
     for learned in model.learned:
         if learned.method == name:
-            return LearnedForecast(model, learned)
+            return LearnedForecast(model, learned, name)
     rule = f"the model holds none for {name}: train one with `tis identify --set identification.method={name}`"
     raise DataError(Fault("model", "learned", rule, ", ".join(each.method for each in model.learned) or "none"))
 
@@ -54,6 +54,7 @@ class LearnedForecast:
 
     model: ArmModel
     learned: LearnedModel
+    name: str
     _linear: InnovationsKf = field(init=False, repr=False)
     _stand_in: StandIn | None = field(init=False, repr=False)
     _predictor: Predictor = field(init=False, repr=False)
@@ -64,11 +65,6 @@ class LearnedForecast:
         object.__setattr__(self, "_stand_in", StandIn.of(self.model))
         object.__setattr__(self, "_predictor", predictor_of(self.learned))
         object.__setattr__(self, "_stride", stride_of(self.model.rate_hz))
-
-    @property
-    def name(self) -> str:
-        """Return the method's name."""
-        return self.learned.method
 
     def initial(self) -> InnovationsState:
         """Return the state before the first arrival: the linear filter's."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from tis.common.errors import DataError
-from tis.common.estimators import ESTIMATORS, users_of_fit
+from tis.common.estimators import ESTIMATORS, short_name, users_of_fit
 from tis.common.scenario.estimator_names import is_user_defined
 from tis.common.scenario.identification import Identification
 from tis.patient_side.identification.arx import fit_arx
@@ -121,6 +121,7 @@ def fit_companions(
     rows = TrainingRows(training, identification, about_lowest)
     models: dict[str, Any] = {}
     warnings: list[str] = []
+    wanted = None if wanted is None else set(map(short_name, wanted))
     # A user-defined estimator may use any model, so all that are not slow are tried for it.
     any_model = wanted is None or any(map(is_user_defined, wanted))
     owners = {row.fit: name for name, row in ESTIMATORS.items()}

@@ -4,6 +4,7 @@ from functools import cache
 from typing import Any, Final, NamedTuple
 
 from tis.common.channels import Hand, hand_channels
+from tis.common.estimators import ESTIMATORS, scenario_name
 from tis.common.header import Header
 from tis.common.node import Emission
 from tis.common.runtime.recordings import load_recording
@@ -14,13 +15,10 @@ from tis.patient_side.statespace import ArmModel
 from tis.surgeon_side.build import build_surgeon
 
 SESSION: Final = "tis"
-QUICK: Final = ("hold", "damped_velocity", "moesp_kf", "velocity")
+QUICK: Final = ("hold", "damped_velocity", "moesp_kf", scenario_name("velocity"))
 """Estimators that are identified within a second."""
-LINEAR: Final = (
-    *QUICK, "hold_last_arrived", "static_gain", "n4sid_kf", "arx_kf", "innovations_kf", "adaptive_kf", "direct_ls",
-    "drmf", "paper", "paper_as_printed",
-)  # fmt: skip
-AT_1_KHZ: Final = (*QUICK, "hold_last_arrived", "static_gain", "innovations_kf")
+LINEAR: Final = tuple(scenario_name(name) for name, row in ESTIMATORS.items() if not row.learned)
+AT_1_KHZ: Final = (*QUICK, *map(scenario_name, ("hold_last_arrived", "static_gain", "innovations_kf")))
 METHODS: Final = ("hold", "constant_rate", "tangent_ls")
 
 

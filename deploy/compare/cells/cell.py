@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from tis.common.channels import FOLLOWER
-from tis.common.estimators import ESTIMATORS
+from tis.common.estimators import ESTIMATORS, short_name
 from tis.common.runtime.recordings import load_recording, load_training, load_trials
 from tis.common.scenario import Scenario
-from tis.common.scenario.estimator_names import is_built_in
 from tis.common.scenario.reading import build_scenario
 from tis.deploy.compare.cells.forecasts import forecasts_of_twin
 from tis.deploy.compare.cells.scores import PARTS, own_faults, scores_of_twin, summary_of_twin
@@ -87,7 +86,8 @@ class FitTimes:
 
     def alone_s(self, name: str, all_s: float) -> float:
         """Return the time for one estimator alone, of ``all_s`` that the identification took for all of them."""
-        row = ESTIMATORS[name] if is_built_in(name) else None
+        name = short_name(name)
+        row = ESTIMATORS.get(name)
         own = name if name in self.fits_s or row is None else row.fitted_with or name
         return all_s - sum(self.fits_s.values()) + self.fits_s.get(own, 0.0)
 

@@ -23,7 +23,7 @@ def answer(report: Report) -> str:
     if report["profiles"]:
         n_inside = sum(one["verdicts"][best]["inside"] for one in report["profiles"])
         text += f". Of {len(report['profiles'])} profiles of the library {n_inside} are admissible with {best}"
-    return f"{text}."
+    return f"{text}. The 95 % confidence rests on {tables.people_words(report)}."
 
 
 def admissible_html(report: Report, svg: str | bytes | None) -> str:

@@ -29,8 +29,9 @@ def view(report: Report) -> RenderableType:
 
 
 def people_words(report: Report) -> str:
-    """Return what the persons are: people, or synthetic ones."""
-    return "synthetic people" if report["persons"] and report["synthetic"] == report["persons"] else "people"
+    """Return how many persons the confidence rests on, and whether they are synthetic."""
+    people = report["persons"]
+    return f"{len(people)} {'synthetic people' if people and report['synthetic'] == people else 'people'}"
 
 
 def headline(report: Report) -> str:
@@ -43,7 +44,7 @@ def headline(report: Report) -> str:
     of_seeds = people[0].startswith("synthetic") if people else False
     some = f"; synthetic: {', '.join(made)}" if made and made != people else ""
     named = "" if of_seeds else f" ({', '.join(people)}{some})"
-    of = f"{len(people)} {people_words(report)}{named}"
+    of = f"{people_words(report)}{named}"
     each = "" if of_seeds or seeds == 1 else f", {seeds} seeds for each trial"
     return (
         f"{report['scenario']}: networks in which {limits} with 95 % confidence over {of}{each}; {axes}; "

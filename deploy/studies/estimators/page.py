@@ -15,10 +15,9 @@ import yaml
 from rich.console import Console
 
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK
-from tis.common.estimators import ESTIMATORS
+from tis.common.estimators import ESTIMATORS, NAMES
 from tis.common.runtime.recordings import list_trials
 from tis.common.runtime.recordings.jigsaws import JIGSAWS_VARIABLE
-from tis.common.scenario.estimator_names import NAMES, is_learned
 from tis.common.scenario.source import JigsawsSource
 from tis.deploy.compare.cells.store import Store
 from tis.deploy.compare.command import run
@@ -37,13 +36,8 @@ from tis.deploy.shell.guard import print_faults
 from tis.deploy.studies.paper.printed import ROWS
 from tis.deploy.studies.templates import filled
 
-_COMPARED: Final = tuple(name for name in NAMES if name != "adaptive_kf" and not is_learned(name))
-"""Estimators of the large tables; the adaptive one has tables of its own, the learned ones a page (`tis paper`)."""
-_ESTIMATORS: Final = {
-    "all": _COMPARED,
-    "few": tuple(name for name in _COMPARED if name not in ("static_gain", "n4sid_kf", "paper_as_printed")),
-}
-"""Few are those without the ones that differ little from others, or much from all."""
+_COMPARED: Final = tuple(name for name in NAMES if name != "adaptive_kf")
+"""Estimators of the tables; the adaptive one has tables of its own, the methods of the paper a page (`tis paper`)."""
 
 Shows = Literal["errors", "redundancy", "paper", "ages", "orientation"]
 
@@ -73,11 +67,10 @@ def sections() -> list[Section]:
 
 
 def _section(raw: dict[str, Any], name: str, source: dict[str, Any], last: tuple[str, ...] | None) -> Section:
-    names = raw["estimators"]
     request = Request(
         "default",
         (*source["set"], *raw["set"]),
-        _ESTIMATORS[names] if isinstance(names, str) else tuple(names),
+        tuple(raw.get("estimators", _COMPARED)),
         None if raw.get("trials") == "all" else last,
         n_seeds=source.get("seeds"),
         duration_s=source.get("duration_s"),

@@ -35,7 +35,7 @@ class Computed:
         if measure not in self.plans:
             return []
         found = report(self.plans[measure], self.outcome, "")["rows"]
-        return [row for row in found if row["estimator"] == self.subject.method]
+        return [row for row in found if row["estimator"] == self.subject.estimator]
 
     def hands(self, measure: Measure, setting: str | None) -> dict[str, Hands]:
         """Return the sums of the hands of each person at one setting; no person without a result."""

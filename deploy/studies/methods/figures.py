@@ -179,7 +179,7 @@ def _noise_mm(row: dict[str, Any]) -> float:
 def _growth(computed: Computed, measure: Measure, setting: str, clean: str | None) -> Figures | None:
     """Return the error at a setting over that at the one without loss or noise."""
     here, there = computed.hands(measure, setting), computed.hands(measure, clean)
-    found = error_growth(here, there, computed.subject.method)
+    found = error_growth(here, there, computed.subject.estimator)
     return None if found is None else found._asdict()
 
 
@@ -227,7 +227,7 @@ def _adaptability(computed: Computed) -> list[Figures]:
     found = []
     for row in computed.rows("adaptability"):
         if row["setting"] != OWN:
-            growth = error_growth(computed.hands("adaptability", row["setting"]), own, computed.subject.method)
+            growth = error_growth(computed.hands("adaptability", row["setting"]), own, computed.subject.estimator)
             if growth is not None:
                 found.append({"trained_on": row["setting"], **growth._asdict()})
     return sorted(found, key=lambda entry: entry["trained_on"] != OTHER_PERSON)

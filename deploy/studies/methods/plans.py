@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
+from tis.common.estimators import scenario_name
 from tis.common.scenario.estimator_names import is_learned
 from tis.common.scenario.reading import build_scenario
 from tis.deploy.compare.cells.cell import Cell, Training
@@ -39,6 +40,11 @@ class Subject:
     trials: Trials
     extent: Extent
     seed: int
+
+    @property
+    def estimator(self) -> str:
+        """The method's name in scenarios, and so in results of twins."""
+        return scenario_name(self.method)
 
 
 def plans_of(subject: Subject) -> dict[Measure, Plan]:
@@ -110,7 +116,7 @@ def _planned(
     request = Request(
         "default",
         (source, *settings),
-        tuple(dict.fromkeys((HOLD, subject.method))),
+        tuple(dict.fromkeys((HOLD, subject.estimator))),
         trials or place.few(subject.extent.n_people),
         n_seeds=n_seeds,
         seed=subject.seed,
@@ -181,7 +187,7 @@ def _adaptability(subject: Subject) -> Plan:
 def _fast(subject: Subject) -> Plan:
     """Return the plan at 1 kHz, which no recording has: a synthetic hand, with a model of its own first rows."""
     source = "source={kind: synthetic, hands: [left]}"
-    names = tuple(dict.fromkeys((HOLD, subject.method)))
+    names = tuple(dict.fromkeys((HOLD, subject.estimator)))
     n_rows = _FAST_LEARNED_ROWS if is_learned(subject.method) else _FAST_ROWS
     rows = f"identification.train_samples={n_rows}"
     settings = (source, _AT_DELAY, *_FAST, rows)

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Final, get_args
 
 from tis.common.errors import DataError, Fault, InputError
+from tis.common.estimators import ESTIMATORS
 from tis.common.runtime.recordings import list_trials, no_trials
 from tis.common.runtime.recordings.jigsaws import JIGSAWS_VARIABLE
-from tis.common.scenario.estimator_names import fault_of, is_built_in
+from tis.common.scenario.estimator_names import fault_of
 from tis.common.scenario.source import JigsawsSource
 from tis.deploy.tools.synth import write_trials
 
@@ -18,7 +19,7 @@ from tis.deploy.tools.synth import write_trials
 
 COMMAND: Final = "tis paper --methods"
 
-_USUAL: Final = (
+DEFAULT_METHODS: Final = (
     "hold",
     "moesp_kf",
     "paper",
@@ -33,8 +34,7 @@ _USUAL: Final = (
     "srlsmf_l1",
     "drmf",
 )
-DEFAULT_METHODS: Final = tuple(name for name in _USUAL if is_built_in(name))
-"""The yardstick, the linear estimators, and those of the paper's other columns, as far as there are any."""
+"""The yardstick, the linear estimators, and those of the paper's other columns."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def methods_of(text: str | None) -> tuple[str, ...]:
     faults = [
         Fault(COMMAND, "--estimators", fault_of(name) or "must be a built-in estimator", name)
         for name in names
-        if not is_built_in(name)
+        if name not in ESTIMATORS
     ]
     if faults:
         raise InputError(faults)

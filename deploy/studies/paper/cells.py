@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
+from tis.common.estimators import scenario_name, short_name
 from tis.common.scenario import Scenario
 from tis.common.scenario.reading import build_scenario
 from tis.deploy.compare.cells.cell import Cell as Twin
@@ -20,7 +21,7 @@ Sample = Literal["in sample", "held out"]
 Method = Literal["moesp_paper", "moesp"]
 
 ESTIMATORS: Final[dict[Method, tuple[str, ...]]] = {
-    "moesp_paper": ("hold", "paper", "paper_as_printed"),
+    "moesp_paper": ("hold", scenario_name("paper"), scenario_name("paper_as_printed")),
     "moesp": ("hold", "moesp_kf"),
 }
 _MS_PER_SAMPLE: Final = 1000 / 30
@@ -98,7 +99,7 @@ def twin_of(cell: Cell, trial: Trial, n_rows: int, model_file: Path) -> Twin:
 def scores_of(result: Mapping[str, Any]) -> dict[str, Any]:
     """Return the scores by estimator, names as in summary.json, of a twin's result."""
     (hand,) = result["hands"].values()
-    return {name: pooled([[hand]], name) for name in hand["estimators"]}
+    return {short_name(name): pooled([[hand]], name) for name in hand["estimators"]}
 
 
 PAIRINGS: Final[tuple[Pairing, ...]] = ("same_name", "cross")

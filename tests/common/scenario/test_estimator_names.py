@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tis.common.errors import InputError
+from tis.common.estimators import ESTIMATORS, NAMES
 from tis.common.scenario import Scenario
-from tis.common.scenario.estimator_names import NAMES, each_once, fault_of, is_built_in, is_user_defined, plain_name
+from tis.common.scenario.estimator_names import each_once, fault_of, is_built_in, is_user_defined, plain_name
 from tis.common.scenario.reading import build_scenario, digest, dump_scenario, parse_yaml
 
 RAW: dict[str, Any] = {"version": 1, "name": "s", "source": {"kind": "synthetic"}}
@@ -74,8 +75,19 @@ def test_a_slip_in_one_of_ours_is_guessed_and_anything_else_is_told_what_there_i
         "s: estimators.1: no such estimator, did you mean 'moesp_kf'? (got 'moesp_fk')"
     ]
     (fault,) = faults(estimators=["hold"], active_estimator="mine")
-    assert fault.startswith("s: active_estimator: no such estimator; there are hold, hold_last_arrived, ")
+    assert fault.startswith("s: active_estimator: no such estimator; there are hold, damped_velocity, moesp_kf, ")
     assert fault.endswith(f"{NAMES[-1]}, and module:factory for a user-defined one (got 'mine')")
+
+
+@pytest.mark.parametrize("name", [name for name, row in ESTIMATORS.items() if row.judged_by])
+def test_a_method_of_the_studies_is_named_by_its_module_and_its_topic_is_as_before(name: str) -> None:
+    (fault,) = faults(estimators=["hold", name], active_estimator="hold")
+    whole = f"tis.patient_side.estimators:{name}"
+    assert f"is a method of `{ESTIMATORS[name].judged_by}`; a scenario names it {whole}" in fault
+    scenario = build_scenario({**RAW, "estimators": ["hold", whole], "active_estimator": whole}, "s")
+    assert [plain_name(each) for each in scenario.estimators] == ["hold", name]
+    assert is_built_in(whole)
+    assert not is_user_defined(whole)
 
 
 def test_two_names_that_topics_could_not_tell_apart_are_refused() -> None:

@@ -1,11 +1,12 @@
 import pytest
 
 from tis.common.errors import InputError
+from tis.common.estimators import scenario_name
 from tis.common.scenario.identification import Identification
 
 
 def test_a_live_run_waits_for_no_training() -> None:
-    named = ["hold", "cnn", "gpr"]
+    named = ["hold", scenario_name("cnn"), scenario_name("gpr")]
     for train in ("own_head", "others"):
         with pytest.raises(InputError) as caught:
             Identification(train=train).check_for_live_runs(named)

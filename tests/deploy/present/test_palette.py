@@ -5,7 +5,7 @@ from typing import get_args
 import pytest
 
 from tis.common.channels import Direction
-from tis.common.scenario.estimator_names import NAMES
+from tis.common.estimators import NAMES
 from tis.deploy.present.palette import AXIS, DIRECTIONS, INK, PAPER, RED, SERIES, SOFT, TONES, Tone, look_of
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.deploy.commands import call
+from tis.common.estimators import ESTIMATORS, scenario_name
 
 _ROOT = Path(__file__).resolve().parents[3]
 _TWIN = """\
@@ -64,7 +65,7 @@ _NETWORKS = (
     "forward.loss={kind: pareto_runs, received: {shape: 2, scale: 9}, lost: {shape: 2, scale: 2}}",
     "outages=[{kind: poisson, mean_gap_s: 0.5, mean_s: 0.1}]",
 )
-_ESTIMATORS = "moesp_kf, n4sid_kf, arx_kf, innovations_kf, direct_ls, drmf, paper, paper_as_printed, damped_velocity"
+_ESTIMATORS = ", ".join(f'"{scenario_name(name)}"' for name, row in ESTIMATORS.items() if not row.learned)
 
 
 def _said_by(code: str, *words: str) -> str:

@@ -66,7 +66,7 @@ def test_every_mode_keeps_its_promises(mode: str, tmp_path: Path) -> None:
 def test_answers_at_arrivals_change_nothing_at_the_ticks(tmp_path: Path) -> None:
     free, free_summary = twin(scenario("free"), tmp_path / "free")
     prompt, prompt_summary = twin(scenario("on_arrival"), tmp_path / "prompt")
-    for name in ("hold", "static_gain", "damped_velocity", "moesp_kf"):
+    for name in ("hold", "damped_velocity", "moesp_kf"):
         topic = f"/tis/estimates/{name}"
         assert list(free.of("patient", topic)) == list(prompt.of("patient", topic)), name
     assert free_summary["accuracy"] == prompt_summary["accuracy"]

@@ -92,6 +92,14 @@ def test_a_folders_own_scenario_counts_before_one_from_elsewhere(tmp_path: Path)
         folder.read_scenario(tmp_path / "run")
 
 
+def test_a_run_of_an_earlier_version_is_read_in_the_words_of_this_one(tmp_path: Path) -> None:
+    path = folder.create(tmp_path / "run", a_scenario(estimators=("hold", "moesp_kf"), active_estimator="moesp_kf"))
+    file = path / "scenario.yaml"
+    file.write_text(file.read_text().replace("moesp_kf", "velocity"))
+    found = folder.read_scenario(path)
+    assert found.active_estimator == found.estimators[1] == "tis.patient_side.estimators:velocity"
+
+
 def test_the_manifest_names_every_file_by_its_hash_but_not_itself(tmp_path: Path) -> None:
     (tmp_path / "patient.mcap").write_bytes(b"abc")
     (tmp_path / "manifest.json").write_text("{}")

@@ -10,6 +10,7 @@ import pytest
 from tests.deploy.commands import call
 from tests.patient_side.arm_models import static_model
 from tests.patient_side.learned.models import learned_model
+from tis.common.estimators import scenario_name
 from tis.deploy.run.resolve import resolve
 from tis.deploy.tools.identify import learned_names, learned_text
 from tis.patient_side.identification.model_file import dump_models
@@ -27,7 +28,11 @@ def with_settings(*settings: str) -> list[str]:
 
 
 def test_methods_and_estimators_are_trained_once_each() -> None:
-    settings = ["identification.method=cnn", "estimators=[hold, gpr, cnn]", "active_estimator=hold"]
+    settings = [
+        "identification.method=cnn",
+        "estimators=[hold, 'tis.patient_side.estimators:gpr', 'tis.patient_side.estimators:cnn']",
+        "active_estimator=hold",
+    ]
     assert learned_names(resolve("default", settings)) == ["cnn", "gpr"]
     assert learned_names(resolve("default")) == []
 
@@ -73,7 +78,8 @@ def test_a_model_file_with_weights_runs_as_a_twin_and_replays_bit_for_bit(tmp_pa
 
 def check_run(file: Path, name: str, run_dir: Path) -> None:
     """Run a twin with the file's model, and replay it with the models in its folder."""
-    settings = (f"identification.train={file}", f"estimators=[hold, {name}]", f"active_estimator={name}")
+    name = scenario_name(name)
+    settings = (f"identification.train={file}", f"estimators=[hold, '{name}']", f"active_estimator={name}")
     words = ["--run-dir", str(run_dir), "--duration-s", "4", *with_settings(*settings)]
     code, _, err = call("twin", "default", *words)
     assert code == 0, err
@@ -88,7 +94,11 @@ def check_run(file: Path, name: str, run_dir: Path) -> None:
 def test_a_run_with_a_method_that_its_file_does_not_hold_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "m.json"
     file.write_bytes(dump_models([replace(static_model(), learned=())]))
-    settings = (f"identification.train={file}", "estimators=[hold, gpr]", "active_estimator=gpr")
+    settings = (
+        f"identification.train={file}",
+        "estimators=[hold, 'tis.patient_side.estimators:gpr']",
+        "active_estimator=tis.patient_side.estimators:gpr",
+    )
     code, _, err = call(
         "twin", "default", "--run-dir", str(tmp_path / "run"), "--duration-s", "4", *with_settings(*settings)
     )

@@ -26,7 +26,7 @@ from tests.patient_side.arm_models import (
     tick_ns,
 )
 from tests.patient_side.filters.test_correction import correction
-from tis.common.scenario.estimator_names import NAMES
+from tis.common.estimators import ESTIMATORS
 from tis.common.units import sample_instant_ns
 from tis.patient_side.estimators.builders import build_estimator
 from tis.patient_side.linear_system import Array
@@ -34,8 +34,8 @@ from tis.patient_side.statespace import ArmModel
 
 N = 40
 BY_LAST_ARRIVAL: list[str] = ["paper", "paper_as_printed", "hold_last_arrived"]
-EACH = pytest.mark.parametrize("name", NAMES)
-BY_SOURCE_TIME = pytest.mark.parametrize("name", [n for n in NAMES if n not in BY_LAST_ARRIVAL])
+EACH = pytest.mark.parametrize("name", ESTIMATORS)
+BY_SOURCE_TIME = pytest.mark.parametrize("name", [n for n in ESTIMATORS if n not in BY_LAST_ARRIVAL])
 
 
 def random_model(rng: np.random.Generator) -> ArmModel:

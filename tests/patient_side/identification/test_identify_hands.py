@@ -11,14 +11,15 @@ import pytest
 
 from tests.patient_side.identification.known_systems import ONE_LAG, Array, hand_like, recording
 from tis.common.channels import Hand
-from tis.common.scenario.estimator_names import NAMES, is_learned
+from tis.common.estimators import ESTIMATORS
+from tis.common.scenario.estimator_names import is_learned
 from tis.common.scenario.identification import Identification
 from tis.common.sources.trajectory import Recording
 from tis.patient_side.identification import companions, identify
 from tis.patient_side.identification.identify import identify_arm, identify_hands
 
 HANDS: Final[tuple[Hand, ...]] = ("left", "right")
-QUICK: Final = tuple(name for name in NAMES if name != "drmf" and not is_learned(name))
+QUICK: Final = tuple(name for name in ESTIMATORS if name != "drmf" and not is_learned(name))
 
 
 def pair(seed: int, at_m: float, gain: float = 1.0) -> tuple[Array, Array]:

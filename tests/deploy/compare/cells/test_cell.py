@@ -90,12 +90,12 @@ def test_models_are_identified_once_with_the_time_of_each(
 
     monkeypatch.setattr(cell_module, "identify_models", counted)
     (job,) = make_plan(
-        Request(str(small), estimators=("hold", "arx_kf", "direct_ls"), trials=("T002",))
+        Request(str(small), estimators=("hold", "arx_kf", "tis.patient_side.estimators:direct_ls"), trials=("T002",))
     ).trainings.values()
     times_s = trained(job, tmp_path / "model.json")["train_s"]
     assert job.timed
     assert len(calls) == 1
-    assert 0 < times_s["hold"] < min(times_s["arx_kf"], times_s["direct_ls"])
+    assert 0 < times_s["hold"] < min(times_s["arx_kf"], times_s["tis.patient_side.estimators:direct_ls"])
 
 
 def test_a_cell_is_equal_from_run_to_run_but_for_its_times(small: Path, tmp_path: Path) -> None:

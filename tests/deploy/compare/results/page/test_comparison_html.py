@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 DELAY, PROFILE = "network.forward.delay.delay_ms", "surgeon.copies"
 AXES: dict[str, Any] = {DELAY: [10, 20, 1000], PROFILE: [1, 2]}
-NAMES = ("hold", "damped_velocity", "velocity")
+NAMES = ("hold", "damped_velocity", "moesp_kf")
 SCORES = ("n_scored", "n_missing", "n_people", "r2_pct", "rmse_3d_mm", "ratio_to_hold", "coverage_pct")
 INTERVALS = ("rmse_3d_mm_interval_95", "ratio_to_hold_interval_95")
 _POOLED = """([filter, e]) => {
@@ -132,17 +132,17 @@ def test_controls_act_on_curves_map_age_and_table_at_once(page: "Page", plan: Pl
     page.evaluate(_DRAWN)
     chosen: dict[str, Any] = {"axes": {PROFILE: ["2"]}, "hands": ["right"]}
     # curves: to a logarithmic scale, as the values span more than a factor of 20
-    curve = page.evaluate(_CURVE, "ratio:velocity")
+    curve = page.evaluate(_CURVE, "ratio:moesp_kf")
     assert curve["x"] == pytest.approx([1, 1.30103, 3], abs=1e-5)
     for i, value in enumerate(("10", "20", "1000")):
-        expected = in_python(plan, outcome, "velocity", axes=chosen["axes"] | {DELAY: [value]}, hands=["right"])
+        expected = in_python(plan, outcome, "moesp_kf", axes=chosen["axes"] | {DELAY: [value]}, hands=["right"])
         assert curve["y"][i] == pytest.approx(expected["ratio_to_hold"])
         assert [curve["low"][i], curve["high"][i]] == pytest.approx(expected["ratio_to_hold_interval_95"])
     assert page.evaluate(_CURVE, "rmse:damped_velocity")["y"] == []
     # table and words
-    whole = in_python(plan, outcome, "velocity", **chosen)
+    whole = in_python(plan, outcome, "moesp_kf", **chosen)
     rows = page.locator("#rows tr").all_inner_texts()
-    assert [row.split("\t")[0] for row in rows] == ["velocity", "hold"]  # the smallest error first
+    assert [row.split("\t")[0] for row in rows] == ["moesp_kf", "hold"]  # the smallest error first
     assert rows[0].split("\t")[4] == f"{whole['rmse_3d_mm']:.3f}"
     words = f"{whole['n_scored']} scored ticks. Bands: 95 % bootstrap intervals over 7 people, one for each seed."
     assert page.locator("#words").inner_text() == words
@@ -150,7 +150,7 @@ def test_controls_act_on_curves_map_age_and_table_at_once(page: "Page", plan: Pl
     assert len(pooled) == 2  # beside the filters, and above the table
     assert all("(10, 20, 1000). At " in text for text in pooled)
     # map: the chosen row only
-    page.locator("#of").select_option("velocity")
+    page.locator("#of").select_option("moesp_kf")
     page.evaluate(_DRAWN)
     heat = page.evaluate(_HEAT)
     assert heat["x"] == [1, 1, 1]
@@ -161,7 +161,7 @@ def test_controls_act_on_curves_map_age_and_table_at_once(page: "Page", plan: Pl
     cells = {name: {**cell, "hands": {"right": cell["hands"]["right"]}} for name, cell in outcome.cells.items()}
     bins: dict[float, list[float]] = {}
     for row in build_report(one, Outcome({}, cells), "")["rows"]:
-        for entry in row["rmse_by_age_mm"] if row["estimator"] == "velocity" else ():
+        for entry in row["rmse_by_age_mm"] if row["estimator"] == "moesp_kf" else ():
             total = bins.setdefault(entry["from_ms"], [0.0, 0.0])
             total[0] += entry["n"]
             total[1] += entry["n"] * entry["rmse_3d_mm"] ** 2
