@@ -1,0 +1,97 @@
+"""The commands of the GitHub Action and of netem's image, run in new environments.
+
+`python -m tests.deploy.fresh_environment` needs no container engine and no runner: it reads the commands from their
+files, runs them, and prints the size of what they install. It installs from the package index, so no test runs it.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tis.common.runtime.process import free_endpoints
+
+ROOT = Path(__file__).resolve().parents[2]
+ACTION = ROOT / "deploy" / "action" / "action.yml"
+DOCKERFILE = ROOT / "deploy" / "docker" / "Dockerfile"
+_PATH = f"{Path(sys.executable).parent}:/usr/local/bin:/usr/bin:/bin"
+
+
+def action_steps(**inputs: str) -> list[tuple[str, dict[str, str]]]:
+    """Return the script of each step of the Action with its environment, as the runner fills it in."""
+    action: dict[str, Any] = yaml.safe_load(ACTION.read_text(encoding="utf-8"))
+    given = {name: inputs.get(name, each.get("default", "")) for name, each in action["inputs"].items()}
+
+    def filled(text: str) -> str:
+        return re.sub(r"\$\{\{ inputs\.(\w+) \}\}", lambda found: given[found[1]], text)
+
+    return [
+        (step["run"], {name: filled(text) for name, text in step.get("env", {}).items()})
+        for step in action["runs"]["steps"]
+    ]
+
+
+def run_step(script: str, env: dict[str, str], folder: Path) -> "subprocess.CompletedProcess[str]":
+    """Run a step as GitHub's runner does."""
+    runner = {
+        "PATH": _PATH,
+        "HOME": str(folder),
+        "RUNNER_TEMP": str(folder),
+        "GITHUB_ACTION_PATH": str(ACTION.parent),
+    }
+    words = ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", script]
+    return subprocess.run(words, env=runner | env, cwd=folder, capture_output=True, text=True, check=False)
+
+
+def stages() -> dict[str, list[str]]:
+    """Return the instructions of each stage of the Dockerfile, continued lines as one; the last one has no name."""
+    found: dict[str, list[str]] = {}
+    stage = ""
+    for line in DOCKERFILE.read_text(encoding="utf-8").replace("\\\n", "").splitlines():
+        if head := re.match(r"FROM \S+(?: AS (\S+))?", line):
+            stage = head[1] or ""
+        elif line and not line.startswith("#"):
+            found.setdefault(stage, []).append(line)
+    return found
+
+
+def _megabytes(folder: Path) -> str:
+    n_bytes = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file() and not file.is_symlink())
+    return f"{n_bytes // 10**6} MB"
+
+
+def _run_action(folder: Path) -> None:
+    folder.mkdir()
+    for script, env in action_steps(run="tis net show -e $TIS_WEST", profile="wifi_bad"):
+        done = run_step(script, env, folder)
+        assert done.returncode == 0, done.stdout + done.stderr
+    sys.stdout.write(f"{done.stdout}\nthe Action's environment: {_megabytes(folder / 'tis')}\n")
+
+
+def _run_image(folder: Path) -> None:
+    shutil.copytree(ROOT, folder / "source", symlinks=True, ignore=shutil.ignore_patterns(".*", "runs", "_build"))
+    programs = folder / "opt" / "tis"
+    for line in stages()["build-netem"]:
+        kind, _, command = line.partition(" ")
+        assert kind == "RUN", line
+        command = command.replace("/opt/tis", str(programs))
+        env = {**os.environ, "PATH": _PATH}
+        subprocess.run(["bash", "-ec", command], cwd=folder / "source", env=env, check=True)
+    (entry,) = (line for line in stages()["netem"] if line.startswith("ENTRYPOINT"))
+    program, *words = yaml.safe_load(entry.removeprefix("ENTRYPOINT "))
+    west, east = free_endpoints()
+    words += ["--west", west, "--east", east, "--profile", "wifi_bad", "--duration-s", "1", "--summarize"]
+    subprocess.run([programs / "bin" / program, *words], cwd=folder, check=True)
+    sys.stdout.write(f"netem's image, beside Python's: {_megabytes(programs)}\n")
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as name:
+        _run_action(Path(name) / "action")
+        _run_image(Path(name) / "image")
