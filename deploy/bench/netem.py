@@ -60,17 +60,17 @@ def bench_netem(seconds: float, out: Console) -> dict[str, Any]:
     return figures
 
 
-def bench_beside(python: Path, seconds: float, rounds: int, out: Console) -> dict[str, Any]:
-    """Measure this checkout and the one of ``python`` in turn, so that other load meets both; return the figures.
+def bench_beside(other: Path, seconds: float, rounds: int, out: Console) -> dict[str, Any]:
+    """Measure this checkout and that of the command ``other`` in turn, so that load meets both; return the figures.
 
     Raises `InputError` where the other cannot be measured.
     """
     found: dict[str, list[dict[str, Any]]] = {"here": [], "beside": []}
-    pythons = {"here": sys.executable, "beside": str(python.absolute())}
+    commands = {"here": [sys.executable, "-m", "tis.deploy.cli.main"], "beside": [str(other.absolute())]}
     for number in range(rounds):
         for name in list(found)[:: 1 if number % 2 == 0 else -1]:
             with out.status(f"measuring: round {number + 1} of {rounds}, {name}"):
-                found[name].append(_whole_bench(pythons[name], seconds))
+                found[name].append(_whole_bench(commands[name], seconds))
     rows = []
     for title, read in _COMPARED.items():
         here, beside = ([read(one) for one in found[name]] for name in found)
@@ -78,13 +78,13 @@ def bench_beside(python: Path, seconds: float, rounds: int, out: Console) -> dic
     columns = [
         Column(head, words=True, wraps=True) for head in ("median (least to largest)", "here", "beside", "ratio")
     ]
-    out.print(Table(f"netem here and at {python}, {rounds} rounds", columns, rows).terminal())
+    out.print(Table(f"netem here and by {other}, {rounds} rounds", columns, rows).terminal())
     return found
 
 
-def _whole_bench(python: str, seconds: float) -> dict[str, Any]:
+def _whole_bench(command: Sequence[str], seconds: float) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:  # as the working directory, from which it must import nothing
-        words = [python, "-m", "tis.deploy.cli.main", "bench", "netem", "--seconds", f"{seconds}", "--json", "f.json"]
+        words = [*command, "bench", "netem", "--seconds", f"{seconds}", "--json", "f.json"]
         try:
             done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
             reason = (done.stderr.strip() or f"exit code {done.returncode}").splitlines()[-1]
@@ -93,7 +93,7 @@ def _whole_bench(python: str, seconds: float) -> dict[str, Any]:
         try:
             return dict(json.loads((Path(folder) / "f.json").read_text()))
         except (OSError, ValueError):
-            raise InputError(Fault("tis bench netem", python, f"cannot be measured: {reason}")) from None
+            raise InputError(Fault("tis bench netem", command[0], f"cannot be measured: {reason}")) from None
 
 
 def _spread(values: Sequence[float]) -> str:

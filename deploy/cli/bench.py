@@ -24,7 +24,7 @@ def netem(
     seconds: Annotated[float, typer.Option(min=0.5, max=600, help="Measuring time per figure, s.")] = 5.0,
     beside: Annotated[
         Path | None,
-        typer.Option(metavar="PYTHON", help="Python of another checkout's environment: measure both in turn."),
+        typer.Option(metavar="TIS", help="The tis of another checkout's environment: measure both in turn."),
     ] = None,
     rounds: Annotated[int, typer.Option(min=1, max=50, help="With --beside: how often each is measured.")] = 3,
     out: _JsonFile = None,

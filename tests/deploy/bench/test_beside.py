@@ -24,14 +24,14 @@ def _figures(hop_us: float) -> dict[str, Any]:
     }
 
 
-def _python(path: Path, hop_us: float) -> Path:
+def _command(path: Path, hop_us: float) -> Path:
     path.write_text(f"#!{sys.executable}\nopen('f.json', 'w').write({json.dumps(_figures(hop_us))!r})\n")
     path.chmod(0o755)
     return path
 
 
 def test_both_are_measured_in_turn_and_compared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    here, there = _python(tmp_path / "here", 120.0), _python(tmp_path / "there", 100.0)
+    here, there = _command(tmp_path / "here", 120.0), _command(tmp_path / "there", 100.0)
     monkeypatch.setattr(sys, "executable", str(here))
     out = io.StringIO()
     found = netem.bench_beside(there, 1.0, 3, Console(file=out, width=200))
@@ -42,9 +42,9 @@ def test_both_are_measured_in_turn_and_compared(tmp_path: Path, monkeypatch: pyt
 
 def test_what_cannot_be_measured_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="nobody: cannot be measured: No such file or directory"):
-        netem._whole_bench(str(tmp_path / "nobody"), 1.0)
+        netem._whole_bench([str(tmp_path / "nobody")], 1.0)
     broken = tmp_path / "broken"
     broken.write_text("#!/bin/sh\necho no module >&2; exit 1\n")
     broken.chmod(0o755)
     with pytest.raises(InputError, match="broken: cannot be measured: no module"):
-        netem._whole_bench(str(broken), 1.0)
+        netem._whole_bench([str(broken)], 1.0)
