@@ -5,16 +5,22 @@ ratios tell of the emulator and not of the machine. Rounds are interleaved: a ch
 both.
 """
 
+import json
 import os
+import subprocess
+import sys
+import tempfile
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from statistics import median
 from typing import Any, Final
 
 import numpy as np
 from rich.console import Console
 
+from tis.common.errors import Fault, InputError
 from tis.common.runtime.process import free_endpoints
 from tis.common.scenario.network import NetworkPart
 from tis.common.units import NS_PER_S
@@ -52,6 +58,65 @@ def bench_netem(seconds: float, out: Console) -> dict[str, Any]:
     out.print(Table(title, columns, rows).terminal())
     out.print(f"load average before: {figures['load_1min']:.2f}; other load on the machine shows in the tails")
     return figures
+
+
+def bench_beside(other: Path, seconds: float, rounds: int, out: Console) -> dict[str, Any]:
+    """Measure this checkout and that of the command ``other`` in turn, so that load meets both; return the figures.
+
+    Raises `InputError` where the other cannot be measured.
+    """
+    found: dict[str, list[dict[str, Any]]] = {"here": [], "beside": []}
+    commands = {"here": [sys.executable, "-m", "tis.deploy.cli.main"], "beside": [str(other.absolute())]}
+    for number in range(rounds):
+        for name in list(found)[:: 1 if number % 2 == 0 else -1]:
+            with out.status(f"measuring: round {number + 1} of {rounds}, {name}"):
+                found[name].append(_whole_bench(commands[name], seconds))
+    rows = []
+    for title, read in _COMPARED.items():
+        here, beside = ([read(one) for one in found[name]] for name in found)
+        rows.append((title, _spread(here), _spread(beside), f"{median(here) / median(beside):.2f}x"))
+    columns = [
+        Column(head, words=True, wraps=True) for head in ("median (least to largest)", "here", "beside", "ratio")
+    ]
+    out.print(Table(f"netem here and by {other}, {rounds} rounds", columns, rows).terminal())
+    return found
+
+
+def _whole_bench(command: Sequence[str], seconds: float) -> dict[str, Any]:
+    with tempfile.TemporaryDirectory() as folder:  # as the working directory, from which it must import nothing
+        words = [*command, "bench", "netem", "--seconds", f"{seconds}", "--json", "f.json"]
+        try:
+            done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+            reason = (done.stderr.strip() or f"exit code {done.returncode}").splitlines()[-1]
+        except OSError as error:
+            reason = str(error.strerror)
+        try:
+            return dict(json.loads((Path(folder) / "f.json").read_text()))
+        except (OSError, ValueError):
+            raise InputError(Fault("tis bench netem", command[0], f"cannot be measured: {reason}")) from None
+
+
+def _spread(values: Sequence[float]) -> str:
+    return f"{median(values):.3g} ({min(values):.3g} to {max(values):.3g})"
+
+
+def _release_error_us(figures: Mapping[str, Any], relay: str, quantile: str) -> float:
+    return float(median(one[quantile] for one in figures["release_error_1khz_us"][relay]))
+
+
+_COMPARED: Final[dict[str, Callable[[Mapping[str, Any]], float]]] = {
+    "one hop at 1 kHz, p50, us": lambda figures: median(figures["hop_us"]["netem_p50"]),
+    "the hop by a native router's": lambda figures: figures["hop_us"]["ratio"],
+    "CPU per message, 1 kHz both ways, in order, us": lambda figures: median(figures["cpu_1khz_us"]["in_order"]),
+    "this CPU by a native router's": lambda figures: (
+        median(figures["cpu_1khz_us"]["in_order"]) / median(figures["cpu_1khz_us"]["native"])
+    ),
+    "release error there, in order, p50, us": lambda figures: _release_error_us(figures, "in_order", "p50"),
+    "release error there, in order, p99, us": lambda figures: _release_error_us(figures, "in_order", "p99"),
+    "release error there, an instant each, p99, us": lambda figures: _release_error_us(figures, "reordered", "p99"),
+    "release error, 10 000 msg/s, p99, us": lambda figures: median(figures["release_error_10khz_p99_us"]),
+    "unthrottled, msg/s": lambda figures: figures["unthrottled_hz"]["netem"],
+}
 
 
 def _network(pipeline: dict[str, Any], **parts: Any) -> NetworkPart:

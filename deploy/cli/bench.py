@@ -22,11 +22,18 @@ _RunLength = Annotated[float, typer.Option(min=2, max=600, help="Length of each 
 @app.command(example="tis bench netem")
 def netem(
     seconds: Annotated[float, typer.Option(min=0.5, max=600, help="Measuring time per figure, s.")] = 5.0,
+    beside: Annotated[
+        Path | None,
+        typer.Option(metavar="TIS", help="The tis of another checkout's environment: measure both in turn."),
+    ] = None,
+    rounds: Annotated[int, typer.Option(min=1, max=50, help="With --beside: how often each is measured.")] = 3,
     out: _JsonFile = None,
 ) -> int:
     """Measure the emulator's release error and throughput, beside a native Zenoh router."""
-    from tis.deploy.bench.netem import bench_netem
+    from tis.deploy.bench.netem import bench_beside, bench_netem
 
+    if beside is not None:
+        return _measured(lambda: bench_beside(beside, seconds, rounds, OUT), out)
     return _measured(lambda: bench_netem(seconds, OUT), out)
 
 

@@ -1,7 +1,8 @@
 """Detection of ways around the bridge: bypasses and loops, by probes and by multicast scouting.
 
 A ``past`` probe is forwarded by nobody: if it arrives on the other network, it came by a bypass. A ``round`` probe is
-forwarded by every netem: if it arrives, it came through another netem, and messages would circulate forever.
+forwarded by every netem: if it arrives, it came through another netem, and messages would circulate forever. A peer
+of both networks forwards no probe, but what it sends reaches both past netem: its identity is in both.
 
 An application with Zenoh's default settings is a peer. It scouts by multicast and connects to all that answer,
 in addition to its configured endpoints. That traffic does not cross netem, and probes do not detect it.
@@ -50,6 +51,7 @@ class Watch:
         self._on_leak = on_leak
         self._leaks: dict[tuple[Leak, Network], bool] = {}
         self._unreported: list[Network] = []
+        self._joined: set[str] = set()
         self._forwards = False
         self._held = ExitStack()
         for network in sessions:
@@ -69,10 +71,14 @@ class Watch:
         self._forwards = True
 
     def probe(self) -> None:
-        """Send one probe of each kind on each network, and report loops found since the previous call.
+        """Send one probe of each kind on each network, and report peers of both and loops since the previous call.
 
-        They are reported one call late: a new bypass may first appear as a loop.
+        Loops are reported one call late: a new bypass may first appear as one.
         """
+        peers = [{str(zid) for zid in session.info.peers_zid()} for session in self._sessions.values()]
+        for zid in sorted(set.intersection(*peers) - self._joined):
+            self._joined.add(zid)
+            self._on_leak(f"the peer {zid} is connected to both networks: what it sends reaches both past netem")
         while self._unreported:
             origin = self._unreported.pop()
             if ("past", origin) not in self._leaks:

@@ -4,11 +4,13 @@ import time
 from contextlib import ExitStack
 
 import pytest
+import zenoh
 
 from tests.common.runtime.live_zenoh import a_client, a_router, soon
 from tests.netem.bridge.live_bridge import bridging, two_routers
 from tis.common.errors import PeerError
 from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.netem.bridge.bypass import Watch, refuse_one_router
 
 pytestmark = pytest.mark.live
@@ -65,6 +67,26 @@ def test_a_bypass_that_comes_later_is_found() -> None:
             "messages from east reach the other network past netem",
             "messages from west reach the other network past netem",
         }
+        watch.close()
+
+
+def test_a_peer_of_both_networks_is_told_once() -> None:
+    with two_routers() as (sessions, endpoints):
+        leaks: list[str] = []
+        watch = Watch(sessions, ["**"], leaks.append)
+        watch.refuse_leaks()
+        options = ZenohOptions(connect=tuple(endpoints.values()), listen=("tcp/127.0.0.1:0",))
+
+        def told() -> bool:
+            watch.probe()
+            return bool(leaks)
+
+        with zenoh.open(configure("peer", options)) as peer:
+            assert soon(told)
+            watch.probe()
+            assert leaks == [
+                f"the peer {peer.zid()} is connected to both networks: what it sends reaches both past netem"
+            ]
         watch.close()
 
 
