@@ -38,11 +38,10 @@ def generate_launch_description() -> LaunchDescription:
         Node(
             package="rmw_zenoh_cpp",
             executable="rmw_zenohd",
-            name=f"router_{side}",
             additional_env={"ZENOH_CONFIG_OVERRIDE": ['listen/endpoints=["', *end, '"]']},
             condition=IfCondition(routers),
         )
-        for side, end in ends.items()
+        for end in ends.values()
     ]
     declared = [DeclareLaunchArgument(name, default_value=value, description=text)
                 for name, (value, text) in ARGUMENTS.items()]  # fmt: skip

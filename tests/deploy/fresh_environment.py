@@ -1,4 +1,4 @@
-"""The commands of the GitHub Action and of netem's image, run in new environments.
+"""A wheel, and the commands of the GitHub Action and of netem's image, in new environments.
 
 `python -m tests.deploy.fresh_environment` needs no container engine and no runner: it reads the commands from their
 files, runs them, and prints the size of what they install. It installs from the package index, so no test runs it.
@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,27 @@ def _megabytes(folder: Path) -> str:
     return f"{n_bytes // 10**6} MB"
 
 
+def _run_wheel(folder: Path) -> None:
+    """Install a wheel beside nothing, and start netem from it; by uv's `uvx`, too, where there is one."""
+    dist, programs = folder / "dist", folder / "venv" / "bin"
+    pip = [sys.executable, "-m", "pip", "--quiet"]
+    subprocess.run([*pip, "wheel", "--no-deps", "--wheel-dir", dist, ROOT], check=True)
+    (wheel,) = dist.iterdir()
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", programs.parent], check=True)
+    subprocess.run([*pip, "--python", programs / "python", "install", wheel], check=True)
+    ways: list[list[Any]] = [[programs / "tis"]]
+    ways += [] if shutil.which("uvx") is None else [["uvx", "--from", wheel, "tis"]]
+    for way in ways:
+        west, east = free_endpoints()
+        begin_s = time.monotonic()
+        words = ["netem", "--west", west, "--east", east, "--profile", "wifi_bad", "--duration-s", "0"]
+        subprocess.run([*way, *words], cwd=folder, check=True)
+        sys.stdout.write(f"{Path(way[0]).name}: began and ended in {time.monotonic() - begin_s:.1f} s\n")
+    sys.stdout.write(
+        f"a wheel of {wheel.stat().st_size / 1e6:.1f} MB; its environment: {_megabytes(programs.parent)}\n"
+    )
+
+
 def _run_action(folder: Path) -> None:
     folder.mkdir()
     for script, env in action_steps(run="tis net show -e $TIS_WEST", profile="wifi_bad"):
@@ -93,5 +115,6 @@ def _run_image(folder: Path) -> None:
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as name:
+        _run_wheel(Path(name) / "wheel")
         _run_action(Path(name) / "action")
         _run_image(Path(name) / "image")
