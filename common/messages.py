@@ -97,12 +97,17 @@ class Quaternion(Message, frozen=True):
     w: Annotated[Finite, Meta(description="Scalar part.")]
 
 
-class Pose(Message, frozen=True):
-    """A Cartesian pose of a tool tip, as in CRTK's ``measured_cp`` and ``setpoint_cp``."""
+class Sampled(Message, frozen=True):
+    """Base of every message that crosses the network: what it holds belongs to an instant."""
 
     sample_ns: Annotated[
         Instant, Meta(description="Run time at which the pose was sampled, or that it is estimated for, in ns.")
     ]
+
+
+class Pose(Sampled, frozen=True):
+    """A Cartesian pose of a tool tip, as in CRTK's ``measured_cp`` and ``setpoint_cp``."""
+
     position_m: Annotated[Vector3, Meta(description="Position of the tool tip, in m.")]
     orientation: Annotated[Quaternion, Meta(description="Orientation of the tool tip.")]
     gripper_rad: Annotated[Finite, Meta(description="Opening angle of the gripper, in rad.")]

@@ -70,7 +70,7 @@ class PatientNode:
     conflicts_are_forged: bool = True
     name: str = "patient"
     doing: str = ""
-    intake: Intake = field(init=False)
+    intake: Intake[Pose] = field(init=False)
     n_superseded: int = 0
     n_repeated: int = 0
     n_recovered: int = 0
@@ -168,7 +168,7 @@ class PatientNode:
             if hand.safety is not None:
                 hand.safety_state = hand.safety.stop(hand.safety_state, is_stopped)
 
-    def insert(self, key: str, accepted: Accepted, recv_ns: int) -> None:
+    def insert(self, key: str, accepted: Accepted[Pose], recv_ns: int) -> None:
         """Insert the packet's sample, after the earlier ones in its history; known samples are skipped."""
         (hand, is_command), pose = self._hand_of[key], accepted.message
         buffer = hand.playout.command if is_command else hand.playout.arm

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 from tis.common.channels import Network
 from tis.common.header import HEADER_BYTES, Header
 from tis.common.intake import Intake
-from tis.common.messages import Vector3
+from tis.common.messages import FeedbackPose, Vector3
 from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.peer_life import NO_ALARMS, Alarm
 from tis.common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
@@ -80,7 +80,7 @@ class SurgeonNode:
     noise: SensorNoise | None = None
     servo: Servo | None = None
     """The servo by which the arm follows its set point, where it is known."""
-    intake: Intake = field(init=False)
+    intake: Intake[FeedbackPose] = field(init=False)
 
     def __post_init__(self) -> None:
         hands = self.motion.channels
