@@ -111,9 +111,10 @@ class ServoPlant:
         velocity = move[1, 0] * error + move[1, 1] * state.velocity_m_s
         target_m = state.reference_m if reference is None else reference.position_m
         new_state = ServoState(position, velocity, target_m, now_ns)
-        return new_state, PlantOutput(position, position + self._sensor_error(tick))
+        return new_state, PlantOutput(position, position + self.sensor_error(tick))
 
-    def _sensor_error(self, tick: int) -> Array:
+    def sensor_error(self, tick: int) -> Array:
+        """Return the error (3,) of the measured position at a tick, in m."""
         if self.sensor_noise_m == 0.0:
             return np.zeros(3)
         return np.asarray(self.sensor_noise_m * ndtri(self.noise.uniforms(3 * tick, 3)))
