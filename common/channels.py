@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final, Generic, Literal, TypeVar, get_args
 
-from tis.common.messages import FeedbackPose, PredictedPose, Sampled, SampledPose, SetPoint
+from tis.common.messages import FeedbackPose, PredictedPose, Sampled, SampledPose, SetPoint, ShownForce, Twist, Wrench
 
 Hand = Literal["left", "right"]
 Arm = Literal["PSM1", "PSM2"]
@@ -33,6 +33,9 @@ EXTERNAL: Final = "arm/measured_cp"
 
 PREDICTED: Final = "predicted_cp"
 """Last chunk of the keys of predicted poses."""
+
+SHOWN: Final = "servo_cf"
+"""Last chunk of the keys of the forces that are shown to hands."""
 
 
 Payload = TypeVar("Payload", bound=Sampled, covariant=True)
@@ -58,7 +61,8 @@ class HandChannels:
     """The channels of one hand: command u and arm y from the surgeon, estimate and measurement back.
 
     ``driven`` is the set point for the arm's own controller, on the patient's network only; ``predicted`` is the
-    surgeon's prediction of the arm, on the surgeon's network only.
+    surgeon's prediction of the arm, on the surgeon's network only. With touch ``force`` comes back, ``motion`` goes
+    forward where the coupling needs it, and ``shown`` is the force for hand or device, on the surgeon's network only.
     """
 
     hand: Hand
@@ -68,6 +72,9 @@ class HandChannels:
     measured: Channel[FeedbackPose]
     driven: Channel[SetPoint]
     predicted: Channel[PredictedPose]
+    force: Channel[Wrench]
+    motion: Channel[Twist]
+    shown: Channel[ShownForce]
 
     def __iter__(self) -> Iterator[Channel[Any]]:
         """Iterate over the channels, in the order of the table."""
@@ -84,6 +91,9 @@ def hand_channels(hand: Hand, arm: Arm) -> HandChannels:
         measured=Channel(arm, "measured_cp", "feedback", FeedbackPose),
         driven=Channel(arm, SERVO, None, SetPoint, stays_on="east"),
         predicted=Channel(arm, PREDICTED, None, PredictedPose, stays_on="west"),
+        force=Channel(arm, "measured_cf", "feedback", Wrench),
+        motion=Channel(MASTER[hand], "measured_cs", "forward", Twist),
+        shown=Channel(MASTER[hand], SHOWN, None, ShownForce, stays_on="west"),
     )
 
 
@@ -129,6 +139,11 @@ def is_set_point(key: str) -> bool:
 def is_predicted(key: str) -> bool:
     """Tell whether a key is that of an arm's predicted poses, in any session."""
     return key.endswith(f"/{PREDICTED}")
+
+
+def is_shown_force(key: str) -> bool:
+    """Tell whether a key is that of the forces shown to a hand, in any session."""
+    return key.endswith(f"/{SHOWN}")
 
 
 def stop_key(session: str) -> str:

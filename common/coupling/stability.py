@@ -1,7 +1,7 @@
 """Stability of a hand that feels a wall through a delay: the stiffness at which the loop begins to oscillate."""
 
 from collections.abc import Callable
-from math import inf, pi
+from math import inf, pi, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -107,7 +107,7 @@ def _first_above_one(most: Callable[[float], float]) -> float:
 def _response(limb: Limb, w: NDArray[np.float64], period_s: float) -> Complex:
     """Return the position per N at the ticks, for a force that is held for a tick."""
     mass, damping, stiffness = limb
-    natural = (stiffness / mass) ** 0.5
+    natural = sqrt(stiffness / mass)
     move = servo_transition(natural / (2.0 * pi), damping / (2.0 * mass * natural), period_s)
     return _sampled(move, w, period_s) / stiffness
 
@@ -115,15 +115,15 @@ def _response(limb: Limb, w: NDArray[np.float64], period_s: float) -> Complex:
 def _arm_response(arm: Arm, stiffness_n_m: float, w: NDArray[np.float64], period_s: float) -> Complex:
     """Return the arm's position in contact per m of its set point, which is held for a tick."""
     natural = 2.0 * pi * arm.bandwidth_hz
-    touching = (natural**2 + stiffness_n_m / arm.mass_kg) ** 0.5
+    touching = sqrt(natural**2 + stiffness_n_m / arm.mass_kg)
     move = servo_transition(touching / (2.0 * pi), arm.damping * natural / touching, period_s)
     return _sampled(move, w, period_s) * (natural / touching) ** 2
 
 
 def _sampled(move: NDArray[np.float64], w: NDArray[np.float64], period_s: float) -> Complex:
     """Return the response at the ticks of a servo with this transition (2, 2) to its held reference."""
-    z = np.exp(1j * w * period_s)
-    (a, b), (c, d) = move
+    z: Complex = np.exp(1j * w * period_s)
+    (a, b), (c, d) = move.tolist()
     # (zI - A)^-1 (I - A) [1, 0]', first row
     determinant = (z - a) * (z - d) - b * c
     return np.asarray(((z - d) * (1.0 - a) - b * c) / determinant, dtype=np.complex128)

@@ -6,6 +6,8 @@ from typing import Annotated, Final, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from tis.common.scenario.base import Milliseconds, NonNegative, Part, Positive
+from tis.common.scenario.patient import PatientPart
+from tis.common.scenario.surgeon import SurgeonPart
 
 LEAST_NORMAL: Final = 1e-6
 
@@ -94,14 +96,9 @@ class OperatorPart(Part):
     device_damping_ns_m: NonNegative = Field(0.5, le=1000, description="Friction of the device, in N s/m.")
 
     @property
-    def mass_of_both_kg(self) -> float:
-        """Mass of hand and device, in kg."""
-        return self.mass_kg + self.device_mass_kg
-
-    @property
-    def damping_of_both_ns_m(self) -> float:
-        """Damping of hand and device, in N s/m."""
-        return self.damping_ns_m + self.device_damping_ns_m
+    def with_device(self) -> Triple:
+        """Mass in kg, damping in N s/m and stiffness in N/m of hand and device together."""
+        return self.mass_kg + self.device_mass_kg, self.damping_ns_m + self.device_damping_ns_m, self.stiffness_n_m
 
 
 CouplingKind = Literal["position_force", "wave", "tdpa"]
@@ -155,3 +152,31 @@ class TouchPart(Part):
         if broken:
             raise ValueError("\n".join(broken))
         return self
+
+
+def touch_rules(touch: TouchPart | None, patient: PatientPart, surgeon: SurgeonPart, rate_hz: int) -> dict[str, bool]:
+    """Return the rules between touch and other parts of a scenario, each with whether it holds."""
+    if touch is None:
+        return {}
+    kind, period_ms = patient.plant.kind, 1000.0 / rate_hz
+    hold_ms = min(patient.safety.hold_age_ms, patient.safety.break_ms)
+    keep_ms = touch.deadband.keep_alive_ms
+    return {
+        "patient.plant.kind must be servo or mujoco with touch: a replayed arm meets nothing, and an external one "
+        f"tells no force ({kind})": kind in ("servo", "mujoco"),
+        f"patient.plant.kind must be servo with touch.coupling {touch.coupling}, which needs the arm's spring "
+        f"({kind})": touch.coupling == "position_force" or kind != "mujoco",
+        f"patient.tick must not be on_arrival with touch.coupling {touch.coupling}, which follows no estimate": (
+            touch.coupling == "position_force" or patient.tick != "on_arrival"
+        ),
+        f"touch.fade_after_ms must be at least four periods of rate_hz ({4 * period_ms:g})": (
+            touch.fade_after_ms >= 4 * period_ms
+        ),
+        "touch.deadband.keep_alive_ms must be at most half of hold_age_ms and break_ms of patient.safety "
+        f"({hold_ms:g}), or a still hand would hold the arm": (
+            not touch.deadband.motion or keep_ms is None or 2 * keep_ms <= hold_ms
+        ),
+        "surgeon.copies must be 1 with touch.deadband.motion: a sample that is kept back has no copies": (
+            not touch.deadband.motion or surgeon.copies == 1
+        ),
+    }
