@@ -4,11 +4,12 @@ Names follow CRTK, the convention of dVRK users. Master left (MTML) drives PSM2 
 PSM1, which is the pairing found in the JIGSAWS recordings.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
-from typing import Final, Literal, get_args
+from typing import Any, Final, Generic, Literal, TypeVar, get_args
 
-from tis.common.messages import FeedbackPose, Pose, PredictedPose, SampledPose, SetPoint
+from tis.common.messages import FeedbackPose, PredictedPose, Sampled, SampledPose, SetPoint, ShownForce, Twist, Wrench
 
 Hand = Literal["left", "right"]
 Arm = Literal["PSM1", "PSM2"]
@@ -33,15 +34,22 @@ EXTERNAL: Final = "arm/measured_cp"
 PREDICTED: Final = "predicted_cp"
 """Last chunk of the keys of predicted poses."""
 
+SHOWN: Final = "servo_cf"
+"""Last chunk of the keys of the forces that are shown to hands."""
+
+
+Payload = TypeVar("Payload", bound=Sampled, covariant=True)
+
 
 @dataclass(frozen=True)
-class Channel:
-    """A row of the table: one stream of one device in one direction; None: it stays on its network."""
+class Channel(Generic[Payload]):
+    """A row of the table: one stream of one device in one direction, or one that ``stays_on`` its network."""
 
     device: str
     suffix: str
     direction: Direction | None
-    payload: type[Pose]
+    payload: type[Payload]
+    stays_on: Network | None = None
 
     def key(self, session: str) -> str:
         """Return the Zenoh key of this channel in ``session``."""
@@ -53,16 +61,24 @@ class HandChannels:
     """The channels of one hand: command u and arm y from the surgeon, estimate and measurement back.
 
     ``driven`` is the set point for the arm's own controller, on the patient's network only; ``predicted`` is the
-    surgeon's prediction of the arm, on the surgeon's network only.
+    surgeon's prediction of the arm, on the surgeon's network only. With touch ``force`` comes back, ``motion`` goes
+    forward where the coupling needs it, and ``shown`` is the force for hand or device, on the surgeon's network only.
     """
 
     hand: Hand
-    command: Channel
-    arm: Channel
-    estimated: Channel
-    measured: Channel
-    driven: Channel
-    predicted: Channel
+    command: Channel[SampledPose]
+    arm: Channel[SampledPose]
+    estimated: Channel[FeedbackPose]
+    measured: Channel[FeedbackPose]
+    driven: Channel[SetPoint]
+    predicted: Channel[PredictedPose]
+    force: Channel[Wrench]
+    motion: Channel[Twist]
+    shown: Channel[ShownForce]
+
+    def __iter__(self) -> Iterator[Channel[Any]]:
+        """Iterate over the channels, in the order of the table."""
+        return (value for value in vars(self).values() if isinstance(value, Channel))
 
 
 def hand_channels(hand: Hand, arm: Arm) -> HandChannels:
@@ -73,8 +89,11 @@ def hand_channels(hand: Hand, arm: Arm) -> HandChannels:
         arm=Channel(arm, "setpoint_cp", "forward", SampledPose),
         estimated=Channel(arm, "estimated_cp", "feedback", FeedbackPose),
         measured=Channel(arm, "measured_cp", "feedback", FeedbackPose),
-        driven=Channel(arm, SERVO, None, SetPoint),
-        predicted=Channel(arm, PREDICTED, None, PredictedPose),
+        driven=Channel(arm, SERVO, None, SetPoint, stays_on="east"),
+        predicted=Channel(arm, PREDICTED, None, PredictedPose, stays_on="west"),
+        force=Channel(arm, "measured_cf", "feedback", Wrench),
+        motion=Channel(MASTER[hand], "measured_cs", "forward", Twist),
+        shown=Channel(MASTER[hand], SHOWN, None, ShownForce, stays_on="west"),
     )
 
 
@@ -89,19 +108,21 @@ def keys_of(direction: Direction, session: str) -> tuple[str, ...]:
 
 
 @cache
-def _directions(session: str) -> dict[str, Direction]:
+def _table(session: str) -> dict[str, Channel[Any]]:
+    """Return all channels by key, for every pairing of hands and arms."""
     rows = [hand_channels(hand, arm) for hand in get_args(Hand) for arm in get_args(Arm)]
-    channels = [channel for row in rows for channel in (row.command, row.arm, row.estimated, row.measured)]
-    return {channel.key(session): channel.direction for channel in channels if channel.direction is not None}
+    return {channel.key(session): channel for row in rows for channel in row}
 
 
-_LOCAL: Final[dict[Network, str]] = {"west": PREDICTED, "east": SERVO}
+@cache
+def _directions(session: str) -> dict[str, Direction]:
+    return {key: channel.direction for key, channel in _table(session).items() if channel.direction is not None}
 
 
 @cache
 def local_keys(session: str, network: Network) -> frozenset[str]:
     """Return the keys of all channels that stay on ``network``; in the east those of external arms, too."""
-    own = [f"{session}/{arm}/{_LOCAL[network]}" for arm in get_args(Arm)]
+    own = [key for key, channel in _table(session).items() if channel.stays_on == network]
     return frozenset((*own, *(arm_key(session, arm) for arm in get_args(Arm) if network == "east")))
 
 
@@ -118,6 +139,11 @@ def is_set_point(key: str) -> bool:
 def is_predicted(key: str) -> bool:
     """Tell whether a key is that of an arm's predicted poses, in any session."""
     return key.endswith(f"/{PREDICTED}")
+
+
+def is_shown_force(key: str) -> bool:
+    """Tell whether a key is that of the forces shown to a hand, in any session."""
+    return key.endswith(f"/{SHOWN}")
 
 
 def stop_key(session: str) -> str:

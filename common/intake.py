@@ -3,13 +3,13 @@
 from array import array
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import Any, Final, Generic, NamedTuple, TypeVar
 
 from msgspec import DecodeError
 
 from tis.common.channels import Channel
 from tis.common.header import Header
-from tis.common.messages import Pose, decode
+from tis.common.messages import Sampled, decode
 from tis.common.node import Arrival, Record
 from tis.common.records import REJECTED, Rejected
 from tis.common.units import NS_PER_S
@@ -51,23 +51,26 @@ class SeenNumbers:
             self._number[at] = -1
 
 
-class Accepted(NamedTuple):
+Payload = TypeVar("Payload", bound=Sampled)
+
+
+class Accepted(NamedTuple, Generic[Payload]):
     """A decoded message of the testbed."""
 
-    channel: Channel
+    channel: Channel[Any]
     header: Header
-    message: Pose
+    message: Payload
     duplicate: bool
     conflicting: bool = False
     """Whether another content came before under the same sequence number."""
 
 
 @dataclass
-class Intake:
+class Intake(Generic[Payload]):
     """Decodes the arrivals of one side. Damaged and foreign messages are counted and never raise."""
 
     session: str
-    channels: Iterable[Channel]
+    channels: Iterable[Channel[Payload]]
     run_id: int = 0
     """Number of the run, which the headers of its messages carry; 0 in virtual time."""
     n_accepted: int = 0
@@ -76,7 +79,7 @@ class Intake:
     n_foreign: int = 0
     """Messages of another run."""
     n_conflicting: int = 0
-    _table: dict[str, Channel] = field(init=False)
+    _table: dict[str, Channel[Payload]] = field(init=False)
     _seen: dict[str, SeenNumbers] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -87,7 +90,7 @@ class Intake:
         """Return the keys to listen to."""
         return tuple(self._table)
 
-    def take(self, arrival: Arrival) -> tuple[Accepted | None, list[Record]]:
+    def take(self, arrival: Arrival) -> tuple[Accepted[Payload] | None, list[Record]]:
         """Return the decoded message, or None when it is rejected, and the records to log."""
         channel = self._table.get(arrival.key)
         if channel is None:
@@ -103,7 +106,7 @@ class Intake:
         if len(arrival.payload) > _MAX_BYTES:
             return self._reject(arrival, f"the payload has more than {_MAX_BYTES} bytes")
         try:
-            message = decode(arrival.payload, channel.payload)
+            message: Payload = decode(arrival.payload, channel.payload)
         except DecodeError:
             return self._reject(arrival, f"the payload is no {channel.payload.__name__}")
         if not 0 <= message.sample_ns <= arrival.recv_ns + _MAX_LEAD_NS:

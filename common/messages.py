@@ -97,12 +97,17 @@ class Quaternion(Message, frozen=True):
     w: Annotated[Finite, Meta(description="Scalar part.")]
 
 
-class Pose(Message, frozen=True):
-    """A Cartesian pose of a tool tip, as in CRTK's ``measured_cp`` and ``setpoint_cp``."""
+class Sampled(Message, frozen=True):
+    """Base of every message that crosses the network: what it holds belongs to an instant."""
 
     sample_ns: Annotated[
         Instant, Meta(description="Run time at which the pose was sampled, or that it is estimated for, in ns.")
     ]
+
+
+class Pose(Sampled, frozen=True):
+    """A Cartesian pose of a tool tip, as in CRTK's ``measured_cp`` and ``setpoint_cp``."""
+
     position_m: Annotated[Vector3, Meta(description="Position of the tool tip, in m.")]
     orientation: Annotated[Quaternion, Meta(description="Orientation of the tool tip.")]
     gripper_rad: Annotated[Finite, Meta(description="Opening angle of the gripper, in rad.")]
@@ -165,6 +170,57 @@ class PredictedPose(Pose, frozen=True):
     command_ns: Annotated[int, Meta(description="Sample instant of the newest command behind that feedback, in ns.")]
     round_trip_ns: Annotated[
         int, Meta(description="Time from that command to the arrival of the feedback, by the surgeon's clock, in ns.")
+    ]
+
+
+class Twist(Sampled, frozen=True):
+    """How the hand moves, as in CRTK's ``measured_cs``, with what its coupling puts into the network."""
+
+    velocity_m_s: Annotated[Vector3, Meta(description="Velocity of the hand over the last tick, in m/s.")]
+    energy_j: Annotated[
+        Finite | None, Meta(description="Energy that the hand has put in so far, in J; null: the coupling has none.")
+    ] = None
+    wave: Annotated[
+        Vector3 | None, Meta(description="Wave of the last tick, in W^(1/2); null: the coupling has none.")
+    ] = None
+
+
+class Wrench(Sampled, frozen=True):
+    """The force that the patient's side feeds back, as in CRTK's ``measured_cf``; torques are not measured."""
+
+    tick: Annotated[int, Meta(ge=0, le=_MAX_STAMP, description="Number of the patient's tick, from 0.")]
+    force_n: Annotated[
+        Vector3, Meta(description="Force on the tool tip, in N; with wave and tdpa that of the arm's spring.")
+    ]
+    energy_j: Annotated[
+        Finite | None, Meta(description="Energy that the arm has put in so far, in J; null: the coupling has none.")
+    ]
+    wave: Annotated[Vector3 | None, Meta(description="Wave of the tick, in W^(1/2); null: the coupling has none.")]
+    active: Annotated[
+        bool, Meta(description="false: the arm does not follow the hand, so the force fades and energies begin anew.")
+    ]
+    command_sample_ns: Annotated[
+        Instant | None,
+        Meta(description="Sample instant of the newest command at that tick, in ns; null: none has arrived."),
+    ]
+
+
+class ShownForce(Sampled, frozen=True):
+    """The force that is shown to the hand or its device until the next tick, as in CRTK's ``servo_cf``."""
+
+    hand: Annotated[Literal["left", "right"], Meta(description="Hand that feels the force.")]
+    tick: Annotated[int, Meta(ge=0, description="Number of the surgeon's tick, from 0.")]
+    position_m: Annotated[Vector3, Meta(description="Where the hand is at the tick, as the commanded arm, in m.")]
+    intended_m: Annotated[Vector3, Meta(description="Where it intends to be, in m; a live device: where it is.")]
+    force_n: Annotated[Vector3, Meta(description="Force on the hand, in N.")]
+    age_ns: Annotated[int | None, Meta(description="Time since the newest force arrived, in ns; null: none has.")]
+    limited: Annotated[
+        Literal["", "force", "stale", "inactive"],
+        Meta(description="Why it is less than asked for: force_max_n, its age, an arm that does not follow."),
+    ]
+    sent: Annotated[bool, Meta(description="false: the deadband kept the movement of this tick back.")]
+    command_ns: Annotated[
+        int | None, Meta(description="Sample instant of the newest command behind the force, in ns; null: none.")
     ]
 
 

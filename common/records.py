@@ -218,6 +218,19 @@ class PlantNote(Message, frozen=True):
     ] = False
 
 
+class ContactNote(Message, frozen=True):
+    """What an arm touches at a tick; only runs with touch have it."""
+
+    tick: Annotated[int, Meta(description=_TICK)]
+    t_ns: Annotated[int, Meta(description="Nominal instant of the tick, in ns.")]
+    hand: Annotated[Hand, Meta(description=_HAND)]
+    force_n: Annotated[Vector3, Meta(description="Force of the environment on the tool tip, in N.")]
+    sent: Annotated[bool, Meta(description="false: the deadband kept the force back.")]
+    active: Annotated[bool, Meta(description="false: the arm does not follow the hand.")]
+
+
+CONTACTS = Topic("/tis/contacts", ContactNote, stamps=("t_ns",), is_frequent=True, is_recomputable=True)
+
 PLANT = Topic("/tis/plant", PlantNote, stamps=("t_ns",), is_frequent=True, is_recomputable=True)
 
 Outcome = Literal["deliver", "loss", "outage", "refused", "overflow", "queue_full"]

@@ -37,7 +37,17 @@ SINCE_MS = "since_ms"
 
 
 SafetyCause = Literal[
-    "first", "age", "uncertainty", "conflict", "no_estimate", "emergency_stop", "latched", "break", "sound", "met"
+    "first",
+    "age",
+    "uncertainty",
+    "conflict",
+    "no_estimate",
+    "emergency_stop",
+    "latched",
+    "contact",
+    "break",
+    "sound",
+    "met",
 ]
 
 
@@ -53,8 +63,8 @@ class SafetyNote(Message, frozen=True):
         Meta(
             description="first: the first estimate; age, uncertainty, no_estimate: the data became unsound; "
             "conflict: samples came in two versions, so some are forged; emergency_stop; latched: safe until a "
-            "release; break: the data came back after a gap; sound: the data are sound again; met: the set point met "
-            "the estimate."
+            "release; contact: the arm was pressed too hard; break: the data came back after a gap; "
+            "sound: the data are sound again; met: the set point met the estimate."
         ),
     ]
     age_ns: Annotated[int | None, Meta(description="Age of the newest sample, in ns; null: none has arrived.")]

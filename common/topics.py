@@ -8,8 +8,8 @@ from types import ModuleType
 from typing import Final
 
 from tis.common import device_records, host_records, records, safety_records
-from tis.common.channels import PREDICTED, SERVO
-from tis.common.messages import PredictedPose, SetPoint
+from tis.common.channels import PREDICTED, SERVO, SHOWN
+from tis.common.messages import PredictedPose, SetPoint, ShownForce
 from tis.common.topic import Topic
 
 RECORD_MODULES: Final[tuple[ModuleType, ...]] = (records, device_records, host_records, safety_records)
@@ -37,6 +37,9 @@ LOCAL: Final[Mapping[str, Topic]] = {
         stamps=("sample_ns", "command_ns"),
         is_frequent=True,
         table="displays",
+    ),
+    SHOWN: Topic(
+        SHOWN, ShownForce, stamps=("sample_ns", "command_ns"), is_frequent=True, is_recomputable=True, table="forces"
     ),
 }
 """Messages that cross no network and are read as records, by the end of their keys."""

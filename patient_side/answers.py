@@ -15,7 +15,14 @@ from tis.patient_side.orientation.wrist import Wrist
 
 
 def answer(
-    session: str, hand: PatientHand, channel: Channel, where_m: Vector3, wrist: Wrist, k: int, t_ns: int, number: int
+    session: str,
+    hand: PatientHand,
+    channel: Channel[FeedbackPose],
+    where_m: Vector3,
+    wrist: Wrist,
+    k: int,
+    t_ns: int,
+    number: int,
 ) -> Emission:
     """Return the message with a pose of the arm, estimated or measured, at tick ``k``; ``number`` is its own."""
     key = channel.key(session)

@@ -15,6 +15,13 @@ from tis.patient_side.plant.protocol import PlantOutput, Reference
 from tis.patient_side.rotations import unit
 
 
+def feel(hand: PatientHand, tick: int, t_ns: int) -> None:
+    """Move an arm that touches until ``t_ns``, by the set point before; what it feels decides on the next one."""
+    if hand.touch is not None and hand.plant is not None:
+        hand.plant_state, moved = hand.plant.step(hand.plant_state, None, tick, t_ns)
+        hand.touch.felt(moved)
+
+
 def move(session: str, hand: PatientHand, driven: Driven, tick: int, t_ns: int) -> Iterator[Emission]:
     """Move a hand's arm until ``t_ns``, give it the new set point, and yield what its sensors measure."""
     if hand.plant is None:
@@ -28,6 +35,12 @@ def move(session: str, hand: PatientHand, driven: Driven, tick: int, t_ns: int) 
         return
     wrist = _moved_wrist(hand.moved, driven.wrist)
     yield answer(session, hand, hand.channels.measured, at, wrist, tick, t_ns, tick)
+    if hand.touch is not None:
+        mode = None if hand.safety is None else hand.safety_state.mode
+        command_ns = None if hand.freshest is None else hand.freshest.sample_ns
+        wrench = hand.touch.answer(session, tick, t_ns, mode, command_ns)
+        if wrench is not None:
+            yield wrench
 
 
 def moved_notes(hand: PatientHand, tick: int, t_ns: int) -> list[Record]:
@@ -43,6 +56,9 @@ def moved_notes(hand: PatientHand, tick: int, t_ns: int) -> list[Record]:
             clamped=hand.moved.is_clamped,
         )
         notes.append(Record(PLANT, t_ns, note))
+    if hand.touch is not None and hand.touch.note is not None:
+        notes.append(hand.touch.note)
+        hand.touch.note = None
     if external is not None:
         notes += external.notes()
     return notes

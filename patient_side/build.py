@@ -22,8 +22,9 @@ from tis.patient_side.linear_system import Array
 from tis.patient_side.node import PatientNode
 from tis.patient_side.orientation.methods import build_methods
 from tis.patient_side.phase_lock import PhaseLock
-from tis.patient_side.plant.build import build_plant
+from tis.patient_side.plant.build import build_plant, executing_plant
 from tis.patient_side.plant.protocol import Plant
+from tis.patient_side.plant.touching_servo import TouchingServo
 from tis.patient_side.playout import Playout
 from tis.patient_side.safety import gate
 from tis.patient_side.safety.gate import StreamGate
@@ -31,6 +32,7 @@ from tis.patient_side.safety.limits import limits_of
 from tis.patient_side.safety.safety_state import SafetyFilter
 from tis.patient_side.safety.set_point import Place
 from tis.patient_side.statespace import ArmModel
+from tis.patient_side.touch import ArmTouch
 
 
 def identify_models(
@@ -104,10 +106,13 @@ def build_patient(
     for i, model in enumerate(models):
         channels = hand_channels(model.hand, model.arm)
         estimators = [build(name, model, own) for name in names]
-        plant = None if recording is None else _plant(scenario, recording, i)
+        plant = _plant(scenario, recording, i) if recording is not None else _touching(scenario, model)
         safety = _safety(scenario, model)
         methods = build_methods(scenario.patient.orientation.in_order, model.wrist)
         hand = PatientHand(channels, Playout(scenario.rate_hz), estimators, plant, safety, methods)
+        if scenario.touch is not None:
+            servo = plant if isinstance(plant, TouchingServo) else None
+            hand.touch = ArmTouch(channels, scenario.touch, scenario.rate_hz, servo)
         hand.holds_on_conflict = scenario.on_conflict == "hold"
         hands.append(hand)
         gates |= _gates(scenario, model, channels)
@@ -127,6 +132,13 @@ def _plant(scenario: Scenario, recording: Recording, i: int) -> Plant:
     if spec.kind == "external":
         return ExternalArm(hand.hand, hand.arm, ms_to_ns(spec.silent_after_ms))
     return build_plant(scenario, recording, hand)
+
+
+def _touching(scenario: Scenario, model: ArmModel) -> Plant | None:
+    """Return an arm that needs no recording where it decides on set points: one that touches."""
+    if scenario.touch is None:
+        return None
+    return executing_plant(scenario.patient.plant, scenario.seed, model.arm, scenario.touch)
 
 
 def _gates(scenario: Scenario, model: ArmModel, channels: HandChannels) -> dict[str, StreamGate]:

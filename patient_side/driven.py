@@ -27,14 +27,22 @@ def drive(
     or the estimator states none. ``wrist`` is the answer's.
     """
     estimate_m = None if where_m is None else (where_m.x, where_m.y, where_m.z)
+    touch = hand.touch
+    if touch is not None:
+        estimate_m = touch.goal(estimate_m, None if hand.safety is None else hand.safety_state.mode)
     if hand.safety is None:
+        if touch is not None:
+            touch.took(estimate_m)
         return Driven(estimate_m, wrist)
     newest = hand.freshest
     largest_m = (None if is_certain else inf) if std_m is None else max(std_m.x, std_m.y, std_m.z)
     target = point.WristPose(components(wrist.orientation), wrist.gripper_rad)
     sample_ns = None if newest is None else newest.sample_ns
-    seen = Seen(sample_ns, estimate_m, largest_m, target, hand.is_in_conflict(t_ns))
+    is_pressed = touch is not None and touch.is_pressed(estimate_m, hand.safety_state.place)
+    seen = Seen(sample_ns, estimate_m, largest_m, target, hand.is_in_conflict(t_ns), is_pressed)
     hand.safety_state = state = hand.safety.step(hand.safety_state, t_ns, seen)
+    if touch is not None:
+        touch.took(state.place)
     if state.place is None or state.wrist is None:
         return Driven(None, wrist)
     at = state.wrist.at

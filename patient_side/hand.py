@@ -17,6 +17,7 @@ from tis.patient_side.playout import Playout
 from tis.patient_side.safety.evidence import Evidence
 from tis.patient_side.safety.safety_state import SafetyFilter, SafetyState
 from tis.patient_side.safety.set_point import Place
+from tis.patient_side.touch import ArmTouch
 
 
 class Fresh(NamedTuple):
@@ -98,7 +99,7 @@ class PatientHand:
     the active one; without any the answers carry those of ``pose``. ``conflicts`` are contradictions between the
     samples of a stream, ``holds_on_conflict``: they hold the arm. ``foreign`` are set points that others sent,
     ``n_not_stated`` counts what was computed for it that no message can state.
-    ``moved`` is where the plant's arm is since the last tick.
+    ``moved`` is where the plant's arm is since the last tick, ``touch`` what it feels and is coupled by.
     """
 
     channels: HandChannels
@@ -123,6 +124,7 @@ class PatientHand:
     foreign: Evidence = field(default_factory=Evidence)
     n_not_stated: int = 0
     moved: PlantOutput | None = None
+    touch: ArmTouch | None = None
 
     def __post_init__(self) -> None:
         self.states = [estimator.initial() for estimator in self.estimators]

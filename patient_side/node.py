@@ -32,7 +32,7 @@ from tis.common.stop_messages import ReleaseRule
 from tis.common.ticker import Ticker
 from tis.common.units import NS_PER_MS
 from tis.patient_side.answers import OwnEstimators, answer, estimate_record
-from tis.patient_side.arm_motion import move, moved_notes
+from tis.patient_side.arm_motion import feel, move, moved_notes
 from tis.patient_side.driven import drive, foreign_set_point, left_place, safety_change, set_point
 from tis.patient_side.estimators.protocol import Estimate
 from tis.patient_side.external_arm import external_arms
@@ -45,6 +45,7 @@ from tis.patient_side.safety.emergency_stop import EmergencyStops
 from tis.patient_side.safety.evidence import Evidence
 from tis.patient_side.safety.gate import StreamGate
 from tis.patient_side.safety.gated_intake import GatedIntake
+from tis.patient_side.touch import MotionIntake
 
 _LEAST_BETWEEN_NS: Final = 25_000
 """More time passes on average between two answers at arrivals; a day of them has numbers of 32 bits."""
@@ -70,7 +71,7 @@ class PatientNode:
     conflicts_are_forged: bool = True
     name: str = "patient"
     doing: str = ""
-    intake: Intake = field(init=False)
+    intake: Intake[Pose] = field(init=False)
     n_superseded: int = 0
     n_repeated: int = 0
     n_recovered: int = 0
@@ -90,6 +91,7 @@ class PatientNode:
         self._driven = {h.channels.driven.key(self.session): h for h in self.hands if h.safety is not None}
         self._arms = external_arms(self.session, self.hands)
         self._own = OwnEstimators.among(self.hands)
+        self._motions = MotionIntake(self.session, [hand.touch for hand in self.hands if hand.touch is not None])
         self._stops = EmergencyStops(self.session, self.release)
 
     def remembers(self) -> Sequence[str]:
@@ -119,7 +121,8 @@ class PatientNode:
         On the keys of set points only strangers can be heard: a side does not hear itself.
         """
         stops = self._stops.keys if self._driven else ()
-        return [("east", key) for key in (*self.intake.wanted(), *stops, *self._arms, *self._driven)]
+        keys = (*self.intake.wanted(), *self._motions.keys, *stops, *self._arms, *self._driven)
+        return [("east", key) for key in keys]
 
     def foreign_keys(self) -> Collection[str]:
         """Return the keys of external arms, which are programs of others, and those of set points."""
@@ -128,7 +131,9 @@ class PatientNode:
     def publishes(self) -> Sequence[tuple[Network, str]]:
         """Return the keys of the patient's answers."""
         answers = [c for h in self.hands for c in (h.channels.estimated, h.channels.measured, h.channels.driven)]
-        return [*(("east", channel.key(self.session)) for channel in answers), ("east", self._stops.answer_key)]
+        forces = [h.channels.force for h in self.hands if h.touch is not None]
+        keys = [channel.key(self.session) for channel in (*answers, *forces)]
+        return [("east", key) for key in (*keys, self._stops.answer_key)]
 
     def next_wake_ns(self) -> int | None:
         """Return the instant of the next tick, or of an arrival to be answered before it."""
@@ -148,6 +153,8 @@ class PatientNode:
             if self.ticker.next_due_ns() is not None:  # else no tick would take it
                 self._arms[arrival.key].take(arrival)
             return ()
+        if arrival.key in self._motions.keys:
+            return self._motions.take(arrival)
         if arrival.key in self._driven:
             return foreign_set_point(self._driven[arrival.key], arrival)
         accepted, records = self.gated.take(arrival)
@@ -168,7 +175,7 @@ class PatientNode:
             if hand.safety is not None:
                 hand.safety_state = hand.safety.stop(hand.safety_state, is_stopped)
 
-    def insert(self, key: str, accepted: Accepted, recv_ns: int) -> None:
+    def insert(self, key: str, accepted: Accepted[Pose], recv_ns: int) -> None:
         """Insert the packet's sample, after the earlier ones in its history; known samples are skipped."""
         (hand, is_command), pose = self._hand_of[key], accepted.message
         buffer = hand.playout.command if is_command else hand.playout.arm
@@ -229,6 +236,7 @@ class PatientNode:
             std = std_m(where_m, estimate.covariance_m2)
             before = hand.safety_state.mode
             is_certain = std is not None or estimate.covariance_m2 is None
+            feel(hand, k, t_ns)
             driven = drive(hand, where_m, std, is_certain, wrist, t_ns)
             if driven.place is not None and hand.safety is not None:
                 yield set_point(self.session, hand, driven.place, driven.wrist, k, t_ns)
@@ -333,6 +341,7 @@ class PatientNode:
             "not_stated": sum(hand.n_not_stated for hand in self.hands),
             **{f"{SINCE_MS}.{alarm}": at_ns // NS_PER_MS for alarm, at_ns in self.alarms().items()},
             **self._own.counters(),
+            **self._motions.counters(),
             **{name: n for arm in self._arms.values() for name, n in arm.counters().items()},
         }
 

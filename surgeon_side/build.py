@@ -9,6 +9,7 @@ from tis.surgeon_side.commanded_arm import Servo
 from tis.surgeon_side.live import LiveMotion
 from tis.surgeon_side.motion import Motion, RecordedMotion
 from tis.surgeon_side.node import Redundancy, SurgeonNode
+from tis.surgeon_side.touch import YieldingMotion, build_touch
 from tis.surgeon_side.witness import WitnessNode
 
 
@@ -19,8 +20,10 @@ def build_surgeon(scenario: Scenario, recording: Recording) -> SurgeonNode:
     ticker = Ticker(scenario.rate_hz, scenario.n_samples)
     source = scenario.source
     motion: Motion = LiveMotion(source, scenario.rate_hz) if source.kind == "live" else RecordedMotion(recording)
-    noise, servo = sensor_noise(scenario), known_servo(scenario)
-    return SurgeonNode(scenario.session, motion, ticker, redundancy, noise=noise, servo=servo)
+    noise, servo, touch = sensor_noise(scenario), known_servo(scenario), build_touch(scenario, recording)
+    if touch is not None and source.kind != "live":
+        motion = YieldingMotion(motion, touch.hands)
+    return SurgeonNode(scenario.session, motion, ticker, redundancy, noise=noise, servo=servo, touch=touch)
 
 
 def build_witness(scenario: Scenario, movement: Recording) -> WitnessNode:

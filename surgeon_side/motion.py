@@ -112,7 +112,7 @@ NO_ERROR: Final = Error(0.0, 0.0, 0.0)
 class SampleMessage(NamedTuple):
     """One sample on one key: the message, and its bytes."""
 
-    channel: Channel
+    channel: Channel[Pose]
     key: str
     message: Pose
     content: bytes

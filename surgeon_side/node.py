@@ -8,16 +8,17 @@ from typing import Final, NamedTuple
 from tis.common.channels import Network
 from tis.common.header import HEADER_BYTES, Header
 from tis.common.intake import Intake
-from tis.common.messages import Vector3
+from tis.common.messages import FeedbackPose, Sampled, Twist, Vector3, encode
 from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.peer_life import NO_ALARMS, Alarm
 from tis.common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
 from tis.common.sources.sensor_noise import SensorNoise
-from tis.common.ticker import SendPlan, Ticker
+from tis.common.ticker import PlannedPacket, SendPlan, Ticker
 from tis.common.units import sample_instant_ns
 from tis.surgeon_side.commanded_arm import Servo
 from tis.surgeon_side.motion import Motion, SampleMessage, Samples
 from tis.surgeon_side.predictive_display import Displays
+from tis.surgeon_side.touch import Touch, YieldingMotion
 
 
 class Redundancy(NamedTuple):
@@ -80,7 +81,9 @@ class SurgeonNode:
     noise: SensorNoise | None = None
     servo: Servo | None = None
     """The servo by which the arm follows its set point, where it is known."""
-    intake: Intake = field(init=False)
+    touch: Touch | None = None
+    """What the hands feel, in runs with touch."""
+    intake: Intake[FeedbackPose] = field(init=False)
 
     def __post_init__(self) -> None:
         hands = self.motion.channels
@@ -93,7 +96,8 @@ class SurgeonNode:
             self.ticker.rate_hz, self.ticker.n_ticks, self.redundancy.copies, self.redundancy.spacing_ns
         )
         self._to_repeat: dict[int, list[SampleMessage]] = {}  # samples with copies still to be sent
-        self.traffic = {key: Traffic() for key in self._samples.all_keys}
+        motion_keys = [] if self.touch is None else self.touch.motion_keys
+        self.traffic = {key: Traffic() for key in (*self._samples.all_keys, *motion_keys)}
         self._first = 0  # the sample with which this process began
 
     def remembers(self) -> Sequence[str]:
@@ -117,11 +121,13 @@ class SurgeonNode:
 
     def listens(self) -> Sequence[tuple[Network, str]]:
         """Return the keys of the patient's answers, and those that the movement comes from."""
-        return [("west", key) for key in (*self.intake.wanted(), *self.motion.listens())]
+        forces = () if self.touch is None else self.touch.keys
+        return [("west", key) for key in (*self.intake.wanted(), *forces, *self.motion.listens())]
 
     def publishes(self) -> Sequence[tuple[Network, str]]:
         """Return the keys of the surgeon's streams, and of its displays."""
-        return [("west", key) for key in (*self.traffic, *self._displays.keys)]
+        shown = () if self.touch is None else self.touch.shown_keys
+        return [("west", key) for key in (*self.traffic, *self._displays.keys, *shown)]
 
     def next_wake_ns(self) -> int | None:
         """Return the instant of the next packet."""
@@ -129,6 +135,8 @@ class SurgeonNode:
 
     def receive(self, arrival: Arrival) -> Sequence[Output]:
         """Log an answer, and display it from the next tick on; keep a device's pose for the next sample."""
+        if self.touch is not None and arrival.key in self.touch.keys:
+            return self.touch.take(arrival)
         if arrival.key not in self._answers:
             if self.ticker.next_due_ns() is not None:  # else no sample would take it
                 self.motion.take(arrival)
@@ -154,11 +162,15 @@ class SurgeonNode:
                 notes += self.motion.advance(packet.k, packet.due_ns)
                 messages = self._sample(self.ticker.begin())
                 displayed += self._displays.sampled(packet.k, messages)
+                if self.touch is not None:
+                    messages = self._feel(self.touch, packet, messages, emissions, displayed)
                 notes.append(self._tick_note(packet.k, now_ns))
                 notes += self._truth(packet.k)
             else:
                 continue
-            emissions += [self._emission(message, packet.seq) for message in messages]
+            emissions += [
+                self._emission(key, content, channel.payload, packet.seq) for channel, key, _, content in messages
+            ]
         # Samples first: neither the display nor logging must delay sending.
         return emissions + displayed + notes
 
@@ -195,16 +207,27 @@ class SurgeonNode:
             "ticks_missed": self.ticker.n_missed,
             "copies_missed": self.n_copies_missed,
             **self.motion.counters(),
+            **({} if self.touch is None else self.touch.counters()),
             **traffic_counters(self.traffic),
         }
 
-    def _emission(self, message: SampleMessage, seq: int) -> Emission:
-        channel, key, _, content = message
+    def _feel(
+        self, touch: Touch, packet: PlannedPacket, messages: list[SampleMessage], sent: list[Output],
+        shown: list[Output],
+    ) -> list[SampleMessage]:  # fmt: skip
+        """Feel the forces of a tick; return the sample's messages but for those that a deadband keeps back."""
+        motion, k = self.motion, packet.k
+        intention = motion.intention if isinstance(motion, YieldingMotion) else motion
+        moves, forces, kept = touch.tick(k, packet.due_ns, motion.poses(k), intention.poses(k))
+        sent += [self._emission(key, encode(twist), Twist, k) for key, twist in moves]
+        shown += forces
+        return [message for message in messages if message.key not in kept]
 
+    def _emission(self, key: str, content: bytes, payload: type[Sampled], seq: int) -> Emission:
         def on_sent(sent_ns: int) -> Sequence[Record]:
             self.n_sent += 1
             self.traffic[key].add(content)
-            return (Record(key, sent_ns, content, channel.payload, sent_ns, seq),)
+            return (Record(key, sent_ns, content, payload, sent_ns, seq),)
 
         return Emission("west", key, content, Header(seq), on_sent)
 

@@ -172,7 +172,7 @@ class Displays:
     """
 
     def __init__(self, session: str, hands: Sequence[HandChannels], rate_hz: int, servo: Servo | None) -> None:
-        self._by_command: dict[str, tuple[PredictiveDisplay, Channel, str]] = {}
+        self._by_command: dict[str, tuple[PredictiveDisplay, Channel[PredictedPose], str]] = {}
         self._by_feedback: dict[str, PredictiveDisplay] = {}
         self._every = -(-rate_hz // MAX_RATE_HZ)
         for channels in hands:
@@ -205,7 +205,7 @@ class Displays:
         return shown
 
 
-def _emission(channel: Channel, key: str, tick: int, payload: bytes) -> Emission:
+def _emission(channel: Channel[PredictedPose], key: str, tick: int, payload: bytes) -> Emission:
     def on_sent(sent_ns: int) -> Sequence[Record]:
         return (Record(key, sent_ns, payload, channel.payload, sent_ns, tick),)
 

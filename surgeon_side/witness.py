@@ -12,7 +12,7 @@ from typing import Final
 from tis.common.channels import HandChannels, Network
 from tis.common.device_records import FOREIGN_SURGEON
 from tis.common.intake import Accepted, Intake
-from tis.common.messages import Pose, Vector3
+from tis.common.messages import FeedbackPose, Pose, Vector3
 from tis.common.node import Arrival, Record
 from tis.common.peer_life import NO_ALARMS, Alarm
 from tis.common.records import COUNTERS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
@@ -38,8 +38,8 @@ class WitnessNode:
     name: str = "surgeon"
     doing: str = ""
     n_missed: int = 0
-    answers: Intake = field(init=False)
-    samples: Intake = field(init=False)
+    answers: Intake[FeedbackPose] = field(init=False)
+    samples: Intake[Pose] = field(init=False)
 
     def __post_init__(self) -> None:
         self.answers = Intake(self.session, [c for hand in self.hands for c in (hand.estimated, hand.measured)])
@@ -119,7 +119,7 @@ class WitnessNode:
             **traffic_counters(self.traffic),
         }
 
-    def _ticks(self, key: str, accepted: Accepted) -> list[Record]:
+    def _ticks(self, key: str, accepted: Accepted[Pose]) -> list[Record]:
         """Return the tick of a new sample, and those that were missed before it."""
         k, sent_ns = sample_index(accepted.message.sample_ns, self.rate_hz), accepted.header.sent_ns
         if key != self._paces or not self._k <= k < min(self.n_ticks, self._k + _MAX_GAP):

@@ -121,6 +121,18 @@ def judge_rms(errors: NDArray[np.float64], limit: float) -> Judgement:
     return Judgement("not_decidable", value, None, n, None, ceil(n * (margin / gap) ** 2) if gap else None, "too_few")
 
 
+def judge_maximum(values: NDArray[np.float64], limit: float) -> Judgement:
+    """Judge whether no value of this run, (N,), exceeds the limit; it says nothing of other runs."""
+    n = len(values)
+    if n == 0:
+        return UNKNOWN
+    value = float(values.max())
+    n_outside = _count(values > limit)
+    if n_outside:
+        return Judgement("missed", value, value - limit, n, n_outside, None, None)
+    return Judgement("met", value, None, n, 0, None, None)
+
+
 def min_packets(p_allowed: float) -> int:
     """Return the number of packets, none beyond the limit, that prove a share of at most ``p_allowed`` > 0.
 

@@ -17,6 +17,7 @@ from tis.common.scenario.patient import PatientPart
 from tis.common.scenario.security import NoSecurity, Security
 from tis.common.scenario.source import Source
 from tis.common.scenario.surgeon import MAX_MB_PER_S, MAX_PACKETS_PER_S, SurgeonPart
+from tis.common.scenario.touch import TouchPart, touch_rules
 from tis.common.units import s_to_ns
 from tis.common.zenoh_syntax import endpoint_fault, is_local, is_tls
 
@@ -104,6 +105,9 @@ class Scenario(Part):
     surgeon: SurgeonPart = Field(SurgeonPart(), description="How the surgeon's side sends its samples.")
     patient: PatientPart = Field(PatientPart(), description="The patient's ticks and the plant that moves there.")
     network: NetworkPart = Field(NetworkPart(), description="The emulated network.")
+    touch: TouchPart | None = Field(
+        None, description="What the arms touch, and how the hands feel it. Not given: nothing is touched."
+    )
     identification: Identification = Field(
         Identification(), description="How the arm's model is identified before the run."
     )
@@ -160,6 +164,7 @@ class Scenario(Part):
                 self.active_estimator in self.estimators
             ),
             **self.source.rules(self.session, self.rate_hz, self.identification.train, self.patient.plant.kind),
+            **touch_rules(self.touch, self.patient, self.surgeon, self.rate_hz),
             "patient.safety.enabled must be true with an external plant, which follows the set points": (
                 self.patient.plant.kind != "external" or self.patient.safety.enabled
             ),

@@ -10,7 +10,9 @@ from pydantic import Field
 from tis.common.channels import Direction
 from tis.common.scenario.base import Part, Positive, Probability
 
-Metric = Literal["one_way", "end_to_end", "round_trip", "network_round_trip", "pdv", "age", "loss", "rmse_3d"]
+Metric = Literal[
+    "one_way", "end_to_end", "round_trip", "network_round_trip", "pdv", "age", "loss", "rmse_3d", "contact", "energy"
+]
 Application = Literal[
     "haptics",
     "haptics_highly_dynamic",
@@ -30,7 +32,7 @@ P99: Final = 99.0
 
 
 class Requirement(NamedTuple):
-    """An upper limit, in ms, for `loss` in % and for `rmse_3d` in mm; on a percentile unless that is None.
+    """An upper limit in ms (`loss` %, `rmse_3d` mm, `contact` N, `energy` mJ), on a percentile unless that is None.
 
     ``one_way``, ``network_round_trip`` and ``pdv`` concern the network alone; ``end_to_end`` and ``round_trip``
     include the wait for the patient's tick. One that is not ``binding``, the strict end of a range, does not decide.
@@ -124,9 +126,13 @@ _METRIC_OF: Final[dict[str, Metric]] = {
     "age_p99_ms": "age",
     "p_loss_max": "loss",
     "rmse_3d_max_mm": "rmse_3d",
+    "contact_max_n": "contact",
+    "energy_max_mj": "energy",
 }
 _EACH_WAY: Final[tuple[Metric, ...]] = ("one_way", "pdv", "loss")
-_NO_PERCENTILE: Final[tuple[Metric, ...]] = ("loss", "rmse_3d")
+MAXIMA: Final[tuple[Metric, ...]] = ("contact", "energy")
+"""Metrics of which the largest value of this run counts."""
+_NO_PERCENTILE: Final[tuple[Metric, ...]] = ("loss", "rmse_3d", *MAXIMA)
 _PER_CENT: Final = 100.0
 _DIGITS: Final = 12
 """Digits of a limit in per cent: 100 * 0.29 would be just below 29."""
@@ -169,6 +175,15 @@ class Limits(Part):
     )
     rmse_3d_max_mm: Positive | None = Field(
         None, description="Upper limit of the 3D root mean square error of the active estimator's position, in mm."
+    )
+
+    contact_max_n: Positive | None = Field(
+        None, description="Upper limit of the force on what the arms touch in this run, in N; with touch."
+    )
+    energy_max_mj: Positive | None = Field(
+        None,
+        description="Upper limit of the energy that the coupling gives to a hand beyond what it has put in, in mJ; "
+        "with touch.",
     )
 
     def resolved(self) -> Self:

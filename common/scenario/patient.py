@@ -97,6 +97,14 @@ class ServoPlant(Part):
     sensor_noise_mm: NonNegative = Field(
         0.0, description="Standard deviation of the noise on the measured position, in mm, per axis."
     )
+    mass_kg: float | None = Field(
+        None, ge=0.05, le=100, description="Mass that what it touches pushes, in kg. Not given, with touch: 0.3."
+    )
+
+    @property
+    def moved_mass_kg(self) -> float:
+        """`mass_kg` with its default."""
+        return 0.3 if self.mass_kg is None else self.mass_kg
 
 
 class ExternalPlant(Part):

@@ -75,7 +75,7 @@ def _poses(
     run_dir: Path, side: Side, topics: RunTopics, names: tuple[str, ...]
 ) -> dict[str, dict[int, tuple[float, ...]]]:
     """Return the poses that a side sent on the named channels, by key and sample number."""
-    channels: list[Channel] = [getattr(row, name) for row in topics.channels for name in names]
+    channels: list[Channel[Pose]] = [getattr(row, name) for row in topics.channels for name in names]
     models = {channel.key(topics.session): channel.payload for channel in channels}
     found: dict[str, dict[int, tuple[float, ...]]] = {key: {} for key in models}
     for log, block in _blocks(run_dir, side):

@@ -22,6 +22,7 @@ from tis.deploy.report.subjects import (
     own_estimators,
     processors,
     safety,
+    touch,
     tracking,
 )
 from tis.deploy.report.subjects.latency import Latency
@@ -91,6 +92,7 @@ def _measured(run: MeasuredRun, mode: str, exit_code: int | None, command: str) 
         **devices.devices_summary(logs, scenario),
         safety=safety.safety_summary(logs, scenario, run.tracks, run.models),
         display=display.display_summary(logs, run.tracks),
+        **touch.touch_summary(logs, scenario, run.arms),
         ticks=tick_figures(logs, "patient", scenario),
         surgeon_ticks=tick_figures(logs, "surgeon", scenario),
         **_latency_and_age(run),

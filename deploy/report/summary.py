@@ -41,6 +41,7 @@ from tis.deploy.report.subjects.redundancy import KeyTraffic, Redundancy
 from tis.deploy.report.subjects.requirements import SetVerdict
 from tis.deploy.report.subjects.safety import SafetyFigures
 from tis.deploy.report.subjects.ticks import Ticks
+from tis.deploy.report.subjects.touch import TouchFigures
 from tis.deploy.report.subjects.tracking import AgeBins, TurnAgeBins
 
 
@@ -91,6 +92,7 @@ class Summary(Section):
     display: dict[HandName, DisplayFigures | None] = means(
         "The surgeon's display; `null` where nothing was displayed."
     )
+    touch: dict[HandName, TouchFigures] = means("What the hands felt; absent without touch.", default={})
     ticks: Ticks = means("Ticks of the patient.")
     surgeon_ticks: Ticks = means("Sample instants of the surgeon.")
     accuracy: dict[EstimatorName, Scores] = means("Scores of the estimators, of all hands.")

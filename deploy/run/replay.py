@@ -1,106 +1,48 @@
 """Replay of a run's recorded arrivals through the patient: the live run's estimates and set points, bit for bit."""
 
-from bisect import bisect_left
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
-from msgspec import DecodeError
 from pydantic_core import from_json
 
-from tis.common.channels import direction_of, is_set_point
+from tis.common.channels import is_set_point
 from tis.common.errors import DataError, Fault
-from tis.common.header import Header
-from tis.common.messages import Pose, Quaternion, Vector3, as_row, decode, encode
-from tis.common.node import Arrival, Emission, Record
+from tis.common.messages import as_row
+from tis.common.node import Record
 from tis.common.records import COUNTERS, ESTIMATES, ORIENTATIONS, PROMPT, TICKS, UNRECORDED
 from tis.common.runtime.arm_memory import RESUMED_FILE, parse_resumed
 from tis.common.runtime.log_parts import part_clock
-from tis.common.runtime.loop import Delivery, Seat, run
+from tis.common.runtime.loop import Seat, run
 from tis.common.runtime.user_code import USER_CODE_FILE, Origin, parse_origins
-from tis.common.safety_records import QUARANTINE, STOPS, QuarantineNote, StopNote
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_S
-from tis.deploy.logs.log_file import LogFile
 from tis.deploy.logs.log_paths import log_file, log_files
-from tis.deploy.logs.payloads import other_version
 from tis.deploy.logs.read.load import load_parts, load_side
 from tis.deploy.logs.read.side_log import SideLog
+from tis.deploy.run.recorded import RecordedBus, RecordedClock, recorded_arrivals
+from tis.deploy.run.replay_forces import Forces, compare_forces, replay_surgeon
 from tis.deploy.shell import run_dir as folder
 from tis.patient_side.build import build_patient, choose_models
 from tis.patient_side.models import factories, origins, own_estimators, read_models
 from tis.patient_side.node import PatientNode
 
 _Address = tuple[str, str, bool, int]
-_NOBODYS_RAD: Final = 1.234567890123e-9
-"""A gripper's angle that no message states: whatever it is in differs from the message that came."""
 _TURNS: Final = ("orientation", "gripper_rad", "gripper_std_rad")
 
 
 @dataclass
-class RecordedClock:
-    """Clock that wakes each tick when the recorded one began; a tick missed in the run is missed again."""
-
-    begun: list[tuple[int, int]]
-    """(due_ns, begin_ns) of the ticks that happened, in order."""
-    now: int = 0
-
-    def now_ns(self) -> int:
-        """Return the run time."""
-        return self.now
-
-    def pass_to(self, deadline_ns: int) -> None:
-        """Move to when the loop woke for ``deadline_ns``: the beginning of the first tick due then or later."""
-        at = bisect_left(self.begun, (deadline_ns, -1))
-        begin_ns = self.begun[at][1] if at < len(self.begun) else deadline_ns
-        self.now = max(deadline_ns, begin_ns)
-
-
-class RecordedStop(NamedTuple):
-    """A recorded request that was carried out: whether the arms were stopped after it."""
-
-    recv_ns: int
-    is_stopped: bool
-
-
-@dataclass
-class RecordedBus:
-    """Bus that delivers the recorded arrivals by their effective stamps and drops sent messages.
-
-    ``stop`` stops or releases the arms where a recorded request did: which requests the patient carried out is read
-    from the log, as it holds no secrets, by which a patient would decide again.
-    """
-
-    arrivals: deque[Arrival | RecordedStop]
-    clock: RecordedClock
-    stop: Callable[[bool], None]
-
-    def send(self, seat: int, emission: Emission) -> int:  # noqa: ARG002
-        """Drop the message."""
-        return self.clock.now_ns()
-
-    def wait(self, deadline_ns: int) -> Delivery | None:
-        """Return the next arrival stamped at or before the deadline."""
-        while self.arrivals and self.arrivals[0].recv_ns <= deadline_ns:
-            arrival = self.arrivals.popleft()
-            if isinstance(arrival, Arrival):
-                return Delivery(0, arrival)
-            self.stop(arrival.is_stopped)
-        self.clock.pass_to(deadline_ns)
-        return None
-
-
-@dataclass
 class Estimates:
-    """Recorder that keeps the estimates of a replay, at ticks and at arrivals, and the set points."""
+    """Recorder that keeps the estimates of a replay, at ticks and at arrivals, the set points, and the forces."""
 
     rows: dict[_Address, Any] = field(default_factory=dict)
+    forces: Forces = field(default_factory=Forces)
 
     def record(self, record: Record) -> None:
-        """Keep an estimate or a set point."""
+        """Keep an estimate, a set point or a force."""
+        self.forces.record(record)
         if is_set_point(record.topic) or _is_estimate(record.topic):
             row = from_json(record.data) if isinstance(record.data, bytes) else as_row(record.data)
             self.rows[_address(row)] = _value(row)
@@ -166,7 +108,19 @@ def replay(run_dir: Path) -> Comparison:
     # A patient that was started anew began without a memory, so each part is replayed by a patient of its own.
     for path in paths:
         _replay_part(path, scenario, build_patient(scenario, models, recording=None, own=factories(own)), replayed)
-    return replace(_compare(log, replayed), changed=_changed(log, origins(own)))
+    found = replace(_compare(log, replayed), changed=_changed(log, origins(own)))
+    if scenario.touch is None:
+        return found
+    pairs = [(paths, replayed.forces)]
+    if scenario.source.kind != "live":  # nothing tells again what a device did
+        surgeons = log_files(run_dir).get("surgeon", (log_file(run_dir, "surgeon"),))
+        pairs.append((surgeons, replay_surgeon(surgeons, scenario)))
+    n_compared, n_different, n_absent = compare_forces(pairs)
+    largest = inf if n_different else found.largest
+    return replace(
+        found, n_compared=found.n_compared + n_compared, n_different=found.n_different + n_different,
+        n_absent=found.n_absent + n_absent, largest=largest,
+    )  # fmt: skip
 
 
 def _replay_part(path: Path, scenario: Scenario, node: PatientNode, replayed: Estimates) -> None:
@@ -182,7 +136,7 @@ def _replay_part(path: Path, scenario: Scenario, node: PatientNode, replayed: Es
     prompt_ns = [row["t_ns"] for row in log.of(PROMPT)]
     # no tick of a run is later, whatever a log states
     until_ns = min(max([*prompt_ns, *(due for due, _ in begun)]), scenario.end_ns + NS_PER_S) + 1
-    bus = RecordedBus(_arrivals(path, scenario.session), clock, node.stop)
+    bus = RecordedBus(recorded_arrivals(path, scenario.session, "forward"), clock, node.stop)
     run([Seat(node, replayed)], bus, clock, until_ns)
 
 
@@ -244,42 +198,3 @@ def _value(row: dict[str, Any]) -> tuple[Any, ...]:
     if "mode" in row:
         return (row["sample_ns"], row["position_m"], row["mode"])
     return (row["t_ns"], row["position_m"], row["std_m"])
-
-
-def _contradiction(payload: bytes) -> Iterator[Arrival]:
-    """Yield a message that contradicts the replayed ones as the quarantined one did, whose payload was not logged.
-
-    Other messages in quarantine have changed nothing.
-    """
-    try:
-        note = decode(payload, QuarantineNote)
-    except DecodeError:
-        raise other_version(QUARANTINE) from None
-    if note.kind != "conflicting":
-        return
-    level = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
-    place = Vector3(x=note.x_m, y=note.y_m, z=note.z_m)
-    pose = Pose(sample_ns=note.sample_ns, position_m=place, orientation=level, gripper_rad=_NOBODYS_RAD)
-    yield Arrival("east", note.key, encode(pose), Header(note.seq).pack(), note.recv_ns)
-
-
-def _arrivals(path: Path, session: str) -> deque[Arrival | RecordedStop]:
-    """Return the arrivals in the order in which they came from the bus."""
-    file, found = LogFile(path), deque[Arrival | RecordedStop]()
-    for block in file.blocks():
-        columns = (block.channel, block.seq, block.publish_ns, block.log_ns)
-        payloads = block.payloads(slice(None))
-        for channel, seq, sent_ns, log_ns, payload in zip(*(c.tolist() for c in columns), payloads, strict=True):
-            key = file.topic(channel)
-            if key == STOPS:
-                try:
-                    note = decode(payload, StopNote)
-                except DecodeError:
-                    raise other_version(STOPS) from None
-                if not note.refused:
-                    found.append(RecordedStop(log_ns, note.leaves_stopped))
-            elif key == QUARANTINE:
-                found.extend(_contradiction(payload))
-            elif direction_of(key, session) == "forward":
-                found.append(Arrival("east", key, payload, Header(seq, sent_ns).pack(), log_ns))
-    return found

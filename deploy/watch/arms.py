@@ -11,7 +11,7 @@ from msgspec import DecodeError
 from numpy.typing import NDArray
 
 from tis.common.channels import FOLLOWER, Channel, HandChannels, Network, hand_channels
-from tis.common.messages import FeedbackPose, PredictedPose, decode, position_m
+from tis.common.messages import FeedbackPose, Pose, PredictedPose, decode, position_m
 from tis.common.units import MM_PER_M, NS_PER_S
 from tis.patient_side.rotations import turned, turned_by
 
@@ -261,5 +261,5 @@ def _add(trail: Trail[Row], row: Row, now_ns: int) -> bool:
     return is_new
 
 
-def _channels(row: HandChannels) -> list[tuple[Network, Channel]]:
+def _channels(row: HandChannels) -> list[tuple[Network, Channel[Pose]]]:
     return [("west", row.predicted), ("east", row.measured)]

@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from typing import Final, Literal, NamedTuple, TypeVar, get_args
 
 from tis.common.channels import Arm, Channel, Direction, Hand, hand_channels
+from tis.common.messages import Pose
 from tis.common.units import NS_PER_S
 
 Role = Literal["command", "arm", "estimated"]
@@ -21,7 +22,7 @@ class Stream(NamedTuple):
     """Row of the channel table with its role for the hand."""
 
     role: Role
-    channel: Channel
+    channel: Channel[Pose]
 
     @property
     def device(self) -> str:
@@ -42,7 +43,7 @@ def watched_streams(session: str) -> dict[str, Stream]:
         for arm in get_args(Arm):
             row = hand_channels(hand, arm)
             for role in get_args(Role):
-                channel: Channel = getattr(row, role)
+                channel: Channel[Pose] = getattr(row, role)
                 table[channel.key(session)] = Stream(role, channel)
     return table
 

@@ -10,15 +10,18 @@ from tis.common.errors import Fault, InputError
 from tis.common.scenario import Scenario
 from tis.common.scenario.patient import MujocoPlant
 from tis.common.scenario.patient import Plant as PlantPart
+from tis.common.scenario.touch import TouchPart
 from tis.common.servo import servo_transition
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 from tis.common.streams import Stream
 from tis.common.units import MM_PER_M, NS_PER_S, sample_instant_ns
 from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.arm_geometry import INSERTION, N_JOINTS
+from tis.patient_side.plant.environment import Environment, environment_of
 from tis.patient_side.plant.physics import ArmPhysics
 from tis.patient_side.plant.protocol import Plant, PlantOutput, Reference
 from tis.patient_side.plant.simulated_arm import SimulatedArm
+from tis.patient_side.plant.touching_servo import TouchingServo
 from tis.patient_side.rotations import after_turn, turn_to
 
 
@@ -111,9 +114,10 @@ class ServoPlant:
         velocity = move[1, 0] * error + move[1, 1] * state.velocity_m_s
         target_m = state.reference_m if reference is None else reference.position_m
         new_state = ServoState(position, velocity, target_m, now_ns)
-        return new_state, PlantOutput(position, position + self._sensor_error(tick))
+        return new_state, PlantOutput(position, position + self.sensor_error(tick))
 
-    def _sensor_error(self, tick: int) -> Array:
+    def sensor_error(self, tick: int) -> Array:
+        """Return the error (3,) of the measured position at a tick, in m."""
         if self.sensor_noise_m == 0.0:
             return np.zeros(3)
         return np.asarray(self.sensor_noise_m * ndtri(self.noise.uniforms(3 * tick, 3)))
@@ -128,30 +132,34 @@ def build_plant(scenario: Scenario, recording: Recording, hand: HandRecording) -
     if spec.kind == "replay":
         arm = hand.follower.rows(recording.start, len(hand.follower))
         return ReplayPlant(arm.position_m, recording.rate_hz, arm.orientation, arm.gripper_rad)
-    return executing_plant(spec, scenario.seed, hand.arm)
+    return executing_plant(spec, scenario.seed, hand.arm, scenario.touch)
 
 
-def executing_plant(spec: PlantPart, seed: int, arm: Arm) -> Plant:
+def executing_plant(spec: PlantPart, seed: int, arm: Arm, touch: TouchPart | None = None) -> Plant:
     """Return an arm that executes set points here; raises `InputError` for a replay and for an external arm."""
     if spec.kind == "replay" or spec.kind == "external":
         rule = "must be servo or mujoco for an arm that executes movements here"
         raise InputError(Fault("patient.plant", "kind", rule, spec.kind))
     noise = Stream.named(seed, noise_label(arm))
     if spec.kind == "mujoco":
-        return simulated_arm(spec, noise)
-    return ServoPlant(
+        return simulated_arm(spec, noise, None if touch is None else environment_of(touch.environment))
+    servo = ServoPlant(
         bandwidth_hz=spec.bandwidth_hz,
         damping=spec.damping,
         sensor_noise_m=spec.sensor_noise_mm / MM_PER_M,
         noise=noise,
     )
+    if touch is None:
+        return servo
+    environment = environment_of(touch.environment)
+    return TouchingServo(spec.bandwidth_hz, spec.damping, spec.moved_mass_kg, environment, servo.sensor_error)
 
 
-def simulated_arm(spec: MujocoPlant, noise: Stream) -> SimulatedArm:
+def simulated_arm(spec: MujocoPlant, noise: Stream, environment: Environment | None = None) -> SimulatedArm:
     """Return the simulated arm, whose encoders have the noise of a stream; raises `InputError` without MuJoCo."""
     std = np.full(N_JOINTS, spec.encoder_noise_mrad / 1000.0)
     std[INSERTION] = spec.encoder_noise_mm / MM_PER_M
-    return SimulatedArm(ArmPhysics(spec), spec.physics_hz, spec.insertion_m, std, noise)
+    return SimulatedArm(ArmPhysics(spec), spec.physics_hz, spec.insertion_m, std, noise, environment)
 
 
 def noise_label(arm: Arm) -> str:

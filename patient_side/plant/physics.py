@@ -4,7 +4,7 @@ MuJoCo's model and data are scratch space: every call begins by writing the whol
 nothing but its arguments, bit for bit.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from math import pi
 from typing import Any, NamedTuple
@@ -24,6 +24,9 @@ class Moved(NamedTuple):
 
     state: Array
     joints: Array
+
+
+Force = Callable[[Array, Array], Array]
 
 
 class Motion(NamedTuple):
@@ -75,6 +78,26 @@ class ArmPhysics:
         if n_steps:
             self._mujoco.mj_step(self.model, self._data, n_steps)
         return Moved(self._state(), self._data.qpos.copy())
+
+    def press(self, state: Array, set_point: Array, n_steps: int, force: Force) -> tuple[Moved, Array]:
+        """Return the arm after steps in which ``force`` acts on the tip, and the tip's velocity (3,) in m/s.
+
+        ``force`` gives the force (3,) in N for a position (3,) in m and a velocity (3,) in m/s, all in the base.
+        """
+        mujoco, data = self._mujoco, self._data
+        mujoco.mj_setState(self.model, data, state, self._parts)
+        data.ctrl[:] = set_point
+        tip, jacobian = self.model.site("tip").id, np.empty((3, N_JOINTS))
+        for _ in range(n_steps):
+            mujoco.mj_step1(self.model, data)
+            mujoco.mj_jacSite(self.model, data, jacobian, None, tip)
+            data.qfrc_applied[:] = jacobian.T @ force(data.site_xpos[tip], jacobian @ data.qvel)
+            mujoco.mj_step2(self.model, data)
+        data.qfrc_applied[:] = 0.0
+        mujoco.mj_kinematics(self.model, data)
+        mujoco.mj_comPos(self.model, data)
+        mujoco.mj_jacSite(self.model, data, jacobian, None, tip)
+        return Moved(self._state(), data.qpos.copy()), jacobian @ data.qvel
 
     def follow(self, state: Array, set_points: Array) -> Motion:
         """Return the motion of an arm whose joints get the set points (N, 7), one at each step."""

@@ -2,6 +2,7 @@
 
 from typing import Any, NamedTuple, Protocol
 
+from tis.common.coupling.vector import Vector
 from tis.patient_side.linear_system import Array
 
 
@@ -20,7 +21,8 @@ class PlantOutput(NamedTuple):
     """The arm's position (3,) in m, and its position as measured by its sensors.
 
     ``orientation`` (4,) is a unit quaternion x, y, z, w; None where the arm takes that of its set point, as it does
-    with the gripper, in rad. ``is_clamped``: the set point in force lies outside what the joints reach.
+    with the gripper, in rad. ``is_clamped``: the set point in force lies outside what the joints reach. ``force_n``
+    is the force of what it touches on the tool tip, None where there is nothing to touch.
     """
 
     position_m: Array
@@ -28,6 +30,7 @@ class PlantOutput(NamedTuple):
     orientation: Array | None = None
     gripper_rad: float | None = None
     is_clamped: bool = False
+    force_n: Vector | None = None
 
 
 class Plant(Protocol):

@@ -7,10 +7,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtri
 
+from tis.common.coupling.vector import Vector
 from tis.common.streams import Stream
 from tis.common.units import NS_PER_S
 from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.arm_geometry import INSERTION, N_JOINTS, tip_frame
+from tis.patient_side.plant.environment import Environment
 from tis.patient_side.plant.inverse_kinematics import Reached, joints_for
 from tis.patient_side.plant.physics import ArmPhysics
 from tis.patient_side.plant.protocol import PlantOutput, Reference
@@ -57,10 +59,16 @@ def inverse(motion: Array) -> Array:
     return found
 
 
+def _triple(values: Array) -> Vector:
+    x, y, z = values.tolist()
+    return x, y, z
+
+
 class ArmState(NamedTuple):
     """State of the physics, its number of steps since the run's epoch, and the set point in force.
 
-    ``orientation`` (4,) is that of the set point, ``reached`` are its joints.
+    ``orientation`` (4,) is that of the set point, ``reached`` are its joints, ``surface_m`` is a point of the surface
+    that the arm touches.
     """
 
     physics: Array
@@ -68,6 +76,7 @@ class ArmState(NamedTuple):
     registration: Registration
     orientation: Array
     reached: Reached
+    surface_m: Vector | None = None
 
 
 @dataclass(frozen=True)
@@ -88,6 +97,7 @@ class SimulatedArm:
     insertion_m: float
     noise_std: Array
     noise: Stream
+    environment: Environment | None = None
 
     def initial(self) -> ArmState | None:
         """Return the state before the first set point: none."""
@@ -103,12 +113,17 @@ class SimulatedArm:
                 return None, None
             state = self._at_home(reference, n_steps)
         # the movement until now, by the set point of the tick before
-        physics, joints = self.physics.advance(state.physics, state.reached.joints, max(n_steps - state.n_steps, 0))
+        physics, joints, force_n = self._moved(state, max(n_steps - state.n_steps, 0))
         where = state.registration.from_base @ tip_frame(joints)
         read = joints + self._reading_error(tick)
         measured = state.registration.from_base @ tip_frame(read) if self.noise_std.any() else where
         output = PlantOutput(
-            where[:3, 3], measured[:3, 3], orientation_of(measured), float(read[-1]), state.reached.is_clamped
+            where[:3, 3],
+            measured[:3, 3],
+            orientation_of(measured),
+            float(read[-1]),
+            state.reached.is_clamped,
+            force_n,
         )
         # the set point from now on
         orientation, reached = state.orientation, state.reached
@@ -116,7 +131,24 @@ class SimulatedArm:
             orientation = orientation if reference.orientation is None else reference.orientation
             target = state.registration.to_base @ pose(reference._replace(orientation=orientation))
             reached = joints_for(target, reference.gripper_rad, reached.joints)
-        return ArmState(physics, n_steps, state.registration, orientation, reached), output
+        return ArmState(physics, n_steps, state.registration, orientation, reached, state.surface_m), output
+
+    def _moved(self, state: ArmState, n_steps: int) -> tuple[Array, Array, Vector | None]:
+        """Return the arm after some steps: its physics, its joints, and the force on its tip."""
+        environment, surface_m = self.environment, state.surface_m
+        if environment is None or surface_m is None:
+            return *self.physics.advance(state.physics, state.reached.joints, n_steps), None
+        back, to = state.registration.from_base, state.registration.to_base[:3, :3]
+
+        def force(position: Array, velocity: Array) -> Vector:
+            """Return the force in the scenario's frame."""
+            at, speed = back[:3, :3] @ position + back[:3, 3], back[:3, :3] @ velocity
+            return environment.force(surface_m, _triple(at), _triple(speed))
+
+        moved, velocity = self.physics.press(
+            state.physics, state.reached.joints, n_steps, lambda at, speed: to @ np.array(force(at, speed))
+        )
+        return moved.state, moved.joints, force(tip_frame(moved.joints)[:3, 3], velocity)
 
     def _at_home(self, first: Reference, n_steps: int) -> ArmState:
         joints = np.zeros(N_JOINTS)
@@ -125,7 +157,8 @@ class SimulatedArm:
         reached = joints_for(home, first.gripper_rad, joints)
         assert first.orientation is not None
         physics = self.physics.at_rest(reached.joints)
-        return ArmState(physics, n_steps, Registration.at_home(first, home), first.orientation, reached)
+        surface_m = None if self.environment is None else self.environment.surface_m(_triple(first.position_m))
+        return ArmState(physics, n_steps, Registration.at_home(first, home), first.orientation, reached, surface_m)
 
     def _reading_error(self, tick: int) -> Array:
         if not self.noise_std.any():

@@ -8,7 +8,7 @@ from typing import get_args
 from msgspec.structs import replace
 
 from tis.common.intake import Accepted, Intake
-from tis.common.messages import SampledPose, position_m
+from tis.common.messages import Pose, SampledPose, position_m
 from tis.common.node import Arrival, Record
 from tis.common.safety_records import QUARANTINE, QUARANTINED, QuarantineNote
 from tis.patient_side.safety.evidence import Evidence
@@ -22,12 +22,12 @@ class GatedIntake:
     ``conflicts`` collects, by key, that samples contradict each other.
     """
 
-    intake: Intake
+    intake: Intake[Pose]
     gates: Mapping[str, StreamGate]
     conflicts: Mapping[str, Evidence] = field(default_factory=dict)
     n_quarantined: Counter[Kind] = field(default_factory=Counter)
 
-    def take(self, arrival: Arrival) -> tuple[Accepted | None, list[Record]]:
+    def take(self, arrival: Arrival) -> tuple[Accepted[Pose] | None, list[Record]]:
         """Return the message to use, or None, and the records to log.
 
         A second copy is not used, and no fault. What is quarantined is logged as that, and not as received. The
@@ -53,7 +53,7 @@ class GatedIntake:
         )
         return None, [Record(QUARANTINE, arrival.recv_ns, note)]
 
-    def admitted(self, accepted: Accepted, key: str, recv_ns: int) -> Accepted | Kind:
+    def admitted(self, accepted: Accepted[Pose], key: str, recv_ns: int) -> Accepted[Pose] | Kind:
         """Return the new message as its gate admits it, or why it is refused, which is counted."""
         kind = self._refusal(accepted, key, recv_ns)
         if kind is None:
@@ -66,7 +66,7 @@ class GatedIntake:
         if kind == "conflicting" and key in self.conflicts:
             self.conflicts[key].note(recv_ns)
 
-    def _refusal(self, accepted: Accepted, key: str, recv_ns: int) -> Kind | None:
+    def _refusal(self, accepted: Accepted[Pose], key: str, recv_ns: int) -> Kind | None:
         if accepted.conflicting:
             return "conflicting"
         gate, seq = self.gates.get(key), accepted.header.seq
@@ -75,7 +75,7 @@ class GatedIntake:
             self.intake.forget(key, seq)
         return kind
 
-    def _with_sound_history(self, accepted: Accepted, key: str, recv_ns: int) -> Accepted:
+    def _with_sound_history(self, accepted: Accepted[Pose], key: str, recv_ns: int) -> Accepted[Pose]:
         """Return a message without the earlier samples that its gate refuses; these are counted."""
         gate, message = self.gates.get(key), accepted.message
         if gate is None or not isinstance(message, SampledPose) or not message.history:

@@ -28,12 +28,15 @@ from tis.patient_side.safety.set_point import (
 from tis.patient_side.safety.wrist_point import WristPoint, WristPose, begin, brake_wrist, follow_wrist
 
 _AT_REST_M: Final = 1e-9
+_AT_ONCE: Final = ("emergency_stop", "latched", "contact")
+"""Causes that lead to slow stop at once."""
 
 
 class Seen(NamedTuple):
     """What a tick knows: the newest sample's instant, the active estimate and its largest standard deviation.
 
-    ``wrist`` is the estimated orientation and gripper; ``in_conflict``: the samples contradict each other.
+    ``wrist`` is the estimated orientation and gripper; ``in_conflict``: the samples contradict each other;
+    ``is_pressed``: what the arm touches presses too hard, and the estimate leads no way back.
     """
 
     sample_ns: int | None
@@ -41,6 +44,7 @@ class Seen(NamedTuple):
     std_m: float | None
     wrist: WristPose | None = None
     in_conflict: bool = False
+    is_pressed: bool = False
 
 
 class SafetyState(NamedTuple):
@@ -140,6 +144,8 @@ class SafetyFilter:
             return "no_estimate"
         if seen.in_conflict:
             return "conflict"
+        if seen.is_pressed:
+            return "contact"
         if t_ns - newest_ns > limits.hold_age_ns:
             return "age"
         if seen.std_m is not None and seen.std_m > limits.std_m:
@@ -154,7 +160,7 @@ class SafetyFilter:
         if began_ns is None:
             began_ns = state.newest_ns + limits.hold_age_ns if cause == "age" else t_ns
         waited_ns, turns = t_ns - began_ns, limits.wrist
-        if waited_ns < limits.stop_after_ns and cause not in ("emergency_stop", "latched"):
+        if waited_ns < limits.stop_after_ns and cause not in _AT_ONCE:
             moved = follow(minus(state.target, place), state.motion, limits.held, NO_CORRECTION, t_ns)
             if wrist is not None:
                 wrist = follow_wrist(wrist, wrist.target, turns.slow, NO_CORRECTION, t_ns)
@@ -163,7 +169,7 @@ class SafetyFilter:
         state = self._moved(state, brake(state.motion, limits.usual.brake))
         assert state.place is not None
         is_still = dist(state.motion.carried, STILL) <= _AT_REST_M
-        is_safe = is_still and (waited_ns >= limits.safe_after_ns or cause in ("emergency_stop", "latched"))
+        is_safe = is_still and (waited_ns >= limits.safe_after_ns or cause in _AT_ONCE)
         return state._replace(
             mode="safe" if is_safe else "slow_stop",
             cause=cause,

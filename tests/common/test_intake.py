@@ -16,7 +16,7 @@ from tis.common.records import REJECTED, Rejected
 KEY = "tis/MTML/measured_cp"
 
 
-def _intake() -> Intake:
+def _intake() -> Intake[SampledPose]:
     return Intake("tis", [LEFT.command, LEFT.arm])
 
 

@@ -34,7 +34,7 @@ from tis.common.errors import TisError
 from tis.common.header import Header
 from tis.common.host_records import CLOCK, PROCESSORS, ClockNote, ProcessorNote
 from tis.common.intake import Intake
-from tis.common.messages import FeedbackPose, Quaternion, SampledPose, Vector3, encode
+from tis.common.messages import FeedbackPose, Quaternion, Sampled, SampledPose, Vector3, encode
 from tis.common.node import Arrival, Record
 from tis.common.records import (
     CONTROL,
@@ -114,8 +114,8 @@ def _pose(**more: Any) -> dict[str, Any]:
 
 
 def _taken(payload: bytes) -> None:
-    for one in (_ROW.command, _ROW.estimated):
-        intake = Intake("tis", [one])
+    for one in (_ROW.command, _ROW.estimated, _ROW.force, _ROW.motion):
+        intake: Intake[Sampled] = Intake("tis", [one])
         intake.take(Arrival("east", one.key("tis"), payload, Header(1, 5).pack(), 10))
 
 

@@ -20,6 +20,7 @@ from tis.deploy.report.subjects.latency import UsedSamples
 from tis.deploy.report.subjects.logs import LogGaps
 from tis.deploy.report.subjects.network.link_books import ENDS, both_ends
 from tis.deploy.report.subjects.requirements import Measured
+from tis.deploy.report.subjects.touch import felt_extremes
 from tis.deploy.report.subjects.tracking import HandTrack
 
 
@@ -101,6 +102,9 @@ def measured_values(
     found["age", None] = _between(ages_ns, None if worst_ns is None else np.full_like(ages_ns, worst_ns))
     errors = [_errors_mm(track, scenario.active_estimator) for track in tracks]
     found["rmse_3d", None] = Measured(joined(errors, np.float64))
+    if scenario.touch is not None:
+        forces_n, energies_mj = felt_extremes(logs, dict.fromkeys(scenario.source.hands))
+        found["contact", None], found["energy", None] = Measured(forces_n), Measured(energies_mj)
     return found
 
 

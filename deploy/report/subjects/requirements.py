@@ -15,10 +15,11 @@ from tis.common.metrics.verdict import (
     Outcome,
     combined,
     judge_loss,
+    judge_maximum,
     judge_percentile,
     judge_rms,
 )
-from tis.common.scenario.limits import REQUIREMENTS, Limits, Metric, Requirement
+from tis.common.scenario.limits import MAXIMA, REQUIREMENTS, Limits, Metric, Requirement
 from tis.deploy.present.numbers import percentile_name, rounded_count, rounded_span, significant
 from tis.deploy.report.section import Section, means
 
@@ -82,6 +83,8 @@ COUNTED: Final[dict[str, str]] = {
     "network_round_trip": "round trips",
     "age": "ticks",
     "rmse_3d": "ticks",
+    "contact": "ticks",
+    "energy": "ticks",
 }
 """Unit of counting of each metric of `tis.common.scenario.limits`: it has one value for each."""
 
@@ -111,8 +114,10 @@ _NAMES: Final[dict[Metric, str]] = {
     "age": "age at the ticks",
     "loss": "loss",
     "rmse_3d": "RMSE in 3D",
+    "contact": "force of contact",
+    "energy": "energy given to the hand",
 }
-_UNITS: Final[dict[Metric, str]] = {"loss": "%", "rmse_3d": "mm"}
+_UNITS: Final[dict[Metric, str]] = {"loss": "%", "rmse_3d": "mm", "contact": "N", "energy": "mJ"}
 
 
 @dataclass(frozen=True)
@@ -199,6 +204,8 @@ def _judge(required: Requirement, measured: Measured) -> Judgement:
     if required.metric == "loss":
         return judge_loss(measured.values.astype(np.bool_), required.limit)
     values = measured.values.astype(np.float64)
+    if required.metric in MAXIMA:
+        return judge_maximum(values, required.limit)
     if required.percentile is None:
         return judge_rms(values, required.limit)
     return judge_percentile(values, required.percentile, required.limit, measured.uncertainty)
@@ -218,7 +225,7 @@ def _sentence(
         found = f"{amount} of {judgement.n} {of}"
     else:
         found = f"{required.percentile:g} % of {judgement.n} {of} within {amount}"
-    if required.metric == "rmse_3d":
+    if required.metric == "rmse_3d" or required.metric in MAXIMA:
         found = f"{amount} over {judgement.n} {of}"
     if judgement.outcome == "met":
         return f"{found}, {allowed}: met"

@@ -27,6 +27,10 @@ _LEFT_OUT: Final = frozenset(
 """Prose, what tells of the machine or the version, and bytes of payloads, which hang on last digits."""
 
 
+FAST: Final = ("kilohertz", "touch", "touch_unstable")
+"""Scenarios of 1000 ticks a second."""
+
+
 def names() -> list[str]:
     """Return the shipped scenarios that run as twins and need no recordings."""
     kinds = {name: resolve(name).source.kind for name in shipped_names()}
@@ -35,7 +39,7 @@ def names() -> list[str]:
 
 def short(name: str) -> Scenario:
     """Return a shipped scenario of some seconds: enough for scores, and for the outage to begin."""
-    return resolve(name, (), None, 2.4 if name == "kilohertz" else 5.0)
+    return resolve(name, (), None, 2.4 if name in FAST else 5.0)
 
 
 def figures(value: Any) -> Any:

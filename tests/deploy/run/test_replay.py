@@ -8,7 +8,8 @@ from msgspec import convert
 from tis.common.node import Arrival
 from tis.common.safety_records import STOPS, StopNote
 from tis.deploy.logs.read.side_log import check_rows
-from tis.deploy.run.replay import Comparison, RecordedBus, RecordedClock, RecordedStop
+from tis.deploy.run.recorded import RecordedBus, RecordedClock, RecordedStop
+from tis.deploy.run.replay import Comparison
 
 _PART = "the readable part is identical, bit for bit, but the log does not hold the whole run"
 

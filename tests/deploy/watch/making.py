@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterator
+from typing import Any
 
 from tis.common.channels import Channel, Network, hand_channels
 from tis.common.header import Header
@@ -15,7 +16,7 @@ STARTED_NS = 50_000 * NS_PER_MS
 _LEVEL = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
 
 
-def sighting(network: Network, channel: Channel, seq: int, sent_ns: int, at_ns: int, payload: bytes) -> Sighting:
+def sighting(network: Network, channel: Channel[Any], seq: int, sent_ns: int, at_ns: int, payload: bytes) -> Sighting:
     return Sighting(network, channel.key("tis"), STARTED_NS + at_ns, Header(seq, sent_ns).pack(), payload)
 
 
