@@ -81,3 +81,14 @@ class ProcessorNote(Message, frozen=True):
 
 
 PROCESSORS = Topic("/tis/processors", ProcessorNote, stamps=("from_ns", "to_ns"))
+
+
+class AuditNote(Message, frozen=True):
+    """The audit log's length and the hash of its last line, at an instant."""
+
+    at_ns: Annotated[int, Meta(description="Run time, in ns.")]
+    lines: Annotated[int, Meta(ge=0, description="Number of lines.")]
+    sha256: Annotated[str, Meta(description="SHA-256 of the last line, in hex; zeros without any.")]
+
+
+AUDIT = Topic("/tis/audit", AuditNote, stamps=("at_ns",))

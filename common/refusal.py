@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 Refusal = Literal[
     "no_certificate", "foreign_authority", "expired", "bad_certificate", "no_tls", "false_netem", "unknown_name",
@@ -59,6 +59,34 @@ def refusal_in(line: bytes) -> Refusal | None:
     if plain is None:
         return None
     return next((kind for pattern, kind in _PATTERNS if pattern in plain), None)
+
+
+class Sender(NamedTuple):
+    """Zenoh's number of the client that was refused, its name, and the key; empty where a line does not say."""
+
+    zid: str = ""
+    name: str = ""
+    key: str = ""
+
+
+UNAUTHORIZED: Final = b" is unauthorized to "
+_SUBJECT: Final = re.compile(rb"([0-9a-f]{1,32}) did not match any configured ACL subject")
+_SENDER: Final = re.compile(
+    rb"([0-9a-f]{1,32})(?: on \S*?(?:(?:CertCommonName|Username)\(([^)]{1,64})\)\S*)?)? is unauthorized to [^()]+ "
+    rb"\(ingress\) on (\S{1,512})"
+)
+
+
+def thread_in(line: bytes) -> bytes:
+    """Return which of Zenoh's threads wrote a line."""
+    found = re.search(rb"ThreadId\(\d+\)", line)
+    return found[0] if found else b""
+
+
+def sender_in(line: bytes) -> Sender:
+    """Return what a line of a refusal says of the sender. Oracle: real routers, tests/system/test_security."""
+    found = _SUBJECT.search(line) or _SENDER.search(line)
+    return Sender(*(part.decode("utf-8", "replace") for part in found.groups(b""))) if found else Sender()
 
 
 _NO_CONNECTION: Final = b"Unable to connect to configured peer"

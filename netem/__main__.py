@@ -13,7 +13,6 @@ import zenoh
 
 from tis.common.channels import SIDE_ON, Network, Side
 from tis.common.errors import EXIT_INTERRUPTED, Fault, InputError, PeerError
-from tis.common.refusal import MEANING
 from tis.common.runtime.clock import WallClock, monotonic_ns
 from tis.common.runtime.clock_watch import ClockServer
 from tis.common.runtime.control import ControlKeys, Epoch, Presence, boot_digest
@@ -27,13 +26,13 @@ from tis.common.runtime.side import Membership, drive
 from tis.common.runtime.side_cli import endpoints_for
 from tis.common.runtime.side_log import SideOptions, continued, earlier_part, open_log
 from tis.common.runtime.status import Status
-from tis.common.runtime.zenoh_log import ROUTER_LEVELS, RefusalCounter, ZenohLog
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, lease_ms, open_router
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_MS
 from tis.common.zenoh_syntax import port_of
 from tis.netem.bridge.access import access_control
 from tis.netem.bridge.applications import Applications
+from tis.netem.bridge.audit import AuditTrail
 from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.command import netem_command
 from tis.netem.bridge.control import attach
@@ -68,9 +67,8 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         stack.enter_context(interrupt.installed())
         deadline = Deadline(lambda text: status.failed(PeerError.exit_code, [text]))
         stack.enter_context(deadline.installed())
-        refusals = RefusalCounter(lambda kind: status.warning(f"netem refused {MEANING[kind]}"))
-        stack.enter_context(ZenohLog(ROUTER_LEVELS, refusals.take))
         endpoints: dict[Network, str] = dict(zip(("west", "east"), listen, strict=True))
+        audit = AuditTrail.opened(stack, endpoints.items(), status.warning)
         sessions = _open_routers(stack, scenario, zenoh_options, endpoints)
         earlier = earlier_part(options, scenario, "netem")
         log = stack.enter_context(open_log(options, scenario, "netem", earlier))
@@ -83,7 +81,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         for network, session in sessions.items():
             meeting.rosters[network].watch(session)
         meeting.exchange = stack.enter_context(ScenarioExchange(sessions, meeting.keys, "netem", scenario))
-        _serve(stack, bridge, sessions, meeting.keys, refusals)
+        _serve(stack, bridge, sessions, meeting.keys, audit)
         applications = Applications(bridge, sessions, crossing_keys(["**"]), lease_s(options.zenoh), status.warning)
         stack.callback(applications.close)
         applications.open()
@@ -102,11 +100,12 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
             looks = watches(bridge.links, scenario.network.buffer, status.warning)
             membership = _join(meeting)
             continued(log, options, scenario, "netem", earlier, membership.epoch.run_id)
+            audit.begin(log.path.parent, membership.clock)
             _tokens += _begin(bridge, membership, sessions, meeting.keys)
             status.running(scenario.duration_s, str(log.path), membership.joined_ns)
             end = scenario.peer_loss_policy(options.alone) == "end"
             peers = _watch_peers(stack, sessions, meeting, membership, endpoints)
-            watched = WatchedLog(log, *looks)
+            watched = WatchedLog(log, *looks, audit=audit)
             deadline.progress = lambda: watched.n_records
             stack.callback(deadline.begin)
             return drive(bridge, {}, watched, meeting, membership, status, peers, end)
@@ -142,13 +141,14 @@ def _open_routers(
     return sessions
 
 
-def _serve(stack: ExitStack, bridge: Bridge, sessions: Sessions, keys: ControlKeys, refusals: RefusalCounter) -> None:
-    """Answer questions for the clock and requests to the emulator, and pass emergency stops on."""
+def _serve(stack: ExitStack, bridge: Bridge, sessions: Sessions, keys: ControlKeys, audit: AuditTrail) -> None:
+    """Answer questions for the clock and requests to the emulator, pass emergency stops on, and note who connects."""
+    audit.watch(stack, sessions)
     stack.enter_context(ClockServer(sessions.values(), keys.clock))
-    stack.callback(attach(bridge, sessions, keys.session, adapt=None if bridge.gates else without_gates))
-    emergency = EmergencyLine(sessions, keys.session)
+    stack.callback(attach(bridge, sessions, keys.session, adapt=None if bridge.gates else without_gates, audit=audit))
+    emergency = EmergencyLine(sessions, keys.session, audit)
     stack.callback(emergency.close)
-    bridge.also_counts.extend((refusals.counters, emergency.counters))
+    bridge.also_counts.extend((audit.refusals.counters, emergency.counters))
 
 
 def _join(meeting: Meeting) -> Membership:

@@ -15,13 +15,14 @@ from typing import Final, Self, get_args
 
 import zenoh
 
-from tis.common.refusal import REFUSED, Refusal, refusal_in, trouble_in, zenoh_line
+from tis.common.refusal import REFUSED, UNAUTHORIZED, Refusal, refusal_in, thread_in, trouble_in, zenoh_line
 
 # One line for each denied message, and none for a permitted one.
 ROUTER_LEVELS: Final = (
     "warn,zenoh::net::routing::interceptor=trace,zenoh::net::routing::interceptor::access_control=info,"
     "zenoh_transport::unicast::establishment::accept=debug"
 )
+NAMES_LEVEL: Final = "zenoh::net::routing::interceptor::access_control=trace"
 CLIENT_LEVELS: Final = "warn,zenoh::net::runtime::orchestrator=debug"
 _VARIABLE: Final = "RUST_LOG"
 _PIPE_BYTES: Final = 1 << 20
@@ -84,19 +85,25 @@ class ZenohLog:
 
 
 class RefusalCounter:
-    """Refusals of this process's routers by kind; ``on_first`` is called with each kind once, from a thread."""
+    """Refusals of this process's routers by kind; ``on_each`` gets the kind and what is said of it, from a thread.
 
-    def __init__(self, on_first: Callable[[Refusal], None]) -> None:
-        self._on_first = on_first
+    Zenoh names the sender of a denied message in a line before it, at a level at which each permitted message has a
+    line, too: only if RUST_LOG has `NAMES_LEVEL`.
+    """
+
+    def __init__(self, on_each: Callable[[Refusal, bytes], None]) -> None:
+        self._on_each = on_each
         self._counts: Counter[Refusal] = Counter()
+        self._denied: dict[bytes, bytes] = {}  # the last such line of each thread
 
     def take(self, line: bytes) -> None:
         """Count a line of the log, if it reports a refusal."""
         kind = refusal_in(line)
         if kind is not None:
             self._counts[kind] += 1
-            if self._counts[kind] == 1:
-                self._on_first(kind)
+            self._on_each(kind, self._denied.get(thread_in(line), line) if kind == "not_permitted" else line)
+        elif UNAUTHORIZED in line:
+            self._denied[thread_in(line)] = line
 
     def counters(self) -> dict[str, int]:
         """Return the number of refusals by kind, without those that never happened."""

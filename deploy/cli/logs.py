@@ -10,6 +10,7 @@ from tis.deploy.cli.group import Commands, JsonOption, RunDirArg, VerboseOption
 from tis.deploy.shell.guard import ERR, OUT, print_json, words_to
 
 app = Commands("Look at runs")
+audit_app = Commands(no_args_is_help=True, help="Check the audit log: who connected, was refused, and changed what.")
 
 
 @app.command(example="tis runs --sort error --scenario default")
@@ -53,6 +54,19 @@ def info(
     from tis.deploy.logs.describe import print_file
 
     return print_file(path, words_to(as_json), ERR, as_json)
+
+
+@audit_app.command(example="tis audit verify RUN_DIR")
+def verify(run_dir: RunDirArg) -> int:
+    """Check the audit log of a run or a `tis netem`: whole, cut, or changed at line n; exit code 4 unless whole.
+
+    Each line has the hash of the one before, and netem's log the number of
+    lines and the hash of the last one.
+    """
+    from tis.deploy.report.subjects.audit import verify_run
+
+    OUT.print(verify_run(run_dir), soft_wrap=True, highlight=False)
+    return EXIT_OK
 
 
 @app.command(example="tis merge RUN_DIR")

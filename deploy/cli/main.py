@@ -30,6 +30,7 @@ def tis(
 for group in (runs, hosts, logs, scenarios, studies, sides):
     app.add_typer(group.app)
 app.add_typer(bench.app, name="bench", rich_help_panel="Studies")
+app.add_typer(logs.audit_app, name="audit", rich_help_panel="Look at runs")
 app.add_typer(net.app, name="net", rich_help_panel="Networks")
 app.add_typer(certs.app, name="certs", rich_help_panel="One side, on a host of its own")
 

@@ -14,6 +14,7 @@ from tis.deploy.report.run_view import RunView
 from tis.deploy.report.subjects import (
     accuracy,
     age,
+    audit,
     clocks,
     devices,
     display,
@@ -121,10 +122,12 @@ def sections(run: RunView) -> list[Section]:
         ),
         Section("network", "Requested and realised network", markup=_network(links) + _books(summary)),
         Section("clocks", "Clocks", drawn["clocks"], before=_filled(clocks.clock_table(summary.clocks))),
+        Section("audit", "Who connected, and who was refused", markup=audit.audit_markup(run.logs)),
         Section("repeat", "Repeat this run", markup=_repeat(run)),
     ]
-    spare = ("safety", "clocks")  # most runs have nothing to say there; the sections of others say that it lacks
-    return [one for one in found if one.anchor not in spare or one.before or any(one.figures)]
+    # most runs have nothing to say there; the sections of others say that it lacks
+    spare = ("safety", "clocks", "audit")
+    return [one for one in found if one.anchor not in spare or one.before or one.markup or any(one.figures)]
 
 
 def _requirements(summary: Summary) -> str:

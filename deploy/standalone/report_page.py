@@ -12,6 +12,7 @@ from tis.deploy.present.plot_style import time_range
 from tis.deploy.report.contents import versions_table
 from tis.deploy.report.plots.delay import delay_figure
 from tis.deploy.report.plots.distributions import delay_cdf, loss_figure, release_figure
+from tis.deploy.report.subjects.audit import audit_markup
 from tis.deploy.report.subjects.network.key_figures import link_columns
 from tis.deploy.report.subjects.network.link_tables import (
     delay_table,
@@ -30,7 +31,9 @@ _TITLE: Final = "netem between two networks"
 
 def report_html(run: StandaloneRun, summary: NetemSummary, versions: Mapping[str, str | None]) -> str:
     """Return the page, without the figures that the log has no data for."""
-    sections = [_answer(run, summary), _network(run, summary), _repeat(summary, versions)]
+    audited = audit_markup(run.logs)
+    about = [Section(anchor="audit", title="Who connected, and who was refused", markup=audited)] if audited else []
+    sections = [_answer(run, summary), _network(run, summary), *about, _repeat(summary, versions)]
     return page_html(Page(f"{_TITLE}: report", _TITLE, _tags(summary), sections))
 
 

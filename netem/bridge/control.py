@@ -16,6 +16,7 @@ from typing import Any, Final, NamedTuple
 import zenoh
 from pydantic import BaseModel
 
+from tis.common.audit import Happening
 from tis.common.channels import Network
 from tis.common.node import Record
 from tis.common.scenario.control import (
@@ -28,6 +29,7 @@ from tis.common.scenario.control import (
     request_schema,
 )
 from tis.common.scenario.reading import Profiles
+from tis.netem.bridge.audit import AuditTrail
 from tis.netem.bridge.driver import Driver
 from tis.netem.control.control import Control, Snapshot, describe, snapshot
 from tis.netem.control.request import MAX_BYTES, Adapt
@@ -62,7 +64,9 @@ class BridgeControl:
         prefix: str = "tis",
         library: Profiles | None = None,
         adapt: Adapt | None = None,
+        audit: AuditTrail | None = None,
     ) -> None:
+        self._audit = audit
         self.control: Final = Control(bridge.links, library, adapt)
         self.n_flooded = 0
         self.n_unanswered = 0
@@ -169,6 +173,10 @@ class BridgeControl:
         control = self.control
         request = control.read(incoming.operation, incoming.payload, incoming.n_bytes)
         done = self._bridge.intervene(lambda now_ns: control.apply(request, now_ns))
+        if self._audit is not None and done is not None:
+            key = f"{self._prefix}{incoming.operation}"
+            what = (incoming.payload or b"").decode("utf-8", "replace") if done.accepted else "refused"
+            self._audit.note(Happening("network", what, incoming.network, key=key), is_by_somebody=True)
         return control.apply(request, None)[0] if done is None else done
 
     def _state(self) -> str:
@@ -184,9 +192,9 @@ class BridgeControl:
 
 def attach(
     bridge: Driver, sessions: Mapping[Network, zenoh.Session], prefix: str = "tis", library: Profiles | None = None,
-    adapt: Adapt | None = None,
+    adapt: Adapt | None = None, audit: AuditTrail | None = None,
 ) -> Callable[[], None]:  # fmt: skip
     """Open control of an emulator over its networks; return the function that closes it, before the sessions."""
-    control = BridgeControl(bridge, sessions, prefix, library, adapt)
+    control = BridgeControl(bridge, sessions, prefix, library, adapt, audit)
     control.open()
     return control.close

@@ -1,6 +1,6 @@
 """Emergency stops across netem: passed on at once, beside the emulated links, which may delay or lose everything."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any, Final
 
@@ -8,8 +8,10 @@ import zenoh
 
 from tis.common.channels import Network, release_key, stop_key, stopped_key
 from tis.common.runtime.zenoh_session import publisher_of
+from tis.netem.bridge.audit import AuditTrail
 
 _MAX_BYTES: Final = 4096
+_REMOTE: Final = zenoh.Locality.REMOTE
 
 
 class EmergencyLine:
@@ -18,9 +20,13 @@ class EmergencyLine:
     A request that a full queue drops is repeated by its sender until it is answered. Close it before the sessions.
     """
 
-    def __init__(self, sessions: Mapping[Network, zenoh.Session], session: str) -> None:
+    def __init__(self, sessions: Mapping[Network, zenoh.Session], session: str, audit: AuditTrail) -> None:
         self.n_passed = 0
         self._held: list[Any] = []
+        self._audit = audit
+        for key in (stop_key(session), release_key(session)):  # in the east they reach the patient without netem
+            for network, one in sessions.items():
+                self._held.append(one.declare_subscriber(key, self._listener(network), allowed_origin=_REMOTE))
         self._open(sessions["west"], sessions["east"], stop_key(session))
         self._open(sessions["west"], sessions["east"], release_key(session))
         self._open(sessions["east"], sessions["west"], stopped_key(session))
@@ -35,6 +41,15 @@ class EmergencyLine:
         """Return the number of messages passed, by name."""
         return {"emergency_messages": self.n_passed}
 
+    def _listener(self, network: Network) -> Callable[[zenoh.Sample], None]:
+        """Return the callback that notes requests of a network in the audit log."""
+
+        def listen(sample: zenoh.Sample) -> None:
+            if len(sample.payload) <= _MAX_BYTES:
+                self._audit.asked(network, str(sample.key_expr), sample.payload.to_bytes())
+
+        return listen
+
     def _open(self, origin: zenoh.Session, destination: zenoh.Session, key: str) -> None:
         publisher = publisher_of(destination, key)
 
@@ -45,4 +60,4 @@ class EmergencyLine:
                 with suppress(zenoh.ZError):  # the session is closed
                     publisher.put(sample.payload)
 
-        self._held.append(origin.declare_subscriber(key, pass_on, allowed_origin=zenoh.Locality.REMOTE))
+        self._held.append(origin.declare_subscriber(key, pass_on, allowed_origin=_REMOTE))

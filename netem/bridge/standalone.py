@@ -14,7 +14,7 @@ from typing import Final, Literal
 import yaml
 import zenoh
 
-from tis.common.channels import Network
+from tis.common.channels import Direction, Network
 from tis.common.errors import EXIT_INTERRUPTED, EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError, PeerError
 from tis.common.runtime.clock import WallClock
 from tis.common.runtime.mcap_log import McapLog
@@ -32,6 +32,7 @@ from tis.common.scenario.reading import Profiles
 from tis.common.trace import Trace
 from tis.common.units import s_to_ns
 from tis.netem.bridge.applications import Applications
+from tis.netem.bridge.audit import AuditTrail
 from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.bypass import refuse_one_router
 from tis.netem.bridge.control import attach
@@ -55,6 +56,7 @@ from tis.netem.bridge.standstill import Deadline
 from tis.netem.bridge.tally import Tally, table, watches
 from tis.netem.build import build_links
 from tis.netem.expected.figures import synopsis
+from tis.netem.link.link import Link
 
 _ENDLESS_NS: Final = 1 << 62
 _EVERYTHING: Final = ("**",)
@@ -98,9 +100,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
     # no wildcard matches a chunk that begins with @: such keys cross when they are named
     listening = crossing_keys((*_EVERYTHING, *options.keys)) if passes else crossing
     traces = load_traces(options.network)
-    links = build_links(options.network, crossing.all, options.seed, traces, options.where)
-    for link in links.values():
-        link.prepare(options.keys)
+    links = _links(options, crossing.all, traces)
     share_arenas()
     gates, zenoh_options = gates_for(options.network, lease_s(options.zenoh), options.zenoh)
     interrupt = Interrupt()
@@ -113,6 +113,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         def stopped() -> bool:
             return interrupt.requested or (until_s is not None and time.monotonic() > until_s)
 
+        audit = _audit(stack, options, status)
         private = open_private_endpoints(stack, options.places, options.zenoh)
         # Stage 2: the sessions, then every listener, closed in the reverse order.
         sessions = open_sides(stack, options.places, zenoh_options, options.mode, stopped, status.waiting, private)
@@ -121,6 +122,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         if sessions is None:
             raise PeerError(Fault("netem", "zenoh", f"no network answered within {options.wait_s} s"))
         refuse_one_router(sessions)
+        audit.watch(stack, sessions)
         bridge = Bridge(sessions, links, gates)
         interrupt.wakers.append(bridge.wake)
         stack.callback(bridge.close)
@@ -133,10 +135,10 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         applications.refuse_leaks()
         bridge.base_overhead_ns = _base_overhead_ns(options, sessions, traces, status)
         applications.open()
-        stack.callback(attach(bridge, sessions, options.prefix, library, None if gates else without_gates))
+        stack.callback(attach(bridge, sessions, options.prefix, library, None if gates else without_gates, audit))
         # Stage 3: the log and the clock; from here on packets pass.
-        tally = Tally(open_log(options), status.warning, *watches(links, options.network.buffer, status.warning))
-        clock = start(bridge)
+        tally = _tally(options, links, status, audit)
+        clock = start(bridge, audit, options.log_dir)
         stack.enter_context(announced(Running(**_ends(options), session=options.prefix, title=ALONE)))
         for line in _first_lines(options, traces):
             tell(line)
@@ -146,6 +148,23 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
     for line in table(counters, tally.errors):
         print(line, flush=True)  # noqa: T201  (standard output is for the result)
     return EXIT_INVALID_RUN if applications.n_leaks else EXIT_OK
+
+
+def _links(options: Standalone, keys: Sequence[str], traces: Mapping[str, Trace]) -> dict[Direction, Link]:
+    links = build_links(options.network, keys, options.seed, traces, options.where)
+    for link in links.values():
+        link.prepare(options.keys)
+    return links
+
+
+def _audit(stack: ExitStack, options: Standalone, status: Status) -> AuditTrail:
+    listen = [(network, one) for network, place in options.places.items() for one in place.listen]
+    return AuditTrail.opened(stack, listen, status.warning, reads_log=options.log_dir is not None)
+
+
+def _tally(options: Standalone, links: Mapping[Direction, Link], status: Status, audit: AuditTrail) -> Tally:
+    looks = watches(links, options.network.buffer, status.warning)
+    return Tally(open_log(options), status.warning, *looks, audit=audit)
 
 
 def _base_overhead_ns(
@@ -160,11 +179,13 @@ def _ends(options: Standalone) -> dict[Network, str]:
     return {network: (*place.listen, *place.connect)[0] for network, place in options.places.items()}
 
 
-def start(bridge: Driver) -> WallClock:
-    """Let packets pass; return the clock, whose zero is now."""
+def start(bridge: Driver, audit: AuditTrail | None = None, folder: Path | None = None) -> WallClock:
+    """Let packets pass, and write the audit log to ``folder``; return the clock, whose zero is now."""
     bridge.settle()
     clock = WallClock(time.monotonic_ns())
     bridge.start(clock)
+    if audit is not None:
+        audit.begin(folder, clock)
     return clock
 
 

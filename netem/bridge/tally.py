@@ -15,6 +15,7 @@ from tis.common.records import RELEASES, ReleaseBatch
 from tis.common.runtime.recorder import FileLog
 from tis.common.scenario.network import Buffer
 from tis.common.units import NS_PER_MS
+from tis.netem.bridge.audit import AuditTrail
 from tis.netem.expected.figures import direction_label
 from tis.netem.link.flows import MAX_CLOSED, MAX_FLOWS
 from tis.netem.link.ledger import DROPPED_NEW, DROPPED_OLDEST, DROPS, full_buffer
@@ -69,11 +70,13 @@ class ReleaseErrors:
 class WatchedLog:
     """A wrapper of a log, or a substitute without one.
 
-    It calls all ``looks`` at each flush, twice a second, and at the end, in the thread that writes.
+    It calls all ``looks`` at each flush, twice a second, and at the end, in the thread that writes. It notes how long
+    the audit log is, if there is one, and ends that before itself.
     """
 
-    def __init__(self, log: FileLog | None, *looks: Callable[[], None]) -> None:
+    def __init__(self, log: FileLog | None, *looks: Callable[[], None], audit: AuditTrail | None = None) -> None:
         self.n_records = 0
+        self._audit = audit
         self._log = log
         self._looks = looks
 
@@ -92,12 +95,16 @@ class WatchedLog:
         """Call the looks and flush the log."""
         self._look()
         if self._log is not None:
+            for record in () if self._audit is None else self._audit.look():
+                self._log.record(record)
             self._log.flush()
 
     def close(self) -> None:
         """Call the looks for the last time and close the log."""
         self._look()
         if self._log is not None:
+            for record in () if self._audit is None else self._audit.finish():
+                self._log.record(record)
             self._log.close()
 
     def _look(self) -> None:
@@ -189,9 +196,12 @@ class LateWatch:
 class Tally(WatchedLog):
     """A log that also collects release errors, and warns of what is not part of the configured network."""
 
-    def __init__(self, log: FileLog | None, warn: Callable[[str], None], *looks: Callable[[], None]) -> None:
+    def __init__(
+        self, log: FileLog | None, warn: Callable[[str], None], *looks: Callable[[], None],
+        audit: AuditTrail | None = None,
+    ) -> None:  # fmt: skip
         self._late: Final = LateWatch(warn)
-        super().__init__(log, self._late.look, *looks)
+        super().__init__(log, self._late.look, *looks, audit=audit)
         self.errors: Final[dict[Direction, ReleaseErrors]] = {"forward": ReleaseErrors(), "feedback": ReleaseErrors()}
 
     def record(self, record: Record) -> None:

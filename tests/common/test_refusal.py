@@ -1,6 +1,6 @@
 import pytest
 
-from tis.common.refusal import MEANING, Refusal, refusal_in, trouble_in
+from tis.common.refusal import MEANING, Refusal, refusal_in, sender_in, thread_in, trouble_in
 
 _AT = b"\x1b[2m2026-11-23T00:26:47.160013Z\x1b[0m "
 _FROM = b"acc-0 ThreadId(05) "
@@ -71,3 +71,24 @@ def test_a_client_is_told_why_it_is_not_let_in(text: str, reason: str | None) ->
     found = trouble_in(_line("DEBUG", _CLIENT, text))
     assert (found is None) == (reason is None)
     assert reason is None or reason in str(found)
+
+
+def test_lines_of_refusals_name_the_sender_as_far_as_zenoh_does() -> None:
+    """As a real router of Zenoh 1.10.2 wrote them."""
+    head = b"2026-11-27T19:46:55.383655Z TRACE  rx-1 ThreadId(10) zenoh::net::routing::interceptor::access_control: "
+    zid = b"af28ca41ca5366087a687c44cd331699"
+    subject = b"Interface(lo)+CertCommonName(surgeon)+Transport(Tls)+" + zid
+    assert sender_in(head + zid + b" did not match any configured ACL subject. Default permission") == (
+        zid.decode(),
+        "",
+        "",
+    )
+    line = head + zid + b" on " + subject + b" is unauthorized to Put (ingress) on tis/PSM2/servo_cp"
+    assert sender_in(line) == (zid.decode(), "surgeon", "tis/PSM2/servo_cp")
+    assert sender_in(line.replace(b"CertCommonName", b"Username")).name == "surgeon"
+    cached = (
+        head + b"Using cached result: " + zid + b" is unauthorized to Declare/Undeclare Queryable (ingress) on a/*"
+    )
+    assert sender_in(cached) == (zid.decode(), "", "a/*")
+    assert sender_in(b"peer sent no certificates") == ("", "", "")
+    assert thread_in(head) == b"ThreadId(10)"

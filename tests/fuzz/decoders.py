@@ -27,6 +27,7 @@ from tests.netem.bridge.test_handshake import OFFER
 from tests.netem.control.test_control import a_control
 from tests.patient_side.identification.test_model_file import model
 from tests.patient_side.learned.models import learned_model
+from tis.common.audit import verify as verify_audit
 from tis.common.channels import hand_channels
 from tis.common.clocks import Exchanges, fit_clock
 from tis.common.device import DeviceGate, from_json, from_ros2
@@ -48,7 +49,7 @@ from tis.common.records import (
     FateBatch,
     TickNote,
 )
-from tis.common.refusal import refusal_in, trouble_in
+from tis.common.refusal import refusal_in, sender_in, trouble_in
 from tis.common.runtime.clock_watch import _read as read_reading
 from tis.common.runtime.control import ControlKeys, Epoch, Roster
 from tis.common.runtime.credentials import credentials
@@ -331,6 +332,8 @@ _READING = b'{"boot_id":"a","received_ns":3,"replied_ns":4}'
 
 def _log_line(data: bytes) -> None:
     refusal_in(data)
+    sender_in(data)
+    verify_audit(data.splitlines(keepends=True))
     trouble_in(data)
 
 

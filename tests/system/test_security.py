@@ -9,6 +9,7 @@ import zenoh
 from tests.deploy.commands import call, call_in_one_line
 from tests.system.conftest import HOLD, RunHere, Start, StartHere, Tis, is_right_but_for_the_machine
 from tests.system.intruders import a_client, cause_an_outage, lie, of_another_run, speak_for_the_patient
+from tis.common.audit import AUDIT_FILE, verify
 from tis.common.runtime.credentials import credentials, tls_settings
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario.security import Password
@@ -91,6 +92,15 @@ def test_certificates_keep_strangers_out_and_let_nobody_say_more_than_is_theirs(
         assert ("this client may not ask that" in err) == (name == "watcher")
 
     refused = _refused(tis)
+    code, out, err = call("audit", "verify", str(tis.run_dir))
+    assert (code, out[:6]) == (0, "whole:"), err
+    entries = verify((tis.run_dir / AUDIT_FILE).read_bytes().splitlines(keepends=True)).entries
+    named = {(one.what, one.address.rpartition(":")[0], one.name) for one in entries if one.event == "refused"}
+    for kind in ("no_certificate", "foreign_authority", "expired", "no_tls", "false_netem"):
+        assert (kind, "127.0.0.1", "") in named
+    assert ("unknown_name", "127.0.0.1", "mallory") in named
+    assert {one.name for one in entries if one.event == "connected"} >= {"surgeon", "patient", "mallory", "operator"}
+    assert [one.key for one in entries if one.event == "network"] == ["tis/netem/control/reset"]
     expected = {
         "no_certificate", "foreign_authority", "expired", "no_tls", "false_netem", "unknown_name", "not_permitted",
     }  # fmt: skip

@@ -16,7 +16,7 @@ from tis.common.runtime.zenoh_log import ROUTER_LEVELS, RefusalCounter, ZenohLog
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 
 first = []
-counter = RefusalCounter(first.append)
+counter = RefusalCounter(lambda kind, line: first.append(kind))
 with ZenohLog(ROUTER_LEVELS, counter.take):
     print("ours", flush=True)
     users, endpoint = sys.argv[1:]
@@ -27,7 +27,7 @@ with ZenohLog(ROUTER_LEVELS, counter.take):
                 zenoh.open(configure("client", ZenohOptions(connect=[endpoint])))
             except zenoh.ZError:
                 print("refused", flush=True)
-print("after", first, {name: n > 1 for name, n in counter.counters().items()}, flush=True)
+print("after", sorted(set(first)), {name: n > 1 for name, n in counter.counters().items()}, flush=True)
 """
 
 

@@ -1,0 +1,97 @@
+"""netem's audit log: whether it is whole, and who was refused, by address and name."""
+
+from pathlib import Path
+from typing import Final
+
+from tis.common.audit import AUDIT_FILE, AuditEntry, Verified, verify
+from tis.common.errors import DataError, Fault
+from tis.common.host_records import AUDIT, AuditNote
+from tis.common.refusal import MEANING
+from tis.deploy.logs.log_paths import log_file
+from tis.deploy.logs.read.load import RunLogs, load_side
+from tis.deploy.present.page import note
+from tis.deploy.present.table import Column, Table
+
+_MAX_BYTES: Final = 200_000_000
+_MAX_ROWS: Final = 40
+
+
+def audit_of(logs: RunLogs) -> Verified | None:
+    """Return the audit log beside a run's logs, as far as it is whole; None without one. Raises `DataError`."""
+    file = logs.run_dir / AUDIT_FILE
+    try:
+        if not file.is_file():
+            return None
+        if file.stat().st_size > _MAX_BYTES:
+            raise DataError(Fault(str(file), "", f"must have at most {_MAX_BYTES} bytes"))
+        lines = file.read_bytes().splitlines(keepends=True)
+    except OSError as error:
+        raise DataError(Fault(str(file), "", f"cannot be read: {error.strerror}")) from None
+    noted = [AuditNote(**row) for row in logs.of("netem", AUDIT)]
+    return verify(lines, noted)
+
+
+def verify_run(run_dir: Path) -> str:
+    """Return in words that a run's audit log is whole; raises `DataError` where it is not, or is not there."""
+    path = log_file(run_dir, "netem")
+    logs = RunLogs(run_dir, {"netem": load_side(path, "netem")} if path.is_file() else {})
+    found = audit_of(logs)
+    where = str(run_dir / AUDIT_FILE)
+    if found is None:
+        raise DataError(Fault(where, "", "is not there"))
+    if found.fault:
+        raise DataError(Fault(where, "", found.fault))
+    beside = "" if logs.sides else "; netem's log, which would show a cut tail, is not there"
+    return f"{found.words}{beside}"
+
+
+def refusal_table(found: Verified) -> Table:
+    """Return who was refused: alike refusals of an address, summed over the run."""
+    sums: dict[tuple[str, str, str, str], tuple[AuditEntry, int]] = {}
+    for entry in found.entries:
+        if entry.event == "refused":
+            alike = (entry.what, entry.address.rpartition(":")[0], entry.name, entry.key)
+            first, n = sums.get(alike, (entry, 0))
+            sums[alike] = first, n + entry.n
+    rows = [
+        (
+            "" if first.run_s is None else f"{first.run_s:.1f}",
+            MEANING.get(first.what, first.what),  # type: ignore[call-overload]
+            first.address or ("one of: " + "; ".join(first.among) if first.among else ""),
+            first.name,
+            first.key,
+            n,
+        )
+        for first, n in sorted(sums.values(), key=lambda row: row[0].utc)[:_MAX_ROWS]
+    ]
+    columns = ("from, s", Column("refused", words=True), Column("address", words=True), "name", "key", "times")
+    return Table("Who was refused", columns, rows)
+
+
+def action_table(found: Verified) -> Table:
+    """Return the stops, the releases and the changes of the network."""
+    rows = [
+        (
+            "" if one.run_s is None else f"{one.run_s:.1f}",
+            one.event,
+            one.what,
+            one.network,
+            "; ".join(one.among),
+        )
+        for one in found.entries
+        if one.event in ("stop", "release", "network")
+    ][:_MAX_ROWS]
+    return Table("Stops, releases, changes", ("at, s", "what", Column("request", words=True), "network",
+                                             Column("by one of", words=True)), rows)  # fmt: skip
+
+
+def audit_markup(logs: RunLogs) -> str:
+    """Return the audit log for a run's page; "" without one."""
+    try:
+        found = audit_of(logs)
+    except DataError as error:
+        return note(str(error.faults[0]))
+    if found is None:
+        return ""
+    tables = [table.html() for table in (refusal_table(found), action_table(found)) if table.rows]
+    return note(f"The audit log, {AUDIT_FILE}: {found.words}.") + "".join(tables)
