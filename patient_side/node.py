@@ -205,7 +205,8 @@ class PatientNode:
         where_m, orientation = np.array(position_m(pose)), unit(components(pose.orientation))
         if self._own.guarded:  # user-defined estimators share the arrays with all others
             where_m.setflags(write=False)
-        return buffer.add(index, where_m, pose.gripper_rad, orientation)
+        late = playout.late(index, pose.sample_ns)
+        return buffer.add(index, where_m, pose.gripper_rad, orientation, late)
 
     def wake(self, now_ns: int) -> Iterable[Output]:
         """Run the tick that is due, or answer an arrival before it.

@@ -3,23 +3,42 @@
 Estimators read only this buffer, which makes them causal. Samples are addressed by their index at the source,
 ``round(sample_ns * rate_hz / 1e9)``; the order of arrival is kept as well, so that an estimator can find the samples
 that are new since its last step. A sample may arrive several times: the first copy counts.
+
+A device's stamps may be up to half a period beside the plan's instants. The buffer then states each sample at the
+plan's instant, by a polynomial through it and its nearest arrived neighbours: all filters work on an even row. What
+was sent stays readable, by `SourceBuffer.taken`.
 """
 
 from bisect import bisect_left, bisect_right, insort
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from math import isnan, nan
-from typing import Final
+from math import isnan, nan, prod
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.units import sample_index, sample_instant_ns
+from tis.common.units import NS_PER_S, sample_index, sample_instant_ns
 from tis.patient_side.linear_system import Array
 
 _NOWHERE: Final = (nan, nan, nan, nan)
 _NEVER: Final = -(1 << 62)
+_REACH: Final = 5
+"""Samples to the farthest neighbour that the polynomial uses: across a longer gap a hand does not move like one."""
+_N_NODES: Final = 5
+
+
+class Taken(NamedTuple):
+    """A sample as it was sent: its stamp less the plan's instant, in sample periods; position, and wrist (5,)."""
+
+    late: float
+    position_m: Array
+    wrist: Array
+
+    def wrist_like(self, other: "Taken") -> Array:
+        """Return the wrist with the sign of its quaternion that is nearer to another one's."""
+        return self.wrist if self.wrist[:4].dot(other.wrist[:4]) >= 0.0 else self.wrist * (-1, -1, -1, -1, 1)
 
 
 @dataclass
@@ -30,6 +49,7 @@ class SourceBuffer:
     -1 while nothing has arrived; ``n_added`` counts all samples added. ``get`` returns a sample's position, or None
     when it has not arrived. The gripper's angle in rad and the orientation, a unit quaternion (4,) x, y, z, w, are
     kept where the sample has them, in rings of arrays, from which a method reads many at once. Oracle: a plain list.
+    All are stated at the plan's instants; ``_uneven`` holds those with other stamps as they were sent.
     ``_at`` is the index at each place of the rings.
     """
 
@@ -39,6 +59,7 @@ class SourceBuffer:
     n_added: int = 0
     get: Callable[[int], Array | None] = field(init=False, repr=False, compare=False)
     _samples: dict[int, Array] = field(default_factory=dict, repr=False)
+    _uneven: dict[int, Taken] = field(default_factory=dict, repr=False)
     _at: NDArray[np.int64] = field(init=False, repr=False, compare=False)
     _wrists: Array = field(init=False, repr=False, compare=False)
     _mask: int = field(init=False, repr=False, compare=False)
@@ -58,8 +79,9 @@ class SourceBuffer:
         position_m: Array,
         gripper_rad: float | None = None,
         orientation: Sequence[float] | Array | None = None,
+        late: float = 0.0,
     ) -> bool:
-        """Add a sample; False when it is a duplicate, negative or older than the buffer's depth."""
+        """Add a sample, ``late`` periods after the plan's instant; False if it is known, negative or too old."""
         if index < 0 or index <= self.newest - self.depth or index in self._samples:
             return False
         self._samples[index] = position_m
@@ -78,8 +100,61 @@ class SourceBuffer:
             n_stale = bisect_right(self._indices, index - self.depth)
             for stale in self._indices[:n_stale]:
                 del self._samples[stale]
+                self._uneven.pop(stale, None)
             del self._indices[:n_stale]
+        if late:
+            self._uneven[index] = Taken(late, position_m, self._wrists[place].copy())
+        if self._uneven:
+            at = bisect_left(self._indices, index)
+            for each in self._indices[max(0, at - _N_NODES + 1) : at + _N_NODES]:  # on whose polynomials it lies
+                if each in self._uneven:
+                    self._state_evenly(each)
         return True
+
+    def taken(self, index: int) -> Taken:
+        """Return an arrived sample as it was sent, not stated at the plan's instant."""
+        even = self._uneven.get(index)
+        return Taken(0.0, self._samples[index], self._wrists[index & self._mask].copy()) if even is None else even
+
+    @property
+    def is_uneven(self) -> bool:
+        """Tell whether a stored sample was taken beside the plan's instant."""
+        return bool(self._uneven)
+
+    def at(self, index: int, late: float) -> Array | None:
+        """Return the position at ``late`` periods after the plan's instant of a sample, None unless it has arrived.
+
+        It lies on the polynomial through the sample and its nearest arrived neighbours, as they were sent.
+        """
+        if index not in self._samples or not (late or self._uneven):
+            return self._samples.get(index)
+        nodes, shares = self._around(index, late)
+        return np.asarray(np.array(shares).dot([node.position_m for node in nodes]))
+
+    def _around(self, index: int, late: float) -> tuple[list[Taken], list[float]]:
+        """Return a sample and its nearest neighbours, and their shares in the polynomial's value at an instant."""
+        own = self.taken(index)
+        if own.late == late:
+            return [own], [1.0]
+        place = bisect_left(self._indices, index)
+        first = max(0, min(place - _N_NODES // 2, len(self._indices) - _N_NODES))
+        near = [each for each in self._indices[first : first + _N_NODES] if 0 < abs(each - index) <= _REACH]
+        nodes = [own, *map(self.taken, near)]
+        at = [each - index + node.late - late for each, node in zip((index, *near), nodes, strict=True)]
+        return nodes, [prod(b / (b - a) for j, b in enumerate(at) if j != i) for i, a in enumerate(at)]
+
+    def _state_evenly(self, index: int) -> None:
+        """State a sample at the plan's instant. Oracle: a polynomial, which it gives exactly."""
+        nodes, shares = self._around(index, 0.0)
+        own = nodes[0]
+        position_m = np.array(shares).dot([node.position_m for node in nodes])
+        position_m.setflags(write=own.position_m.flags.writeable)
+        self._samples[index] = position_m
+        # Neighbouring orientations are alike but for the sign, so that their sum, of length 1, lies between them.
+        wrist = sum(share * node.wrist_like(own) for share, node in zip(shares, nodes, strict=True))
+        wrist = np.where(np.isnan(wrist), own.wrist, wrist)
+        wrist[:4] /= max(float(np.linalg.norm(wrist[:4])), 1e-9)
+        self._wrists[index & self._mask] = wrist
 
     def __contains__(self, index: int) -> bool:
         """Return whether sample ``index`` has arrived and is still stored."""
@@ -163,6 +238,14 @@ class Playout:
     def index(self, sample_ns: int) -> int:
         """Return the source index of a sample instant."""
         return sample_index(sample_ns, self.rate_hz)
+
+    def late(self, index: int, sample_ns: int) -> float:
+        """Return how many periods after the plan's instant a sample was taken, negative before it."""
+        return (sample_ns - sample_instant_ns(index, self.rate_hz)) * self.rate_hz / NS_PER_S
+
+    def periods_ns(self, n: float) -> int:
+        """Return the length of ``n`` sample periods in ns."""
+        return round(n * NS_PER_S / self.rate_hz)
 
     def age_samples(self, index: int, now_ns: int) -> float:
         """Return the age of sample ``index`` at ``now_ns`` in sample periods, with fractions."""

@@ -5,6 +5,9 @@ from the newest one to now, fractions of a sample included. Where a gain alone r
 command stands in for an arm sample that has not arrived: through the gain, about the offset between the two at the
 freshest samples that both streams have. Two streams with separate fates are then worth twice the packets.
 
+The filter's grid goes through the newest sample's own stamp. Where stamps are uneven, each sample moves it: the last
+ones are assimilated again, as interpolated at the moved instants.
+
 A late sample is replayed from a checkpoint if it lies in the window that the model determines (`replay_window`);
 older ones are ignored. Within the window the order of arrival does not affect the result.
 
@@ -59,6 +62,9 @@ _JUMP = 500.0
 
 _NEGLIGIBLE = 0.05
 """Share of the innovations' variance below which the filter ignores a command's error; the estimate includes it."""
+
+_UNEVEN_WINDOW = 16
+"""Samples behind the newest that are assimilated anew with it where stamps are uneven."""
 
 
 class InnovationsState(NamedTuple):
@@ -134,7 +140,8 @@ class InnovationsKf:
             return state, Estimate(None)
         # Forecast over the lag since the newest sample; its covariance is precomputed after an unbroken row.
         newest = state.ring[-1]
-        lag_ns = max(0, now_ns - sample_instant_ns(newest.source_index, playout.rate_hz))
+        late = _late(playout, newest.source_index)
+        lag_ns = max(0, now_ns - sample_instant_ns(newest.source_index, playout.rate_hz) - playout.periods_ns(late))
         if newest.uncertainty is None:
             forecast = self._forecasts.after_unbroken(newest.length, lag_ns)
         else:
@@ -163,7 +170,7 @@ class InnovationsKf:
             return None
         before = ring[-1]
         index = arm.newest
-        if arm.last_arrived != index:
+        if arm.last_arrived != index or arm.is_uneven:
             return None
         pairs, offset = state.pairs, state.offset
         if self._stand_in is not None:
@@ -220,7 +227,8 @@ class InnovationsKf:
         arm, command = playout.arm, playout.command
         n_arm, n_command, ring, pairs, _, offset = state
         # Rewind to the last checkpoint before it; without one, begin within the horizon of the newest sample.
-        run = list(rewound(ring, first))
+        is_uneven = arm.is_uneven or command.is_uneven
+        run = list(rewound(ring, first)[: 1 if is_uneven else None])
         before = run[-1] if run else None
         # Until an offset is known, commands are used only where there are no samples of the arm at all.
         stand_in = self._stand_in if pairs or arm.newest < 0 else None
@@ -233,10 +241,14 @@ class InnovationsKf:
         indices = arm.after(begun)
         if stand_in is not None:
             indices = sorted({*indices, *command.after(begun)})
+        # The grid of the run goes through the newest sample's own stamp.
+        late = _late(playout, indices[-1]) if is_uneven and indices else 0.0
+        if before is not None and is_uneven:
+            run[-1] = before = _moved(before, arm.at(before.source_index, late))
         for index in indices:
-            sample, error = arm.get(index), None
+            sample, error = arm.at(index, late), None
             if sample is None:
-                through = command.get(index)
+                through = command.at(index, late)
                 assert through is not None, "one of the streams has it"
                 assert stand_in is not None, "commands are looked for only where they can stand in"
                 if offset is None:
@@ -247,7 +259,8 @@ class InnovationsKf:
         if not run:
             return state
         guessed = stand_in is not None and not pairs
-        return InnovationsState(n_arm, n_command, trimmed(tuple(run), self.window), pairs, guessed, offset)
+        window = max(self.window, _UNEVEN_WINDOW) if is_uneven else self.window
+        return InnovationsState(n_arm, n_command, trimmed(tuple(run), window), pairs, guessed, offset)
 
     def _after(self, before: Checkpoint | None, index: int, sample: Array, error: Array | None) -> Checkpoint:
         """Return the checkpoint after a sample (3,) at source index ``index``, of covariance ``error`` if any."""
@@ -308,3 +321,18 @@ class InnovationsKf:
             return NO_PHASE
         increments = [] if mean is None else mean.ravel()[: AXES * N_INCREMENTS].tolist()
         return self._clock.after(before, gap, increments, activity)
+
+
+def _late(playout: Playout, index: int) -> float:
+    """Return how many periods after the plan's instant a sample was taken that has arrived in either stream."""
+    stream = playout.arm if index in playout.arm else playout.command
+    return stream.taken(index).late if stream.is_uneven else 0.0
+
+
+def _moved(before: Checkpoint, position_m: Array | None) -> Checkpoint:
+    """Return a checkpoint whose arm is at the position, as a grid through another stamp sees it."""
+    if position_m is None:
+        return before
+    mean = before.mean.copy()
+    mean[-(position_m.size // mean.shape[1]) :] = position_m.reshape(-1, mean.shape[1])
+    return before._replace(mean=mean)

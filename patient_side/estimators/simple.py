@@ -22,8 +22,9 @@ class Hold:
         """Return the state: there is none."""
 
     def step(self, state: None, playout: Playout, now_ns: int) -> tuple[None, Estimate]:  # noqa: ARG002  protocol
-        """Return the freshest position of the arm."""
-        return None, Estimate(playout.arm.get(playout.arm.newest))
+        """Return the freshest position of the arm, as it was sent."""
+        newest = playout.arm.newest
+        return None, Estimate(None if newest < 0 else playout.arm.taken(newest).position_m)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from typing import Final, Literal, NamedTuple
 from tis.common.messages import Pose, components, position_m
 from tis.common.scenario.safety import USUAL_SAMPLES, Gate
 from tis.common.ticker import SendPlan
-from tis.common.units import NS_PER_MS, NS_PER_S, ms_to_ns, sample_index, sample_instant_ns
+from tis.common.units import NS_PER_MS, NS_PER_S, ms_to_ns, sample_index
 from tis.patient_side.rotations import Quaternion, is_orientation, turn_to
 from tis.patient_side.safety.set_point import STILL, Place, Vector, minus
 from tis.patient_side.safety.trained_limits import Three, limits_from
@@ -119,18 +119,19 @@ class StreamGate:
 
     def refusal_of_earlier(self, pose: Pose) -> Kind | None:
         """Return why an earlier sample in a message's history is not to be used; None admits it."""
-        k = sample_index(pose.sample_ns, self.plan.rate_hz)
-        if sample_instant_ns(k, self.plan.rate_hz) != pose.sample_ns:
-            return "number"
         return self._of_pose(pose)
+
+    def _number(self, at_ns: int) -> int:
+        """Return the number in the plan of a sample: its instant may be up to half a period beside the plan's."""
+        return sample_index(at_ns, self.plan.rate_hz)
 
     def _of_schedule(self, at_ns: int, seq: int, recv_ns: int) -> Kind | None:
         """Return the fault of a sample's instant, or of its number, against the plan."""
         plan = self.plan
         if at_ns > recv_ns + self.limits.lead_ns + _MAX_DRIFT * recv_ns + NS_PER_S / plan.rate_hz:
             return "ahead"
-        k = sample_index(at_ns, plan.rate_hz)
-        if k >= plan.n_samples or sample_instant_ns(k, plan.rate_hz) != at_ns:
+        k = self._number(at_ns)
+        if k >= plan.n_samples:
             return "number"
         if plan.copies == 1:  # by far the most frequent plan
             return None if seq == k else "number"
@@ -148,9 +149,10 @@ class StreamGate:
         at = len(known_ns) if not known_ns or at_ns > known_ns[-1] else bisect_left(known_ns, at_ns)
         continued = known[at - 1].turn if turn is None and at else turn
         new = _Known(where, turn, pose.gripper_rad, continued)
+        for i in (at, at - 1):
+            if 0 <= i < len(known_ns) and self._number(known_ns[i]) == self._number(at_ns):
+                return None if known_ns[i] == at_ns and known[i].is_same(new) else "conflicting"
         if at < len(known_ns):
-            if known_ns[at] == at_ns:
-                return None if known[at].is_same(new) else "conflicting"
             kind = self._of_neighbour(at, at_ns, new) or (self._of_neighbour(at - 1, at_ns, new) if at else None)
         else:
             kind = (self._of_neighbour(at - 1, at_ns, new) or self._of_acceleration(at_ns, new)) if at else None

@@ -1,4 +1,8 @@
+import math
+import random
+
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -96,3 +100,42 @@ def test_orientations_are_kept_by_index_and_go_with_their_samples() -> None:
     assert buffer.all_arrived(np.array([6, 3]))
     assert not buffer.all_arrived(np.array([6, 5]))
     assert not buffer.all_arrived(np.array([3, 2]))
+
+
+@given(
+    st.lists(st.floats(-0.49, 0.49), min_size=8, max_size=20),
+    st.lists(st.booleans(), min_size=20, max_size=20),
+    st.lists(st.floats(-1, 1), min_size=5, max_size=5),
+    st.randoms(use_true_random=False),
+)
+@settings(max_examples=100, deadline=None)
+def test_uneven_samples_of_a_polynomial_are_stated_exactly_at_the_plans_instants(
+    lates: list[float], turned: list[bool], shares: list[float], order: random.Random
+) -> None:
+    """A quartic is known from any five samples, in whatever order they came, and whatever the sign of a quaternion."""
+    buffer, places = SourceBuffer(64), list(range(len(lates)))
+    order.shuffle(places)
+    for i in places:
+        turn = np.array([0.0, 0.0, math.sin(0.3), math.cos(0.3)]) * (-1 if turned[i] else 1)
+        at = position(polynomial(shares, i + lates[i]))
+        assert buffer.add(i, at, polynomial(shares, i + lates[i]), turn, lates[i])
+        assert not buffer.add(i, position(9.0), late=0.1)
+        assert np.array_equal(buffer.taken(i).position_m, at)
+    for i, late in enumerate(lates):
+        for instant, found in ((i, buffer.get(i)), (i + 0.3, buffer.at(i, 0.3)), (i + late, buffer.at(i, late))):
+            assert found is not None
+            assert found == pytest.approx(position(polynomial(shares, instant)), abs=1e-8)
+        assert buffer.gripper_rad(i) == pytest.approx(polynomial(shares, i), abs=1e-8)
+        assert np.abs(buffer.orientation(i)) == pytest.approx([0.0, 0.0, math.sin(0.3), math.cos(0.3)])
+
+
+def polynomial(shares: list[float], instant: float) -> float:
+    return sum(share * (instant / 10) ** power for power, share in enumerate(shares))
+
+
+def test_a_sample_alone_or_across_a_long_gap_is_stated_as_it_was_sent() -> None:
+    buffer = SourceBuffer(64)
+    buffer.add(3, position(1.0), late=0.4)
+    buffer.add(30, position(2.0), late=-0.4)
+    assert [buffer.get(3), buffer.get(30)] == [pytest.approx(position(1.0)), pytest.approx(position(2.0))]
+    assert buffer.is_uneven

@@ -78,11 +78,15 @@ def test_a_forged_sample_is_refused_and_the_true_one_passes(what: dict[str, floa
     assert [_send(gate, k) for k in range(30, 60)] == [None] * 30
 
 
-def test_an_instant_between_samples_is_no_sample() -> None:
-    gate = _gate()
-    pose = a_pose(0.0, sample_ns=sample_instant_ns(3, RATE_HZ) + 1)
-    assert gate.refusal(pose, 3, NS_PER_S) == "number"
-    assert gate.refusal_of_earlier(pose) == "number"
+def test_an_instant_belongs_to_the_sample_that_is_nearest_in_the_plan() -> None:
+    gate, half_ns = _gate(), NS_PER_S // RATE_HZ // 2
+    for late_ns, of_number in ((half_ns - 1, 3), (1 - half_ns, 5)):
+        pose = a_pose(0.0, sample_ns=sample_instant_ns(of_number, RATE_HZ) + late_ns)
+        assert gate.refusal(pose, 4, NS_PER_S) == "number"
+        assert gate.refusal(pose, of_number, NS_PER_S) is None
+    again = a_pose(0.001, sample_ns=sample_instant_ns(3, RATE_HZ))  # another stamp and place for the third sample
+    assert gate.refusal(again, 3, NS_PER_S) == "conflicting"
+    assert gate.refusal_of_earlier(again) == "conflicting"
     after_the_end = a_pose(0.0, sample_ns=sample_instant_ns(3000, RATE_HZ))
     assert gate.refusal(after_the_end, 3000, 200 * NS_PER_S) == "number"
 
