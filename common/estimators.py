@@ -106,7 +106,7 @@ ESTIMATORS: Final[Mapping[str, EstimatorRow]] = MappingProxyType(
             benched=True,
             words="A Kalman filter on the model from command to arm that MOESP identifies, with missing "
             "commands continued by damped velocity. The choice for arms with dynamics of their own (a "
-            "servo, a lag) between command and motion, the more so where commands come at once; of an arm "
+            "servo, a lag) between command and motion where it must be a model that MOESP finds; of an arm "
             "that follows at once it knows little more than damped velocity.",
         ),
         "n4sid_kf": EstimatorRow(
@@ -135,9 +135,10 @@ ESTIMATORS: Final[Mapping[str, EstimatorRow]] = MappingProxyType(
             "form), the same movement in every direction unless the data clearly say otherwise, about a "
             "level that is free to drift, predicted by the real age of the freshest sample, and corrected "
             "by what training showed of speed, braking, gripper, the recent path and the recorder's "
-            "clock. The default: accurate at every delay and in outages where the arm follows its command "
-            "at once, as in the recordings, with an uncertainty that can be believed, and quick enough "
-            "for 1 kHz. Of an arm that lags it uses no commands.",
+            "clock. Of an arm that lags behind its command it is the command that it forecasts, and the arm's "
+            "response to it that it runs. The default: accurate at every delay and in outages, whether the "
+            "arm follows at once or lags, with an uncertainty that can be believed, and quick enough for "
+            "1 kHz.",
         ),
         "adaptive_kf": EstimatorRow(
             code="adaptive_kf:AdaptiveKf",

@@ -37,6 +37,8 @@ from tis.patient_side.model_fields import (
 
 MEANS_S: Final = (0.07, 0.15, 0.35, 1.0, 3.0, 10.0)
 """Time constants of the running means in a hand's recent past."""
+N_INCREMENTS: Final = 4
+"""Last increments in a hand's recent past, and in an arm's."""
 N_PARTS: Final = 8
 """Parts of the recent past that a `Correction` weighs."""
 N_TERMS: Final = 15
@@ -100,6 +102,30 @@ class Correction(StoredModel):
 
 
 @dataclass(frozen=True)
+class ArmResponse(StoredModel):
+    """How an arm follows its command: a regression of its increments on its own last ones and on the command's.
+
+    With p = ``gain`` (3, 3) times the command, in m,
+    ``dy[k+1] = sum_i own[i] dy[k-i] + sum_i command[i] dp[k+1-i] + w[k+1]``; the variance of w is ``noise`` times
+    that of the command's innovations. Increments know no offset between arm and command.
+    """
+
+    gain: Matrix
+    own: Vector
+    command: Vector
+    noise: Positive
+
+    def shapes(self) -> Mapping[str, Shape]:
+        """Return the shape of the gain."""
+        return {"gain": (AXES, AXES)}
+
+    def faults(self) -> Iterator[str]:
+        """Yield numbers of coefficients that do not fit the states of the filter."""
+        if len(self.own) != N_INCREMENTS or len(self.command) != N_INCREMENTS + 1:
+            yield f"own must have {N_INCREMENTS} elements, and command one more"
+
+
+@dataclass(frozen=True)
 class InnovationsModel(StoredModel):
     """The arm's own movement, without its command: a stochastic model in innovations form, in one of two structures.
 
@@ -114,7 +140,8 @@ class InnovationsModel(StoredModel):
     95 % ellipsoids hold 95 % of the held-back training rows: real movement alternates between quiet and fast, and the
     errors have heavier tails than a normal distribution. Ones: the model's own covariances.
 
-    ``correction``: what the forecasts add to the linear model's own; None: nothing.
+    ``correction``: what the forecasts add to the linear model's own; None: nothing. With a ``response`` all that
+    moves by itself is the command, in units of the arm, and the forecasts are those of the arm that follows it.
     """
 
     A: Matrix
@@ -129,6 +156,7 @@ class InnovationsModel(StoredModel):
     integrated: bool = False
     isotropic: bool = False
     correction: Correction | None = None
+    response: ArmResponse | None = None
 
     @property
     def order(self) -> int:

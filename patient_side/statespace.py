@@ -66,7 +66,8 @@ class ArmModel(StoredModel):
     ``fit_pct`` is the share of variance, per axis, that a simulation explains on the validation rows.
     ``static``: a gain is the whole relation of arm and command. ``innovations`` and the fields after it are the
     models of further estimators, ``wrist`` those of orientation and gripper; None where they could not be, or were
-    not, identified.
+    not, identified. ``commanded`` is the movement of the command, and the arm's response to it, where that forecasts
+    the arm better than ``innovations``, the arm's own movement.
     ``command_movement`` and ``arm_movement`` are those of the training rows, None in older files.
     ``trained_on`` are the training rows of each recording; empty in files that do not record them.
     """
@@ -94,6 +95,7 @@ class ArmModel(StoredModel):
     warnings: tuple[str, ...] = ()
     trained_on: tuple[RecordedRows, ...] = ()
     innovations: InnovationsModel | None = None
+    commanded: InnovationsModel | None = None
     n4sid: FilterModel | None = None
     arx: FilterModel | None = None
     autoregression: InnovationsModel | None = None

@@ -11,6 +11,10 @@ ones are assimilated again, as interpolated at the moved instants.
 A late sample is replayed from a checkpoint if it lies in the window that the model determines (`replay_window`);
 older ones are ignored. Within the window the order of arrival does not affect the result.
 
+Where the arm lags behind its command, the model is that of the command's movement with the arm's response to it
+(`ArmModel.commanded`), and samples of both streams are assimilated, each where it has arrived: what has been
+commanded need not be foretold, and only the commands to come are forecast as a movement.
+
 Where the model has a correction, the forecast also depends on the state of the hand's movement: its speed and
 braking, the opening of the gripper, the recent path, and the phase of the clock behind the rows (`correction`). In an
 outage the forecast comes to rest, at the level about which the arm moves where the model has one, and stays constant
@@ -28,7 +32,10 @@ from tis.patient_side.estimators.protocol import Estimate
 from tis.patient_side.filters.activity import Activity, ActivityMean
 from tis.patient_side.filters.correction import clock_of
 from tis.patient_side.filters.innovations_filter import (
+    ARM,
     AXES,
+    BOTH,
+    COMMAND,
     InnovationsFilter,
     build_innovations_filter,
     correct,
@@ -36,7 +43,7 @@ from tis.patient_side.filters.innovations_filter import (
     square_of,
 )
 from tis.patient_side.filters.lag_forecast import LagForecasts
-from tis.patient_side.filters.recent_past import N_INCREMENTS, RecentPast
+from tis.patient_side.filters.recent_past import RecentPast
 from tis.patient_side.filters.replay import (
     Checkpoint,
     Ring,
@@ -49,8 +56,9 @@ from tis.patient_side.filters.replay import (
 from tis.patient_side.filters.row_clock import NO_PHASE, Phasor, RowClock
 from tis.patient_side.filters.stand_in import PAIRS, Offset, StandIn
 from tis.patient_side.filters.unbroken import Unbroken
-from tis.patient_side.horizon import horizon_samples
+from tis.patient_side.horizon import PATIENCE_SAMPLES, horizon_samples
 from tis.patient_side.linear_system import Array
+from tis.patient_side.movement_models import N_INCREMENTS
 from tis.patient_side.playout import Playout
 from tis.patient_side.statespace import ArmModel
 
@@ -102,17 +110,20 @@ class InnovationsKf:
     _activity: ActivityMean = field(init=False, repr=False)
     _clock: RowClock | None = field(init=False, repr=False)
     _negligible_error: bool = field(init=False, repr=False)
+    _gain: Array | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        innovations = self.model.innovations
+        innovations = self.model.commanded or self.model.innovations
         if innovations is None:
             rule = "innovations_kf needs the innovations form of the arm's movement; the file holds none"
             raise DataError(Fault("model", "innovations", rule))
-        stand_in = StandIn.of(self.model)
+        response = innovations.response
+        stand_in = StandIn.of(self.model) if response is None else None
         small = stand_in is not None and np.trace(stand_in.error_m2) <= _NEGLIGIBLE * np.trace(innovations.Re)
         horizon, uncertain = horizon_samples(self.model.rate_hz), stand_in is not None and not small
         correction = innovations.correction
-        past = None if correction is None else RecentPast.at_rate(self.model.rate_hz)
+        with_past = correction is not None or response is not None
+        past = RecentPast.at_rate(self.model.rate_hz) if with_past else None
         filter_ = build_innovations_filter(innovations, horizon, whole=uncertain, past=past)
         unbroken = Unbroken.of(filter_)
         object.__setattr__(self, "_filter", filter_)
@@ -123,6 +134,7 @@ class InnovationsKf:
         forecasts = LagForecasts.of(innovations, filter_, unbroken, self.model.rate_hz)
         object.__setattr__(self, "_forecasts", forecasts)
         object.__setattr__(self, "_stand_in", stand_in)
+        object.__setattr__(self, "_gain", None if response is None else response.gain)
         object.__setattr__(self, "_negligible_error", bool(small))
         if self.window < 0:
             object.__setattr__(self, "window", replay_window(filter_, unbroken))
@@ -147,8 +159,9 @@ class InnovationsKf:
         else:
             forecast = self._forecasts.after(newest.uncertainty.covariance, lag_ns)
         # The position from the mean, corrected by the state of the hand's movement where the model has a correction.
+        # That of an arm behind its command is fitted where both are known, and would mistake a command for them.
         mean, activity, correction = newest.mean, newest.activity[0], forecast.correction
-        if correction is None:
+        if correction is None or (self._gain is not None and not newest.length):
             position = forecast.weights.dot(mean).reshape(AXES)
         else:
             gripper_rad = playout.arm.gripper_rad(newest.source_index)
@@ -170,11 +183,11 @@ class InnovationsKf:
             return None
         before = ring[-1]
         index = arm.newest
-        if arm.last_arrived != index or arm.is_uneven:
+        pairs, offset, n_commands = state.pairs, state.offset, command.n_added - state.n_command
+        follows = n_commands == 1 and command.last_arrived == index == command.newest and not command.is_uneven
+        if arm.last_arrived != index or arm.is_uneven or (self._gain is not None and not follows):
             return None
-        pairs, offset = state.pairs, state.offset
         if self._stand_in is not None:
-            n_commands = command.n_added - state.n_command
             if index != before.source_index + 1 or before.uncertainty is not None or n_commands > 1:
                 return None
             if n_commands:
@@ -183,16 +196,17 @@ class InnovationsKf:
                 pairs, offset = (*pairs[1 - PAIRS :], index), None
             elif command.newest >= index:
                 return None
-        sample = arm.get(index)
+        sample, what = self._sample(playout, index)
         if sample is None:
             return None
-        ring = (*ring[-1 - self.window :], self._after(before, index, sample, None))
+        ring = (*ring[-1 - self.window :], self._after(before, index, sample, None, what))
         return InnovationsState(arm.n_added, command.n_added, ring, pairs, False, offset)
 
     def _assimilate(self, state: InnovationsState, playout: Playout) -> InnovationsState:
         """Return the state after the new arrivals, in whatever order."""
         arm, command = playout.arm, playout.command
         new = arm.added_since(state.n_arm)
+        new += [] if self._gain is None else command.added_since(state.n_command)
         _, _, ring, pairs, guessed, offset = state
         # Which indices to assimilate, and which both streams have now.
         if self._stand_in is not None:
@@ -211,7 +225,7 @@ class InnovationsKf:
             if guessed and arm.newest >= 0:
                 ring, guessed = (), False
         # The source index to replay from: the oldest new sample within the window; none (-1) if all are older.
-        oldest = ring[-1].source_index - self.window if ring else 0
+        oldest = ring[-1].source_index - self._window_of(playout) if ring else 0
         if not ring or (pairs and not state.pairs):
             first = max(oldest, 0)
         else:
@@ -235,18 +249,21 @@ class InnovationsKf:
         if before is not None:
             begun = before.source_index
         else:
-            newest = arm.newest if stand_in is None else max(arm.newest, command.newest)
+            alone = stand_in is None and self._gain is None
+            newest = arm.newest if alone else max(arm.newest, command.newest)
             begun = max(newest - self._filter.horizon, -1)
         # Run through the indices of either stream: the arm's sample where it has arrived, else the command.
         indices = arm.after(begun)
-        if stand_in is not None:
+        if stand_in is not None or self._gain is not None:
             indices = sorted({*indices, *command.after(begun)})
         # The grid of the run goes through the newest sample's own stamp.
         late = _late(playout, indices[-1]) if is_uneven and indices else 0.0
         if before is not None and is_uneven:
-            run[-1] = before = _moved(before, arm.at(before.source_index, late))
+            moved, what = self._sample(playout, before.source_index, late)
+            if self._gain is None or what == BOTH:
+                run[-1] = before = _moved(before, moved)
         for index in indices:
-            sample, error = arm.at(index, late), None
+            (sample, what), error = self._sample(playout, index, late), None
             if sample is None:
                 through = command.at(index, late)
                 assert through is not None, "one of the streams has it"
@@ -254,33 +271,64 @@ class InnovationsKf:
                 if offset is None:
                     offset = stand_in.offset(pairs, playout)
                 sample, error = stand_in.gain.dot(through) + offset.offset_m, offset.error_m2
-            before = self._after(before, index, sample, error)
+            before = self._after(before, index, sample, error, what)
             run.append(before)
         if not run:
             return state
         guessed = stand_in is not None and not pairs
-        window = max(self.window, _UNEVEN_WINDOW) if is_uneven else self.window
+        window = max(self._window_of(playout), _UNEVEN_WINDOW) if is_uneven else self._window_of(playout)
         return InnovationsState(n_arm, n_command, trimmed(tuple(run), window), pairs, guessed, offset)
 
-    def _after(self, before: Checkpoint | None, index: int, sample: Array, error: Array | None) -> Checkpoint:
-        """Return the checkpoint after a sample (3,) at source index ``index``, of covariance ``error`` if any."""
+    def _window_of(self, playout: Playout) -> int:
+        """Return how far behind the newest sample a late one is replayed: with commands behind the later stream."""
+        if self._gain is None:
+            return self.window
+        return self.window + min(abs(playout.arm.newest - playout.command.newest), PATIENCE_SAMPLES)
+
+    def _sample(self, playout: Playout, index: int, late: float = 0.0) -> tuple[Array | None, int]:
+        """Return what has arrived of an index, and what it shows: the arm alone unless it follows its command.
+
+        It is stated at ``late`` periods after the plan's instant.
+        """
+        sample = playout.arm.at(index, late)
+        if self._gain is None:
+            return sample, ARM
+        command = playout.command.at(index, late)
+        if command is None:
+            return sample, ARM
+        through = self._gain.dot(command)
+        return (through, COMMAND) if sample is None else (np.concatenate([through, sample]), BOTH)
+
+    def _complete(self, sample: Array, what: int) -> Array:
+        """Return positions of command and arm (6,) where only one of them is known."""
+        if what == BOTH or self._gain is None:
+            return sample
+        model = self.model
+        offset_m = model.output_offset_m - self._gain.dot(model.input_offset_m)
+        return np.concatenate([sample, sample + offset_m] if what == COMMAND else [sample - offset_m, sample])
+
+    def _after(
+        self, before: Checkpoint | None, index: int, sample: Array, error: Array | None, what: int
+    ) -> Checkpoint:
+        """Return the checkpoint after a sample of ``what`` at source index ``index``, with its ``error`` if any."""
         filter_, unbroken, ignored = self._filter, self._unbroken, None
         if self._negligible_error:
             ignored, error = error, None
         # First sample, or first after a gap beyond the horizon: start.
         if before is None or index - before.source_index > filter_.horizon:
-            mean, covariance = filter_.start(sample, error)
+            mean, covariance = filter_.start(self._complete(sample, what), error, what)
             activity = self._activity.initial() if before is None else before.activity
-            uncertainty = None if error is None else Uncertainty(covariance)
+            uncertainty = None if error is None and what == filter_.usual else Uncertainty(covariance)
             return Checkpoint(index, mean, uncertainty, 1, ignored, activity)
         last, mean, start, length, _, activity, phasor = before
         gap = index - last
         # Unbroken row: the gain is precomputed. The row breaks with a gap or an uncertain sample.
         if start is None:
-            if gap == 1 and error is None:
+            if gap == 1 and error is None and what == filter_.usual:
                 stage = unbroken.stage(length + 1)
                 mean = filter_.onward[1].dot(mean)
-                activity = self._corrected(mean, unbroken.gains[stage], unbroken.variances[stage], sample, activity)
+                gain = unbroken.gains[stage], unbroken.variances[stage]
+                activity = self._corrected(mean, *gain, sample, what, activity)
                 phasor = self._phasor(phasor, 1, mean, activity[0])
                 return Checkpoint(index, mean, None, length + 1, ignored, activity, phasor)
             stage = unbroken.stage(length)
@@ -292,12 +340,12 @@ class InnovationsKf:
             phasor = self._phasor(phasor, gap, None, 0.0)
             return Checkpoint(index, updated.mean, Uncertainty(updated.covariance), 0, ignored, activity, phasor)
         # Certain sample in a broken row: the covariance is cached by its gaps.
-        left = self._tree.take(start, gap)
+        left = self._tree.take(start, gap, what)
         mean = filter_.onward[gap].dot(mean)
-        activity = self._corrected(mean, left.weights, left.variance, sample, activity)
+        activity = self._corrected(mean, left.weights, left.variance, sample, what, activity)
         # The last increments are evidence of the clock's phase where their samples have all arrived.
         phasor = self._phasor(phasor, gap, mean if gap == 1 and length >= N_INCREMENTS else None, activity[0])
-        if gap > 1:
+        if gap > 1 or what != filter_.usual:
             return Checkpoint(index, mean, left, 0, ignored, activity, phasor)
         # The row counts as unbroken again once its covariance matches that of an unbroken one.
         length += 1
@@ -307,12 +355,15 @@ class InnovationsKf:
                 return Checkpoint(index, mean, None, matching, ignored, activity, phasor)
         return Checkpoint(index, mean, left, length, ignored, activity, phasor)
 
-    def _corrected(self, mean: Array, gain: Array, variance: float, sample: Array, activity: Activity) -> Activity:
+    def _corrected(
+        self, mean: Array, gain: Array, variance: float, sample: Array, what: int, activity: Activity
+    ) -> Activity:
         """Correct a predicted mean by a certain sample, or let it follow a jump, in place; return the activity."""
-        innovation = correct(mean, gain, sample)
+        shown = self._filter.shown(what)
+        innovation = correct(mean, gain, sample, shown)
         surprise = square_of(innovation) / variance
         if surprise > _JUMP * max(activity[0], 1.0):
-            follow_jump(mean, gain, innovation)
+            follow_jump(mean, gain, innovation, shown)
         return self._activity.after(activity, surprise)
 
     def _phasor(self, before: Phasor, gap: int, mean: Array | None, activity: float) -> Phasor:

@@ -31,7 +31,7 @@ def linear_forecast(model: ArmModel) -> InnovationsKf:
     if model.innovations is None:
         rule = "learned methods need the innovations form of the arm's movement; the file holds none"
         raise DataError(Fault("model", "innovations", rule))
-    return InnovationsKf(replace(model, innovations=replace(model.innovations, correction=None)))
+    return InnovationsKf(replace(model, innovations=replace(model.innovations, correction=None), commanded=None))
 
 
 def learned_forecast(name: str, model: ArmModel) -> "LearnedForecast":

@@ -177,4 +177,4 @@ def arx_kf(model: ArmModel) -> MoespKf | InnovationsKf:
     own = with_model(model, model.arx)
     if model.autoregression is None:
         return MoespKf(own, name="arx_kf")
-    return InnovationsKf(replace(own, innovations=model.autoregression), name="arx_kf")
+    return InnovationsKf(replace(own, innovations=model.autoregression, commanded=None), name="arx_kf")

@@ -2,7 +2,8 @@
 
 - the filter of `moesp_kf`, `n4sid_kf` and `arx_kf`: `kalman`, with the Kalman update itself, on the augmented model,
   `input_path` for the command;
-- the filter of `innovations_kf`: `innovations_filter` (states, matrices, gain, update), `unbroken` (covariances
+- the filter of `innovations_kf`: `innovations_filter` (states, matrices, gain, update), `arm_response` and
+  `recent_past` (further states), `unbroken` (covariances
   computed once), `replay` (late samples), `stand_in` (commands in place of lost samples), `lag_forecast` and
   `correction` (the forecast), `activity` (the scale of its covariance);
 - robust factorisation of a Hankel matrix with missing entries: `hankel_completion`;

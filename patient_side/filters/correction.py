@@ -40,10 +40,10 @@ from scipy.special import ndtri
 
 from tis.common.streams import Stream
 from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter
-from tis.patient_side.filters.recent_past import N_INCREMENTS, SLOW_MEANS
+from tis.patient_side.filters.recent_past import SLOW_MEANS
 from tis.patient_side.filters.row_clock import N_CLOCK_TERMS, Phasor, RowClock
 from tis.patient_side.linear_system import Array
-from tis.patient_side.movement_models import MEANS_S, N_PARTS, N_TERMS, Correction
+from tis.patient_side.movement_models import MEANS_S, N_INCREMENTS, N_PARTS, N_TERMS, Correction
 
 LENGTH = 3.5
 """Length of the kernel, in deviations of the inputs."""
@@ -93,8 +93,7 @@ def movement_rows(filter_: InnovationsFilter, span: int) -> Array:
     """
     assert filter_.past is not None, "a correction reads the recent past"
     d = filter_.n_axes
-    now = filter_.output(0)
-    once, twice = (filter_.output(min(k * span, filter_.horizon)) for k in (1, 2))
+    now, once, twice = (filter_.hand(min(k * span, filter_.horizon)) for k in (0, 1, 2))
     states = np.eye(filter_.n_past, filter_.n_states)
     increments, ways = states[: d * N_USED_INCREMENTS], states[d * N_INCREMENTS :]
     fast = len(ways) - d * SLOW_MEANS

@@ -25,6 +25,10 @@ In both cases s has a plain transition with white noise, whichever samples arriv
 measurement noise, inherent in an innovations form, is part of the transition. A sample of the arm is y without error;
 a command that stands in for it, through the gain, has the error of that relation.
 
+Where the model has a `response`, all this is the movement of the command, and the arm that follows it comes after
+it: its last increments, the command's position p, and its own position y (`arm_response`). Samples then show both, or
+one of them.
+
 Oracle: the textbook filter with the cross term, test_innovations_filter.
 """
 
@@ -32,12 +36,14 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg.blas import dgemm, dsymm
 from scipy.linalg.lapack import dposv
 
+from tis.patient_side.filters.arm_response import following
 from tis.patient_side.filters.recent_past import RecentPast
 from tis.patient_side.linear_system import Array
-from tis.patient_side.movement_models import InnovationsModel
+from tis.patient_side.movement_models import N_INCREMENTS, InnovationsModel
 
 _MAX_DOUBLINGS = 40
 
@@ -93,38 +99,48 @@ AXES = 3
 _EYE = np.eye(AXES)
 
 
+ARM, COMMAND, BOTH = range(3)
+"""What a sample shows. BOTH: the command's position, in units of the arm, and then the arm's."""
+
 Gain = tuple[Array, float, Array]
-"""Kalman gain (M, d), expected square of the innovation, and covariance (M, M) after the update."""
+"""Kalman gain (M, d), expected square of the innovation, and covariance (M, M) after the update.
+
+Of both positions the gain is (M, 2 d), and the square that of the command's innovation.
+"""
+
+_UNKNOWN_M2 = 1.0
+_UNKNOWN_MOST = 1e10
+"""Variance of a position that no sample shows, and its limit in units of the innovations'."""
 
 
 def square_of(innovation: Array) -> float:
-    """Return the square of an innovation of three numbers."""
+    """Return the square of an innovation's first three numbers."""
     # Python's arithmetic beats numpy's on three numbers.
     item = innovation.item
     x, y, z = item(0), item(1), item(2)
     return float(x * x + y * y + z * z)
 
 
-def correct(mean: Array, gain: Array, sample: Array) -> Array:
+def correct(mean: Array, gain: Array, sample: Array, shown: slice | None = None) -> Array:
     """Add ``gain`` (M, d) times the innovation of ``sample`` to a predicted mean, in place; return the innovation.
 
     Mean (M, 3/d) and sample (3,), or (M, 3 k/d) and (3, k) for k filters side by side. It is the mean's half of the
-    Kalman update where the measurement is the last block of the state.
+    Kalman update where the measurement is the block ``shown`` of the state, by default the last d.
     """
     d = gain.shape[1]
-    innovation = sample.reshape(d, -1) - mean[-d:]
+    innovation = sample.reshape(d, -1) - mean[-d:] if shown is None else sample.reshape(d, -1) - mean[shown]
     mean += gain.dot(innovation)
     return innovation
 
 
-def follow_jump(mean: Array, gain: Array, innovation: Array) -> None:
+def follow_jump(mean: Array, gain: Array, innovation: Array, shown: slice) -> None:
     """Turn a corrected mean into that of an arm that jumped, in place: the movement goes on from the new position.
 
     As when a clutch is released or a set-up moved, the step says nothing of the hand's velocity. The level, which is
     no state, jumps along.
     """
     mean -= gain.dot(innovation)
-    mean[-gain.shape[1] :] += innovation
+    mean[shown] += innovation
 
 
 class Updated(NamedTuple):
@@ -144,6 +160,7 @@ class InnovationsFilter:
     Kronecker product of (M, M) with ``unit`` (3, 3), the innovations' covariance, of trace ``unit_trace``; else
     ``unit`` is 1.
 
+    ``n_following`` states belong to an arm that follows a command: 0 where the arm's own movement is modelled.
     ``horizon`` is H, the number of samples beyond which nothing is forecast. ``transitions`` (H + 2, M, M) cover g
     steps at once, ``onward`` holds them one by one, and ``noises`` (H + 2, M, M) are the noise of g steps; ``steps``
     holds both again, transposed into BLAS's Fortran order. ``start_covariance`` (M, M) holds after a first sample
@@ -165,6 +182,7 @@ class InnovationsFilter:
     unit_trace: float
     steps: tuple[tuple[Array, Array], ...]
     past: RecentPast | None = None
+    n_following: int = 0
 
     @property
     def n_past(self) -> int:
@@ -176,9 +194,23 @@ class InnovationsFilter:
         """Number M of states."""
         return len(self.start_covariance)
 
+    @property
+    def usual(self) -> int:
+        """What a sample usually shows."""
+        return BOTH if self.n_following else ARM
+
+    def shown(self, what: int) -> slice:
+        """Return the states that a sample of ``what`` shows."""
+        d = self.n_axes
+        return slice(-2 * d if what else -d, -d if what == COMMAND else None)
+
     def output(self, steps: int) -> Array:
         """Return the map (d, M) from a mean to the position ``steps`` samples later."""
         return self.transitions[steps, -self.n_axes :]
+
+    def hand(self, steps: int) -> Array:
+        """Return the map (d, M) from a mean to what moves by itself: the command, where the arm follows one."""
+        return self.transitions[steps, self.shown(COMMAND)] if self.n_following else self.output(steps)
 
     def read(self, rows: Array, means: Array) -> Array:
         """Return what ``rows`` (K, M) read of means, one a row (R, N): (R, 3 K/d)."""
@@ -186,39 +218,60 @@ class InnovationsFilter:
 
     def forecasts(self, means: Array, steps: int) -> Array:
         """Return the positions (R, 3) ``steps`` samples after each of the means, one a row (R, N)."""
-        n = self.n_past
+        n = 0 if self.n_following else self.n_past
         return self.read(self.output(steps)[:, n:], means[:, n * AXES // self.n_axes :])
 
-    def start(self, sample: Array, error: Array | None = None) -> tuple[Array, Array]:
+    def start(self, sample: Array, error: Array | None = None, what: int | None = None) -> tuple[Array, Array]:
         """Return mean (M, 3/d) and covariance (M, M) after a first sample (3,), with its ``error`` (3, 3) if any.
 
         The model's states are stationary, and the level is the sample less their output. An ``error`` requires
-        covariances of all axes.
+        covariances of all axes. Of an arm that follows a command the sample is that of both (6,); one of them is a
+        guess where only ``what`` is shown.
         """
+        usual = self.usual
         mean, covariance = np.zeros((self.n_states, AXES // self.n_axes)), self.start_covariance
-        mean[-self.n_axes :] = sample.reshape(self.n_axes, -1)
-        if error is not None:
+        mean[self.shown(usual)] = sample.reshape(-1, AXES // self.n_axes)
+        if error is not None or what not in (None, usual):
             covariance = covariance.copy(order="F")
+        if error is not None:
             covariance[-AXES:, -AXES:] += error
+        elif what not in (None, usual):
+            hidden = self.shown(ARM if what == COMMAND else COMMAND)
+            size = self.unit_trace / AXES if self.n_axes == 1 else float(np.mean(np.diag(self.noise_now[1])))
+            covariance[hidden, hidden] += min(_UNKNOWN_M2 / size, _UNKNOWN_MOST) * (
+                np.eye(self.n_axes) * (1.0 if self.n_axes == 1 else size)
+            )
         return mean, covariance
 
-    def gain(self, covariance: Array, gap: int, error: Array | None = None) -> Gain:
-        """Return the Kalman gain for a sample (3,) ``gap`` samples later (1 .. horizon), and the covariance after it.
+    def gain(self, covariance: Array, gap: int, error: Array | None = None, what: int | None = None) -> Gain:
+        """Return the Kalman gain for a sample ``gap`` samples later (1 .. horizon), and the covariance after it.
 
-        `kalman_update` in another form, see there. An ``error`` requires covariances of all axes.
+        `kalman_update` in another form, see there. An ``error`` requires covariances of all axes. The sample shows
+        ``what``, by default what is usual.
         """
         # Prediction. dsymm reads only the upper triangle: asymmetry by rounding does not grow from gap to gap.
         step, noise = self.steps[gap]
         covariance = dgemm(1.0, step, dsymm(1.0, covariance, step), 1.0, noise, 1)
+        what = self.usual if what is None else what
+        if what != BOTH:
+            return self._shown(covariance, self.shown(what), error)
+        # One after the other: the second innovation is what the first has left of it.
+        last = self.shown(ARM)
+        first, variance, left = self._shown(covariance, self.shown(COMMAND))
+        second, _, left = self._shown(left, last)
+        return np.hstack([first - second.dot(first[last]), second]), variance, left
+
+    def _shown(self, covariance: Array, shown: slice, error: Array | None = None) -> Gain:
+        """Return the gain where a sample shows a block of d states; the covariance is overwritten."""
         if self.n_axes == 1:
-            # Update by one axis: y is the last state, its variance a scalar.
-            expected_square = covariance.item(-1)
-            column = covariance[:, -1:] / expected_square
+            # Update by one axis: its variance is a scalar.
+            expected_square = covariance.item(shown.start, shown.start)
+            column = covariance[:, shown] / expected_square
             left = dgemm(-expected_square, column, column, 1.0, covariance, 0, 1, 1)
             return column, expected_square * self.unit_trace, left
         # Update by three axes: K' solves (H P H' + R) K' = H P; P - P H' K' overwrites P, hence the copy.
-        columns = covariance[:, -AXES:].copy("F")
-        expected = columns[-AXES:] if error is None else columns[-AXES:] + error
+        columns = covariance[:, shown].copy("F")
+        expected = columns[shown] if error is None else columns[shown] + error
         _, rows, _ = dposv(expected, columns.T)
         left = dgemm(-1.0, columns, rows, 1.0, covariance, 0, 0, 1)
         square = expected.item
@@ -268,6 +321,7 @@ def build_innovations_filter(
     unit = np.ones((1, 1)) if one_axis is None else model.Re
     if one_axis is not None:
         model = one_axis
+    assert model.response is None or past is not None, "an arm follows the command's last increments"
     # Transitions and noise of 0 .. H + 1 steps.
     step, process_noise, axes = transition(model), noise(model), len(model.C)
     start = start_covariance(model)
@@ -275,6 +329,20 @@ def build_innovations_filter(
     if past is not None:
         step, process_noise = past.before(step, process_noise, axes)
         start = np.pad(start, (n_past, 0))
+    mean_level = None if model.integrated else np.pad(level(model), ((0, 0), (n_past, 0)))
+    n_following = 0
+    if model.response is not None:
+        n_hand = len(step)
+        step, process_noise, place = following(model.response, step, process_noise, model.Re)
+        n_following = len(step) - n_hand
+        # The last increments are as unknown as the next one: a first move is not the answer to a large command.
+        move = step[place[-axes:]] - np.eye(len(step))[place[-axes:]]
+        start = _spread_out(start, place, len(step))
+        unknown = move @ start @ move.T + process_noise[np.ix_(place[-axes:], place[-axes:])]
+        for first in (0, n_hand - axes):
+            lags = slice(first, first + N_INCREMENTS * axes)
+            start[lags, lags] = np.kron(np.eye(N_INCREMENTS), unknown)
+        mean_level = None if mean_level is None else _spread_out(mean_level, place, len(step), axes)
     size = len(step)
     transitions, noises = np.empty((horizon + 2, size, size)), np.zeros((horizon + 2, size, size))
     transitions[0] = np.eye(size)
@@ -284,7 +352,7 @@ def build_innovations_filter(
         noises[h] = (noises[h] + noises[h].T) / 2
     across = noises[:, -axes:] @ step[-axes:].T
     return InnovationsFilter(
-        level=None if model.integrated else np.pad(level(model), ((0, 0), (n_past, 0))),
+        level=mean_level,
         horizon=horizon,
         transitions=transitions,
         onward=tuple(transitions),
@@ -297,7 +365,15 @@ def build_innovations_filter(
         unit_trace=float(np.trace(unit)),
         steps=tuple(zip(transitions.transpose(0, 2, 1), noises.transpose(0, 2, 1), strict=True)),
         past=past,
+        n_following=n_following,
     )
+
+
+def _spread_out(values: Array, place: NDArray[np.intp], size: int, n_rows: int | None = None) -> Array:
+    """Return a matrix over all states from one over those at ``place``, whose rows are states unless ``n_rows``."""
+    whole = np.zeros((size if n_rows is None else n_rows, size))
+    whole[np.ix_(place if n_rows is None else np.arange(n_rows), place)] = values
+    return whole
 
 
 def _of_one_axis(model: InnovationsModel) -> InnovationsModel | None:

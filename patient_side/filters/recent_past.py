@@ -14,9 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tis.patient_side.linear_system import Array
-from tis.patient_side.movement_models import MEANS_S
+from tis.patient_side.movement_models import MEANS_S, N_INCREMENTS
 
-N_INCREMENTS = 4
 SLOW_MEANS = 3
 """Number of the last of them, which are levels that a hand may return to."""
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tis.patient_side.filters.activity import Activity
-from tis.patient_side.filters.innovations_filter import InnovationsFilter
+from tis.patient_side.filters.innovations_filter import ARM, InnovationsFilter
 from tis.patient_side.filters.row_clock import NO_PHASE, Phasor
 from tis.patient_side.filters.unbroken import Unbroken
 from tis.patient_side.linear_system import Array
@@ -30,7 +30,7 @@ _NONE = np.zeros((0, 0))
 
 @dataclass(eq=False, slots=True)
 class Uncertainty:
-    """A covariance (M, M), ``depth`` samples after its root, and its successors by the gap to the next sample.
+    """A covariance (M, M), ``depth`` samples after its root, and its successors by the next sample: gap, and what.
 
     ``weights`` (M, d) is the Kalman gain of the certain sample that led to it, and ``variance`` the expected square
     of that sample's innovation; 0 where no sample led to it. Only ``after`` ever changes.
@@ -58,14 +58,17 @@ class UncertaintyTree:
             found = self._roots[stage] = Uncertainty(covariance, 0)
         return found
 
-    def take(self, before: Uncertainty, gap: int) -> Uncertainty:
-        """Return the covariance after a certain sample ``gap`` samples later. Oracle: the filter's own update."""
-        kept = before.after
+    def take(self, before: Uncertainty, gap: int, what: int = ARM) -> Uncertainty:
+        """Return the covariance after a certain sample of ``what`` ``gap`` samples later.
+
+        Oracle: the filter's own update.
+        """
+        kept, key = before.after, 3 * gap + what
         if kept is not None:
-            taken = kept.get(gap)
+            taken = kept.get(key)
             if taken is not None:
                 return taken
-        weights, variance, covariance = self.filter.gain(before.covariance, gap)
+        weights, variance, covariance = self.filter.gain(before.covariance, gap, None, what)
         if before.depth >= _MAX_DEPTH:
             return Uncertainty(covariance, _MAX_DEPTH, weights, variance)
         if self._n_kept >= _MAX_KEPT:
@@ -73,7 +76,7 @@ class UncertaintyTree:
             self._n_kept = 0
         if kept is None:
             kept = before.after = {}
-        taken = kept[gap] = Uncertainty(covariance, before.depth + 1, weights, variance)
+        taken = kept[key] = Uncertainty(covariance, before.depth + 1, weights, variance)
         self._n_kept += 1
         return taken
 

@@ -17,9 +17,9 @@ from math import pi
 
 import numpy as np
 
-from tis.patient_side.filters.recent_past import N_INCREMENTS
 from tis.patient_side.filters.recursion import filtered
 from tis.patient_side.linear_system import Array
+from tis.patient_side.movement_models import N_INCREMENTS
 
 N_HARMONICS = 4
 N_CLOCK_TERMS = 2 * N_HARMONICS

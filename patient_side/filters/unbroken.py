@@ -78,8 +78,8 @@ class Unbroken:
         # Each covariance keeps the Fortran order that BLAS reads without a copy in the filter's gain.
         stacked = np.array([each.T for each in covariances]).transpose(0, 2, 1)
         level = None if filter_.level is None else filter_.level[0]
-        # Tolerances of a match; infinite for the position, which is certain and differs by rounding only.
-        inner = slice(n_past, -d)
+        # Tolerances of a match; infinite for what is certain and differs by rounding only.
+        inner = slice(n_past, -(filter_.n_following + d))
         known = np.sqrt(np.maximum(np.diagonal(stacked, axis1=1, axis2=2)[:, inner], 0.0))
         alike = np.full_like(stacked, np.inf)
         alike[:, inner, inner] = _ALIKE * known[:, :, None] * known[:, None, :]

@@ -31,11 +31,15 @@ def untimed(_: str) -> AbstractContextManager[None]:
 
 @dataclass(frozen=True)
 class TrainingRows:
-    """What models are fitted to; ``about_lowest`` is None where the scenario's own method is the paper's."""
+    """What models are fitted to; ``about_lowest`` is None where the scenario's own method is the paper's.
+
+    ``static``: a gain is the whole relation of arm and command.
+    """
 
     training: TrainingSet
     identification: Identification
     about_lowest: Callable[[], TrainingSet] | None = None
+    static: bool = True
 
 
 class Companions(NamedTuple):
@@ -68,11 +72,13 @@ def fit_arx_models(rows: TrainingRows) -> Companions:
 
 
 def fit_movement(rows: TrainingRows) -> Companions:
-    """Return the innovations model of the arm's own movement."""
+    """Return the innovations models of the arm's own movement, and of its command's where that is of more use."""
     training, block_rows = rows.training, rows.identification.block_rows
     grippers_rad, people = training.grippers_rad, training.people
-    fitted = fit_innovations(training.trials, training.rate_hz, block_rows, None, grippers_rad, people)
-    return Companions({"innovations": fitted.model}, tuple(fitted.warnings))
+    fitted = fit_innovations(
+        training.trials, training.rate_hz, block_rows, None, grippers_rad, people, follows=not rows.static
+    )
+    return Companions({"innovations": fitted.model, "commanded": fitted.commanded}, fitted.warnings)
 
 
 def fit_n4sid(rows: TrainingRows) -> Companions:
@@ -109,16 +115,18 @@ def fit_companions(
     wanted: Collection[str] | None,
     about_lowest: Callable[[], TrainingSet] | None = None,
     stage: Stage = untimed,
+    *,
+    static: bool = True,
 ) -> Companions:
     """Return the models for the estimators and orientation methods ``wanted`` (None: all), from a set about the mean.
 
     Their orders are the validated ones, up to the scenario's number of block rows. The paper's model, whose order
     follows its own rule, is fitted to the set ``about_lowest``; None where the scenario's own method is the paper's.
-    A wanted model that cannot be fitted is a `DataError`; where all are wanted it is a warning. For a user-defined
-    estimator all models are tried, without a warning: which of them it reads is not known. ``stage`` measures each
-    fit.
+    The movement of the arm is that of its command, too, unless it is ``static``, a mere gain. A wanted model that
+    cannot be fitted is a `DataError`; where all are wanted it is a warning. For a user-defined estimator all models
+    are tried, without a warning: which of them it reads is not known. ``stage`` measures each fit.
     """
-    rows = TrainingRows(training, identification, about_lowest)
+    rows = TrainingRows(training, identification, about_lowest, static)
     models: dict[str, Any] = {}
     warnings: list[str] = []
     wanted = None if wanted is None else set(map(short_name, wanted))

@@ -21,10 +21,9 @@ from tis.patient_side.filters.correction import (
     projections,
 )
 from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter
-from tis.patient_side.filters.recent_past import N_INCREMENTS
 from tis.patient_side.filters.row_clock import N_CLOCK_TERMS, evidence_of, terms_of
 from tis.patient_side.linear_system import Array
-from tis.patient_side.movement_models import N_PARTS, N_TERMS, Correction
+from tis.patient_side.movement_models import N_INCREMENTS, N_PARTS, N_TERMS, Correction
 
 # The frequency of the clock behind the rows, from the evidence of training rows.
 

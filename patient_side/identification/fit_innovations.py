@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from tis.patient_side.filters.innovations_filter import AXES
 from tis.patient_side.identification.arx import ArxFactor
+from tis.patient_side.identification.fit_response import fit_response
 from tis.patient_side.identification.level_and_scale import (
     LEVEL_STEPS,
+    Calibrated,
     HeldBack,
     Tried,
     clearly_better,
@@ -32,7 +34,7 @@ from tis.patient_side.identification.structure import PREFERRED, Structure, Stru
 from tis.patient_side.identification.trials import Scaling, Trial, held_out_groups, n_first
 from tis.patient_side.identification.validation import HELD_BACK
 from tis.patient_side.linear_system import Array
-from tis.patient_side.movement_models import InnovationsModel
+from tis.patient_side.movement_models import ArmResponse, InnovationsModel
 
 ORDERS = (4, 6, 8, 10, 12, 14, 16, 20, 24, 30)
 AXIS_ORDERS = (2, 3, 4, 5, 6, 7, 8, 10)
@@ -43,7 +45,10 @@ _LONGEST_S = 1.0
 _FAR_S = 0.5, 2.0
 _BETTER = 0.99
 """A structure with more parameters must be worth them."""
+_LEAST_NOISE = 1e-6
+"""Variance of the arm's own innovations, in units of the command's."""
 _NOT_WORSE = 1.003
+_HARDLY_WORSE = 1.02
 
 
 @dataclass(frozen=True)
@@ -51,11 +56,13 @@ class FittedInnovations:
     """A model of all training rows, and the results of the selection.
 
     ``errors`` holds, by structure and order, the error of forecasts of the held-back rows over that of hold.
+    ``commanded`` is the movement of the commands with the arm's response to them; None unless it forecasts better.
     """
 
     model: InnovationsModel
     errors: dict[Structure, dict[int, float]]
     warnings: tuple[str, ...]
+    commanded: InnovationsModel | None = None
 
 
 class Candidate(NamedTuple):
@@ -69,8 +76,8 @@ class Candidate(NamedTuple):
     steps: NDArray[np.int64]
     over_hold: Array
 
-    def better_than(self, other: "Candidate", rate_hz: int) -> bool:
-        """Return whether forecasts up to a second are better on average, and those over 0.5 to 2 s not worse.
+    def better_than(self, other: "Candidate", rate_hz: int, not_worse: float = _NOT_WORSE) -> bool:
+        """Return whether forecasts up to a second are better on average, and those over 0.5 to 2 s ``not_worse``.
 
         Both are needed: a model of increments, say, can win at 33 ms and lose at a second.
         """
@@ -80,7 +87,7 @@ class Candidate(NamedTuple):
         # Every octave counts the same.
         octaves = np.gradient(np.log(self.steps[near])) if np.count_nonzero(near) > 1 else np.ones(1)
         mean = float(np.exp(np.average(np.log(ratio[near]), weights=octaves)))
-        return mean < _BETTER and bool(np.all(ratio[far] <= _NOT_WORSE))
+        return mean < _BETTER and bool(np.all(ratio[far] <= not_worse))
 
 
 def fit_innovations(
@@ -90,8 +97,13 @@ def fit_innovations(
     order: int | None = None,
     grippers_rad: Sequence[Array] = (),
     people: Sequence[str] = (),
+    *,
+    follows: bool = False,
 ) -> FittedInnovations:
-    """Return the innovations model of the outputs (N, 3), in m, of one or several trials; inputs are not used.
+    """Return the innovations model of the outputs (N, 3), in m, of one or several trials.
+
+    Inputs are used only where the arm ``follows`` them with a lag: then the movement of the commands, with the arm's
+    response to them (`fit_response`), is returned as well, if it forecasts the arm better.
 
     Four structures are compared on the last 30 % of every trial's rows, with models of the rows before: positions,
     each trial about its own mean, or increments; isotropic or free. The criterion is the geometric mean, over trials
@@ -112,6 +124,39 @@ def fit_innovations(
     cuts = [n_first(len(y), HELD_BACK) for y in outputs]
     centred = tuple(y - y.mean(axis=0) for y in outputs)
     held_back = HeldBack(centred, tuple(cuts), tuple(grippers_rad), tuple(people))
+    candidates, errors = _candidates(held_back, rate_hz, block_rows, order)
+    best, doubts = _with_everything(candidates, held_back, rate_hz)
+    commanded = None
+    if follows and (response := fit_response(trials)):
+        commanded = _commanded(response, trials, held_back, rate_hz, block_rows, best)
+    return FittedInnovations(best.model, errors, doubts, commanded)
+
+
+def _commanded(
+    response: ArmResponse,
+    trials: Sequence[Trial],
+    held_back: HeldBack,
+    rate_hz: int,
+    block_rows: int,
+    alone: Calibrated,
+) -> InnovationsModel | None:
+    """Return the movement of the commands with the arm's response; None unless it is better than ``alone``."""
+    commands = tuple((u - u.mean(axis=0))[:, :AXES] @ response.gain.T for u, _ in trials)
+    candidates, _ = _candidates(replace(held_back, outputs=commands), rate_hz, block_rows, None)
+    hand = candidates[-1] if candidates[-1].better_than(candidates[0], rate_hz) else candidates[0]
+    # The response's noise was in m^2 until now.
+    noise = max(response.noise * AXES / float(np.trace(hand.model.Re)), _LEAST_NOISE)
+    model = replace(hand.model, response=replace(response, noise=noise))
+    found = with_scale(model, replace(held_back, commands=commands), rate_hz, corrected=True)
+    judged = [Candidate(each.model, (), each.steps, each.over_hold) for each in (found, alone)]
+    return found.model if judged[0].better_than(judged[1], rate_hz, _HARDLY_WORSE) else None
+
+
+def _candidates(
+    held_back: HeldBack, rate_hz: int, block_rows: int, order: int | None
+) -> tuple[list[Candidate], dict[Structure, dict[int, float]]]:
+    """Return the preferred structure, then the best of those that are clearly better, and the errors of all."""
+    cuts = held_back.first_rows
     # Every structure and order on the first rows.
     tried: dict[Structure, dict[int, Tried]] = {}
     subspaces: dict[Structure, StructuredSubspace] = {}
@@ -122,7 +167,6 @@ def fit_innovations(
             subspaces[structure] = found
             tried[structure] = {n: try_model(found.of_first(n), held_back, rate_hz) for n in found.shown(orders)}
     chosen = {structure: _smallest_sufficient(by_order) for structure, by_order in tried.items()}
-    # The preferred structure, and the best of those that are clearly better on the rows held back.
     preferred = next(iter(tried))
     at_best = {each: tried[each][n] for each, n in chosen.items()}
     better = [each for each in at_best if clearly_better(at_best[each], at_best[preferred], held_back, rate_hz)]
@@ -130,14 +174,12 @@ def fit_innovations(
         _candidate(subspaces[each], chosen[each], held_back, rate_hz, at_best[each])
         for each in (preferred, *sorted(better, key=lambda each: at_best[each].error)[:1])
     ]
-    best, doubts = _with_everything(candidates, held_back, rate_hz)
-    errors = {each: {n: by.error for n, by in by_order.items()} for each, by_order in tried.items()}
-    return FittedInnovations(best, errors, doubts)
+    return candidates, {each: {n: by.error for n, by in by_order.items()} for each, by_order in tried.items()}
 
 
 def _with_everything(
     candidates: Sequence[Candidate], held_back: HeldBack, rate_hz: int
-) -> tuple[InnovationsModel, tuple[str, ...]]:
+) -> tuple[Calibrated, tuple[str, ...]]:
     """Return the model with its correction and scale: the first one, or the second where that is better with both.
 
     The second is corrected only if it is better without, as a correction takes longer to fit than a linear model.
@@ -150,8 +192,8 @@ def _with_everything(
             for each, whole in zip(candidates, (first, second), strict=True)
         ]
         if corrected[1].better_than(corrected[0], rate_hz):
-            return second.model, candidates[1].warnings
-    return first.model, candidates[0].warnings
+            return second, candidates[1].warnings
+    return first, candidates[0].warnings
 
 
 def _orders(structure: Structure, order: int | None) -> tuple[int, ...]:

@@ -182,9 +182,10 @@ class _Fits:
 
 def _fits(rows: _Rows, identification: Identification, wanted: Collection[str] | None, stage: Stage) -> _Fits:
     with explain_repeats(rows.commands_m), breakdown_as_fault(identification.linear_method):
+        chosen = _fit(rows.training, identification)
         return _Fits(
-            _fit(rows.training, identification),
-            fit_companions(rows.about_mean, identification, wanted, rows.about_lowest, stage),
+            chosen,
+            fit_companions(rows.about_mean, identification, wanted, rows.about_lowest, stage, static=chosen.static),
             fit_forecast(rows.training.commands, rows.training.rate_hz),
         )
 

@@ -36,6 +36,8 @@ _MIN_SHARE = 1e-12
 class HeldBack:
     """Positions (N_i, 3) of trials in m; the rows of each from ``first_rows`` on are held back.
 
+    ``commands`` (N_i, 3) are those of what the arms follow, in units of the arm, where the model has a response.
+
     ``grippers_rad`` (N_i,) are the grippers' angles at these rows, and ``people`` who moves in each trial, where they
     are known.
     """
@@ -44,6 +46,7 @@ class HeldBack:
     first_rows: tuple[int, ...]
     grippers_rad: tuple[Array, ...] = ()
     people: tuple[str, ...] = ()
+    commands: tuple[Array, ...] = ()
 
     def of_trials(self, chosen: NDArray[np.intp]) -> "HeldBack":
         """Return some of the trials."""
@@ -51,7 +54,13 @@ class HeldBack:
         def some(each: tuple[T, ...]) -> tuple[T, ...]:
             return tuple(each[i] for i in chosen) if each else ()
 
-        return HeldBack(some(self.outputs), some(self.first_rows), some(self.grippers_rad), some(self.people))
+        return HeldBack(
+            some(self.outputs),
+            some(self.first_rows),
+            some(self.grippers_rad),
+            some(self.people),
+            some(self.commands),
+        )
 
     @property
     def n_rows(self) -> int:
@@ -79,19 +88,21 @@ class HeldBack:
         """Return the means, and the ``activity``'s factors on covariances (N_i - first_i,), 1 without one."""
         # Trials side by side, as columns; shorter ones are padded with zeros.
         n_trials, length, earliest = len(self.outputs), max(map(len, self.outputs)), min(self.first_rows)
-        rows = np.zeros((length, AXES, n_trials))
-        for i, y in enumerate(self.outputs):
-            rows[: len(y), :, i] = y
+        shown = filter_.shown(filter_.usual)
+        samples = [np.hstack(each) for each in zip(*filter(None, (self.commands, self.outputs)), strict=True)]
+        rows = np.zeros((length, samples[0].shape[1], n_trials))
+        for i, each in enumerate(samples):
+            rows[: len(each), :, i] = each
         # The filter in an unbroken row; the means from the first row held back on are kept.
         step = filter_.onward[1]
-        means = np.stack([filter_.start(y[0])[0] for y in self.outputs], axis=2).reshape(filter_.n_states, -1)
+        means = np.stack([filter_.start(each[0])[0] for each in samples], axis=2).reshape(filter_.n_states, -1)
         kept, factors = np.empty((length - earliest, *means.shape)), np.ones((length, n_trials))
         surprises = np.ones((length, n_trials))
         for k in range(length):
             if k:
                 stage = unbroken.stage(k + 1)
                 means = step.dot(means)
-                innovation = correct(means, unbroken.gains[stage], rows[k])
+                innovation = correct(means, unbroken.gains[stage], rows[k], shown)[: filter_.n_axes]
                 if activity is not None:
                     surprises[k] = np.square(innovation).reshape(AXES, -1).sum(axis=0) / unbroken.variances[stage]
             if k >= earliest:
@@ -231,12 +242,14 @@ def with_level(
 class Calibrated(NamedTuple):
     """A model with the scale of its covariances, and its correction's ``gain`` over ``steps`` samples (H,).
 
-    The gain is the error of forecasts, on rows that the correction was not fitted to, over that without correction.
+    The gain is the error of forecasts, on rows that the correction was not fitted to, over that without correction;
+    ``over_hold`` is that error over hold's.
     """
 
     model: InnovationsModel
     steps: NDArray[np.int64]
     gain: Array
+    over_hold: Array
 
 
 def with_scale(model: InnovationsModel, held_back: HeldBack, rate_hz: int, *, corrected: bool = False) -> Calibrated:
@@ -249,7 +262,8 @@ def with_scale(model: InnovationsModel, held_back: HeldBack, rate_hz: int, *, co
     # The filter over all rows, and the horizons to calibrate.
     rows, horizon = settled_rows(held_back, rate_hz), _horizon(held_back, rate_hz)
     corrected = corrected and horizon >= 2 * correction_span(rate_hz)
-    filter_ = build_innovations_filter(model, horizon, past=RecentPast.at_rate(rate_hz) if corrected else None)
+    with_past = corrected or model.response is not None
+    filter_ = build_innovations_filter(model, horizon, past=RecentPast.at_rate(rate_hz) if with_past else None)
     longest = max(map(len, held_back.outputs))
     unbroken = Unbroken.of(filter_, longest)
     means, activities = rows.run(filter_, unbroken, ActivityMean.at_rate(rate_hz))
@@ -259,10 +273,12 @@ def with_scale(model: InnovationsModel, held_back: HeldBack, rate_hz: int, *, co
         steps = forecast_steps(held_back, rate_hz)
         fitted = fit_correction(_correction_rows(rows, means, activities), filter_, steps, rate_hz)
         errors = fitted.errors
-        gain = over_hold(rows, steps, errors) / over_hold(rows, steps, fitted.linear_errors)
+        left = over_hold(rows, steps, errors)
+        gain = left / over_hold(rows, steps, fitted.linear_errors)
     else:
         steps = np.unique(_spread(horizon))
         errors, gain = [rows.forecast_errors(filter_, means, h) for h in steps.tolist()], np.ones(len(steps))
+        left = over_hold(rows, steps, errors)
     # The factor for each horizon.
     covariance = unbroken.covariances[unbroken.stage(longest // 2)]
 
@@ -280,7 +296,7 @@ def with_scale(model: InnovationsModel, held_back: HeldBack, rate_hz: int, *, co
     scaled = replace(
         model, scale_horizons=steps.astype(float), covariance_scale=scale_of(errors), correction=correction
     )
-    return Calibrated(scaled, steps, gain)
+    return Calibrated(scaled, steps, gain, left)
 
 
 def errors_on(model: InnovationsModel, rows: HeldBack, steps: NDArray[np.int64]) -> list[list[Array]]:

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from tests.patient_side.arm_models import RATE_HZ, slow_movement
 from tests.patient_side.movements import drawn, movement_model
 from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter, build_innovations_filter
-from tis.patient_side.filters.recent_past import N_INCREMENTS, RecentPast
+from tis.patient_side.filters.recent_past import RecentPast
 from tis.patient_side.linear_system import Array
-from tis.patient_side.movement_models import MEANS_S
+from tis.patient_side.movement_models import MEANS_S, N_INCREMENTS
 
 PAST = RecentPast.at_rate(RATE_HZ)
 HORIZON = 30

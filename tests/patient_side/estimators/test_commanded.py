@@ -1,0 +1,111 @@
+"""`innovations_kf` of an arm that lags: its command tells what need not be foretold."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.patient_side.arm_models import LOST, RATE_HZ, Streams, play, positions, truth_at_ticks
+from tis.common.scenario.identification import Identification
+from tis.common.scenario.source import SyntheticSource
+from tis.common.sources.synthetic import synthesise
+from tis.common.units import sample_instant_ns
+from tis.patient_side.estimators.innovations_kf import InnovationsKf
+from tis.patient_side.estimators.moesp_kf import MoespKf, arx_kf
+from tis.patient_side.estimators.protocol import Estimator
+from tis.patient_side.identification.identify import identify_arm
+from tis.patient_side.identification.model_file import dump_models, parse_models
+from tis.patient_side.linear_system import Array
+from tis.patient_side.playout import Playout
+from tis.patient_side.statespace import ArmModel
+
+N_TRAIN, N = 1800, 300
+NS = 1_000_000
+
+
+@cache
+def lagging() -> tuple[ArmModel, Array, Array]:
+    source = SyntheticSource(kind="synthetic", arm_bandwidth_hz=4.0, recorder_hz=None)
+    whole = synthesise(source, 2, RATE_HZ, N_TRAIN + N, 0)
+    model = identify_arm([whole.head(N_TRAIN)], "left", Identification(), "", {"innovations_kf", "arx_kf"})
+    hand = whole.hands[0]
+    return model, hand.command.position_m[N_TRAIN:], hand.follower.position_m[N_TRAIN:]
+
+
+def error_m(estimator: Estimator, arm_ns: list[int], command_ns: list[int]) -> float:
+    _, u, y = lagging()
+    estimates = positions(play(estimator, Streams(u, y, command_ns, arm_ns)))
+    wrong = (estimates - truth_at_ticks(y))[60:]
+    return float(np.sqrt(np.mean(wrong**2)))
+
+
+def arrivals(seed: int, delay_ms: float, jitter_ms: float, p_loss: float) -> list[int]:
+    rng = np.random.default_rng(seed)
+    late = delay_ms + jitter_ms * rng.random(N)
+    lost = rng.random(N) < p_loss
+    return [LOST if lost[i] else sample_instant_ns(i, RATE_HZ) + int(late[i] * NS) for i in range(N)]
+
+
+@pytest.mark.parametrize(
+    ("delay_ms", "jitter_ms", "p_loss"), [(33.0, 0.0, 0.0), (200.0, 0.0, 0.0), (1000.0, 0.0, 0.0), (50.0, 250.0, 0.1)]
+)
+def test_of_an_arm_that_lags_no_other_filter_knows_more(delay_ms: float, jitter_ms: float, p_loss: float) -> None:
+    model, _, _ = lagging()
+    assert model.commanded is not None
+    streams = arrivals(1, delay_ms, jitter_ms, p_loss), arrivals(2, delay_ms, jitter_ms, p_loss)
+    others = [error_m(estimator, *streams) for estimator in (MoespKf(model), arx_kf(model))]
+    assert error_m(InnovationsKf(model), *streams) < 1.02 * min(others)
+
+
+def test_commands_at_once_leave_next_to_nothing_to_guess() -> None:
+    model, _, y = lagging()
+    at_once = arrivals(0, 0.0, 0.0, 0.0)
+    wrong = error_m(InnovationsKf(model), arrivals(0, 500.0, 0.0, 0.0), at_once)
+    assert wrong < 0.03 * float(np.sqrt(np.mean((y[75:] - y[60:-15]) ** 2)))
+
+
+@given(seed=st.integers(0, 10_000))
+@settings(max_examples=10, deadline=None)
+def test_the_order_in_which_both_arrive_leaves_no_trace(seed: int) -> None:
+    model, u, y = lagging()
+    rng = np.random.default_rng(seed)
+    estimator = InnovationsKf(model, window=8)
+    lost = rng.random((2, 60)) < 0.3
+    playout, shuffled = Playout(RATE_HZ), Playout(RATE_HZ)
+    state, other = estimator.initial(), estimator.initial()
+    for block in range(0, 60, 6):
+        here = range(block, block + 6)
+        for i in here:
+            for of, buffer, rows in ((lost[0], playout.command, u), (lost[1], playout.arm, y)):
+                if not of[i]:
+                    buffer.add(i, rows[i])
+            state, _ = estimator.step(state, playout, sample_instant_ns(i, RATE_HZ))
+        for stream, i in rng.permutation([(stream, i) for stream in (0, 1) for i in here]).tolist():
+            if not lost[stream, i]:
+                (shuffled.arm if stream else shuffled.command).add(i, (y if stream else u)[i])
+            if rng.random() < 0.5:
+                other, _ = estimator.step(other, shuffled, sample_instant_ns(block + 5, RATE_HZ))
+    now_ns = sample_instant_ns(63, RATE_HZ)
+    (_, first), (_, second) = estimator.step(state, playout, now_ns), estimator.step(other, shuffled, now_ns)
+    assert np.max(np.abs(positions([first]) - positions([second]))) <= 1e-9
+    assert np.allclose(np.asarray(first.covariance_m2), np.asarray(second.covariance_m2), rtol=1e-5, atol=1e-13)
+
+
+@pytest.mark.parametrize("alone", ["command", "arm"])
+def test_one_of_the_streams_is_enough(alone: str) -> None:
+    model, _, y = lagging()
+    both = {"command": [LOST] * N, "arm": [LOST] * N} | {alone: arrivals(0, 100.0, 0.0, 0.0)}
+    wrong = error_m(InnovationsKf(model), both["arm"], both["command"])
+    assert wrong < 0.7 * float(np.sqrt(np.mean((y[63:] - y[60:-3]) ** 2))) + (2e-3 if alone == "command" else 0.0)
+
+
+def test_a_model_file_keeps_the_response_and_an_older_one_has_none() -> None:
+    model, _, _ = lagging()
+    (back,) = parse_models(dump_models([model]), "m.json")
+    assert back.commanded is not None
+    assert model.commanded is not None
+    assert back.commanded.response is not None
+    assert model.commanded.response is not None
+    assert back.commanded.response.own.tolist() == model.commanded.response.own.tolist()
