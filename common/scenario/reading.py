@@ -16,7 +16,6 @@ from pydantic import ValidationError
 from tis.common.errors import Fault, InputError
 from tis.common.scenario import Scenario
 from tis.common.scenario.faults import faults
-from tis.common.scenario.source import NULL_IS_A_VALUE
 from tis.common.yaml_text import load_yaml
 
 Profiles = Callable[[str], Mapping[str, Any]]
@@ -187,7 +186,7 @@ def _put(tree: dict[str, Any], path: Sequence[str], value: Any) -> None:
             below = here[place] = {}
         here = below
     place = _place(here, last)
-    if value is not None or last in NULL_IS_A_VALUE:
+    if value is not None:
         here[place] = value
     elif isinstance(here, list):
         del here[place]

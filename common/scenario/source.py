@@ -1,8 +1,8 @@
 """Sources of the surgeon's movement."""
 
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Final, Literal
 
-from pydantic import Field, SerializerFunctionWrapHandler, StringConstraints, model_serializer
+from pydantic import Field, StringConstraints
 
 from tis.common.scenario.base import (
     HANDS_MEANING,
@@ -49,6 +49,11 @@ class JigsawsSource(AnySource):
         description="Arm that follows each master. auto: the one found in the training data; cross: PSM2 for the "
         "left, PSM1 for the right; same_name: PSM1 for the left, PSM2 for the right.",
     )
+    clock: Literal["auto", "as_recorded"] = Field(
+        "auto",
+        description="Instants of the rows, which are the latest samples of a recorder at another rate. auto: found, "
+        "and the rows interpolated at even ones; as_recorded: the rows as they are, as if they were even.",
+    )
     start: Start = Field("auto", description=START_MEANING)
 
     @property
@@ -65,10 +70,6 @@ class JigsawsSource(AnySource):
         """Return the rule of the recorder's rate, and those of every recorded movement."""
         rule = "rate_hz must be 30, the rate at which JIGSAWS trials were recorded"
         return {rule: rate_hz == 30, **super().rules(session, rate_hz, train, plant)}
-
-
-NULL_IS_A_VALUE: Final = ("recorder_hz",)
-"""Fields for which null is a value other than the default, and is therefore written to files."""
 
 
 class SyntheticSource(AnySource):
@@ -114,18 +115,12 @@ class SyntheticSource(AnySource):
     )
     arm_damping: Positive = Field(0.7, le=10, description="Damping ratio of that servo; 1: critically damped.")
     recorder_hz: Positive | None = Field(
-        51.33,
+        None,
         le=1_000_000,
-        description="Rate of the simulated recorder, in Hz: each row shows its latest sample, as in JIGSAWS. null: "
-        "each row shows the movement at its own instant, for smooth paths and high rates.",
+        description="Rate of a simulated recorder, in Hz, such as that of JIGSAWS, 51.33: each row shows its latest "
+        "sample. Not given: each row shows the movement at its own instant, as a device's samples do.",
     )
     start: Start = Field("auto", description=START_MEANING)
-
-    @model_serializer(mode="wrap")
-    def _with_null(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Keep a null that is a value; files omit all other nulls, which read back as defaults."""
-        dumped: dict[str, Any] = handler(self)
-        return dumped if self.recorder_hz is not None else dumped | {"recorder_hz": None}
 
     @property
     def synthetic(self) -> bool:

@@ -30,8 +30,6 @@ def synthetic_training(source: LiveSource, seed: int, rate_hz: int, n_rows: int)
     squares of the arm on the master, tests/common/sources/test_live.
     """
     hand_of = SyntheticSource(kind="synthetic", hands=source.hands)
-    if hand_of.recorder_hz is not None and rate_hz > hand_of.recorder_hz:
-        hand_of = hand_of.model_copy(update={"recorder_hz": None})
     made = synthesise(hand_of, seed, rate_hz, n_rows, 0)
     digest = digest_of_synthetic(hand_of, seed, rate_hz)
     hands = tuple(_placed(source, each) for each in made.hands)

@@ -180,7 +180,11 @@ def _as_now(raw: Mapping[str, Any]) -> dict[str, Any]:
     found = dict(raw)
     if isinstance(names := found.get("estimators"), list):
         found["estimators"] = [_estimator_now(name) for name in names]
-    found |= {key: _estimator_now(found[key]) for key in ("active_estimator",) if key in found}
+    if "active_estimator" in found:
+        found["active_estimator"] = _estimator_now(found["active_estimator"])
+    source = found.get("source")
+    if isinstance(source, dict) and source.get("kind") == "jigsaws":
+        found["source"] = {"clock": "as_recorded", **source}  # before there was a choice
     return found
 
 

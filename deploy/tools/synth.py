@@ -104,7 +104,7 @@ def _people(source: SyntheticSource, seed: int, n_people: int) -> str:
 
 _MAX_DURATION_S: Final = 3600.0
 
-_SOURCE: Final = SyntheticSource(kind="synthetic", hands=("left", "right"))
+_SOURCE: Final = SyntheticSource(kind="synthetic", hands=("left", "right"), recorder_hz=51.33)
 _CHECK_TRIALS: Final = 12
 _CHECK_S: Final = 90.0
 

@@ -112,7 +112,7 @@ def test_orientations_are_kept_by_index_and_go_with_their_samples() -> None:
 def test_uneven_samples_of_a_polynomial_are_stated_exactly_at_the_plans_instants(
     lates: list[float], turned: list[bool], shares: list[float], order: random.Random
 ) -> None:
-    """A quartic is known from any five samples, in whatever order they came, and whatever the sign of a quaternion."""
+    """Any five samples tell a quartic, in whatever order they came; a quaternion's sign tells nothing."""
     buffer, places = SourceBuffer(64), list(range(len(lates)))
     order.shuffle(places)
     for i in places:
@@ -126,7 +126,9 @@ def test_uneven_samples_of_a_polynomial_are_stated_exactly_at_the_plans_instants
             assert found is not None
             assert found == pytest.approx(position(polynomial(shares, instant)), abs=1e-8)
         assert buffer.gripper_rad(i) == pytest.approx(polynomial(shares, i), abs=1e-8)
-        assert np.abs(buffer.orientation(i)) == pytest.approx([0.0, 0.0, math.sin(0.3), math.cos(0.3)])
+        turn_now = buffer.orientation(i)
+        assert turn_now is not None
+        assert np.abs(turn_now) == pytest.approx([0.0, 0.0, math.sin(0.3), math.cos(0.3)])
 
 
 def polynomial(shares: list[float], instant: float) -> float:

@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from tis.common.channels import FOLLOWER, MASTER, Arm, Hand
 from tis.common.errors import DataError, Fault
 from tis.common.runtime.scenario_files import read_limited
@@ -17,6 +19,7 @@ from tis.common.sources.jigsaws import MAX_TRIAL_BYTES, RATE_HZ, parse_trial, po
 from tis.common.sources.pairing import Pairing, Positions, contradictions, pair_over
 from tis.common.sources.plausibility import anomalies, rate_doubts
 from tis.common.sources.provenance import SYNTHETIC, digest_of_rows
+from tis.common.sources.recorder_clock import even_hand, find_clock
 from tis.common.sources.trajectory import Array, HandRecording, Recording
 
 JIGSAWS_VARIABLE: Final = "TIS_JIGSAWS"
@@ -106,17 +109,19 @@ def _recording(
         )
         for pairing in pairings
     )
+    clock = None if source.clock == "as_recorded" else find_clock([position_m(rows, arm) for arm in _ARMS])
+    played = recorded if clock is None else tuple(even_hand(hand, clock) for hand in recorded)
     mark = SYNTHETIC if is_synthetic(trial) else ""
     label = f"{source.task}_{trial}{mark}"
     return Recording(
         label=label,
         rate_hz=RATE_HZ,
-        hands=recorded,
+        hands=played,
         start=start,
         pairing=", ".join(str(pairing) for pairing in pairings),
         warnings=tuple(f"{label}: {text}" for pairing in pairings for text in pairing.warnings),
         anomalies=tuple(f"{label}: {text}" for text in _anomalies(recorded, rows)),
-        digest=digest_of_rows(rows),
+        digest=digest_of_rows(rows if clock is None else np.vstack([rows, [clock.samples_a_row] * rows.shape[1]])),
         file=str(file),
         person=trial[0],
     )

@@ -1,7 +1,6 @@
 from collections.abc import Callable
 from string import ascii_letters, digits
-from types import NoneType
-from typing import Any, get_args
+from typing import Any
 
 import pytest
 from hypothesis import example, given, settings
@@ -10,7 +9,6 @@ from hypothesis import strategies as st
 from tis.common.errors import InputError
 from tis.common.scenario import Scenario
 from tis.common.scenario.reading import apply_settings, build_scenario, digest, dump_scenario, parse_yaml, setting
-from tis.common.scenario.source import NULL_IS_A_VALUE, SyntheticSource
 
 MINIMAL: dict[str, Any] = {"version": 1, "name": "a", "source": {"kind": "synthetic"}}
 FULL = """
@@ -108,13 +106,6 @@ def test_dump_and_build_are_inverse(raw: dict[str, Any]) -> None:
     again = build_scenario(parse_yaml(dump_scenario(scenario), "again"), "again")
     assert again == scenario
     assert digest(again) == digest(scenario)
-
-
-def test_a_null_that_is_no_default_survives() -> None:
-    scenario = build_scenario(MINIMAL | {"source": {"kind": "synthetic", "recorder_hz": None}}, "s.yaml")
-    assert scenario.source.kind == "synthetic"
-    assert scenario.source.recorder_hz is None
-    assert build_scenario(parse_yaml(dump_scenario(scenario), "again"), "again") == scenario
 
 
 def test_the_digest_names_what_was_agreed_on() -> None:
@@ -347,18 +338,6 @@ def test_null_removes_a_key_or_an_item() -> None:
     raw = {"a": 1, "b": {"c": 2, "d": 3}, "e": [4, 5, 6]}
     removed = apply_settings(raw, ["a=null", "b.c=~", "e.1=null", "never.there=null"])
     assert removed == {"b": {"d": 3}, "e": [4, 6], "never": {}}
-
-
-def test_a_null_that_is_a_value_of_its_own_is_kept() -> None:
-    """Each field whose null is not its default is one of those, and no other."""
-    found = [
-        name
-        for name, each in SyntheticSource.model_fields.items()
-        if each.default is not None and NoneType in get_args(each.annotation)
-    ]
-    assert tuple(found) == NULL_IS_A_VALUE
-    raw = apply_settings({"source": {"kind": "synthetic"}}, ["source.recorder_hz=null"])
-    assert raw == {"source": {"kind": "synthetic", "recorder_hz": None}}
 
 
 def test_set_leaves_its_argument_alone_even_where_yaml_shared_an_object() -> None:

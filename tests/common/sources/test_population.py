@@ -10,7 +10,7 @@ from tis.common.sources.calibration import movement_statistics
 from tis.common.sources.population import RECORDED_BETWEEN, SPREAD, person, population, trial_seed
 from tis.common.sources.trajectory import Array, Recording
 
-SOURCE = SyntheticSource(kind="synthetic", hands=("left", "right"))
+SOURCE = SyntheticSource(kind="synthetic", hands=("left", "right"), recorder_hz=51.33)
 SEEDS = st.integers(0, 2**32)
 
 

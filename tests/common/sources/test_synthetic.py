@@ -10,8 +10,8 @@ from tis.common.sources.pairing import fit_arm
 from tis.common.sources.synthetic import synthesise
 from tis.common.sources.trajectory import Array, HandRecording, Recording
 
-PLAIN = SyntheticSource(kind="synthetic", hands=("left", "right"))
-STEADY = SyntheticSource(kind="synthetic", tremor_mm=0.0)
+PLAIN = SyntheticSource(kind="synthetic", hands=("left", "right"), recorder_hz=51.33)
+STEADY = SyntheticSource(kind="synthetic", tremor_mm=0.0, recorder_hz=51.33)
 BARE = STEADY.model_copy(update={"drift_mm": 0.0, "coupling": 0.0, "recorder_hz": None})
 CLUTCHED = PLAIN.model_copy(update={"clutch_per_min": 12.0})
 LAGGING = CLUTCHED.model_copy(update={"arm_bandwidth_hz": 2.0})

@@ -44,7 +44,7 @@ RECORDED = {
 
 @pytest.fixture(scope="module")
 def trials() -> list[Recording]:
-    source = SyntheticSource(kind="synthetic", hands=("left", "right"))
+    source = SyntheticSource(kind="synthetic", hands=("left", "right"), recorder_hz=51.33)
     return [synthesise(source, seed, 30, 2700, 0) for seed in range(12)]
 
 

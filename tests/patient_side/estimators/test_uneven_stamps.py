@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tests.patient_side.arm_models import static_model
 from tis.common.scenario.source import SyntheticSource
@@ -35,7 +36,7 @@ def model() -> ArmModel:
     return replace(static_model(), rate_hz=RATE_HZ, innovations=replace(found, correction=None))
 
 
-def error_mm(lates: Array, told: Array, lost: Array, delay_ns: int) -> float:
+def error_mm(lates: Array, told: Array, lost: NDArray[np.bool_], delay_ns: int) -> float:
     """The RMSE where samples are taken ``lates`` periods after the plan's instants, and stamped as ``told``."""
     estimator, playout, done, errors = InnovationsKf(model()), Playout(RATE_HZ), 0, []
     state = estimator.initial()

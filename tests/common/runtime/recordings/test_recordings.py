@@ -10,6 +10,8 @@ from tis.common.errors import DataError, InputError
 from tis.common.runtime.recordings import load_recording, load_training, load_trials, located
 from tis.common.scenario import Scenario
 from tis.common.scenario.reading import build_scenario, digest
+from tis.common.sources.jigsaws import parse_trial
+from tis.deploy.tools.synth import write_trials
 
 
 @pytest.fixture(autouse=True)
@@ -68,6 +70,18 @@ def test_a_trial_with_its_training_rows_before_the_start(tmp_path: Path) -> None
     [training] = load_training(scenario_of(tmp_path), recording)
     assert len(training) == 100
     assert np.array_equal(training.hands[0].command.position_m, recording.hands[0].command.position_m[:100])
+
+
+def test_rows_of_a_recorder_are_played_at_even_instants_or_as_they_are(tmp_path: Path) -> None:
+    (file,) = write_trials(tmp_path / "made", 1, "Suturing", 3, 30.0, "a test")
+    even, raw = (
+        load_recording(scenario_of(tmp_path / "made", trial="S001", clock=clock)) for clock in ("auto", "as_recorded")
+    )
+    rows = parse_trial(file.read_text(), "s")
+    assert np.array_equal(raw.hands[0].command.position_m, rows[:, 0:3])
+    changes = [np.mean(np.abs(np.diff(each.hands[0].follower.position_m, 2, axis=0))) for each in (even, raw)]
+    assert changes[0] < 0.7 * changes[1]
+    assert even.digest != raw.digest
 
 
 @pytest.mark.parametrize(
