@@ -20,7 +20,10 @@ def build_surgeon(scenario: Scenario, recording: Recording) -> SurgeonNode:
     source = scenario.source
     motion: Motion = LiveMotion(source, scenario.rate_hz) if source.kind == "live" else RecordedMotion(recording)
     noise, servo = sensor_noise(scenario), known_servo(scenario)
-    return SurgeonNode(scenario.session, motion, ticker, redundancy, noise=noise, servo=servo)
+    is_forged = not scenario.network.corrupts("feedback")
+    return SurgeonNode(
+        scenario.session, motion, ticker, redundancy, noise=noise, servo=servo, changes_are_forged=is_forged
+    )
 
 
 def build_witness(scenario: Scenario, movement: Recording) -> WitnessNode:
