@@ -10,6 +10,9 @@ from typing import Final, NamedTuple, Self
 
 _LAYOUT: Final = struct.Struct("<4sIqI")
 HEADER_BYTES: Final = _LAYOUT.size
+CODE_BYTES: Final = 16
+"""Bytes behind the header of a signed message (`tis.common.signing`)."""
+_LENGTHS: Final = (HEADER_BYTES, HEADER_BYTES + CODE_BYTES)
 _MAGIC: Final = b"tis\x02"  # the last byte is the version of the layout
 
 
@@ -33,7 +36,7 @@ class Header(NamedTuple):
 
 def header_numbers(attachment: bytes) -> tuple[int, int, int] | None:
     """Return the fields of a header as a plain tuple, which netem makes for each packet; None for a foreign one."""
-    if len(attachment) != HEADER_BYTES or not attachment.startswith(_MAGIC):
+    if len(attachment) not in _LENGTHS or not attachment.startswith(_MAGIC):
         return None
-    _, seq, sent_ns, run_id = _LAYOUT.unpack(attachment)
+    _, seq, sent_ns, run_id = _LAYOUT.unpack_from(attachment)
     return seq, sent_ns, run_id

@@ -1,9 +1,10 @@
 """Reception of messages: headers and payloads decoded, duplicates marked, anything else rejected and counted."""
 
 from array import array
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any, Final, Generic, NamedTuple, TypeVar
+from typing import Any, Final, Generic, NamedTuple, TypeVar, get_args
 
 from msgspec import DecodeError
 
@@ -12,11 +13,13 @@ from tis.common.header import Header
 from tis.common.messages import Sampled, decode
 from tis.common.node import Arrival, Record
 from tis.common.records import REJECTED, Rejected
+from tis.common.signing import CodeFault, RunKeys
 from tis.common.units import NS_PER_S
 
 _MAX_LEAD_NS: Final = NS_PER_S  # of sampling and sending over the arrival, between clocks that are not synchronised
 _MAX_BYTES: Final = 256 * 1024
 """Size of a payload; the longest histories take 90 kB. Each fault of a longer one would take time and memory."""
+_N_LOGGED: Final = 1000  # messages without a valid code
 _N_REMEMBERED: Final = 32_768  # half a minute at 1 kHz; what comes later is too old to be used
 
 
@@ -79,6 +82,10 @@ class Intake(Generic[Payload]):
     n_foreign: int = 0
     """Messages of another run."""
     n_conflicting: int = 0
+    keys: RunKeys | None = None
+    """What tells that a message is signed by the other side; None: messages are not signed."""
+    code_faults: Counter[CodeFault] = field(default_factory=Counter)
+    forged_since_ns: int | None = None
     _table: dict[str, Channel[Payload]] = field(init=False)
     _seen: dict[str, SeenNumbers] = field(init=False)
 
@@ -101,6 +108,10 @@ class Intake(Generic[Payload]):
         if header.run_id != self.run_id:
             self.n_foreign += 1
             return self._reject(arrival, "it belongs to another run")
+        if self.keys is not None:
+            fault = self.keys.fault(arrival.key, arrival.attachment, arrival.payload)
+            if fault is not None:
+                return self._not_believed(fault, arrival)
         if not -_MAX_LEAD_NS <= header.sent_ns <= arrival.recv_ns + _MAX_LEAD_NS:  # no log could hold it
             return self._reject(arrival, "the send time lies outside the run")
         if len(arrival.payload) > _MAX_BYTES:
@@ -123,6 +134,21 @@ class Intake(Generic[Payload]):
     def forget(self, key: str, seq: int) -> None:
         """Take a sequence number for new again: the message that came under it is not used."""
         self._seen[key].forget(seq)
+
+    def counters(self) -> dict[str, int]:
+        """Return the numbers of messages of another run, and without the other side's code."""
+        faults = {} if self.keys is None else {kind: self.code_faults[kind] for kind in get_args(CodeFault)}
+        return {"other_run": self.n_foreign, **faults}
+
+    def _not_believed(self, fault: CodeFault, arrival: Arrival) -> tuple[None, list[Record]]:
+        """Count a message that the other side did not sign; of a flood a few are logged."""
+        self.code_faults[fault] += 1
+        if self.forged_since_ns is None:
+            self.forged_since_ns = arrival.recv_ns
+        if sum(self.code_faults.values()) > _N_LOGGED:
+            self.n_rejected += 1
+            return None, []
+        return self._reject(arrival, "it is not signed" if fault == "unsigned" else "its code is wrong")
 
     def _reject(self, arrival: Arrival, reason: str) -> tuple[None, list[Record]]:
         self.n_rejected += 1

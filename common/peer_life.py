@@ -17,14 +17,14 @@ from tis.common.channels import Side
 from tis.common.messages import Message
 from tis.common.units import NS_PER_MS, NS_PER_S
 
-Alarm = Literal["conflict", "foreign_set_point", "foreign_release", "stop_flood"]
+Alarm = Literal["conflict", "foreign_set_point", "foreign_release", "stop_flood", "forged"]
 """Evidence that somebody attacks: of forged samples, of set points, releases and floods that are not ours."""
 
 NO_ALARMS: Final[Mapping[Alarm, int]] = MappingProxyType({})
 
 Event = Literal[
     "left", "frozen", "link_down", "silent", "back", "stalled", "resumed", "clock_step", "suspended", "conflict",
-    "foreign_set_point", "foreign_release", "stop_flood", "foreign_beat",
+    "foreign_set_point", "foreign_release", "stop_flood", "foreign_beat", "forged",
 ]  # fmt: skip
 
 View = Literal["left", "frozen", "link_down", "silent"]
@@ -75,7 +75,7 @@ class Beat(Message, frozen=True):
             description="What the side has evidence of, and the run time at which it began, in ns. conflict: samples "
             "of the surgeon came in two versions; foreign_set_point: somebody else sends set points; "
             "foreign_release: a release came from another than the stopper; stop_flood: requests to stop or to "
-            "release flood it.",
+            "release flood it; forged: messages that nobody of the run has signed.",
         ),
     ] = struct_field(default_factory=dict)
 
@@ -253,6 +253,7 @@ TEXTS: Final[dict[Event, str]] = {
     "foreign_set_point": "hears set points for its arm that somebody else sends",
     "foreign_release": "has ended an emergency stop without its token (patient.safety.release)",
     "stop_flood": "is flooded with requests to stop or to release",
+    "forged": "receives messages that the other side has not signed: somebody forges or alters them",
     "foreign_beat": "has signs of life that it did not send: somebody forges them",
 }
 

@@ -28,6 +28,7 @@ from tis.common.records import (
     TickNote,
 )
 from tis.common.safety_records import SINCE_MS, STOPS, STOPS_IN_FORCE
+from tis.common.signing import RunKeys
 from tis.common.stop_messages import ReleaseRule
 from tis.common.ticker import Ticker
 from tis.common.units import NS_PER_MS
@@ -107,6 +108,10 @@ class PatientNode:
             left = left_place(last.get(hand.channels.driven.key(self.session)))
             if hand.safety is not None:
                 hand.safety_state = hand.safety.resumed(left, is_stopped)
+
+    def believe(self, keys: RunKeys) -> None:
+        """Use only what the surgeon has signed."""
+        self.intake.keys = keys
 
     def join(self, run_id: int, from_ns: int = 0) -> None:
         """Take messages of this run only, and tick from ``from_ns`` on."""
@@ -312,6 +317,11 @@ class PatientNode:
         kinds: dict[Alarm, list[Evidence]] = {"foreign_set_point": [hand.foreign for hand in self.hands]}
         if self.conflicts_are_forged:
             kinds["conflict"] = [hand.conflicts for hand in self.hands]
+        if self.conflicts_are_forged and self.intake.forged_since_ns is not None:
+            return self._alarms_of(kinds) | {"forged": self.intake.forged_since_ns}
+        return self._alarms_of(kinds)
+
+    def _alarms_of(self, kinds: Mapping[Alarm, list[Evidence]]) -> dict[Alarm, int]:
         begun = {kind: [one.begun_ns for one in all_ if one.begun_ns is not None] for kind, all_ in kinds.items()}
         return {**self._stops.alarms, **{kind: min(instants) for kind, instants in begun.items() if instants}}
 

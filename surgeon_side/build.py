@@ -23,7 +23,10 @@ def build_surgeon(scenario: Scenario, recording: Recording) -> SurgeonNode:
     noise, servo, touch = sensor_noise(scenario), known_servo(scenario), build_touch(scenario, recording)
     if touch is not None and source.kind != "live":
         motion = YieldingMotion(motion, touch.hands)
-    return SurgeonNode(scenario.session, motion, ticker, redundancy, noise=noise, servo=servo, touch=touch)
+    is_forged = not scenario.network.corrupts("feedback")
+    return SurgeonNode(
+        scenario.session, motion, ticker, redundancy, noise=noise, servo=servo, touch=touch, changes_are_forged=is_forged
+    )
 
 
 def build_witness(scenario: Scenario, movement: Recording) -> WitnessNode:

@@ -6,12 +6,13 @@ from math import atan2, sqrt
 from typing import Final, NamedTuple
 
 from tis.common.channels import Network
-from tis.common.header import HEADER_BYTES, Header
+from tis.common.header import CODE_BYTES, HEADER_BYTES, Header
 from tis.common.intake import Intake
 from tis.common.messages import FeedbackPose, Sampled, Twist, Vector3, encode
 from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.peer_life import NO_ALARMS, Alarm
 from tis.common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
+from tis.common.signing import RunKeys
 from tis.common.sources.sensor_noise import SensorNoise
 from tis.common.ticker import PlannedPacket, SendPlan, Ticker
 from tis.common.units import sample_instant_ns
@@ -49,11 +50,12 @@ class Traffic:
 
     n_packets: int = 0
     n_bytes: int = 0
+    attachment_bytes: int = HEADER_BYTES
 
     def add(self, payload: bytes) -> None:
         """Count a packet with this payload."""
         self.n_packets += 1
-        self.n_bytes += len(payload) + HEADER_BYTES
+        self.n_bytes += len(payload) + self.attachment_bytes
 
 
 def traffic_counters(traffic: Mapping[str, Traffic]) -> dict[str, int]:
@@ -83,6 +85,8 @@ class SurgeonNode:
     """The servo by which the arm follows its set point, where it is known."""
     touch: Touch | None = None
     """What the hands feel, in runs with touch."""
+    changes_are_forged: bool = True
+    """Whether the network changes no message, so that a wrong code raises an alarm."""
     intake: Intake[FeedbackPose] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -108,8 +112,15 @@ class SurgeonNode:
         """Do nothing."""
 
     def alarms(self) -> Mapping[Alarm, int]:
-        """Return none: nobody forges what the surgeon's hand does."""
-        return NO_ALARMS
+        """Return whether somebody forges the patient's answers."""
+        since_ns = self.intake.forged_since_ns if self.changes_are_forged else None
+        return NO_ALARMS if since_ns is None else {"forged": since_ns}
+
+    def believe(self, keys: RunKeys) -> None:
+        """Use only what the patient has signed; count the code of each own message among its bytes."""
+        self.intake.keys = keys
+        for traffic in self.traffic.values():
+            traffic.attachment_bytes = HEADER_BYTES + CODE_BYTES
 
     def join(self, run_id: int, from_ns: int = 0) -> None:
         """Take messages of this run only, and send the samples from ``from_ns`` on: the hand moves on by itself."""
@@ -201,7 +212,7 @@ class SurgeonNode:
             "received": self.intake.n_accepted,
             "duplicates": self.intake.n_duplicates,
             "conflicting": self.intake.n_conflicting,
-            "other_run": self.intake.n_foreign,
+            **self.intake.counters(),
             "rejected": self.intake.n_rejected,
             "ticks": self.ticker.k,
             "ticks_missed": self.ticker.n_missed,

@@ -26,11 +26,13 @@ from tis.common.runtime.process import Interrupt
 from tis.common.runtime.scheduling import settle
 from tis.common.runtime.side import Membership, NodeWork, Prepared, drive
 from tis.common.runtime.side_log import SideOptions, continued, earlier_part, open_log
+from tis.common.runtime.signing import Agreement, Identity, identity
 from tis.common.runtime.status import Status
 from tis.common.runtime.zenoh_bus import ZenohBus
 from tis.common.runtime.zenoh_log import CLIENT_LEVELS, ConnectionTrouble, ZenohLog
 from tis.common.runtime.zenoh_session import bypasses, configure, lease_ms, open_client
 from tis.common.scenario import Scenario
+from tis.common.signing import SIGNERS
 from tis.common.zenoh_syntax import port_of
 
 _POLL_S: Final = 0.5
@@ -55,7 +57,7 @@ def run_client_side(
     with interrupt.installed():
         # Everything that can fail without the network.
         refuse_plain(side, "--connect", scenario.security, tuple(options.zenoh.connect))
-        proof = credentials(scenario.security, side)
+        proof, own = credentials(scenario.security, side), identity(scenario.security, side)
         lease = lease_ms(scenario.peer_timeout_s)
         config = configure("client", replace(options.zenoh, credentials=proof, lease_ms=lease))
         prepared = prepare()
@@ -83,7 +85,9 @@ def run_client_side(
                 exchange = ScenarioExchange({network: session}, meeting.keys, side, scenario)
                 meeting.exchange = exchange
                 connect = tuple(options.zenoh.connect)
-                client = _Client(side, network, session, meeting, inbox, deadline, status, options, connect, earlier)
+                client = _Client(
+                    side, network, session, meeting, inbox, deadline, status, options, connect, earlier, own
+                )
                 with exchange:
                     return client.meet_and_run(prepared, log)
 
@@ -102,6 +106,7 @@ class _Client:
     options: SideOptions
     connect: tuple[str, ...]
     earlier: EarlierPart | None
+    own: Identity | None
 
     def meet_and_run(self, prepared: Prepared, log: McapLog) -> int:
         meeting = self.meeting
@@ -114,8 +119,6 @@ class _Client:
             return self._meet_and_run(prepared, log, watch)
 
     def _meet_and_run(self, prepared: Prepared, log: McapLog, watch: ClockWatch) -> int:
-        meeting, scenario = self.meeting, self.meeting.scenario
-        roster = meeting.rosters[self.network]
         watch.meet()
         reading = watch.reading()
         if reading.bound_ns > _COARSE_CLOCK_NS:
@@ -124,11 +127,34 @@ class _Client:
         bus.listen(prepared.node, prepared.foreign_keys)
         bus.announce(prepared.node)
         settle()
+        with contextlib.ExitStack() as stack:
+            if not self._agree(stack, prepared, bus):
+                return self._gave_up()
+            return self._join_and_run(prepared, log, watch, bus)
+
+    def _agree(self, stack: contextlib.ExitStack, prepared: Prepared, bus: ZenohBus) -> bool:
+        """Agree with the other side on the run's keys, where messages are signed; False when given up."""
+        meeting = self.meeting
+        if self.own is None or self.options.witness:
+            return True
+        prefix, changed = meeting.scenario.session, meeting.bell.ring
+        agreement = Agreement(self.session, prefix, self.side, meeting.digest, self.own, changed)  # type: ignore[arg-type]
+        stack.enter_context(agreement)
+        bus.keys = agreement.keys
+        prepared.node.believe(agreement.keys)
+        whom = f"the {SIGNERS[self.side]} to prove its name"
+        return self._wait_until(lambda: agreement.is_reached, lambda: f"{whom}{agreement.fault}", is_known=False)
+
+    def _join_and_run(self, prepared: Prepared, log: McapLog, watch: ClockWatch, bus: ZenohBus) -> int:
+        meeting, scenario = self.meeting, self.meeting.scenario
+        roster = meeting.rosters[self.network]
         # A side that was killed or cut off stays present until its connection ends.
         own = Presence(self.side, meeting.digest, mirrored=False)
         # As a witness another program is this side, and this one keeps silent.
-        is_witness, another = self.options.witness, f"another {self.side} to leave"
-        if not is_witness and not self._wait_until(lambda: own not in roster.present, another, is_known=False):
+        is_witness, to_leave = self.options.witness, f"another {self.side} to leave"
+        if not is_witness and not self._wait_until(
+            lambda: own not in roster.present, lambda: to_leave, is_known=False
+        ):
             return self._gave_up()
         # The barrier: the token tells the others that this side is ready, netem then begins the run.
         is_under_way = roster.epoch is not None
@@ -180,7 +206,9 @@ class _Client:
             raise PeerError(Fault(self.side, "", "the run of the others is over"))
         return Membership(epoch, clock, max(0, joined_ns))
 
-    def _wait_until(self, met: Callable[[], bool], whom: str = "", is_known: bool = True) -> bool:
+    def _wait_until(
+        self, met: Callable[[], bool], whom: Callable[[], str] | None = None, is_known: bool = True
+    ) -> bool:
         """Wait and report for whom; False when interrupted or past the deadline. Raises `PeerError`.
 
         ``is_known``: the others have seen this side's token. Only then another scenario ends this side, for they must
@@ -196,8 +224,8 @@ class _Client:
                 raise PeerError(Fault(self.side, "", "netem left before the run began"))
             missing = {"surgeon", "netem", "patient"} - roster.sides()
             missing -= set() if self.options.witness else {self.side}
-            if whom:
-                self.status.waiting(whom)
+            if whom is not None:
+                self.status.waiting(whom())
             elif missing:
                 names = ("netem" if name == "netem" else f"the {name}" for name in sorted(missing))
                 self.status.waiting(" and ".join(names))

@@ -102,6 +102,15 @@ def _password_settings(file: Path, name: str) -> Settings:
     return {"transport/auth/usrpwd": own}
 
 
+def read_secret(file: Path) -> bytes:
+    """Return the secret that a file of its owner only holds, without spaces around it; raises `InputError`."""
+    found: list[Fault] = []
+    content = _read(file, found, private=True).strip()
+    if found:
+        raise InputError(found)
+    return content
+
+
 def refuse_plain(where: str, option: str, security: NoSecurity | Mtls | Password, endpoints: tuple[str, ...]) -> None:
     """Raise `InputError` if an endpoint is not encrypted although certificates are asked for."""
     if not isinstance(security, Mtls):

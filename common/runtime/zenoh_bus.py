@@ -13,6 +13,7 @@ from tis.common.runtime.clock import Clock
 from tis.common.runtime.inbox import Inbox
 from tis.common.runtime.loop import Delivery
 from tis.common.runtime.zenoh_session import publisher_of
+from tis.common.signing import RunKeys
 
 MAX_FOREIGN_WAITING: Final = 1000
 """Messages of one device or arm of others that may wait for the loop: a second at 1 kHz."""
@@ -28,6 +29,8 @@ class ZenohBus:
     clock: Clock
     inbox: Inbox[zenoh.Sample]
     run_id: int = 0
+    keys: RunKeys | None = None
+    """The run's keys, where messages are signed."""
     busy_since_ns: int | None = None
     """When the last wait ended; None while the loop waits."""
     _publishers: dict[tuple[Network, str], zenoh.Publisher] = field(default_factory=dict, repr=False)
@@ -74,6 +77,8 @@ class ZenohBus:
         sent_ns = self.clock.now_ns()
         if isinstance(attachment, Header):
             attachment = attachment._replace(sent_ns=sent_ns, run_id=self.run_id).pack()
+            if self.keys is not None:
+                attachment = self.keys.sign(emission.key, attachment, emission.payload)
         publisher.put(emission.payload, attachment=attachment)
         return sent_ns
 

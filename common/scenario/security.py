@@ -35,13 +35,34 @@ class _Clients(Part):
     )
 
 
-class NoSecurity(Part):
+class _Signed(Part):
+    """Whether surgeon and patient sign their messages."""
+
+    sign: bool = Field(
+        False,
+        description="Surgeon and patient sign their messages, under a key for each run that netem does not have; "
+        "what is not signed is not used.",
+    )
+
+
+class _SignedBySecret(_Signed):
+    """Where no certificates prove a name."""
+
+    secret_file: str = Field(
+        "secret.txt",
+        min_length=1,
+        description="With sign: a file with a secret that surgeon and patient share, readable by its owner only; "
+        "netem's host needs none. Relative to the current folder; hosts may differ.",
+    )
+
+
+class NoSecurity(_SignedBySecret):
     """Neither encryption nor authentication, for loopback: who connects may say anything but what only netem says."""
 
     kind: Literal["none"] = Field(description="none: neither encryption nor authentication.")
 
 
-class Mtls(_Clients):
+class Mtls(_Clients, _Signed):
     """TLS in both directions: netem and every client show a certificate, whose name decides what it may say."""
 
     kind: Literal["mtls"] = Field(description="mtls: encrypted, and each side proves its name with a certificate.")
@@ -53,7 +74,7 @@ class Mtls(_Clients):
     )
 
 
-class Password(_Clients):
+class Password(_Clients, _SignedBySecret):
     """A user and a password for each side: authenticated, but not encrypted, so for networks that nobody reads."""
 
     kind: Literal["password"] = Field(description="password: each side proves its name with a password.")

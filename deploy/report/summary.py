@@ -75,7 +75,8 @@ class Summary(Section):
         "Connections and messages that netem and the sides refused, by kind: no_certificate, "
         "foreign_authority, expired, bad_certificate, no_tls, false_netem (a client that did not accept netem's "
         "certificate), unknown_name, no_password, wrong_password, not_permitted (a message that its sender may not "
-        "say), other_run (a message of another run), conflicting (another content under a known sequence number, at "
+        "say), other_run (a message of another run), unsigned and wrong_code (a message without the other side's "
+        "code), conflicting (another content under a known sequence number, at "
         "the surgeon)."
     )
     quarantined: dict[KindName, int | None] = means(

@@ -20,6 +20,7 @@ from tis.common.channels import (
 from tis.common.runtime.control import ControlKeys
 from tis.common.scenario.control import EVERY_STATE, control_prefix
 from tis.common.scenario.security import Mtls, NoSecurity, Password
+from tis.common.signing import hello_key
 from tis.netem.bridge.overhead import OVERHEAD
 
 _MESSAGES: Final = (
@@ -67,7 +68,7 @@ def _of_others(session: str, network: Network) -> Rights:
         (stopped_key(session), *local_keys(session, "east")) if network == "west" else local_keys(session, "west")
     )
     return {
-        "put": (keys.end, keys.beat("netem"), keys.beat(away), *others),
+        "put": (keys.end, keys.beat("netem"), keys.beat(away), hello_key(session, away), *others),
         "delete": (keys.end,),
         "declare_queryable": (keys.clock, keys.scenario("netem"), keys.scenario(away)),
         "liveliness_token": (
@@ -84,15 +85,21 @@ def _may_stop(session: str, anyone_releases: bool) -> tuple[str, ...]:
 
 
 def _of_side(session: str, network: Network, devices: Sequence[str], may_stop: Sequence[str]) -> Rights:
-    keys, says = ControlKeys(session), _SAYS[network]
+    keys, says, away = ControlKeys(session), _SAYS[network], SIDE_ON["east" if network == "west" else "west"]
     token = keys.token(SIDE_ON[network], "*", mirrored=False)
     east = (*local_keys(session, "east"), stopped_key(session))
     own = east if network == "east" else (*local_keys(session, "west"), *may_stop, *devices)
     # an arm or a device is a program of its own
     beside = local_keys(session, "east") if network == "east" else devices
     return {
-        "put": (*keys_of(says, session), keys.beat(SIDE_ON[network]), *own),
+        "put": (
+            *keys_of(says, session),
+            keys.beat(SIDE_ON[network]),
+            hello_key(session, SIDE_ON[network]),
+            *own,
+        ),
         "declare_subscriber": (
+            hello_key(session, away),
             *keys_of(OPPOSITE[says], session),
             keys.end,
             keys.beats,

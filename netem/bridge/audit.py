@@ -90,7 +90,7 @@ class AuditTrail:
     def __init__(self, listen: Iterable[tuple[Network, str]], tell: Callable[[str], None]) -> None:
         self.refusals: Final = RefusalCounter(self.refused)
         ports = {port_of(endpoint): network for network, endpoint in listen}
-        self._ports, self._tell = {port: network for port, network in ports.items() if port}, tell
+        self._ports, self._warn = {port: network for port, network in ports.items() if port}, tell
         self._told: set[tuple[str, str]] = set()
         self._lock = threading.Lock()  # guards what follows; Zenoh is never called with it
         self._sums = Sums()
@@ -257,7 +257,7 @@ class AuditTrail:
             told = self._name_refused()
             found = [] if self._file is None else self._sums.take()
         for text in told:
-            self._tell(text)
+            self._warn(text)
         with self._writing:
             for at_ns, one, n in found:
                 self._write(at_ns, one, n)
@@ -280,7 +280,7 @@ class AuditTrail:
 
     def _give_up(self, error: OSError) -> None:
         self._file = None
-        self._tell(f"{AUDIT_FILE} cannot be written: {error.strerror}")
+        self._warn(f"the audit log cannot be written: {error.strerror}")
 
     def _name_refused(self) -> list[str]:
         """Sum the refusals with the addresses that are known of them; return what is new of it in words."""

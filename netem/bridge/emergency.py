@@ -8,9 +8,10 @@ import zenoh
 
 from tis.common.channels import Network, release_key, stop_key, stopped_key
 from tis.common.runtime.zenoh_session import publisher_of
+from tis.common.signing import hello_key
 from tis.netem.bridge.audit import AuditTrail
 
-_MAX_BYTES: Final = 4096
+_MAX_BYTES: Final = 20_000
 _REMOTE: Final = zenoh.Locality.REMOTE
 
 
@@ -30,6 +31,8 @@ class EmergencyLine:
         self._open(sessions["west"], sessions["east"], stop_key(session))
         self._open(sessions["west"], sessions["east"], release_key(session))
         self._open(sessions["east"], sessions["west"], stopped_key(session))
+        self._open(sessions["west"], sessions["east"], hello_key(session, "surgeon"))
+        self._open(sessions["east"], sessions["west"], hello_key(session, "patient"))
 
     def close(self) -> None:
         """Stop passing; a second call does nothing."""

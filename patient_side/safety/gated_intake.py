@@ -93,6 +93,6 @@ class GatedIntake:
             "received": self.intake.n_accepted,
             "duplicates": self.intake.n_duplicates,
             "rejected": self.intake.n_rejected,
-            "other_run": self.intake.n_foreign,
+            **self.intake.counters(),
             **{f"{QUARANTINED}.{kind}": self.n_quarantined[kind] for kind in get_args(Kind)},
         }

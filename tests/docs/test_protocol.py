@@ -1,5 +1,6 @@
 """The protocol page against the code: its keys, messages and numbers, which others build programs on."""
 
+import hmac
 import json
 import re
 import struct
@@ -20,6 +21,7 @@ from tis.common.peer_life import BEAT_EVERY_NS, Beat
 from tis.common.runtime.control import ControlKeys, Epoch
 from tis.common.scenario import Scenario
 from tis.common.scenario.reading import agreed_fields
+from tis.common.signing import code, hello_key, run_keys, said
 from tis.common.stop_messages import (
     LATCH,
     MAX_IN_FORCE,
@@ -68,6 +70,18 @@ def test_headers() -> None:
         assert bytes.fromhex(content) == bytes.fromhex("74697302") + fields
     layout = rows("bytes", "type", "content")
     assert [row[0] for row in layout] == ["0-3", "4-7", "8-15", "16-19"]
+
+
+def test_codes_of_signed_messages() -> None:
+    publics, digest = ("11" * 32, "22" * 32), "33" * 8
+    keys = run_keys(bytes(range(32)), *publics, digest)
+    header = Header(1, 33400000, 80901618).pack()
+    for found in (
+        keys["surgeon"], keys["patient"],
+        code(keys["surgeon"], "tis/MTML/measured_cp", header, b'{"sample_ns": 33333333}'),
+        hmac.digest(b"0123456789abcdef" * 2, said("surgeon", publics[0], "", digest), "sha256"),
+    ):  # fmt: skip
+        assert f"`{found.hex()}`" in PAGE
 
 
 def test_sample_instants_clock_exchanges_and_runs() -> None:
@@ -124,7 +138,7 @@ def test_keys() -> None:
     keys = ControlKeys("tis")
     expected = {stop_key("tis"), release_key("tis"), stopped_key("tis"), keys.clock, keys.scenario("netem"), keys.end}
     expected |= {keys.token("SIDE", "DIGEST", mirrored) for mirrored in (False, True)}  # type: ignore[arg-type]
-    expected |= {keys.run("SIDE", "RUN"), keys.beat("SIDE")}  # type: ignore[arg-type]
+    expected |= {hello_key("tis", "SIDE"), keys.run("SIDE", "RUN"), keys.beat("SIDE")}  # type: ignore[arg-type]
     pairs: tuple[tuple[Hand, Any], ...] = (("left", "PSM2"), ("right", "PSM1"))
     source = resolve("live").source
     assert source.kind == "live"

@@ -44,6 +44,8 @@ OTHER_RUN: Final = "other_run"
 CONFLICTING: Final = "conflicting"
 _OF_SIDES: Final[Mapping[str, tuple[str, tuple[Side, ...]]]] = {
     OTHER_RUN: ("a message of another run", ("surgeon", "patient")),
+    "unsigned": ("a message without a code", ("surgeon", "patient")),
+    "wrong_code": ("a message whose code is wrong", ("surgeon", "patient")),
     CONFLICTING: ("a second content under one sequence number", ("surgeon",)),  # the patient's are quarantined
 }
 

@@ -1,0 +1,245 @@
+"""Agreement of surgeon and patient on the key of their run (`tis.common.signing`), without trust in netem.
+
+Each side tells its public key until the other one's answer echoes it. A side that is started anew tells a new one,
+and both take new keys.
+"""
+
+import hmac
+import queue
+import secrets
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self
+
+import zenoh
+from msgspec import DecodeError
+
+from tis.common.errors import DataError, Fault, InputError
+from tis.common.extras import GET_HOSTS
+from tis.common.messages import decode, encode
+from tis.common.runtime.credentials import CA_FILE, CERTIFICATE_FILE, KEY_FILE, read_secret
+from tis.common.runtime.zenoh_session import publisher_of
+from tis.common.scenario.security import Mtls, Security
+from tis.common.signing import MIN_SECRET_BYTES, SIGNERS, Hello, RunKeys, hello_key, run_keys, said
+
+if TYPE_CHECKING:
+    from cryptography.x509 import Certificate
+
+SigningSide = Literal["surgeon", "patient"]
+_EVERY_S: Final = 0.25
+_MAX_BYTES: Final = 20_000
+_MAX_WAITING: Final = 16
+
+
+class Identity(Protocol):
+    """What proves a side's part of the agreement."""
+
+    public: str
+    certificate: str
+
+    def proof(self, content: bytes) -> bytes:
+        """Return the proof of own words."""
+
+    def fault(self, hello: Hello, content: bytes) -> str:
+        """Return why the other side's words are not proved; "" if they are."""
+
+    def shared(self, public: str) -> bytes:
+        """Return the secret shared with the holder of a public key; raises `ValueError`."""
+
+
+class SharedSecret:
+    """A secret that surgeon and patient hold, and netem does not; each agreement has new random numbers."""
+
+    def __init__(self, secret: bytes) -> None:
+        self._secret, self.public, self.certificate = secret, secrets.token_hex(32), ""
+
+    def proof(self, content: bytes) -> bytes:
+        """Return an HMAC-SHA256."""
+        return hmac.digest(self._secret, content, "sha256")
+
+    def fault(self, hello: Hello, content: bytes) -> str:
+        """Return why the code is wrong."""
+        ours = self.proof(content)
+        return "" if hmac.compare_digest(ours, bytes.fromhex(hello.proof)) else "it does not know the secret"
+
+    def shared(self, public: str) -> bytes:  # noqa: ARG002  (it goes into the salt)
+        """Return the secret."""
+        return self._secret
+
+
+class CertifiedKey:
+    """A new X25519 key, signed by the key of a side's certificate."""
+
+    def __init__(self, folder: Path) -> None:
+        from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
+        from cryptography.hazmat.primitives.serialization import load_pem_private_key
+        from cryptography.x509 import load_pem_x509_certificate
+
+        content = (folder / CERTIFICATE_FILE).read_bytes()
+        self.certificate = content.decode("ascii")
+        self._authority = load_pem_x509_certificate((folder / CA_FILE).read_bytes())
+        self._key: Any = load_pem_private_key((folder / KEY_FILE).read_bytes(), None)
+        self._agreeing = X25519PrivateKey.generate()
+        self.public = self._agreeing.public_key().public_bytes_raw().hex()
+
+    def proof(self, content: bytes) -> bytes:
+        """Return an ECDSA signature."""
+        from cryptography.hazmat.primitives.asymmetric.ec import ECDSA
+        from cryptography.hazmat.primitives.hashes import SHA256
+
+        found: bytes = self._key.sign(content, ECDSA(SHA256()))
+        return found
+
+    def fault(self, hello: Hello, content: bytes) -> str:
+        """Return why the certificate or the signature does not prove the name."""
+        from cryptography.exceptions import InvalidSignature
+        from cryptography.hazmat.primitives.asymmetric.ec import ECDSA, EllipticCurvePublicKey
+        from cryptography.hazmat.primitives.hashes import SHA256
+        from cryptography.x509 import load_pem_x509_certificate
+
+        try:
+            certificate = load_pem_x509_certificate(hello.certificate.encode())
+            certificate.verify_directly_issued_by(self._authority)
+            key = certificate.public_key()
+            if not isinstance(key, EllipticCurvePublicKey):
+                return "its key is not on an elliptic curve"
+            key.verify(bytes.fromhex(hello.proof), content, ECDSA(SHA256()))
+        except (ValueError, TypeError, InvalidSignature):
+            return "its certificate or its signature is not of the run's authority"
+        return _name_fault(certificate, hello.side)
+
+    def shared(self, public: str) -> bytes:
+        """Return the secret of the two X25519 keys."""
+        from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PublicKey
+
+        return self._agreeing.exchange(X25519PublicKey.from_public_bytes(bytes.fromhex(public)))
+
+
+def _name_fault(certificate: "Certificate", name: str) -> str:
+    from cryptography.x509.oid import NameOID
+
+    named = [one.value for one in certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)]
+    if named != [name]:
+        return "its certificate is of another name"
+    now = datetime.now(UTC)
+    if not certificate.not_valid_before_utc <= now <= certificate.not_valid_after_utc:
+        return "its certificate has expired, or is not valid yet"
+    return ""
+
+
+def identity(security: Security, side: SigningSide) -> Identity | None:
+    """Return what proves a side's part, None where messages are not signed; raises `InputError` and `DataError`."""
+    if not security.sign:
+        return None
+    if not isinstance(security, Mtls):
+        secret = read_secret(Path(security.secret_file))
+        if len(secret) < MIN_SECRET_BYTES:
+            rule = f"must have at least {MIN_SECRET_BYTES} bytes: openssl rand -hex 32"
+            raise InputError(Fault(security.secret_file, "", rule))
+        return SharedSecret(secret)
+    try:
+        return CertifiedKey(Path(security.folder) / side)
+    except ImportError:
+        raise InputError(Fault("security.sign", "", f"needs the package cryptography: {GET_HOSTS}")) from None
+    except (OSError, ValueError, TypeError) as error:
+        raise DataError(Fault(str(Path(security.folder) / side), "", f"cannot be read: {error}")) from None
+
+
+class Agreement:
+    """One side's part of the agreement, for as long as the block lasts; ``changed`` is called when it is reached."""
+
+    def __init__(
+        self, session: zenoh.Session, prefix: str, side: SigningSide, digest: str, own: Identity,
+        changed: Callable[[], None],
+    ) -> None:  # fmt: skip
+        self.keys: Final = RunKeys()
+        self.fault = ""
+        """Why the other side's words were not believed last."""
+        self._side, self._other, self._digest, self._own, self._changed = side, SIGNERS[side], digest, own, changed
+        self._theirs = self._echo = ""
+        self._dropped: list[str] = []
+        self._waiting: queue.Queue[bytes] = queue.Queue(_MAX_WAITING)
+        self._over = threading.Event()
+        self._publisher = publisher_of(session, hello_key(prefix, side))
+        self._subscriber = session.declare_subscriber(
+            hello_key(prefix, self._other), self._take, allowed_origin=zenoh.Locality.REMOTE
+        )
+        self._thread = threading.Thread(target=self._serve, name="agreement", daemon=True)
+
+    @property
+    def is_reached(self) -> bool:
+        """Whether both sides have the key."""
+        return bool(self._theirs)
+
+    @property
+    def _is_settled(self) -> bool:
+        """Whether nobody has begun another agreement since."""
+        return self.is_reached and self._echo == self._theirs
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._thread.join(1.0)
+        self._subscriber.undeclare()  # type: ignore[no-untyped-call]
+        with suppress(zenoh.ZError):
+            self._publisher.undeclare()  # type: ignore[no-untyped-call]
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        if len(sample.payload) <= _MAX_BYTES:
+            with suppress(queue.Full):  # a flood; the other side tells again
+                self._waiting.put_nowait(sample.payload.to_bytes())
+
+    def _serve(self) -> None:
+        while not self._over.is_set():
+            is_asked = False
+            with suppress(queue.Empty):
+                is_asked = self._hear(self._waiting.get(timeout=_EVERY_S))
+            if is_asked or not self._is_settled:
+                with suppress(zenoh.ZError):  # the session is closed
+                    self._publisher.put(encode(self._hello()))
+
+    def _hello(self) -> Hello:
+        own, side = self._own, self._side
+        proof = own.proof(said(side, own.public, self._echo, self._digest)).hex()
+        return Hello(
+            side=side, public=own.public, echo=self._echo, agreed=self._is_settled, certificate=own.certificate,
+            proof=proof,
+        )  # fmt: skip
+
+    def _hear(self, payload: bytes) -> bool:
+        """Take the other side's words, and the keys where it has heard ours; tell whether it wants an answer."""
+        try:
+            hello = decode(payload, Hello)
+        except DecodeError:
+            return False
+        if hello.side != self._other or not hello.public or hello.public in self._dropped:
+            return False
+        fault = self._own.fault(hello, said(hello.side, hello.public, hello.echo, self._digest))
+        if not fault and hello.echo == self._own.public and hello.public != self._theirs:
+            fault = self._agree(hello.public)
+        if fault:
+            self.fault = f": {fault}"
+            return False
+        self._echo = hello.public
+        return not hello.agreed
+
+    def _agree(self, theirs: str) -> str:
+        """Take the keys that follow from both public ones; return why there are none."""
+        publics = {self._side: self._own.public, self._other: theirs}
+        try:
+            shared = self._own.shared(theirs)
+        except ValueError:
+            return "its key is none"
+        keys = run_keys(shared, publics["surgeon"], publics["patient"], self._digest)
+        self.keys.agree(keys[self._side], keys[self._other])
+        if self._theirs:  # a key of before, told again, must not come back
+            self._dropped.append(self._theirs)
+        self._theirs = theirs
+        self._changed()
+        return ""

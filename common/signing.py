@@ -1,0 +1,103 @@
+"""Signed messages: an authentication code behind the header, under a key that surgeon and patient alone have.
+
+Each run has its own key, agreed by two `Hello` that netem passes on and cannot make: each is signed by the sender's
+certificate, or has a code under a secret that both sides share. The code covers key expression, header (sequence
+number, sent time, run) and payload, so what is altered, made up, or from another run or key has none.
+"""
+
+import hashlib
+import hmac
+from dataclasses import dataclass
+from typing import Annotated, Final, Literal
+
+from msgspec import Meta
+
+from tis.common.channels import CONTROL, Side
+from tis.common.header import CODE_BYTES, HEADER_BYTES
+from tis.common.messages import Message
+
+MIN_SECRET_BYTES: Final = 16
+_KEY_BYTES: Final = 32
+_Public = Annotated[str, Meta(pattern=r"^([0-9a-f]{64})?$(?!\n)")]
+
+CodeFault = Literal["unsigned", "wrong_code"]
+SIGNERS: Final[dict[Side, Side]] = {"surgeon": "patient", "patient": "surgeon"}
+"""The sides that agree on a key, each with the other one."""
+
+
+class Hello(Message, frozen=True, kw_only=True):
+    """One side's part of the agreement on a key."""
+
+    side: Annotated[Literal["surgeon", "patient"], Meta(description="Side that sends it.")]
+    public: Annotated[_Public, Meta(description="X25519 public key (RFC 7748), or random bytes with a secret; hex.")]
+    echo: Annotated[_Public, Meta(description="The other side's `public`; empty: not heard yet.")]
+    agreed: Annotated[bool, Meta(description="true: it has the run's key, and wants no answer.")] = False
+    certificate: Annotated[str, Meta(max_length=16_000, description="In PEM; empty with a secret.")]
+    proof: Annotated[
+        str,
+        Meta(
+            pattern=r"^([0-9a-f]{2}){1,1024}$(?!\n)",
+            description="ECDSA signature (SHA-256, DER) by the certificate's key, or HMAC-SHA256 by the secret; hex.",
+        ),
+    ]
+
+
+def hello_key(session: str, side: Side) -> str:
+    """Return the key of a side's `Hello`; netem passes them on, outside the emulated network."""
+    return f"{session}/{CONTROL}/sign/{side}"
+
+
+def said(side: Side, public: str, echo: str, digest: str) -> bytes:
+    """Return what the proof of a `Hello` covers; ``digest`` is that of the scenario."""
+    return "\n".join(("tis hello 1", side, public, echo, digest)).encode()
+
+
+def run_keys(shared: bytes, surgeon: str, patient: str, digest: str) -> dict[Side, bytes]:
+    """Return the key under which each side signs: HKDF-SHA256 (RFC 5869) over the shared secret.
+
+    ``surgeon`` and ``patient`` are the `public` of both. Oracle: the package cryptography, tests/common/test_signing.
+    """
+    salt = hashlib.sha256("\n".join(("tis run 1", surgeon, patient, digest)).encode()).digest()
+    extracted = hmac.digest(salt, shared, "sha256")
+    return {side: hmac.digest(extracted, side.encode() + b"\x01", "sha256") for side in SIGNERS}
+
+
+def code(key: bytes, name: str, header: bytes, payload: bytes) -> bytes:
+    """Return the code of a message: the first 16 bytes of an HMAC-SHA256 (RFC 2104).
+
+    ``name`` is the key expression and ``header`` the 20 bytes before the code; neither can run into what follows.
+    """
+    return hmac.digest(key, header + len(name).to_bytes(4, "little") + name.encode() + payload, "sha256")[:CODE_BYTES]
+
+
+@dataclass
+class RunKeys:
+    """The keys of both directions, as one side holds them; ``others`` has the newest first.
+
+    Another thread replaces the keys when the other side was started anew. What still comes under the key before is
+    taken until the first message under the new one.
+    """
+
+    own: bytes = b""
+    others: tuple[bytes, ...] = ()
+
+    def sign(self, name: str, header: bytes, payload: bytes) -> bytes:
+        """Return a message's attachment: header and code."""
+        return header + code(self.own, name, header, payload)
+
+    def fault(self, name: str, attachment: bytes, payload: bytes) -> CodeFault | None:
+        """Return why a message of the other side is not believed, None if it is."""
+        if len(attachment) != HEADER_BYTES + CODE_BYTES:
+            return "unsigned"
+        header, found = attachment[:HEADER_BYTES], attachment[HEADER_BYTES:]
+        others = self.others
+        for key in others:
+            if hmac.compare_digest(code(key, name, header, payload), found):
+                if key is others[0] and len(others) > 1:
+                    self.others = others[:1]
+                return None
+        return "wrong_code"
+
+    def agree(self, own: bytes, other: bytes) -> None:
+        """Take new keys."""
+        self.own, self.others = own, (other, *self.others[:1])
