@@ -1,7 +1,7 @@
 """Evidence for touch in the twin: critical stiffness, stiffness shown by waves, energy given to the hand.
 
-``python -m tests.deploy.run.touch_evidence limits|waves|energy|estimators`` prints a table; all take half an hour of a
-core, and ``limits 3`` begins with case 3. Energies are summed here from the messages' JSON.
+``python -m tests.deploy.run.touch_evidence limits|waves|energy|estimators`` prints a table; all take half an hour of
+a core, and ``limits 3`` begins with case 3. Energies are summed here from the messages' JSON.
 """
 
 import json
