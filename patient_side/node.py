@@ -115,7 +115,7 @@ class PatientNode:
 
     def join(self, run_id: int, from_ns: int = 0) -> None:
         """Take messages of this run only, and tick from ``from_ns`` on."""
-        self.intake.run_id = run_id
+        self.intake.run_id = self._motions.intake.run_id = run_id
         self.ticker.start_at(from_ns)
         for hand in self.hands:  # above all numbers that answers at arrivals had before
             hand.n_answers = from_ns // _LEAST_BETWEEN_NS

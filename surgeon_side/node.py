@@ -125,6 +125,8 @@ class SurgeonNode:
     def join(self, run_id: int, from_ns: int = 0) -> None:
         """Take messages of this run only, and send the samples from ``from_ns`` on: the hand moves on by itself."""
         self.intake.run_id = run_id
+        if self.touch is not None:
+            self.touch.intake.run_id = run_id
         self.ticker.start_at(from_ns)
         self._first = self.ticker.k
         while (due_ns := self._plan.next_due_ns()) is not None and due_ns < from_ns:

@@ -29,7 +29,7 @@ active_estimator: hold
 """
 
 
-class _Sides:
+class Sides:
     """The processes of a run in one folder."""
 
     def __init__(self, stack: ExitStack, folder: Path) -> None:
@@ -65,7 +65,7 @@ def test_each_side_rejoins_its_run_after_a_kill_but_not_after_its_end(tmp_path: 
     west, east = free_endpoints()
     (tmp_path / "s.yaml").write_text(_SCENARIO.replace("WEST", west).replace("EAST", east))
     with ExitStack() as stack:
-        sides = _Sides(stack, tmp_path)
+        sides = Sides(stack, tmp_path)
         for side in get_args(Side):
             sides.start(side)
         for side in get_args(Side):

@@ -12,13 +12,14 @@ from tis.common.channels import Hand, hand_channels, is_set_point, is_shown_forc
 from tis.common.coupling.stability import Arm, Limb, loop_limit
 from tis.common.metrics.percentiles import summarise
 from tis.common.metrics.tracking import truth_at
-from tis.common.records import CONTACTS
+from tis.common.records import CONTACTS, FRESH
 from tis.common.scenario import Scenario
 from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S
 from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.report.section import Section, Statistics, means, statistics
 from tis.deploy.report.subjects.logs import counters_of
+from tis.deploy.report.subjects.tracking import at_ticks
 
 Array = NDArray[np.float64]
 Stability = Literal["stable", "unstable", "not_decidable"]
@@ -27,6 +28,8 @@ _WINDOW_S: Final = 0.25
 _FEWEST: Final = 6
 _GROWS: Final = 3.0
 """A swing that grows by this factor, or is so many times faster than what the hand intends, is instability."""
+_LASTS: Final = 0.8
+"""A swing of which so much is left in the last third lasts."""
 _LIMITED: Final = 0.05
 _MJ_PER_J: Final = 1000.0
 
@@ -145,8 +148,8 @@ def stability(shown: Frame, rate_hz: int) -> Stability:
 
     The speed at which it is off what it intends is looked at in windows of 0.25 s from the first contact on: the loop
     is unstable where the speed of the last third is three times that of the first and exceeds what the hand intends,
-    where it is three times what the hand intends in all, or where the force is cut by its limit for long. Oracle:
-    loops on both sides of their limit, test_touch.
+    where it lasts and is three times what the hand intends, or where the force is cut by its limit for long. Oracle:
+    swings of known growth, test_touch.
     """
     felt = np.linalg.norm(shown.force_n, axis=1) > 0.0
     if not felt.any():
@@ -168,9 +171,9 @@ def stability(shown: Frame, rate_hz: int) -> Stability:
     third = len(off_m_s) // 3
     early, late = float(np.median(off_m_s[:third])), float(np.median(off_m_s[-third:]))
     usual = float(np.sqrt(np.mean(meant_m_s**2)))
-    if late > max(_GROWS * early, usual) or float(np.median(off_m_s)) > _GROWS * usual:
+    if late > max(_GROWS * early, usual) or late > max(_LASTS * early, _GROWS * usual):
         return "unstable"
-    return "stable" if late <= max(early, usual) else "not_decidable"
+    return "stable" if late <= max(_LASTS * early, usual) else "not_decidable"
 
 
 def _normal(environment: Any) -> Array:
@@ -191,11 +194,11 @@ def _shown_over(shown: Frame, stiffness_n_m: float, normal: Array) -> float | No
 def _drift_mm(logs: RunLogs, shown: Frame, hand: Hand) -> float | None:
     """Return how far set points are off the hand's place at the sample that they follow, in the last second."""
     rows = logs.of_arm("patient", is_set_point, hand)
-    if rows is None:
+    fresh = logs.of_hand("patient", FRESH, hand)
+    fresh = fresh.at(fresh.sample_ns >= shown.sample_ns[-1] - NS_PER_S)
+    if rows is None or not len(fresh):
         return None
-    rows = rows.at(np.isfinite(rows.age_ns) & (rows.sample_ns >= shown.sample_ns[-1] - NS_PER_S))
-    if not len(rows):
-        return None
-    followed = truth_at((rows.sample_ns - rows.age_ns).astype(np.int64), shown.sample_ns, shown.position_m)
-    off = (rows.position_m - followed)[np.isfinite(followed).all(axis=1)]
+    rows = rows.at(np.argsort(rows.tick, kind="stable"))
+    off = at_ticks(fresh.tick, rows, "position_m") - truth_at(fresh.sample_ns, shown.sample_ns, shown.position_m)
+    off = off[np.isfinite(off).all(axis=1)]
     return MM_PER_M * float(np.linalg.norm(off.mean(axis=0))) if len(off) else None

@@ -4,9 +4,11 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
 from tis.common.scenario.patient import MujocoPlant
+from tis.common.scenario.touch import WallEnvironment
 from tis.common.streams import Stream
 from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.build import simulated_arm
+from tis.patient_side.plant.environment import environment_of
 from tis.patient_side.plant.protocol import PlantOutput, Reference
 from tis.patient_side.plant.simulated_arm import ArmState, SimulatedArm
 
@@ -141,3 +143,22 @@ def test_encoder_noise_belongs_to_the_tick_and_is_normal_at_each_joint() -> None
     _, again = arm.step(state, at(FIRST_M), 400, 0)
     assert again is not None
     assert np.linalg.norm(again.measured_m - again.position_m) == errors_m[399]
+
+
+@pytest.mark.parametrize("stiffness_n_m", [400.0, 3000.0])
+@pytest.mark.parametrize("normal", [(0.0, 0.0, 1.0), (1.0, 0.0, 1.0)])
+def test_a_static_press_is_stiffness_times_depth_along_the_normal(
+    stiffness_n_m: float, normal: tuple[float, float, float]
+) -> None:
+    """Through the joints, whatever they weigh; a wall turned by 45 degrees turns the force with it."""
+    wall = WallEnvironment(kind="wall", normal=normal, distance_mm=1, stiffness_n_m=stiffness_n_m)
+    spec = MujocoPlant.model_validate({"kind": "mujoco", "friction": 0})
+    arm = simulated_arm(spec, Stream.named(1, "plant/PSM2/noise"), environment_of(wall))
+    unit = np.array(normal) / np.linalg.norm(normal)
+    _, outputs = played(arm, [at(FIRST_M), *[at(FIRST_M - 0.006 * unit)] * 90])
+    last = outputs[-1]
+    assert last.force_n is not None
+    depth_m = float((FIRST_M - last.position_m) @ unit) - 0.001
+    assert last.force_n == pytest.approx(stiffness_n_m * depth_m * unit, rel=5e-3, abs=1e-9)
+    assert depth_m > 0.0
+    assert outputs[0].force_n == (0.0, 0.0, 0.0)
