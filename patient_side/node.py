@@ -111,7 +111,7 @@ class PatientNode:
 
     def believe(self, keys: RunKeys) -> None:
         """Use only what the surgeon has signed."""
-        self.intake.keys = keys
+        self.intake.keys = self._motions.intake.keys = keys
 
     def join(self, run_id: int, from_ns: int = 0) -> None:
         """Take messages of this run only, and tick from ``from_ns`` on."""
@@ -317,9 +317,10 @@ class PatientNode:
         kinds: dict[Alarm, list[Evidence]] = {"foreign_set_point": [hand.foreign for hand in self.hands]}
         if self.conflicts_are_forged:
             kinds["conflict"] = [hand.conflicts for hand in self.hands]
-        if self.conflicts_are_forged and self.intake.forged_since_ns is not None:
-            return self._alarms_of(kinds) | {"forged": self.intake.forged_since_ns}
-        return self._alarms_of(kinds)
+        since = [self.intake.forged_since_ns, self._motions.intake.forged_since_ns]
+        found = [each for each in since if each is not None]
+        forged: dict[Alarm, int] = {"forged": min(found)} if found and self.conflicts_are_forged else {}
+        return self._alarms_of(kinds) | forged
 
     def _alarms_of(self, kinds: Mapping[Alarm, list[Evidence]]) -> dict[Alarm, int]:
         begun = {kind: [one.begun_ns for one in all_ if one.begun_ns is not None] for kind, all_ in kinds.items()}

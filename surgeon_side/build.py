@@ -25,7 +25,14 @@ def build_surgeon(scenario: Scenario, recording: Recording) -> SurgeonNode:
         motion = YieldingMotion(motion, touch.hands)
     is_forged = not scenario.network.corrupts("feedback")
     return SurgeonNode(
-        scenario.session, motion, ticker, redundancy, noise=noise, servo=servo, touch=touch, changes_are_forged=is_forged
+        scenario.session,
+        motion,
+        ticker,
+        redundancy,
+        noise=noise,
+        servo=servo,
+        touch=touch,
+        changes_are_forged=is_forged,
     )
 
 

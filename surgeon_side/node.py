@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import atan2, sqrt
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from tis.common.channels import Network
 from tis.common.header import CODE_BYTES, HEADER_BYTES, Header
@@ -113,12 +113,15 @@ class SurgeonNode:
 
     def alarms(self) -> Mapping[Alarm, int]:
         """Return whether somebody forges the patient's answers."""
-        since_ns = self.intake.forged_since_ns if self.changes_are_forged else None
-        return NO_ALARMS if since_ns is None else {"forged": since_ns}
+        intakes: list[Intake[Any]] = [self.intake] if self.touch is None else [self.intake, self.touch.intake]
+        found = [each.forged_since_ns for each in intakes if each.forged_since_ns is not None]
+        return {"forged": min(found)} if found and self.changes_are_forged else NO_ALARMS
 
     def believe(self, keys: RunKeys) -> None:
         """Use only what the patient has signed; count the code of each own message among its bytes."""
         self.intake.keys = keys
+        if self.touch is not None:
+            self.touch.intake.keys = keys
         for traffic in self.traffic.values():
             traffic.attachment_bytes = HEADER_BYTES + CODE_BYTES
 

@@ -4,12 +4,18 @@ import numpy as np
 import pytest
 
 from tests.common.coupling.test_stability import HOGAN
+from tests.patient_side.arm_models import static_model
 from tis.common.channels import hand_channels
 from tis.common.coupling.vector import ZERO, Vector, as_message, of
 from tis.common.header import Header
-from tis.common.messages import ShownForce, Wrench, encode
+from tis.common.messages import ShownForce, Twist, Wrench, encode
 from tis.common.node import Arrival
+from tis.common.runtime.recordings import load_movement
 from tis.common.scenario.touch import TouchPart
+from tis.common.signing import RunKeys
+from tis.deploy.run.resolve import resolve
+from tis.patient_side.build import build_patient
+from tis.surgeon_side.build import build_surgeon
 from tis.surgeon_side.motion import HandPoses, Placed
 from tis.surgeon_side.operator import Operator
 from tis.surgeon_side.touch import HandTouch, Touch
@@ -66,6 +72,19 @@ def test_the_force_of_an_arm_that_does_not_follow_fades_too() -> None:
     assert of(shown[199].force_n)[2] == 2.0
     assert of(shown[250].force_n)[2] == pytest.approx(1.0, abs=0.05)
     assert (of(shown[301].force_n), shown[301].limited) == (ZERO, "inactive")
+
+
+def test_where_messages_are_signed_no_other_force_or_movement_is_taken() -> None:
+    scenario = resolve("touch", ["touch.coupling=wave"], None, 0.01)
+    recording, keys = load_movement(scenario), RunKeys(b"a" * 32, (b"b" * 32,))
+    surgeon, patient = build_surgeon(scenario, recording), build_patient(scenario, [static_model()], recording)
+    twist = encode(Twist(sample_ns=0, velocity_m_s=as_message(ZERO), wave=as_message(ZERO)))
+    for node in (surgeon, patient):
+        node.believe(keys)
+        node.receive(_arrival(_wrench(0, wave=as_message(ZERO)), MS))
+        node.receive(Arrival("east", ROW.motion.key("tis"), twist, Header(0, 0, 0).pack(), MS))
+    assert (surgeon.counters()["forces_received"], patient.counters()["motions_received"]) == (0, 0)
+    assert (surgeon.counters()["forces_rejected"], patient.counters()["motions_rejected"]) == (1, 1)
 
 
 def test_no_more_than_the_largest_force_is_shown() -> None:
