@@ -58,7 +58,10 @@ def test_each_kind_runs_as_often_with_credentials_that_exist(monkeypatch: pytest
         for side in ("surgeon", "netem", "patient"):
             assert bool(credentials(scenario.security, side)) == (kind != "none")
         ran.append(kind)
-        return {"none": Price(2.0, 1.0, 10.0), "password": Price(2.0, 1.0, 11.0), "mtls": Price(3.0, 1.5, 12.0)}[kind]
+        return {
+            "none": Price(2.0, 1.0, 10.0, 8.0), "password": Price(2.0, 1.0, 11.0, 8.0),
+            "mtls": Price(3.0, 1.5, 12.0, 9.0), "signed": Price(3.0, 1.5, 12.0, 10.0),
+        }[kind]  # fmt: skip
 
     monkeypatch.setattr(live_runs, "_price", price)
     out = io.StringIO()
