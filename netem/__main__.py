@@ -16,7 +16,7 @@ from tis.common.errors import EXIT_INTERRUPTED, Fault, InputError, PeerError
 from tis.common.runtime.clock import WallClock, monotonic_ns
 from tis.common.runtime.clock_watch import ClockServer
 from tis.common.runtime.control import ControlKeys, Epoch, Presence, boot_digest
-from tis.common.runtime.credentials import credentials, refuse_plain
+from tis.common.runtime.credentials import credentials, expiry_warnings, refuse_plain
 from tis.common.runtime.meeting import Meeting, ScenarioExchange, new_meeting
 from tis.common.runtime.memory import share_arenas
 from tis.common.runtime.peer_watch import Beats, PeerWatch
@@ -54,7 +54,7 @@ Sessions = Mapping[Network, zenoh.Session]
 
 def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
     """Bridge the two networks until the end of the run; return the exit code."""
-    listen = _listening(scenario, options)
+    listen = _listening(scenario, options, status)
     security = scenario.security
     refuse_plain("netem", "--listen", security, listen)
     lease = lease_ms(scenario.peer_timeout_s)
@@ -114,8 +114,10 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
             raise
 
 
-def _listening(scenario: Scenario, options: SideOptions) -> tuple[str, ...]:
-    """Return the endpoints to listen on, west, then east; raises `InputError`."""
+def _listening(scenario: Scenario, options: SideOptions, status: Status) -> tuple[str, ...]:
+    """Return the endpoints to listen on, west, then east; warn of a certificate's end. Raises `InputError`."""
+    for text in expiry_warnings(scenario.security, "netem"):
+        status.warning(text)
     listen = tuple(options.zenoh.listen) or (
         *endpoints_for(scenario, "netem", "west"),
         *endpoints_for(scenario, "netem", "east"),

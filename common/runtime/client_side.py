@@ -15,7 +15,7 @@ from tis.common.runtime.arm_memory import MEMORY_FILE, RESUMED_FILE, ArmMemory, 
 from tis.common.runtime.clock import WallClock
 from tis.common.runtime.clock_watch import ClockWatch
 from tis.common.runtime.control import Epoch, Presence
-from tis.common.runtime.credentials import credentials, refuse_plain
+from tis.common.runtime.credentials import credentials, expiry_warnings, refuse_plain
 from tis.common.runtime.inbox import Inbox
 from tis.common.runtime.log_parts import EarlierPart
 from tis.common.runtime.mcap_log import McapLog
@@ -61,7 +61,7 @@ def run_client_side(
         lease = lease_ms(scenario.peer_timeout_s)
         config = configure("client", replace(options.zenoh, credentials=proof, lease_ms=lease))
         prepared = prepare()
-        for text in prepared.warnings:
+        for text in (*prepared.warnings, *expiry_warnings(scenario.security, side)):
             status.warning(text)
         deadline = _Deadline(options.wait_s)
         where, trouble = ", ".join(options.zenoh.connect), ConnectionTrouble()

@@ -4,6 +4,7 @@ import base64
 import json
 import os
 import stat
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -15,6 +16,9 @@ from tis.common.zenoh_syntax import is_tls
 CA_FILE: Final = "ca.pem"
 CERTIFICATE_FILE: Final = "cert.pem"
 KEY_FILE: Final = "key.pem"
+SOON_DAYS: Final = 7
+"""Days before its end from which a certificate is warned of."""
+_DAY_S: Final = 86_400
 _MAX_BYTES: Final = 100_000
 _OF_OTHERS: Final = stat.S_IRWXG | stat.S_IRWXO
 
@@ -71,6 +75,27 @@ def _pem_faults(folder: Path) -> list[Fault]:
     except (ssl.SSLError, ValueError):
         return [Fault(str(folder / CERTIFICATE_FILE), "", f"is no certificate, or {KEY_FILE} is not its key")]
     return []
+
+
+def expiry_warnings(security: NoSecurity | Mtls | Password, name: str) -> list[str]:
+    """Return a warning on a certificate that expires within `SOON_DAYS`; none without the package cryptography."""
+    if not isinstance(security, Mtls):
+        return []
+    try:
+        from cryptography.x509 import load_pem_x509_certificate
+
+        file = Path(security.folder) / name / CERTIFICATE_FILE
+        until = load_pem_x509_certificate(file.read_bytes()).not_valid_after_utc
+    except (ImportError, OSError, ValueError):  # what is wrong with it is told elsewhere
+        return []
+    return soon_text(name, (until.timestamp() - time.time()) / _DAY_S)
+
+
+def soon_text(name: str, days: float) -> list[str]:
+    """Return a warning on a certificate that is valid for so many days more; none where that is long."""
+    if days >= SOON_DAYS:
+        return []
+    return [f"the certificate of {name} expires in {max(days, 0.0):.1f} days: `tis certs issue {name}` renews it"]
 
 
 def own_client(settings: Settings) -> Settings:

@@ -109,7 +109,7 @@ def _recording(records: bool) -> Iterator[None]:
             os.environ[RECORD_VARIABLE] = before
 
 
-_KINDS: Final = ("none", "password", "mtls")
+_KINDS: Final = ("none", "password", "mtls", "signed")
 _SETTINGS: Final = (
     "estimators=[hold]", "active_estimator=hold", "network={}", "rate_hz=200", "patient.tick=on_arrival",
 )  # fmt: skip
@@ -121,6 +121,7 @@ class Price(NamedTuple):
     end_to_end_ms: float
     network_ms: float
     netem_cpu_pct: float
+    sides_cpu_pct: float
 
 
 def bench_security(seconds: float, rounds: int, out: Console) -> dict[str, Any]:
@@ -129,7 +130,7 @@ def bench_security(seconds: float, rounds: int, out: Console) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as scratch:
         secrets = _secrets(Path(scratch))
         for k in range(rounds):
-            for kind in _KINDS[k % 3 :] + _KINDS[: k % 3]:
+            for kind in _KINDS[k % len(_KINDS) :] + _KINDS[: k % len(_KINDS)]:
                 scenario = resolve("default", (*_SETTINGS, f"security={secrets[kind]}"), None, seconds)
                 found[kind].append(_price(scenario, Path(scratch) / f"{kind}{k}"))
             load = os.getloadavg()[0]
@@ -137,12 +138,15 @@ def bench_security(seconds: float, rounds: int, out: Console) -> dict[str, Any]:
     middle = {kind: Price(*map(median, zip(*prices, strict=True))) for kind, prices in found.items()}
     rows = []
     for kind, price in middle.items():
-        slower, dearer = (price[i] / middle["none"][i] for i in (0, 2))
+        slower, dearer, sides = (price[i] / middle["none"][i] for i in (0, 2, 3))
         rows.append((
             kind, f"{price.end_to_end_ms:.3f} ms", f"{price.network_ms:.3f} ms", f"{price.netem_cpu_pct:.1f} %",
-            f"{slower:.2f} x", f"{dearer:.2f} x",
+            f"{slower:.2f} x", f"{dearer:.2f} x", f"{price.sides_cpu_pct:.1f} %", f"{sides:.2f} x",
         ))  # fmt: skip
-    columns = ("security", "end to end", "network", "netem's CPU", "end to end beside none", "CPU beside none")
+    columns = (
+        "security", "end to end", "network", "netem's CPU", "end to end beside none", "CPU beside none", "sides' CPU",
+        "beside none",
+    )  # fmt: skip
     title = f"Medians of {rounds} runs of {seconds:g} s at 200 Hz"
     out.print(Table(title, columns, rows).terminal())
     figures: dict[str, Any] = {kind: price._asdict() for kind, price in middle.items()}
@@ -161,6 +165,7 @@ def _secrets(scratch: Path) -> dict[str, str]:
         "none": "{kind: none}",
         "password": f"{{kind: password, file: {passwords}}}",
         "mtls": f"{{kind: mtls, folder: {scratch / 'certs'}}}",
+        "signed": f"{{kind: mtls, folder: {scratch / 'certs'}, sign: true}}",
     }
 
 
@@ -168,9 +173,12 @@ def _price(scenario: Scenario, where: Path) -> Price:
     """Return the cost of a live run; raises `DataError` when it fails."""
     logs = load_run(_run("security", scenario, where))
     parts = sample_latency(used_samples(logs, scenario.session, {"left": FOLLOWER["left"]}))
-    [note] = logs.of("netem", PROCESSORS)
-    share = note["own_ns"] / (note["to_ns"] - note["from_ns"])
-    return Price(_median_ms(parts.end_to_end), _median_ms(parts.network), 100.0 * share)
+    shares = {}
+    for side in get_args(Side):
+        [note] = logs.of(side, PROCESSORS)
+        shares[side] = 100.0 * note["own_ns"] / (note["to_ns"] - note["from_ns"])
+    of_sides = shares["surgeon"] + shares["patient"]
+    return Price(_median_ms(parts.end_to_end), _median_ms(parts.network), shares["netem"], of_sides)
 
 
 def _median_ms(durations_ns: NDArray[Any]) -> float:

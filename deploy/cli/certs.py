@@ -12,7 +12,7 @@ from tis.common.extras import GET_HOSTS
 from tis.deploy.cli.group import Commands, JsonOption
 from tis.deploy.present.table import Column, Table
 from tis.deploy.shell.early_checks import can_certify
-from tis.deploy.shell.guard import ERR, OUT, print_json, words_to
+from tis.deploy.shell.guard import ERR, OUT, print_json, print_warnings, words_to
 
 if TYPE_CHECKING:
     from tis.deploy.tools.certificates import Certificate
@@ -84,10 +84,15 @@ def issue(
 def show(folder: FolderOption = _FOLDER, as_json: JsonOption = False) -> int:
     """List the certificates, for whom they are and how long they are valid; exit code 4 if one cannot be used."""
     _check_extra()
+    from tis.common.runtime.credentials import soon_text
     from tis.deploy.tools.certificates import certificates
 
     found = certificates(folder)
     _print(found, as_json)
+    for each in found:
+        left = each.days_left(datetime.now(UTC))
+        if left is not None and left > 0:
+            print_warnings(ERR, *soon_text(each.name, left))
     return DataError.exit_code if any(each.fault for each in found) else EXIT_OK
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tis.common.errors import InputError
-from tis.common.runtime.credentials import config_text, credentials, own_client, refuse_plain
+from tis.common.runtime.credentials import config_text, credentials, expiry_warnings, own_client, refuse_plain
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario.security import Mtls, NoSecurity, Password
 from tis.deploy.tools.certificates import issue, new_authority
@@ -138,3 +138,17 @@ def test_settings_become_a_file_that_zenoh_reads(tmp_path: Path) -> None:
 def test_credentials_stand_in_no_text_of_the_options(tmp_path: Path) -> None:
     options = ZenohOptions(credentials=credentials(_passwords(tmp_path, "surgeon:secret\n"), "surgeon"))
     assert "secret" not in f"{options} {options!r}"
+
+
+def test_a_certificate_is_warned_of_a_week_before_its_end(tmp_path: Path) -> None:
+    from tis.deploy.tools.certificates import issue, new_authority
+
+    new_authority(tmp_path)
+    security = Mtls(kind="mtls", folder=str(tmp_path))
+    issue(tmp_path, "surgeon", days=8)
+    assert expiry_warnings(security, "surgeon") == []
+    issue(tmp_path, "surgeon", days=3)
+    (text,) = expiry_warnings(security, "surgeon")
+    assert text.startswith("the certificate of surgeon expires in 3.0 days")
+    assert expiry_warnings(security, "netem") == []
+    assert expiry_warnings(NoSecurity(kind="none"), "surgeon") == []

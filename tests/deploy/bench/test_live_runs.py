@@ -54,16 +54,33 @@ def test_each_kind_runs_as_often_with_credentials_that_exist(monkeypatch: pytest
     ran: list[str] = []
 
     def price(scenario: Scenario, where: Path) -> Price:
-        kind = scenario.security.kind
+        kind = "signed" if scenario.security.sign else scenario.security.kind
         for side in ("surgeon", "netem", "patient"):
             assert bool(credentials(scenario.security, side)) == (kind != "none")
         ran.append(kind)
-        return {"none": Price(2.0, 1.0, 10.0), "password": Price(2.0, 1.0, 11.0), "mtls": Price(3.0, 1.5, 12.0)}[kind]
+        return {
+            "none": Price(2.0, 1.0, 10.0, 8.0), "password": Price(2.0, 1.0, 11.0, 8.0),
+            "mtls": Price(3.0, 1.5, 12.0, 9.0), "signed": Price(3.0, 1.5, 12.0, 10.0),
+        }[kind]  # fmt: skip
 
     monkeypatch.setattr(live_runs, "_price", price)
     out = io.StringIO()
     figures = bench_security(1.0, 3, Console(file=out, width=120))
-    assert ran == ["none", "password", "mtls", "password", "mtls", "none", "mtls", "none", "password"], "interleaved"
-    assert figures["mtls"] == {"end_to_end_ms": 3.0, "network_ms": 1.5, "netem_cpu_pct": 12.0}
+    kinds = ["none", "password", "mtls", "signed"]
+    assert ran == [*kinds, *kinds[1:], *kinds[:1], *kinds[2:], *kinds[:2]], "interleaved"
+    assert figures["mtls"] == {"end_to_end_ms": 3.0, "network_ms": 1.5, "netem_cpu_pct": 12.0, "sides_cpu_pct": 9.0}
     [row] = [line for line in out.getvalue().splitlines() if line.strip().startswith("mtls")]
-    assert row.split() == ["mtls", "3.000", "ms", "1.500", "ms", "12.0", "%", "1.50", "x", "1.20", "x"]
+    assert row.split() == [
+        "mtls",
+        "3.000",
+        "ms",
+        "1.500",
+        "ms",
+        "12.0",
+        "%",
+        "1.50",
+        "x",
+        "1.20",
+        "x",
+        *["9.0", "%", "1.12", "x"],
+    ]
