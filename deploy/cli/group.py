@@ -57,7 +57,11 @@ EstimatorsOption = Annotated[
     ),
 ]
 TrialsOption = Annotated[
-    str | None, typer.Option(metavar="D001,E003", help="Trials of the task; by default all in the folder.")
+    str | None,
+    typer.Option(
+        metavar="D001,E003",
+        help="Trials of the task; by default all in the folder, of a table itself unless train is others.",
+    ),
 ]
 TrialDurationOption = Annotated[
     float | None, typer.Option(help="Use at most this much of each trial, in s; by default all of it.")

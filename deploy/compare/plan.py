@@ -98,7 +98,8 @@ def make_plan(request: Request) -> Plan:
     # one unit of work per trial and seed
     base = scenarios[0]
     files = base.source if isinstance(base.source, RecordedSource) else None
-    recorded = () if files is None else trials_of(files, request.trials, request.people)
+    by_others = base.identification.train == "others"
+    recorded = () if files is None else trials_of(files, request.trials, request.people, by_others)
     several = files is not None and len(people_of(files, list_trials(files))) > 1
     seeds = request.n_seeds or (DEFAULT_SYNTHETIC_SEEDS if files is None else 1)
     _check_size(len(points), seeds * max(1, len(recorded)))
@@ -310,12 +311,15 @@ def folder_faults(source: Source) -> list[Fault]:
     return [no_trials(source)] if lacks else []
 
 
-def trials_of(source: RecordedSource, trials: Sequence[str] | None, people: Sequence[str] | None) -> tuple[str, ...]:
+def trials_of(
+    source: RecordedSource, trials: Sequence[str] | None, people: Sequence[str] | None, by_others: bool = False
+) -> tuple[str, ...]:
     """Return the named trials, each once, or those of the named people.
 
-    Without either: all in the task's folder, of a table itself, as a folder of tables need not hold one task.
+    Without either: all in the folder. Of tables it is the source's own, as a folder of tables need not hold one task,
+    unless each person is estimated ``by_others``: then the folder does.
     """
     if people is not None:
         return tuple(trial for trial in list_trials(source) if person_of(source, trial) in people)
-    everything = list_trials(source) if source.kind == "jigsaws" else [own_trial(source)]
+    everything = list_trials(source) if source.kind == "jigsaws" or by_others else [own_trial(source)]
     return tuple(dict.fromkeys(everything if trials is None else trials))

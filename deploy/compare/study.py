@@ -125,7 +125,10 @@ class Study(Part):
     estimators: _Names | None = Field(
         None, description="Estimators: names, or module:factory; by default the scenario's."
     )
-    trials: _Names | None = Field(None, description="Recorded trials; by default all in the folder.")
+    trials: _Names | None = Field(
+        None,
+        description="Recorded trials; by default all in the folder, of a table itself unless train is others.",
+    )
     people: _Names | None = Field(
         None, description="Letters of the people whose recorded trials are compared, instead of trials."
     )

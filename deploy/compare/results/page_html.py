@@ -117,6 +117,7 @@ def comparison_html(report: dict[str, Any], sums: PageSums) -> str:
     found = f'<p class="answer">{escape(nonbreaking_units(answer(report)))}</p>'
     computed = [one for one in report["settings"] if one["n_cells"]]
     found += note(f"{setting_title(computed[0])} ({SENT}).") if len(computed) == 1 else ""
+    found += note("Network: " + "; ".join(report["network"]) + ".") if report.get("network") else ""
     found += problem_list((), report["warnings"][:_MAX_WARNINGS])
     sections = [
         Section("answer", "The answer", markup=found),

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from math import isfinite
 from typing import Any, Final
 
+from tis.common.runtime.scenario_files import load_traces
 from tis.common.units import NM_PER_MM, NS_PER_MS, NS_PER_US
 from tis.deploy.compare.cells.cell import Cell
 from tis.deploy.compare.cells.sums import AGE_EDGES_MS, ERROR_WIDTH, merged, percentile
@@ -12,6 +13,7 @@ from tis.deploy.compare.grid import Point
 from tis.deploy.compare.plan import Plan
 from tis.deploy.compare.results.orientation_rows import orientation_rows
 from tis.deploy.compare.results.pooled import person, pooled, rivalries
+from tis.netem.expected.figures import synopsis
 
 # Axes of a comparison whose values are numbers: these can be drawn to scale and stored as numbers.
 
@@ -54,6 +56,7 @@ def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
         "source": plan.source,
         "synthetic": [trial for trial in plan.synthetic if trial in scored],
         "trained_on": plan.trained_on,
+        "network": _network(plan),
         "sweep": ", ".join(plan.axes) or None,
         "axes": list(plan.axes),
         "zipped": plan.zipped,
@@ -75,6 +78,16 @@ def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
         "warnings": _warnings(outcome),
         "own_faults": _own_faults(outcome),
     }
+
+
+def _network(plan: Plan) -> list[str]:
+    """Return the network in words, one line per direction; that of the first setting where settings have several."""
+    if not plan.cells:
+        return []
+    network, first = plan.cells[0].scenario.network, plan.cells[0].setting
+    is_one = all(cell.scenario.network == network for cell in plan.cells)
+    at = "" if is_one or first is None else f"at {first}, "
+    return [f"{at}{line}" for line in synopsis(network, load_traces(network))]
 
 
 def _setting(plan: Plan, outcome: Outcome, point: Point, cells: Sequence[Cell]) -> dict[str, Any]:

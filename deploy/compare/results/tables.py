@@ -234,7 +234,10 @@ def _turn_captions(report: Report) -> list[str]:
 def _notes(report: Report) -> list[str]:
     """Return the notes below the tables."""
     observer = _OBSERVER if "observer" in report["topologies"] else ""
-    return [note for note in (*report.get("own_faults", ()), observer, interval_note(report["rows"])) if note]
+    network = "; ".join(report.get("network", ()))
+    network = f"Network: {network}." if network else ""
+    notes = (network, *report.get("own_faults", ()), observer, interval_note(report["rows"]))
+    return [note for note in notes if note]
 
 
 def view(report: Report) -> RenderableType:

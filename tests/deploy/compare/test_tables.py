@@ -12,10 +12,13 @@ from tis.common.errors import DataError, InputError
 from tis.common.scenario import Scenario
 from tis.deploy.compare.cells.cell import Cell, Training
 from tis.deploy.compare.cells.identity import content_digest
+from tis.deploy.compare.engine.compute import Outcome
 from tis.deploy.compare.engine.shipment import perform_away, shipment_of, shipped_files
 from tis.deploy.compare.engine.workers import Computed, perform
+from tis.deploy.compare.grid import Sweep
 from tis.deploy.compare.plan import Plan, Request, make_plan
 from tis.deploy.compare.results.pooled import person
+from tis.deploy.compare.results.report import report
 
 SCENARIO = """version: 1
 name: tables
@@ -66,6 +69,18 @@ def test_named_tables_and_people_are_compared(tables: Path) -> None:
     assert [cell.trial for cell in plan.cells] == ["ann_1.csv", "ann_2.csv"]
     with pytest.raises(InputError, match=r"no such trial; there are ann_1.csv, ann_2.csv, bob_1.csv, eve_1.csv"):
         plan_of(tables, trials=("ann_9.csv",))
+
+
+def test_where_others_train_each_persons_tables_are_scored(tables: Path) -> None:
+    plan = plan_of(tables, "identification.train=others")
+    assert [cell.trial for cell in plan.cells] == ["ann_1.csv", "ann_2.csv", "bob_1.csv", "eve_1.csv"]
+
+
+def test_the_report_says_the_network(tables: Path) -> None:
+    found = report(plan_of(tables), Outcome(), "tis compare s.yaml")["network"]
+    assert found == ["forward (west to east): delay 100 ms, sd 0", "feedback (east to west): nothing injected"]
+    swept = plan_of(tables, sweeps=(Sweep("network.forward.delay.delay_ms", ("50", "200")),))
+    assert report(swept, Outcome(), "")["network"][0].endswith("forward (west to east): delay 50 ms, sd 0")
 
 
 def test_a_table_that_is_not_there_is_refused_before_anything_is_computed(tables: Path) -> None:
