@@ -17,7 +17,7 @@ SESSION: Final = "tis"
 QUICK: Final = ("hold", "damped_velocity", "moesp_kf", "velocity")
 """Estimators that are identified within a second."""
 LINEAR: Final = (
-    *QUICK, "hold_last_arrived", "static_gain", "n4sid_kf", "arx_kf", "innovations_kf", "adaptive_kf", "direct_ls",
+    *QUICK, "hold_last_arrived", "static_gain", "n4sid_kf", "arx_kf", "innovations_kf", "direct_ls",
     "drmf", "paper", "paper_as_printed",
 )  # fmt: skip
 AT_1_KHZ: Final = (*QUICK, "hold_last_arrived", "static_gain", "innovations_kf")

@@ -37,8 +37,8 @@ from tis.deploy.shell.guard import print_faults
 from tis.deploy.studies.paper.printed import ROWS
 from tis.deploy.studies.templates import filled
 
-_COMPARED: Final = tuple(name for name in NAMES if name != "adaptive_kf" and not is_learned(name))
-"""Estimators of the large tables; the adaptive one has tables of its own, the learned ones a page (`tis paper`)."""
+_COMPARED: Final = tuple(name for name in NAMES if not is_learned(name))
+"""Estimators of the large tables; the learned ones have a page of their own (`tis paper`)."""
 _ESTIMATORS: Final = {
     "all": _COMPARED,
     "few": tuple(name for name in _COMPARED if name not in ("static_gain", "n4sid_kf", "paper_as_printed")),
