@@ -127,7 +127,7 @@ ESTIMATORS: Final[Mapping[str, EstimatorRow]] = MappingProxyType(
             "arm's own past. Quick to train and easy to explain; noise in the positions biases it.",
         ),
         "innovations_kf": EstimatorRow(
-            code="innovations_kf:InnovationsKf",
+            code="adaptive_kf:AdaptiveKf",
             hue="BLUE",
             fit="fit_movement",
             benched=True,
@@ -137,18 +137,9 @@ ESTIMATORS: Final[Mapping[str, EstimatorRow]] = MappingProxyType(
             "by what training showed of speed, braking, gripper, the recent path and the recorder's "
             "clock. Of an arm that lags behind its command it is the command that it forecasts, and the arm's "
             "response to it that it runs. The default: accurate at every delay and in outages, whether the "
-            "arm follows at once or lags, with an uncertainty that can be believed, and quick enough for "
-            "1 kHz.",
-        ),
-        "adaptive_kf": EstimatorRow(
-            code="adaptive_kf:AdaptiveKf",
-            hue="BLUE",
-            dash="dotted",
-            fitted_with="innovations_kf",
-            words="The same, and while it runs it compares its forecasts with what then came: it lengthens or "
-            "shortens them for this hand, and widens or narrows its uncertainty until 95 % lie within. "
-            "Off unless a scenario names it; for runs of minutes, hands unlike those of the training, and "
-            "uncertainty that must hold.",
+            "arm follows at once or lags, quick enough for 1 kHz, and with an uncertainty that can be believed: "
+            "while it runs it compares its forecasts with what then came, lengthens or shortens them for this "
+            "hand, and widens or narrows its ellipsoids until 95 % lie within.",
         ),
         "direct_ls": EstimatorRow(
             code="direct_ls:direct_ls",

@@ -111,6 +111,8 @@ class InnovationsKf:
     _clock: RowClock | None = field(init=False, repr=False)
     _negligible_error: bool = field(init=False, repr=False)
     _gain: Array | None = field(init=False, repr=False)
+    _usual: int = field(init=False, repr=False)
+    _shown: tuple[slice, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         innovations = self.model.commanded or self.model.innovations
@@ -135,6 +137,8 @@ class InnovationsKf:
         object.__setattr__(self, "_forecasts", forecasts)
         object.__setattr__(self, "_stand_in", stand_in)
         object.__setattr__(self, "_gain", None if response is None else response.gain)
+        object.__setattr__(self, "_usual", filter_.usual)
+        object.__setattr__(self, "_shown", tuple(map(filter_.shown, (ARM, COMMAND, BOTH))))
         object.__setattr__(self, "_negligible_error", bool(small))
         if self.window < 0:
             object.__setattr__(self, "window", replay_window(filter_, unbroken))
@@ -296,8 +300,12 @@ class InnovationsKf:
         command = playout.command.at(index, late)
         if command is None:
             return sample, ARM
-        through = self._gain.dot(command)
-        return (through, COMMAND) if sample is None else (np.concatenate([through, sample]), BOTH)
+        if sample is None:
+            return self._gain.dot(command), COMMAND
+        both = np.empty(2 * AXES)
+        self._gain.dot(command, out=both[:AXES])
+        both[AXES:] = sample
+        return both, BOTH
 
     def _complete(self, sample: Array, what: int) -> Array:
         """Return positions of command and arm (6,) where only one of them is known."""
@@ -318,13 +326,13 @@ class InnovationsKf:
         if before is None or index - before.source_index > filter_.horizon:
             mean, covariance = filter_.start(self._complete(sample, what), error, what)
             activity = self._activity.initial() if before is None else before.activity
-            uncertainty = None if error is None and what == filter_.usual else Uncertainty(covariance)
+            uncertainty = None if error is None and what == self._usual else Uncertainty(covariance)
             return Checkpoint(index, mean, uncertainty, 1, ignored, activity)
         last, mean, start, length, _, activity, phasor = before
         gap = index - last
         # Unbroken row: the gain is precomputed. The row breaks with a gap or an uncertain sample.
         if start is None:
-            if gap == 1 and error is None and what == filter_.usual:
+            if gap == 1 and error is None and what == self._usual:
                 stage = unbroken.stage(length + 1)
                 mean = filter_.onward[1].dot(mean)
                 gain = unbroken.gains[stage], unbroken.variances[stage]
@@ -345,7 +353,7 @@ class InnovationsKf:
         activity = self._corrected(mean, left.weights, left.variance, sample, what, activity)
         # The last increments are evidence of the clock's phase where their samples have all arrived.
         phasor = self._phasor(phasor, gap, mean if gap == 1 and length >= N_INCREMENTS else None, activity[0])
-        if gap > 1 or what != filter_.usual:
+        if gap > 1 or what != self._usual:
             return Checkpoint(index, mean, left, 0, ignored, activity, phasor)
         # The row counts as unbroken again once its covariance matches that of an unbroken one.
         length += 1
@@ -359,7 +367,7 @@ class InnovationsKf:
         self, mean: Array, gain: Array, variance: float, sample: Array, what: int, activity: Activity
     ) -> Activity:
         """Correct a predicted mean by a certain sample, or let it follow a jump, in place; return the activity."""
-        shown = self._filter.shown(what)
+        shown = self._shown[what]
         innovation = correct(mean, gain, sample, shown)
         surprise = square_of(innovation) / variance
         if surprise > _JUMP * max(activity[0], 1.0):

@@ -36,8 +36,8 @@ from tis.deploy.shell.guard import print_faults
 from tis.deploy.studies.paper.printed import ROWS
 from tis.deploy.studies.templates import filled
 
-_COMPARED: Final = tuple(name for name in NAMES if name != "adaptive_kf")
-"""Estimators of the tables; the adaptive one has tables of its own, the methods of the paper a page (`tis paper`)."""
+_COMPARED: Final = tuple(NAMES)
+"""Estimators of the tables; the methods of the paper have a page (`tis paper`)."""
 
 Shows = Literal["errors", "redundancy", "paper", "ages", "orientation"]
 

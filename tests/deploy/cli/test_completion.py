@@ -31,8 +31,8 @@ def test_the_options_complete(monkeypatch: pytest.MonkeyPatch) -> None:
     parameters = {one.name: one for one in command.params}
     context = command.make_context("compare", ["default"], resilient_parsing=True)
     words = {name: [one.value for one in parameters[name].shell_complete(context, given)]
-             for name, given in (("scenario", "defa"), ("estimators", "hold,adap"))}  # fmt: skip
-    assert words == {"scenario": ["default"], "estimators": ["hold,adaptive_kf"]}
+             for name, given in (("scenario", "defa"), ("estimators", "hold,arx"))}  # fmt: skip
+    assert words == {"scenario": ["default"], "estimators": ["hold,arx_kf"]}
 
 
 @pytest.mark.parametrize(

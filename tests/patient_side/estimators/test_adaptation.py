@@ -12,7 +12,8 @@ from tis.patient_side.playout import Playout
 
 RATE_HZ = 30
 ADAPTER = Adapter(RATE_HZ)
-PERIOD_NS = 1_000_000_000 // RATE_HZ
+CHECKS_HZ = 10
+PERIOD_NS = 1_000_000_000 // CHECKS_HZ
 UNIT = np.eye(3)
 
 
@@ -45,13 +46,34 @@ def test_velocity_is_weighted_least_squares_with_a_prior(seed: int, share: float
     truths = share * moves + 0.3 * rng.normal(size=moves.shape)
     state = adapted(moves, np.vstack([truths, np.zeros(3)]))
     # Rows of weights that are forgotten over 60 s, and 300 rows of the mean square that were right.
-    weights = (1.0 - 1.0 / (60 * RATE_HZ)) ** np.arange(len(moves))[::-1]
+    weights = (1.0 - 1.0 / (60 * CHECKS_HZ)) ** np.arange(len(moves))[::-1]
     prior = np.sqrt(300 * np.average(np.sum(moves**2, axis=1), weights=weights))
     rows = np.append((np.sqrt(weights)[:, None] * moves).ravel(), prior)
     values = np.append((np.sqrt(weights)[:, None] * truths).ravel(), prior)
     (expected,) = np.linalg.lstsq(rows[:, None], values, rcond=None)[0]
     assert state.scales_of(2).velocity == pytest.approx(expected, rel=1e-9)
-    assert state.scales_of(1) == state.scales_of(7) == Scales()
+    assert state.scales_of(1) == Scales()
+
+
+def test_longer_lags_than_all_that_were_checked_have_half_of_the_longests_widening() -> None:
+    known = Adaptation((), (Scales(), Scales.of(product=1.0, square=2.0, weight=9.0, log_noise=0.6)))
+    assert known.scales_of(1).log_noise == 0.6
+    assert known.scales_of(5) == Scales.of(log_noise=0.3)
+    assert Adaptation().scales_of(5) == Scales()
+    # A first check of theirs goes on from there.
+    waiting = (forecast(0, UNIT[0], octave=5),)
+    scales = ADAPTER.checked(Adaptation(waiting, known.scales), arrived(np.zeros((2, 3)))).scales
+    assert [each.log_noise for each in scales[:2]] == [0.0, 0.6]
+    assert scales[5].log_noise == pytest.approx(0.3 - 0.06 * 0.05)
+
+
+@pytest.mark.parametrize("flat", [(), (0,), (2,), (0, 1, 2)])
+def test_a_covariance_without_extent_is_no_fault(flat: tuple[int, ...]) -> None:
+    covariance = np.diag([0.0 if axis in flat else 1.0 for axis in range(3)])
+    for size, outside in ((1.0, 3), (10.0, 4)):
+        waiting = (forecast(0, size * np.ones(3), covariance_m2=covariance, octave=0),)
+        (scales,) = ADAPTER.checked(Adaptation(waiting), arrived(np.zeros((2, 3)))).scales
+        assert (scales.log_noise > 0) == (bool(flat) or outside == 4)
 
 
 @pytest.mark.parametrize("size", [0.5, 1.0, 2.0])
@@ -99,17 +121,17 @@ def test_memory_is_bounded_while_nothing_arrives_and_at_any_rate() -> None:
     state = Adaptation()
     for tick in range(20_000):
         state = ADAPTER.kept(state, forecast(tick, UNIT[0]), tick * 1_000_000)
-    assert len(state.waiting) == 155
+    assert len(state.waiting) == 55
     kept = [each.sample for each in state.waiting]
-    assert np.all(np.diff(kept) >= 32)
+    assert np.all(np.diff(kept) >= 90)
 
 
 def test_nothing_known_changes_nothing_and_scales_are_bounded() -> None:
     assert (Scales().velocity, Scales().noise) == (1.0, 1.0)
-    assert Scales(product=1e9, square=1.0, weight=1e9).velocity == 1.5
-    assert Scales(product=-1e9, square=1.0, weight=1e9).velocity == pytest.approx(1 / 1.5)
+    assert Scales.of(product=1e9, square=1.0, weight=1e9).velocity == 1.5
+    assert Scales.of(product=-1e9, square=1.0, weight=1e9).velocity == pytest.approx(1 / 1.5)
 
 
 @pytest.mark.parametrize(("lag", "octave"), [(-0.1, 0), (0.9, 0), (1.0, 1), (2.5, 2), (4.0, 3), (149.0, 8)])
 def test_octaves(lag: float, octave: int) -> None:
-    assert octave_of(lag) == octave
+    assert octave_of(round(lag * 1e9 / RATE_HZ) + 1, RATE_HZ) == octave

@@ -36,8 +36,7 @@ def test_only_what_is_wanted_is_found(few_draws: None) -> None:
     found = fitted(training(600, static=True), Identification(), ["hold", "direct_ls"])
     assert found.direct is not None
     assert (found.n4sid, found.arx, found.autoregression) == (None, None, None)
-    for name in ("innovations_kf", "adaptive_kf"):
-        assert fitted(training(600, static=True), Identification(), [name]).innovations is not None
+    assert fitted(training(600, static=True), Identification(), ["innovations_kf"]).innovations is not None
     assert fitted(training(600, static=True), Identification(), ["drmf"]).drmf is not None
     nothing = fitted(training(600, static=True), Identification(), ())
     assert (nothing.direct, nothing.drmf) == (None, None)

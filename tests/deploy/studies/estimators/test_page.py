@@ -80,7 +80,7 @@ def test_the_page_has_a_table_for_each_section_and_every_row_its_columns(
 ) -> None:
     monkeypatch.delenv("TIS_JIGSAWS", raising=False)
     text = page_text(found)
-    assert len(found) == 7 + 2 + 1 + 1  # and an arm that lags, adaptation, and orientation
+    assert len(found) == 7 + 2 + 1  # and an arm that lags, and orientation
     for name in NAMES:
         assert f"- **`{name}`**: {ESTIMATORS[name].words}" in text
     for section, made in found:
@@ -161,7 +161,6 @@ def test_a_section_of_recordings_takes_all_trials_or_the_last_of_each_person(
     assert [request.trials for request in recorded] == [
         None,
         *[("C003", "D002")] * 6,
-        None,
         None,
         *[("C003", "D002")] * 2,
     ]
