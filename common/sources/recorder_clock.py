@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from tis.common.sources.trajectory import Array, HandRecording, PoseTrack
 
@@ -26,8 +26,10 @@ _PHASES: Final = np.arange(0.0, 1.0, 1.0 / 16)
 _LARGEST: Final = 0.93
 """Share of the changes of velocity left at most where there is a clock: .50 to .86 in 23 trials of JIGSAWS."""
 _MIN_ROWS: Final = 300
-_N_LIKELY: Final = 3
+_N_LIKELY: Final = 4
 _ALIKE: Final = 0.02
+_BINS: Final = 3
+"""Bins of the spectrum by which a weak line may be off."""
 _AS_GOOD: Final = 1.01
 """Of clocks that differ by less the slowest counts."""
 _AT_REST: Final = 0.02
@@ -74,7 +76,7 @@ def find_clock(positions_m: Sequence[Array]) -> RecorderClock | None:
         min(
             (
                 RecorderClock(rate + float(step) / n_fft, float(phase))
-                for step in np.linspace(-1.0, 1.0, 9)
+                for step in np.linspace(-_BINS, _BINS, 8 * _BINS + 1)
                 for phase in _PHASES
             ),
             key=lambda each: _unsteadiness(moving, each),
@@ -145,4 +147,4 @@ def _even_track(track: PoseTrack, clock: RecorderClock) -> PoseTrack:
 def _even_rows(values: Array, clock: RecorderClock) -> Array:
     instants = clock.instants(len(values))
     at = np.clip(np.arange(len(values)), instants[0], instants[-1])
-    return np.asarray(CubicSpline(instants, values)(at))
+    return np.asarray(scipy.interpolate.CubicSpline(instants, values)(at))
