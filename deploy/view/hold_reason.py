@@ -30,7 +30,7 @@ def about_of(scenario: Scenario) -> RunAbout:
     """Return what a page is told about a run's scenario."""
     touch, source = scenario.touch, scenario.source
     surface_m = None
-    if touch is not None:
+    if touch is not None and scenario.patient.plant.kind != "external":
         environment = environment_of(touch.environment)
         if source.kind == "live":
             surface_m = environment.surface_m(source.arm_at_mm.of_m(source.hands[0]))
