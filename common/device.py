@@ -29,6 +29,17 @@ Angle = Annotated[float, Meta(ge=-6.3, le=6.3)]
 """An angle in rad, at most a turn."""
 
 
+Newtons = Annotated[float, Meta(ge=-10_000, le=10_000)]
+
+
+class ToolForce(Message, frozen=True):
+    """The force on the tool of an arm of another program, on the axes of its positions."""
+
+    x: Annotated[Newtons, Meta(description="Component along x, in N.")]
+    y: Annotated[Newtons, Meta(description="Component along y, in N.")]
+    z: Annotated[Newtons, Meta(description="Component along z, in N.")]
+
+
 class DevicePose(Message, frozen=True, kw_only=True):
     """One pose of an operator's device, in the device's own frame; only the position is required."""
 
@@ -48,6 +59,10 @@ class DevicePose(Message, frozen=True, kw_only=True):
         tuple[bool, ...],
         Meta(max_length=MAX_BUTTONS, description="Further buttons of the device; the testbed uses none."),
     ] = ()
+    force_n: Annotated[
+        ToolForce | None,
+        Meta(description="Of an arm: force on its tool at this pose, CRTK's measured_cf, in N; null: not measured."),
+    ] = None
 
 
 _HEADER_BYTES: Final = 4
@@ -98,7 +113,10 @@ _LEAST_NORM: Final = 1e-6
 
 
 class DeviceSample(NamedTuple):
-    """A checked pose of a device: position in m, unit quaternion x y z w, gripper in rad, and its arrival in ns."""
+    """A checked pose of a device: position in m, unit quaternion x y z w, gripper in rad, and its arrival in ns.
+
+    ``force_n`` is the force on an arm's tool in N; None: not measured.
+    """
 
     recv_ns: int
     stamp_ns: int | None
@@ -106,6 +124,7 @@ class DeviceSample(NamedTuple):
     orientation: tuple[float, float, float, float]
     gripper_rad: float
     clutch: bool
+    force_n: tuple[float, float, float] | None = None
 
 
 class Refused(Exception):  # noqa: N818  (it never leaves this module)
@@ -173,8 +192,10 @@ def from_json(payload: bytes) -> DeviceSample:
         # JSON has no such numbers, but most programs write them.
         is_number = b"NaN" in payload or b"Infinity" in payload or "out of range" in str(error)
         raise Refused("not_finite" if is_number else "undecodable") from None
-    p, q = pose.position_m, pose.orientation
-    return DeviceSample(0, pose.stamp_ns, (p.x, p.y, p.z), _unit((q.x, q.y, q.z, q.w)), pose.gripper_rad, pose.clutch)
+    p, q, f = pose.position_m, pose.orientation, pose.force_n
+    turn = _unit((q.x, q.y, q.z, q.w))
+    force_n = None if f is None else (f.x, f.y, f.z)
+    return DeviceSample(0, pose.stamp_ns, (p.x, p.y, p.z), turn, pose.gripper_rad, pose.clutch, force_n)
 
 
 def from_ros2(payload: bytes) -> DeviceSample:

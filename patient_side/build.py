@@ -136,7 +136,7 @@ def _plant(scenario: Scenario, recording: Recording, i: int) -> Plant:
 
 def _touching(scenario: Scenario, model: ArmModel) -> Plant | None:
     """Return an arm that needs no recording where it decides on set points: one that touches."""
-    if scenario.touch is None:
+    if scenario.touch is None or scenario.patient.plant.kind == "external":
         return None
     return executing_plant(scenario.patient.plant, scenario.seed, model.arm, scenario.touch)
 

@@ -7,6 +7,7 @@ from typing import Any, Final, get_args
 import numpy as np
 
 from tis.common.channels import Arm, Hand, arm_key
+from tis.common.coupling.vector import ZERO
 from tis.common.device import DeviceGate, DeviceSample, from_json
 from tis.common.device_records import DEVICES, DeviceEvent, DeviceNote, Refusal
 from tis.common.node import Arrival, Record
@@ -21,7 +22,8 @@ class ExternalArm:
     """The plant of a hand whose arm is moved elsewhere; what that program sends is checked as a device's poses are.
 
     It is no simulation: `step` returns the newest pose that arrived at or before the tick, however old, and None
-    before the first. A silence is logged. Oracle: arrivals with literal instants, test_external_arm.
+    before the first. Its force is zero while it is silent, or tells none. A silence is logged. Oracle: arrivals with
+    literal instants, test_external_arm.
     """
 
     hand: Hand
@@ -58,7 +60,11 @@ class ExternalArm:
         if self.newest is None:
             return None, None
         position_m = np.array(self.newest.position_m)
-        return None, PlantOutput(position_m, position_m, np.array(self.newest.orientation), self.newest.gripper_rad)
+        # a pose is right as long as the arm stands; a force that nobody tells any more is none
+        force_n = ZERO if self._is_silent else self.newest.force_n or ZERO
+        return None, PlantOutput(
+            position_m, position_m, np.array(self.newest.orientation), self.newest.gripper_rad, force_n=force_n
+        )
 
     def age_ns(self, now_ns: int) -> int | None:
         """Return the age of the newest pose, counted from its arrival; None before the first."""

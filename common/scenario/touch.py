@@ -117,7 +117,9 @@ class Deadbands(Part):
 class TouchPart(Part):
     """The arm touches something, and the hand feels it."""
 
-    environment: Environment = Field(WallEnvironment(kind="wall"), description="What the arms touch.")
+    environment: Environment = Field(
+        WallEnvironment(kind="wall"), description="What the arms touch; an external arm tells its force itself."
+    )
     operator: OperatorPart = Field(OperatorPart(), description="The hand that feels; a live device's is its own.")
     coupling: CouplingKind = Field(
         "position_force",
@@ -162,10 +164,11 @@ def touch_rules(touch: TouchPart | None, patient: PatientPart, surgeon: SurgeonP
     hold_ms = min(patient.safety.hold_age_ms, patient.safety.break_ms)
     keep_ms = touch.deadband.keep_alive_ms
     return {
-        "patient.plant.kind must be servo or mujoco with touch: a replayed arm meets nothing, and an external one "
-        f"tells no force ({kind})": kind in ("servo", "mujoco"),
+        f"patient.plant.kind must be servo, mujoco or external with touch: a replayed arm meets nothing ({kind})": (
+            kind != "replay"
+        ),
         f"patient.plant.kind must be servo with touch.coupling {touch.coupling}, which needs the arm's spring "
-        f"({kind})": touch.coupling == "position_force" or kind != "mujoco",
+        f"({kind})": touch.coupling == "position_force" or kind not in ("mujoco", "external"),
         f"patient.tick must not be on_arrival with touch.coupling {touch.coupling}, which follows no estimate": (
             touch.coupling == "position_force" or patient.tick != "on_arrival"
         ),

@@ -36,8 +36,8 @@ _DERIVED: Final[Mapping[str, tuple[str, Mapping[str, str]]]] = {
 
 _ADDED: Final[Mapping[str, str]] = {"hand": "left or right", "side": "side of the log: surgeon or patient"}
 _OF_TABLE: Final = {topic.table: topic for topic in (*TOPICS.values(), *LOCAL.values())}
-_UNITS: Final = ("ns", "us", "mm", "m", "rad", "deg", "ppm", "bytes")
-_AXIS: Final = re.compile(r"(.+)_([xyzw])(_m|_rad)?")
+_UNITS: Final = {**{unit: unit for unit in ("ns", "us", "mm", "m", "rad", "deg", "ppm", "bytes")}, "n": "N"}
+_AXIS: Final = re.compile(r"(.+)_([xyzw])(_m|_rad|_n)?")
 _BY_NAME: Final = (
     (re.compile(r"truth_([xyz])_m"), "true position of the arm along {0}"),
     (re.compile(r"(.+)_error_deg"), "angle between {0}'s orientation and the true one; empty: none"),
@@ -137,4 +137,4 @@ def unit_of(name: str) -> str:
     if name.startswith("n_bytes"):
         return "bytes"
     last = name.rpartition("_")[2]
-    return last if last in _UNITS and last != name else ""
+    return _UNITS.get(last, "") if last != name else ""

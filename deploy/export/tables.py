@@ -131,13 +131,13 @@ def _of_rows(rows: Sequence[Row]) -> Columns:
 
 
 def _flat(columns: Mapping[str, NDArray[Any]]) -> Columns:
-    """Return the columns, (N, 3) and (N, 4) ones split: ``position_m`` becomes ``position_x_m`` and so on."""
+    """Return the columns, (N, 3) and (N, 4) ones split: ``force_n`` becomes ``force_x_n`` and so on."""
     table: dict[str, NDArray[Any]] = {}
     for name, values in columns.items():
         if values.ndim == 1:
             table[name] = values
             continue
-        unit = next((unit for unit in ("_m", "_rad") if name.endswith(unit)), "")
+        unit = next((unit for unit in ("_m", "_rad", "_n") if name.endswith(unit)), "")
         for i in range(values.shape[1]):
             table[f"{name.removesuffix(unit)}_{_AXES[i]}{unit}"] = values[:, i]
     return table

@@ -111,8 +111,9 @@ def replay(run_dir: Path) -> Comparison:
     found = replace(_compare(log, replayed), changed=_changed(log, origins(own)))
     if scenario.touch is None:
         return found
-    pairs = [(paths, replayed.forces)]
-    if scenario.source.kind != "live":  # nothing tells again what a device did
+    # nothing tells again what an external arm felt, or what a device did
+    pairs = [] if scenario.patient.plant.kind == "external" else [(paths, replayed.forces)]
+    if scenario.source.kind != "live":
         surgeons = log_files(run_dir).get("surgeon", (log_file(run_dir, "surgeon"),))
         pairs.append((surgeons, replay_surgeon(surgeons, scenario)))
     n_compared, n_different, n_absent = compare_forces(pairs)

@@ -107,12 +107,23 @@
     at("late_parts").textContent = parts(seen);
     at("why").textContent = seen.why;
     at("cut").hidden = !seen.outage;
+    tellFelt();
     const halt = haltOf(seen);
     at("halted").hidden = !halt;
     at("halted").classList.toggle("bad", isStopped());
     if (at("halted").textContent !== halt) at("halted").textContent = halt;
     canvas.parentElement.classList.toggle("cut", Boolean(seen.outage));
     say();
+  };
+  // In a run with touch: the force in words, and the page's figures of it. A page that has seen touch keeps them.
+  const tellFelt = () => {
+    const { felt, operator_n_m: stiffness } = seen;
+    if (felt) for (const node of document.querySelectorAll(".touched")) node.hidden = false;
+    if (at("felt").hidden) return;
+    at("felt_words").textContent = felt ? window.pictureLayout.feltWords(felt, seen.stability) : "no force is told.";
+    at("felt_energy").textContent = felt ? (felt.most_given_mj < 1000 ? `${felt.most_given_mj.toFixed(1)} mJ` : `${(felt.most_given_mj / 1000).toFixed(1)} J`) : "–";
+    at("yields").textContent = !drives || !stiffness ? "" :
+      `A pointer cannot push back. The dashed circle shows where a hand of ${stiffness.toFixed(0)} N/m would be pushed.`;
   };
   const HALTS = {
     resuming: "The arm resumes: it comes slowly to where your hand is.",
@@ -183,13 +194,21 @@
     scale = view.scale;
     grid(pen, wide, high, dark);
     for (const name of ["hand", "shown", "ghost"]) trail(pen, name);
+    wall(pen, style);
     if (task) targets(pen, style);
     if (really) ring(pen, really, inks.arm);
     if (ghost) tool(pen, ghost, inks.ghost, true, gripper);
     if (seen.shown_mm) tool(pen, seen.shown_mm, inks.shown, false, gripper);
     if (estimate) diamond(pen, estimate, inks.estimate);
     if (reached) disc(pen, reached, inks.hand);
-    labels(pen, { hand: reached, ghost, estimate, really }, behind(pen, reached, style), [wide, high]);
+    const pushed = reached && drives && seen.felt ? window.pictureLayout.yielded(reached, seen.felt.hand_n, seen.operator_n_m) : null;
+    if (pushed) {
+      pen.strokeStyle = inks.hand; pen.lineWidth = 2.5; pen.setLineDash([5, 4]);
+      pen.beginPath(); pen.arc(x(pushed), y(pushed), 13 * near(pushed), 0, 7); pen.stroke(); pen.setLineDash([]);
+    }
+    const forces = [[seen.shown_mm, seen.felt?.tool_n, inks.shown, "on the tool"], [reached, seen.felt?.hand_n, inks.hand, "on the hand"]]
+      .map((one) => force(pen, ...one)).filter(Boolean);
+    labels(pen, { hand: reached, ghost, estimate, really }, [...forces, ...pushed ? [["pushed back", pushed, inks.hand]] : [], ...behind(pen, reached, style)], [wide, high]);
     depth(pen, reached, ghost, wide, high);
   };
   const grid = (pen, wide, high, dark) => {
@@ -240,6 +259,30 @@
     pen.strokeStyle = pen.fillStyle = ink; pen.lineWidth = 3;
     pen.beginPath(); pen.arc(x(place), y(place), 13 * near(place), 0, 7);
     pen.globalAlpha = clutch ? 0.05 : 0.25; pen.fill(); pen.globalAlpha = 1; pen.stroke();
+  };
+  // A force as an arrow that begins where it acts; returns its name, and where that belongs.
+  const force = (pen, place, force_n, ink, where) => {
+    const one = place ? window.pictureLayout.arrowOf(force_n, 0.4 * Math.min(canvas.clientWidth, canvas.clientHeight)) : null;
+    if (!one) return null;
+    const from = [x(place), y(place)], to = [from[0] + one.dx, from[1] + one.dy], angle = Math.atan2(one.dy, one.dx);
+    pen.strokeStyle = pen.fillStyle = ink; pen.lineWidth = 5; pen.lineCap = "butt"; pen.setLineDash(one.isCut ? [8, 4] : []);
+    pen.beginPath(); pen.moveTo(...from); pen.lineTo(to[0] - 8 * Math.cos(angle), to[1] - 8 * Math.sin(angle)); pen.stroke();
+    pen.setLineDash([]);
+    pen.beginPath(); pen.moveTo(...to);
+    for (const side of [-1, 1]) pen.lineTo(to[0] - 16 * Math.cos(angle + 0.45 * side), to[1] - 16 * Math.sin(angle + 0.45 * side));
+    pen.fill();
+    return [`${one.size_n.toFixed(1)} N ${where}`, [place[0] + one.dx / scale, place[1] - one.dy / scale], ink];
+  };
+  // The surface that the arm touches, where the picture can show it: seen from its side.
+  const wall = (pen, style) => {
+    const { place_mm, normal } = seen.wall ?? {};
+    if (!place_mm || Math.abs(normal[2]) > 0.1) return;
+    const far = 2000, size = Math.hypot(normal[0], normal[1]), [nx, ny] = [normal[0] / size, normal[1] / size];
+    const corner = (along, deep) => [place_mm[0] - ny * along - nx * deep, place_mm[1] + nx * along - ny * deep];
+    const corners = [corner(-far, 0), corner(far, 0), corner(far, far), corner(-far, far)].map((at_mm) => [x(at_mm), y(at_mm)]);
+    pen.fillStyle = pen.strokeStyle = style.color; pen.lineWidth = 3;
+    pen.globalAlpha = 0.1; pen.beginPath(); for (const point of corners) pen.lineTo(...point); pen.fill();
+    pen.globalAlpha = 0.6; pen.beginPath(); pen.moveTo(...corners[0]); pen.lineTo(...corners[1]); pen.stroke(); pen.globalAlpha = 1;
   };
   const ring = (pen, place, ink) => {
     pen.strokeStyle = ink; pen.lineWidth = 3; pen.setLineDash([4, 4]);

@@ -1,20 +1,24 @@
 """Driving from pages: their messages, checked like all from outside, the driver's seat and the surgeon's picture."""
 
 import time
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
 from math import inf
 from typing import Annotated, Any, Final
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, TypeAdapter, ValidationError
 
 from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S
+from tis.deploy.logs.read.frame import Frame
+from tis.deploy.report.subjects.touch import Stability, stability
 from tis.deploy.view.device import DeviceDoor, device_pose
 from tis.deploy.view.hold_reason import RunAbout, why_hold
 from tis.deploy.view.requests import PageRequest, ask
 from tis.deploy.view.steering import Steering
 from tis.deploy.watch.arms import Place
 from tis.deploy.watch.book import LiveBook
+from tis.deploy.watch.forces import MJ_PER_J, FeltRow
 from tis.deploy.watch.live_figures import LiveFigures
 from tis.deploy.watch.observer import Observer
 from tis.deploy.watch.streams import there_and_back_ns
@@ -142,6 +146,7 @@ _RIVAL_S: Final = 3.0
 _STATE_S: Final = 0.2
 _JUDGE_S: Final = 0.5
 JUDGED_S: Final = 3.0
+_FELT_NS: Final = NS_PER_S
 
 
 class DriveHub:
@@ -160,6 +165,7 @@ class DriveHub:
         self._is_outage = False
         self._figures = LiveFigures()
         self._delays: dict[str, float | None] = {}
+        self._stability: Stability | None = None
 
     def drive(self, page: Hashable, move: HandMove, now_s: float) -> str:
         """Move the hand for a page; return why not, "" when it moved."""
@@ -181,7 +187,8 @@ class DriveHub:
         """Return the picture for all pages; positions in mm, null where nothing is known yet."""
         if now_s - self._judged_s >= _JUDGE_S:
             self._judged_s = now_s
-            self._figures = self._observer.read(lambda book: book.figures(JUDGED_S))
+            self._figures, rows = self._observer.read(lambda book: (book.figures(JUDGED_S), felt_rows(book)))
+            self._stability = stability_of(rows)
         arm = None if self._door is None else self._door.device.arm
         seen, figures, about = self._observer.read(lambda book: picture(book, arm)), self._figures, self._about
         if now_s - self._asked_s >= _STATE_S:
@@ -198,6 +205,9 @@ class DriveHub:
             "why": why_hold(figures, about),
             "outage": self._is_outage,
             "network": seen["now_s"] > 0 and "netem" in self._observer.attendance().present,
+            "stability": self._stability,
+            "operator_n_m": about and about.operator_n_m,
+            "wall": about and about.wall_mm and {"place_mm": about.wall_mm, "normal": about.wall_normal},
             "left_s": None if about is None else max(0.0, about.duration_s - seen["now_s"]),
         }
 
@@ -233,8 +243,42 @@ def picture(book: LiveBook, arm: str | None) -> dict[str, Any]:
         "ghost_mm": _mm(display and display.predicted_m),
         "arm_mm": _mm(really and really.arm_m),
         "mode": book.safety.mode(arm),
+        "felt": _felt(book.forces.newest.get(arm), book.now_ns),
         "stopped": book.is_stopped,
     }
+
+
+def _felt(row: FeltRow | None, now_ns: int) -> dict[str, Any] | None:
+    """Return what a hand feels, on the arm's axes; None without touch, and where nothing newer is known."""
+    if row is None or now_ns - row.t_ns > _FELT_NS:
+        return None
+    return {
+        "hand_n": [round(value, 3) for value in row.hand_n],
+        "tool_n": row.tool_n and [round(value, 3) for value in row.tool_n],
+        "late_ms": None if row.late_ns is None else round(row.late_ns / NS_PER_MS, 1),
+        "limited": row.limited,
+        "given_mj": round(MJ_PER_J * row.given_j, 2),
+        "most_given_mj": round(MJ_PER_J * row.most_given_j, 2),
+    }
+
+
+def felt_rows(book: LiveBook) -> list[FeltRow]:
+    """Return what the first hand that feels anything felt over the last seconds."""
+    return next((trail.all() for trail in book.forces.rows.values() if trail.n), [])
+
+
+def stability_of(rows: Sequence[FeltRow]) -> Stability | None:
+    """Return how the loop of the last rows stands; None for a device, which tells no intention, and without touch."""
+    if len(rows) < 2 or all(row.position_m == row.intended_m for row in rows if any(row.hand_n)):
+        return None
+    step_ns = float(np.median(np.diff([row.t_ns for row in rows])))
+    shown = Frame.of_arrays(
+        force_n=np.array([row.hand_n for row in rows]),
+        position_m=np.array([row.position_m for row in rows]),
+        intended_m=np.array([row.intended_m for row in rows]),
+        limited=np.array([row.limited for row in rows]),
+    )
+    return stability(shown, max(round(NS_PER_S / step_ns), 1))
 
 
 def delays(book: LiveBook, arm: str | None) -> dict[str, float | None]:

@@ -7,13 +7,14 @@ kept by the book; nothing is queued for it.
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from math import nan
+from math import hypot, nan
 from typing import Final, TypeVar, get_args
 
 from tis.common.channels import FOLLOWER, MASTER, Hand
 from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S
 from tis.deploy.watch.arms import Trail
 from tis.deploy.watch.book import LiveBook
+from tis.deploy.watch.forces import MJ_PER_J
 from tis.deploy.watch.streams import Crossing, StreamName
 
 Columns = dict[str, list[float]]
@@ -27,6 +28,7 @@ TRACK_COLUMNS: Final = (
     "t", "tx", "ty", "tz", "ex", "ey", "ez", "hx", "hy", "hz", "error", "hold_error", "turn", "hold_turn",
 )  # fmt: skip
 MASTER_COLUMNS: Final = ("t", "mx", "my", "mz")
+FELT_COLUMNS: Final = ("t", "hand", "tool", "given")
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,8 @@ class Frame:
     track: Columns
     master_track: Columns
     age: Columns
+    felt: Columns
+    """Sizes of the forces in N, and the energy given to the hand in mJ."""
     delays: dict[StreamName, Columns] = field(default_factory=dict)
     losses: dict[StreamName, Columns] = field(default_factory=dict)
 
@@ -67,12 +71,13 @@ class Feed:
         starts_over = (arm, master) != self._shown
         if starts_over:
             self._shown = (arm, master)
-            for name in ("track", "place", "age"):
+            for name in ("track", "place", "age", "felt"):
                 self._n_read[name] = 0
                 self._last_ns.pop(name, None)
         tracks = self._new("track", book.tracks[arm], lambda row: row.t_ns) if arm else []
         places = self._new("place", book.masters[master], lambda row: row.t_ns) if master else []
         ages = self._new("age", book.ages[arm], lambda row: row.t_ns) if arm else []
+        felt = self._new("felt", book.forces.rows[arm], lambda row: row.t_ns) if arm in book.forces.rows else []
         delays: dict[StreamName, Columns] = {}
         losses: dict[StreamName, Columns] = {}
         for name, trail in book.crossed.items():
@@ -102,6 +107,18 @@ class Feed:
                 MASTER_COLUMNS, [(row.t_ns / NS_PER_S, *(MM_PER_M * v for v in row.place_m)) for row in places]
             ),
             age=_columns(("t", "age"), [(row.t_ns / NS_PER_S, row.age_ms) for row in ages]),
+            felt=_columns(
+                FELT_COLUMNS,
+                [
+                    (
+                        row.t_ns / NS_PER_S,
+                        hypot(*row.hand_n),
+                        nan if row.tool_n is None else hypot(*row.tool_n),
+                        MJ_PER_J * row.given_j,
+                    )
+                    for row in felt
+                ],
+            ),
             delays=delays,
             losses=losses,
         )

@@ -1,10 +1,13 @@
 """The reason why hold errs less than the estimate: one sentence, of what the page knows."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from tis.common.scenario import Scenario
+from tis.common.units import MM_PER_M
 from tis.deploy.watch.live_figures import LiveFigures
+from tis.patient_side.plant.environment import environment_of
 
 
 @dataclass(frozen=True)
@@ -16,16 +19,32 @@ class RunAbout:
     active_estimator: str
     is_trained_on_synthetic: bool
     is_live: bool
+    operator_n_m: float | None = None
+    """Stiffness of the hand that would feel the forces, in N/m; None: the run has no touch."""
+    wall_mm: Sequence[float] | None = None
+    """A point of the surface that the arm touches, where the scenario alone tells it, and its normal."""
+    wall_normal: Sequence[float] | None = None
 
 
 def about_of(scenario: Scenario) -> RunAbout:
     """Return what a page is told about a run's scenario."""
+    touch, source = scenario.touch, scenario.source
+    surface_m = None
+    if touch is not None and scenario.patient.plant.kind != "external":
+        environment = environment_of(touch.environment)
+        if source.kind == "live":
+            surface_m = environment.surface_m(source.arm_at_mm.of_m(source.hands[0]))
+        else:
+            surface_m = environment.place_m
     return RunAbout(
         scenario.duration_s,
         scenario.rate_hz,
         scenario.active_estimator,
         scenario.identification.train == "synthetic",
-        scenario.source.kind == "live",
+        source.kind == "live",
+        None if touch is None else touch.operator.stiffness_n_m,
+        None if surface_m is None else [MM_PER_M * value for value in surface_m],
+        None if surface_m is None else environment.normal,
     )
 
 

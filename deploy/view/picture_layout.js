@@ -41,5 +41,30 @@ window.pictureLayout = (() => {
     return found;
   };
 
-  return { follow, placed };
+  // A force as an arrow, in px on the canvas (its y points down): as long as it is strong, up to `most_px`. What is no
+  // force, or a tenth of a newton or less, has none.
+  const LEAST_N = 0.1, PX_PER_N = 22;
+  const arrowOf = (force_n, most_px) => {
+    if (!Array.isArray(force_n) || force_n.length !== 3 || !force_n.every(Number.isFinite)) return null;
+    const size_n = Math.hypot(...force_n), flat_n = Math.hypot(force_n[0], force_n[1]);
+    if (size_n <= LEAST_N) return null;
+    const px = Math.min(PX_PER_N * flat_n, most_px), share = flat_n > 0 ? px / flat_n : 0;
+    return { size_n, dx: share * force_n[0], dy: -share * force_n[1], isCut: PX_PER_N * flat_n > most_px };
+  };
+
+  // Where a hand of this stiffness would be that the force pushes off its place, in mm.
+  const yielded = (place, force_n, n_per_m) => (n_per_m > 0 && arrowOf(force_n, 1)
+    ? place.map((value, axis) => value + 1000 * force_n[axis] / n_per_m) : null);
+
+  // What is felt, in words.
+  const LIMITS = { force: "cut at the largest force that may be shown", stale: "fading, as nothing newer came back",
+    inactive: "fading, as the arm does not follow" };
+  const LOOPS = { stable: "The loop is stable.", unstable: "The loop is unstable: the hand swings.",
+    not_decidable: "The last seconds do not tell whether the loop is stable." };
+  const feltWords = ({ hand_n, late_ms, limited }, stability) => [
+    `${Math.hypot(...hand_n).toFixed(1)} N on the hand`,
+    late_ms == null ? "; none has come back yet" : `, as it was on the tool ${late_ms.toFixed(0)} ms ago`,
+    Object.hasOwn(LIMITS, limited) ? `; ${LIMITS[limited]}` : "", ". ", Object.hasOwn(LOOPS, stability) ? LOOPS[stability] : ""].join("").trim();
+
+  return { follow, placed, arrowOf, yielded, feltWords };
 })();

@@ -8,7 +8,7 @@ from bokeh.plotting import figure
 
 from tis.deploy.present.palette import BLUE, DIRECTIONS, INK, PAPER, RED, VIOLET, Tone, look_of
 from tis.deploy.report.plots.scene_3d import ScenePath, scene
-from tis.deploy.view.feed import MASTER_COLUMNS, SHOWN_S, TRACK_COLUMNS, Columns, Frame
+from tis.deploy.view.feed import FELT_COLUMNS, MASTER_COLUMNS, SHOWN_S, TRACK_COLUMNS, Columns, Frame
 from tis.deploy.watch.streams import StreamName
 
 TRUTH: Final = INK
@@ -77,6 +77,7 @@ class Plots:
         self.head: Final = _source(TRACK_COLUMNS)
         self.master_head: Final = _source(MASTER_COLUMNS)
         self.age: Final = _source(("t", "age"))
+        self.felt: Final = _source(FELT_COLUMNS)
         self.delays: Final = {name: _source(("t", "delay", "lost")) for name in STREAM_TONES}
         self.losses: Final = {name: _source(("t", "loss")) for name in STREAM_TONES}
         self.windows: Final[dict[str, Window]] = {}
@@ -90,6 +91,8 @@ class Plots:
             "age": self._age(),
             "error": self._error(),
             "turn": self._turn(),
+            "force": self._force(),
+            "energy": self._energy(),
         }
 
     def roots(self) -> dict[str, figure]:
@@ -108,6 +111,7 @@ class Plots:
                 self.master_trail,
                 self.master_head,
                 self.age,
+                self.felt,
             ):
                 source.data = {name: [] for name in source.data}
         _stream(self.track, frame.track)
@@ -117,6 +121,7 @@ class Plots:
         _stream(self.master_trail, frame.master_track, _MAX_TRAIL_ROWS)
         _stream(self.master_head, frame.master_track, 1)
         _stream(self.age, frame.age)
+        _stream(self.felt, frame.felt)
         for name, columns in frame.delays.items():
             _stream(self.delays[name], columns)
         for name, columns in frame.losses.items():
@@ -149,17 +154,23 @@ class Plots:
                 if not all(window.fits(*found, span) for window, found in pair):
                     for window, found in pair:
                         window.show(*found, span)
+        self._fit_energy(extent(self.felt, "given"))
         # axes that begin at 0 follow the largest value of all their sources
         growing = [
             ("delay", [found for source in self.delays.values() if (found := extent(source, "delay"))]),
             ("age", [found for found in [extent(self.age, "age")] if found]),
             ("error", [found for found in [extent(self.track, "error", "hold_error")] if found]),
+            ("force", [found for found in [extent(self.felt, "hand", "tool")] if found]),
             ("turn", [found for found in [extent(self.track, "turn", "hold_turn")] if found]),
             ("loss", [found for source in self.losses.values() if (found := extent(source, "loss"))]),
         ]
         for key, extents in growing:
             if extents:
                 self.windows[key].fit(0, max(high for _, high in extents))
+
+    def _fit_energy(self, given: tuple[float, float] | None) -> None:
+        if given is not None:
+            self.windows["energy"].fit(min(given[0], 0.0), max(given[1], 0.0))
 
     def _window(self, key: str, min_width: float, from_zero: bool = False) -> Range1d:
         self.windows[key] = Window(min_width, from_zero)
@@ -235,6 +246,19 @@ class Plots:
     def _age(self) -> figure:
         fig = self._over_time("age, ms", self._window("age", 10, from_zero=True))
         fig.line("t", "age", source=self.age, line_color=INK.light, line_width=2)
+        return fig
+
+    def _force(self) -> figure:
+        fig = self._over_time("force, N", self._window("force", 0.5, from_zero=True))
+        fig.line("t", "tool", source=self.felt, line_color=TRUTH.light, line_width=3)
+        fig.line("t", "hand", source=self.felt, line_color=STREAM_TONES["master"].light, line_width=2)
+        return fig
+
+    def _energy(self) -> figure:
+        fig = self._over_time("energy, mJ", self._window("energy", 1))
+        fig.hspan(y=0, line_color=TRUTH.light, line_width=1)
+        fig.varea("t", "given", 0, source=self.felt, fill_color=STREAM_TONES["master"].light, fill_alpha=0.3)
+        fig.line("t", "given", source=self.felt, line_color=STREAM_TONES["master"].light, line_width=2)
         return fig
 
     def _over_time(self, y_label: str, y_range: Range1d, with_axis: bool = True) -> figure:

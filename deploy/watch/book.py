@@ -17,6 +17,7 @@ from tis.common.runtime.control import ControlKeys
 from tis.common.stop_messages import StopState
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.deploy.watch.arms import ArmMotion, Displays, Place, TrackRow, Trail
+from tis.deploy.watch.forces import Forces
 from tis.deploy.watch.live_figures import LiveFigures, live_figures
 from tis.deploy.watch.safety import SafetyStates
 from tis.deploy.watch.streams import STREAM_OF, Crossing, Crossings, Stream, StreamName, watched_streams
@@ -79,6 +80,7 @@ class LiveBook:
         self.crossed: dict[StreamName, Trail[Crossing]] = {name: Trail(_MAX_ROWS) for name in STREAM_OF.values()}
         self.safety = SafetyStates()
         self.displays = Displays(session)
+        self.forces = Forces(session)
         self.newest: defaultdict[str, dict[str, Place]] = defaultdict(dict)
         """By arm the newest place in m of the commanded pose (``hand``) and of the patient's ``estimate``."""
         self.alarms: dict[Alarm, int] = {}
@@ -99,12 +101,7 @@ class LiveBook:
 
     def take(self, seen: Sighting) -> None:
         """Add a message; messages that are not of the session's streams are ignored."""
-        if seen.key in (self._beat_key, self._stopped_key):
-            self._hear(seen)
-            return
-        if seen.key in self._local:
-            if seen.network == "east" and is_set_point(seen.key):
-                self.safety.take(seen.key.split("/")[-2], seen.payload, self.now_ns)
+        if self._told(seen):
             return
         stream, is_displayed = self._table.get(seen.key), self.displays.knows(seen.network, seen.key)
         header = Header.unpack(seen.attachment) if stream is not None or is_displayed else None
@@ -122,6 +119,17 @@ class LiveBook:
             return
         if at_origin or stream.role == "arm":
             self._decode(stream, header, seen, at_origin)
+
+    def _told(self, seen: Sighting) -> bool:
+        """Take what is neither a stream that is followed nor a display; return whether it was."""
+        if seen.key in (self._beat_key, self._stopped_key):
+            self._hear(seen)
+            return True
+        if seen.network == "west":
+            return self.forces.take(seen.key, seen.payload, self.now_ns)
+        if seen.key in self._local and is_set_point(seen.key):
+            self.safety.take(seen.key.split("/")[-2], seen.payload, self.now_ns)
+        return seen.key in self._local
 
     def _hear(self, seen: Sighting) -> None:
         with suppress(DecodeError):

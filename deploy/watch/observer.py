@@ -160,6 +160,8 @@ class Observer:
         ours += self._book.displays.keys(network)
         if network == "east":
             ours += local_keys(self.session, network)
+        else:
+            ours += self._book.forces.keys()
 
         def on_sample(sample: zenoh.Sample) -> None:
             at_ns, attachment = clock_ns(), sample.attachment

@@ -1,9 +1,12 @@
 import json
 from typing import Any
 
+import pytest
+
 from tests.patient_side.arm_models import static_model
 from tis.common.device_records import DeviceNote
-from tis.common.messages import FeedbackPose, decode
+from tis.common.errors import InputError
+from tis.common.messages import FeedbackPose, Vector3, Wrench, decode
 from tis.common.node import Arrival, Emission, Record
 from tis.common.records import PLANT, PlantNote
 from tis.common.runtime.recordings import load_movement
@@ -112,3 +115,41 @@ def test_without_an_external_arm_its_key_is_nobodys() -> None:
     node = build_patient(scenario, [static_model()], load_movement(scenario))
     assert KEY not in node.foreign_keys()
     assert KEY not in [key for _, key in node.listens()]
+
+
+def test_the_force_on_the_tool_comes_with_the_pose_and_goes_with_silence() -> None:
+    arm = an_arm(silent_ms=250)
+    found = []
+    arrivals: dict[int, dict[str, Any]] = {
+        0: {},
+        1: {"force_n": {"x": 1, "y": -2, "z": 0.5}},
+        2: {"force_n": {"x": 20_000, "y": 0, "z": 0}},
+    }
+    for k in range(6):
+        if k in arrivals:
+            arm.take(pose(100 * k, 0.1, **arrivals[k]))
+        _, moved = arm.step(None, None, k, k * 100 * MS)
+        assert moved is not None
+        found.append(moved.force_n)
+    felt = (1.0, -2.0, 0.5)
+    assert found == [(0.0, 0.0, 0.0), felt, felt, felt, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)]
+    assert arm.counters()["arm_undecodable.left"] == 1
+    arm.take(pose(550, 0.1, force_n=None))
+    _, moved = arm.step(None, None, 6, 600 * MS)
+    assert moved is not None
+    assert moved.force_n == (0.0, 0.0, 0.0)
+
+
+def test_with_touch_the_arms_force_goes_back_to_the_surgeon() -> None:
+    settings = ["patient.plant={kind: external}", "touch={fade_after_ms: 500}"]
+    scenario = resolve("live", settings, None, 1.0)
+    node = build_patient(scenario, [static_model()], load_movement(scenario))
+    node.receive(pose(1, 0.25, force_n={"x": 0, "y": 0, "z": 1.5}))
+    outputs = [each for ms in (2, 35.4) for each in node.wake(int(ms * MS))]
+    sent = [each for each in outputs if isinstance(each, Emission) and each.key == "tis/PSM2/measured_cf"]
+    assert decode(sent[-1].payload, Wrench).force_n == Vector3(x=0.0, y=0.0, z=1.5)
+
+
+def test_an_external_arm_has_no_spring_that_a_passive_coupling_could_know() -> None:
+    with pytest.raises(InputError, match=r"patient\.plant\.kind must be servo with touch\.coupling wave"):
+        resolve("live", ["patient.plant={kind: external}", "touch={coupling: wave, fade_after_ms: 500}"], None, 1.0)

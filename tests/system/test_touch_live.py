@@ -1,6 +1,7 @@
 """Touch between real processes: forces arrive, runs are replayed, and no killed side leaves a force behind."""
 
 import json
+import signal
 import time
 from contextlib import ExitStack
 from pathlib import Path
@@ -10,8 +11,10 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from tests.system.conftest import StartHere, is_right_but_for_the_machine
+from tests.system.browser import chromium, live_page
+from tests.system.conftest import HOLD, Start, StartHere, is_right_but_for_the_machine
 from tests.system.test_rejoin import Sides
+from tests.system.test_view_page import url_of
 from tis.common.channels import Side
 from tis.common.runtime.process import free_endpoints
 from tis.deploy.run.replay import replay
@@ -79,3 +82,27 @@ def test_the_force_fades_when_a_side_is_killed_in_contact(tmp_path: Path, withou
     assert 0.0 < size.max() <= 0.5 * (1 + 1e-12)
     assert (ages_ns > 1_000_000_000).sum() > 50
     assert not size[ages_ns >= 200_000_000].any()
+
+
+def test_who_presses_by_mouse_sees_the_force_and_is_told_that_a_pointer_does_not_yield(start: Start) -> None:
+    tis = start("run", "drive_touch", "--view", "--duration-s", "600", *HOLD, identified=True)
+    url = url_of(tis)
+    with chromium() as browser:
+        page, found = live_page(browser)
+        page.goto(url)
+        page.locator("#felt").wait_for()
+        box = page.locator("#drive").bounding_box()
+        assert box is not None
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        page.mouse.move(x, y)
+        page.mouse.down()
+        for k in range(1, 41):
+            page.mouse.move(x, y + 5 * k)
+            page.wait_for_timeout(25)
+        page.wait_for_function("() => parseFloat(document.getElementById('felt_words').textContent) > 1")
+        page.get_by_text("A pointer cannot push back").wait_for()
+        page.mouse.up()
+        assert found == []
+    tis.process.send_signal(signal.SIGINT)
+    assert tis.wait()[0] == 130
+    assert max(row["force_n"]["y"] for row in _shown(tis.run_dir)) > 1.0

@@ -16,6 +16,7 @@ from tis.common.runtime.chunk_writer import Ints
 from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S
 from tis.deploy.logs.payloads import json_row, json_rows
 from tis.deploy.logs.viewer import foxglove
+from tis.deploy.logs.viewer.draw_forces import Places
 from tis.deploy.logs.viewer.drawn import (
     DRAWN_HZ,
     ERROR,
@@ -31,6 +32,7 @@ from tis.deploy.logs.viewer.drawn import (
     Records,
     RunTopics,
     TurnErrorSample,
+    xyz,
 )
 
 _PATH_STEP_NS: Final = 100 * NS_PER_MS
@@ -43,10 +45,10 @@ Numbers = tuple[float, ...]
 
 
 class PoseStream:
-    """A key's messages as poses of a topic, and its frame."""
+    """A key's messages as poses of a topic, and its frame; ``places`` keep where it was."""
 
-    def __init__(self, topic: str, rate_hz: int) -> None:
-        self._topic = topic
+    def __init__(self, topic: str, rate_hz: int, places: Places | None = None) -> None:
+        self._topic, self._places = topic, places
         self._pick, self._frames = EveryNth(rate_hz), EveryNth(min(rate_hz, DRAWN_HZ), max_hz=FRAMES_HZ)
 
     def take(self, records: Records) -> Iterator[Drawn]:
@@ -55,7 +57,9 @@ class PoseStream:
         framed = set(self._frames.of(len(chosen)).tolist())
         for n, i in enumerate(chosen.tolist()):
             pose, at_ns = json_row(records.payloads[i]), int(records.log_ns[i])
-            place = (_xyz(pose["position_m"]), tuple(pose["orientation"][axis] for axis in "xyzw"))
+            place = (xyz(pose["position_m"]), tuple(pose["orientation"][axis] for axis in "xyzw"))
+            if self._places is not None:
+                self._places.note(at_ns, place[0])
             yield Drawn(self._topic, "pose", at_ns, foxglove.pose(at_ns, *place))
             if n in framed:
                 frame = self._topic.strip("/")
@@ -100,8 +104,8 @@ class Truth:
         joined = [row for rows in json_rows(records.payloads) for row in rows]
         for at_ns, row in zip(records.log_ns.tolist(), joined, strict=True):
             turned_rad = row.get("rotation_rad")
-            turn = (np.nan,) * 3 if turned_rad is None else _xyz(turned_rad)
-            rows[row["hand"]].append((at_ns, _xyz(row["position_m"]), turn))
+            turn = (np.nan,) * 3 if turned_rad is None else xyz(turned_rad)
+            rows[row["hand"]].append((at_ns, xyz(row["position_m"]), turn))
         for hand, its_rows in rows.items():
             at_ns, position_m = self._at[hand]
             new_ns = np.array([at for at, _, _ in its_rows], dtype=np.int64)
@@ -251,7 +255,3 @@ def _samples(
     known = np.isfinite(errors)
     for at, error in zip(at_ns[known].tolist(), errors[known].tolist(), strict=True):
         yield Drawn(topic, model, at, encode(model(**{field: round(error, 4)})))
-
-
-def _xyz(point: Mapping[str, float]) -> tuple[float, float, float]:
-    return point["x"], point["y"], point["z"]

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple, Protocol, overload
 import numpy as np
 
 from tis.common.channels import FOLLOWER, Arm, Direction, Hand, HandChannels, Side, hand_channels
-from tis.common.messages import Message
+from tis.common.messages import Message, Vector3
 from tis.common.runtime.chunk_writer import MESSAGE_HEAD_BYTES, Ints
 from tis.common.scenario import Scenario
 
@@ -27,6 +27,8 @@ ERROR: Final = "/metrics/error"
 TURN_ERROR: Final = "/metrics/orientation_error"
 AGE: Final = "/metrics/age"
 DELAY: Final = "/metrics/delay"
+FORCE: Final = "/forces"
+FORCE_SIZE: Final = "/metrics/force"
 TRUTH_NAME: Final = "truth"
 
 
@@ -87,6 +89,13 @@ class DelaySample(Message, frozen=True):
     delay_ms: float
 
 
+class ForceSample(Message, frozen=True):
+    """The force on a tool or on a hand, and its size."""
+
+    size_n: float
+    force_n: Vector3
+
+
 DRAWN_HZ: Final = 100
 """Highest rate of drawn messages; faster streams are thinned, the logs' own records never."""
 FRAMES_HZ: Final = 10
@@ -99,6 +108,11 @@ class Drawn(NamedTuple):
     kind: str | type[Message]
     log_ns: int
     payload: bytes
+
+
+def xyz(point: Mapping[str, float]) -> tuple[float, float, float]:
+    """Return a message's vector as a tuple."""
+    return point["x"], point["y"], point["z"]
 
 
 class Payloads(Sequence[bytes]):

@@ -8,6 +8,7 @@ from tis.common.clocks import SHARED
 from tis.common.records import CONTROL, ESTIMATES, ESTIMATOR_FAULTS, FRESH, ORIENTATIONS, REJECTED, TICKS, TRUTH
 from tis.deploy.logs.payloads import UNREADABLE, other_version
 from tis.deploy.logs.read.clocks import Clocks
+from tis.deploy.logs.viewer.draw_forces import ForceStream, Places
 from tis.deploy.logs.viewer.draw_metrics import (
     AgeStream,
     DelayStream,
@@ -37,13 +38,14 @@ class Scene:
     def __init__(self, topics: RunTopics, clocks: Clocks) -> None:
         self._topics, self._clocks = topics, clocks
         self._truth, self._turns = Truth(topics), Turns()
+        self._places = {row.hand: Places() for row in topics.channels}
         self._freshest = Freshest(topics, clocks.get("surgeon", SHARED))
         self._streams: dict[tuple[Side, str], Stream | None] = {}
 
     def take(self, records: Mapping[tuple[Side, str], Records]) -> Iterator[Drawn]:
         """Take the next records by side and topic, and yield messages for them."""
-        # errors need truth, ages need samples and estimates' poses need orientations, so those come first
-        for name in sorted(records, key=lambda name: (name[1] not in _FIRST, not _is_orientation(name[1]))):
+        # errors need truth, ages samples, estimates' poses orientations, and forces places, so those come first
+        for name in sorted(records, key=lambda name: _order(name[1])):
             if name not in self._streams:
                 self._streams[name] = self._stream(*name)
             stream = self._streams[name]
@@ -86,9 +88,13 @@ class Scene:
         topics = self._topics
         # received messages are drawn as delays, sent ones as poses
         for row in topics.channels:
+            if (side, key) == ("patient", row.force.key(topics.session)):
+                return ForceStream("tool", row.hand, topics, self._places[row.hand])
+            if key == row.shown.key(topics.session):
+                return ForceStream("hand", row.hand, topics)
             drawn_as = (
                 (row.command, MTM), (row.arm, PSM), (row.estimated, ""), (row.measured, PLANT_ARM),
-                (row.driven, SET_POINT),
+                (row.driven, SET_POINT), (row.force, ""), (row.motion, ""),
             )  # fmt: skip
             for channel, drawn in drawn_as:
                 if channel.key(topics.session) != key:
@@ -96,8 +102,13 @@ class Scene:
                 sender = "surgeon" if channel.direction == "forward" else "patient"
                 if side != sender and channel.direction is not None:
                     return DelayStream(key, channel.direction, topics.rate_hz)
-                return PoseStream(topics.of_hand(drawn, row.hand), topics.rate_hz) if drawn else None
+                places = self._places[row.hand] if drawn == PLANT_ARM else None
+                return PoseStream(topics.of_hand(drawn, row.hand), topics.rate_hz, places) if drawn else None
         return None
+
+
+def _order(topic: str) -> tuple[bool, ...]:
+    return topic not in _FIRST, not _is_orientation(topic), topic.endswith("_cf")
 
 
 def _is_orientation(topic: str) -> bool:

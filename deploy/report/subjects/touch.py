@@ -41,7 +41,9 @@ class TouchFigures(Section):
         "`stable`, `unstable` (the hand swings ever wider, or far faster than it intends), or `not_decidable` "
         "(too little contact). An unstable run is a valid measurement."
     )
-    stiffness_n_m: float | None = means("Stiffness of the wall; `null` for tissue.")
+    stiffness_n_m: float | None = means(
+        "Stiffness of the wall; `null` for tissue, and where an external arm tells the force."
+    )
     limit_n_m: float | None = means(
         "Stiffness at which this loop becomes unstable in theory: with its mean round trip, its ticks, the operator "
         "and the servo, where the newest sample drives the arm; `null` where there is no theory."
@@ -106,7 +108,8 @@ def _figures(logs: RunLogs, scenario: Scenario, hand: Hand, arm: ArmName) -> Tou
     contacts = logs.of_hand("patient", CONTACTS, hand).first_of_each("tick")
     if part is None or shown is None or not len(contacts):
         return None
-    wall = part.environment if part.environment.kind == "wall" else None
+    is_ours = scenario.patient.plant.kind != "external"  # what such an arm touches is not known here
+    wall = part.environment if part.environment.kind == "wall" and is_ours else None
     trip_ns = shown.sample_ns - shown.command_ns
     trip_ns = trip_ns[np.isfinite(trip_ns)]
     error_n = np.linalg.norm(shown.force_n - truth_at(shown.sample_ns, contacts.t_ns, contacts.force_n), axis=1)

@@ -37,8 +37,8 @@ _TOPICS = {
 }
 
 
-def test_every_column_of_a_run_is_explained(run_dir: Path) -> None:
-    found = dict(tables(load(run_dir)))
+def test_every_column_of_a_run_is_explained(run_dir: Path, touch_dir: Path) -> None:
+    found = {**dict(tables(load(run_dir))), **dict(tables(load(touch_dir)))}
     assert len(found) > 8
     for name, table in found.items():
         assert table_meaning(name), name
@@ -59,8 +59,18 @@ def test_tables_are_named_after_the_topics_of_their_records() -> None:
 
 
 def test_units_come_from_the_names() -> None:
-    names = ("t_ns", "hold_x_m", "hold_error_mm", "n_bytes", "seq", "frequency_ppm", "maximum_error_us", "n")
-    assert [column.unit for column in columns_of("x", names)] == ["ns", "m", "mm", "bytes", "", "ppm", "us", ""]
+    names = (
+        "t_ns",
+        "hold_x_m",
+        "hold_error_mm",
+        "n_bytes",
+        "seq",
+        "frequency_ppm",
+        "maximum_error_us",
+        "n",
+        "force_x_n",
+    )
+    assert [column.unit for column in columns_of("x", names)] == ["ns", "m", "mm", "bytes", "", "ppm", "us", "", "N"]
 
 
 def test_a_readme_says_what_is_lacking_and_what_the_trials_are() -> None:

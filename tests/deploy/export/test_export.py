@@ -63,6 +63,14 @@ def test_estimates_without_a_position_are_empty_fields(found: dict[str, list[dic
     ]
 
 
+def test_forces_are_those_on_the_hand_and_on_the_tool(touch_dir: Path) -> None:
+    found = {name: table[0]() for name, table in tables(load(touch_dir)) if name in ("forces", "contacts")}
+    for side, topic, name in (("surgeon", "tis/MTML/servo_cf", "forces"), ("patient", "/tis/contacts", "contacts")):
+        logged = _records(touch_dir / f"{side}.mcap", topic)
+        for axis in "xyz":
+            assert found[name][f"force_{axis}_n"].tolist() == [row["force_n"][axis] for row in logged]
+
+
 def test_messages_and_packets_are_complete(found: dict[str, list[dict[str, str]]], run_dir: Path) -> None:
     for side in ("surgeon", "patient"):
         logged = [t for t, _ in LogReader(run_dir / f"{side}.mcap").messages() if not t.startswith("/")]

@@ -25,10 +25,20 @@ def scenario() -> Scenario:
 @pytest.fixture(scope="session")
 def run_dir(of_all_workers: Path, scenario: Scenario) -> Path:
     """A twin with all its files but the report, the same for all workers; not to be changed."""
-    whole = of_all_workers / "both_hands"
+    return _twin(of_all_workers / "both_hands", scenario)
+
+
+@pytest.fixture(scope="session")
+def touch_dir(of_all_workers: Path) -> Path:
+    """A twin that touches a wall, likewise."""
+    slow = ["rate_hz=100", "identification.train_samples=400", "touch.environment.distance_mm=-5"]
+    return _twin(of_all_workers / "touch", resolve("touch", slow, None, 1.0))
+
+
+def _twin(whole: Path, scenario: Scenario) -> Path:
     if whole.exists():
         return whole
-    path = folder.create(of_all_workers / f"both_hands.{os.getpid()}", scenario)
+    path = folder.create(whole.with_name(f"{whole.name}.{os.getpid()}"), scenario)
     nodes, models, _ = build_sides(scenario)
     run_twin(scenario, nodes, models, path)
     quiet = Console(file=io.StringIO())

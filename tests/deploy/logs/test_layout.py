@@ -15,13 +15,14 @@ LAYOUT = Path(tis.__file__).parent / "deploy" / "foxglove" / "tis.json"
 
 
 @pytest.fixture(scope="module")
-def newest(run_dir: Path) -> dict[str, Any]:
-    """Return the last message of each topic, decoded."""
+def newest(run_dir: Path, touch_dir: Path) -> dict[str, Any]:
+    """Return the last message of each topic of a run without touch, or else of one with it, decoded."""
     found = {}
-    with (run_dir / "run.mcap").open("rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages():
-            decode = DecoderFactory().decoder_for(channel.message_encoding, schema)
-            found[channel.topic] = json.loads(message.data) if decode is None else decode(message.data)
+    for path in (touch_dir, run_dir):
+        with (path / "run.mcap").open("rb") as file:
+            for schema, channel, message in make_reader(file).iter_messages():
+                decode = DecoderFactory().decoder_for(channel.message_encoding, schema)
+                found[channel.topic] = json.loads(message.data) if decode is None else decode(message.data)
     return found
 
 
@@ -50,7 +51,7 @@ def test_every_topic_of_the_scene_and_the_log_is_in_the_file(newest: dict[str, A
     panels = _panels()
     topics = {topic for panel in panels.values() for topic in panel.get("topics", ())}
     topics |= {panel["topicToRender"] for panel in panels.values() if "topicToRender" in panel}
-    assert {"/paths/truth", "/psm", "/mtm", "/log", "/estimates/moesp_kf"} <= topics
+    assert {"/paths/truth", "/psm", "/mtm", "/log", "/estimates/moesp_kf", "/forces/tool", "/forces/hand"} <= topics
     assert topics <= newest.keys()
 
 

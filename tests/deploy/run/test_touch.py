@@ -139,7 +139,7 @@ def test_without_a_wall_in_reach_the_hand_does_what_it_intends(tmp_path: Path) -
         ("touch.operator.mass_kg=-0.8", "mass_kg"),
         ("patient.plant.mass_kg=-1", "mass_kg"),
         ("touch.deadband.force=1.5", "deadband.force"),
-        ("patient.plant={kind: replay}", "servo or mujoco with touch"),
+        ("patient.plant={kind: replay}", "servo, mujoco or external with touch"),
         ("touch={coupling: wave, deadband: {motion: 0.1}}", "must be 0 with coupling wave"),
         ("touch.environment.normal=[0, 0, 0]", "direction"),
         ("touch.environment={kind: wall, distance_mm: 1, position_mm: [0, 0, 0]}", "exclude each other"),

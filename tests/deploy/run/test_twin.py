@@ -226,6 +226,7 @@ def test_all_shipped_scenarios_are_valid() -> None:
         [
             "default",
             "drive",
+            "drive_touch",
             "kilohertz",
             "lagging_arm",
             "live",

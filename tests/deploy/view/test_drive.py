@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from math import sin
 from typing import Any
 
 import pytest
@@ -10,8 +11,11 @@ from hypothesis import strategies as st
 
 from tests.deploy.watch.making import LEFT, a_book, sighting
 from tests.deploy.watch.test_arms import _arm, _display
+from tests.deploy.watch.test_forces import _shown, _wrench
 from tis.common.device import DevicePose
 from tis.common.scenario.control import EmulatorState
+from tis.common.units import NS_PER_S
+from tis.deploy.run.resolve import resolve
 from tis.deploy.view.device import Device
 from tis.deploy.view.drive import (
     MAX_MESSAGE_CHARS,
@@ -26,9 +30,12 @@ from tis.deploy.view.drive import (
     Seat,
     picture,
     read_message,
+    stability_of,
 )
+from tis.deploy.view.hold_reason import about_of
 from tis.deploy.view.requests import PageRequest
 from tis.deploy.watch.book import LiveBook
+from tis.deploy.watch.forces import FeltRow
 from tis.deploy.watch.observer import Attendance
 
 
@@ -124,6 +131,7 @@ def test_before_anything_is_seen_the_picture_is_empty() -> None:
     assert _hub(None).frame(1.0) == {
         "now_s": 0.0, "arm": None, "feedback_error_mm": None, "ghost_error_mm": None, "late_ms": None,
         "network_ms": None, "silent_s": None, "why": "", "outage": False, "network": False, "left_s": None,
+        "stability": None, "operator_n_m": None, "wall": None,
     }  # fmt: skip
     found = _hub(_Door()).frame(1.0)
     assert {found[name] for name in ("hand_mm", "shown_mm", "ghost_mm", "arm_mm", "late_ms")} == {None}
@@ -235,3 +243,44 @@ def test_a_long_message_is_refused_unread() -> None:
 def test_whatever_comes_is_read_or_refused_in_one_short_line(text: str | bytes) -> None:
     found = read_message(text)
     assert isinstance(found, (HandMove, PageRequest)) or len(found) < 300
+
+
+def test_the_picture_has_what_the_hand_feels_while_that_is_new() -> None:
+    book = a_book(100)
+    assert picture(book, "PSM2")["felt"] is None
+    book.forces.take("tis/PSM2/measured_cf", _wrench(960, 3.0), book.now_ns)
+    book.forces.take("tis/MTML/servo_cf", _shown(990, 2.0, 0.0), book.now_ns)
+    assert picture(book, "PSM2")["felt"] == {
+        "hand_n": [0.0, 2.0, 0.0], "tool_n": [0.0, 3.0, 0.0], "late_ms": 30.0, "limited": "", "given_mj": 0.0,
+        "most_given_mj": 0.0,
+    }  # fmt: skip
+    book.now_ns += 2 * NS_PER_S
+    assert picture(book, "PSM2")["felt"] is None
+
+
+def _swinging(growth: float) -> list[FeltRow]:
+    """A hand that intends to move slowly, and swings at 4 Hz about that, ``growth`` times wider in each second."""
+    return [
+        FeltRow(
+            k * 10_000_000, (0.0, 0.0, 1.0), None, None, "",
+            (0.0, 0.0, 0.001 * sin(0.06 * k) + 1e-5 * growth ** (k / 100) * sin(0.25 * k)),
+            (0.0, 0.0, 0.001 * sin(0.06 * k)), 0.0, 0.0,
+        )
+        for k in range(1000)
+    ]  # fmt: skip
+
+
+def test_the_loop_is_judged_as_the_report_does_and_not_where_no_hand_yields() -> None:
+    assert stability_of([]) is None
+    assert stability_of(_swinging(2.5)) == "unstable"
+    assert stability_of(_swinging(0.5)) == "stable"
+    assert stability_of([row._replace(position_m=row.intended_m) for row in _swinging(2.0)]) is None
+
+
+def test_a_page_is_told_of_the_surface_where_the_scenario_tells_where_it_is() -> None:
+    about = about_of(resolve("drive_touch", [], None))
+    assert about.wall_mm == pytest.approx([50.0, 13.0, 25.0])
+    assert about.wall_normal == (0.0, 1.0, 0.0)
+    assert about.operator_n_m == 568.0
+    assert about_of(resolve("touch", [], None)).wall_mm is None
+    assert about_of(resolve("drive", [], None)).operator_n_m is None

@@ -139,3 +139,37 @@ def test_no_name_lies_on_another_or_outside(page: "Page") -> None:
             for other in boxes[:k]:
                 beside = one["left"] >= other["left"] + other["width"] or other["left"] >= one["left"] + one["width"]
                 assert beside or abs(one["y"] - other["y"]) >= 18
+
+
+def test_an_arrow_is_as_long_as_its_force_and_points_along_it(page: "Page") -> None:
+    long, twice, deep, cut = page.evaluate(
+        "(forces) => forces.map((force_n) => window.pictureLayout.arrowOf(force_n, 100))",
+        [[1, 2, 0], [2, 4, 0], [0, 0, 5], [3000, 4000, 0]],
+    )
+    assert long["dx"] > 0 > long["dy"], "up on the canvas is towards smaller numbers"
+    assert (twice["dx"], twice["dy"]) == pytest.approx((2 * long["dx"], 2 * long["dy"]))
+    assert (deep["size_n"], deep["dx"], abs(deep["dy"])) == (5, 0, 0)
+    assert (cut["dx"], cut["dy"], cut["isCut"]) == (pytest.approx(60), pytest.approx(-80), True)
+
+
+@pytest.mark.parametrize("force_n", [None, [], [1, 2], [1, 2, None], ["9", 0, 0], [0, 0.05, 0], {"x": 1}])
+def test_what_is_no_force_has_no_arrow_and_pushes_nobody(page: "Page", force_n: Any) -> None:
+    assert page.evaluate("(force_n) => window.pictureLayout.arrowOf(force_n, 100)", force_n) is None
+    assert page.evaluate("(force_n) => window.pictureLayout.yielded([0, 0, 0], force_n, 500)", force_n) is None
+
+
+def test_a_hand_is_pushed_by_force_over_stiffness(page: "Page") -> None:
+    found = page.evaluate("() => window.pictureLayout.yielded([1, 2, 3], [0, 5, -1], 500)")
+    assert found == pytest.approx([1, 12, 1])
+    assert page.evaluate("() => window.pictureLayout.yielded([1, 2, 3], [0, 5, -1], null)") is None
+
+
+def test_a_force_is_told_with_its_age_its_limit_and_the_loop(page: "Page") -> None:
+    words = "([felt, loop]) => window.pictureLayout.feltWords(felt, loop)"
+    felt = {"hand_n": [3.0, 4.0, 0.0], "late_ms": 52.4, "limited": ""}
+    assert "5.0 N" in page.evaluate(words, [felt, None])
+    assert "52 ms" in page.evaluate(words, [felt, None])
+    plain, limited = (page.evaluate(words, [{**felt, "limited": why}, "unstable"]) for why in ("", "force"))
+    assert "unstable" in plain
+    assert len(limited) > len(plain)
+    assert "undefined" not in page.evaluate(words, [{**felt, "late_ms": None, "limited": "toString"}, "constructor"])

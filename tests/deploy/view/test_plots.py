@@ -39,9 +39,9 @@ def test_every_figure_says_what_its_axes_are() -> None:
     drawn = Plots()
     flat = {name: fig for name, fig in drawn.roots().items() if name != plots.SCENE}
     for name, fig in flat.items():
-        assert str(fig.yaxis[0].axis_label).endswith((", mm", ", ms", ", %", ", °")), name
+        assert str(fig.yaxis[0].axis_label).endswith((", mm", ", ms", ", %", ", °", ", N", ", mJ")), name
     last = [fig.xaxis[0].axis_label for name, fig in flat.items() if name != "position_x"]
-    assert last.count("run time, s") == 6
+    assert last.count("run time, s") == 8
 
 
 def test_a_window_stays_while_what_it_shows_fits_and_fills_it() -> None:
