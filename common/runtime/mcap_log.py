@@ -8,6 +8,8 @@ from its beginning; the merged file has one.
 import errno
 import os
 from collections.abc import Mapping
+from contextlib import suppress
+from fcntl import LOCK_EX, LOCK_NB, LOCK_SH, flock
 from pathlib import Path
 from typing import Final, Self
 
@@ -24,6 +26,18 @@ _CHUNK_BYTES: Final = 128 * 1024
 _UNLIMITED_BYTES: Final = 1 << 40  # chunks are closed here, not by the writer
 _SLOW_NS: Final = NS_PER_S // 4
 _MEDIA_TYPES: Final = {"json": "application/json", "yaml": "application/yaml", "csv": "text/csv"}
+
+
+def is_being_written(path: Path) -> bool:
+    """Tell whether a living process of this machine has the log open for writing."""
+    try:
+        with path.open("rb") as file:
+            flock(file, LOCK_SH | LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
 
 
 class McapLog:
@@ -44,6 +58,8 @@ class McapLog:
             raise DataError(Fault(str(path), "", "exists, from an earlier run: give another --run-dir")) from None
         except OSError as error:
             raise DataError(Fault(str(path), "", f"cannot be written: {error.strerror}")) from None
+        with suppress(OSError):  # of a file system without locks nobody can tell
+            flock(self._file, LOCK_EX | LOCK_NB)  # held while the process lives: `is_being_written`
         self._writer = ChunkWriter(self._file, "tis", chunk_bytes=_UNLIMITED_BYTES, indexed=False, beside=False)
         self._writer.add_metadata("run", metadata)
         self._flush_every_ns = flush_every_ns

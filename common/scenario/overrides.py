@@ -30,8 +30,9 @@ def models_of(stage: str) -> dict[str, type[BaseModel]]:
 def complete_stage(stage: str, given: Mapping[str, Any], current: Any, where: str) -> Mapping[str, Any]:
     """Return a whole stage, completed from the ``given`` part and the ``current`` stage.
 
-    The current kind is kept if it has all given parameters, else the first kind that is then complete is taken.
-    Raises `InputError` when no kind has all of them.
+    The current kind is kept if it has all given parameters, even where it refuses their values: another one would
+    drop what else was set. Else the first kind that is then complete is taken. Raises `InputError` when no kind has
+    all of them.
     """
     beneath: Mapping[str, Any] = current if isinstance(current, Mapping) else {}
     if "kind" in given:
@@ -48,6 +49,8 @@ def complete_stage(stage: str, given: Mapping[str, Any], current: Any, where: st
         strange = [name for name in given if name not in known]
         missing = f"no kind has {' and '.join(strange or given)}" + ("" if strange else " together")
         raise InputError(Fault(where, stage, f"must be kind: {'|'.join(models)}; {missing} (see `tis net stages`)"))
+    if candidates[0][0]["kind"] == beneath.get("kind"):
+        return candidates[0][0]
     return next((raw for raw, model in candidates if _is_valid(raw, model)), candidates[0][0])
 
 

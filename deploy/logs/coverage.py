@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tis.common.clocks import ClockModel
 from tis.common.errors import problem
 from tis.common.runtime.chunk_writer import Ints
+from tis.common.runtime.mcap_log import is_being_written
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.deploy.logs.log_file import LogFile
 
@@ -46,6 +47,7 @@ class Coverage:
     lost_bytes: int | None = None
     away: tuple[Span, ...] = ()
     away_counts: bool = True
+    being_written: bool = False
 
     @classmethod
     def of(cls, log: LogFile, last_ns: int) -> Self:
@@ -57,7 +59,9 @@ class Coverage:
             unknown = (*(span for span in unknown if span[0] < last_ns), (last_ns, FOREVER))
         elif log.gap_bytes or log.n_orphans:  # records were dropped, their instants unknown
             unknown = ((0, last_ns),)
-        return cls(log.path.name, log.damage, marked.get("damage"), unknown, lost_bytes_of(marked))
+        being_written = log.damage is not None and is_being_written(log.path)
+        origin, n_lost = marked.get("damage"), lost_bytes_of(marked)
+        return cls(log.path.name, log.damage, origin, unknown, n_lost, being_written=being_written)
 
     @property
     def whole(self) -> bool:
@@ -108,6 +112,8 @@ class Coverage:
     def problem(self) -> str | None:
         """Return the problem that makes a run with this log invalid; None without gaps but those of a restart."""
         unknown = tuple(span for span in self.unknown if not any(a <= span[0] and span[1] <= b for a, b in self.away))
+        if self.being_written:
+            return problem("log is still being written: the run is going on", "repeat this when it has ended")
         if self.damage is not None:
             beyond = f"; {spans_text(unknown)}" if unknown and not self.void else ""
             text = f"log is damaged ({self.damage}){beyond}"

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import dropwhile
+from types import MappingProxyType
 from typing import Any, Final, get_args
 
 from pydantic import ValidationError
@@ -195,7 +196,16 @@ def set_change(
     check_paths(settings)
     with connected(address) as remote:
         requests = change_requests(remote.state(), direction, settings, yaml_text, times)
-        return _report(remote.request("set", requests), out, as_json)
+        said = {one["direction"]: _in_words(one["change"]) for one in requests}
+        return _report(remote.request("set", requests), out, as_json, said)
+
+
+def _in_words(change: Mapping[str, Any]) -> str:
+    return ": " + ", ".join(f"{name} {value_in_words(_without_null(value))}" for name, value in change.items())
+
+
+def _without_null(value: Any) -> Any:
+    return {name: one for name, one in value.items() if one is not None} if isinstance(value, Mapping) else value
 
 
 def change_requests(
@@ -242,7 +252,10 @@ def check_direction(direction: str) -> None:
         raise InputError(Fault("tis net", "direction", f"must be one of {', '.join(_BOTH)}", direction))
 
 
-def _report(answer: Acknowledgement, out: Console, as_json: bool) -> int:
+def _report(
+    answer: Acknowledgement, out: Console, as_json: bool, said: Mapping[str, str] = MappingProxyType({})
+) -> int:
+    """Print an answer, and of each direction what is ``said`` of its change."""
     if as_json:
         print(answer.model_dump_json(exclude_none=True))  # noqa: T201
         return EXIT_OK if answer.accepted else InputError.exit_code
@@ -251,7 +264,8 @@ def _report(answer: Acknowledgement, out: Console, as_json: bool) -> int:
     out.print(f"accepted at {_s(answer.at_ns)} of run time")
     for one in answer.held:
         until = "" if one.until_ns is None else f" until {_s(one.until_ns)}"
-        out.print(f"{direction_label(one.direction)}: in force from {_s(one.from_ns)}{until}")
+        words = f"in force from {_s(one.from_ns)}{until}{said.get(one.direction, '')}"
+        out.print(escape(f"{direction_label(one.direction)}: {words}"), soft_wrap=True)
     if answer.operation in CLEARING:
         out.print(f"earlier changes end at {_s(answer.from_ns)}")
     return EXIT_OK

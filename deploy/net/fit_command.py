@@ -178,7 +178,8 @@ def fit_and_print(
     fits, unfitted = fit_records(of, wanted, n_replays)
     refuse_unfitted(source, unfitted)
     gaps = dict.fromkeys(record.trace.about["lack"] for record in of.values() if "lack" in record.trace.about)
-    print_warnings(err, *(f"{source}: {gap}" for gap in gaps), *unfitted_lines(unfitted))
+    sent = dict.fromkeys(record.trace.about["sent"] for record in of.values() if "sent" in record.trace.about)
+    print_warnings(err, *(f"{source}: {gap}" for gap in (*gaps, *sent)), *unfitted_lines(unfitted))
     profile = profile_of(name or _name_for(target or source), of, fits, unfitted)
     replaced = " (replaced)" if target is not None and target.exists() else ""
     if target is not None:

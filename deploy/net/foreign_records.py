@@ -42,7 +42,7 @@ _ROUND_TRIPS: Final = {
 }
 _SENT: Final = {"sent_s": 1e9, "time_s": 1e9, "timestamp": 1e9, "sent_ms": 1e6, "sent_ns": 1.0}
 _DATES: Final = ("sent", "sent_at", "datetime", "date", "time")
-"""Further columns of send times, in ISO 8601 only; those of `_SENT` may have it, too."""
+"""Further columns of send times, in ISO 8601 only, but ``time`` also in s; those of `_SENT` may have it, too."""
 
 _HEAD: Final = re.compile(r"^(?!#)[^\n]*\S[^\n]*$", re.MULTILINE)
 _MAX_GAP: Final = 1_000_000
@@ -134,6 +134,7 @@ def _csv(text: str, where: str) -> list[Row] | None:
         rule = f"must have a column {', '.join(_NUMBERS)} or {', '.join((*_SENT, *_DATES))} beside {trip}"
         raise DataError(Fault(where, "", rule))
     rows: list[Row] = []
+    row: dict[str, str] = {}
     try:
         below = (line for line in text[found.end() :].splitlines() if line.strip() and not line.startswith("#"))
         for place, cells in enumerate(csv.reader(below)):
@@ -142,13 +143,15 @@ def _csv(text: str, where: str) -> list[Row] | None:
             rows.append(
                 (
                     place if number is None else int(row[number]),
-                    None if sent is None else _instant_ns(row[sent], _SENT.get(sent)),
+                    None if sent is None else _instant_ns(row[sent], (_SENT | {"time": 1e9}).get(sent)),
                     _finite(value) * _ROUND_TRIPS[trip] if value else None,
                 )
             )
     except (ValueError, KeyError, csv.Error, OverflowError):
-        rule = "must have numbers in its columns, or a time in ISO 8601"
-        raise DataError(Fault(where, f"row {len(rows) + 1}", rule)) from None
+        read = {number: "a whole number", sent: "a number or a time in ISO 8601", trip: "a number, empty where lost"}
+        rule = "; ".join(f"{name} must be {what}" for name, what in read.items() if name is not None)
+        got = ",".join(row.get(name, "") for name in read if name is not None)
+        raise DataError(Fault(where, f"row {len(rows) + 1}", rule, got)) from None
     return rows
 
 
@@ -191,7 +194,7 @@ def _trace(rows: list[Row], where: str, program: str) -> Trace:
     order = np.argsort(sent_ns, kind="stable")
     about = {"delay": f"round trips, from {program}"}
     if not timed:
-        about["sent"] = "send times are not recorded: one request a second is assumed"
+        about["sent"] = "send times are not recorded: one request a second is assumed, on which the half-life depends"
     return Trace(where, sent_ns[order], delay_ns[order], about)
 
 

@@ -11,6 +11,7 @@ from rich.markup import escape
 from tis.common.channels import Side
 from tis.common.errors import EXIT_OK, DataError
 from tis.common.runtime.log_parts import n_parts, part_name
+from tis.common.runtime.mcap_log import is_being_written
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.coverage import Coverage, spans_text
 from tis.deploy.logs.describe import Described, describe
@@ -191,6 +192,8 @@ def _state(path: Path, read: Path) -> LogState:
         return LogState((*cells, f"damaged: {rule}"), f"is damaged: {rule}; {read.name} replaces it")
     if (follower := _follower(path)) is not None:
         return LogState((*cells, f"cut off, {follower} goes on: {rule}"), None)
+    if is_being_written(path):
+        return LogState((*cells, "still being written"), "is still being written: the run is going on")
     nothing = found is None or not found.counts
     remedy = "nothing to recover" if nothing else "see tis recover"
     if path.name == folder.MERGED_FILE:

@@ -34,6 +34,7 @@ from tis.netem.bridge.standalone import Carriage, Standalone, drive, lines_on_th
 from tis.netem.bridge.standstill import Deadline
 from tis.netem.bridge.tally import Tally, table, watches
 from tis.netem.build import build_links
+from tis.netem.expected.figures import synopsis
 
 _SEGMENT_BYTES: Final = 1448
 _CHUNK_BYTES: Final = 65_536
@@ -104,7 +105,8 @@ def run_carrying(options: Standalone, status: Status, library: Profiles | None) 
         drive(driver, tally, clock, options, interrupt, deadline)
         carrier.close()
         counters = driver.counters()
-    for line in [*table(counters, tally.errors), _carried(counters)]:
+    asked_for = synopsis(options.network, traces)
+    for line in [*table(counters, tally, asked_for), _carried(counters)]:
         print(line, flush=True)  # noqa: T201  (standard output is for the result)
     return EXIT_OK
 

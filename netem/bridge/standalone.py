@@ -145,7 +145,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         drive(bridge, tally, clock, options, interrupt, deadline)
         applications.close()
         counters = bridge.counters()
-    for line in table(counters, tally.errors):
+    for line in table(counters, tally, synopsis(options.network, traces)):
         print(line, flush=True)  # noqa: T201  (standard output is for the result)
     return EXIT_INVALID_RUN if applications.n_leaks else EXIT_OK
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tis.common.channels import DESTINATION, Direction
 from tis.common.node import Record
-from tis.common.records import RELEASES, ReleaseBatch
+from tis.common.records import FateBatch, ReleaseBatch
 from tis.common.runtime.recorder import FileLog
 from tis.common.scenario.network import Buffer
 from tis.common.units import NS_PER_MS
@@ -65,6 +65,32 @@ class ReleaseErrors:
             return 0.0
         at = int(np.searchsorted(np.cumsum(self._counts), np.ceil(p * self.n)))
         return min(float(self.most_ns), float(2.0 ** ((at + 1) / _PER_OCTAVE)))
+
+
+class Realised:
+    """What became of one direction's messages: their delays, and how many were sent again by a recovery."""
+
+    def __init__(self) -> None:
+        self.n = 0
+        self.n_again = 0
+        self._sum_ms = 0.0
+        self._squares = 0.0
+
+    def add(self, delays_ns: NDArray[np.int64]) -> None:
+        """Add the delays of messages that left, in ns, (N,)."""
+        delays_ms = delays_ns / NS_PER_MS
+        self.n += len(delays_ms)
+        self._sum_ms += float(delays_ms.sum())
+        self._squares += float(delays_ms @ delays_ms)
+
+    def __str__(self) -> str:
+        """Return mean and standard deviation in the words of `tis.netem.expected.figures.synopsis`."""
+        if not self.n:
+            return "nothing left"
+        mean_ms = self._sum_ms / self.n
+        std_ms = max(0.0, self._squares / self.n - mean_ms**2) ** 0.5
+        again = f", {self.n_again} sent again (recovery)" if self.n_again else ""
+        return f"delay {mean_ms:.4g} ms, sd {std_ms:.3g}{again}"
 
 
 class WatchedLog:
@@ -203,30 +229,43 @@ class Tally(WatchedLog):
         self._late: Final = LateWatch(warn)
         super().__init__(log, self._late.look, *looks, audit=audit)
         self.errors: Final[dict[Direction, ReleaseErrors]] = {"forward": ReleaseErrors(), "feedback": ReleaseErrors()}
+        self.realised: Final[dict[Direction, Realised]] = {"forward": Realised(), "feedback": Realised()}
 
     def record(self, record: Record) -> None:
-        """Count releases and pass the record on."""
-        if record.topic == RELEASES:
-            assert isinstance(record.data, ReleaseBatch)
+        """Count releases and repeats, and pass the record on."""
+        if isinstance(record.data, ReleaseBatch):
             self._count(record.data)
+        elif isinstance(record.data, FateBatch):
+            self.realised[record.data.direction].n_again += sum(record.data.recovered)
         super().record(record)
 
     def _count(self, batch: ReleaseBatch) -> None:
         released_ns = np.array(batch.released_ns, dtype=np.int64)
         errors_ns = released_ns - np.array(batch.release_ns, dtype=np.int64)
-        errors_ns = errors_ns[released_ns > 0]
+        left = released_ns > 0
+        self.realised[batch.direction].add((released_ns - np.array(batch.offered_ns, dtype=np.int64))[left])
+        errors_ns = errors_ns[left]
         self.errors[batch.direction].add(errors_ns)
         self._late.count(batch.direction, int(errors_ns.max(initial=0)))
 
 
-def table(counters: Mapping[str, int], errors: Mapping[Direction, ReleaseErrors]) -> list[str]:
-    """Return the lines printed at the end; a cause without drops has no column."""
+def table(counters: Mapping[str, int], tally: Tally, requested: Sequence[str]) -> list[str]:
+    """Return the lines printed at the end; a cause without drops has no column.
+
+    ``requested`` is the `tis.netem.expected.figures.synopsis`, which lacks the changes during the run.
+    """
+    errors = tally.errors
     causes = [cause for cause in DROPS if any(counters[f"{direction}.dropped.{cause}"] for direction in errors)]
     columns = ("offered", "released", *(f"dropped.{cause}" for cause in causes), "held_at_end", "copied")
-    head = ["", "offered", "released", *causes, "held", "copies", "late us: p50", "p99", "max"]
+    head = ["", "offered", "released", *causes, "held", "copies", "released late, us: p50", "p99", "max"]
     rows = [head, *(_row(direction, columns, counters, errors[direction]) for direction in errors)]
     widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
     lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
+    changed = ", with changes" if counters.get("control.accepted") else ""
+    lines += [
+        f"{asked}; realised{changed}: {found}"
+        for asked, found in zip(requested, tally.realised.values(), strict=True)
+    ]
     late = [text for direction, found in errors.items() for text in _late_text(direction, found)]
     near = [
         f"{direction_label(direction)}: {text}"

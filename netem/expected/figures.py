@@ -5,7 +5,7 @@ passes.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from math import isnan, prod, sqrt
+from math import isfinite, isnan, prod, sqrt
 from typing import Final, NamedTuple, get_args
 
 import numpy as np
@@ -182,7 +182,7 @@ def _words(network: NetworkPart, direction: Direction, traces: Mapping[str, Trac
     elif pipeline.delay is not None or of.mean_ms > 0:
         words.append(f"delay {of.mean_ms:.4g} ms, sd {of.std_ms:.3g}")
     if of.loss_pct > 0:
-        words.append(f"loss {of.loss_pct:.3g} %{_of_each(pipeline, changes)}")
+        words.append(f"loss {of.loss_pct:.3g} %{_of_each(pipeline, changes)}{_in_a_row(of, pipeline, changes)}")
     if of.recovered_pct > 0:
         words.append(f"{of.recovered_pct:.3g} %{_of_each(pipeline, changes)} sent again (recovery)")
     if of.outage_pct > 0:
@@ -194,6 +194,13 @@ def _words(network: NetworkPart, direction: Direction, traces: Mapping[str, Trac
     words += [f"steps every {of.every_s:g} s" for of in network.steps if of.direction in (direction, "both")]
     words += [*_states(network), *_timeline(network, direction), *_rules(network, direction)]
     return ", ".join(words) or "nothing injected"
+
+
+def _in_a_row(of: DirectionFigures, pipeline: Pipeline, changes: Sequence[Change]) -> str:
+    """Return the mean length of a burst where losses are not independent and it is known."""
+    has_bursts = any(part.loss is not None and part.loss.kind != "bernoulli" for part in (pipeline, *changes))
+    is_known = has_bursts and of.mean_burst is not None and isfinite(of.mean_burst)
+    return f" in bursts of {of.mean_burst:.3g} on average" if is_known else ""
 
 
 def _of_each(pipeline: Pipeline, changes: Sequence[Change]) -> str:

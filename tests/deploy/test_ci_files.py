@@ -73,8 +73,19 @@ def test_the_action_puts_no_input_into_its_scripts() -> None:
 def test_the_page_gives_the_action_what_it_takes() -> None:
     inputs = yaml.safe_load(ACTION.read_text(encoding="utf-8"))["inputs"]
     for workflow in blocks("in_ci.md", "yaml"):
-        (step,) = (step for step in yaml.safe_load(workflow) if "/deploy/action@" in step.get("uses", ""))
+        (job,) = yaml.safe_load(workflow)["jobs"].values()
+        assert "runs-on" in job
+        assert {"run": "pip install eclipse-zenoh"} in job["steps"]
+        (step,) = (step for step in job["steps"] if "/deploy/action@" in step.get("uses", ""))
         assert step["with"].keys() <= inputs.keys()
+
+
+def test_the_page_s_commands_fail_as_the_one_in_the_background_does() -> None:
+    (workflow,) = blocks("in_ci.md", "yaml")
+    (job,) = yaml.safe_load(workflow)["jobs"].values()
+    python = 'python() { [ "$2" != subscribe ]; }\n'
+    words = ["bash", "-eo", "pipefail", "-c", python + job["steps"][-1]["with"]["run"]]
+    assert subprocess.run(words, check=False).returncode == 1
 
 
 @pytest.mark.live

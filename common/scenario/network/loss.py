@@ -69,7 +69,7 @@ class BurstLoss(_Loss):
     """
 
     kind: Literal["burst"] = Field(description="burst: Gilbert's model by mean loss and mean burst length.")
-    p_loss: Annotated[float, Field(gt=0, lt=1)] = Field(description="Share of messages lost, 0 to 1.")
+    p_loss: Annotated[float, Field(ge=0, lt=1)] = Field(description="Share of messages lost, 0 to 1.")
     mean_burst: Annotated[float, Field(ge=1, le=2_000)] = Field(
         description="Mean number of consecutive losses; 1 / (1 - p_loss) gives independent losses. For longer "
         "interruptions use outages."

@@ -51,6 +51,15 @@ def test_a_whole_log_lacks_nothing(tmp_path: Path) -> None:
     }
 
 
+def test_a_log_whose_side_goes_on_is_not_called_damaged(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with McapLog(path, {"side": "netem"}) as log:
+        log.record(Record("/tis/ticks", 0, TickNote(tick=0, due_ns=0, begin_ns=0)))
+        log.flush()
+        assert causes([_coverage(path).problem or ""]) == ["log is still being written: the run is going on"]
+    assert _coverage(path).problem is None
+
+
 def test_a_cut_log_is_unknown_from_its_last_message_on_also_when_recovered(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     ends = _log(path)

@@ -1,6 +1,7 @@
 """``tis net show|set|outage|reset`` against a bridge in this process, and what they make of their words."""
 
 import json
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,8 @@ from tis.deploy.net.control import read_change, seconds
 
 NORMAL = {"delay": {"kind": "normal", "mean_ms": 30, "std_ms": 2}}
 LOSSY = {"loss": {"kind": "bernoulli", "p_loss": 0.1}}
+BURSTY = {"loss": {"kind": "burst", "p_loss": 0.02, "mean_burst": 3}}
+SILENCED = {"loss": {"kind": "burst", "p_loss": 0, "mean_burst": 3}}
 RATED = {"rate": {"kbit_s": 8, "queue": {"kind": "codel", "target_ms": 9}}}
 
 Tis = Callable[..., tuple[int, str, str]]
@@ -34,6 +37,8 @@ Tis = Callable[..., tuple[int, str, str]]
         (NORMAL, ["jitter.std_ms=1"], {"jitter": {"kind": "normal", "std_ms": 1}}),
         (LOSSY, ["loss.mean_burst=4"], {"loss": {"kind": "burst", "p_loss": 0.1, "mean_burst": 4}}),
         (LOSSY, ["loss={kind: bernoulli, p_loss: 0}"], {"loss": {"kind": "bernoulli", "p_loss": 0}}),
+        (BURSTY, ["loss.p_loss=0"], SILENCED),
+        (SILENCED, ["loss.p_loss=0.1"], {"loss": {"kind": "burst", "p_loss": 0.1, "mean_burst": 3}}),
         (RATED, ["rate.kbit_s=9"], {"rate": {"kbit_s": 9, "queue": {"kind": "codel", "target_ms": 9}}}),
         (RATED, ["rate.queue.kind=tail_drop"], {"rate": {"kbit_s": 8}}),  # the default queue
         ({}, ["rate=link", "scale_delay=2", "outage=true"], {"rate": "link", "scale_delay": 2, "outage": True}),
@@ -68,6 +73,12 @@ def test_what_is_wrong_is_said_in_the_words_of_the_scenario(settings: list[str],
     with pytest.raises(InputError) as error:
         read_change(settings, None, Pipeline())
     assert fault in str(error.value)
+
+
+def test_a_value_that_the_kind_in_force_refuses_does_not_replace_the_kind() -> None:
+    with pytest.raises(InputError) as error:
+        read_change(["loss.p_loss=1"], None, Pipeline.model_validate(BURSTY))
+    assert str(error.value) == "tis net set: loss.p_loss: must be less than 1 (got 1)"
 
 
 @pytest.mark.parametrize(
@@ -105,7 +116,7 @@ def test_a_running_emulator_is_shown_changed_and_reset(bridge: Running, tis: Tis
     where = ("-e", bridge.endpoint)
     code, out, _ = tis("set", "both", "delay.mean_ms=40", "delay.std_ms=1", "--for", "1h", *where)
     assert code == 0
-    assert "forward (west to east): in force from" in out
+    assert re.search(r"forward \(west to east\): in force from .* until .*: delay normal mean_ms 40 std_ms 1\n", out)
     assert "feedback (east to west): in force from" in out
     assert tis("set", "forward", "loss.p_loss=0.05", "outage=false", *where)[0] == 0
     code, out, _ = tis("outage", "20s", "--direction", "feedback", "--json", *where)

@@ -55,6 +55,12 @@ def test_irtt() -> None:
     assert trace.sent_ns.tolist() == [0, 10 * MS]
 
 
+def test_csv_with_a_time_of_the_epoch() -> None:
+    trace = parse_round_trips("time,rtt_ms\n1764000000.0,5\n1764000000.5,6\n", "r.csv")
+    assert trace is not None
+    assert trace.sent_ns.tolist() == [0, 500_000_000]
+
+
 def test_csv_with_numbers_times_and_gaps() -> None:
     trace = parse_round_trips("# by hand\nseq,sent_s,rtt_ms\n7,100.0,5\n8,100.5,\n10,101.5,6.5\n", "r.csv")
     assert trace is not None
@@ -87,11 +93,14 @@ def test_a_trace_of_our_own_is_none_of_them() -> None:
     [
         ('{"round_trips": 3}', "must be JSON of irtt"),
         ('{"round_trips": []}', "must have at least one answer"),
-        ("seq,rtt_ms\n1,a\n", "row 1: must have numbers"),
+        (
+            "seq,rtt_ms\n1,a\n",
+            "row 1: seq must be a whole number; rtt_ms must be a number, empty",
+        ),
         ("rtt_ms\n1\n", "must have a column seq"),
-        ("time,rtt_ms\n2026-02-30T00:00:00,1\n", "row 1: must have numbers in its columns, or a time in ISO 8601"),
+        ("time,rtt_ms\n2026-02-30T00:00:00,1\n", "row 1: time must be a number or a time in ISO 8601"),
         ("seq,rtt_ms\n1,5\n999999999,5\n", "must not leave out more than a million numbers"),
-        ("seq,rtt_ms\n1,nan\n", "must have numbers"),
+        ("seq,rtt_ms\n1,timeout\n", "rtt_ms must be a number, empty where lost"),
     ],
 )
 def test_a_fault_is_one_rule(text: str, rule: str) -> None:

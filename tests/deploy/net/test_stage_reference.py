@@ -60,7 +60,7 @@ def test_ranges_and_defaults_are_said_in_words() -> None:
         for kind in section.kinds
         for one in kind.parameters
     }
-    assert found["loss", "burst", "p_loss"][1:3] == ("> 0, < 1", "")
+    assert found["loss", "burst", "p_loss"][1:3] == (">= 0, < 1", "")
     assert found["loss", "burst", "mean_burst"].values == "1 to 2,000"
     assert found["corrupt", "", "bits"][1:3] == ("integer 1 to 1,000", "1")
     assert found["outages", "periodic", "direction"][1:3] == ("forward, feedback, both", "both")

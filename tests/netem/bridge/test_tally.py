@@ -3,12 +3,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.netem.making import link
-from tis.common.channels import Direction
 from tis.common.node import Record
-from tis.common.records import RELEASES, ReleaseBatch
+from tis.common.records import FATES, RELEASES, FateBatch, ReleaseBatch
 from tis.common.units import NS_PER_MS
 from tis.netem.bridge.tally import NamesWatch, ReleaseErrors, Tally, WatchedLog, table
 
+ASKED = ("forward: delay 2 ms, sd 1", "feedback: nothing injected")
 NOTHING = {"loss": 0, "outage": 0, "refused": 0, "overflow": 0, "queue_full": 0, "late": 0, "codel": 0, "evicted": 0}
 
 
@@ -44,17 +44,38 @@ def test_the_table_says_what_was_counted() -> None:
     for direction, n in (("forward", 10), ("feedback", 5)):
         counters |= {f"{direction}.{name}": n for name in ("offered", "released", "held_at_end", "copied")}
         counters |= {f"{direction}.dropped.{cause}": n for cause in NOTHING}
-    errors: dict[Direction, ReleaseErrors] = {"forward": ReleaseErrors(), "feedback": ReleaseErrors()}
-    errors["forward"].add(np.array([20_000], dtype=np.int64))
-    head, forward, feedback, more = table(counters, errors)
+    tally = Tally(None, lambda _: None)
+    tally.errors["forward"].add(np.array([20_000], dtype=np.int64))
+    head, forward, feedback, *_, more = table(counters, tally, ASKED)
     causes = "loss outage refused overflow queue_full late codel evicted"
-    assert " ".join(head.split()) == f"offered released {causes} held copies late us: p50 p99 max"
+    assert " ".join(head.split()) == f"offered released {causes} held copies released late, us: p50 p99 max"
     assert " ".join(forward.split()) == "forward (west to east) 10 10" + 8 * " 10" + " 10 10 20 20 20"
     assert " ".join(feedback.split()) == "feedback (east to west) 5 5" + 8 * " 5" + " 5 5 0 0 0"
     assert more == (
         "2 messages before the beginning, 1 way past netem found: not valid, 30 messages dropped by a full buffer: "
         "not part of the configured network"
     )
+
+
+def test_delays_and_what_was_sent_again_stand_below_the_table() -> None:
+    tally = Tally(None, lambda _: None)
+    fates = FateBatch(direction="forward", key="a", seq=(0, 1, 2), recovered=(0, 1, 1))
+    left = ReleaseBatch(
+        direction="forward", key="a", seq=(0, 1, 2), copy_index=(0, 0, 0), offered_ns=(NS_PER_MS,) * 3,
+        release_ns=(NS_PER_MS,) * 3, released_ns=(2 * NS_PER_MS, 0, 4 * NS_PER_MS),
+        departure=("released", "late", "released"), queued_ns=(0, 0, 0),
+    )  # fmt: skip
+    tally.record(Record(FATES, 0, fates))
+    tally.record(Record(RELEASES, 0, left))
+    counters = {
+        f"{way}.{name}": 0 for way in tally.errors for name in ("offered", "released", "held_at_end", "copied")
+    }
+    counters |= {f"{way}.dropped.{cause}": 0 for way in tally.errors for cause in NOTHING}
+    assert table(counters, tally, ASKED)[3:] == [
+        "forward: delay 2 ms, sd 1; realised: delay 2 ms, sd 1, 2 sent again (recovery)",
+        "feedback: nothing injected; realised: nothing left",
+    ]
+    assert "realised, with changes: nothing" in table(counters | {"control.accepted": 1}, tally, ASKED)[4]
 
 
 def _late_batch(late_ms: int) -> Record:
@@ -94,7 +115,7 @@ def test_late_releases_are_told_once_in_ten_seconds_and_at_the_end() -> None:
         f"{way}.{name}": 0 for way in tally.errors for name in ("offered", "released", "held_at_end", "copied")
     }
     counters |= {f"{way}.dropped.{cause}": 0 for way in tally.errors for cause in NOTHING}
-    assert [line for line in table(counters, tally.errors) if "23 messages left more than 10 ms" in line]
+    assert [line for line in table(counters, tally, ASKED) if "23 messages left more than 10 ms" in line]
 
 
 def test_names_near_a_bound_are_told_once_and_at_the_end() -> None:
@@ -109,7 +130,7 @@ def test_names_near_a_bound_are_told_once_and_at_the_end() -> None:
     assert len(said) == 1
     assert "17000 names at once" in said[0]
     counters = made.counters() | {name.replace("forward", "feedback"): n for name, n in link().counters().items()}
-    last = table(counters, {"forward": ReleaseErrors(), "feedback": ReleaseErrors()})[-1]
+    last = table(counters, Tally(None, said.append), ASKED)[-1]
     assert last == said[0]
 
 
@@ -122,7 +143,7 @@ def test_what_dropped_nothing_is_no_column() -> None:
     counters |= {f"{way}.dropped.{cause}": 0 for way in ("forward", "feedback") for cause in NOTHING}
     counters |= {"feedback.dropped.queue_full": 709, "leaks": 2}
     counters |= {"forward.held_back": 3, "feedback.held_back": 4, "forward.held_back_overdue": 1}
-    head, forward, feedback, more = table(counters, {"forward": ReleaseErrors(), "feedback": ReleaseErrors()})
+    head, forward, feedback, *_, more = table(counters, Tally(None, lambda _: None), ASKED)
     assert head.split()[:4] == ["offered", "released", "queue_full", "held"]
     assert forward.split()[4:7] == ["7", "7", "0"]
     assert feedback.split()[4:7] == ["7", "7", "709"]

@@ -82,6 +82,7 @@ def test_a_profile_s_line_has_the_figures_of_the_library(name: str) -> None:
             {"loss": {"kind": "bernoulli", "p_loss": 0.01, "mtu_bytes": 1500}},
             "loss 1 % of each packet of 1500 bytes",
         ),
+        ({"loss": {"kind": "burst", "p_loss": 0.01, "mean_burst": 3}}, "loss 1 % in bursts of 3 on average"),
         ({"rate": {"kbit_s": 2500}}, "rate 2.5 Mbit/s (queue of 1000 messages)"),
         (
             {

@@ -23,6 +23,7 @@ _COUNTS: Final = {
     "offered": "reached netem",
     "copied": "copies made by netem",
     "dropped": "dropped by netem",
+    "recovered": "sent again by the recovery",
     "released": "released",
     "received": "received",
     "unplanned_loss": "unplanned loss",

@@ -4,7 +4,7 @@ from typing import Any
 
 from tests.deploy.report.partial import part
 from tis.deploy.report.subjects.network.link_figures import Link
-from tis.deploy.report.subjects.network.link_tables import delay_table
+from tis.deploy.report.subjects.network.link_tables import delay_table, packet_table
 
 
 def _part(asked_ms: float | None, decided_ms: float, varies: bool = False, foreign: bool = False) -> dict[str, Any]:
@@ -85,3 +85,12 @@ def test_messages_that_waited_for_earlier_ones_are_told() -> None:
     waited["delay_ms"]["realised"] = waited["delay_ms"]["realised"] | {"mean": 33.0}
     assert "in their order (fifo)" in _rows(forward=_link(waited, {}))[1]
     assert "fifo" not in _rows(forward=_link(_part(30, 31), {}))[1]
+
+
+def test_what_a_recovery_sent_again_is_told_beside_what_was_dropped() -> None:
+    names = ["sent", "offered", "copied", "released", "received", "unplanned_loss", "held_at_end", "reordered"]
+    names += ["duplicated", "duplicated_by_netem", "corrupted", "corrupted_rejected", "foreign", "dropped", "untold"]
+    lossless = dict.fromkeys(names, 0) | {"loss_pct": 0.0, "loss_pct_interval_95": [0.0, 1.0], "dropped_by": {}}
+    for n, told in ((11, [("sent again by the recovery", 11)]), (0, [])):
+        rows = packet_table({"forward": part(Link, lossless | {"recovered": n})}).rows
+        assert [row for row in rows if "again" in row[0]] == told
