@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, TypeAdapt
 from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S
 from tis.deploy.view.device import DeviceDoor, device_pose
 from tis.deploy.view.hold_reason import RunAbout, why_hold
+from tis.deploy.view.page_text import MODES_IN_WORDS
 from tis.deploy.view.requests import PageRequest, ask
 from tis.deploy.view.steering import Steering
 from tis.deploy.watch.arms import Place
@@ -233,6 +234,7 @@ def picture(book: LiveBook, arm: str | None) -> dict[str, Any]:
         "ghost_mm": _mm(display and display.predicted_m),
         "arm_mm": _mm(really and really.arm_m),
         "mode": book.safety.mode(arm),
+        "doing": MODES_IN_WORDS.get(book.safety.mode(arm) or ""),
         "stopped": book.is_stopped,
     }
 
