@@ -251,7 +251,7 @@ TEXTS: Final[dict[Event, str]] = {
     "suspended": "was suspended with its host for {s} s",
     "conflict": "receives samples of the surgeon in two versions: somebody forges them (patient.gate.on_conflict)",
     "foreign_set_point": "hears set points for its arm that somebody else sends",
-    "foreign_release": "has ended an emergency stop without its token (patient.safety.release)",
+    "foreign_release": "was released from an emergency stop by somebody without its token (patient.safety.release)",
     "stop_flood": "is flooded with requests to stop or to release",
     "forged": "receives messages that the other side has not signed: somebody forges or alters them",
     "foreign_beat": "has signs of life that it did not send: somebody forges them",

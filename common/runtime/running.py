@@ -8,7 +8,7 @@ import os
 import socket
 import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -22,6 +22,9 @@ EAST: Final = "tcp/127.0.0.1:7448"
 ALONE: Final = "tis netem"
 """Title of an emulator that runs by itself."""
 
+UNKNOWN: Final = "an emulator"
+"""Title of what listens where an emulator usually does, and has announced nothing."""
+
 _PRIVATE: Final = 0o700
 _SUFFIX: Final = ".json"
 _MAX_BYTES: Final = 4096
@@ -34,10 +37,17 @@ class Running(NamedTuple):
     west: str = WEST
     east: str = EAST
     session: str = "tis"
-    title: str = "an emulator"
+    title: str = UNKNOWN
 
-    def __str__(self) -> str:
-        return f"{self.title} (-e {self.west} --prefix {self.session})"
+    @property
+    def is_run(self) -> bool:
+        """Tell whether it is a run of the testbed, and no emulator alone, or one of which nothing is known."""
+        return self.title not in (ALONE, UNKNOWN)
+
+    def named_by(self, options: Sequence[str]) -> str:
+        """Return what runs there, with the words that name it to a command that has these options, west and east."""
+        ends = " ".join(f"{option} {end}" for option, end in zip(options, (self.west, self.east), strict=False))
+        return f"{self.title} ({ends} --prefix {self.session})"
 
 
 def _folders() -> Iterator[Path]:

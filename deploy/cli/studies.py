@@ -55,7 +55,7 @@ class Compared(Options):
         str | None, typer.Option(metavar="D,E", help="People whose trials are compared, instead of --trials.")
     ] = None
     n_seeds: Annotated[
-        int | None, typer.Option("--seeds", min=1, help="Seeds per trial (1), or per synthetic source (5).")
+        int | None, typer.Option("--seeds", min=1, help="Seeds per trial (1), or per synthetic source (6).")
     ] = None
     sweeps: _Sweeps = None
     zipped: Annotated[bool, typer.Option("--zip", help="Take the values of several sweeps side by side.")] = False
@@ -68,7 +68,7 @@ class Compared(Options):
         return {**vars(self), "zipped": self.zipped or None}
 
 
-@app.command(example="tis compare default --estimators hold,innovations_kf --seeds 5")
+@app.command(example="tis compare default --estimators hold,innovations_kf --seeds 6")
 def compare(
     *,
     compared: Compared,

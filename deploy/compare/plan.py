@@ -32,7 +32,8 @@ from tis.deploy.run.resolve import resolve
 
 Value = TypeVar("Value")
 
-DEFAULT_SYNTHETIC_SEEDS: Final = 5
+DEFAULT_SYNTHETIC_SEEDS: Final = 6
+"""The fewest people of which a 95 % interval can tell estimators apart."""
 MAX_SEEDS: Final = 1_000_000
 MAX_TWINS: Final = 200_000
 """Some 4 GB of memory for the plan, and as much for the results."""

@@ -3,8 +3,11 @@
 from collections.abc import Sequence
 from typing import Any
 
+from msgspec import convert
+
 from tis.common.metrics.latency import latency_ms
 from tis.common.metrics.percentiles import summarise
+from tis.common.records import CONTROL, ControlNote
 from tis.common.scenario import Scenario
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.read.columns import joined
@@ -33,6 +36,7 @@ from tis.deploy.report.subjects.requirements import verdicts
 from tis.deploy.report.subjects.ticks import active_duration_s, tick_figures
 from tis.deploy.report.summary import Summary
 from tis.deploy.report.validity import invalidities
+from tis.netem.control.replay import made_changes
 from tis.patient_side.statespace import ArmModel
 
 
@@ -79,6 +83,7 @@ def _measured(run: MeasuredRun, mode: str, exit_code: int | None, command: str) 
         active_estimator=scenario.active_estimator,
         active_orientation=scenario.patient.orientation.active,
         links={direction: link for direction, (link, _) in run.links.items()},
+        changes=[*map(str, made_changes(convert(row, ControlNote) for row in logs.of("netem", CONTROL)))],
         superseded=count_of(logs, "patient", "superseded"),
         repeated=count_of(logs, "patient", "repeated"),
         recovered=count_of(logs, "patient", "recovered"),

@@ -59,6 +59,9 @@ class Summary(Section):
     active_estimator: str = means("Estimator that the patient acts on.")
     active_orientation: str = means("Orientation method whose orientation and gripper the answers carry.")
     links: dict[DirectionName, Link] = means("The two directions of the network.")
+    changes: list[str] = means(
+        "Changes of the network made while it ran, in words, each with its direction and time.", default=[]
+    )
     latency_ms: Latency = means("Latency of the samples that estimates used.")
     age_ms: Statistics = statistics("Age of the freshest sample at the ticks.")
     age_of_information_ms: AgeOfInformation = means("Age of the freshest sample over time.")

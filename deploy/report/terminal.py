@@ -28,6 +28,7 @@ MAX_FAULT_LINES: Final = 24
 
 _MANUAL: Final = "docs/testbed/troubleshooting.md"
 
+_MAX_CHANGES: Final = 3
 _NAME_WIDTH: Final = 14
 _MS_PER_S: Final = 1000
 
@@ -158,6 +159,11 @@ def _networks(summary: Summary) -> Iterator[Row]:
         ways = [way for way, one in texts.items() if one == text]
         name = "network" if len(ways) == len(texts) else ways[0]
         yield Row(name, text, FIDELITY_STYLES[verdicts[ways[0]].faithful])
+    if changes := summary.changes:
+        shown, more = changes[:_MAX_CHANGES], len(changes) - _MAX_CHANGES
+        texts_of = "; ".join([*shown, *([f"and {more} more"] if more > 0 else [])])
+        times = "once" if len(changes) == 1 else f"{len(changes)} times"
+        yield Row("changed", f"{times} while it ran, which all figures include: {texts_of}", "yellow")
 
 
 OUTCOME_STYLES: Final = {"missed": "red", "not decidable": "yellow", "met": "green", OUT_OF_REACH: ""}

@@ -36,7 +36,7 @@ from tis.deploy.shell.guard import OUT, print_json
 from tis.deploy.standalone.standalone_run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
 from tis.deploy.tools.info import log_states, print_damage, print_files, states_as_data
 from tis.netem.bridge.standalone import network_yaml
-from tis.netem.control.replay import changes_in_words
+from tis.netem.control.replay import made_changes
 from tis.netem.expected.figures import direction_label
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def netem_summary(run: StandaloneRun, exit_code: int | None) -> NetemSummary:
         versions=run.versions,
         duration_s=log.last_ns / NS_PER_S,
         complete=bool(log.of(COUNTERS)),
-        changes=changes_in_words(convert(row, ControlNote) for row in logs.of("netem", CONTROL)),
+        changes=[*map(str, made_changes(convert(row, ControlNote) for row in logs.of("netem", CONTROL)))],
         links=links,
         processors=processors_summary(logs, ("netem",)),
         problems=problems,

@@ -125,16 +125,20 @@
     at("yields").textContent = !drives || !stiffness ? "" :
       `A pointer cannot push back. The dashed circle shows where a hand of ${stiffness.toFixed(0)} N/m would be pushed.`;
   };
-  const HALTS = {
-    resuming: "The arm resumes: it comes slowly to where your hand is.",
-    hold: "The arm holds: what arrives is too old or in doubt, so it waits.",
-    slow_stop: "The arm brakes to a stop.",
-    safe: "The arm is stopped: what arrives is too old or in doubt. It resumes when fresh data come; where the scenario latches it, Release is needed.",
+  // Of each state why; what the arm does in it is said in the same words everywhere, which come with the picture.
+  const WHY = {
+    resuming: "it comes slowly to where your hand is.",
+    hold: "what arrives is too old or in doubt, so it waits.",
+    slow_stop: "it brakes until it stands.",
+    safe: "what arrives is too old or in doubt. It resumes when fresh data come; where the scenario latches it, Release is needed.",
   };
   // Why it stands: a stop, by this page or another, or the data. A page that came later may not have heard of a stop.
-  const haltOf = ({ mode, stopped }) => (mode !== "safe" || stopped === false ? HALTS[mode] ?? ""
-    : stopped ? `${stops ? "You" : "Somebody"} pressed Stop the arms: the arm does not follow until Release.`
-      : drives ? HALTS.safe : `${HALTS.safe} If somebody pressed Stop the arms, Release ends it.`);
+  const haltOf = ({ mode, doing, stopped }) => {
+    const told = mode in WHY ? `The arm is ${doing}: ${WHY[mode]}` : "";
+    if (mode !== "safe" || stopped === false) return told;
+    if (stopped) return `${stops ? "You" : "Somebody"} pressed Stop the arms: the arm does not follow until Release.`;
+    return drives ? told : `${told} If somebody pressed Stop the arms, Release ends it.`;
+  };
   const isStopped = () => ["safe", "slow_stop"].includes(seen.mode);
   // One of a picture's own messages may not have been seen: then the part of the last two seconds stays, if it can.
   let part = { ms: null, at_ms: -Infinity };
@@ -157,7 +161,7 @@
     else if (refused) line.textContent = `Not taken: ${refused}.`;
     else if (over) line.textContent = "The connection to the page's server is lost.";
     else if (!drives) line.textContent = "";
-    else if (seen?.driver === "you") line.textContent = clutch ? "Clutch: your hand moves, the arm stays." : isStopped() ? "You have the hand, but the arm is stopped." : "You drive the arm.";
+    else if (seen?.driver === "you") line.textContent = clutch ? "Clutch: your hand moves, the arm stays." : isStopped() ? `You have the hand, but the arm is ${seen.doing}.` : "You drive the arm.";
     else if (seen?.driver === "other") line.textContent = "Another page drives the arm.";
     else line.textContent = seen?.hand_mm ? "Nobody drives: the hand holds. Press and drag in the picture." : "Waiting for the arm.";
   };

@@ -14,6 +14,7 @@ from tis.deploy.logs.read.frame import Frame
 from tis.deploy.report.subjects.touch import Stability, stability
 from tis.deploy.view.device import DeviceDoor, device_pose
 from tis.deploy.view.hold_reason import RunAbout, why_hold
+from tis.deploy.view.page_text import MODES_IN_WORDS
 from tis.deploy.view.requests import PageRequest, ask
 from tis.deploy.view.steering import Steering
 from tis.deploy.watch.arms import Place
@@ -244,6 +245,7 @@ def picture(book: LiveBook, arm: str | None) -> dict[str, Any]:
         "arm_mm": _mm(really and really.arm_m),
         "mode": book.safety.mode(arm),
         "felt": _felt(book.forces.newest.get(arm), book.now_ns),
+        "doing": MODES_IN_WORDS.get(book.safety.mode(arm) or ""),
         "stopped": book.is_stopped,
     }
 

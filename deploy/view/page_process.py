@@ -185,7 +185,7 @@ def _awaited(prefix: str | None, wait_s: float | None, interrupt: Interrupt, err
     """Wait for a run on this machine; return it, or None after an interrupt; raises `PeerError` after ``wait_s``."""
     until_s = inf if wait_s is None else time.monotonic() + wait_s
     said = False
-    while (here := running_here("tis view", prefix)) is None:
+    while (here := running_here("tis view", ("--west", "--east"), prefix, prefer_runs=True)) is None:
         if not said:
             said = True
             text = f"no run on this machine yet: waiting for tis run, or for netem at {WEST}; Ctrl-C ends it"

@@ -154,17 +154,18 @@ def _safety_html(safety: Mapping[str, Sequence[Stretch]]) -> str:
     )
 
 
-_MODES: Final = {
+MODES_IN_WORDS: Final = {
     "tracking": "following",
     "resuming": "resuming",
     "hold": "holding",
     "slow_stop": "stopping",
     "safe": "stopped",
 }
+"""What an arm does in each safety state, wherever the page tells it."""
 
 
 def _spoken(mode: str) -> str:
-    return escape(_MODES.get(mode, mode))
+    return escape(MODES_IN_WORDS.get(mode, mode))
 
 
 def vantage_text(found: Vantage | None, context: PageContext) -> str:

@@ -14,7 +14,7 @@ from tis.common.node import Arrival, Output, Record
 from tis.common.records import CONTROL, ControlNote
 from tis.common.scenario.control import CLEARING
 from tis.common.scenario.network import NetworkPart
-from tis.common.scenario.network.conditions import TimelineEntry
+from tis.common.scenario.network.conditions import BothOr, TimelineEntry
 from tis.common.units import NS_PER_S
 from tis.netem.conditions.conditions import Condition, Conditions, Span, joined
 from tis.netem.link.link import Link
@@ -55,32 +55,60 @@ def _entries(text: str) -> tuple[TimelineEntry, ...]:
         raise DataError(Fault(CONTROL, "added", "must be a JSON list of timeline entries", text)) from None
 
 
-def changes_in_words(notes: Iterable[ControlNote]) -> list[str]:
+class MadeChange(NamedTuple):
+    """A change made while running, in words: where, from when in ns, ``during`` which time, and ``what`` it set."""
+
+    direction: BothOr
+    begin_ns: int
+    during: str
+    what: str
+
+    def __str__(self) -> str:
+        """Return it on one line: ``forward, from 96.123 s for 10 s: delay 200 ms``."""
+        where = "both directions" if self.direction == "both" else self.direction
+        return f"{where}, {self.during}: {self.what}"
+
+
+def made_changes(notes: Iterable[ControlNote]) -> list[MadeChange]:
     """Return each accepted change with its direction and time, in the order of the requests."""
-    lines = []
+    found = []
     for note in notes:
         if not note.accepted:
             continue
         named = _PROFILE.search(note.request) if note.operation == "profile" else None
         if note.operation in CLEARING:
             what = "reset to what was asked for at the start" if named is None else f"profile {named[1]}, and no more"
-            lines.append(f"both directions, from {note.applied_ns / NS_PER_S:.3f} s: {what}")
+            found.append(MadeChange("both", note.applied_ns, f"from {note.applied_ns / NS_PER_S:.3f} s", what))
         else:
-            entries = _entries(note.added or "[]")
-            lines += [
-                f"{'both directions' if entry.direction == 'both' else entry.direction}, {entry_in_words(entry)}"
-                for entry in entries
-            ]
-    return lines
+            for entry in _entries(note.added or "[]"):
+                begin_ns = max(note.applied_ns, round(entry.at_s * NS_PER_S))
+                found.append(MadeChange(entry.direction, begin_ns, _during(entry), _set_in_words(entry)))
+    return found
 
 
 def entry_in_words(entry: TimelineEntry) -> str:
-    """Return the time of a change and what it sets: ``from 96.123 s for 10 s: delay constant delay_ms 200``."""
+    """Return the time of a change and what it sets: ``from 96.123 s for 10 s: delay 200 ms``."""
+    return f"{_during(entry)}: {_set_in_words(entry)}"
+
+
+def _during(entry: TimelineEntry) -> str:
     length = "" if entry.for_s is None else f" for {entry.for_s:g} s"
     ramp = f", ramped for {entry.ramp_s:g} s" if entry.ramp_s else ""
+    return f"from {entry.at_s:.3f} s{length}{ramp}"
+
+
+def _set_in_words(entry: TimelineEntry) -> str:
     given = entry.set.model_dump(mode="json", exclude_unset=True)
-    words = (name if value is True else f"{name} {value_in_words(value)}" for name, value in given.items())
-    return f"from {entry.at_s:.3f} s{length}{ramp}: {', '.join(words)}"
+    words = (name if value is True else f"{name} {_new_in_words(value)}" for name, value in given.items())
+    return ", ".join(words)
+
+
+def _new_in_words(value: object) -> str:
+    """Return a stage as `value_in_words`; a constant delay, which most changes set, as its time."""
+    match value:
+        case {"kind": "constant", "delay_ms": delay_ms, **rest} if not rest:
+            return f"{delay_ms:g} ms"
+    return value_in_words(value)
 
 
 def value_in_words(value: object) -> str:

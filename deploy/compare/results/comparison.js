@@ -114,19 +114,21 @@
   };
 
   const drawAge = (groups, visible) => {
+    // to scale; the last bin, which is open, is drawn as wide as the one before it
+    const ages = about.age_edges_ms, edge = (k) => ages[k] ?? 2 * ages.at(-1) - ages.at(-2), edges = new Set();
     const columns = about.estimators.map((_, e) => {
       const own = empty();
       for (const bin of pool.byAge(groups, e)) {
         const low = about.age_edges_ms.indexOf(bin.from_ms), to_ms = about.age_edges_ms[low + 1];
         const words = to_ms === undefined ? `from ${bin.from_ms} ms` : `${bin.from_ms} to ${to_ms} ms`;
-        add(own, e, low + 0.5, bin.rmse_3d_mm, null, words, bin.n, "");
+        edges.add(edge(low)).add(edge(low + 1));
+        add(own, e, (edge(low) + edge(low + 1)) / 2, bin.rmse_3d_mm, null, words, bin.n, "");
       }
       return own;
     });
     fill("age", columns, visible);
-    const edges = columns.flatMap(({ x }) => [...x].flatMap((middle) => [middle - 0.5, middle + 0.5]));
-    const places = [...new Set(edges)].sort((a, b) => a - b), figure = model("age-figure");
-    marks(figure.below[0], places, places.map((place) => String(about.age_edges_ms[place] ?? "older")));
+    const places = [...edges].sort((a, b) => a - b), figure = model("age-figure");
+    marks(figure.below[0], places, places.map((place) => (ages.includes(place) ? String(place) : "older")));
     if (places.length) fit(figure.x_range, places);
     top("age", highest(columns, 1.6));
   };

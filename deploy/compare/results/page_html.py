@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Any, Final
@@ -18,7 +19,7 @@ from tis.deploy.compare.results.pooled import origin
 from tis.deploy.compare.results.tables import SENT, TURN_CAPTION, headline, setting_title, turn_table
 from tis.deploy.present.page import Page, Section, nonbreaking_units, note, page_html, problem_list
 from tis.deploy.present.palette import AXIS, SOFT, look_of
-from tis.deploy.present.plot_style import Figure, plain_figure
+from tis.deploy.present.plot_style import Figure, Key, LineStyle, line_keys, plain_figure
 
 # Empty figures of a comparison's page, whose sources the page's script fills.
 
@@ -37,7 +38,9 @@ def curve_figures(names: Sequence[str]) -> Figure:
     """Return ratio and RMSE against an axis, a line with a band for each estimator."""
     plots = tuple(_lines(name, label, names, with_bands=True) for name, label in CURVES.items())
     caption = "Pooled over all that is chosen above; the axis is chosen here. The bands are over people."
-    return Figure(plots, "Errors along an axis", caption, "Error of each estimator against the chosen axis")
+    return Figure(
+        plots, "Errors along an axis", caption, "Error of each estimator against the chosen axis", _keys(names)
+    )
 
 
 def age_figure(names: Sequence[str]) -> Figure:
@@ -45,7 +48,15 @@ def age_figure(names: Sequence[str]) -> Figure:
     plot = _lines("age", "3D RMSE, mm", names, with_bands=False)
     plot.xaxis.axis_label = "age of the freshest sample, ms (between the edges of its bin)"
     caption = "Age: how old the freshest sample is that has arrived by the tick."
-    return Figure((plot,), "Error against age", caption, "Error of each estimator against age")
+    return Figure((plot,), "Error against age", caption, "Error of each estimator against age", _keys(names))
+
+
+def _keys(names: Sequence[str]) -> tuple[Key, ...]:
+    """Return the legend of a figure's lines; what is shown is chosen above."""
+    return tuple(
+        replace(key, toggles=False)
+        for key in line_keys({name: LineStyle(look_of(name, names), 1.8, shown=True) for name in names})
+    )
 
 
 def heat_figure() -> Figure:

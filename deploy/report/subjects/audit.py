@@ -1,5 +1,6 @@
 """netem's audit log: whether it is whole, and who was refused, by address and name."""
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Final
 
@@ -29,6 +30,18 @@ def audit_of(logs: RunLogs) -> Verified | None:
         raise DataError(Fault(str(file), "", f"cannot be read: {error.strerror}")) from None
     noted = [AuditNote(**row) for row in logs.of("netem", AUDIT)]
     return verify(lines, noted)
+
+
+def releasers(logs: RunLogs, stops: Collection[int]) -> list[str]:
+    """Return the connections of which one released each of these stops, by their numbers; none without a log."""
+    try:
+        found = audit_of(logs) if stops else None
+    except DataError:  # the report tells of it
+        return []
+    named = {f"of {number}" for number in stops}
+    entries = () if found is None else found.entries
+    return list(dict.fromkeys(who for one in entries if one.event == "release" and one.what in named
+                              for who in one.among))  # fmt: skip
 
 
 def verify_run(run_dir: Path) -> str:

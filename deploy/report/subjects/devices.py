@@ -66,7 +66,10 @@ def device_texts(devices: ByHand, external_arms: ByHand) -> list[str]:
             whose = f"the {name.format(hand)}"
             if row.poses and row.silent_ticks:  # without any pose the run is invalid, and says so
                 times = "once" if row.silences == 1 else f"{row.silences} times"
-                texts.append(f"{whose} was silent {times}, for {row.silent_s:.1f} s in all: its last pose held")
+                how_long = f"{times}, for {row.silent_s:.1f} s in all"
+                rest = f"the {hand} hand was at rest {how_long}: no device and no page moved it"
+                silent = f"{whose} was silent {how_long}: its last pose held"
+                texts.append(rest if found is devices else silent)
             refused = [f"{n} {MEANING[reason]}" for reason, n in row.refused.items() if n]
             if refused:
                 texts.append(f"not used of the messages of {whose}: {', '.join(refused)}")

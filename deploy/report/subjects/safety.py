@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, sqrt
-from typing import Final, Literal, get_args
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.packets import place_in
 from tis.deploy.present.numbers import number
 from tis.deploy.report.section import KindName, Section, means
+from tis.deploy.report.subjects.audit import releasers
 from tis.deploy.report.subjects.logs import counters_of
 from tis.deploy.report.subjects.tracking import Array, HandTrack, at_ticks
 from tis.patient_side.identification.movement import trained
@@ -65,6 +66,10 @@ class SafetyFigures(Section):
     releases_by_others: int = means(
         "Releases among them without the stop's token: they need not come from who had stopped. Stops "
         "without a secret are not counted."
+    )
+    released_by: list[str] = means(
+        "Connections of which one sent each of these, by netem's audit log: address, and name by certificate.",
+        default=[],
     )
     stop_requests_refused: int = means(
         "Requests to stop or to release that it refused and answered: wrong secret, no such stop in "
@@ -151,24 +156,26 @@ def safety_summary(
     return found
 
 
-def stop_books(logs: RunLogs) -> dict[str, int]:
+def stop_books(logs: RunLogs) -> dict[str, Any]:
     """Return the numbers of requests to stop or to release: carried out, refused, and only counted.
 
     What is carried out is all in the log. Of the others the log holds some, and the patient's counters all.
     """
     rows, counted = logs.of("patient", STOPS), counters_of(logs, "patient")
     done = [row for row in rows if not row.get("refused")]
+    by_others = [row for row in done if row.get("by_stopper") is False]
     return {
         "emergency_stops": sum(row["stop"] for row in done),
         "releases": sum(not row["stop"] for row in done),
-        "releases_by_others": sum(row.get("by_stopper") is False for row in done),
+        "releases_by_others": len(by_others),
+        "released_by": releasers(logs, {row.get("ends", 0) for row in by_others}),
         "stop_requests_refused": max(len(rows) - len(done), counted.get("stop_requests_refused", 0)),
         "stop_requests_flooded": counted.get("stop_requests_flooded", 0),
     }
 
 
 def _figures(
-    scenario: Scenario, track: HandTrack, driven: SetPoints, n_changes: int, stops: Mapping[str, int],
+    scenario: Scenario, track: HandTrack, driven: SetPoints, n_changes: int, stops: Mapping[str, Any],
     stopped_ns: Sequence[int], model: ArmModel | None,
 ) -> SafetyFigures:  # fmt: skip
     estimate_m = track.estimates.get(scenario.active_estimator)
@@ -270,7 +277,8 @@ def stop_texts(safety: Mapping[Hand, SafetyFigures | None]) -> list[str]:
         texts.append(f"{stopped}: the errors count that time")
     if n_others:
         releases = _times("release", n_others)
-        texts.append(f"{releases} came without the stop's token (patient.safety.release says who may)")
+        by = f", by {' or '.join(books.released_by)}" if books.released_by else ""
+        texts.append(f"{releases} came without the stop's token{by} (patient.safety.release says who may)")
     if n_refused:
         texts.append(f"the patient refused {_times('request', n_refused)} to stop or to release (reasons in the log)")
     if n_flooded:

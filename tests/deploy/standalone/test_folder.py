@@ -268,7 +268,7 @@ def test_each_change_made_while_it_ran_stands_in_words_and_is_not_repeated(tmp_p
     _tis("report", str(run_dir))
     page = (run_dir / "report.html").read_text()
     for words in (
-        "changed while running: forward, from 10.000 s for 0.5 s: delay constant delay_ms 200",
+        "changed while running: forward, from 10.000 s for 0.5 s: delay 200 ms",
         "changed while running: both directions, from 11.000 s: profile wifi_bad, and no more",
         "changed while running: both directions, from 12.000 s: reset to what was asked for at the start",
     ):

@@ -1,5 +1,6 @@
 """`tis view` and `tis net` without an endpoint: the run on this machine, or what they wait for."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -7,8 +8,8 @@ import pytest
 from tests.deploy.commands import call_in_one_line
 from tis.common.errors import InputError
 from tis.common.runtime import emulator_client, running
-from tis.common.runtime.emulator_client import emulator_address
-from tis.common.runtime.running import Running
+from tis.common.runtime.emulator_client import emulator_address, running_here
+from tis.common.runtime.running import ALONE, Running
 
 ONE = Running("tcp/127.0.0.1:4001", "tcp/127.0.0.1:4002", "one", "scenario one")
 TWO = Running("tcp/127.0.0.1:4003", "tcp/127.0.0.1:4004", "two", "scenario two")
@@ -23,9 +24,29 @@ def test_the_only_run_of_the_machine_is_meant(monkeypatch: pytest.MonkeyPatch) -
 
 def test_one_of_several_runs_has_to_be_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(emulator_client, "sessions", lambda: [ONE, TWO])
-    with pytest.raises(InputError, match=r"scenario one .*scenario two"):
+    with pytest.raises(
+        InputError, match=r"--connect: .*one \(--connect tcp/127.0.0.1:4001 --prefix one\); scenario two"
+    ):
         emulator_address(None, None, None, None)
     assert emulator_address(None, "two", None, None)[:2] == (TWO.west, "two")
+
+
+def test_view_names_only_options_that_it_has(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(emulator_client, "sessions", lambda: [ONE, TWO])
+    code, _, err = call_in_one_line("view", "--wait-s", "0")
+    assert code == 2
+    assert f"--west {TWO.west} --east {TWO.east} --prefix two" in err
+    _, help_text, _ = call_in_one_line("view", "--help")
+    assert all(option in help_text for option in re.findall(r"(?<![\w-])--?[a-z][\w-]*", err))
+
+
+@pytest.mark.parametrize("other", [Running(title=ALONE), Running()])
+def test_view_means_the_run_and_not_an_emulator_beside_it(monkeypatch: pytest.MonkeyPatch, other: Running) -> None:
+    monkeypatch.setattr(emulator_client, "sessions", lambda: [other, ONE])
+    found = running_here("tis view", ("--west", "--east"), None, prefer_runs=True)
+    assert found == ONE
+    with pytest.raises(InputError):  # each is an emulator that `tis net` could mean
+        emulator_address(None, None, None, None)
 
 
 def test_view_says_what_it_waits_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable
 from math import sin
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from hypothesis import given
@@ -13,6 +13,7 @@ from tests.deploy.watch.making import LEFT, a_book, sighting
 from tests.deploy.watch.test_arms import _arm, _display
 from tests.deploy.watch.test_forces import _shown, _wrench
 from tis.common.device import DevicePose
+from tis.common.messages import SafetyMode
 from tis.common.scenario.control import EmulatorState
 from tis.common.units import NS_PER_S
 from tis.deploy.run.resolve import resolve
@@ -33,10 +34,12 @@ from tis.deploy.view.drive import (
     stability_of,
 )
 from tis.deploy.view.hold_reason import about_of
+from tis.deploy.view.page_text import MODES_IN_WORDS, _safety_html
 from tis.deploy.view.requests import PageRequest
 from tis.deploy.watch.book import LiveBook
 from tis.deploy.watch.forces import FeltRow
 from tis.deploy.watch.observer import Attendance
+from tis.deploy.watch.safety import Stretch
 
 
 class _Door:
@@ -125,6 +128,17 @@ def test_the_picture_is_the_newest_of_each_row() -> None:
     assert {name: frame[name] for name in found} == found
     assert (frame["late_ms"], frame["network_ms"]) == (210.0, None)
     assert (frame["feedback_error_mm"], frame["ghost_error_mm"]) == (5.5, 1.5)
+
+
+@pytest.mark.parametrize("mode", [one for one in get_args(SafetyMode) if one])
+def test_the_picture_tells_what_the_arm_does_in_the_words_of_the_page(
+    mode: SafetyMode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    book = a_book()
+    monkeypatch.setattr(book.safety, "mode", lambda _: mode)
+    found = picture(book, None)
+    assert found["doing"] == MODES_IN_WORDS[mode]
+    assert f"<strong>{found['doing']}</strong>" in _safety_html({"PSM2": [Stretch(mode, 0.0, 1.0)]})
 
 
 def test_before_anything_is_seen_the_picture_is_empty() -> None:

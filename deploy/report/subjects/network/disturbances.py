@@ -3,10 +3,14 @@
 from collections.abc import Mapping, Sequence
 from typing import Final, Literal, NamedTuple, get_args
 
+from msgspec import convert
+
 from tis.common.channels import Direction, Side
+from tis.common.records import CONTROL, ControlNote
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.report.subjects.network.requested import NetworkRequest, Requested
+from tis.netem.control.replay import MadeChange, made_changes
 
 _MAX_NAMED: Final = 3
 
@@ -14,7 +18,7 @@ _MAX_NAMED: Final = 3
 class Disturbance(NamedTuple):
     """An outage, a stall or another change of the network, or the absence of a ``side`` until it was started anew.
 
-    ``live``: somebody caused it while the run went on.
+    ``live``: somebody caused it while the run went on. ``what`` a change set, in words.
     """
 
     begin_s: float
@@ -23,11 +27,13 @@ class Disturbance(NamedTuple):
     direction: Literal["forward", "feedback", "both"]
     live: bool
     side: Side | None = None
+    what: str = ""
 
     def __str__(self) -> str:
         """Return the disturbance in words, with its begin and length in run time."""
         where = self.side or ("both directions" if self.direction == "both" else self.direction)
-        return f"{self.kind} of {self.end_s - self.begin_s:.3g} s at {self.begin_s:.2f} s, {where}"
+        what = f": {self.what}" if self.what else ""
+        return f"{self.kind} of {self.end_s - self.begin_s:.3g} s at {self.begin_s:.2f} s, {where}{what}"
 
 
 def disturbances(logs: RunLogs, scenario: NetworkRequest) -> list[Disturbance]:
@@ -44,9 +50,11 @@ def disturbances(logs: RunLogs, scenario: NetworkRequest) -> list[Disturbance]:
     ]
     if log is None:
         return away
+    made = made_changes(convert(row, ControlNote) for row in logs.of("netem", CONTROL))
     found: dict[tuple[float, float], dict[Direction, Disturbance]] = {}
     for direction in get_args(Direction):
-        for one in _of_direction(Requested.of(scenario, direction, logs), direction, log.last_ns):
+        of_it = [one for one in made if one.direction in (direction, "both")]
+        for one in _of_direction(Requested.of(scenario, direction, logs), direction, log.last_ns, of_it):
             found.setdefault((one.begin_s, one.end_s), {})[direction] = one
     of_network = [
         one._replace(direction="both") if len(each) == len(get_args(Direction)) and _alike(each) else one
@@ -57,10 +65,12 @@ def disturbances(logs: RunLogs, scenario: NetworkRequest) -> list[Disturbance]:
 
 
 def _alike(each: Mapping[Direction, Disturbance]) -> bool:
-    return len({(one.kind, one.live) for one in each.values()}) == 1
+    return len({(one.kind, one.live, one.what) for one in each.values()}) == 1
 
 
-def _of_direction(request: Requested, direction: Direction, last_ns: int) -> list[Disturbance]:
+def _of_direction(
+    request: Requested, direction: Direction, last_ns: int, made: Sequence[MadeChange]
+) -> list[Disturbance]:
     stretches = [(begin_ns, min(end_ns, last_ns)) for begin_ns, end_ns in request.changed if begin_ns < last_ns]
     found, outages = [], []
     for span in request.spans(last_ns):
@@ -72,7 +82,8 @@ def _of_direction(request: Requested, direction: Direction, last_ns: int) -> lis
     # a live outage is in the list of outages already
     for begin_ns, end_ns in stretches:
         if (begin_ns, end_ns) not in outages:
-            found.append(_disturbance(begin_ns, end_ns, "change", direction, True))
+            what = "; then ".join(one.what for one in made if begin_ns <= one.begin_ns < end_ns)
+            found.append(_disturbance(begin_ns, end_ns, "change", direction, True)._replace(what=what))
     return found
 
 

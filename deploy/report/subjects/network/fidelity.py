@@ -46,6 +46,8 @@ class Verdict:
     warnings: list[str] = field(default_factory=list)
     n_decided: int = 0
     undecided: dict[str, int | None] = field(default_factory=dict)
+    judged: int = 0
+    set_aside: int = 0
 
     def add_undecided(self, what: str, n: int, of: str = "") -> None:
         """Note that ``n`` messages are too few to judge the criterion ``what``."""
@@ -79,7 +81,9 @@ def key_verdict(
     """
     verdict, key, fates = Verdict(), books.key, books.fates
     unchanged = request.unchanged(fates.offered_ns)
-    if n_changed := len(unchanged) - int(np.count_nonzero(unchanged)):
+    verdict.judged = int(np.count_nonzero(unchanged))
+    if n_changed := len(unchanged) - verdict.judged:
+        verdict.set_aside = n_changed
         fates = fates.at(unchanged)
         verdict.warnings.append(
             f"changed while running {_spans_text(request.changed)}: {n_changed} of {len(unchanged)} messages are not "

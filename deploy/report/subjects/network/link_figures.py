@@ -54,6 +54,10 @@ class LinkVerdict(Section):
     violations: list[str] = means("Deviations from the network requested, in words.")
     not_decidable: list[str] = means("Properties for which there were too few packets, in words.")
     warnings: list[str] = means("Remarks on the link, in words.")
+    judged: int = means("Messages held against the network requested.", default=0)
+    set_aside: int = means(
+        "Messages that were not, as they came while a change held that was made during the run.", default=0
+    )
     undecided: dict[KindName, int | None] = means("Packets there were, by the property that they were too few for.")
 
     def text(self, request: str) -> str:
@@ -64,7 +68,15 @@ class LinkVerdict(Section):
             return f"not faithful to {request}"
         left_open = self.undecided_text
         judged = f" in all that could be judged ({left_open})" if left_open else ""
-        return f"faithful to {request}{judged}"
+        return f"faithful to {request}{judged}{self.set_aside_text}"
+
+    @property
+    def set_aside_text(self) -> str:
+        """Return how many messages were judged where a change made during the run leaves some out; "" without any."""
+        if not self.set_aside:
+            return ""
+        n = self.judged + self.set_aside
+        return f", judged by {self.judged} of {n} messages, as the network was changed while it ran"
 
     @property
     def undecided_text(self) -> str:

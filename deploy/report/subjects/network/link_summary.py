@@ -237,6 +237,8 @@ def _pooled_verdict(measured: list[_MeasuredKey]) -> LinkVerdict:
     for name in ("violations", "not_decidable", "warnings"):
         setattr(together, name, _by_text([(one.title, getattr(one.verdict, name)) for one in measured]))
     for one in measured:
+        together.judged += one.verdict.judged
+        together.set_aside += one.verdict.set_aside
         for what, n in one.verdict.undecided.items():
             known = together.undecided.get(what)
             together.undecided[what] = n if known is None or n is None else max(known, n)

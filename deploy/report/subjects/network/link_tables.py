@@ -75,6 +75,8 @@ def fidelity_list(links: Links, request: str = "the scenario requests") -> str:
         if verdict.faithful and (left_open := verdict.undecided_text):
             word += " in what could be judged"
             sentence = f"{sentence.removesuffix('.')}, as far as this run can show ({left_open})."
+        if verdict.faithful and (aside := verdict.set_aside_text):
+            sentence = f"{sentence.removesuffix('.')}{aside}."
         items.append((look, word, f"{direction}: {sentence}"))
         items += [("bad", "violated", text) for text in verdict.violations]
         items += [("open", "warning", text) for text in verdict.warnings]

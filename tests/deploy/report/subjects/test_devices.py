@@ -33,7 +33,7 @@ def test_what_devices_and_arms_sent_and_what_was_not_used_of_it(tmp_path: Path) 
     assert {reason: n for reason, n in left["refused"].items() if n} == {"not_finite": 3, "jump": 1}
     assert found["external_arms"]["left"]["poses"] == 7
     assert device_texts(found["devices"], found["external_arms"]) == [
-        "the device of the left hand was silent 2 times, for 1.5 s in all: its last pose held",
+        "the left hand was at rest 2 times, for 1.5 s in all: no device and no page moved it",
         "not used of the messages of the device of the left hand: 3 with numbers that are not finite, 1 that jumped, "
         "which were not followed",
         "not used of the messages of the device of the right hand: 5 with numbers that are not finite",

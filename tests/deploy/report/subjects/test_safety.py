@@ -9,6 +9,7 @@ import pytest
 from mcap.reader import make_reader
 from msgspec import to_builtins
 
+from tis.common.audit import AUDIT_FILE, Chain, Happening
 from tis.common.channels import FOLLOWER
 from tis.common.records import COUNTERS
 from tis.common.safety_records import STOPS, StopNote
@@ -120,6 +121,10 @@ def test_requests_are_counted_by_what_came_of_them(run_dir: Path) -> None:
         StopNote(at_ns=8, stop=False, reason="", ends=2, stopped=False, changed=False),
     ]
     counts = {"stop_requests_refused": 3, "stop_requests_flooded": 29_000}
+    chain = Chain()
+    by = [("release", "of 2", ("tcp/192.0.2.9:1",)), ("release", "of 1", ("alice tcp/192.0.2.7:4001",))]
+    lines = [chain.line("2026-01-01", 7, Happening(event, what, among=who)) for event, what, who in by]  # type: ignore[arg-type]
+    (run_dir / AUDIT_FILE).write_bytes(b"".join(lines))
     del logs.sides["patient"].rows[COUNTERS]
     logs.sides["patient"].add_rows(STOPS, [to_builtins(note) for note in notes])
     logs.sides["patient"].add_rows(COUNTERS, [{"name": name, "value": n} for name, n in counts.items()])
@@ -127,10 +132,11 @@ def test_requests_are_counted_by_what_came_of_them(run_dir: Path) -> None:
     assert left is not None
     names = ("emergency_stops", "releases", "releases_by_others", "stop_requests_refused", "stop_requests_flooded")
     assert [left[name] for name in names] == [1, 2, 1, 3, 29_000]
+    assert left["released_by"] == ["alice tcp/192.0.2.7:4001"]
     stood_s = left["time_s"]["safe"]
     assert stop_texts({"left": left, "right": None}) == [
         f"an emergency stop stopped the arms, which stood still for {stood_s:.1f} s: the errors count that time",
-        "a release came without the stop's token (patient.safety.release says who may)",
+        "a release came without the stop's token, by alice tcp/192.0.2.7:4001 (patient.safety.release says who may)",
         "the patient refused 3 requests to stop or to release (reasons in the log)",
         "a flood of 29006 requests to stop or to release: the patient carried out a stop and 2 releases, the others "
         "had no effect",

@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -156,7 +157,7 @@ def test_controls_act_on_curves_map_age_and_table_at_once(page: "Page", plan: Pl
     assert heat["x"] == [1, 1, 1]
     assert heat["ratio"] == pytest.approx(curve["y"])
     # age: as the report of the same cells
-    age, about_ages = page.evaluate(_CURVE, "age:velocity"), page.evaluate("() => comparison.about.age_edges_ms")
+    age, about_ages = page.evaluate(_CURVE, "age:moesp_kf"), page.evaluate("() => comparison.about.age_edges_ms")
     one = plan_of(plan, chosen["axes"])
     cells = {name: {**cell, "hands": {"right": cell["hands"]["right"]}} for name, cell in outcome.cells.items()}
     bins: dict[float, list[float]] = {}
@@ -165,7 +166,9 @@ def test_controls_act_on_curves_map_age_and_table_at_once(page: "Page", plan: Pl
             total = bins.setdefault(entry["from_ms"], [0.0, 0.0])
             total[0] += entry["n"]
             total[1] += entry["n"] * entry["rmse_3d_mm"] ** 2
-    assert [about_ages[int(place)] for place in age["x"]] == sorted(bins)
+    edges = [*about_ages, 2 * about_ages[-1] - about_ages[-2]]
+    middles = {low: (low + high) / 2 for low, high in pairwise(edges)}
+    assert age["x"] == [middles[low] for low in sorted(bins)]  # to scale
     assert age["y"] == pytest.approx([(bins[low][1] / bins[low][0]) ** 0.5 for low in sorted(bins)])
 
 

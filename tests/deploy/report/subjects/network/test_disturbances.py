@@ -7,7 +7,10 @@ import pytest
 
 from tis.common.records import ControlNote
 from tis.deploy.logs.read.load import RunLogs, load_run
+from tis.deploy.report.measured_run import MeasuredRun
 from tis.deploy.report.subjects.network.disturbances import Disturbance, disturbances, disturbances_text
+from tis.deploy.report.summarise import summary_of
+from tis.deploy.report.terminal import brief
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
 
@@ -42,17 +45,32 @@ def test_each_is_found_once_with_its_time_direction_and_cause(logs: RunLogs) -> 
     planned, outage, change, stall = disturbances(logs, SCENARIO)
     assert planned == Disturbance(0.5, 0.75, "outage", "both", live=False)
     assert outage == Disturbance(1.5, 2.0, "outage", "both", live=True)
-    assert change == Disturbance(2.5, 3.25, "change", "forward", live=True)
+    assert change == Disturbance(2.5, 3.25, "change", "forward", live=True, what="delay 90 ms")
     assert stall == Disturbance(3.5, 3.7, "stall", "forward", live=False)
 
 
 def test_in_words_the_live_ones_come_first(logs: RunLogs) -> None:
     assert disturbances_text("mine", disturbances(logs, SCENARIO)) == (
         "Somebody changed the network of mine while it ran: outage of 0.5 s at 1.50 s, both directions; "
-        "change of 0.75 s at 2.50 s, forward. mine had 1 planned outage, 0.25 s in all. mine had 1 planned stall, "
-        "0.2 s in all."
+        "change of 0.75 s at 2.50 s, forward: delay 90 ms. mine had 1 planned outage, 0.25 s in all. "
+        "mine had 1 planned stall, 0.2 s in all."
     )
     assert disturbances_text("calm", []) == ""
+
+
+def test_the_summary_says_what_was_changed_and_how_many_messages_are_judged(logs: RunLogs) -> None:
+    summary = summary_of(MeasuredRun.of(logs, SCENARIO, []), "live", 0, "tis run")
+    assert summary.changes == [
+        "both directions, from 1.500 s for 0.5 s: outage",
+        "forward, from 2.500 s for 0.75 s: delay 90 ms",
+    ]
+    verdict = summary.links["forward"].verdict
+    assert 0 < verdict.set_aside < verdict.judged
+    assert verdict.judged + verdict.set_aside == summary.links["forward"].offered
+    text = " ".join(brief(summary, [], 80).plain.split())
+    assert f"judged by {verdict.judged} of {summary.links['forward'].offered} messages" in text
+    assert "2 times while it ran" in text
+    assert "delay 90 ms" in text
 
 
 def test_many_are_counted() -> None:

@@ -268,6 +268,8 @@ def test_a_link_that_carried_nothing_has_no_verdict(tmp_path: Path) -> None:
         "violations": [],
         "not_decidable": [],
         "warnings": [],
+        "judged": 0,
+        "set_aside": 0,
         "undecided": {},
     }
     assert link["keys"] == {}
