@@ -7,7 +7,7 @@ from typing import Final
 from tis.common.channels import Direction
 from tis.common.runtime.process import repeatable
 from tis.deploy.present.numbers import NONE, number
-from tis.deploy.present.page import Page, Section, folded, note, page_html, part
+from tis.deploy.present.page import Page, Section, folded, nonbreaking_units, note, page_html, part
 from tis.deploy.present.table import Column, Table
 from tis.deploy.report.answer import answer_section
 from tis.deploy.report.run_view import RunView
@@ -29,6 +29,7 @@ from tis.deploy.report.subjects import (
     requirement_tables,
     safety,
     ticks,
+    touch_tables,
 )
 from tis.deploy.report.subjects.network import link_tables
 from tis.deploy.report.subjects.network.link_figures import Link
@@ -66,6 +67,7 @@ def tables(summary: Summary) -> list[Table]:
         *_accuracy_tables(summary),
         *_orientation_tables(summary),
         *display.display_tables(summary.display),
+        *touch_tables.touch_tables(summary.touch),
         redundancy.redundancy_table(summary.redundancy),
         link_tables.packet_table(summary.links),
         link_tables.delay_table(summary.links),
@@ -96,6 +98,7 @@ def sections(run: RunView) -> list[Section]:
     turns = any(bins.n for of_hand in summary.orientation_by_age.values() for bins in of_hand.values())
     found = [
         answer_section(run, run_warnings(summary)),
+        Section("touch", "Touch", drawn["touch"], _touch_figures(summary), _touch(summary), run.mark),
         Section("error", "Error", drawn["error"], mark=run.mark),
         Section("requirements", "Requirements of applications", markup=_requirements(summary)),
         Section("accuracy", "The estimators compared", markup=_accuracy(run), mark=run.mark),
@@ -126,7 +129,7 @@ def sections(run: RunView) -> list[Section]:
         Section("repeat", "Repeat this run", markup=_repeat(run)),
     ]
     # most runs have nothing to say there; the sections of others say that it lacks
-    spare = ("safety", "clocks", "audit")
+    spare = ("touch", "safety", "clocks", "audit")
     return [one for one in found if one.anchor not in spare or one.before or one.markup or any(one.figures)]
 
 
@@ -135,6 +138,20 @@ def _requirements(summary: Summary) -> str:
     lead = note("p99: 99 of 100 are at or below it. Forward: to the patient; feedback: back.")
     found = requirement_tables.verdict_tables(summary.verdicts, summary.ticks.rate_hz)
     return folded("Each verdict, and why", lead + found) if found else ""
+
+
+def _touch(summary: Summary) -> str:
+    """Return whether the loop of each hand was stable, as a paragraph."""
+    return "".join(
+        part(hand, f'<p class="answer">{escape(nonbreaking_units(touch_tables.answer_text(found)))}</p>')
+        for hand, found in summary.touch.items()
+    )
+
+
+def _touch_figures(summary: Summary) -> str:
+    tables = zip(summary.touch, touch_tables.touch_tables(summary.touch), strict=True)
+    markup = "".join(part(hand, table.html()) for hand, table in tables)
+    return folded("Each figure of touch", markup) if markup else ""
 
 
 def _accuracy(run: RunView) -> str:

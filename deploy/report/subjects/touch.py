@@ -31,7 +31,7 @@ _GROWS: Final = 3.0
 _LASTS: Final = 0.8
 """A swing of which so much is left in the last third lasts."""
 _LIMITED: Final = 0.05
-_MJ_PER_J: Final = 1000.0
+MJ_PER_J: Final = 1000.0
 
 
 class TouchFigures(Section):
@@ -41,6 +41,7 @@ class TouchFigures(Section):
         "`stable`, `unstable` (the hand swings ever wider, or far faster than it intends), or `not_decidable` "
         "(too little contact). An unstable run is a valid measurement."
     )
+    stable: bool | None = means("The same for limits and comparisons; `null` for `not_decidable`.")
     stiffness_n_m: float | None = means(
         "Stiffness of the wall; `null` for tissue, and where an external arm tells the force."
     )
@@ -57,6 +58,10 @@ class TouchFigures(Section):
     )
     force_error_n: Statistics = statistics(
         "Distance of the force shown to the force on the arm at the same instant, delay and deadband included.",
+        "rms p50 p95 max",
+    )
+    force_beyond_n: Statistics = statistics(
+        "What of it exceeds the deadband's share of the force shown: delay, loss, limits and fading.",
         "rms p50 p95 max",
     )
     force_delay_ms: Statistics = statistics("From the tick at which a force acts to its arrival at the surgeon.")
@@ -91,7 +96,7 @@ def felt_extremes(logs: RunLogs, hands: Mapping[Hand, Any]) -> tuple[Array, Arra
         if len(contacts):
             forces.append(np.linalg.norm(contacts.force_n, axis=1))
         if shown is not None:
-            energies.append(_MJ_PER_J * np.maximum(-energy_j(shown), 0.0))
+            energies.append(MJ_PER_J * np.maximum(-energy_j(shown), 0.0))
     return np.concatenate(forces), np.concatenate(energies)
 
 
@@ -113,20 +118,22 @@ def _figures(logs: RunLogs, scenario: Scenario, hand: Hand, arm: ArmName) -> Tou
     trip_ns = shown.sample_ns - shown.command_ns
     trip_ns = trip_ns[np.isfinite(trip_ns)]
     error_n = np.linalg.norm(shown.force_n - truth_at(shown.sample_ns, contacts.t_ns, contacts.force_n), axis=1)
-    error_n = error_n[np.isfinite(error_n)]
+    beyond_n = np.maximum(error_n - part.deadband.force * np.linalg.norm(shown.force_n, axis=1), 0.0)
+    looped = stability(shown, scenario.rate_hz)
     force = logs.messages("surgeon", "feedback", scenario.session).get(
         hand_channels(hand, arm).force.key(scenario.session)
     )
     late_ns = np.empty(0) if force is None else force.log_ns - force.sample_ns
     counted = {**counters_of(logs, "surgeon"), **counters_of(logs, "patient")}
-    rms_n = float(np.sqrt(np.mean(error_n**2))) if len(error_n) else None
     return TouchFigures(
-        stability=stability(shown, scenario.rate_hz),
+        stability=looped,
+        stable=None if looped == "not_decidable" else looped == "stable",
         stiffness_n_m=None if wall is None else wall.stiffness_n_m,
         limit_n_m=predicted_limit(scenario, float(trip_ns.mean()) / NS_PER_S) if len(trip_ns) else None,
         shown_over_true=None if wall is None else _shown_over(shown, wall.stiffness_n_m, _normal(part.environment)),
-        energy_mj=_MJ_PER_J * max(0.0, -float(energy_j(shown).min())),
-        force_error_n={"rms": rms_n, **summarise(error_n, (50, 95), ("max",))},
+        energy_mj=MJ_PER_J * max(0.0, -float(energy_j(shown).min())),
+        force_error_n=_errors(error_n),
+        force_beyond_n=_errors(beyond_n),
         force_delay_ms=summarise(late_ns / NS_PER_MS),
         round_trip_ms=summarise(trip_ns / NS_PER_MS),
         drift_mm=_drift_mm(logs, shown, hand),
@@ -134,6 +141,12 @@ def _figures(logs: RunLogs, scenario: Scenario, hand: Hand, arm: ArmName) -> Tou
         motion_packets={name: counted.get(f"motion_{name}.{hand}", 0) for name in ("sent", "suppressed")},
         peak_force_n=float(np.linalg.norm(contacts.force_n, axis=1).max()),
     )
+
+
+def _errors(error_n: Array) -> dict[str, float | None]:
+    known = error_n[np.isfinite(error_n)]
+    rms_n = float(np.sqrt(np.mean(known**2))) if len(known) else None
+    return {"rms": rms_n, **summarise(known, (50, 95), ("max",))}
 
 
 def predicted_limit(scenario: Scenario, delay_s: float) -> float | None:

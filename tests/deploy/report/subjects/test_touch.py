@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from tis.common.coupling.stability import Arm, Limb, loop_limit
 from tis.common.scenario import Scenario
 from tis.deploy.logs.read.frame import Frame
-from tis.deploy.report.subjects.touch import Stability, energy_j, predicted_limit, stability
+from tis.deploy.report.subjects.touch import Stability, TouchFigures, energy_j, predicted_limit, stability
+from tis.deploy.report.subjects.touch_tables import answer_text, stability_text, touch_tables, touch_text
 from tis.deploy.run.resolve import resolve
 
 RATE_HZ = 200
@@ -80,3 +81,39 @@ def test_theory_is_asked_where_it_holds() -> None:
 
     assert predicted_limit(without("touch.coupling=wave"), 0.012) is None
     assert predicted_limit(without("patient.plant={kind: mujoco}"), 0.012) is None
+
+
+def _figures(**changed: object) -> TouchFigures:
+    spread = {"rms": 0.1, "p50": 0.1, "p95": 0.2, "max": 0.3}
+    values: dict[str, object] = {
+        "stability": "stable", "stable": True, "stiffness_n_m": 120.0, "limit_n_m": 257.0, "shown_over_true": 0.91,
+        "energy_mj": 1.2, "force_error_n": spread, "force_beyond_n": spread, "force_delay_ms": spread,
+        "round_trip_ms": spread, "drift_mm": None, "peak_force_n": 4.1,
+        "force_packets": {"sent": 10, "suppressed": 5}, "motion_packets": {"sent": 15, "suppressed": 0},
+    }  # fmt: skip
+    return TouchFigures.model_validate(values | changed)
+
+
+def test_the_words_begin_with_stability_and_put_theorys_limit_beside_it() -> None:
+    stable, unstable = _figures(), _figures(stability="unstable", stable=False, energy_mj=2100.0)
+    assert "stable at 120 N/m" in touch_text({"left": stable})
+    for text in (touch_text({"left": stable}), answer_text(stable)):
+        assert "257 N/m" in text
+        assert "91 %" in text
+    # an unstable hand's slope means nothing
+    assert "91 %" not in touch_text({"left": unstable}) + answer_text(unstable)
+    assert "2.10 J" in touch_text({"left": unstable})
+    assert touch_text({}) == ""
+
+
+def test_a_coupling_without_theory_and_tissue_have_no_limit_to_name() -> None:
+    assert "theory tells no limit" in stability_text(_figures(limit_n_m=None))
+    assert "N/m" not in answer_text(_figures(limit_n_m=None, stiffness_n_m=None, shown_over_true=None))
+    assert "not decidable" in stability_text(_figures(stability="not_decidable", stable=None))
+
+
+def test_the_table_has_packets_and_what_is_not_known() -> None:
+    (table,) = touch_tables({"left": _figures(shown_over_true=None)})
+    rows = dict(table.texts())
+    assert rows["forces"] == "10 sent, 5 kept back by the deadband"
+    assert rows["drift of the set point"] == rows["stiffness felt, of the true one"] == "-"
