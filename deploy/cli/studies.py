@@ -251,3 +251,39 @@ def admissible(
 
     given = {**vars(searched), "cheapest_by": searched.cheapest_by.value}
     return find_admissible(given, out_dir, as_json, jobs, scheduler, words_to(as_json), ERR)
+
+
+@dataclass(frozen=True)
+class Touched(Options):
+    """The loops, delays and walls of the search."""
+
+    scenario: ScenarioArg
+    couplings: Annotated[str, typer.Option(metavar="A,B,C", help="Couplings to compare.")] = (
+        "position_force,wave,tdpa"
+    )
+    estimators: EstimatorsOption = None
+    delays: Annotated[str, typer.Option(metavar="MS,MS,...", help="Delays of each way of the network, in ms.")] = (
+        "5,15,25,50,100"
+    )
+    walls: Annotated[str, typer.Option(metavar="SOFT,STIFF", help="Softest and stiffest wall, in N/m.")] = "30,3000"
+    steps: Annotated[
+        int, typer.Option(min=0, max=20, help="Bisections of each border; each halves the ratio's logarithm.")
+    ] = 5
+    settings: SetOption = None
+    seed: SeedOption = None
+    duration_s: TrialDurationOption = None
+
+
+@app.command(example="tis touch touch --set rate_hz=250 --duration-s 8")
+def touch(
+    *, touched: Touched, jobs: JobsOption = None, out_dir: StudyFolderOption = None, as_json: JsonOption = False
+) -> int:
+    """Find the stiffest wall that can be touched, over delays, by coupling.
+
+    The answer to "up to which delay can I touch this?": of each coupling, and
+    of position_force with each estimator, the stiffness up to which a twin is
+    stable, by bisection, beside the limit that theory has.
+    """
+    from tis.deploy.studies.touch.command import touch as find_touched
+
+    return find_touched(vars(touched), out_dir, as_json, jobs, words_to(as_json), ERR)

@@ -144,7 +144,7 @@ def test_keys() -> None:
     assert source.kind == "live"
     for hand, arm in pairs:
         row = hand_channels(hand, arm)
-        channels = (row.command, row.arm, row.estimated, row.measured, row.driven)
+        channels = (row.command, row.arm, row.estimated, row.measured, row.driven, row.force, row.motion, row.shown)
         expected |= {channel.key("tis") for channel in channels} | {arm_key("tis", arm), source.keys.of(hand)}
     assert on_page == expected
 
