@@ -131,7 +131,7 @@ def key_table(caption: str, key: KeyOfLink) -> Table:
 
 
 _STATISTICS: Final = ("mean", "std", "p50", "p95", "p99", "max")
-_LOSSES: Final = ("lost, %", "its 95 % interval, %", "in a row, mean")
+_LOSSES: Final = ("lost, %", "its 95 % interval, %", "in a row")
 _NOTHING: Final = [None] * len(_LOSSES)
 _MAX_NAMED: Final = 4
 _MAX_KEY_CHARS: Final = 26
@@ -165,7 +165,7 @@ def delay_table(links: Links, requested: str = "by the scenario") -> Table:
         if n_more := len(keys) - len(shown) + link.keys_not_listed:
             notes.append(f"{n_more} more key{'s' if n_more > 1 else ''} {direction}: see summary.json")
     words = f"requested: {requested}; decided: drawn by its models; realised: measured in netem; release error: left "
-    words += "later than decided by; in a row: messages lost without one between them"
+    words += "later than decided by; in a row: mean number of messages lost without one between them"
     columns = [
         Column(head, on_page_only=name in ("std", "p95"))
         for name, head in zip(_STATISTICS, heads(_STATISTICS), strict=True)

@@ -40,7 +40,7 @@ def test_keys_that_are_asked_for_the_same_are_one() -> None:
     assert rows[1][1:] == (31, 31, 31, 31, 31, 31, None, None, None)
     assert rows[2][1:] == (31, 31, 31, 31, 31, 31, 2.0, "1.00 to 3.00", 1.5)
     assert rows[3][1:] == (None, None, 7, 7, 7, 7, None, None, None)
-    assert notes.endswith("in a row: messages lost without one between them")
+    assert notes.endswith("in a row: mean number of messages lost without one between them")
 
 
 def test_keys_that_are_asked_for_different_things_stand_by_themselves() -> None:
