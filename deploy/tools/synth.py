@@ -94,11 +94,11 @@ def readme(
 
 
 def _people(source: SyntheticSource, seed: int, n_people: int) -> str:
-    lines = []
+    lines, rows = [], f"recorder_hz: {source.recorder_hz}"
     for index in range(n_people):
         one = person(source, seed, index)
         fields = ", ".join(f"{name}: {getattr(one, name)!r}" for name in SPREAD)
-        lines += [f"    {SYNTHETIC_SUBJECTS[index]}: {{kind: synthetic, hands: [left, right], {fields}}}"]
+        lines += [f"    {SYNTHETIC_SUBJECTS[index]}: {{kind: synthetic, hands: [left, right], {rows}, {fields}}}"]
     return "\n".join(lines)
 
 

@@ -58,12 +58,13 @@ def test_a_written_trial_plays_and_is_called_synthetic(tmp_path: Path, task: str
     readme = (out / "README.txt").read_text()
     assert readme.startswith("SYNTHETIC DATA")
     assert "tis synth made" in readme
-    scenario = _scenario(out, task=task, hands=["left", "right"])
+    scenario = _scenario(out, task=task, hands=["left", "right"], clock="as_recorded")
     recording = load_recording(scenario)
     assert recording.label == f"{task}_S002 (synthetic)"
     assert [hand.arm for hand in recording.hands] == ["PSM2", "PSM1"]
     assert recording.warnings == ()
-    expected = synthesise(SyntheticSource(kind="synthetic", hands=("left", "right")), 3002, 30, 420, 0)
+    made_by = SyntheticSource(kind="synthetic", hands=("left", "right"), recorder_hz=51.33)
+    expected = synthesise(made_by, 3002, 30, 420, 0)
     for read, made in zip(recording.hands, expected.hands, strict=True):
         assert np.abs(read.follower.position_m - made.follower.position_m).max() < 1e-6
     run_dir = create(tmp_path / "run", scenario)
@@ -200,7 +201,9 @@ def test_the_arm_of_a_scenario_executes_the_movements(tmp_path: Path) -> None:
         update={"patient": PatientPart.model_validate({"plant": {"kind": "servo", "bandwidth_hz": 2}})}
     )
     files = synth.write_trials(executed, 2, "Suturing", 3, 20.0, "tis synth", arm=arm)
-    before, after = (load_recording(_scenario(path, trial="S001")).hands[0] for path in (plain, executed))
+    before, after = (
+        load_recording(_scenario(path, trial="S001", clock="as_recorded")).hands[0] for path in (plain, executed)
+    )
     assert np.array_equal(after.command.position_m, before.command.position_m)
     lags = [
         np.linalg.norm(after.follower.position_m[9:] - before.follower.position_m[9 - lag : -lag]) for lag in (1, 4)
