@@ -33,7 +33,8 @@ class AnyEnvironment(Part):
     distance_mm: Millimetres | None = Field(
         None,
         description="Distance from the arm's first set point to the plane, against the normal, in mm; negative: the "
-        "arm begins in the material. Not given, nor position_mm: 5.",
+        "arm begins in the material. For an arm that is started anew it is found anew; that of position_mm stays. "
+        "Neither given: 5.",
     )
     position_mm: tuple[Millimetres, Millimetres, Millimetres] | None = Field(
         None, description="A point of the plane in the frame of the arm's positions, in mm, instead of distance_mm."

@@ -1,15 +1,12 @@
 """Touch as a whole, in virtual time: bit-equal, replayed from its logs, passive, and safe where the network fails."""
 
-import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from numpy.typing import NDArray
 
+from tests.deploy.run.energy_from_logs import Array, energy_mj, rows, vectors
 from tis.common.errors import InputError
 from tis.common.scenario import Scenario
 from tis.common.scenario.reading import dump_scenario
@@ -24,7 +21,6 @@ from tis.patient_side.identification.model_file import dump_models
 SHORT = ("rate_hz=250", "identification.train_samples=1000", "duration_s=3", "drain_s=0.2", "estimators=[hold]")
 LOSSY = tuple(f"network.{way}.loss={{kind: bernoulli, p_loss: 0.1}}" for way in ("forward", "feedback"))
 DEADBANDS = ("touch.deadband={force: 0.1, motion: 0.1}", "touch.fade_after_ms=200")
-Array = NDArray[np.float64]
 
 
 def _scenario(*settings: str) -> Scenario:
@@ -41,29 +37,11 @@ def _twin(run_dir: Path, *settings: str) -> dict[str, Any]:
     return build_summary(load_run(run_dir), scenario, models, "twin", 0, "")
 
 
-def _rows(run_dir: Path, side: str, topic: str) -> Iterator[dict[str, Any]]:
-    """Yield a side's messages on a topic, read by nothing of ours."""
-    with (run_dir / f"{side}.mcap").open("rb") as file:
-        for _, _, message in make_reader(file).iter_messages(topics=[topic]):
-            yield json.loads(message.data)
-
-
-def _vectors(rows: list[dict[str, Any]], field: str) -> Array:
-    return np.array([[row[field][axis] for axis in "xyz"] for row in rows])
-
-
 def _shown(run_dir: Path) -> tuple[Array, Array, Array]:
     """Return instants in s (N,), places in m and forces of the hand on the coupling in N (N, 3)."""
-    rows = list(_rows(run_dir, "surgeon", "tis/MTML/servo_cf"))
-    instants = np.array([row["sample_ns"] for row in rows]) / 1e9
-    return instants, _vectors(rows, "position_m"), -_vectors(rows, "force_n")
-
-
-def _least_mj(run_dir: Path) -> float:
-    """Return the least of E(t) = sum of F_k (x_{k+1} - x_k)."""
-    _, places, forces = _shown(run_dir)
-    energy = np.cumsum((forces[:-1] * np.diff(places, axis=0)).sum(axis=1))
-    return 1000.0 * min(float(energy.min()), 0.0)
+    shown = list(rows(run_dir, "surgeon", "tis/MTML/servo_cf"))
+    instants = np.array([row["sample_ns"] for row in shown]) / 1e9
+    return instants, vectors(shown, "position_m"), -vectors(shown, "force_n")
 
 
 @pytest.mark.parametrize(
@@ -89,12 +67,12 @@ def test_what_a_deadband_keeps_back_is_no_loss(tmp_path: Path) -> None:
     assert summary["problems"] == []
     forward = summary["links"]["forward"]
     assert forward["sent"] == forward["offered"] < 1.9 * 750
-    shown = list(_rows(run_dir, "surgeon", "tis/MTML/servo_cf"))
+    shown = list(rows(run_dir, "surgeon", "tis/MTML/servo_cf"))
     sent = [row["tick"] for row in shown if row["sent"]]
-    samples = [row["sample_ns"] for row in _rows(run_dir, "surgeon", "tis/PSM2/setpoint_cp")]
+    samples = [row["sample_ns"] for row in rows(run_dir, "surgeon", "tis/PSM2/setpoint_cp")]
     assert samples == [k * 4_000_000 for k in sent]
-    contacts = list(_rows(run_dir, "patient", "/tis/contacts"))
-    ticks = [row["tick"] for row in _rows(run_dir, "patient", "tis/PSM2/measured_cf")]
+    contacts = list(rows(run_dir, "patient", "/tis/contacts"))
+    ticks = [row["tick"] for row in rows(run_dir, "patient", "tis/PSM2/measured_cf")]
     assert ticks == [row["tick"] for row in contacts if row["sent"]]
     assert 0 < len(ticks) < 0.9 * len(contacts)
 
@@ -103,7 +81,7 @@ def test_what_a_deadband_keeps_back_is_no_loss(tmp_path: Path) -> None:
 def test_a_passive_coupling_gives_the_hand_no_energy(tmp_path: Path, coupling: str) -> None:
     settings = ("touch.environment.stiffness_n_m=1500", "network.forward.delay.delay_ms=50", *LOSSY)
     _twin(tmp_path / "run", f"touch.coupling={coupling}", *settings)
-    assert _least_mj(tmp_path / "run") >= -0.1
+    assert energy_mj(tmp_path / "run").min() >= -0.1
 
 
 def test_the_force_fades_when_all_feedback_is_lost_in_contact(tmp_path: Path) -> None:
@@ -118,16 +96,16 @@ def test_the_force_fades_when_all_feedback_is_lost_in_contact(tmp_path: Path) ->
 def test_an_arm_that_is_pressed_too_hard_stops_and_retreats_again(tmp_path: Path) -> None:
     run_dir = tmp_path / "run"
     _twin(run_dir, "touch.contact_stop_n=0.3", "touch.environment.distance_mm=1")
-    causes = [row["cause"] for row in _rows(run_dir, "patient", "/tis/safety")]
+    causes = [row["cause"] for row in rows(run_dir, "patient", "/tis/safety")]
     assert "contact" in causes
     assert "sound" in causes[causes.index("contact") :]
 
 
 def test_without_a_wall_in_reach_the_hand_does_what_it_intends(tmp_path: Path) -> None:
     _twin(tmp_path / "run", "touch.environment.distance_mm=900")
-    shown = list(_rows(tmp_path / "run", "surgeon", "tis/MTML/servo_cf"))
-    assert (_vectors(shown, "position_m") == _vectors(shown, "intended_m")).all()
-    assert not _vectors(shown, "force_n").any()
+    shown = list(rows(tmp_path / "run", "surgeon", "tis/MTML/servo_cf"))
+    assert (vectors(shown, "position_m") == vectors(shown, "intended_m")).all()
+    assert not vectors(shown, "force_n").any()
 
 
 @pytest.mark.parametrize(
