@@ -24,7 +24,7 @@ def _scenario(small: Path, delay_ms: int) -> Scenario:
     settings = (
         f"network.forward.delay.delay_ms={delay_ms}",
         "patient.tick_phase_ms=0",
-        "estimators=[hold, innovations_kf]",
+        "estimators=[hold, moesp_kf, innovations_kf]",
         "active_estimator=hold",
         "identification.train=own_head",
     )
@@ -48,7 +48,7 @@ def test_a_forecast_is_the_estimate_where_all_is_late_by_the_horizon(small: Path
     scenario = _scenario(small, n_ahead * 1000 // 30)
     logs, _ = _driven(scenario, 0)
     track = track_of_hand(logs, scenario, "left")
-    for name in ("hold", "innovations_kf"):
+    for name in ("hold", "moesp_kf"):  # the default learns from its forecasts, and of later samples other things
         forecasts = recorders[name].forecasts_m
         ticks = [i for i, tick in enumerate(track.tick) if track.scored[i] and (tick - n_ahead) % ORIGIN_EVERY == 0]
         assert len(ticks) > 30
@@ -85,5 +85,5 @@ def test_a_cell_has_forecasts_only_when_it_is_to(small: Path) -> None:
     assert "forecasts" not in run_cell(cell, None)
     found = run_cell(replace(cell, n_ahead=2), None)["forecasts"]
     assert set(found) == {"left"}
-    assert set(found["left"]) == {"hold", "innovations_kf"}
+    assert set(found["left"]) == {"hold", "moesp_kf", "innovations_kf"}
     assert len(found["left"]["hold"]["distance_m"]) == 2
