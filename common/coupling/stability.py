@@ -6,7 +6,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from tis.common.servo import servo_transition
 
@@ -47,6 +46,8 @@ def critical_stiffness(limb: Limb, delay_s: float) -> float:
     There ``Ke sin(w tau) = B w`` and ``Ke cos(w tau) = M w^2 - K``: the phase of ``M s^2 + B s + K`` plus w tau,
     which grows with w, is an odd multiple of pi, and Ke is the modulus. Oracle: the loop in time, test_stability.
     """
+    from scipy.optimize import brentq  # a third of a second, which a side does not need
+
     mass, damping, stiffness = limb
 
     def lag(w: float) -> float:
@@ -95,6 +96,8 @@ def loop_limit(limb: Limb, arm: Arm | None, delay_s: float, period_s: float) -> 
 
 def _first_above_one(most: Callable[[float], float]) -> float:
     """Return the least stiffness at which ``most`` reaches 1; infinity where it does not within reason."""
+    from scipy.optimize import brentq  # a third of a second, which a side does not need
+
     grid = np.geomspace(0.1, _MOST_N_M, 140)
     below = float(grid[0])
     for above in grid[1:].tolist():

@@ -9,7 +9,7 @@ from tis.deploy.bench.tick import bench_tick, counts_of
 from tis.deploy.run.resolve import resolve
 
 MOST_CALLS = {"[left]": 465, "[left, right]": 910}
-"""Calls of functions, Python's and C's, in a tick of the first second at 1 kHz; 461 and 904 on CPython 3.11, of which 24 a hand adapt the default."""
+"""Calls of functions, Python's and C's, in a tick of the first second at 1 kHz; 461 and 904 on CPython 3.11."""
 
 
 @pytest.mark.parametrize("hands", MOST_CALLS)

@@ -51,7 +51,13 @@ def twin(scenario: Scenario, run_dir: Path) -> Path:
 
 
 def jigsaws(trial: Path) -> dict[str, Any]:
-    return {"kind": "jigsaws", "path": str(trial.parents[3]), "trial": "S001", "pairing": "cross"}
+    return {
+        "kind": "jigsaws",
+        "path": str(trial.parents[3]),
+        "trial": "S001",
+        "pairing": "cross",
+        "clock": "as_recorded",
+    }
 
 
 def numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:

@@ -125,7 +125,7 @@ def test_the_truth_is_aligned_too() -> None:
     found, raw = (track_of_hand(run, scenario, "left").truth_m[:, 0] for run in (aligned(as_run(logs)), as_run(logs)))
     assert inside.sum() > 100
     assert np.abs(found - truth_m)[inside].max() < 20e-6
-    assert np.abs(raw - truth_m)[inside].max() > 500e-6
+    assert np.abs(raw - truth_m)[inside].max() > 400e-6
 
 
 def _true_ns(clock: WrongClock, own_ns: Any) -> NDArray[np.float64]:
