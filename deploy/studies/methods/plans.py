@@ -186,7 +186,7 @@ def _adaptability(subject: Subject) -> Plan:
 
 def _fast(subject: Subject) -> Plan:
     """Return the plan at 1 kHz, which no recording has: a synthetic hand, with a model of its own first rows."""
-    source = "source={kind: synthetic, hands: [left]}"
+    source = "source={kind: synthetic, hands: [left], recorder_hz: 51.33}"
     names = tuple(dict.fromkeys((HOLD, subject.estimator)))
     n_rows = _FAST_LEARNED_ROWS if is_learned(subject.method) else _FAST_ROWS
     rows = f"identification.train_samples={n_rows}"
