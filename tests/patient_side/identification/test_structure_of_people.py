@@ -13,7 +13,7 @@ from tis.patient_side.linear_system import Array
 RATE_HZ = 30
 N_PEOPLE = 6
 N_ROWS = 1200
-SOURCE = SyntheticSource(kind="synthetic", hands=("left", "right"))
+SOURCE = SyntheticSource(kind="synthetic", hands=("left", "right"), recorder_hz=51.33)
 
 
 def hands_of_people(seed: int) -> Iterator[Array]:
