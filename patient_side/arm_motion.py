@@ -13,13 +13,14 @@ from tis.patient_side.hand import Driven, PatientHand, finite, vector
 from tis.patient_side.orientation.wrist import Wrist, stated_turn
 from tis.patient_side.plant.protocol import PlantOutput, Reference
 from tis.patient_side.rotations import unit
+from tis.patient_side.touch import ArmTouch
 
 
-def feel(hand: PatientHand, tick: int, t_ns: int) -> None:
+def feel(hand: PatientHand, touch: ArmTouch, tick: int, t_ns: int) -> None:
     """Move an arm that touches until ``t_ns``, by the set point before; what it feels decides on the next one."""
-    if hand.touch is not None and hand.plant is not None:
+    if hand.plant is not None:
         hand.plant_state, moved = hand.plant.step(hand.plant_state, None, tick, t_ns)
-        hand.touch.felt(moved)
+        touch.felt(moved)
 
 
 def move(session: str, hand: PatientHand, driven: Driven, tick: int, t_ns: int) -> Iterator[Emission]:

@@ -242,7 +242,8 @@ class PatientNode:
             std = std_m(where_m, estimate.covariance_m2)
             before = hand.safety_state.mode
             is_certain = std is not None or estimate.covariance_m2 is None
-            feel(hand, k, t_ns)
+            if hand.touch is not None:
+                feel(hand, hand.touch, k, t_ns)
             driven = drive(hand, where_m, std, is_certain, wrist, t_ns)
             if driven.place is not None and hand.safety is not None:
                 yield set_point(self.session, hand, driven.place, driven.wrist, k, t_ns)

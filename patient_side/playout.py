@@ -49,7 +49,7 @@ class SourceBuffer:
     -1 while nothing has arrived; ``n_added`` counts all samples added. ``get`` returns a sample's position, or None
     when it has not arrived. The gripper's angle in rad and the orientation, a unit quaternion (4,) x, y, z, w, are
     kept where the sample has them, in rings of arrays, from which a method reads many at once. Oracle: a plain list.
-    All are stated at the plan's instants; ``_uneven`` holds those with other stamps as they were sent.
+    All are stated at the plan's instants; ``uneven`` holds those with other stamps as they were sent.
     ``_at`` is the index at each place of the rings.
     """
 
@@ -59,7 +59,7 @@ class SourceBuffer:
     n_added: int = 0
     get: Callable[[int], Array | None] = field(init=False, repr=False, compare=False)
     _samples: dict[int, Array] = field(default_factory=dict, repr=False)
-    _uneven: dict[int, Taken] = field(default_factory=dict, repr=False)
+    uneven: dict[int, Taken] = field(default_factory=dict, repr=False)
     _at: NDArray[np.int64] = field(init=False, repr=False, compare=False)
     _wrists: Array = field(init=False, repr=False, compare=False)
     _mask: int = field(init=False, repr=False, compare=False)
@@ -100,33 +100,28 @@ class SourceBuffer:
             n_stale = bisect_right(self._indices, index - self.depth)
             for stale in self._indices[:n_stale]:
                 del self._samples[stale]
-                self._uneven.pop(stale, None)
+                self.uneven.pop(stale, None)
             del self._indices[:n_stale]
         if late:
-            self._uneven[index] = Taken(late, position_m, self._wrists[place].copy())
-        if self._uneven:
+            self.uneven[index] = Taken(late, position_m, self._wrists[place].copy())
+        if self.uneven:
             at = bisect_left(self._indices, index)
             for each in self._indices[max(0, at - _N_NODES + 1) : at + _N_NODES]:  # on whose polynomials it lies
-                if each in self._uneven:
+                if each in self.uneven:
                     self._state_evenly(each)
         return True
 
     def taken(self, index: int) -> Taken:
         """Return an arrived sample as it was sent, not stated at the plan's instant."""
-        even = self._uneven.get(index)
+        even = self.uneven.get(index)
         return Taken(0.0, self._samples[index], self._wrists[index & self._mask].copy()) if even is None else even
-
-    @property
-    def is_uneven(self) -> bool:
-        """Tell whether a stored sample was taken beside the plan's instant."""
-        return bool(self._uneven)
 
     def at(self, index: int, late: float) -> Array | None:
         """Return the position at ``late`` periods after the plan's instant of a sample, None unless it has arrived.
 
         It lies on the polynomial through the sample and its nearest arrived neighbours, as they were sent.
         """
-        if index not in self._samples or not (late or self._uneven):
+        if index not in self._samples or not (late or self.uneven):
             return self._samples.get(index)
         nodes, shares = self._around(index, late)
         return np.asarray(np.array(shares).dot([node.position_m for node in nodes]))

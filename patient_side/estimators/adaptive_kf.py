@@ -27,7 +27,6 @@ from tis.common.metrics.consistency import CHI2_3_95
 from tis.common.units import NS_PER_S, sample_instant_ns
 from tis.patient_side.estimators.innovations_kf import InnovationsKf, InnovationsState
 from tis.patient_side.estimators.protocol import Estimate
-from tis.patient_side.filters.innovations_filter import AXES
 from tis.patient_side.horizon import HORIZON_S, horizon_samples
 from tis.patient_side.linear_system import Array
 from tis.patient_side.playout import Playout
@@ -108,7 +107,7 @@ class Adaptation(NamedTuple):
 
 def octave_of(lag_ns: int, rate_hz: int) -> int:
     """Return the octave of a lag: 0 below one sample, 1 below two, 2 below four."""
-    return (max(0, lag_ns) * rate_hz // NS_PER_S).bit_length()
+    return (lag_ns * rate_hz // NS_PER_S).bit_length() if lag_ns > 0 else 0
 
 
 @dataclass(frozen=True)
@@ -182,11 +181,8 @@ def _distance(error: Three, covariance: list[list[float]]) -> float:
     return x * x + y * y + z * z
 
 
-class AdaptiveState(NamedTuple):
-    """The filter's state and the adaptation's."""
-
-    filter: InnovationsState
-    adaptation: Adaptation
+AdaptiveState = tuple[InnovationsState, Adaptation]
+"""The filter's state and the adaptation's."""
 
 
 @dataclass(frozen=True)
@@ -210,26 +206,30 @@ class AdaptiveKf:
 
     def initial(self) -> AdaptiveState:
         """Return the state before the first arrival."""
-        return AdaptiveState(self._filter.initial(), Adaptation())
+        return self._filter.initial(), Adaptation()
 
     def step(self, state: AdaptiveState, playout: Playout, now_ns: int) -> tuple[AdaptiveState, Estimate]:
         """Return the state after what has arrived, and the estimate for ``now_ns``."""
-        filtered, estimate = self._filter.step(state.filter, playout, now_ns)
-        adaptation, rate_hz = state.adaptation, self.model.rate_hz
+        filtered, adaptation = state
+        filtered, estimate = self._filter.step(filtered, playout, now_ns)
+        rate_hz = self.model.rate_hz
         if adaptation.waiting and adaptation.waiting[0].sample < playout.arm.newest:
             adaptation = self._adapter.checked(adaptation, playout)
         position_m, covariance_m2 = estimate
         if position_m is None or covariance_m2 is None:
-            return AdaptiveState(filtered, adaptation), estimate
+            return (filtered, adaptation), estimate
         # How long ago the arm was last seen, or would be by its command.
         newest = filtered.ring[-1]
         lag_ns = now_ns - sample_instant_ns(newest.source_index, rate_hz)
         if not 0 < lag_ns < self._horizon_ns:
-            return AdaptiveState(filtered, adaptation), estimate
+            return (filtered, adaptation), estimate
         # The scaled estimate: in place, as the filter has made both arrays for this answer.
         octave = octave_of(lag_ns, rate_hz)
-        scales = adaptation.scales_of(octave)
-        from_m = newest.mean.ravel()[-AXES:]
+        try:
+            scales = adaptation.scales[octave]
+        except IndexError:  # nothing is known of it yet
+            scales = adaptation.scales_of(octave)
+        from_m = newest.mean[self._filter.place]
         position_m -= from_m
         is_due = now_ns >= adaptation.next_ns
         move_m = position_m.copy() if is_due else position_m
@@ -242,4 +242,4 @@ class AdaptiveKf:
             at = index, rest / NS_PER_S, octave
             forecast = Forecast(*at, from_m, move_m, position_m, covariance_m2)
             adaptation = self._adapter.kept(adaptation, forecast, now_ns)
-        return AdaptiveState(filtered, adaptation), estimate
+        return (filtered, adaptation), estimate

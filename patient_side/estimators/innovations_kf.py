@@ -102,6 +102,8 @@ class InnovationsKf:
     model: ArmModel
     name: str = "innovations_kf"
     window: int = -1
+    place: int | tuple[slice, int] = field(init=False, repr=False)
+    """Where the mean of a checkpoint has the arm's position (3,)."""
     _filter: InnovationsFilter = field(init=False, repr=False)
     _unbroken: Unbroken = field(init=False, repr=False)
     _tree: UncertaintyTree = field(init=False, repr=False)
@@ -128,6 +130,7 @@ class InnovationsKf:
         past = RecentPast.at_rate(self.model.rate_hz) if with_past else None
         filter_ = build_innovations_filter(innovations, horizon, whole=uncertain, past=past)
         unbroken = Unbroken.of(filter_)
+        object.__setattr__(self, "place", -1 if filter_.n_axes == 1 else (slice(-AXES, None), 0))
         object.__setattr__(self, "_filter", filter_)
         object.__setattr__(self, "_unbroken", unbroken)
         object.__setattr__(self, "_tree", UncertaintyTree(filter_))
@@ -156,8 +159,11 @@ class InnovationsKf:
             return state, Estimate(None)
         # Forecast over the lag since the newest sample; its covariance is precomputed after an unbroken row.
         newest = state.ring[-1]
-        late = _late(playout, newest.source_index)
-        lag_ns = max(0, now_ns - sample_instant_ns(newest.source_index, playout.rate_hz) - playout.periods_ns(late))
+        lag_ns = now_ns - sample_instant_ns(newest.source_index, playout.rate_hz)
+        if playout.arm.uneven or playout.command.uneven:
+            lag_ns -= playout.periods_ns(_late(playout, newest.source_index))
+        if lag_ns < 0:  # of a clock ahead; no call, as this is done at each tick
+            lag_ns = 0
         if newest.uncertainty is None:
             forecast = self._forecasts.after_unbroken(newest.length, lag_ns)
         else:
@@ -188,8 +194,8 @@ class InnovationsKf:
         before = ring[-1]
         index = arm.newest
         pairs, offset, n_commands = state.pairs, state.offset, command.n_added - state.n_command
-        follows = n_commands == 1 and command.last_arrived == index == command.newest and not command.is_uneven
-        if arm.last_arrived != index or arm.is_uneven or (self._gain is not None and not follows):
+        follows = n_commands == 1 and command.last_arrived == index == command.newest and not command.uneven
+        if arm.last_arrived != index or arm.uneven or (self._gain is not None and not follows):
             return None
         if self._stand_in is not None:
             if index != before.source_index + 1 or before.uncertainty is not None or n_commands > 1:
@@ -200,7 +206,7 @@ class InnovationsKf:
                 pairs, offset = (*pairs[1 - PAIRS :], index), None
             elif command.newest >= index:
                 return None
-        sample, what = self._sample(playout, index)
+        sample, what = (arm.get(index), ARM) if self._gain is None else self._sample(playout, index)
         if sample is None:
             return None
         ring = (*ring[-1 - self.window :], self._after(before, index, sample, None, what))
@@ -245,7 +251,7 @@ class InnovationsKf:
         arm, command = playout.arm, playout.command
         n_arm, n_command, ring, pairs, _, offset = state
         # Rewind to the last checkpoint before it; without one, begin within the horizon of the newest sample.
-        is_uneven = arm.is_uneven or command.is_uneven
+        is_uneven = bool(arm.uneven or command.uneven)
         run = list(rewound(ring, first)[: 1 if is_uneven else None])
         before = run[-1] if run else None
         # Until an offset is known, commands are used only where there are no samples of the arm at all.
@@ -385,7 +391,7 @@ class InnovationsKf:
 def _late(playout: Playout, index: int) -> float:
     """Return how many periods after the plan's instant a sample was taken that has arrived in either stream."""
     stream = playout.arm if index in playout.arm else playout.command
-    return stream.taken(index).late if stream.is_uneven else 0.0
+    return stream.taken(index).late if stream.uneven else 0.0
 
 
 def _moved(before: Checkpoint, position_m: Array | None) -> Checkpoint:

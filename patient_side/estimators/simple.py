@@ -23,8 +23,9 @@ class Hold:
 
     def step(self, state: None, playout: Playout, now_ns: int) -> tuple[None, Estimate]:  # noqa: ARG002  protocol
         """Return the freshest position of the arm, as it was sent."""
-        newest = playout.arm.newest
-        return None, Estimate(None if newest < 0 else playout.arm.taken(newest).position_m)
+        arm = playout.arm
+        even = arm.uneven.get(arm.newest) if arm.uneven else None
+        return None, Estimate(arm.get(arm.newest) if even is None else even.position_m)
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,7 @@ class ReplayPlant:
         now_ns: int,
     ) -> tuple[None, PlantOutput]:
         """Return the recorded arm, interpolated linearly and constant beyond its ends."""
-        at = max(((now_ns + 1) * self.rate_hz - 1) // NS_PER_S, 0)
+        at = ((now_ns + 1) * self.rate_hz - 1) // NS_PER_S if now_ns > 0 else 0
         orientation, gripper_rad = self.orientation, self.gripper_rad
         if at >= len(self.recorded_m) - 1:
             position = self.recorded_m[-1]

@@ -140,4 +140,4 @@ def test_a_sample_alone_or_across_a_long_gap_is_stated_as_it_was_sent() -> None:
     buffer.add(3, position(1.0), late=0.4)
     buffer.add(30, position(2.0), late=-0.4)
     assert [buffer.get(3), buffer.get(30)] == [pytest.approx(position(1.0)), pytest.approx(position(2.0))]
-    assert buffer.is_uneven
+    assert buffer.uneven

@@ -91,4 +91,4 @@ def test_without_a_lag_there_is_nothing_to_adapt() -> None:
         playout.arm.add(k, position_m)
         state, estimate = estimator.step(state, playout, sample_instant_ns(k, RATE_HZ))
         assert np.asarray(estimate.position_m) == pytest.approx(position_m, abs=1e-12)
-    assert state.adaptation.waiting == ()
+    assert state[1].waiting == ()

@@ -17,6 +17,8 @@ from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.side_log import MemoryLog
 from tis.deploy.report.subjects.tracking import track_of_hand
 from tis.deploy.run.twin import build_sides, drive
+from tis.patient_side.estimators.adaptive_kf import AdaptiveKf
+from tis.patient_side.estimators.innovations_kf import InnovationsKf
 from tis.patient_side.node import PatientNode
 
 
@@ -24,7 +26,7 @@ def _scenario(small: Path, delay_ms: int) -> Scenario:
     settings = (
         f"network.forward.delay.delay_ms={delay_ms}",
         "patient.tick_phase_ms=0",
-        "estimators=[hold, moesp_kf, innovations_kf]",
+        "estimators=[hold, innovations_kf]",
         "active_estimator=hold",
         "identification.train=own_head",
     )
@@ -35,6 +37,11 @@ def _driven(scenario: Scenario, n_ahead: int) -> tuple[RunLogs, list[dict[str, F
     nodes, _, _ = build_sides(scenario)
     patient = nodes["patient"]
     assert isinstance(patient, PatientNode)
+    for hand in patient.hands:  # the default learns from its own forecasts, and of late samples other things
+        hand.estimators = [
+            InnovationsKf(one.model) if isinstance(one, AdaptiveKf) else one for one in hand.estimators
+        ]
+        hand.states = [one.initial() for one in hand.estimators]
     measure_estimators(patient)
     recorders = record_forecasts(patient, n_ahead) if n_ahead else []
     memories: dict[Side, MemoryLog] = {side: MemoryLog(side) for side in nodes}
@@ -48,7 +55,7 @@ def test_a_forecast_is_the_estimate_where_all_is_late_by_the_horizon(small: Path
     scenario = _scenario(small, n_ahead * 1000 // 30)
     logs, _ = _driven(scenario, 0)
     track = track_of_hand(logs, scenario, "left")
-    for name in ("hold", "moesp_kf"):  # the default learns from its forecasts, and of later samples other things
+    for name in ("hold", "innovations_kf"):
         forecasts = recorders[name].forecasts_m
         ticks = [i for i, tick in enumerate(track.tick) if track.scored[i] and (tick - n_ahead) % ORIGIN_EVERY == 0]
         assert len(ticks) > 30
@@ -85,5 +92,5 @@ def test_a_cell_has_forecasts_only_when_it_is_to(small: Path) -> None:
     assert "forecasts" not in run_cell(cell, None)
     found = run_cell(replace(cell, n_ahead=2), None)["forecasts"]
     assert set(found) == {"left"}
-    assert set(found["left"]) == {"hold", "moesp_kf", "innovations_kf"}
+    assert set(found["left"]) == {"hold", "innovations_kf"}
     assert len(found["left"]["hold"]["distance_m"]) == 2

@@ -33,11 +33,11 @@ Apart = tuple[dict[Side, MemoryLog], tuple[ArmModel, ...]]
 APART: dict[Side, str] = {"surgeon": "host a", "patient": "host b"}
 
 
-def _scenario() -> Any:
+def _scenario(*more: str) -> Any:
     constant = f"{{kind: constant, delay_ms: {DELAY_MS:g}}}"
     settings = [f"network.{direction}.delay={constant}" for direction in ("forward", "feedback")]
     settings += [f"network.{direction}.jitter=null" for direction in ("forward", "feedback")]
-    return resolve("default", [*settings, *HOLD], 1, 6.0)
+    return resolve("default", [*settings, *more, *HOLD], 1, 6.0)
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +112,7 @@ def test_delay_variation_is_as_uncertain_as_both_delays_that_it_is_the_differenc
 
 def test_the_truth_is_aligned_too() -> None:
     """Where the arm really was at each tick, by both clocks' true errors, which are 12 ms apart."""
-    scenario = _scenario()
+    scenario = _scenario("source.recorder_hz=51.33")
     wrong: dict[Side, WrongClock] = {"surgeon": WrongClock(6_000_000, 50.0), "patient": WrongClock(-6_000_000, -35.0)}
     logs, _ = run_apart(scenario, wrong, APART)
     rows, ticks = logs["surgeon"].log.of(TRUTH), logs["patient"].log.of(f"{ESTIMATES}/hold")
@@ -125,7 +125,7 @@ def test_the_truth_is_aligned_too() -> None:
     found, raw = (track_of_hand(run, scenario, "left").truth_m[:, 0] for run in (aligned(as_run(logs)), as_run(logs)))
     assert inside.sum() > 100
     assert np.abs(found - truth_m)[inside].max() < 20e-6
-    assert np.abs(raw - truth_m)[inside].max() > 400e-6
+    assert np.abs(raw - truth_m)[inside].max() > 500e-6
 
 
 def _true_ns(clock: WrongClock, own_ns: Any) -> NDArray[np.float64]:
