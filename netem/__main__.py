@@ -42,7 +42,8 @@ from tis.netem.bridge.keys import crossing_keys
 from tis.netem.bridge.overhead import warn_of_overhead
 from tis.netem.bridge.sides import lease_s
 from tis.netem.bridge.standstill import Deadline
-from tis.netem.bridge.tally import WatchedLog, watches
+from tis.netem.bridge.tally import WatchedLog
+from tis.netem.bridge.watches import watches
 from tis.netem.build import build_netem
 
 _LEAD_NS: Final = 150 * NS_PER_MS

@@ -1,4 +1,4 @@
-"""What a side heard in a run, and when its ticks began: a recorded bus and clock, by which the side runs again."""
+"""A recorded bus and clock: what a side heard in a run, and when its ticks began, by which it runs again."""
 
 from bisect import bisect_left
 from collections import deque

@@ -35,7 +35,7 @@ from tis.deploy.shell.early_checks import can_report
 from tis.deploy.shell.guard import OUT, print_json
 from tis.deploy.standalone.standalone_run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
 from tis.deploy.tools.info import log_states, print_damage, print_files, states_as_data
-from tis.netem.bridge.standalone import network_yaml
+from tis.netem.bridge.standalone_log import network_yaml
 from tis.netem.control.replay import made_changes
 from tis.netem.expected.figures import direction_label
 

@@ -5,8 +5,6 @@ kind only: the kernel names the address, by a notice of each TCP connection that
 """
 
 import os
-import socket
-import struct
 import threading
 import time
 from collections import deque
@@ -30,6 +28,7 @@ from tis.common.runtime.zenoh_log import ROUTER_LEVELS, RefusalCounter, ZenohLog
 from tis.common.stop_messages import EmergencyStop
 from tis.common.units import NS_PER_S
 from tis.common.zenoh_syntax import port_of
+from tis.netem.bridge.tcp_ends import hear_tcp_ends, tcp_ends_socket
 
 _FLUSH_S: Final = 1.0
 _MAX_WAITING: Final = 2000
@@ -41,10 +40,6 @@ _OF_CONNECTIONS: Final = frozenset(
     ("no_certificate", "foreign_authority", "expired", "bad_certificate", "no_tls", "false_netem", "no_password",
      "wrong_password")
 )  # fmt: skip
-_SOCK_DIAG: Final = 4
-_TCP_ENDS: Final = 0b101  # its groups for TCP over IPv4 and IPv6
-_IDS: Final = struct.Struct("!HH16s16s")
-_IDS_AT: Final = 20  # behind the heads of netlink and of inet_diag
 
 
 class _Refused(NamedTuple):
@@ -110,10 +105,9 @@ class AuditTrail:
         self._over = threading.Event()
         self._threads = [threading.Thread(target=self._serve, name="audit", daemon=True)]
         with suppress(OSError):  # a kernel without it: refused connections have no address then
-            kernel = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, _SOCK_DIAG)
-            kernel.bind((0, _TCP_ENDS))
-            kernel.settimeout(_FLUSH_S)
-            self._threads.append(threading.Thread(target=self._hear, args=(kernel,), name="ends", daemon=True))
+            kernel = tcp_ends_socket(_FLUSH_S)
+            hears = (kernel, self._ended, self._over)
+            self._threads.append(threading.Thread(target=hear_tcp_ends, args=hears, name="ends", daemon=True))
         for thread in self._threads:
             thread.start()
 
@@ -227,25 +221,12 @@ class AuditTrail:
             self._newest = tuple(found[::-1])
         return self._newest
 
-    def _hear(self, kernel: socket.socket) -> None:
-        """Take the ends of TCP connections at netem's ports from the kernel."""
-        with kernel:
-            while not self._over.is_set():
-                try:
-                    message = kernel.recv(1 << 16)
-                except (TimeoutError, OSError):  # nothing, or more than it holds
-                    continue
-                if len(message) < _IDS_AT + _IDS.size:
-                    continue
-                port, other, _, address = _IDS.unpack_from(message, _IDS_AT)
-                network = self._ports.get(port)
-                if network is not None:
-                    family = message[16]
-                    host = socket.inet_ntop(family, address if family == socket.AF_INET6 else address[:4])
-                    host = host.removeprefix("::ffff:")
-                    where = f"[{host}]:{other}" if ":" in host else f"{host}:{other}"
-                    with self._lock:
-                        self._ends.append((time.time_ns(), network, where))
+    def _ended(self, port: int, address: str) -> None:
+        """Take the end of a TCP connection, if it was at a port of netem's."""
+        network = self._ports.get(port)
+        if network is not None:
+            with self._lock:
+                self._ends.append((time.time_ns(), network, address))
 
     def _serve(self) -> None:
         while not self._over.wait(_FLUSH_S):

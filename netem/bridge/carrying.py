@@ -30,9 +30,11 @@ from tis.netem.bridge.driver import Driver
 from tis.netem.bridge.proxy import Address, Proxy
 from tis.netem.bridge.relay import Relay
 from tis.netem.bridge.sides import Place
-from tis.netem.bridge.standalone import Carriage, Standalone, drive, lines_on_the_network, open_log, start, tell
+from tis.netem.bridge.standalone import Carriage, Standalone, drive, lines_on_the_network, start, tell
+from tis.netem.bridge.standalone_log import open_log
 from tis.netem.bridge.standstill import Deadline
-from tis.netem.bridge.tally import Tally, table, watches
+from tis.netem.bridge.tally import Tally, table
+from tis.netem.bridge.watches import watches
 from tis.netem.build import build_links
 from tis.netem.expected.figures import synopsis
 
@@ -96,7 +98,8 @@ def run_carrying(options: Standalone, status: Status, library: Profiles | None) 
             session = stack.enter_context(open_router(config, options.control))
             adapt = partial(_KINDS[options.carry].change, asked)
             stack.callback(attach(driver, {ends.comes_from: session}, options.prefix, library, adapt))
-        tally = Tally(open_log(options), status.warning, *watches(links, network.buffer, status.warning))
+        log = open_log(options.log_dir, options.network, options.seed, options.keys)
+        tally = Tally(log, status.warning, *watches(links, network.buffer, status.warning))
         clock = start(driver)
         carrier.open()
         stack.callback(carrier.close)

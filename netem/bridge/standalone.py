@@ -6,25 +6,20 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Final, Literal
 
-import yaml
 import zenoh
 
 from tis.common.channels import Direction, Network
 from tis.common.errors import EXIT_INTERRUPTED, EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError, PeerError
 from tis.common.runtime.clock import WallClock
-from tis.common.runtime.mcap_log import McapLog
 from tis.common.runtime.memory import share_arenas
-from tis.common.runtime.process import Interrupt, command_line
+from tis.common.runtime.process import Interrupt
 from tis.common.runtime.processor_watch import ProcessorWatch
 from tis.common.runtime.recorder import ThreadedRecorder
 from tis.common.runtime.running import ALONE, Running, announced
-from tis.common.runtime.scenario_files import load_traces, trace_attachments
-from tis.common.runtime.side_log import LOG_VERSION
+from tis.common.runtime.scenario_files import load_traces
 from tis.common.runtime.status import Status
 from tis.common.runtime.zenoh_session import ZenohOptions
 from tis.common.scenario.network import NetworkPart
@@ -52,8 +47,10 @@ from tis.netem.bridge.sides import (
     open_sides,
     scout_config,
 )
+from tis.netem.bridge.standalone_log import open_log
 from tis.netem.bridge.standstill import Deadline
-from tis.netem.bridge.tally import Tally, table, watches
+from tis.netem.bridge.tally import Tally, table
+from tis.netem.bridge.watches import watches
 from tis.netem.build import build_links
 from tis.netem.expected.figures import synopsis
 from tis.netem.link.link import Link
@@ -164,7 +161,8 @@ def _audit(stack: ExitStack, options: Standalone, status: Status) -> AuditTrail:
 
 def _tally(options: Standalone, links: Mapping[Direction, Link], status: Status, audit: AuditTrail) -> Tally:
     looks = watches(links, options.network.buffer, status.warning)
-    return Tally(open_log(options), status.warning, *looks, audit=audit)
+    log = open_log(options.log_dir, options.network, options.seed, options.keys)
+    return Tally(log, status.warning, *looks, audit=audit)
 
 
 def _base_overhead_ns(
@@ -233,45 +231,6 @@ def drive(
         raise bridge.error
     if bridge.error is not None:
         raise RuntimeError("a Zenoh callback failed") from bridge.error
-
-
-def open_log(options: Standalone) -> McapLog | None:
-    """Open the log, if there is to be one, with the network beside it. Raises `DataError`."""
-    folder = options.log_dir
-    if folder is None:
-        return None
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DataError(
-            Fault(str(folder), "", f"cannot be created: {error.strerror}; give another --run-dir")
-        ) from None
-    about = {"version": LOG_VERSION, "side": "netem", "mode": "live", "seed": str(options.seed)}
-    about |= {name: version(name) for name in ("tis-testbed", "eclipse-zenoh")}
-    about |= {"command": command_line()}
-    about |= {"begun": datetime.now(UTC).isoformat(timespec="seconds"), "keys": "\n".join(options.keys)}
-    log = McapLog(folder / "netem.mcap", about | {"profile": options.network.from_profile or ""})
-    content = network_yaml(options.network).encode()
-    _write(folder / "network.yaml", content)  # now, so that it exists however the run ends
-    log.attach("network.yaml", content)
-    for name, trace in trace_attachments(options.network).items():
-        log.attach(name, trace)
-    log.flush()
-    return log
-
-
-def _write(path: Path, content: bytes) -> None:
-    partial = path.with_suffix(f"{path.suffix}.part")
-    try:
-        partial.write_bytes(content)
-        partial.replace(path)
-    except OSError as error:
-        raise DataError(Fault(str(path), "", f"cannot be written: {error.strerror}")) from None
-
-
-def network_yaml(network: NetworkPart) -> str:
-    """Return a network as a file for ``--scenario-network``, with the values of its profile but no defaults."""
-    return yaml.safe_dump(network.model_dump(mode="json", exclude_defaults=True), sort_keys=False)
 
 
 def _first_lines(options: Standalone, traces: Mapping[str, Trace]) -> list[str]:

@@ -1,4 +1,4 @@
-"""What an arm touches: a wall or tissue behind a plane, and its force on the tool tip."""
+"""The environment of an arm: a wall or tissue behind a plane, and its force on the tool tip."""
 
 from dataclasses import dataclass
 from math import sqrt

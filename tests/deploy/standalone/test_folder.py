@@ -21,7 +21,7 @@ from tis.deploy.cli.main import app
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.standalone.command import close_folder
 from tis.deploy.standalone.standalone_run import is_standalone, load_standalone
-from tis.netem.bridge.standalone import network_yaml
+from tis.netem.bridge.standalone_log import network_yaml
 from tis.netem.expected.simulate import simulate
 
 N = 2000

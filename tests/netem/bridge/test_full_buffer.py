@@ -4,7 +4,7 @@ import pytest
 
 from tests.netem.making import KEY, link, offer, packet
 from tis.common.scenario.network import Buffer
-from tis.netem.bridge.tally import BufferWatch
+from tis.netem.bridge.watches import BufferWatch
 
 MS = 1_000_000
 SLOW = {"delay": {"kind": "constant", "delay_ms": 1000}}

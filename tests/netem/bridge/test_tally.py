@@ -6,7 +6,8 @@ from tests.netem.making import link
 from tis.common.node import Record
 from tis.common.records import FATES, RELEASES, FateBatch, ReleaseBatch
 from tis.common.units import NS_PER_MS
-from tis.netem.bridge.tally import NamesWatch, ReleaseErrors, Tally, WatchedLog, table
+from tis.netem.bridge.tally import ReleaseErrors, Tally, WatchedLog, table
+from tis.netem.bridge.watches import NamesWatch
 
 ASKED = ("forward: delay 2 ms, sd 1", "feedback: nothing injected")
 NOTHING = {"loss": 0, "outage": 0, "refused": 0, "overflow": 0, "queue_full": 0, "late": 0, "codel": 0, "evicted": 0}

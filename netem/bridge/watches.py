@@ -1,0 +1,98 @@
+"""Warnings while a bridge runs, of what the configured network has not: full buffers, too many names, lateness."""
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from tis.common.channels import DESTINATION, Direction
+from tis.common.scenario.network import Buffer
+from tis.common.units import NS_PER_MS
+from tis.netem.expected.figures import direction_label
+from tis.netem.link.flows import MAX_CLOSED, MAX_FLOWS
+from tis.netem.link.ledger import DROPPED_NEW, DROPPED_OLDEST, full_buffer
+from tis.netem.link.link import Link
+
+LATE_NS: Final = 10 * NS_PER_MS
+"""A release error above it is told while it happens: it is beyond what a machine with a free core does."""
+_LOOKS_BETWEEN: Final = 20  # 10 s
+_WORSE: Final = 10
+
+
+class BufferWatch:
+    """A warning for each direction, once, after a full buffer has dropped messages; any thread may call `look`."""
+
+    def __init__(self, links: Mapping[Direction, Link], buffer: Buffer, warn: Callable[[str], None]) -> None:
+        self._left: dict[Direction, Link] = dict(links)
+        self._buffer = buffer
+        self._warn = warn
+
+    def look(self) -> None:
+        """Warn of the directions in which the first drop has occurred."""
+        for direction, link in list(self._left.items()):
+            if link.dropped[DROPPED_NEW] or link.dropped[DROPPED_OLDEST]:
+                del self._left[direction]
+                full = full_buffer(self._buffer, link.most_held)
+                rule = "it drops messages, which is not part of the configured network"
+                self._warn(f"{direction_label(direction)}: {full}: {rule}")
+
+
+class NamesWatch:
+    """A warning for each direction, once, when its names near a bound; any thread may call `look`."""
+
+    def __init__(self, links: Mapping[Direction, Link], warn: Callable[[str], None]) -> None:
+        self._left: dict[Direction, Link] = dict(links)
+        self._warn = warn
+
+    def look(self) -> None:
+        """Warn of the directions in which as many names are in use, or have come and gone, as netem keeps apart."""
+        for direction, link in list(self._left.items()):
+            if texts := names_near_bounds(link.flows.counters()):
+                del self._left[direction]
+                self._warn(f"{direction_label(direction)}: {'; '.join(texts)}")
+
+
+def watches(
+    links: Mapping[Direction, Link], buffer: Buffer, warn: Callable[[str], None]
+) -> tuple[Callable[[], None], ...]:
+    """Return the watches over links, each to be called twice a second."""
+    return BufferWatch(links, buffer, warn).look, NamesWatch(links, warn).look
+
+
+def names_near_bounds(counters: Mapping[str, int], head: str = "") -> list[str]:
+    """Return a sentence on each bound of a link's names that is near; ``head`` precedes the names of its counters."""
+    texts = []
+    if n := counters.get(f"{head}most_names"):
+        texts.append(f"{n} names at once: above {MAX_FLOWS} it draws anew for each message of a name that returns")
+    if n := counters.get(f"{head}gone_names"):
+        texts.append(
+            f"{n} names have come and gone: above {MAX_CLOSED} all new ones get random numbers of their own, but "
+            "no longer those of a run in which fewer came before them"
+        )
+    return texts
+
+
+class LateWatch:
+    """A warning for each direction while its releases are late: every 10 s, and when they are ten times as late."""
+
+    def __init__(self, warn: Callable[[str], None]) -> None:
+        self._warn = warn
+        self._most_ns: dict[Direction, int] = {}
+        self._silent: dict[Direction, int] = {}
+        self._told_ns: dict[Direction, int] = {}
+
+    def count(self, direction: Direction, most_ns: int) -> None:
+        """Note the largest release error of a batch."""
+        if most_ns > max(LATE_NS, self._most_ns.get(direction, 0)):
+            self._most_ns[direction] = most_ns
+
+    def look(self) -> None:
+        """Warn of releases since the last warning; called twice a second."""
+        for direction in DESTINATION:
+            silent = self._silent[direction] = max(0, self._silent.get(direction, 0) - 1)
+            most_ns = self._most_ns.get(direction, 0)
+            if most_ns and (not silent or most_ns >= _WORSE * self._told_ns[direction]):
+                del self._most_ns[direction]
+                self._silent[direction], self._told_ns[direction] = _LOOKS_BETWEEN, most_ns
+                self._warn(
+                    f"{direction_label(direction)}: messages leave up to {most_ns / NS_PER_MS:.0f} ms after their "
+                    "instants: more than this machine releases in time, and not part of the configured network"
+                )
