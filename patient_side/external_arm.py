@@ -7,10 +7,10 @@ from typing import Any, Final, get_args
 import numpy as np
 
 from tis.common.channels import Arm, Hand, arm_key
-from tis.common.coupling.vector import ZERO
 from tis.common.device import DeviceGate, DeviceSample, from_json
 from tis.common.device_records import DEVICES, DeviceEvent, DeviceNote, Refusal
 from tis.common.node import Arrival, Record
+from tis.common.vector import ZERO
 from tis.patient_side.hand import PatientHand
 from tis.patient_side.plant.protocol import PlantOutput, Reference
 

@@ -9,7 +9,6 @@ from tis.common.channels import HandChannels
 from tis.common.coupling.deadband import Deadband
 from tis.common.coupling.energy import ReceivedEnergy
 from tis.common.coupling.tdpa import PassiveArm
-from tis.common.coupling.vector import ZERO, Vector, as_message, dot, minus, of, plus, scaled, size
 from tis.common.coupling.wave import WaveArm, WaveQueue, is_too_strong
 from tis.common.header import Header
 from tis.common.intake import Accepted, Intake
@@ -18,6 +17,7 @@ from tis.common.node import Arrival, Emission, Record
 from tis.common.records import CONTACTS, ContactNote
 from tis.common.scenario.touch import TouchPart
 from tis.common.units import ms_to_ns, sample_instant_ns
+from tis.common.vector import ZERO, Vector, as_message, dot, minus, of, plus, scaled, size
 from tis.patient_side.plant.protocol import PlantOutput
 from tis.patient_side.plant.touching_servo import TouchingServo
 

@@ -16,14 +16,13 @@ from tis.common.device_records import DEVICES, DeviceEvent, DeviceNote, Refusal
 from tis.common.node import Arrival, Record
 from tis.common.scenario.live_source import LiveSource
 from tis.common.units import MM_PER_M, NS_PER_S, ms_to_ns
+from tis.common.vector import ZERO, Vector, minus, plus, scaled
 from tis.common.zenoh_syntax import key_matches
 from tis.surgeon_side.motion import HandPoses, Placed
 
-Vector = tuple[float, float, float]
 Turn = tuple[float, float, float, float]
 
 _UNTURNED: Final[Turn] = (0.0, 0.0, 0.0, 1.0)
-_ORIGIN: Final[Vector] = (0.0, 0.0, 0.0)
 _MAX_M: Final = 1e6
 """Distance beyond which no hand moves: far beyond any room, and far below what a message can hold (`MAX_SIZE`)."""
 
@@ -97,45 +96,33 @@ class DeviceMapping:
         for sample in samples:
             here = turned(self._turn, sample.position_m)
             if self._last is None and self.source.origin == "first":
-                self._master_anchor = _minus(self._master_anchor, here)
-                self._arm_anchor = _minus(self._arm_anchor, _times(scale, here))
+                self._master_anchor = minus(self._master_anchor, here)
+                self._arm_anchor = minus(self._arm_anchor, scaled(here, scale))
             elif self._last is not None and (sample.clutch or self._was_clutched):
-                self._arm_anchor = _minus(self._arm_anchor, _times(scale, _minus(here, self._last)))
+                self._arm_anchor = minus(self._arm_anchor, scaled(minus(here, self._last), scale))
             self._last, self._was_clutched = here, sample.clutch
             self._wrist = (product(self._turn, sample.orientation), sample.gripper_rad)
             if not sample.clutch:
                 self._arm_wrist = self._wrist
         allowed_m = self.source.max_speed_mm_s / MM_PER_M * (t_ns - self._moved_ns + period_ns) / NS_PER_S
-        here = self._last or _ORIGIN
+        here = self._last or ZERO
         if (begun_at is not None and dist(begun_at, here) > allowed_m) or self._is_too_far():
             self.n_jumps += 1
-            moved = _minus(here, begun_at or _ORIGIN)
-            self._master_anchor = _minus(master_anchor, moved)
-            self._arm_anchor = _minus(arm_anchor, _times(scale, moved))
+            moved = minus(here, begun_at or ZERO)
+            self._master_anchor = minus(master_anchor, moved)
+            self._arm_anchor = minus(arm_anchor, scaled(moved, scale))
         self._moved_ns = t_ns
 
     def poses(self) -> HandPoses:
         """Return master and commanded arm; both rest in their places until the device's first pose."""
-        moved = self._last or _ORIGIN
+        moved = self._last or ZERO
         return HandPoses(
-            Placed(_plus(self._master_anchor, moved), *self._wrist),
-            Placed(_plus(self._arm_anchor, _times(self.source.scale, moved)), *self._arm_wrist),
+            Placed(plus(self._master_anchor, moved), *self._wrist),
+            Placed(plus(self._arm_anchor, scaled(moved, self.source.scale)), *self._arm_wrist),
         )
 
     def _is_too_far(self) -> bool:
-        return any(dist(placed.position_m, _ORIGIN) > _MAX_M for placed in self.poses())
-
-
-def _plus(one: Vector, other: Vector) -> Vector:
-    return one[0] + other[0], one[1] + other[1], one[2] + other[2]
-
-
-def _minus(one: Vector, other: Vector) -> Vector:
-    return one[0] - other[0], one[1] - other[1], one[2] - other[2]
-
-
-def _times(factor: float, vector: Vector) -> Vector:
-    return factor * vector[0], factor * vector[1], factor * vector[2]
+        return any(dist(placed.position_m, ZERO) > _MAX_M for placed in self.poses())
 
 
 _DECODERS: Final = {"json": from_json, "ros2": from_ros2}

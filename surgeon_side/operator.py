@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 from math import pi, sqrt
 
 from tis.common.coupling.stability import Limb
-from tis.common.coupling.vector import ZERO, Vector, plus, scaled
 from tis.common.servo import servo_transition
+from tis.common.vector import ZERO, Vector, plus, scaled
 
 
 @dataclass

@@ -17,7 +17,6 @@ from tis.common.coupling.deadband import Deadband
 from tis.common.coupling.energy import ReceivedEnergy
 from tis.common.coupling.stability import Limb
 from tis.common.coupling.tdpa import PassiveHand
-from tis.common.coupling.vector import ZERO, Vector, as_message, limited, minus, of, plus, scaled, size
 from tis.common.coupling.wave import WaveHand, WaveQueue, is_too_strong
 from tis.common.header import Header
 from tis.common.intake import Accepted, Intake
@@ -27,6 +26,7 @@ from tis.common.scenario import Scenario
 from tis.common.scenario.touch import TouchPart
 from tis.common.sources.trajectory import Recording
 from tis.common.units import NS_PER_S, ms_to_ns
+from tis.common.vector import ZERO, Vector, as_message, limited, minus, of, plus, scaled, size
 from tis.surgeon_side.motion import HandPoses, Motion
 from tis.surgeon_side.operator import Operator
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import dist
 from typing import Final
 
-from tis.common.coupling.vector import Vector, size
+from tis.common.vector import Vector, size
 
 LEAST: Final = 1e-5
 """Added to the size that a change is compared with, so that a sample of size zero never divides (N or m/s)."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from math import sqrt
 
 from tis.common.coupling.energy import Port, ReceivedEnergy
-from tis.common.coupling.vector import Vector, dot, minus, plus, scaled
+from tis.common.vector import Vector, dot, minus, plus, scaled
 
 
 @dataclass

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from math import sqrt
 from typing import Final
 
-from tis.common.coupling.vector import ZERO, Vector, dot, minus, plus, scaled, size
+from tis.common.vector import ZERO, Vector, dot, minus, plus, scaled, size
 
 _MOST_QUEUED: Final = 256
 _SLACK_J: Final = 1e-5

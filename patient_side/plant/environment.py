@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from math import sqrt
 from typing import Protocol
 
-from tis.common.coupling.vector import ZERO, Vector, dot, minus, scaled, size
 from tis.common.scenario.touch import Environment as EnvironmentPart
 from tis.common.scenario.touch import TissueEnvironment
 from tis.common.units import MM_PER_M
+from tis.common.vector import ZERO, Vector, dot, minus, scaled, size
 
 
 class Law(Protocol):

@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple, Protocol
 
-from tis.common.coupling.vector import Vector
+from tis.common.vector import Vector
 from tis.patient_side.linear_system import Array
 
 

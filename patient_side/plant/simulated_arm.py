@@ -7,9 +7,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtri
 
-from tis.common.coupling.vector import Vector
 from tis.common.streams import Stream
 from tis.common.units import NS_PER_S
+from tis.common.vector import Vector
 from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.arm_geometry import INSERTION, N_JOINTS, tip_frame
 from tis.patient_side.plant.environment import Environment

@@ -7,9 +7,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from tis.common.coupling.vector import ZERO, Vector, minus, plus, scaled
 from tis.common.servo import servo_transition
 from tis.common.units import NS_PER_S
+from tis.common.vector import ZERO, Vector, minus, plus, scaled
 from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.environment import Environment
 from tis.patient_side.plant.protocol import PlantOutput, Reference

@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 
 from tis.common.messages import SafetyMode
 from tis.common.safety_records import SafetyCause
+from tis.common.vector import minus, plus
 from tis.patient_side.safety.limits import Limits
 from tis.patient_side.safety.set_point import (
     AT_REST,
@@ -21,8 +22,6 @@ from tis.patient_side.safety.set_point import (
     Place,
     brake,
     follow,
-    minus,
-    plus,
     within,
 )
 from tis.patient_side.safety.wrist_point import WristPoint, WristPose, begin, brake_wrist, follow_wrist

@@ -9,10 +9,11 @@ at most v^2 / (2 a). One law serves places in m, rotation vectors in rad and the
 from math import dist, sqrt
 from typing import Final, NamedTuple
 
-Vector = tuple[float, float, float]
+from tis.common.vector import ZERO, Vector, minus, plus, scaled
+
 Place = Vector
 
-STILL: Final[Vector] = (0.0, 0.0, 0.0)
+STILL: Final[Vector] = ZERO
 _ROUNDING: Final = 1e-12
 
 
@@ -111,7 +112,7 @@ def within(place: Place, centre: Place, radius_m: float) -> Place:
     distance_m = dist(place, centre)
     if distance_m <= radius_m * (1.0 + _ROUNDING):  # a place on the sphere stays as it is, bit for bit
         return place
-    return plus(centre, _scaled(minus(place, centre), radius_m / distance_m))
+    return plus(centre, scaled(minus(place, centre), radius_m / distance_m))
 
 
 def _carry(way: Vector, length: float, carried: Vector, pace: Pace) -> Vector:
@@ -124,14 +125,14 @@ def _carry(way: Vector, length: float, carried: Vector, pace: Pace) -> Vector:
         most = min(pace.step, _longest_step(length, pace.change))
         along = (carried[0] * way[0] + carried[1] * way[1] + carried[2] * way[2]) / length
         share = min(max(along, 0.0), most) / length
-    leading = _scaled(way, share)
+    leading = scaled(way, share)
     astray = minus(carried, leading)
     n_astray = dist(astray, STILL)
     if n_astray > pace.brake:
-        return plus(leading, _scaled(astray, 1.0 - pace.brake / n_astray))
+        return plus(leading, scaled(astray, 1.0 - pace.brake / n_astray))
     if length == 0.0:
         return STILL
-    return _scaled(way, min(share * length + min(pace.brake - n_astray, pace.change), most) / length)
+    return scaled(way, min(share * length + min(pace.brake - n_astray, pace.change), most) / length)
 
 
 def _longest_step(distance: float, change: float) -> float:
@@ -143,12 +144,12 @@ def _longest_step(distance: float, change: float) -> float:
 def _turned_towards(step: Vector, wanted: Vector, change: float) -> Vector:
     """Return ``wanted``, or the step that differs by ``change`` from the last one in its direction."""
     difference = dist(step, wanted)
-    return wanted if difference <= change else plus(step, _scaled(minus(wanted, step), change / difference))
+    return wanted if difference <= change else plus(step, scaled(minus(wanted, step), change / difference))
 
 
 def _shortened(step: Vector, most: float) -> Vector:
     length = dist(step, STILL)
-    return step if length <= most else _scaled(step, most / length)
+    return step if length <= most else scaled(step, most / length)
 
 
 def _recent(spent: tuple[tuple[int, float], ...], t_ns: int) -> tuple[tuple[int, float], ...]:
@@ -156,17 +157,3 @@ def _recent(spent: tuple[tuple[int, float], ...], t_ns: int) -> tuple[tuple[int,
     if spent[0][0] > t_ns - WINDOW_NS:
         return spent
     return tuple(one for one in spent if one[0] > t_ns - WINDOW_NS)
-
-
-def plus(a: Vector, b: Vector) -> Vector:
-    """Return the sum."""
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-def minus(a: Vector, b: Vector) -> Vector:
-    """Return the way from ``b`` to ``a``."""
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-def _scaled(a: Vector, factor: float) -> Vector:
-    return a[0] * factor, a[1] * factor, a[2] * factor

@@ -5,12 +5,12 @@ import pytest
 
 from tests.common.coupling.loop import a_servo
 from tis.common.channels import hand_channels
-from tis.common.coupling.vector import Vector, as_message
 from tis.common.header import Header
 from tis.common.messages import Twist, Wrench, decode, encode
 from tis.common.node import Arrival
 from tis.common.records import ContactNote
 from tis.common.scenario.touch import TouchPart
+from tis.common.vector import Vector, as_message
 from tis.patient_side.hand import vector
 from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.protocol import PlantOutput

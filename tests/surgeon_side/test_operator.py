@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from tis.common.coupling.stability import Limb
-from tis.common.coupling.vector import ZERO
+from tis.common.vector import ZERO
 from tis.surgeon_side.operator import Operator
 
 

@@ -6,13 +6,13 @@ import pytest
 from tests.common.coupling.test_stability import HOGAN
 from tests.patient_side.arm_models import static_model
 from tis.common.channels import hand_channels
-from tis.common.coupling.vector import ZERO, Vector, as_message, of
 from tis.common.header import Header
 from tis.common.messages import ShownForce, Twist, Wrench, encode
 from tis.common.node import Arrival
 from tis.common.runtime.recordings import load_movement
 from tis.common.scenario.touch import TouchPart
 from tis.common.signing import RunKeys
+from tis.common.vector import ZERO, Vector, as_message, of
 from tis.deploy.run.resolve import resolve
 from tis.patient_side.build import build_patient
 from tis.surgeon_side.build import build_surgeon

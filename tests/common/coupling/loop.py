@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from tis.common.coupling.energy import ReceivedEnergy
 from tis.common.coupling.stability import Limb
 from tis.common.coupling.tdpa import PassiveArm, PassiveHand
-from tis.common.coupling.vector import ZERO, Vector, minus, plus, scaled
 from tis.common.coupling.wave import WaveArm, WaveHand, WaveQueue
+from tis.common.vector import ZERO, Vector, minus, plus, scaled
 from tis.patient_side.plant.environment import Environment, Wall
 from tis.patient_side.plant.protocol import Reference
 from tis.patient_side.plant.touching_servo import TouchingServo

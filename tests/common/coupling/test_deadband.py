@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tis.common.coupling.deadband import LEAST, Deadband
-from tis.common.coupling.vector import ZERO, Vector, minus, size
+from tis.common.vector import ZERO, Vector, minus, size
 
 NUMBER = st.floats(-50, 50)
 

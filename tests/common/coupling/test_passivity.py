@@ -11,8 +11,8 @@ from tests.common.coupling.loop import PERIOD_S, Line, Loop, a_servo, energy_j
 from tis.common.coupling.energy import ReceivedEnergy
 from tis.common.coupling.stability import Limb
 from tis.common.coupling.tdpa import PassiveArm
-from tis.common.coupling.vector import Vector, dot, plus, scaled
 from tis.common.coupling.wave import WaveArm, WaveQueue, is_too_strong
+from tis.common.vector import Vector, dot, plus, scaled
 
 HOGAN = Limb(0.9, 6.0, 568.0)
 PART = st.floats(-5, 5)

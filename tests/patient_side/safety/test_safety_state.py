@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from tests.patient_side.safety.worst_case import overshot, run_on, search
 from tis.common.scenario.safety import Safety
 from tis.common.units import sample_instant_ns
+from tis.common.vector import minus
 from tis.patient_side.rotations import Quaternion, turn_to
 from tis.patient_side.safety.limits import limits_of
 from tis.patient_side.safety.safety_state import Left, SafetyFilter, SafetyState, Seen
-from tis.patient_side.safety.set_point import STILL, Place, minus, within
+from tis.patient_side.safety.set_point import STILL, Place, within
 from tis.patient_side.safety.wrist_point import WristPose
 
 _RATE_HZ = 30

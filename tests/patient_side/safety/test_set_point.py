@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tis.common.vector import minus, plus
 from tis.patient_side.safety.set_point import (
     AT_REST,
     NO_CORRECTION,
@@ -17,8 +18,6 @@ from tis.patient_side.safety.set_point import (
     Place,
     brake,
     follow,
-    minus,
-    plus,
     run_out,
     within,
 )
