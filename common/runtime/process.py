@@ -7,12 +7,11 @@ import select
 import shlex
 import signal
 import socket
-import stat
 import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
@@ -142,11 +141,13 @@ class Interrupt:
         self.requested = False
         self.wakers: list[Callable[[], None]] = []
         self._hung_up = False
+        self._terminals: set[int] = set()
 
     @contextmanager
     def installed(self) -> Iterator[None]:
         """Handle the signals within the block."""
         is_nohup = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+        self._terminals = {os.fstat(number).st_rdev for number in _STANDARD_STREAMS if os.isatty(number)}
         handled = [number for number in _ENDING if not (is_nohup and number == signal.SIGHUP)]
         before = {number: signal.signal(number, self._note) for number in handled}
         try:
@@ -160,20 +161,23 @@ class Interrupt:
     def _note(self, number: int, frame: Any) -> None:  # noqa: ARG002
         if number == signal.SIGHUP:
             self._hung_up = True
-            _detach_from_terminal()
+            _detach_from(self._terminals)
         self.requested = True
         for wake in self.wakers:
             wake()
 
 
-def _detach_from_terminal() -> None:
-    """Redirect the standard streams of a lost terminal to the null device, since each write would fail."""
-    for number in _STANDARD_STREAMS:
+def _detach_from(terminals: Set[int]) -> None:
+    """Redirect each descriptor of a lost terminal to the null device, since each write would fail.
+
+    Standard output may have a copy: `tis.common.runtime.zenoh_log` puts a pipe in its place.
+    """
+    null = os.open(os.devnull, os.O_RDWR)
+    for number in [int(path.name) for path in Path("/dev/fd").iterdir()]:
         with suppress(OSError):
-            if stat.S_ISCHR(os.fstat(number).st_mode) and not os.isatty(number):
-                null = os.open(os.devnull, os.O_RDWR)
+            if os.fstat(number).st_rdev in terminals and not os.isatty(number):
                 os.dup2(null, number)
-                os.close(null)
+    os.close(null)
 
 
 def guarded_exit_code(name: str, run: Callable[[], int], failed: Callable[[int, Sequence[Fault]], None]) -> int:

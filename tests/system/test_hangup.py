@@ -50,7 +50,8 @@ def test_netem_closes_its_folder_when_its_terminal_goes_away(tmp_path: Path, end
     finally:
         os.close(terminal)
     assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0
-    assert {path.name for path in (tmp_path / "run").iterdir()} == {"netem.mcap", "network.yaml", "manifest.json"}
+    names = {path.name for path in (tmp_path / "run").iterdir()}
+    assert names == {"netem.mcap", "network.yaml", "manifest.json", "audit.jsonl"}
     manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
     assert manifest["exit_codes"] == {"netem": 0}
     reader = LogReader(tmp_path / "run" / "netem.mcap")

@@ -44,7 +44,8 @@ def test_a_log_between_two_networks_is_a_folder_for_every_command(start: Start, 
         held.undeclare()  # type: ignore[no-untyped-call]
         code, _, err = tis.wait()
     assert code == 0, err
-    assert {path.name for path in tis.run_dir.iterdir()} == {"netem.mcap", "network.yaml", "manifest.json"}
+    names = {path.name for path in tis.run_dir.iterdir()}
+    assert names == {"netem.mcap", "network.yaml", "manifest.json", "audit.jsonl"}
     code, out = _tis("summarize", str(tis.run_dir))
     summary = tis.summary()
     assert is_right_but_for_the_machine(code, summary), summary["problems"]
