@@ -48,6 +48,7 @@ class Steering:
         self._state: EmulatorState | None = None
         self._refreshing = False
         self._secrets: Final[dict[int, str]] = {}
+        self._stops: list[threading.Thread] = []
 
     def close(self) -> None:
         """Cancel waiting requests and close the connection."""
@@ -102,20 +103,29 @@ class Steering:
                     self._secrets[done.token.number] = done.token.secret
             return done.text
 
-        self._emergency(stop, on_answer)
+        with self._lock:
+            self._stops = [one for one in self._stops if one.is_alive()]
+            self._stops.append(self._emergency(stop, on_answer))
 
     def release(self, on_answer: Callable[[str], None]) -> None:
-        """End the emergency stops of the pages, and those of others that the scenario lets anyone end."""
+        """End the emergency stops of the pages, and those of others that the scenario lets anyone end.
+
+        A stop acts, and pages show it, before what ends it is kept here: so a release waits for the stops before it.
+        """
+        with self._lock:
+            before = list(self._stops)
 
         def release() -> str:
+            for stop in before:
+                stop.join()
             with self._lock:
                 known = dict(self._secrets)
             return release_all(self._address, known)
 
         self._emergency(release, on_answer)
 
-    def _emergency(self, act: Callable[[], str], on_answer: Callable[[str], None]) -> None:
-        """Do it in a thread of its own: no other request of a page holds it up."""
+    def _emergency(self, act: Callable[[], str], on_answer: Callable[[str], None]) -> threading.Thread:
+        """Do it in a thread of its own, which is returned: no other request of a page holds it up."""
 
         def work() -> None:
             try:
@@ -123,7 +133,9 @@ class Steering:
             except (TisError, zenoh.ZError) as error:
                 on_answer(f"not done: {error}")
 
-        threading.Thread(target=work, name="emergency stop", daemon=True).start()
+        thread = threading.Thread(target=work, name="emergency stop", daemon=True)
+        thread.start()
+        return thread
 
     def _submit(self, send: Callable[[Remote], Acknowledgement], on_answer: Callable[[str], None]) -> None:
         def work() -> None:

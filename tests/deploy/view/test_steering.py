@@ -1,6 +1,7 @@
 """The page's controls, down to the links of an emulator at work."""
 
 import queue
+import threading
 from collections.abc import Callable
 
 import pytest
@@ -9,6 +10,8 @@ from tests.common.runtime.live_zenoh import soon
 from tests.netem.bridge.controlled_bridge import Running, running_bridge
 from tis.common.runtime.emulator_client import EmulatorAddress
 from tis.common.runtime.process import free_endpoints
+from tis.deploy.net.emergency import Stopped, Token
+from tis.deploy.view import steering as module
 from tis.deploy.view.steering import Steering, live_profiles
 
 pytestmark = pytest.mark.live
@@ -76,3 +79,20 @@ def test_the_profiles_offered_are_those_that_can_be_taken_on_while_running() -> 
     assert {"paper_1", "wifi_bad"} <= set(titles)
     assert all(titles.values()), "each with a word about it"
     assert "starlink_2022_eu" not in titles  # it changes with time by itself
+
+
+def test_a_release_has_the_secret_of_a_stop_that_is_seen_before_its_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    answered, told = threading.Event(), queue.Queue[str]()
+
+    def stops(*_: object) -> Stopped:
+        answered.wait(60)
+        return Stopped("stopped", Token(7, "secret"))
+
+    monkeypatch.setattr(module, "stop_arms", stops)
+    monkeypatch.setattr(module, "release_all", lambda _, known: str(known))
+    steering = Steering(EmulatorAddress(free_endpoints()[0]))
+    steering.stop(told.put)
+    steering.release(told.put)
+    answered.set()
+    assert [told.get(timeout=60) for _ in range(2)] == ["stopped", "{7: 'secret'}"]
+    steering.close()
