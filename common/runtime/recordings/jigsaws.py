@@ -19,7 +19,7 @@ from tis.common.sources.jigsaws import MAX_TRIAL_BYTES, RATE_HZ, parse_trial, po
 from tis.common.sources.pairing import Pairing, Positions, contradictions, pair_over
 from tis.common.sources.plausibility import anomalies, rate_doubts
 from tis.common.sources.provenance import SYNTHETIC, digest_of_rows
-from tis.common.sources.recorder_clock import even_hand, find_clock
+from tis.common.sources.recorder_clock import RecorderClock, even_hand, find_clock
 from tis.common.sources.trajectory import Array, HandRecording, Recording
 
 JIGSAWS_VARIABLE: Final = "TIS_JIGSAWS"
@@ -109,7 +109,7 @@ def _recording(
         )
         for pairing in pairings
     )
-    clock = None if source.clock == "as_recorded" else find_clock([position_m(rows, arm) for arm in _ARMS])
+    clock = None if source.clock == "as_recorded" else _clock(rows)
     played = recorded if clock is None else tuple(even_hand(hand, clock) for hand in recorded)
     mark = SYNTHETIC if is_synthetic(trial) else ""
     label = f"{source.task}_{trial}{mark}"
@@ -125,6 +125,17 @@ def _recording(
         file=str(file),
         person=trial[0],
     )
+
+
+_clocks: Final[dict[str, RecorderClock | None]] = {}  # to find one takes as long as a few thousand ticks of a twin
+
+
+def _clock(rows: Array) -> RecorderClock | None:
+    """Return the clock behind a trial's rows, sought once in a process: a comparison reads each trial many times."""
+    key = digest_of_rows(rows)
+    if key not in _clocks:
+        _clocks[key] = find_clock([position_m(rows, arm) for arm in _ARMS])
+    return _clocks[key]
 
 
 def _anomalies(hands: Sequence[HandRecording], rows: Array) -> list[str]:
