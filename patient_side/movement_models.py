@@ -5,9 +5,9 @@ A new one is a `StoredModel` here and a field of `tis.patient_side.statespace.Ar
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from tis.common.scenario.patient import OrientationMethod
 from tis.patient_side.model_fields import (
@@ -319,58 +319,32 @@ class CompletionModel(StoredModel):
 
 
 @dataclass(frozen=True)
-class RateModel(StoredModel):
-    """Forecast by a damped rate: h steps ahead the signal has moved by ``v sum_k phi^k``, k = 1..h.
-
-    phi is ``damping``; the rate v is the mean over the last ``velocity_span`` steps, and a step is ``stride``
-    samples. ``covariance`` (H, d, d) is that of the forecast's error over ``horizons`` (H,) steps, in rad^2, so that
-    95 % ellipsoids hold 95 % of new errors.
-    """
-
-    stride: Count
-    damping: Share
-    velocity_span: Count
-    horizons: Rising
-    covariance: Matrices
-
-    def check_axes(self, axes: int) -> None:
-        """Raise `ValueError` with the first fault of a model of so many axes."""
-        if len(self.covariance) != len(self.horizons):
-            raise ValueError("covariance must be as long as horizons")
-        if not rises(self.horizons):
-            raise ValueError("horizons must rise")
-        for covariance in self.covariance:
-            check(self, {}, (), {"covariance": covariance}, axes)
-
-
-@dataclass(frozen=True)
 class WristModel(StoredModel):
     """Models of orientation and gripper; None where they were not requested or the rows do not allow them.
 
-    ``rate`` and ``direct`` are of the orientation in the tangent space at the newest sample, in its body frame, three
-    axes in rad; ``gripper_rate`` and ``gripper_direct`` of the gripper's angle, one axis in rad.
+    ``direct`` is of the orientation in the tangent space at the newest sample, in its body frame, three axes in rad;
+    ``gripper_direct`` of the gripper's angle, one axis in rad.
     """
 
-    rate: Annotated[RateModel, of_axes(AXES)] | None = None
-    gripper_rate: Annotated[RateModel, of_axes(1)] | None = None
     direct: Annotated[DirectModel, of_axes(AXES)] | None = None
     gripper_direct: Annotated[DirectModel, of_axes(1)] | None = None
 
     def faults(self) -> Iterator[str]:
         """Yield the first reason why orientation and gripper have no models that fit each other."""
         one, other = self.direct, self.gripper_direct
-        if (self.rate is None) != (self.gripper_rate is None):
-            yield "rate and gripper_rate must both be given, or neither"
-        elif (one is None) != (other is None):
+        if (one is None) != (other is None):
             yield "direct and gripper_direct must both be given, or neither"
         elif one and other and (one.stride, one.lags.tolist()) != (other.stride, other.lags.tolist()):
             yield "direct and gripper_direct must have the same stride and lags"
 
     def serves(self, method: OrientationMethod) -> bool:
         """Tell whether the models that an orientation method needs are there."""
-        needed = {
-            "hold": (),
-            "constant_rate": (self.rate, self.gripper_rate),
-            "tangent_ls": (self.direct, self.gripper_direct),
-        }
-        return None not in needed[method]
+        return method == "hold" or None not in (self.direct, self.gripper_direct)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_rates(cls, stored: Any) -> Any:
+        """Leave out the models of `constant_rate`, a method of before, which older files have."""
+        if isinstance(stored, dict):
+            return {name: part for name, part in stored.items() if name not in ("rate", "gripper_rate")}
+        return stored

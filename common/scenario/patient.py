@@ -9,17 +9,17 @@ from tis.common.scenario.base import Milliseconds, NonNegative, Part, Positive, 
 from tis.common.scenario.safety import Gate, Safety
 from tis.common.units import MM_PER_M
 
-OrientationMethod = Literal["hold", "constant_rate", "tangent_ls"]
+OrientationMethod = Literal["hold", "tangent_ls"]
 
 
 class Orientation(Part):
     """Estimation of the arm's orientation and of its gripper's angle; the position estimators do not depend on it."""
 
     methods: Annotated[tuple[OrientationMethod, ...], Field(min_length=1), distinct("method")] = Field(
-        ("hold", "constant_rate", "tangent_ls"),
+        ("hold", "tangent_ls"),
         description="Methods that run side by side; hold always runs. hold: orientation and gripper of the newest "
-        "sample; constant_rate: they go on at their last rate, which is damped; tangent_ls: least squares on the "
-        "past, a regression for each horizon, in the tangent space at the newest orientation.",
+        "sample; tangent_ls: least squares on the past, a regression for each horizon, in the "
+        "tangent space at the newest orientation.",
     )
     active: OrientationMethod = Field(
         "tangent_ls", description="The method whose orientation and gripper the answers and set points carry."

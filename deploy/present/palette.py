@@ -85,7 +85,6 @@ _ESTIMATORS: Final[Mapping[str, Look]] = {
     "truth": TRUTH,
     **{name: Look(_HUES[row.hue], row.dash) for name, row in ESTIMATORS.items()},
     "plant": Look(SLATE, "dotted"),
-    "constant_rate": Look(PINK),
     "tangent_ls": Look(BLUE),
 }
 _OWN: Final = (

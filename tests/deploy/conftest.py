@@ -13,7 +13,7 @@ drain_s: 0.2
 source: {{kind: jigsaws, path: {path}, hands: [left]}}
 network: {{forward: {{delay: {{kind: constant, delay_ms: 100}}}}}}
 identification: {{train_samples: 240, block_rows: 4, order: 0}}
-patient: {{orientation: {{methods: [constant_rate], active: constant_rate}}}}
+patient: {{orientation: {{methods: [hold], active: hold}}}}
 estimators: [hold, damped_velocity]
 active_estimator: damped_velocity
 """

@@ -19,7 +19,7 @@ QUICK: Final = ("hold", "damped_velocity", "moesp_kf", scenario_name("velocity")
 """Estimators that are identified within a second."""
 LINEAR: Final = tuple(scenario_name(name) for name, row in ESTIMATORS.items() if not row.learned)
 AT_1_KHZ: Final = (*QUICK, *map(scenario_name, ("hold_last_arrived", "static_gain", "innovations_kf")))
-METHODS: Final = ("hold", "constant_rate", "tangent_ls")
+METHODS: Final = ("hold", "tangent_ls")
 
 
 class World(NamedTuple):

@@ -97,7 +97,7 @@ def _estimation(rng: random.Random, made: World) -> dict[str, Any]:
 
 
 def _patient(rng: random.Random, quick: bool) -> dict[str, Any]:
-    methods = rng.sample(METHODS, rng.randint(1, 3))
+    methods = rng.sample(METHODS, rng.randint(1, len(METHODS)))
     plants: list[dict[str, Any]] = [
         {"kind": "replay"},
         {"kind": "servo", "damping": rng.choice((0.1, 1)), "sensor_noise_mm": rng.choice((0, 0, 1))},

@@ -210,7 +210,7 @@ def test_true_places_with_another_wrist_end_nothing(tmp_path: Path, movement: Re
         for k in range(120, 130)
         for key, place_m in _true_m(movement, k).items()
     ]
-    methods = "patient.orientation={methods: [tangent_ls, constant_rate, hold], active: tangent_ls}"
+    methods = "patient.orientation={methods: [tangent_ls, hold], active: tangent_ls}"
     found = _run(tmp_path / "run", messages, methods)
     assert found["ticks"]["count"] == 240
     with (tmp_path / "run" / "patient.mcap").open("rb") as log:

@@ -165,7 +165,7 @@ def test_a_twin_replays_bit_for_bit(tmp_path: Path) -> None:
     found = replay(tmp_path / "run")
     assert found.identical
     driven = sum(len(logs.of("patient", f"tis/{arm}/servo_cp")) for arm in ("PSM1", "PSM2"))
-    assert found.n_compared == 2 * (4 + 3) * 120 + driven  # four estimators, three orientation methods
+    assert found.n_compared == 2 * (4 + 2) * 120 + driven  # four estimators, two orientation methods
     assert driven > 2 * 110
 
 

@@ -16,7 +16,7 @@ from tis.common.errors import DataError
 from tis.common.sources.provenance import RecordedRows
 from tis.patient_side.identification.model_file import dump_models, parse_models
 from tis.patient_side.linear_system import NoiseModel, StateSpace
-from tis.patient_side.movement_models import InputForecast, WristModel
+from tis.patient_side.movement_models import InputForecast
 from tis.patient_side.statespace import ArmModel, FilterModel
 
 
@@ -250,33 +250,36 @@ def test_what_is_no_model_file_is_one_line_without_a_traceback(text: str) -> Non
 
 
 def test_the_models_of_a_wrist_come_back_bit_for_bit() -> None:
-    whole = wrist_model()
-    for wrist in (whole, WristModel(rate=whole.rate, gripper_rate=whole.gripper_rate)):
-        one = dataclasses.replace(model(), wrist=wrist)
-        (other,) = parse_models(dump_models([one]), "m.json")
-        assert other.wrist is not None
-        assert dump_models([other]) == dump_models([one])
-        assert other.wrist.rate is not None
-        assert wrist.rate is not None
-        assert np.array_equal(other.wrist.rate.covariance, wrist.rate.covariance)
-        assert (other.wrist.direct is None) == (wrist.direct is None)
-        if other.wrist.direct is not None and wrist.direct is not None:
-            assert np.array_equal(other.wrist.direct.cross, wrist.direct.cross)
-            assert other.wrist.gripper_direct is not None
-            assert other.wrist.gripper_direct.axes == 1
+    wrist = wrist_model()
+    one = dataclasses.replace(model(), wrist=wrist)
+    (other,) = parse_models(dump_models([one]), "m.json")
+    assert dump_models([other]) == dump_models([one])
+    assert other.wrist is not None
+    for left, right, axes in (
+        (other.wrist.direct, wrist.direct, 3),
+        (other.wrist.gripper_direct, wrist.gripper_direct, 1),
+    ):
+        assert left is not None
+        assert right is not None
+        assert np.array_equal(left.cross, right.cross)
+        assert left.axes == axes
+
+
+def test_a_file_with_the_rates_of_a_former_method_serves_without_them() -> None:
+    raw = json.loads(dump_models([dataclasses.replace(model(), wrist=wrist_model())]))
+    raw["models"][0]["wrist"] |= {"rate": {"stride": 1}, "gripper_rate": None}
+    (found,) = parse_models(json.dumps(raw).encode(), "m.json")
+    assert found.wrist is not None
+    assert found.wrist.serves("tangent_ls")
 
 
 @pytest.mark.parametrize(
     ("place", "value", "rule"),
     [
         (("gripper_direct",), None, "direct and gripper_direct must both be given, or neither"),
-        (("gripper_rate",), None, "rate and gripper_rate must both be given, or neither"),
         (("gripper_direct", "stride"), 2, "must have the same stride and lags"),
         (("gripper_direct", "past"), [[1.0]], "past must have the shape (21, 21)"),
-        (("rate", "damping"), 1.5, "less than or equal to 1"),
-        (("rate", "horizons"), [1.0], "covariance must be as long as horizons"),
-        (("gripper_rate", "covariance"), [[[-1.0]]] * 26, "covariance must be symmetric and positive definite"),
-        (("rate", "unheard_of"), 1, "Extra inputs are not permitted"),
+        (("direct", "unheard_of"), 1, "Extra inputs are not permitted"),
     ],
 )
 def test_a_wrist_that_is_not_sound_is_refused(place: tuple[str, ...], value: Any, rule: str) -> None:

@@ -7,21 +7,16 @@ from tests.patient_side.orientation.test_tangent_ls import method, movement
 from tests.patient_side.orientation.turning import random_angles, random_turns
 from tis.common.scenario.patient import OrientationMethod
 from tis.common.sources.trajectory import Array
-from tis.patient_side.identification.direct_ls import differences
-from tis.patient_side.identification.fit_wrist import fit_rate
 from tis.patient_side.movement_models import WristModel
 from tis.patient_side.orientation.methods import METHODS
 from tis.patient_side.orientation.wrist import WristEstimate, WristMethod
 from tis.patient_side.playout import SourceBuffer
-from tis.patient_side.rotations import turned
 
 NOW = 300
 
 
 def model() -> WristModel:
-    orientations, grippers_rad = movement(0)
-    rate, gripper_rate = fit_rate([orientations], 30, turned), fit_rate([grippers_rad[:, None]], 30, differences)
-    return WristModel(rate, gripper_rate, method().orientation, method().gripper)
+    return WristModel(method().orientation, method().gripper)
 
 
 def estimates(built: WristMethod, orientations: Array, grippers_rad: Array, delay: int) -> list[WristEstimate]:
