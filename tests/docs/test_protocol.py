@@ -16,7 +16,18 @@ from tis.common.clocks import Exchanges
 from tis.common.device import MAX_BUTTONS, MAX_DEVICE_BYTES, MAX_PER_TICK, DevicePose, decode_pose_stamped
 from tis.common.device_records import Refusal
 from tis.common.header import Header
-from tis.common.messages import MAX_SIZE, FeedbackPose, Message, SafetyMode, SampledPose, SetPoint, decode
+from tis.common.messages import (
+    MAX_SIZE,
+    FeedbackPose,
+    Message,
+    SafetyMode,
+    SampledPose,
+    SetPoint,
+    ShownForce,
+    Twist,
+    Wrench,
+    decode,
+)
 from tis.common.peer_life import BEAT_EVERY_NS, Beat
 from tis.common.runtime.control import ControlKeys, Epoch
 from tis.common.scenario import Scenario
@@ -105,6 +116,9 @@ def test_sample_instants_clock_exchanges_and_runs() -> None:
         (SetPoint, ("sample_ns", "position_m", "orientation", "gripper_rad", "hand", "tick", "mode", "age_ns")),
         (SampledPose, ("sample_ns", "position_m", "orientation", "gripper_rad")),
         (FeedbackPose, ("sample_ns", "position_m", "orientation", "gripper_rad", "tick", "command_sample_ns")),
+        (Wrench, Wrench.__struct_fields__),
+        (Twist, Twist.__struct_fields__),
+        (ShownForce, ShownForce.__struct_fields__),
         (Beat, ("side", "at_ns", "loop_ns", "run_id")),
         (EmergencyStop, ("stop", "reason", "number", "lock")),
         (EmergencyStop, ("stop", "number", "ends", "secret")),
