@@ -85,7 +85,17 @@ def _run_notebook(folder: Path) -> None:
     _, programs = _installed(folder, "[parquet,report]", "nbconvert", "ipykernel")
     (folder / "empty").mkdir()
     shutil.copy(ROOT / "docs" / notebook, folder / "empty")
-    words = [programs / "python", "-m", "nbconvert", "--to", "notebook", "--execute", "--output", "done", notebook]
+    words: list[str | Path] = [
+        programs / "python",
+        "-m",
+        "nbconvert",
+        "--to",
+        "notebook",
+        "--execute",
+        "--output",
+        "done",
+        notebook,
+    ]
     env = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
     subprocess.run(words, cwd=folder / "empty", env={**env, "PATH": f"{programs}:{_PATH}"}, check=True)
     cells = json.loads((folder / "empty" / "done.ipynb").read_text(encoding="utf-8"))["cells"]
