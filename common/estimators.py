@@ -132,9 +132,9 @@ ESTIMATORS: Final[Mapping[str, EstimatorRow]] = MappingProxyType(
             fit="fit_movement",
             benched=True,
             words="A Kalman filter on a model of how hands move by themselves (stochastic MOESP in innovations "
-            "form), the same movement in every direction unless the data clearly say otherwise, about a "
-            "level that is free to drift, predicted by the real age of the freshest sample, and corrected "
-            "by what training showed of speed, braking, gripper, the recent path and the recorder's "
+            "form), which adapts to the hand. The movement is the same in every direction unless the data clearly "
+            "say otherwise, about a level that is free to drift, predicted by the real age of the freshest sample, "
+            "and corrected by what training showed of speed, braking, gripper, the recent path and the recorder's "
             "clock. Of an arm that lags behind its command it is the command that it forecasts, and the arm's "
             "response to it that it runs. The default: accurate at every delay and in outages, whether the "
             "arm follows at once or lags, quick enough for 1 kHz, and with an uncertainty that can be believed: "
@@ -226,6 +226,7 @@ NAMES: Final = tuple(name for name, row in ESTIMATORS.items() if not row.judged_
 LEARNED: Final = tuple(name for name, row in ESTIMATORS.items() if row.learned)
 
 _STUDIED: Final = "tis.patient_side.estimators:"
+_FORMER: Final = {"adaptive_kf": "innovations_kf"}
 
 
 def short_name(name: str) -> str:
@@ -241,3 +242,8 @@ def scenario_name(name: str) -> str:
 def users_of_fit(name: str) -> tuple[str, ...]:
     """Return the estimator called ``name`` and those that use its models."""
     return (name, *(other for other, row in ESTIMATORS.items() if row.fitted_with == name))
+
+
+def successor(name: str) -> str | None:
+    """Return the estimator that does what the one of a former name did; None for any other name."""
+    return _FORMER.get(name.removeprefix(_STUDIED))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 from pydantic import WithJsonSchema
 
-from tis.common.estimators import ESTIMATORS, LEARNED, NAMES, scenario_name, short_name
+from tis.common.estimators import ESTIMATORS, LEARNED, NAMES, scenario_name, short_name, successor
 from tis.common.scenario.base import obeys
 
 if TYPE_CHECKING:
@@ -54,6 +54,8 @@ def fault_of(name: str) -> str | None:
     """Return the rule that the text of a name breaks, None for a sound one."""
     if is_built_in(name):
         return None
+    if successor(name) is not None:
+        return f"is gone: {successor(name)} does what it did"
     if name in ESTIMATORS:
         return f"is a method of `{ESTIMATORS[name].judged_by}`; a scenario names it {scenario_name(name)}"
     if is_user_defined(name):
@@ -61,7 +63,8 @@ def fault_of(name: str) -> str | None:
     near = difflib.get_close_matches(name, NAMES, n=2, cutoff=0.6)
     if near:
         return f"no such estimator, did you mean {' or '.join(map(repr, near))}?"
-    return f"no such estimator; there are {', '.join(NAMES)}, and module:factory for a user-defined one"
+    known = ", ".join(NAMES)
+    return f"no such estimator; there are {known}, and module:factory for a user-defined one (`tis estimators`)"
 
 
 AnyEstimatorName = Annotated[

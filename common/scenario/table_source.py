@@ -32,8 +32,11 @@ _Name = Annotated[
     StringConstraints(pattern=r"^\w[\w .()+-]*$", max_length=100),
     RuleText("must consist of at most 100 letters, digits, blanks and any of _.()+-"),
 ]
+MAX_RESAMPLED: Final = 1_000_000
+"""Most rows that are interpolated for each recorded one."""
 Resampled = Annotated[
-    StrictBool | Annotated[float, Field(ge=1, le=1_000_000)], RuleText("must be true, false or a number from 1 on")
+    StrictBool | Annotated[float, Field(ge=1, le=MAX_RESAMPLED)],
+    RuleText("must be true, false or a number from 1 on"),
 ]
 
 
@@ -162,7 +165,7 @@ class TableSource(AnySource):
     """A recording in a table: a row per sample, numbers in named columns."""
 
     kind: Literal["table"] = Field(description="table: a recording in a CSV or Parquet file, of any columns.")
-    path: TablePath = Field(description="The file: .csv or .parquet.")
+    path: TablePath = Field(description="The file: .csv or .parquet; a relative path counts from the current folder.")
     hands: Hands = Field(("left",), description=HANDS_MEANING)
     columns: TableColumns = Field(
         TableColumns(),

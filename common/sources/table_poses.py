@@ -13,6 +13,7 @@ import scipy
 
 from tis.common.errors import MAX_SHOWN, Fault, capped
 from tis.common.messages import MAX_SIZE
+from tis.common.scenario.table_source import MAX_RESAMPLED
 from tis.common.sources.plausibility import RATES_HZ
 from tis.common.sources.table_columns import MAX_ROWS, DeviceLayout
 from tis.common.sources.trajectory import Array, PoseTrack, not_rotations, one_hemisphere
@@ -103,14 +104,18 @@ def played(
         warnings.append(f"{about}, orientations along great arcs")
         return Played(np.minimum(np.arange(n) / rate_hz, clock.t_s[-1]), tuple(warnings)), faults
     if resample or abs(other - 1.0) > _RATE_TOLERANCE:
+        raised = max(1, ceil(other - 1e-6 * other))
         nearest = round(clock.found_hz)
         is_whole = not likely and abs(clock.found_hz / max(nearest, 1) - 1.0) <= _RATE_TOLERANCE
-        value = "true" if usual else f"{max(1, ceil(other - 1e-6 * other))}"
-        unit = f"{question} Then set source.columns.time and source.units.time: {likely}; else " if likely else ""
-        choice = f"{unit}set {f'rate_hz: {nearest}, or ' if is_whole else ''}source.resample: {value}"
-        rule = f"has {clock.found_hz:.6g} rows a second and the scenario's rate_hz is {rate_hz}: {choice}"
-        few = "" if other <= _MOST_RAISED else f", {value} from each recorded one"
-        return Played(None), [*faults, Fault(where, "", f"{rule} to interpolate rows at {rate_hz} Hz{few}")]
+        choices = [f"rate_hz: {nearest}"] if is_whole else []
+        if n <= MAX_ROWS and raised <= MAX_RESAMPLED:  # else it would be refused in turn
+            few = "" if other <= _MOST_RAISED else f", {raised} from each recorded one"
+            choices.append(f"source.resample: {'true' if usual else raised} to interpolate rows at {rate_hz} Hz{few}")
+        rule = f"has {clock.found_hz:.6g} rows a second and the scenario's rate_hz is {rate_hz}: "
+        rule += f"{question} Then set source.columns.time and source.units.time: {likely}" if likely else ""
+        rule += "; else " if likely and choices else ""
+        rule += f"set {', or '.join(choices)}" if choices else ""
+        return Played(None), [*faults, Fault(where, "", rule)]
     if not clock.gaps and off_s > 0.5 / rate_hz:
         warnings.append(
             f"its times depart from {rate_hz} rows a second by up to {1e3 * off_s:.0f} ms; rows are played evenly "

@@ -27,9 +27,17 @@ def new(
 @app.command(example="tis scenarios")
 def scenarios(as_json: JsonOption = False) -> int:
     """List the scenarios that are shipped, each with a line on what it is."""
-    from tis.deploy.tools.scenarios import list_scenarios
+    from tis.deploy.tools.shipped import list_scenarios
 
     return list_scenarios(OUT, as_json)
+
+
+@app.command(example="tis estimators")
+def estimators(as_json: JsonOption = False) -> int:
+    """List the estimators by the names that scenarios give them, each with a line on what it is."""
+    from tis.deploy.tools.shipped import list_estimators
+
+    return list_estimators(OUT, as_json)
 
 
 @app.command(example="tis validate my_network.yaml --set seed=2")

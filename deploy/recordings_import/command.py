@@ -47,7 +47,7 @@ def columns_of(rows: Rows) -> dict[str, Array]:
             columns |= {name: track.orientation[:, k] for k, name in enumerate(names[3:7])}
         if device.grips:
             columns[names[7]] = track.gripper_rad
-    return columns
+    return {**columns, **{name: values for name, values in rows.extras.items() if name not in columns}}
 
 
 def check_table(path: Path) -> None:
@@ -171,6 +171,7 @@ def _metadata(source: Path, found: Found, rows: Rows) -> dict[str, Any]:
             about["sha256"] = hashlib.file_digest(content, "sha256").hexdigest()
     about["streams"] = {stream.device: stream.origin for stream in found.streams}
     about["grippers"] = {jaw.device: jaw.origin for jaw in found.jaws}
+    about |= {"units": {extra.column: extra.unit for extra in found.extras}} if found.extras else {}
     return about | {"rate_hz": rows.rate_hz, "notes": list(rows.notes)}
 
 

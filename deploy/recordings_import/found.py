@@ -92,11 +92,22 @@ class Jaw:
 
 
 @dataclass(frozen=True)
+class Extra:
+    """Further numbers, such as forces, which no run plays: a column's name, its unit, instants (N,) in ns, values."""
+
+    column: str
+    unit: str
+    t_ns: Ints
+    values: Array
+
+
+@dataclass(frozen=True)
 class Found:
     """An imported recording: streams and grippers by device, sentences on what was found, and metadata."""
 
     streams: tuple[Stream, ...]
     jaws: tuple[Jaw, ...] = ()
+    extras: tuple[Extra, ...] = field(default=(), kw_only=True)
     notes: tuple[str, ...] = ()
     about: Mapping[str, Any] = field(default_factory=dict)
 

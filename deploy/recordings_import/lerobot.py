@@ -20,8 +20,16 @@ from tis.common.sources.table_columns import MAX_ROWS, MAX_VALUES, DeviceLayout,
 from tis.common.sources.table_poses import finite_faults, pose_track
 from tis.common.sources.trajectory import one_hemisphere
 from tis.common.units import NS_PER_S
-from tis.deploy.recordings_import.element_names import OF_JOINTS, Elements, elements_of, names_in
-from tis.deploy.recordings_import.found import Array, Found, Ints, Stream, Wanted
+from tis.deploy.recordings_import.element_names import (
+    OF_FORCES,
+    OF_JOINTS,
+    Elements,
+    column_of,
+    elements_of,
+    names_in,
+    units_in,
+)
+from tis.deploy.recordings_import.found import MASTERS, Array, Extra, Found, Ints, Stream, Wanted
 
 INFO: Final = Path("meta") / "info.json"
 VECTORS: Final = ("observation.state", "action")
@@ -52,6 +60,12 @@ def read_lerobot(folder: Path, wanted: Wanted) -> Found:
         joints += [] if found else [f"{vector} {name}" for name in names if OF_JOINTS.search(name)]
         notes.append(f"{vector}: {' '.join(names) or 'elements without names'}")
         devices += [(vector, each) for each in found]
+    planned = {each.device for vector, each in devices if vector == "action" and each.device not in MASTERS}
+    if planned:
+        devices = [(vector, each) for vector, each in devices if vector == "action" or each.device not in planned]
+        arms = ", ".join(sorted(planned))
+        notes.append(f"action: the set points of {arms}, which are taken; no master was recorded, so the arm's pose "
+                     "is the command, too, and what observation.state measured is left out")  # fmt: skip
     if not devices and joints:
         rule = "holds angles of joints, which are no positions: record or convert it with poses of the end effector"
         how = "(in LeRobot the processor ForwardKinematicsJointsToEE, by the arm's URDF)"
@@ -59,7 +73,7 @@ def read_lerobot(folder: Path, wanted: Wanted) -> Found:
     if not devices:
         rule = "has no named positions in observation.state or action; --names VECTOR=left_x,left_y,... names them"
         raise InputError(Fault(where, "", f"{rule} ({'; '.join(notes) or 'it has neither'})"))
-    table = _episode(folder, wanted.episode, sorted({vector for vector, _ in devices}))
+    table, others = _episode(folder, wanted.episode, sorted({vector for vector, _ in devices}), _others(info))
     t_ns, clock = _instants(table, info)
     faults = _wrong_names(table, wanted)
     if faults:
@@ -72,10 +86,52 @@ def read_lerobot(folder: Path, wanted: Wanted) -> Found:
         streams += [] if stream is None else [stream]
     if faults:
         raise DataError(faults)
+    extras, more_notes = _extras(others, info["features"], t_ns)
+    notes += more_notes
     single = any(table[vector].dtype == np.float32 for vector in table if vector in VECTORS)
     notes += [clock, *(["numbers have single precision, 7 digits"] if single else [])]
     about = {"kind": "lerobot", "episode": wanted.episode, "version": str(info.get("codebase_version", ""))[:20]}
-    return Found(tuple(streams), (), tuple(notes), about)
+    return Found(tuple(streams), (), tuple(notes), about, extras=extras)
+
+
+def _others(info: Mapping[str, Any]) -> list[str]:
+    """Return the features of an observation with one row of numbers, beside the state."""
+    return [
+        str(name)
+        for name, feature in info["features"].items()
+        if str(name).startswith("observation.") and name not in VECTORS and isinstance(feature, Mapping)
+        and feature.get("dtype") in ("float32", "float64")
+        and isinstance(feature.get("shape"), list) and len(feature["shape"]) == 1
+    ]  # fmt: skip
+
+
+def _extras(
+    others: Mapping[str, Any], features: Mapping[str, Any], t_ns: Ints
+) -> tuple[tuple[Extra, ...], list[str]]:
+    """Return the vectors with a stated unit, and those of forces, as columns; the others are named as left out."""
+    found, notes = list[Extra](), []
+    for vector, given in others.items():
+        values = np.zeros((len(t_ns), 1)) if given is None else given.reshape(len(t_ns), -1)
+        width = values.shape[1]
+        names, units = names_in(features[vector]), units_in(features[vector], width)
+        why = "it is not in the file, or no vector of numbers" if given is None else ""
+        why = why or ("not all of its numbers are finite" if not np.isfinite(values).all() else "")
+        why = why or ("its unit is not stated" if units is None and not OF_FORCES.search(vector) else "")
+        if why:
+            notes.append(f"{vector}: left out, as {why}")
+            continue
+        elements = names if len(names) == width else tuple(str(k) for k in range(width))
+        columns = [column_of(vector, *each) for each in zip(elements, units or ("",) * width, strict=True)]
+        if len({*columns, *(extra.column for extra in found)}) < len(columns) + len(found):
+            notes.append(f"{vector}: left out, as its columns would have names that are taken")
+            continue
+        said = ", ".join(dict.fromkeys(units)) if units else "a unit that is not stated"
+        notes.append(f"{vector} -> columns {in_few(columns, 3)}, in {said}, which no run plays")
+        found += [
+            Extra(column, unit, t_ns, values[:, k])
+            for k, (column, unit) in enumerate(zip(columns, units or ("",) * width, strict=True))
+        ]
+    return tuple(found), notes
 
 
 def _wrong_names(table: Mapping[str, Any], wanted: Wanted) -> list[Fault]:
@@ -104,8 +160,10 @@ def _info(folder: Path) -> dict[str, Any]:
     return info
 
 
-def _episode(folder: Path, episode: int, vectors: list[str]) -> dict[str, Any]:
-    """Return the columns of an episode, in order of its frames.
+def _episode(
+    folder: Path, episode: int, vectors: list[str], others: list[str]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the columns of an episode, in order of its frames, and those of ``others``, None for what is none.
 
     Version 2 has a file per episode, version 3 several episodes in a file: both name it in a column.
     """
@@ -121,9 +179,19 @@ def _episode(folder: Path, episode: int, vectors: list[str]) -> dict[str, Any]:
             continue
         table = _columns(file, ["frame_index", "timestamp", *vectors])
         order = rows[np.argsort(table["frame_index"][rows], kind="stable")]
-        return {name: values[order] for name, values in table.items()}
+        return {name: values[order] for name, values in table.items()}, {
+            name: None if (values := _numbers(file, name)) is None else values[order] for name in others
+        }
     there = f"it has episodes {min(seen)} to {max(seen)}" if seen else "it has none"
     raise DataError(Fault(str(folder), "--episode", f"is not in the data set: {there}", episode))
+
+
+def _numbers(file: Path, name: str) -> Array | None:
+    """Return a column of numbers that no pose needs, None where it is none."""
+    try:
+        return np.asarray(_columns(file, [name])[name], dtype=np.float64)
+    except (DataError, ValueError, TypeError):
+        return None
 
 
 def _columns(file: Path, names: list[str]) -> dict[str, Any]:

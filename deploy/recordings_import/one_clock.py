@@ -1,6 +1,6 @@
 """Streams of different instants on one clock: the rows of a table. Pure."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -29,12 +29,13 @@ class Device:
 
 @dataclass(frozen=True)
 class Rows:
-    """Instants (N,) of the rows in s from the first, the devices, the rows per second, and notes."""
+    """Instants (N,) of the rows in s from the first, the devices, the rows per second, notes, and further columns."""
 
     t_s: Array
     devices: tuple[Device, ...]
     rate_hz: float
     notes: tuple[str, ...]
+    extras: Mapping[str, Array]
 
 
 def on_one_clock(found: Found, rate_hz: float | None, where: str) -> Rows:
@@ -60,7 +61,8 @@ def on_one_clock(found: Found, rate_hz: float | None, where: str) -> Rows:
         grid_s = np.arange(len(t_s)) / rate_hz
         if float(np.abs(t_s - grid_s).max()) < 1e-8:
             t_s = grid_s  # instants of whole ns, without their rounding
-        return Rows(t_s, tuple(_device(stream, found.jaws, shared) for stream in streams), rate_hz, tuple(notes))
+        devices = tuple(_device(stream, found.jaws, shared) for stream in streams)
+        return Rows(t_s, devices, rate_hz, tuple(notes), _extras(found, shared))
     rate_hz = _whole(own_hz) if rate_hz is None else rate_hz
     at_ns = _grid(all_ns, rate_hz, where)
     within = np.zeros(len(at_ns), dtype=bool)
@@ -77,7 +79,18 @@ def on_one_clock(found: Found, rate_hz: float | None, where: str) -> Rows:
         notes.append(f"{int(within.sum())} rows within gaps are left out: a run refuses the table, or bridges them")
     t_s = np.flatnonzero(~within) / rate_hz
     devices = tuple(_device(stream, found.jaws, kept) for stream in streams)
-    return Rows(t_s - t_s[0], devices, rate_hz, tuple(notes))
+    return Rows(t_s - t_s[0], devices, rate_hz, tuple(notes), _extras(found, kept))
+
+
+def _extras(found: Found, at_ns: Ints) -> dict[str, Array]:
+    """Return the further columns at the rows' instants, linearly between their own."""
+    begin_ns = at_ns[0]
+    return {
+        extra.column: extra.values
+        if np.array_equal(extra.t_ns, at_ns)
+        else np.interp((at_ns - begin_ns).astype(float), (extra.t_ns - begin_ns).astype(float), extra.values)
+        for extra in found.extras
+    }
 
 
 def _whole(rate_hz: float) -> float:

@@ -3,14 +3,19 @@
 netem listens for both sides in place of an rmw_zenohd, or with ``routers:=true`` joins two of them, which it starts.
 """
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, ExecuteProcess
-from launch.conditions import IfCondition, UnlessCondition
+import shlex
+from typing import Any
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
 from launch.substitutions import EnvironmentVariable, LaunchConfiguration
 from launch_ros.actions import Node
 
 ARGUMENTS = {
-    "profile": ("wifi_bad", "Network: a name of `tis net profiles`, or a profile's file."),
+    "profile": ("", "Network: a name of `tis net profiles`, or a profile's file; wifi_bad without either."),
+    "network": ("", "Network: a file with one, or a scenario, as of `tis netem --scenario-network`."),
+    "log": ("", "Folder for a log of every packet; none is written without."),
+    "options": ("", "More options of `tis netem`, as in a shell, like '--set forward.loss.p_loss=0.01'."),
     "west_port": ("7447", "Port of the nodes in the west."),
     "east_port": ("7448", "Port of the nodes in the east."),
     "domain": (EnvironmentVariable("ROS_DOMAIN_ID", default_value="0"), "ROS domain, which crosses with its graph."),
@@ -21,28 +26,30 @@ ARGUMENTS = {
 
 def generate_launch_description() -> LaunchDescription:
     """Return netem, and with ``routers`` a router on each side."""
-    ends = {side: ["tcp/127.0.0.1:", LaunchConfiguration(f"{side}_port")] for side in ("west", "east")}
-    rest = ["--profile", LaunchConfiguration("profile"), "--seed", LaunchConfiguration("seed")]
-    rest.append([LaunchConfiguration("domain"), "/**"])
-    routers = LaunchConfiguration("routers")
-    alone, joining = (
-        ExecuteProcess(
-            cmd=["tis", "netem", west, ends["west"], east, ends["east"], *rest], output="screen", condition=condition
-        )
-        for west, east, condition in (
-            ("--west", "--east", UnlessCondition(routers)),
-            ("--connect-west", "--connect-east", IfCondition(routers)),
-        )
-    )
-    started = [
+    declared = [DeclareLaunchArgument(name, default_value=value, description=text)
+                for name, (value, text) in ARGUMENTS.items()]  # fmt: skip
+    return LaunchDescription([*declared, OpaqueFunction(function=_started)])
+
+
+def _started(context: LaunchContext) -> list[Any]:
+    """Return what the arguments of this launch start."""
+    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    joins = given["routers"].lower() in ("true", "1")  # as IfCondition reads it
+    ends = {side: f"tcp/127.0.0.1:{given[f'{side}_port']}" for side in ("west", "east")}
+    command = ["tis", "netem"]
+    for side, end in ends.items():
+        command += [f"--connect-{side}" if joins else f"--{side}", end]
+    chosen = {"--profile": given["profile"], "--scenario-network": given["network"]}
+    chosen = {option: value for option, value in chosen.items() if value} or {"--profile": "wifi_bad"}
+    for option, value in {**chosen, "--seed": given["seed"], "--run-dir": given["log"]}.items():
+        command += [option, value] if value else []
+    command += [*shlex.split(given["options"]), f"{given['domain']}/**"]
+    routers = [
         Node(
             package="rmw_zenoh_cpp",
             executable="rmw_zenohd",
-            additional_env={"ZENOH_CONFIG_OVERRIDE": ['listen/endpoints=["', *end, '"]']},
-            condition=IfCondition(routers),
+            additional_env={"ZENOH_CONFIG_OVERRIDE": f'listen/endpoints=["{end}"]'},
         )
         for end in ends.values()
     ]
-    declared = [DeclareLaunchArgument(name, default_value=value, description=text)
-                for name, (value, text) in ARGUMENTS.items()]  # fmt: skip
-    return LaunchDescription([*declared, *started, alone, joining])
+    return [*(routers if joins else []), ExecuteProcess(cmd=command, output="screen")]

@@ -149,17 +149,18 @@
   const parts = ({ late_ms, network_ms, silent_s, outage }) => (late_ms == null || outage ? "" :
     silent_s != null ? ` Nothing newer arrived for ${silent_s.toFixed(1)} s.` : lasting(network_ms, late_ms) == null ? "" :
     ` Of that the network takes ${lateness(lasting(network_ms, late_ms))} both ways; the rest is waiting for the next tick, at the arm and at the display, and computing. It stays with a network that delays nothing.`);
-  const ENDED = "The run has ended.";
+  const ENDED = "The run has ended.", LAST_S = 1;
   const ends = (left_s) => (window.live.isOver() ? ENDED : left_s == null ? "" : left_s > 0
     ? `The drive ends in ${Math.floor(left_s / 60)}:${String(Math.floor(left_s % 60)).padStart(2, "0")} min, or with Ctrl-C in the terminal; then the report is written.`
     : "The drive is over.");
   const say = () => {
-    const line = at("driver"), isEnded = window.live.isOver();
+    // a server that goes when the drive's time is up went with the run, though its last words did not come
+    const line = at("driver"), isEnded = window.live.isOver() || (over && seen?.left_s != null && seen.left_s < LAST_S);
     if (at("left") && seen) at("left").textContent = ends(seen.left_s);
     line.classList.toggle("refused", Boolean(refused) && !isEnded);
     if (isEnded) line.textContent = ENDED;
     else if (refused) line.textContent = `Not taken: ${refused}.`;
-    else if (over) line.textContent = "The connection to the page's server is lost.";
+    else if (over) line.textContent = "The page's server does not answer any more: the run may have ended.";
     else if (!drives) line.textContent = "";
     else if (seen?.driver === "you") line.textContent = clutch ? "Clutch: your hand moves, the arm stays." : isStopped() ? `You have the hand, but the arm is ${seen.doing}.` : "You drive the arm.";
     else if (seen?.driver === "other") line.textContent = "Another page drives the arm.";

@@ -32,6 +32,10 @@ window.live = {};
       at("report").hidden = false;
     }, () => {});  // the server is gone; the path of the report is on the page
   };
-  window.live.lose = (model) => { isOver = model.is_over; at("lost").hidden = isOver; };
+  window.live.lose = (model) => {
+    isOver = model.is_over;
+    at("lost").hidden = isOver;
+    window.live.say?.();
+  };
   window.live.isOver = () => isOver;
 })();

@@ -64,6 +64,6 @@
       say(`Bring the arm to target ${task.next + 1} of ${N_TARGETS}, and keep it there: drag, or use the arrow keys.`);
     }
   });
-  window.live.onClose(() => { for (const button of buttons) button.disabled = true; if (task || waits) leave(window.live.isOver() ? "The run has ended." : "The connection is lost."); });
+  window.live.onClose(() => { for (const button of buttons) button.disabled = true; if (task || waits) leave(window.live.isOver() ? "The run has ended." : "The run may have ended, or the connection is lost."); });
   show();
 })();

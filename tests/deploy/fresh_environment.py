@@ -1,9 +1,10 @@
-"""A wheel, and the commands of the GitHub Action and of netem's image, in new environments.
+"""A wheel, a notebook, and the commands of the GitHub Action and of netem's image, in new environments.
 
 `python -m tests.deploy.fresh_environment` needs no container engine and no runner: it reads the commands from their
 files, runs them, and prints the size of what they install. It installs from the package index, so no test runs it.
 """
 
+import json
 import os
 import re
 import shutil
@@ -67,14 +68,44 @@ def _megabytes(folder: Path) -> str:
     return f"{n_bytes // 10**6} MB"
 
 
-def _run_wheel(folder: Path) -> None:
-    """Install a wheel beside nothing, and start netem from it; by uv's `uvx`, too, where there is one."""
+def _installed(folder: Path, extras: str = "", *more: str) -> tuple[Path, Path]:
+    """Build a wheel and install it in an environment that has nothing else; return the wheel and its programs."""
     dist, programs = folder / "dist", folder / "venv" / "bin"
     pip = [sys.executable, "-m", "pip", "--quiet"]
     subprocess.run([*pip, "wheel", "--no-deps", "--wheel-dir", dist, ROOT], check=True)
     (wheel,) = dist.iterdir()
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", programs.parent], check=True)
-    subprocess.run([*pip, "--python", programs / "python", "install", wheel], check=True)
+    subprocess.run([*pip, "--python", programs / "python", "install", f"{wheel}{extras}", *more], check=True)
+    return wheel, programs
+
+
+def _run_notebook(folder: Path) -> None:
+    """Execute the manual's comparison in Jupyter, from a wheel, in a folder that holds nothing else."""
+    notebook = "compare_in_python.ipynb"
+    _, programs = _installed(folder, "[parquet,report]", "nbconvert", "ipykernel")
+    (folder / "empty").mkdir()
+    shutil.copy(ROOT / "docs" / notebook, folder / "empty")
+    words: list[str | Path] = [
+        programs / "python",
+        "-m",
+        "nbconvert",
+        "--to",
+        "notebook",
+        "--execute",
+        "--output",
+        "done",
+        notebook,
+    ]
+    env = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    subprocess.run(words, cwd=folder / "empty", env={**env, "PATH": f"{programs}:{_PATH}"}, check=True)
+    cells = json.loads((folder / "empty" / "done.ipynb").read_text(encoding="utf-8"))["cells"]
+    printed = ["".join(out["text"]) for cell in cells for out in cell.get("outputs", ()) if "text" in out]
+    sys.stdout.write(f"{notebook} from a wheel:\n{''.join(printed)}\n")
+
+
+def _run_wheel(folder: Path) -> None:
+    """Install a wheel beside nothing, and start netem from it; by uv's `uvx`, too, where there is one."""
+    wheel, programs = _installed(folder)
     ways: list[list[Any]] = [[programs / "tis"]]
     ways += [] if shutil.which("uvx") is None else [["uvx", "--from", wheel, "tis"]]
     for way in ways:
@@ -116,5 +147,6 @@ def _run_image(folder: Path) -> None:
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as name:
         _run_wheel(Path(name) / "wheel")
+        _run_notebook(Path(name) / "notebook")
         _run_action(Path(name) / "action")
         _run_image(Path(name) / "image")

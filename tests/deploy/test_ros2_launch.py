@@ -16,22 +16,28 @@ from tis.common.runtime.process import free_endpoints
 
 _FILE = Path(__file__).resolve().parents[2] / "deploy" / "ros2" / "netem.launch.py"
 _NAMES = {
-    "launch": ("LaunchDescription",),
-    "launch.actions": ("DeclareLaunchArgument", "ExecuteProcess"),
-    "launch.conditions": ("IfCondition", "UnlessCondition"),
+    "launch": ("LaunchContext", "LaunchDescription"),
+    "launch.actions": ("DeclareLaunchArgument", "ExecuteProcess", "OpaqueFunction"),
     "launch.substitutions": ("EnvironmentVariable", "LaunchConfiguration"),
     "launch_ros": (),
     "launch_ros.actions": ("Node",),
 }
 
 
+class _StandIn(SimpleNamespace):
+    """What a class of ROS 2 was called with."""
+
+    def perform(self, context: Mapping[str, str]) -> str:
+        return context[self.words[0]]
+
+
 def _stand_in(kind: str) -> Any:
-    return lambda *words, **options: SimpleNamespace(kind=kind, words=words, **options)
+    return lambda *words, **options: _StandIn(kind=kind, words=words, **options)
 
 
 @pytest.fixture
 def launched(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """Return what the file declares and starts."""
+    """Return what the file declares, and the function that starts the rest."""
     for module, names in _NAMES.items():
         stand_in = ModuleType(module)
         for name in names:
@@ -45,36 +51,22 @@ class Launch:
     """The arguments that a launch was given, and what the file makes of them."""
 
     def __init__(self, launched: list[Any], **given: str) -> None:
-        declared = {one.words[0]: one.default_value for one in launched if one.kind == "DeclareLaunchArgument"}
-        assert given.keys() <= declared.keys()
-        self._values = {**declared, **given}
-        self._started = [
-            one for one in launched if one.kind != "DeclareLaunchArgument" and self._holds(one.condition)
-        ]
-
-    def _text(self, part: Any) -> str:
-        if isinstance(part, str):
-            return part
-        if isinstance(part, list):
-            return "".join(map(self._text, part))
-        if part.kind == "EnvironmentVariable":
-            return self._text(part.default_value)
-        assert part.kind == "LaunchConfiguration"
-        return self._text(self._values[part.words[0]])
-
-    def _holds(self, condition: Any) -> bool:
-        return (self._text(condition.words[0]) == "true") is (str(condition.kind) == "IfCondition")
+        *declared, late = launched
+        values = {one.words[0]: one.default_value for one in declared}
+        assert given.keys() <= values.keys()
+        values = {name: one if isinstance(one, str) else one.default_value for name, one in values.items()}
+        self._started = late.function({**values, **given})
 
     @property
     def netem(self) -> list[str]:
         (process,) = (one for one in self._started if one.kind == "ExecuteProcess")
-        return [self._text(word) for word in process.cmd]
+        return list(process.cmd)
 
     @property
     def routers(self) -> list[Mapping[str, str]]:
         nodes = [one for one in self._started if one.kind == "Node"]
         assert {(node.package, node.executable) for node in nodes} <= {("rmw_zenoh_cpp", "rmw_zenohd")}
-        return [{name: self._text(value) for name, value in node.additional_env.items()} for node in nodes]
+        return [node.additional_env for node in nodes]
 
 
 def test_netem_stands_for_the_routers_of_both_sides(launched: list[Any]) -> None:
@@ -82,6 +74,15 @@ def test_netem_stands_for_the_routers_of_both_sides(launched: list[Any]) -> None
     said = " ".join(launch.netem)
     assert said == ("tis netem --west tcp/127.0.0.1:7447 --east tcp/127.0.0.1:7500 --profile lte_netfi --seed 0 3/**")
     assert launch.routers == []
+
+
+def test_a_network_of_ones_own_a_log_and_options_are_passed_on(launched: list[Any]) -> None:
+    more = "--set 'forward.delay={kind: constant, delay_ms: 50}' --duration-s 60"
+    launch = Launch(launched, network="my_network.yaml", log="runs/bad", options=more)
+    own = ["--scenario-network", "my_network.yaml", "--seed", "0", "--run-dir", "runs/bad"]
+    options = ["--set", "forward.delay={kind: constant, delay_ms: 50}", "--duration-s", "60"]
+    assert launch.netem[6:] == [*own, *options, "0/**"]
+    assert Launch(launched).netem[6:] == ["--profile", "wifi_bad", "--seed", "0", "0/**"]
 
 
 def test_with_routers_each_side_has_one_and_netem_joins_them(launched: list[Any]) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from tis.common.channels import MASTER
 from tis.common.errors import DataError, Fault, InputError
 from tis.common.runtime.recordings.jigsaws import HEAD_ROWS
-from tis.common.runtime.recordings.table_file import TableFile, open_table
+from tis.common.runtime.recordings.table_file import TableFile, absent, open_table
 from tis.common.scenario import Scenario
 from tis.common.scenario.table_source import TABLE_SUFFIXES, TableSource
 from tis.common.sources.pairing import FOLLOWS_BELOW, fit_arm
@@ -118,7 +118,7 @@ def trial_file(source: TableSource, trial: str) -> Path:
 
 def no_trials(source: TableSource) -> Fault:
     """Return the fault to report where there is no table."""
-    return Fault(source.path, "", "does not exist (given by source.path)")
+    return absent(Path(source.path))
 
 
 def no_others(source: TableSource) -> str:

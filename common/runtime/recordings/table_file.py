@@ -69,9 +69,15 @@ def open_table(path: Path) -> TableFile:
             raise DataError(Fault(where, "", f"must have at most {MAX_TABLE_BYTES} bytes", path.stat().st_size))
         return _opened_parquet(path)
     except FileNotFoundError:
-        raise DataError(Fault(where, "", "does not exist (given by source.path)")) from None
+        raise DataError(absent(path)) from None
     except OSError as error:
         raise DataError(Fault(where, "", f"cannot be read: {error.strerror or error}")) from None
+
+
+def absent(path: Path) -> Fault:
+    """Return the fault of a table that is not there."""
+    rule = "does not exist (given by source.path, which counts from the current folder, not from the scenario's file)"
+    return Fault(str(path), "", rule)
 
 
 def decoded(path: Path) -> str:

@@ -40,6 +40,18 @@ _COUNTERS: Final[Mapping[Alarm, str]] = {
     "conflict": f"{QUARANTINED}.conflicting",
     "foreign_set_point": "foreign_set_points",
 }
+_KINDS: Final[Mapping[str, str]] = {
+    "conflicting": "contradicting others",
+    "ahead": "stamped later than now",
+    "number": "with a number that is not their instant's",
+    "place": "out of the arm's reach",
+    "speed": "faster than it moves",
+    "acceleration": "with a jump of speed",
+    "turn_speed": "turning faster than it does",
+    "turn_acceleration": "with a jump in turning",
+    "gripper": "with too wide a gripper, or too fast",
+}
+"""What is wrong with the samples of a kind, in words that follow their number."""
 OTHER_RUN: Final = "other_run"
 CONFLICTING: Final = "conflicting"
 _OF_SIDES: Final[Mapping[str, tuple[str, tuple[Side, ...]]]] = {
@@ -85,11 +97,12 @@ def quarantine_texts(found: Mapping[str, int | None], cause: str | None = None) 
     ``cause`` is why, where it is likely.
     """
     counts = {kind: n for kind, n in found.items() if n}
-    kinds = ", ".join(f"{number(n)} {kind}" for kind, n in counts.items())
+    kinds = ", ".join(f"{number(n)} {_KINDS.get(kind, kind)}" for kind, n in counts.items())
     n_all = number(sum(counts.values()))
     limits = ", ".join(f"patient.gate.{field}" for kind, field in LIMIT_OF.items() if kind in counts)
     cure = f"if they are right, raise {limits}" if limits else "end the second program that sends as the surgeon"
-    return [problem(f"the patient did not use {n_all} samples ({kinds})", cause or cure)] if counts else []
+    cure = "; ".join([*([] if cause is None else [cause]), *([cure] if limits or cause is None else [])])
+    return [problem(f"the patient did not use {n_all} samples ({kinds})", cure)] if counts else []
 
 
 def evidence_summary(logs: RunLogs, scenario: Scenario) -> Evidence:

@@ -15,6 +15,7 @@ from rich.markup import escape
 from tis.common.errors import EXIT_OK, DataError, Fault, InputError
 from tis.common.extras import GET_REPORT
 from tis.common.runtime.process import command_line
+from tis.common.runtime.recordings import list_trials, person_of
 from tis.common.scenario import Scenario
 from tis.common.scenario.source import RecordedSource
 from tis.deploy.compare.cells.identity import dump
@@ -66,7 +67,11 @@ def order_of(given: dict[str, Any]) -> Order:
     recorded = isinstance(source, RecordedSource)
     n_seeds = request.n_seeds or (DEFAULT_RECORDED_SEEDS if recorded else DEFAULT_SYNTHETIC_SEEDS)
     request = replace(request, n_seeds=n_seeds)
-    check_persons(people_of(source, trials) if isinstance(source, RecordedSource) else trials * n_seeds, recorded)
+    if isinstance(source, RecordedSource):
+        people = people_of(source, trials)
+        check_persons(people, True, [one for one in list_trials(source) if person_of(source, one) not in people])
+    else:
+        check_persons(trials * n_seeds, False)
     placed = tuple(replace(axis, whole=_is_whole(scenario, axis.path)) for axis in axes)
     if found := [fault for fault in map(whole_fault, placed) if fault is not None]:
         raise InputError(found)

@@ -6,6 +6,7 @@ from math import inf
 from typing import Any, NamedTuple
 
 from tis.common.errors import Fault, InputError
+from tis.common.sources.table_columns import in_few
 from tis.deploy.compare.cells.cell import Cell
 from tis.deploy.compare.cells.identity import summarised
 from tis.deploy.compare.cells.store import Store
@@ -183,12 +184,16 @@ class Evaluation:
         return {digest: outcome.cells[cell.digest]["summary"] for digest, cell in logged.items()}
 
 
-def check_persons(persons: Sequence[str], are_recorded: bool) -> None:
-    """Raise `InputError` unless there are at least two persons."""
+def check_persons(persons: Sequence[str], are_recorded: bool, others: Sequence[str] = ()) -> None:
+    """Raise `InputError` unless there are at least two persons; ``others`` are trials of other people."""
     if len(persons) >= MIN_PERSONS:
         return
     rule = "must leave at least two people, as confidence is over people"
-    rule += ": seeds of one person's trials tell of no other" if are_recorded else ", and each seed is one"
+    if are_recorded:
+        rule += ": seeds of one person's trials tell of no other; "
+        rule += f"--trials takes those of others, too: {in_few(others)}" if others else "the folder has no others"
+    else:
+        rule += ", and each seed is one"
     raise InputError(Fault(COMMAND, "--people" if are_recorded else "--seeds", rule, ", ".join(persons)))
 
 

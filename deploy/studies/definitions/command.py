@@ -12,7 +12,7 @@ from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, Input
 from tis.common.runtime.recordings import load_recording, load_trials
 from tis.common.scenario import Scenario
 from tis.common.scenario.reading import build_scenario
-from tis.deploy.compare.cells.forecasts import ErrorSums
+from tis.common.sources.trajectory import Recording
 from tis.deploy.compare.cells.identity import dump
 from tis.deploy.compare.cells.store import Store
 from tis.deploy.compare.command import run
@@ -23,8 +23,9 @@ from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.early_checks import check_outputs
 from tis.deploy.shell.guard import print_faults, print_json
 from tis.deploy.studies.definitions.readings import N_AHEAD, plan_splits
-from tis.deploy.studies.definitions.report import build, page_text, view
-from tis.deploy.studies.definitions.velocity_inputs import INPUTS, Inputs, leave_user_out
+from tis.deploy.studies.definitions.report import build, of_split, page_text, view
+from tis.deploy.studies.definitions.velocity_inputs import INPUTS, leave_user_out
+from tis.deploy.studies.definitions.windows import window_rows
 
 _ALLOWED: Final = ("settings", "duration_s")
 
@@ -54,7 +55,10 @@ def compare_definitions(
         outcome = run(plan, store, workers, err)
     if not any(result["forecasts"] for result in outcome.cells.values()):
         raise DataError([Fault("", "", f"{each.label}: {each.reason}") for each in outcome.failures] or plan.refused)
-    report = build(plan, outcome, _least_squares(plan), command_of(settings, given["duration_s"]))
+    recordings = _recordings(plan)
+    least_squares = {inputs: leave_user_out(recordings, inputs, N_AHEAD) for inputs in INPUTS}
+    report = build(plan, outcome, least_squares, command_of(settings, given["duration_s"]))
+    report["windows"] = window_rows(of_split(plan, outcome, "user"), recordings)
     print_faults(err, *report["failed"])
     if not report["rows"]:
         rule = f"needs trials of more than {2 + N_AHEAD / 30:g} s, training rows not counted"
@@ -79,11 +83,10 @@ def command_of(settings: Sequence[str], duration_s: float | None) -> str:
     return shlex.join(words)
 
 
-def _least_squares(plan: Plan) -> dict[Inputs, ErrorSums | None]:
-    """Return the errors of least squares on all trials that can be read."""
+def _recordings(plan: Plan) -> list[Recording]:
+    """Return all trials that can be read, with their velocities."""
     scenario = _looking_ahead(plan.cells[0].scenario)
-    recordings = load_trials(scenario, load_recording(scenario), plan.trials)
-    return {inputs: leave_user_out(recordings, inputs, N_AHEAD) for inputs in INPUTS}
+    return list(load_trials(scenario, load_recording(scenario), plan.trials))
 
 
 def _looking_ahead(scenario: Scenario) -> Scenario:

@@ -92,6 +92,20 @@ PUBLISHED: Final = (
         differs=_QIN_DIFFERS,
     ),
     Published(
+        name="Weerasinghe 2024",
+        citation="K. Weerasinghe, S. H. R. Roodabeh, K. Hutchinson, H. Alemzadeh: Multimodal Transformers for "
+        "Real-Time Surgical Activity Prediction. ICRA 2024, arXiv:2403.06705",
+        read="abstract in the copy of arxiv.org, and config.py, datagen.py and train_prediction.py of its code, "
+        "UVA-DSA/MTRSAP",
+        figure="errors of an axis",
+        mm=None,
+        horizon_s=None,
+        says="30 rows in, 10 out, 30 rows a second; one user out; RMSE and MAE of x, y and z of each arm over all "
+        "steps of all windows; inputs are kinematics (with velocities), video and context",
+        leaves_open=("the figures themselves, which stand in a table that was not read", "trials"),
+        differs=("its figures were not read; ours by its definitions are the table *30 rows in, 10 out*",),
+    ),
+    Published(
         name="Informer 2025",
         citation="A Predictive Approach for Enhancing Accuracy in Remote Robotic Surgery Using Informer Model. "
         "Sensors 25 (10), 3067, 2025",

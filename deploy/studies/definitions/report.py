@@ -23,6 +23,7 @@ from tis.deploy.studies.definitions.readings import (
     SPLIT_WORDS,
     SPLITS,
     Reading,
+    Split,
     value_mm,
 )
 from tis.deploy.studies.definitions.velocity_inputs import Inputs
@@ -59,8 +60,7 @@ def _report_rows(plan: Plan, outcome: Outcome) -> list[dict[str, Any]]:
     """Return a row for each split with forecasts and each reading, numbered from 1."""
     rows: list[dict[str, Any]] = []
     for split in SPLITS:
-        found = [outcome.cells[cell.digest] for cell in plan.cells if cell.setting == split
-                 and cell.digest in outcome.cells]  # fmt: skip
+        found = of_split(plan, outcome, split)
         sums = {name: _pooled(found, name) for name in NAMES}
         known = {name: each for name, each in sums.items() if each is not None and each.n}
         if len(known) < len(NAMES):
@@ -78,6 +78,12 @@ def _report_rows(plan: Plan, outcome: Outcome) -> list[dict[str, Any]]:
             for number, reading in enumerate(READINGS, start=1)
         ]
     return rows
+
+
+def of_split(plan: Plan, outcome: Outcome, split: Split) -> list[dict[str, Any]]:
+    """Return the results of a split's twins."""
+    return [outcome.cells[cell.digest] for cell in plan.cells
+            if cell.setting == split and cell.digest in outcome.cells]  # fmt: skip
 
 
 def _pooled(results: Sequence[Mapping[str, Any]], name: str) -> ErrorSums | None:
@@ -161,6 +167,9 @@ def view(report: Mapping[str, Any]) -> RenderableType:
     parts.append(Text(f"\n{_CAPTION}", style="dim"))
     if report["least_squares"]:
         parts += [Text("\nLeast squares, one user out, 3D RMSE at the horizon, mm"), _squares(report).terminal(TIGHT)]
+    if report["windows"]:
+        parts += [Text("\n30 rows in, 10 out, one user out, RMSE and MAE of an axis, mm")]
+        parts += [_windows(report).terminal(TIGHT)]
     parts.append(Text("\nPublished, and our range over the rows that its text allows, mm"))
     parts.append(_published(report).terminal(TIGHT))
     for entry in report["published"]:
@@ -177,6 +186,7 @@ def page_text(report: Mapping[str, Any]) -> str:
         headline=_headline(report),
         readings=_readings(report, report["rows"], with_split=True).markdown(),
         squares=_squares(report).markdown(),
+        windows=_windows(report).markdown(),
         published=_published(report, with_verdict=True).markdown(),
         said="\n\n".join(map(_said, report["published"])),
     )
@@ -215,6 +225,13 @@ def _squares(report: Mapping[str, Any]) -> Table:
         for row in report["least_squares"]
     ]
     return Table("", ["past", *_horizons(report)], rows)
+
+
+def _windows(report: Mapping[str, Any]) -> Table:
+    """Return the errors of an axis over the steps of short windows."""
+    rows = [(row["hand"], row["name"], *map(_mm, (*row["rmse_mm"], *row["mae_mm"]))) for row in report["windows"]]
+    heads = [f"{error} {axis}" for error in ("RMSE", "MAE") for axis in "xyz"]
+    return Table("", ["arm", Column("forecast", words=True), *heads], rows)
 
 
 def _published(report: Mapping[str, Any], with_verdict: bool = False) -> Table:

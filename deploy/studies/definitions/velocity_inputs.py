@@ -23,10 +23,14 @@ _PAST: Final = RATE_HZ // 2
 
 @dataclass(frozen=True)
 class Inputs:
-    """Inputs of a forecast: the past at 30 or 10 samples/s, with or without the velocity at the newest sample."""
+    """Inputs of a forecast: the past at 30 or 10 samples/s, with or without the velocity at the newest sample.
+
+    ``n_past``: samples of 30 a second before the newest.
+    """
 
     rate_hz: int
     velocity: bool
+    n_past: int = _PAST
 
 
 INPUTS: Final = tuple(Inputs(rate, velocity) for rate in (30, 10) for velocity in (False, True))
@@ -67,7 +71,7 @@ def _hand_rows(hand: HandRecording, inputs: Inputs, n_ahead: int) -> tuple[Array
     first = -(-sample_index(SETTLING_NS, RATE_HZ) // ORIGIN_EVERY) * ORIGIN_EVERY
     origins = np.arange(first, len(position_m) - n_ahead, ORIGIN_EVERY)
     every = RATE_HZ // inputs.rate_hz
-    lags = np.arange(0, _PAST + 1, every)
+    lags = np.arange(0, inputs.n_past + 1, every)
     # increments (N, P, 3), the newest first, then the velocity
     past = -np.diff(position_m[origins[:, None] - lags], axis=1)
     if inputs.velocity:

@@ -47,6 +47,11 @@ def test_the_testbeds_own_names_are_as_they_are_everywhere() -> None:
     assert all(is_built_in(name) and not is_user_defined(name) and fault_of(name) is None for name in NAMES)
 
 
+@pytest.mark.parametrize("name", ["adaptive_kf", "tis.patient_side.estimators:adaptive_kf"])
+def test_a_former_name_says_which_does_its_work_now(name: str) -> None:
+    assert "innovations_kf" in (fault_of(name) or "")
+
+
 @pytest.mark.parametrize(
     "name",
     [
@@ -76,7 +81,7 @@ def test_a_slip_in_one_of_ours_is_guessed_and_anything_else_is_told_what_there_i
     ]
     (fault,) = faults(estimators=["hold"], active_estimator="mine")
     assert fault.startswith("s: active_estimator: no such estimator; there are hold, damped_velocity, moesp_kf, ")
-    assert fault.endswith(f"{NAMES[-1]}, and module:factory for a user-defined one (got 'mine')")
+    assert fault.endswith(f"{NAMES[-1]}, and module:factory for a user-defined one (`tis estimators`) (got 'mine')")
 
 
 @pytest.mark.parametrize("name", [name for name, row in ESTIMATORS.items() if row.judged_by])

@@ -1,3 +1,4 @@
+import re
 from typing import Any
 
 import numpy as np
@@ -5,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tis.common.scenario.table_source import PoseColumns, PoseUnits
+from tis.common.scenario.table_source import MAX_RESAMPLED, PoseColumns, PoseUnits
 from tis.common.sources.table_columns import DeviceLayout
 from tis.common.sources.table_poses import (
     SECONDS_PER,
@@ -181,6 +182,16 @@ def test_times_in_another_unit_are_refused_and_the_likely_one_named(taken_for: s
         _, [fault] = played(clock_of(t_s), 50, resample, "refuse", "t.csv", taken_for)
         assert f"are its times in {true_unit} (50 rows a second over 39.98 s" in str(fault)
         assert f"source.units.time: {true_unit}" in str(fault)
+
+
+@pytest.mark.parametrize("true_unit", ["ms", "us", "ns"])
+def test_only_a_resampling_that_is_taken_is_offered(true_unit: str) -> None:
+    t_s = np.arange(7200) / 120 / SECONDS_PER[true_unit]
+    _, [fault] = played(clock_of(t_s), 120, False, "refuse", "t.csv", "s")
+    assert f"source.units.time: {true_unit}" in str(fault)
+    for offered in re.findall(r"source\.resample: (\d+)", str(fault)):
+        assert not played(clock_of(t_s), 120, float(offered), "refuse", "t.csv", "s")[1]
+        assert float(offered) <= MAX_RESAMPLED
 
 
 @pytest.mark.parametrize(("found_hz", "resample", "is_played"), [

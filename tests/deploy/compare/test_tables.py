@@ -84,7 +84,7 @@ def test_the_report_says_the_network(tables: Path) -> None:
 
 
 def test_a_table_that_is_not_there_is_refused_before_anything_is_computed(tables: Path) -> None:
-    with pytest.raises(DataError, match=r"none\.csv: does not exist \(given by source.path\)"):
+    with pytest.raises(DataError, match=r"none\.csv: does not exist \(given by source.path, which counts from .*\)"):
         plan_of(tables, "source.path=none.csv")
 
 

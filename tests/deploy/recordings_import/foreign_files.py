@@ -60,6 +60,40 @@ def lerobot_set(folder: Path, columns: Columns, version: int, single: bool = Fal
     return folder
 
 
+def open_h_set(folder: Path, n_rows: int = 60) -> Path:
+    """Write an episode in the form of Open-H-Embodiment's dVRK sets: nested names, set points, forces with units."""
+    t_s = np.arange(n_rows) / 30
+    pose = [0.05 * np.sin(t_s), 0.04 * np.cos(t_s), 0.03 * np.sin(2 * t_s), *np.zeros((3, n_rows)), np.ones(n_rows)]
+    measured = np.stack([*pose, np.full(n_rows, 0.4)] * 2, axis=1)
+    planned = measured + np.array([0.001, 0, 0, 0, 0, 0, 0, 0] * 2)
+    force = np.stack([np.full(n_rows, k + 1.0) for k in range(6)], axis=1)
+    parts = [*(f"position.{axis}" for axis in "xyz"), *(f"orientation.{axis}" for axis in "xyzw")]
+    arms = ("psm1", "psm2")
+    named = {
+        "observation.state": [name for arm in arms for name in (*(f"{arm}_pose.{p}" for p in parts), f"{arm}_jaw")],
+        "action": [name for arm in arms for name in (*(f"{arm}_sp.{p}" for p in parts), f"{arm}_jaw_sp")],
+        "observation.meta.force_torque": ["fx", "fy", "fz", "tx", "ty", "tz"],
+        "observation.meta.probe": ["depth"],
+    }
+    features: dict[str, Any] = {
+        name: {"dtype": "float32", "shape": [len(names)], "names": [names]} for name, names in named.items()
+    }
+    features["observation.meta.force_torque"]["info"] = {"sensor": "wrist_ft", "units": "N + N m"}
+    features["observation.meta.tool"] = {"dtype": "string", "shape": [1], "names": ["value"]}
+    vectors = (measured, planned, force, np.zeros((n_rows, 1)))
+    columns: dict[str, Any] = {
+        name: pa.array(values.tolist(), pa.list_(pa.float32())) for name, values in zip(named, vectors, strict=True)
+    }
+    columns |= {"frame_index": np.arange(n_rows), "timestamp": pa.array(t_s, pa.float32())}
+    columns |= {"episode_index": np.zeros(n_rows, dtype=int)}
+    (folder / "data" / "chunk-000").mkdir(parents=True)
+    pq.write_table(pa.table(columns), folder / "data" / "chunk-000" / "episode_000000.parquet")
+    (folder / "meta").mkdir()
+    info = {"codebase_version": "v2.1", "robot_type": "dvrk", "fps": 30, "features": features}
+    (folder / "meta" / "info.json").write_text(json.dumps(info))
+    return folder
+
+
 def ros_messages(columns: Columns, transforms: Sequence[str] = ()) -> list[tuple[str, str, int, Any]]:
     """Return topic, type, log time and message of a recording with CRTK topics, in order of time."""
     types = STORE.types

@@ -7,7 +7,7 @@ import pytest
 
 from tests.common.runtime.recordings.tables import movement, scenario_of
 from tests.deploy.commands import call_in_one_line
-from tests.deploy.recordings_import.foreign_files import json_mcap, lerobot_set, ros_mcap, rosbag
+from tests.deploy.recordings_import.foreign_files import json_mcap, lerobot_set, open_h_set, ros_mcap, rosbag
 from tis.common.extras import GET_PARQUET, GET_ROSBAG
 from tis.common.runtime.recordings import load_recording, synthetic_trials
 from tis.common.scenario.table_source import TableSource
@@ -27,6 +27,20 @@ def test_an_import_lists_what_it_found_and_says_how_to_play_it(tmp_path: Path) -
     assert about["sha256"] == hashlib.sha256(file.read_bytes()).hexdigest()
     recording = load_recording(scenario_of(table))
     assert (recording.label, recording.person, recording.warnings) == ("Peg ann_1", "Ann", ())
+
+
+def test_a_set_of_open_h_is_a_table_of_arms_with_forces_beside(tmp_path: Path) -> None:
+    table = tmp_path / "t.parquet"
+    code, out, err = call_in_one_line("import", str(open_h_set(tmp_path / "set", 300)), "-o", str(table))
+    assert code == 0, err
+    assert "action: the set points of PSM1, PSM2" in out
+    schema = pq.read_schema(table)
+    assert schema.names[0] == "time_s"
+    assert schema.names[-1] == "force_torque_tz_n_m"
+    assert json.loads(schema.metadata[b"tis"])["units"]["force_torque_fx_n"] == "N"
+    recording = load_recording(scenario_of(table, hands=("left", "right")))
+    assert [hand.arm for hand in recording.hands] == ["PSM2", "PSM1"]
+    assert all("has no columns of MTM" in warning for warning in recording.warnings)
 
 
 def test_synthetic_movement_stays_so_in_what_is_shown(tmp_path: Path) -> None:

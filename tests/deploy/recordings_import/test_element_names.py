@@ -2,7 +2,7 @@ from typing import Any
 
 import pytest
 
-from tis.deploy.recordings_import.element_names import elements_of, names_in
+from tis.deploy.recordings_import.element_names import elements_of, names_in, units_in
 
 
 @pytest.mark.parametrize(
@@ -30,7 +30,32 @@ def test_an_action_is_the_masters_and_joints_are_no_poses() -> None:
     assert elements_of(["ee.vel.x", "ee.vel.y", "ee.vel.z"], is_action=True) == []
 
 
+def test_set_points_of_arms_are_told_from_a_masters_poses() -> None:
+    names = [f"psm1_sp.position.{axis}" for axis in "xyz"]
+    assert [each.device for each in elements_of(names, is_action=True)] == ["PSM1"]
+    assert [each.device for each in elements_of(["mtml_x", "mtml_y", "mtml_z"], is_action=True)] == ["MTML"]
+
+
+@pytest.mark.parametrize(
+    ("feature", "expected"),
+    [
+        ({"info": {"units": "N + N m"}}, ("N", "N", "N", "N m", "N m", "N m")),
+        ({"info": {"units": "N"}}, ("N",) * 6),
+        ({"units": ["N", "N", "N", "Nm", "Nm", "Nm"]}, ("N", "N", "N", "N m", "N m", "N m")),
+        ({"info": {"unit": "newton per furlong"}}, None),
+        ({"info": {"units": "N + N m + N + N"}}, None),
+        ({"info": {"units": {"a": 3}}}, None),
+        ({"info": 3}, None),
+        ({}, None),
+    ],
+)
+def test_units_stand_beside_a_vector(feature: dict[str, Any], expected: tuple[str, ...] | None) -> None:
+    assert units_in(feature, 6) == expected
+
+
 def test_names_stand_in_a_list_or_a_map() -> None:
+    assert names_in({"names": [["a", "b"], ["c"]]}) == ("a", "b", "c")
+    assert names_in({"names": [["a"], "b"]}) == names_in({"names": [[["a"]]]}) == ()
     assert names_in({"names": ["a", "b"]}) == ("a", "b")
     assert names_in({"names": {"motors": ["a", "b"]}}) == ("a", "b")
     assert names_in({"names": None}) == names_in({"names": [1, 2]}) == names_in({}) == ()

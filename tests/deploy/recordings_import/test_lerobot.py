@@ -7,10 +7,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.common.runtime.recordings.tables import movement
-from tests.deploy.recordings_import.foreign_files import lerobot_set
+from tests.deploy.recordings_import.foreign_files import lerobot_set, open_h_set
 from tis.common.errors import DataError, InputError
 from tis.deploy.recordings_import.found import Wanted
 from tis.deploy.recordings_import.lerobot import read_lerobot
+from tis.deploy.recordings_import.one_clock import on_one_clock
 
 
 def test_joints_are_refused_by_name(tmp_path: Path) -> None:
@@ -43,6 +44,36 @@ def test_a_rotation_vector_turns_the_hand(tmp_path: Path) -> None:
     assert orientation is not None
     half = np.linalg.norm(turn) / 2
     assert orientation[7] == pytest.approx([*(np.sin(half) * turn / (2 * half)), np.cos(half)])
+
+
+def test_an_action_of_set_points_is_the_arms_and_no_master_is_made_up(tmp_path: Path) -> None:
+    found = read_lerobot(open_h_set(tmp_path / "set"), Wanted())
+    assert [(stream.device, stream.origin) for stream in found.streams] == [("PSM2", "action"), ("PSM1", "action")]
+    assert found.streams[1].position_m[0] == pytest.approx([0.001, 0.04, 0.0])
+    assert found.streams[0].gripper_rad == pytest.approx(np.full(60, 0.4))
+    assert any("set point" in note and "no master" in note for note in found.notes)
+
+
+def test_forces_keep_their_units_on_the_way_into_a_table(tmp_path: Path) -> None:
+    found = read_lerobot(open_h_set(tmp_path / "set"), Wanted())
+    columns = on_one_clock(found, 60, "set").extras
+    names = [f"force_torque_{part}" for part in ("fx_n", "fy_n", "fz_n", "tx_n_m", "ty_n_m", "tz_n_m")]
+    assert list(columns) == names
+    assert columns["force_torque_tx_n_m"] == pytest.approx(np.full(119, 4.0))
+    assert any("observation.meta.probe" in note and "left out" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("damaged", [None, [[np.nan] * 6] * 60, [[0.0] * (1 + k % 2) for k in range(60)], ["a"] * 60])
+def test_vectors_that_hold_no_numbers_are_left_out(tmp_path: Path, damaged: list[object] | None) -> None:
+    folder = open_h_set(tmp_path / "set")
+    file = folder / "data/chunk-000/episode_000000.parquet"
+    table, name = pq.read_table(file), "observation.meta.force_torque"
+    k = table.column_names.index(name)
+    table = table.remove_column(k) if damaged is None else table.set_column(k, name, pa.array(damaged))
+    pq.write_table(table, file)
+    found = read_lerobot(folder, Wanted())
+    assert found.extras == ()
+    assert any("observation.meta.force_torque" in note and "left out" in note for note in found.notes)
 
 
 @pytest.mark.parametrize("version", [2, 3])

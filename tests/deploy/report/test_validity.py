@@ -98,7 +98,7 @@ def test_messages_that_were_not_used_are_named_as_the_cause() -> None:
     assert causes(validity._unused(_summary(**unused, **lost))) == [
         "rejected: the patient rejected 720 messages: no header of the testbed, another run's number, or no such "
         "pose",
-        "quarantined: the patient did not use 8 samples (8 ahead)",
+        "quarantined: the patient did not use 8 samples (8 stamped later than now)",
     ]
 
 
@@ -107,6 +107,8 @@ def test_samples_that_were_refused_as_their_unit_is_wrong_name_the_likely_one() 
     warnings = ["T: PSM2 moves over 200 m, further than any arm: are these millimetres?"]
     [text] = validity._unused(_summary(**lost, recording={"warnings": warnings}), "table")
     assert "set source.units.position: mm" in text
+    assert "(700 out of the arm's reach)" in text
+    assert "patient.gate.reach_m" in text  # a drone moves so far
     [text] = validity._unused(_summary(**lost), "table")
     assert "raise patient.gate.reach_m" in text
 

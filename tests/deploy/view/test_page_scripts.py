@@ -43,6 +43,21 @@ def page() -> Iterator["Page"]:
         assert errors == []
 
 
+def test_a_lost_connection_says_that_the_run_may_have_ended_unless_it_is_known_to_have() -> None:
+    with chromium() as browser:
+        page, errors = watched_page(browser)
+        lost = (_HERE / "page.html").read_text().partition('<p id="lost"')[2].partition("</p>")[0]
+        page.set_content(f'<p id="opening"></p><select id="arm"></select><p id="lost"{lost}</p>')
+        page.add_script_tag(path=_HERE / "page.js")
+        page.evaluate("() => { window.n_said = 0; window.live.say = () => { window.n_said += 1 } }")
+        page.evaluate("() => window.live.lose({ is_over: true })")
+        assert page.locator("#lost").is_hidden()
+        page.evaluate("() => window.live.lose({ is_over: false })")
+        assert "may have ended" in page.locator("#lost").inner_text()
+        assert page.evaluate("() => window.n_said") == 2
+        assert errors == []
+
+
 def _targets(page: "Page") -> list[list[float]]:
     found: list[list[float]] = page.evaluate("() => window.touchTask.begin([10, 20], {}).targets")
     return found

@@ -46,7 +46,8 @@ def test_auto_without_an_end_or_a_row_or_a_file_is_refused(tmp_path: Path) -> No
     with pytest.raises(DataError) as caught:
         whole({"kind": "table", "path": str(tmp_path / "none.csv")})
     assert [str(fault).replace(str(tmp_path), "") for fault in caught.value.faults] == [
-        "/none.csv: does not exist (given by source.path)",
+        "/none.csv: does not exist (given by source.path, which counts from the current folder, not from the "
+        "scenario's file)",
         "s.yaml: duration_s: auto needs the recording on this host; else set the number of seconds, which `tis "
         "validate SCENARIO` prints on a host that has it",
     ]

@@ -145,6 +145,7 @@ def test_recorded_people_are_the_persons(written_people: Path, without_figure: N
     code, _, err = tis(*words, "--people", "S")
     assert code == 2
     assert "--people: must leave at least two people" in err
+    assert "--trials takes those of others, too: T00" in err
 
 
 @pytest.fixture

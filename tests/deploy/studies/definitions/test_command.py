@@ -39,6 +39,8 @@ def test_both_tables_are_printed_and_written(folder: Path, in_this_process: None
         assert row["mm"]["hold"] == sorted(row["mm"]["hold"])
     assert len(report["least_squares"]) == 4
     assert [entry["rows"] for entry in report["published"][:2]] == [list(range(1, 13)), list(range(1, 37))]
+    assert [row["name"] for row in report["windows"]][:2] == ["hold", "innovations_kf"]
+    assert {row["hand"] for row in report["windows"]} == {"left", "right"}
     assert report["missing"] == report["failed"] == []
 
     page = Path("page.md").read_text()
