@@ -40,7 +40,7 @@ class AuditEntry(Message, frozen=True, omit_defaults=True, kw_only=True):
     n: Annotated[int, Meta(ge=1, description="How many alike within this second.")] = 1
     network: Annotated[_Text, Meta(description="west or east.")] = ""
     address: Annotated[_Text, Meta(description="Address and port of the other end.")] = ""
-    name: Annotated[_Text, Meta(description="Name in its certificate, or its user.")] = ""
+    name: Annotated[_Text, Meta(description="Name in its certificate; of a stop or a release: who signed it.")] = ""
     key: Annotated[_Text, Meta(description="Zenoh key.")] = ""
     among: Annotated[
         tuple[_Text, ...],

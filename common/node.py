@@ -9,7 +9,7 @@ from tis.common.channels import Network
 from tis.common.header import Header
 from tis.common.messages import Message
 from tis.common.peer_life import Alarm
-from tis.common.signing import RunKeys
+from tis.common.signing import Identity, RunKeys
 
 
 class Arrival(NamedTuple):
@@ -97,8 +97,8 @@ class SideNode(Node, Protocol):
     def alarms(self) -> Mapping[Alarm, int]:
         """Return what the side has evidence of, by the run time at which it began; from any thread."""
 
-    def believe(self, keys: RunKeys) -> None:
-        """Use only what the other side has signed under these keys, and sign what is sent."""
+    def believe(self, keys: RunKeys, own: Identity) -> None:
+        """Use only what the other side has signed under these keys, and sign what is sent; ``own`` proves names."""
 
     def join(self, run_id: int, from_ns: int = 0) -> None:
         """Take messages of this run only, from now on; the node's ticks before ``from_ns`` are not its own."""

@@ -17,14 +17,15 @@ from tis.common.channels import Side
 from tis.common.messages import Message
 from tis.common.units import NS_PER_MS, NS_PER_S
 
-Alarm = Literal["conflict", "foreign_set_point", "foreign_release", "stop_flood", "forged"]
-"""Evidence that somebody attacks: of forged samples, of set points, releases and floods that are not ours."""
+Alarm = Literal["conflict", "foreign_set_point", "foreign_release", "stop_flood", "forged", "unsigned_stop"]
+"""Evidence that somebody attacks: of forged samples, of set points, releases, stops and floods that are not ours."""
 
 NO_ALARMS: Final[Mapping[Alarm, int]] = MappingProxyType({})
 
 Event = Literal[
     "left", "frozen", "link_down", "silent", "back", "stalled", "resumed", "clock_step", "suspended", "conflict",
     "foreign_set_point", "foreign_release", "stop_flood", "foreign_beat", "forged",
+    "unsigned_stop",
 ]  # fmt: skip
 
 View = Literal["left", "frozen", "link_down", "silent"]
@@ -75,7 +76,8 @@ class Beat(Message, frozen=True):
             description="What the side has evidence of, and the run time at which it began, in ns. conflict: samples "
             "of the surgeon came in two versions; foreign_set_point: somebody else sends set points; "
             "foreign_release: a release came from another than the stopper; stop_flood: requests to stop or to "
-            "release flood it; forged: messages that nobody of the run has signed.",
+            "release flood it; forged: messages that nobody of the run has signed; unsigned_stop: a stop that nobody "
+            "has signed, which was carried out.",
         ),
     ] = struct_field(default_factory=dict)
 
@@ -254,6 +256,7 @@ TEXTS: Final[dict[Event, str]] = {
     "foreign_release": "was released from an emergency stop by somebody without its token (patient.safety.release)",
     "stop_flood": "is flooded with requests to stop or to release",
     "forged": "receives messages that the other side has not signed: somebody forges or alters them",
+    "unsigned_stop": "was stopped by a request that nobody has signed, which stops all the same",
     "foreign_beat": "has signs of life that it did not send: somebody forges them",
 }
 

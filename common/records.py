@@ -54,7 +54,8 @@ class PeerNote(Message, frozen=True):
             "on; clock_step: its clock stepped; suspended: its host was; conflict: it receives samples in two "
             "versions; foreign_set_point: it hears set points for its arm that it did not send; foreign_release: a "
             "release came from another than the stopper; stop_flood: requests to stop or to release flood it; "
-            "foreign_beat: somebody else sends its signs of life; forged: what it receives is not signed."
+            "foreign_beat: somebody else sends its signs of life; forged: what it receives is not signed; "
+            "unsigned_stop: nobody has signed a stop, which was carried out."
         ),
     ]
     for_ns: Annotated[int, Meta(description="How long it has been so, or how far the clock stepped, in ns.")]

@@ -89,6 +89,9 @@ class StopNote(Message, frozen=True):
         None
     )
     changed: Annotated[bool | None, Meta(description="Whether they were not before; null: not known.")] = None
+    signer: Annotated[
+        str, Meta(description="Name that signed it; -: nobody who may; empty: messages are not signed.")
+    ] = ""
     refused: Annotated[str, Meta(max_length=200, description="Why it was not carried out; empty: it was.")] = ""
 
     @property

@@ -8,13 +8,13 @@ number, sent time, run) and payload, so what is altered, made up, or from anothe
 import hashlib
 import hmac
 from dataclasses import dataclass
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, NamedTuple, Protocol
 
-from msgspec import Meta
+from msgspec import DecodeError, Meta
 
 from tis.common.channels import CONTROL, Side
 from tis.common.header import CODE_BYTES, HEADER_BYTES
-from tis.common.messages import Message
+from tis.common.messages import Message, decode, encode
 
 MIN_SECRET_BYTES: Final = 16
 _KEY_BYTES: Final = 32
@@ -40,6 +40,69 @@ class Hello(Message, frozen=True, kw_only=True):
             description="ECDSA signature (SHA-256, DER) by the certificate's key, or HMAC-SHA256 by the secret; hex.",
         ),
     ]
+
+
+class Proof(Message, frozen=True):
+    """The attachment of a request to stop or to release, and of its answer: who vouches for the payload."""
+
+    proof: Annotated[str, Meta(max_length=2048, description="As in `Hello`, over `vouched`.")]
+    certificate: Annotated[str, Meta(max_length=16_000, description="In PEM; empty with a secret.")] = ""
+
+
+class Signer(NamedTuple):
+    """The name that a proof proves, or why it proves none."""
+
+    name: str
+    fault: str = ""
+
+
+class Identity(Protocol):
+    """What proves a name in a run whose messages are signed."""
+
+    public: str
+    certificate: str
+
+    def proof(self, content: bytes) -> bytes:
+        """Return the proof of own words."""
+
+    def signer(self, certificate: str, proof: str, content: bytes) -> Signer:
+        """Return who proves these words."""
+
+    def shared(self, public: str) -> bytes:
+        """Return the secret shared with the holder of a public key; raises `ValueError`."""
+
+
+SECRETS: Final = "the secret"
+"""Name of whoever has the shared secret."""
+NOBODY: Final = "-"
+"""Stands for the name where none is proved; no name begins with it."""
+MAX_PROOF_BYTES: Final = 20_000
+
+
+def vouched(key: str, challenge: str, payload: bytes) -> bytes:
+    """Return what the proof of a request or an answer covers.
+
+    ``challenge`` is the `public` of the patient's process, as its answers state it, in releases and answers: neither
+    can be repeated to another process, nor in another run. It is empty in a stop, which waits for nothing.
+    """
+    return "\n".join(("tis stop 1", key, challenge)).encode() + b"\n" + payload
+
+
+def attached_proof(own: Identity, key: str, challenge: str, payload: bytes) -> bytes:
+    """Return the attachment with which an identity vouches for a message."""
+    proof = own.proof(vouched(key, challenge, payload)).hex()
+    return encode(Proof(proof=proof, certificate=own.certificate))
+
+
+def signer_of(own: Identity, key: str, challenge: str, payload: bytes, attachment: bytes) -> Signer:
+    """Return who vouches for a message, by its attachment, as ``own`` can tell."""
+    if not attachment:
+        return Signer("", "it is not signed")
+    try:
+        found = decode(attachment[: MAX_PROOF_BYTES + 1], Proof)
+    except DecodeError:
+        return Signer("", "its proof is none")
+    return own.signer(found.certificate, found.proof, vouched(key, challenge, payload))
 
 
 def hello_key(session: str, side: Side) -> str:
@@ -93,7 +156,7 @@ class RunKeys:
         others = self.others
         for key in others:
             if hmac.compare_digest(code(key, name, header, payload), found):
-                if key is others[0] and len(others) > 1:
+                if key is others[0] and len(others) > 1 and self.others is others:
                     self.others = others[:1]
                 return None
         return "wrong_code"

@@ -24,7 +24,7 @@ ReleaseRule = Literal["anyone", "stopper", "named"]
 """Right to end a stop: of everybody who names it, of the owner of its secret, or of those whom the scenario names."""
 
 StopRefusal = Literal[
-    "", "wrong secret", "no such stop in force", "too many releases", "ended before", "not on this key"
+    "", "wrong secret", "no such stop in force", "too many releases", "ended before", "not on this key", "not signed"
 ]
 """Reason for which a request is not carried out; "": it is, or it asks for nothing."""
 
@@ -72,6 +72,10 @@ class StopState(Message, frozen=True, kw_only=True):
         bool, Meta(description="true: ``under`` is in force for all stops beyond 64, and has no secret.")
     ] = False
     release: Annotated[ReleaseRule, Meta(description="Who may release: anyone, stopper or named.")]
+    challenge: Annotated[
+        str,
+        Meta(max_length=64, description="What the proof of a release covers; empty: messages are not signed."),
+    ] = ""
     refused: Annotated[
         StopRefusal, Meta(description="Why the request was not carried out; empty: it was, or it asked only.")
     ]

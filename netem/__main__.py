@@ -82,7 +82,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         for network, session in sessions.items():
             meeting.rosters[network].watch(session)
         meeting.exchange = stack.enter_context(ScenarioExchange(sessions, meeting.keys, "netem", scenario))
-        _serve(stack, bridge, sessions, meeting.keys, audit)
+        _serve(stack, bridge, sessions, meeting, audit)
         applications = Applications(bridge, sessions, crossing_keys(["**"]), lease_s(options.zenoh), status.warning)
         stack.callback(applications.close)
         applications.open()
@@ -144,12 +144,13 @@ def _open_routers(
     return sessions
 
 
-def _serve(stack: ExitStack, bridge: Bridge, sessions: Sessions, keys: ControlKeys, audit: AuditTrail) -> None:
+def _serve(stack: ExitStack, bridge: Bridge, sessions: Sessions, meeting: Meeting, audit: AuditTrail) -> None:
     """Answer questions for the clock and requests to the emulator, pass emergency stops on, and note who connects."""
+    keys = meeting.keys
     audit.watch(stack, sessions)
     stack.enter_context(ClockServer(sessions.values(), keys.clock))
     stack.callback(attach(bridge, sessions, keys.session, adapt=None if bridge.gates else without_gates, audit=audit))
-    emergency = EmergencyLine(sessions, keys.session, audit)
+    emergency = EmergencyLine(sessions, keys.session, audit, meeting.scenario.security)
     stack.callback(emergency.close)
     bridge.also_counts.extend((audit.refusals.counters, emergency.counters))
 

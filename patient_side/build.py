@@ -7,6 +7,8 @@ from tis.common.errors import DataError, Fault
 from tis.common.estimators import short_name
 from tis.common.scenario import Scenario
 from tis.common.scenario.estimator_names import is_learned
+from tis.common.scenario.security import Mtls
+from tis.common.signing import SECRETS
 from tis.common.sources.trajectory import Recording
 from tis.common.ticker import SendPlan, Ticker
 from tis.common.units import ms_to_ns
@@ -122,8 +124,17 @@ def build_patient(
     rule = scenario.patient.safety.release
     is_forged = not scenario.network.corrupts("forward")
     return PatientNode(
-        scenario.session, hands, ticker, stopwatch_ns, lock, mode == "on_arrival", gates, rule, is_forged
-    )
+        scenario.session, hands, ticker, stopwatch_ns, lock, mode == "on_arrival", gates, rule,
+        _releasers(scenario), is_forged,
+    )  # fmt: skip
+
+
+def _releasers(scenario: Scenario) -> frozenset[str]:
+    """Return the names of which one must have signed a release, where messages are signed."""
+    security = scenario.security
+    if not isinstance(security, Mtls):
+        return frozenset((SECRETS,))
+    return frozenset(scenario.patient.safety.releasers or ("surgeon", *security.control))
 
 
 def _plant(scenario: Scenario, recording: Recording, i: int) -> Plant:

@@ -28,7 +28,7 @@ from tis.common.records import (
     TickNote,
 )
 from tis.common.safety_records import SINCE_MS, STOPS, STOPS_IN_FORCE
-from tis.common.signing import RunKeys
+from tis.common.signing import Identity, RunKeys
 from tis.common.stop_messages import ReleaseRule
 from tis.common.ticker import Ticker
 from tis.common.units import NS_PER_MS
@@ -69,6 +69,7 @@ class PatientNode:
     on_arrival: bool = False
     gates: Mapping[str, StreamGate] = field(default_factory=dict)
     release: ReleaseRule = "anyone"
+    releasers: Collection[str] = ()
     conflicts_are_forged: bool = True
     name: str = "patient"
     doing: str = ""
@@ -93,7 +94,7 @@ class PatientNode:
         self._arms = external_arms(self.session, self.hands)
         self._own = OwnEstimators.among(self.hands)
         self._motions = MotionIntake(self.session, [hand.touch for hand in self.hands if hand.touch is not None])
-        self._stops = EmergencyStops(self.session, self.release)
+        self._stops = EmergencyStops(self.session, self.release, self.releasers)
 
     def remembers(self) -> Sequence[str]:
         """Return the topics of the set points, and that of the stops in force."""
@@ -109,9 +110,10 @@ class PatientNode:
             if hand.safety is not None:
                 hand.safety_state = hand.safety.resumed(left, is_stopped)
 
-    def believe(self, keys: RunKeys) -> None:
-        """Use only what the surgeon has signed."""
+    def believe(self, keys: RunKeys, own: Identity) -> None:
+        """Use only what the surgeon has signed, and let nobody release whose name is not proved."""
         self.intake.keys = self._motions.intake.keys = keys
+        self._stops.own = own
 
     def join(self, run_id: int, from_ns: int = 0) -> None:
         """Take messages of this run only, and tick from ``from_ns`` on."""

@@ -12,7 +12,7 @@ from tis.common.messages import FeedbackPose, Sampled, Twist, Vector3, encode
 from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.peer_life import NO_ALARMS, Alarm
 from tis.common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
-from tis.common.signing import RunKeys
+from tis.common.signing import Identity, RunKeys
 from tis.common.sources.sensor_noise import SensorNoise
 from tis.common.ticker import PlannedPacket, SendPlan, Ticker
 from tis.common.units import sample_instant_ns
@@ -117,7 +117,7 @@ class SurgeonNode:
         found = [each.forged_since_ns for each in intakes if each.forged_since_ns is not None]
         return {"forged": min(found)} if found and self.changes_are_forged else NO_ALARMS
 
-    def believe(self, keys: RunKeys) -> None:
+    def believe(self, keys: RunKeys, own: Identity) -> None:  # noqa: ARG002  (nobody asks the surgeon to stop)
         """Use only what the patient has signed; count the code of each own message among its bytes."""
         self.intake.keys = keys
         if self.touch is not None:

@@ -16,7 +16,7 @@ from tis.common.messages import FeedbackPose, Pose, Vector3
 from tis.common.node import Arrival, Record
 from tis.common.peer_life import NO_ALARMS, Alarm
 from tis.common.records import COUNTERS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
-from tis.common.signing import RunKeys
+from tis.common.signing import Identity, RunKeys
 from tis.common.units import sample_index, sample_instant_ns
 from tis.surgeon_side.node import Traffic, rotation_vector, traffic_counters
 
@@ -62,7 +62,7 @@ class WitnessNode:
         """Return none: nobody forges what the surgeon's hand does."""
         return NO_ALARMS
 
-    def believe(self, keys: RunKeys) -> None:
+    def believe(self, keys: RunKeys, own: Identity) -> None:
         """Do nothing: a witness has no key, and uses nothing."""
 
     def join(self, run_id: int, from_ns: int = 0) -> None:

@@ -26,13 +26,13 @@ from tis.common.runtime.process import Interrupt
 from tis.common.runtime.scheduling import settle
 from tis.common.runtime.side import Membership, NodeWork, Prepared, drive
 from tis.common.runtime.side_log import SideOptions, continued, earlier_part, open_log
-from tis.common.runtime.signing import Agreement, Identity, identity
+from tis.common.runtime.signing import Agreement, identity
 from tis.common.runtime.status import Status
 from tis.common.runtime.zenoh_bus import ZenohBus
 from tis.common.runtime.zenoh_log import CLIENT_LEVELS, ConnectionTrouble, ZenohLog
 from tis.common.runtime.zenoh_session import bypasses, configure, lease_ms, open_client
 from tis.common.scenario import Scenario
-from tis.common.signing import SIGNERS
+from tis.common.signing import SIGNERS, Identity
 from tis.common.zenoh_syntax import port_of
 
 _POLL_S: Final = 0.5
@@ -141,7 +141,7 @@ class _Client:
         agreement = Agreement(self.session, prefix, self.side, meeting.digest, self.own, changed)  # type: ignore[arg-type]
         stack.enter_context(agreement)
         bus.keys = agreement.keys
-        prepared.node.believe(agreement.keys)
+        prepared.node.believe(agreement.keys, self.own)
         whom = f"the {SIGNERS[self.side]} to prove its name"
         return self._wait_until(lambda: agreement.is_reached, lambda: f"{whom}{agreement.fault}", is_known=False)
 
@@ -174,7 +174,7 @@ class _Client:
             tokens.append(liveliness.declare_token(meeting.keys.run(self.side, membership.epoch.text)))
         self.status.running(scenario.duration_s, str(log.path), membership.joined_ns)
         end = scenario.peer_loss_policy(self.options.alone) == "end"
-        beats = Beats(self.side, {self.network: self.session}, meeting.keys, bus.run_id, is_witness)
+        beats = Beats(self.side, {self.network: self.session}, meeting.keys, bus.run_id, is_witness, bus.keys)
         ports: dict[Side, set[int]] = {"netem": {*filter(None, map(port_of, self.connect))}}
         peers = PeerWatch(self.side, beats, clock, ports, meeting.present, scenario.peer_timeout_s)
         try:

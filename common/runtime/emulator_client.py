@@ -21,11 +21,12 @@ Answer = TypeVar("Answer", bound=BaseModel)
 
 
 class EmulatorAddress(NamedTuple):
-    """Endpoint of an emulator, prefix of its control keys, and Zenoh options of the connection."""
+    """Endpoint of an emulator, prefix of its control keys, Zenoh options, and the file of a run's shared secret."""
 
     endpoint: str = WEST
     prefix: str = "tis"
     options: ZenohOptions = ZenohOptions()
+    secret: Path | None = None
 
     def client(self) -> zenoh.Config:
         """Return the Zenoh configuration of a client; raises `InputError`."""

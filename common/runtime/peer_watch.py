@@ -15,16 +15,28 @@ import zenoh
 from msgspec import DecodeError
 
 from tis.common.channels import SIDE_ON, Network, Side
+from tis.common.header import Header
 from tis.common.messages import decode, encode
 from tis.common.node import Record
-from tis.common.peer_life import BEAT_EVERY_NS, NO_ALARMS, Alarm, Beat, Change, PeerLife, View, described
+from tis.common.peer_life import (
+    BEAT_EVERY_NS,
+    MAX_RUN_ID,
+    NO_ALARMS,
+    Alarm,
+    Beat,
+    Change,
+    PeerLife,
+    View,
+    described,
+)
 from tis.common.records import PEERS, PeerNote
 from tis.common.runtime.clock import WallClock, monotonic_ns
 from tis.common.runtime.control import ControlKeys
 from tis.common.runtime.loop import LateRecorder
 from tis.common.runtime.status import Status
 from tis.common.runtime.zenoh_session import publisher_of
-from tis.common.units import NS_PER_S
+from tis.common.signing import SIGNERS, RunKeys
+from tis.common.units import NS_PER_MS, NS_PER_S
 
 BEAT_EVERY_S: Final = BEAT_EVERY_NS / NS_PER_S
 _MAX_BYTES: Final = 2048
@@ -38,7 +50,9 @@ class Beats:
 
     netem, which is on both networks, passes each side's on to the other one, and believes a side on its own only. A
     beat of another run is not believed, and counts as ``forged``; one without a run waits for its own.
-    ``is_witness``: another program is this side, and sends its own beats.
+    ``is_witness``: another program is this side, and sends its own beats. ``signed``: the run's keys; what the side
+    beyond netem has not signed, or has been heard before, is forged. netem's own beats have no code: its access
+    control lets nobody else send them, and what they say of others only names a silence.
     """
 
     def __init__(
@@ -48,7 +62,10 @@ class Beats:
         keys: ControlKeys,
         run_id: int,
         is_witness: bool = False,
+        signed: RunKeys | None = None,
     ) -> None:
+        self._signed, self._beyond = signed, SIGNERS.get(side)
+        self._number = self._heard_number = 0
         self.run_id = run_id
         self.forged: set[Side] = set()
         self._heard: deque[Beat] = deque(maxlen=_MAX_WAITING)
@@ -76,9 +93,13 @@ class Beats:
 
     def send(self, beat: Beat) -> None:
         """Send this side's beat on each of its networks; a full queue drops it."""
-        payload = encode(beat)
+        payload, attachment = encode(beat), None
+        if self._signed is not None:  # numbers go on after a new start of this side, whatever its clock does
+            self._number = max(self._number + 1, beat.at_ns // NS_PER_MS) & MAX_RUN_ID
+            header = Header(self._number, beat.at_ns, self.run_id).pack()
+            attachment = self._signed.sign(self._keys.beat(beat.side), header, payload)
         for publisher in self._own:
-            publisher.put(payload)
+            publisher.put(payload, attachment=attachment)
 
     def heard(self) -> list[Beat]:
         """Return the beats since the last call."""
@@ -103,13 +124,25 @@ class Beats:
             if beat.run_id != self.run_id:
                 self.forged |= {beat.side} if beat.run_id else set()
                 return
+            if self._signed is not None and beat.side == self._beyond and not self._is_signed(sample, payload):
+                self.forged |= {beat.side}
+                return
             self._heard.append(beat)
             relay = self._relays.get(beat.side)
             if relay is not None:
                 with suppress(zenoh.ZError):  # the session is closed
-                    relay.put(payload)
+                    relay.put(payload, attachment=sample.attachment)
 
         return receive
+
+    def _is_signed(self, sample: zenoh.Sample, payload: bytes) -> bool:
+        """Tell whether the side beyond netem has signed a beat, and none that is newer has come."""
+        attachment = b"" if sample.attachment is None else sample.attachment.to_bytes()
+        header = Header.unpack(attachment)
+        if header is None or self._signed is None or self._signed.fault(str(sample.key_expr), attachment, payload):
+            return False
+        is_new, self._heard_number = header.seq > self._heard_number, max(header.seq, self._heard_number)
+        return is_new and header.run_id == self.run_id
 
 
 class PeerWatch:

@@ -4,50 +4,47 @@ Each side tells its public key until the other one's answer echoes it. A side th
 and both take new keys.
 """
 
+import base64
 import hmac
+import json
 import queue
 import secrets
 import threading
 from collections.abc import Callable
 from contextlib import suppress
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self
+from typing import Any, Final, Literal, Self
 
 import zenoh
 from msgspec import DecodeError
 
+from tis.common.channels import Side
 from tis.common.errors import DataError, Fault, InputError
 from tis.common.extras import GET_HOSTS
 from tis.common.messages import decode, encode
 from tis.common.runtime.credentials import CA_FILE, CERTIFICATE_FILE, KEY_FILE, read_secret
 from tis.common.runtime.zenoh_session import publisher_of
 from tis.common.scenario.security import Mtls, Security
-from tis.common.signing import MIN_SECRET_BYTES, SIGNERS, Hello, RunKeys, hello_key, run_keys, said
-
-if TYPE_CHECKING:
-    from cryptography.x509 import Certificate
+from tis.common.signing import (
+    MIN_SECRET_BYTES,
+    SECRETS,
+    SIGNERS,
+    Hello,
+    Identity,
+    RunKeys,
+    Signer,
+    hello_key,
+    run_keys,
+    said,
+)
 
 SigningSide = Literal["surgeon", "patient"]
 _EVERY_S: Final = 0.25
 _MAX_BYTES: Final = 20_000
 _MAX_WAITING: Final = 16
-
-
-class Identity(Protocol):
-    """What proves a side's part of the agreement."""
-
-    public: str
-    certificate: str
-
-    def proof(self, content: bytes) -> bytes:
-        """Return the proof of own words."""
-
-    def fault(self, hello: Hello, content: bytes) -> str:
-        """Return why the other side's words are not proved; "" if they are."""
-
-    def shared(self, public: str) -> bytes:
-        """Return the secret shared with the holder of a public key; raises `ValueError`."""
+_NOT_PROVED: Final = "its certificate or its signature is not of the run's authority"
 
 
 class SharedSecret:
@@ -60,10 +57,12 @@ class SharedSecret:
         """Return an HMAC-SHA256."""
         return hmac.digest(self._secret, content, "sha256")
 
-    def fault(self, hello: Hello, content: bytes) -> str:
-        """Return why the code is wrong."""
-        ours = self.proof(content)
-        return "" if hmac.compare_digest(ours, bytes.fromhex(hello.proof)) else "it does not know the secret"
+    def signer(self, certificate: str, proof: str, content: bytes) -> Signer:  # noqa: ARG002  (there is none)
+        """Return whether somebody who has the secret says these words."""
+        with suppress(ValueError):
+            if hmac.compare_digest(self.proof(content), bytes.fromhex(proof)):
+                return Signer(SECRETS)
+        return Signer("", "it does not know the secret")
 
     def shared(self, public: str) -> bytes:  # noqa: ARG002  (it goes into the salt)
         """Return the secret."""
@@ -71,17 +70,22 @@ class SharedSecret:
 
 
 class CertifiedKey:
-    """A new X25519 key, signed by the key of a side's certificate."""
+    """A new X25519 key, signed by the key of a certificate; arguments in PEM. Raises `ValueError`, `TypeError`.
 
-    def __init__(self, folder: Path) -> None:
+    ``authorities`` may be several, as of a hospital: each certificate is issued by one of them directly.
+    """
+
+    def __init__(self, certificate: bytes, key: bytes, authorities: bytes) -> None:
+        from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
         from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
         from cryptography.hazmat.primitives.serialization import load_pem_private_key
-        from cryptography.x509 import load_pem_x509_certificate
+        from cryptography.x509 import load_pem_x509_certificates
 
-        content = (folder / CERTIFICATE_FILE).read_bytes()
-        self.certificate = content.decode("ascii")
-        self._authority = load_pem_x509_certificate((folder / CA_FILE).read_bytes())
-        self._key: Any = load_pem_private_key((folder / KEY_FILE).read_bytes(), None)
+        self.certificate = certificate.decode("ascii")
+        self._authorities = load_pem_x509_certificates(authorities)
+        self._key: Any = load_pem_private_key(key, None)
+        if not isinstance(self._key, EllipticCurvePrivateKey):
+            raise TypeError("its key must be on an elliptic curve")
         self._agreeing = X25519PrivateKey.generate()
         self.public = self._agreeing.public_key().public_bytes_raw().hex()
 
@@ -93,23 +97,30 @@ class CertifiedKey:
         found: bytes = self._key.sign(content, ECDSA(SHA256()))
         return found
 
-    def fault(self, hello: Hello, content: bytes) -> str:
-        """Return why the certificate or the signature does not prove the name."""
+    def signer(self, certificate: str, proof: str, content: bytes) -> Signer:
+        """Return the name that certificate and signature prove."""
         from cryptography.exceptions import InvalidSignature
         from cryptography.hazmat.primitives.asymmetric.ec import ECDSA, EllipticCurvePublicKey
         from cryptography.hazmat.primitives.hashes import SHA256
         from cryptography.x509 import load_pem_x509_certificate
+        from cryptography.x509.oid import NameOID
 
         try:
-            certificate = load_pem_x509_certificate(hello.certificate.encode())
-            certificate.verify_directly_issued_by(self._authority)
-            key = certificate.public_key()
+            found = load_pem_x509_certificate(certificate.encode())
+            if not any(map(partial(_is_issued_by, found), self._authorities)):
+                return Signer("", _NOT_PROVED)
+            key = found.public_key()
             if not isinstance(key, EllipticCurvePublicKey):
-                return "its key is not on an elliptic curve"
-            key.verify(bytes.fromhex(hello.proof), content, ECDSA(SHA256()))
+                return Signer("", "its key is not on an elliptic curve")
+            key.verify(bytes.fromhex(proof), content, ECDSA(SHA256()))
+            named = [str(one.value) for one in found.subject.get_attributes_for_oid(NameOID.COMMON_NAME)]
         except (ValueError, TypeError, InvalidSignature):
-            return "its certificate or its signature is not of the run's authority"
-        return _name_fault(certificate, hello.side)
+            return Signer("", _NOT_PROVED)
+        if not found.not_valid_before_utc <= datetime.now(UTC) <= found.not_valid_after_utc:
+            return Signer("", "its certificate has expired, or is not valid yet")
+        if len(named) != 1 or named[0] == SECRETS:
+            return Signer("", "its certificate has not one name")
+        return Signer(named[0])
 
     def shared(self, public: str) -> bytes:
         """Return the secret of the two X25519 keys."""
@@ -118,34 +129,50 @@ class CertifiedKey:
         return self._agreeing.exchange(X25519PublicKey.from_public_bytes(bytes.fromhex(public)))
 
 
-def _name_fault(certificate: "Certificate", name: str) -> str:
-    from cryptography.x509.oid import NameOID
+def _is_issued_by(certificate: Any, authority: Any) -> bool:
+    from cryptography.exceptions import InvalidSignature
 
-    named = [one.value for one in certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)]
-    if named != [name]:
-        return "its certificate is of another name"
-    now = datetime.now(UTC)
-    if not certificate.not_valid_before_utc <= now <= certificate.not_valid_after_utc:
-        return "its certificate has expired, or is not valid yet"
-    return ""
+    try:
+        certificate.verify_directly_issued_by(authority)
+    except (ValueError, TypeError, InvalidSignature):
+        return False
+    return True
 
 
-def identity(security: Security, side: SigningSide) -> Identity | None:
+def client_identity(config: zenoh.Config, secret: Path | None) -> Identity | None:
+    """Return what proves the name of a client: a secret's file, else the certificate of its configuration.
+
+    None without either, or without the package cryptography. Raises `InputError`.
+    """
+    if secret is not None:
+        return SharedSecret(_long_secret(secret))
+    names = ("connect_certificate_base64", "connect_private_key_base64", "root_ca_certificate_base64")
+    with suppress(ImportError, ValueError, TypeError):
+        found = [json.loads(config.get_json(f"transport/link/tls/{name}")) for name in names]
+        return CertifiedKey(*(base64.b64decode(one) for one in found)) if all(found) else None
+    return None
+
+
+def _long_secret(file: Path) -> bytes:
+    secret = read_secret(file)
+    if len(secret) < MIN_SECRET_BYTES:
+        raise InputError(Fault(str(file), "", f"must have at least {MIN_SECRET_BYTES} bytes: openssl rand -hex 32"))
+    return secret
+
+
+def identity(security: Security, side: Side) -> Identity | None:
     """Return what proves a side's part, None where messages are not signed; raises `InputError` and `DataError`."""
     if not security.sign:
         return None
     if not isinstance(security, Mtls):
-        secret = read_secret(Path(security.secret_file))
-        if len(secret) < MIN_SECRET_BYTES:
-            rule = f"must have at least {MIN_SECRET_BYTES} bytes: openssl rand -hex 32"
-            raise InputError(Fault(security.secret_file, "", rule))
-        return SharedSecret(secret)
+        return SharedSecret(_long_secret(Path(security.secret_file)))
+    folder = Path(security.folder) / side
     try:
-        return CertifiedKey(Path(security.folder) / side)
+        return CertifiedKey(*((folder / name).read_bytes() for name in (CERTIFICATE_FILE, KEY_FILE, CA_FILE)))
     except ImportError:
         raise InputError(Fault("security.sign", "", f"needs the package cryptography: {GET_HOSTS}")) from None
     except (OSError, ValueError, TypeError) as error:
-        raise DataError(Fault(str(Path(security.folder) / side), "", f"cannot be read: {error}")) from None
+        raise DataError(Fault(str(folder), "", f"cannot be read: {error}")) from None
 
 
 class Agreement:
@@ -220,7 +247,10 @@ class Agreement:
             return False
         if hello.side != self._other or not hello.public or hello.public in self._dropped:
             return False
-        fault = self._own.fault(hello, said(hello.side, hello.public, hello.echo, self._digest))
+        words = said(hello.side, hello.public, hello.echo, self._digest)
+        name, fault = self._own.signer(hello.certificate, hello.proof, words)
+        if name not in ("", SECRETS, hello.side):
+            fault = "its certificate is of another name"
         if not fault and hello.echo == self._own.public and hello.public != self._theirs:
             fault = self._agree(hello.public)
         if fault:

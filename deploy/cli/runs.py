@@ -152,6 +152,10 @@ def stop(
         bool,
         typer.Option("--release", help="End the stop of TOKEN; without TOKEN every stop that this client may end."),
     ] = False,
+    secret_file: Annotated[
+        Path | None,
+        typer.Option("--secret-file", help="Sign with the run's shared secret; by default with -c's certificate."),
+    ] = None,
     at: EmulatorOptions,
 ) -> int:
     """Stop the arms of a running session now, beside the emulated network, until --release.
@@ -164,10 +168,11 @@ def stop(
     from tis.common.runtime.process import command_line
     from tis.deploy.net.emergency import Token, release_all, release_one, stop_arms
 
-    address = at.emulator
+    address = at.emulator._replace(secret=secret_file)
+    signed = [] if secret_file is None else ["--secret-file", str(secret_file)]
     if not release:
         done = stop_arms(address, reason)
-        release_it = command_line(["stop", *at.words, "--release", str(done.token)])
+        release_it = command_line(["stop", *at.words, *signed, "--release", str(done.token)])
         ending = "" if done.token is None else f"; release it with: {release_it}"
         text = f"{done.text}{ending}"
     elif reason:

@@ -3,9 +3,10 @@
 import queue
 import re
 import secrets
+import threading
 import time
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from types import TracebackType
 from typing import Final, NamedTuple, Self
 
@@ -16,7 +17,9 @@ from tis.common.channels import release_key, stop_key, stopped_key
 from tis.common.errors import Fault, InputError, PeerError
 from tis.common.messages import decode, encode
 from tis.common.runtime.emulator_client import EmulatorAddress, connected
+from tis.common.runtime.signing import client_identity
 from tis.common.runtime.zenoh_session import publisher_of
+from tis.common.signing import SECRETS, Identity, attached_proof, signer_of
 from tis.common.stop_messages import LATCH, EmergencyStop, StopState, lock_of
 
 # Connection to a running session's patient for emergency stops: each request is repeated until it is answered.
@@ -27,21 +30,32 @@ _EVERY_S: Final = 0.1
 
 
 class Answer(NamedTuple):
-    """The arms' state after a request, and how long the patient took to tell it."""
+    """The arms' state after a request, how long the patient took to tell it, and whether it signed that."""
 
     state: StopState
     after_ms: float
+    is_signed: bool = False
+
+    @property
+    def confirmed(self) -> str:
+        """Return who confirmed it, and when."""
+        return f"confirmed {'and signed ' * self.is_signed}by the patient after {self.after_ms:.0f} ms"
 
 
 class StopLine:
-    """Sends requests and hears the patient's answers; close it before the session, as its context does."""
+    """Sends requests and hears the patient's answers; close it before the session, as its context does.
 
-    def __init__(self, session: zenoh.Session, address: EmulatorAddress) -> None:
+    ``own`` signs the requests. An answer that states to be signed, and is not by the patient, is none.
+    """
+
+    def __init__(self, session: zenoh.Session, address: EmulatorAddress, own: Identity | None = None) -> None:
         self._address: Final = address
+        self._own: Final = own
+        self._knows: Final = threading.Event()
         self._key: Final = stopped_key(address.prefix)
         self._newest: StopState | None = None
         self._awaited = 0
-        self._heard: Final[queue.SimpleQueue[StopState]] = queue.SimpleQueue()
+        self._heard: Final[queue.SimpleQueue[tuple[StopState, bool]]] = queue.SimpleQueue()
         self._answers = session.declare_subscriber(self._key, self._hear)
         self._stops = publisher_of(session, stop_key(address.prefix))
         self._releases = publisher_of(session, release_key(address.prefix))
@@ -53,27 +67,46 @@ class StopLine:
         """
         publisher = self._releases if request.ends else self._stops
         self._awaited, payload, begun_s = request.number, encode(request), time.monotonic()
+        proof, key = None, str(publisher.key_expr)
+        if self._own is not None and (request.stop or request.ends):
+            proof = attached_proof(self._own, key, self._challenge() if request.ends else "", payload)
         while time.monotonic() - begun_s < TIME_OUT_S:
-            publisher.put(payload)
+            publisher.put(payload, attachment=proof)
             with suppress(queue.Empty):
-                while (state := self._heard.get(timeout=_EVERY_S)).number != request.number:
+                while (heard := self._heard.get(timeout=_EVERY_S))[0].number != request.number:
                     pass  # of the request before, which was answered more than once
-                return Answer(state, 1e3 * (time.monotonic() - begun_s))
+                return Answer(heard[0], 1e3 * (time.monotonic() - begun_s), heard[1])
         if request.ends and self._newest is None:  # is it the patient that is silent, or netem that refuses releases?
             with suppress(PeerError):
                 self.ask(EmergencyStop(stop=False, number=fresh_number()))
         raise PeerError(Fault(WHERE, self._address.endpoint, self._silence(request)))
 
+    def _challenge(self) -> str:
+        """Return what a release must state: that of any answer, as in a flood not every question is answered."""
+        question, until_s = encode(EmergencyStop(stop=False, number=fresh_number())), time.monotonic() + TIME_OUT_S
+        while self._newest is None and time.monotonic() < until_s:
+            self._stops.put(question)
+            self._knows.wait(_EVERY_S)
+        return "" if self._newest is None else self._newest.challenge
+
     def _hear(self, sample: zenoh.Sample) -> None:
+        payload = sample.payload.to_bytes()
         try:
-            state = decode(sample.payload.to_bytes(), StopState)
+            state = decode(payload, StopState)
         except DecodeError:
             return
         if str(sample.key_expr) != self._key:
             return
+        is_signed = False
+        if self._own is not None and state.challenge:
+            proof = b"" if sample.attachment is None else sample.attachment.to_bytes()
+            is_signed = signer_of(self._own, self._key, state.challenge, payload, proof).name in ("patient", SECRETS)
+            if not is_signed:
+                return
         self._newest = state
+        self._knows.set()
         if state.number == self._awaited:
-            self._heard.put(state)
+            self._heard.put((state, is_signed))
 
     def _silence(self, request: EmergencyStop) -> str:
         """Return why no answer may have come, by what the patient answered before, to whomever."""
@@ -96,6 +129,14 @@ class StopLine:
     ) -> None:
         for one in (self._stops, self._releases, self._answers):
             one.undeclare()  # type: ignore[no-untyped-call]
+
+
+@contextmanager
+def _line(address: EmulatorAddress) -> Iterator[StopLine]:
+    """Connect, with what proves this client's name; raises `InputError`, `PeerError`."""
+    own = client_identity(address.client(), address.secret)
+    with connected(address) as remote, StopLine(remote.session, address, own) as line:
+        yield line
 
 
 def fresh_number() -> int:
@@ -159,19 +200,20 @@ class Stopped(NamedTuple):
 
 def stop_arms(address: EmulatorAddress, reason: str) -> Stopped:
     """Stop the arms of a running session; raises `InputError`, `PeerError`."""
-    with connected(address) as remote, StopLine(remote.session, address) as line:
+    with _line(address) as line:
         for _ in range(_N_TRIES):
             secret, number = secrets.token_hex(16), fresh_number()
             # a stop must not fail because of its text
             request = EmergencyStop(stop=True, reason=reason[:_MAX_CHARS], number=number, lock=lock_of(secret))
-            state, after_ms = line.ask(request)
+            answer = line.ask(request)
+            state = answer.state
             if state.under:  # else somebody has ended it before its answer came: again, as another one
                 break
         else:
             raise PeerError(Fault(WHERE, address.endpoint, f"somebody ended this stop at once, {_N_TRIES} times"))
     others = tuple(n for n in state.in_force if n != state.under)
     beside = f", beside {listed(state, others, 'other ')}" if others else ""
-    text = f"stopped, confirmed by the patient after {after_ms:.0f} ms{beside}"
+    text = f"stopped, {answer.confirmed}{beside}"
     if state.shared:
         return Stopped(f"{text}; it is one of too many stops, which no token ends", None)
     return Stopped(text, Token(state.under, secret))
@@ -179,11 +221,12 @@ def stop_arms(address: EmulatorAddress, reason: str) -> Stopped:
 
 def release_one(address: EmulatorAddress, token: Token) -> str:
     """End one stop; return what happened, with the state of the arms. Raises `InputError`, `PeerError`."""
-    with connected(address) as remote, StopLine(remote.session, address) as line:
+    with _line(address) as line:
         answer = _end(line, address, token)  # without a question: in a flood only what is carried out is answered
     if answer.state.refused == "no such stop in force":
         fault = f"no stop of number {token.number} is in force: the arms are {told(answer.state)}"
         raise InputError(Fault(WHERE, "--release", fault))
+    _check_signed(answer.state)
     if answer.state.refused:
         fault = f"the secret is not that of stop {token.number}: the arms are {told(answer.state)}"
         raise InputError(Fault(WHERE, "--release", fault))
@@ -196,7 +239,7 @@ def release_all(address: EmulatorAddress, known: Mapping[int, str]) -> str:
     ``known`` holds the secrets of own stops by their numbers. Returns what happened, with the state of the arms.
     Raises `InputError` where there is something to end, but nothing that this client may; `PeerError`.
     """
-    with connected(address) as remote, StopLine(remote.session, address) as line:
+    with _line(address) as line:
         answer = line.ask(EmergencyStop(stop=False, number=fresh_number()))
         state = answer.state
         if not state.in_force and not state.latched:
@@ -207,6 +250,7 @@ def release_all(address: EmulatorAddress, known: Mapping[int, str]) -> str:
         ended = False
         for number in may or [LATCH]:
             answer = _end(line, address, Token(number, known.get(number, "")))
+            _check_signed(answer.state)
             ended |= answer.state.refused == ""
     # Where others ended them meanwhile there was nothing to do.
     if not ended and answer.state.stop:
@@ -226,6 +270,16 @@ def _end(line: StopLine, address: EmulatorAddress, token: Token) -> Answer:
     raise PeerError(Fault(WHERE, address.endpoint, f"refused for {_PATIENCE_S:g} s: too many releases from others"))
 
 
+def _check_signed(state: StopState) -> None:
+    """Raise `InputError` where a release lacks the signature of one who may release."""
+    if state.refused == "not signed":
+        rule = (
+            "must be signed by one who may release: -c certs/NAME/zenoh.json5 of surgeon, security.control or "
+            "patient.safety.releasers, or --secret-file"
+        )
+        raise InputError(Fault(WHERE, "--release", f"{rule}; the arms are {told(state)}"))
+
+
 def _need(state: StopState) -> str:
     return (
         f"the arms stay stopped by {listed(state, state.in_force)}: patient.safety.release is {state.release}, so "
@@ -234,7 +288,7 @@ def _need(state: StopState) -> str:
 
 
 def _released(answer: Answer) -> str:
-    state, text = answer.state, f"released, confirmed by the patient after {answer.after_ms:.0f} ms"
+    state, text = answer.state, f"released, {answer.confirmed}"
     if not state.stop:
         return text
     return f"{text}; the arms stay stopped by {listed(state, state.in_force, 'other ')}"

@@ -133,17 +133,18 @@ class AuditTrail:
         with self._lock:
             self._sums.add(at_ns, one._replace(among=self._among(one.network)) if is_by_somebody else one)
 
-    def asked(self, network: Network, key: str, payload: bytes) -> None:
-        """Take a request to stop or to release; a question is none."""
+    def asked(self, network: Network, key: str, payload: bytes, signer: str = "") -> None:
+        """Take a request to stop or to release; a question is none. ``signer``: who signed it."""
         try:
             request = decode(payload, EmergencyStop)
         except DecodeError:
             return
         if request.stop:
             what = f"{request.number} {request.reason}".strip()
-            self.note(Happening("stop", what, network, key=key), is_by_somebody=True)
+            self.note(Happening("stop", what, network, name=signer, key=key), is_by_somebody=True)
         elif request.ends:
-            self.note(Happening("release", f"of {request.ends}", network, key=key), is_by_somebody=True)
+            what = f"of {request.ends}"
+            self.note(Happening("release", what, network, name=signer, key=key), is_by_somebody=True)
 
     def begin(self, folder: Path | None, clock: Clock) -> None:
         """Write to the folder from now on, if there is one; a log that an earlier process left there goes on."""

@@ -1,7 +1,7 @@
 """Emergency stops at the patient: requests on keys of their own, which no emulated queue delays."""
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
@@ -13,6 +13,7 @@ from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.peer_life import Alarm
 from tis.common.records import REJECTED, Rejected
 from tis.common.safety_records import STOPS, STOPS_IN_FORCE, StopNote, StopsInForceNote
+from tis.common.signing import NOBODY, Identity, attached_proof, signer_of
 from tis.common.stop_messages import (
     LATCH,
     MAX_REASON_CHARS,
@@ -29,6 +30,8 @@ _MAX_BYTES: Final = 2048
 _N_KNOWN: Final = 1000
 MAX_RELEASES_PER_S: Final = 5
 MAX_ANSWERS_PER_S: Final = 20
+MAX_PROOFS_PER_S: Final = 20
+"""Proofs of releases that are checked, each at the cost of a tenth of a millisecond."""
 
 
 class Taken(NamedTuple):
@@ -45,6 +48,7 @@ class _Verdict(NamedTuple):
     refused: StopRefusal = ""
     under: int = 0
     by_stopper: bool | None = None
+    signer: str = ""
 
 
 @dataclass
@@ -72,10 +76,15 @@ class EmergencyStops:
     carried out; at most `MAX_RELEASES_PER_S` releases are. What is carried out is always answered and recorded, so
     that is bounded; of all else `MAX_ANSWERS_PER_S` are, and the rest is only counted. Oracle:
     test_emergency_stop, properties over arbitrary requests.
+
+    ``own``: messages are signed, so a release needs the proof of a name in ``releasers``, and answers have this
+    side's. A stop needs none: it must not fail, but one that nobody signed is told (``unsigned_stop``).
     """
 
     session: str
     rule: ReleaseRule = "anyone"
+    releasers: Collection[str] = ()
+    own: Identity | None = None
     in_force: StopsInForce = field(default_factory=StopsInForce)
     n_rejected: int = 0
     n_stops: int = 0
@@ -83,12 +92,14 @@ class EmergencyStops:
     n_by_others: int = 0
     n_refused: int = 0
     n_flooded: int = 0
+    n_unsigned: int = 0
     alarms: Mapping[Alarm, int] = field(default_factory=dict)
     """Alarms, by the run time at which they began; replaced, never changed, as another thread reads them."""
     _led_by: int = 0
     _released: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_N_KNOWN))
     _releases: _PerSecond = field(default_factory=lambda: _PerSecond(MAX_RELEASES_PER_S))
     _rejects: _PerSecond = field(default_factory=lambda: _PerSecond(MAX_ANSWERS_PER_S))
+    _proofs: _PerSecond = field(default_factory=lambda: _PerSecond(MAX_PROOFS_PER_S))
     _answers: _PerSecond = field(default_factory=lambda: _PerSecond(MAX_ANSWERS_PER_S))
 
     def __post_init__(self) -> None:
@@ -112,7 +123,7 @@ class EmergencyStops:
         except DecodeError:
             return Taken(self._reject(arrival), is_done=False)
         at_ns, was_stopped = arrival.recv_ns, self.is_stopped
-        verdict = self._stop(request) if request.stop else self._release(request, arrival, is_latched)
+        verdict = self._stop(request, arrival) if request.stop else self._release(request, arrival, is_latched)
         if verdict.is_done:
             if self.is_stopped != was_stopped:
                 self._led_by = verdict.under or request.number
@@ -130,6 +141,7 @@ class EmergencyStops:
             by_stopper=verdict.by_stopper,
             stopped=self.is_stopped,
             changed=self.is_stopped != was_stopped,
+            signer=verdict.signer,
             refused=verdict.refused,
         )
         # First what a patient that is killed now must know when it is started anew.
@@ -154,20 +166,31 @@ class EmergencyStops:
         return self.is_stopped
 
     def counters(self) -> dict[str, int]:
-        """Return the numbers of requests carried out, by others than the stopper, refused, and only counted."""
+        """Return the numbers of requests carried out, by others than the stopper, refused, only counted, unsigned."""
         return {
             "stops": self.n_stops,
             "releases": self.n_releases,
             "releases_by_others": self.n_by_others,
             "stop_requests_refused": self.n_refused,
             "stop_requests_flooded": self.n_flooded,
+            **({} if self.own is None else {"stops_unsigned": self.n_unsigned}),
         }
 
-    def _stop(self, request: EmergencyStop) -> _Verdict:
-        """Put a stop in force, on either key and at any rate."""
+    def _stop(self, request: EmergencyStop, arrival: Arrival) -> _Verdict:
+        """Put a stop in force, on either key and at any rate, whoever asks."""
         under, is_new = self.in_force.add(Stop(request.number, request.lock, request.reason))
         self.n_stops += is_new
-        return _Verdict(is_new, "" if under else "ended before", under)
+        signer = self._signer(arrival, "") if is_new else ""
+        if signer == NOBODY:
+            self.n_unsigned += 1
+            self._raise("unsigned_stop", arrival.recv_ns)
+        return _Verdict(is_new, "" if under else "ended before", under, signer=signer)
+
+    def _signer(self, arrival: Arrival, challenge: str) -> str:
+        """Return who signed a request, `NOBODY` where none is proved; "" where messages are not signed."""
+        if self.own is None:
+            return ""
+        return signer_of(self.own, arrival.key, challenge, arrival.payload, arrival.attachment).name or NOBODY
 
     def _release(self, request: EmergencyStop, arrival: Arrival, is_latched: bool) -> _Verdict:
         """End the stop that a release names, or the latch, if its key, its secret and the rate allow it."""
@@ -180,6 +203,13 @@ class EmergencyStops:
         refused = "" if ends_latch else self.in_force.refusal(number, request.secret, self.rule)
         if refused:
             return _Verdict(is_done=False, refused=refused)
+        signer = ""
+        if self.own is not None:
+            if not self._proofs.admits(arrival.recv_ns):
+                return _Verdict(is_done=False, refused="too many releases")
+            signer = self._signer(arrival, self.own.public)
+            if signer not in self.releasers:
+                return _Verdict(is_done=False, refused="not signed", signer=signer)
         if not self._releases.admits(arrival.recv_ns):
             return _Verdict(is_done=False, refused="too many releases")
         by_stopper = None if ends_latch else self.in_force.is_by_stopper(number, request.secret)
@@ -190,7 +220,7 @@ class EmergencyStops:
         if by_stopper is False:
             self.n_by_others += 1
             self._raise("foreign_release", arrival.recv_ns)
-        return _Verdict(is_done=True, by_stopper=by_stopper)
+        return _Verdict(is_done=True, by_stopper=by_stopper, signer=signer)
 
     def _raise(self, alarm: Alarm, at_ns: int) -> None:
         if alarm not in self.alarms:
@@ -209,9 +239,13 @@ class EmergencyStops:
             latched=is_latched,
             shared=self.in_force.is_joint(verdict.under),
             release=self.rule,
+            challenge="" if self.own is None else self.own.public,
             refused=verdict.refused,
         )
-        return Emission("east", self.answer_key, encode(state), b"", lambda _: ())
+        payload, proof = encode(state), b""
+        if self.own is not None:
+            proof = attached_proof(self.own, self.answer_key, self.own.public, payload)
+        return Emission("east", self.answer_key, payload, proof, lambda _: ())
 
     def _reject(self, arrival: Arrival) -> list[Output]:
         self.n_rejected += 1

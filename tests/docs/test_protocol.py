@@ -32,7 +32,7 @@ from tis.common.peer_life import BEAT_EVERY_NS, Beat
 from tis.common.runtime.control import ControlKeys, Epoch
 from tis.common.scenario import Scenario
 from tis.common.scenario.reading import agreed_fields
-from tis.common.signing import code, hello_key, run_keys, said
+from tis.common.signing import Proof, code, hello_key, run_keys, said
 from tis.common.stop_messages import (
     LATCH,
     MAX_IN_FORCE,
@@ -123,6 +123,7 @@ def test_sample_instants_clock_exchanges_and_runs() -> None:
         (EmergencyStop, ("stop", "reason", "number", "lock")),
         (EmergencyStop, ("stop", "number", "ends", "secret")),
         (StopState, StopState.__struct_fields__),
+        (Proof, ("proof", "certificate")),
     ],
 )
 def test_messages(model: type[Message], fields: tuple[str, ...]) -> None:

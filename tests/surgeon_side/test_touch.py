@@ -10,6 +10,7 @@ from tis.common.header import Header
 from tis.common.messages import ShownForce, Twist, Wrench, encode
 from tis.common.node import Arrival
 from tis.common.runtime.recordings import load_movement
+from tis.common.runtime.signing import SharedSecret
 from tis.common.scenario.touch import TouchPart
 from tis.common.signing import RunKeys
 from tis.common.vector import ZERO, Vector, as_message, of
@@ -80,7 +81,7 @@ def test_where_messages_are_signed_no_other_force_or_movement_is_taken() -> None
     surgeon, patient = build_surgeon(scenario, recording), build_patient(scenario, [static_model()], recording)
     twist = encode(Twist(sample_ns=0, velocity_m_s=as_message(ZERO), wave=as_message(ZERO)))
     for node in (surgeon, patient):
-        node.believe(keys)
+        node.believe(keys, SharedSecret(b"c" * 32))
         node.receive(_arrival(_wrench(0, wave=as_message(ZERO)), MS))
         node.receive(Arrival("east", ROW.motion.key("tis"), twist, Header(0, 0, 0).pack(), MS))
     assert (surgeon.counters()["forces_received"], patient.counters()["motions_received"]) == (0, 0)

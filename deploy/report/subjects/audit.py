@@ -88,13 +88,14 @@ def action_table(found: Verified) -> Table:
             "" if one.run_s is None else f"{one.run_s:.1f}",
             one.event,
             one.what,
+            one.name,
             one.network,
             "; ".join(one.among),
         )
         for one in found.entries
         if one.event in ("stop", "release", "network")
     ][:_MAX_ROWS]
-    return Table("Stops, releases, changes", ("at, s", "what", Column("request", words=True), "network",
+    return Table("Stops, releases, changes", ("at, s", "what", Column("request", words=True), "signed by", "network",
                                              Column("by one of", words=True)), rows)  # fmt: skip
 
 

@@ -76,6 +76,9 @@ class SafetyFigures(Section):
         "force, too many releases, ended before, not on this key."
     )
     stop_requests_flooded: int = means("Requests beyond 20 a second without an effect, which it counted only.")
+    stops_unsigned: int | None = means(
+        "Stops that nobody had signed, which were carried out; only where messages are signed.", default=None
+    )
     shaped_ticks: int = means("Ticks at which the set point was not the active estimate, bit for bit.")
     limited: LimitedFigures | None = means(
         "Those of them in tracking that a limit of place, speed or acceleration explains.", default=None
@@ -171,6 +174,7 @@ def stop_books(logs: RunLogs) -> dict[str, Any]:
         "released_by": releasers(logs, {row.get("ends", 0) for row in by_others}),
         "stop_requests_refused": max(len(rows) - len(done), counted.get("stop_requests_refused", 0)),
         "stop_requests_flooded": counted.get("stop_requests_flooded", 0),
+        "stops_unsigned": counted.get("stops_unsigned"),
     }
 
 
@@ -275,6 +279,11 @@ def stop_texts(safety: Mapping[Hand, SafetyFigures | None]) -> list[str]:
         stopped = f"{_times('emergency stop', n_stops)} stopped the arms{_within(hands)}, which stood still for "
         stopped += f"{safe_s:.1f} s"
         texts.append(f"{stopped}: the errors count that time")
+    if books.stops_unsigned:
+        texts.append(
+            f"{_times('stop', books.stops_unsigned)} had no valid signature: the arms stop for anybody (the audit "
+            "log names who was connected)"
+        )
     if n_others:
         releases = _times("release", n_others)
         by = f", by {' or '.join(books.released_by)}" if books.released_by else ""

@@ -15,6 +15,7 @@ from tis.common.runtime import peer_watch
 from tis.common.runtime.control import ControlKeys
 from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
+from tis.common.signing import RunKeys
 
 
 def _row(queues: str, timer: str, retransmits: str, remote: str = "0100007F:1D17") -> list[str]:
@@ -75,3 +76,47 @@ def test_beats_of_another_run_are_not_believed_nor_passed_on() -> None:
     assert heard == [own] * len(heard)
     assert set(passed) == {encode(own)}
     assert netem.forged == {"surgeon"}
+
+
+def test_where_messages_are_signed_beats_without_a_code_or_told_again_are_refused() -> None:
+    endpoint, _ = free_endpoints()
+    keys, passed = ControlKeys("tis"), list[tuple[bytes, bytes]]()
+    ours, theirs = RunKeys(b"p" * 32, (b"s" * 32,)), RunKeys(b"s" * 32, (b"p" * 32,))
+    with (
+        zenoh.open(configure("router", ZenohOptions(listen=[endpoint]))),
+        zenoh.open(configure("client", ZenohOptions(connect=[endpoint]))) as at_patient,
+        zenoh.open(configure("client", ZenohOptions(connect=[endpoint]))) as at_surgeon,
+        zenoh.open(configure("client", ZenohOptions(connect=[endpoint]))) as mallory,
+    ):
+
+        def take(sample: zenoh.Sample) -> None:
+            assert sample.attachment is not None
+            passed.append((sample.payload.to_bytes(), sample.attachment.to_bytes()))
+
+        mallory.declare_subscriber(keys.beat("surgeon"), take)
+        patient = peer_watch.Beats("patient", {"east": at_patient}, keys, 7, signed=ours)
+        surgeon = peer_watch.Beats("surgeon", {"west": at_surgeon}, keys, 7, signed=theirs)
+        heard: list[Beat] = []
+        until_s = time.monotonic() + 20
+        while len(heard) < 3 or len(passed) < 3:
+            surgeon.send(Beat("surgeon", 5, 5, 7))  # of a clock that stands still
+            time.sleep(0.02)
+            heard += patient.heard()
+            assert time.monotonic() < until_s
+        assert patient.forged == set()
+        payload, attachment = passed[0]
+        for forged, its in ((payload, attachment), (payload, None), (encode(Beat("surgeon", 9, 9, 7)), attachment)):
+            time.sleep(0.1)
+            patient.heard()
+            patient.forged.clear()
+            while not patient.forged:
+                mallory.put(keys.beat("surgeon"), forged, attachment=its)
+                time.sleep(0.02)
+                assert time.monotonic() < until_s
+            assert patient.heard() == []
+        mallory.put(keys.beat("netem"), encode(Beat("netem", 5, 5, 7)))
+        while not (found := patient.heard()):
+            assert time.monotonic() < until_s
+        assert [one.side for one in found] == ["netem"]
+        surgeon.close()
+        patient.close()

@@ -11,10 +11,10 @@ import zenoh
 from tis.common.errors import InputError
 from tis.common.messages import encode
 from tis.common.runtime.process import free_endpoints
-from tis.common.runtime.signing import Agreement, Identity, SharedSecret, SigningSide, identity
+from tis.common.runtime.signing import Agreement, SharedSecret, SigningSide, identity
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario.security import Mtls, NoSecurity
-from tis.common.signing import SIGNERS, Hello, hello_key, said
+from tis.common.signing import SIGNERS, Hello, Identity, Signer, hello_key, said
 from tis.deploy.tools.certificates import issue, new_authority
 
 
@@ -42,11 +42,14 @@ def test_only_the_other_sides_certificate_of_the_runs_authority_proves_its_words
     assert theirs is not None
     assert foreign is not None
     content = said("surgeon", theirs.public, "", "d")
-    assert ours.fault(_hello(theirs, "surgeon"), content) == ""
-    assert "signature" in ours.fault(_hello(theirs, "surgeon", digest="e"), content)
-    assert "signature" in ours.fault(_hello(foreign, "surgeon"), said("surgeon", foreign.public, "", "d"))
-    own_words = _hello(ours, "surgeon")
-    assert "of another name" in ours.fault(own_words, said("surgeon", ours.public, "", "d"))
+
+    def told(hello: Hello, content: bytes) -> Signer:
+        return ours.signer(hello.certificate, hello.proof, content)
+
+    assert told(_hello(theirs, "surgeon"), content) == Signer("surgeon")
+    assert "signature" in told(_hello(theirs, "surgeon", digest="e"), content).fault
+    assert "signature" in told(_hello(foreign, "surgeon"), said("surgeon", foreign.public, "", "d")).fault
+    assert told(_hello(ours, "surgeon"), said("surgeon", ours.public, "", "d")) == Signer("patient")
     assert ours.shared(theirs.public) == theirs.shared(ours.public)
     with pytest.raises(ValueError, match="shared key"):
         ours.shared("00" * 32)

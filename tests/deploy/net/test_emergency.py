@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 import zenoh
@@ -16,8 +17,12 @@ from tis.common.messages import encode
 from tis.common.node import Arrival, Emission
 from tis.common.runtime.emulator_client import EmulatorAddress
 from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.signing import SharedSecret, identity
+from tis.common.scenario.security import Mtls
+from tis.common.signing import SECRETS
 from tis.common.stop_messages import LATCH, EmergencyStop, ReleaseRule
 from tis.deploy.net import emergency
+from tis.deploy.tools.certificates import issue, new_authority
 from tis.deploy.view.steering import Steering
 from tis.patient_side.safety.emergency_stop import EmergencyStops
 
@@ -35,17 +40,18 @@ class _Patient:
 
     def _take(self, sample: zenoh.Sample) -> None:
         if str(sample.key_expr) != self._deaf_to:
-            self.take(str(sample.key_expr), sample.payload.to_bytes())
+            attachment = b"" if sample.attachment is None else sample.attachment.to_bytes()
+            self.take(str(sample.key_expr), sample.payload.to_bytes(), attachment)
 
-    def take(self, key: str, payload: bytes) -> None:
+    def take(self, key: str, payload: bytes, attachment: bytes = b"") -> None:
         with self._lock:
-            arrival = Arrival("east", key, payload, b"", time.monotonic_ns())
+            arrival = Arrival("east", key, payload, attachment, time.monotonic_ns())
             outputs, is_done = self.stops.take(arrival, self.is_latched)
             self.is_latched = self.is_latched and not (is_done and not self.stops.is_stopped)
         for one in outputs:
             with self.answering:  # a session that is used meanwhile cannot be closed
                 if isinstance(one, Emission) and self.is_here:
-                    self._session.put(one.key, one.payload)
+                    self._session.put(one.key, one.payload, attachment=one.attachment or None)
 
     def foreign_stop(self, number: int, reason: str, lock: str = "") -> None:
         request = EmergencyStop(stop=True, number=number, reason=reason, lock=lock)
@@ -152,6 +158,41 @@ def test_a_patient_that_answers_others_only_is_told(monkeypatch: pytest.MonkeyPa
     assert code == 3
     assert "did not answer within 0.5 s, but others" in err
     assert "It told last: stopped by " in err
+
+
+def test_a_signed_runs_stops_are_released_with_the_secret_or_a_certificate_only(tmp_path: Path) -> None:
+    secret, other = tmp_path / "secret", tmp_path / "other"
+    for file, text in ((secret, "s" * 32), (other, "t" * 32)):
+        file.touch(mode=0o600)
+        file.write_text(text)
+    with _patient() as patient:
+        patient.stops.releasers, patient.stops.own = {SECRETS}, SharedSecret(b"s" * 32)
+        token = _stopped(patient)  # unsigned, and stops all the same
+        for words in (["--release"], ["--release", token], ["--release", token, "--secret-file", str(other)]):
+            code, _, err = patient.tis(*words)
+            # who has another secret takes no answer for the patient's
+            assert (code, "must be signed by one who may release" in err) in ((2, True), (3, False)), err
+        assert patient.stops.n_releases == 0
+        code, out, err = patient.tis("a hand", "--secret-file", str(secret))
+        assert (code, "stopped, confirmed and signed by the patient" in out, f"--secret-file {secret}" in out) == (
+            0, True, True,
+        ), err  # fmt: skip
+        code, out, err = patient.tis("--release", "--secret-file", str(secret))
+        assert (code, out[:33]) == (0, "released, confirmed and signed by"), err
+        assert (patient.stops.is_stopped, patient.stops.n_unsigned) == (False, 1)
+
+        new_authority(tmp_path / "certs")
+        for name in ("patient", "operator"):
+            issue(tmp_path / "certs", name)
+        own = identity(Mtls(kind="mtls", folder=str(tmp_path / "certs"), sign=True), "patient")
+        patient.stops.releasers, patient.stops.own = {"operator"}, own
+        operator = ("-c", str(tmp_path / "certs" / "operator" / "zenoh.json5"))
+        assert patient.tis("smoke", *operator)[0] == 0
+        assert patient.stops.n_unsigned == 1
+        code, _, err = patient.tis("--release", "-c", str(tmp_path / "certs" / "patient" / "zenoh.json5"))
+        assert (code, "must be signed by" in err) == (2, True), err
+        code, out, err = patient.tis("--release", *operator)
+        assert (code, out[:33]) == (0, "released, confirmed and signed by"), err
 
 
 def test_the_live_page_ends_its_own_stops_and_with_anyone_those_of_others() -> None:

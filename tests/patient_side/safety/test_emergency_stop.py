@@ -21,7 +21,9 @@ from tests.patient_side.safety.stop_requests import (
 from tis.common.messages import decode, encode
 from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.records import REJECTED
+from tis.common.runtime.signing import SharedSecret
 from tis.common.safety_records import STOPS, STOPS_IN_FORCE, StopNote, StopsInForceNote
+from tis.common.signing import SECRETS, attached_proof, signer_of
 from tis.common.stop_messages import LATCH, MAX_IN_FORCE, EmergencyStop, ReleaseRule, StopState, lock_of
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.patient_side.safety.emergency_stop import EmergencyStops
@@ -299,6 +301,45 @@ def test_a_new_process_goes_on_with_the_stops_in_force() -> None:
 def test_what_a_new_process_cannot_read_stops_the_arms(kept: bytes) -> None:
     assert EmergencyStops("tis").resume(kept, None)
     assert EmergencyStops("tis").resume(None, kept)
+
+
+def _signed(arrival: Arrival, own: SharedSecret, challenge: str = "") -> Arrival:
+    return arrival._replace(attachment=attached_proof(own, arrival.key, challenge, arrival.payload))
+
+
+def test_where_messages_are_signed_anybody_stops_and_only_who_signs_releases() -> None:
+    stops, own = EmergencyStops("tis", releasers={SECRETS}, own=SharedSecret(b"s" * 32)), SharedSecret(b"s" * 32)
+    assert stops.own is not None
+    challenge, stranger = stops.own.public, SharedSecret(b"t" * 32)
+    taken = [stops.take(one) for one in (a_stop(1), _signed(a_stop(2), own), _signed(a_stop(3), stranger))]
+    assert [one.is_done for one in taken] == [True] * 3
+    assert [note.signer for one in taken for note in _notes(one.outputs)] == ["-", SECRETS, "-"]
+    assert (stops.alarms, stops.counters()["stops_unsigned"]) == ({"unsigned_stop": 5}, 2)
+    release = a_release(9, ends=1)
+    forged = (
+        release,
+        _signed(release, stranger, challenge),
+        _signed(release, own),
+        _signed(release, own, "1" * 64),  # of another process of the patient
+        release._replace(attachment=_signed(a_release(8, ends=2), own, challenge).attachment),
+        release._replace(attachment=b"\xff" * 50_000),
+    )
+    for one in forged:
+        outputs, is_done = stops.take(one)
+        assert (_state(outputs).refused, is_done) == ("not signed", False)
+    assert stops.is_stopped
+    outputs, is_done = stops.take(_signed(release, own, challenge))
+    assert is_done
+    (answer,) = [one for one in outputs if isinstance(one, Emission)]
+    assert isinstance(answer.attachment, bytes)
+    assert signer_of(own, ANSWER_KEY, challenge, answer.payload, answer.attachment).name == SECRETS
+    assert decode(answer.payload, StopState).challenge == challenge
+    assert [note.signer for note in _notes(outputs)] == [SECRETS]
+    for k in range(30):  # checks of proofs are bounded
+        assert not stops.take(a_release(10 + k, ends=2, at_ns=6)).is_done
+    for at_ns, is_done in ((7, False), (2 * NS_PER_S, True)):
+        found = stops.take(_signed(a_release(50, ends=2, at_ns=at_ns), own, challenge)).is_done
+        assert found == is_done
 
 
 def test_garbage_does_not_silence_a_question() -> None:

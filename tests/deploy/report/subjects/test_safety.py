@@ -120,7 +120,7 @@ def test_requests_are_counted_by_what_came_of_them(run_dir: Path) -> None:
         StopNote(at_ns=7, stop=False, reason="", ends=1, by_stopper=False, stopped=False, changed=True),
         StopNote(at_ns=8, stop=False, reason="", ends=2, stopped=False, changed=False),
     ]
-    counts = {"stop_requests_refused": 3, "stop_requests_flooded": 29_000}
+    counts = {"stop_requests_refused": 3, "stop_requests_flooded": 29_000, "stops_unsigned": 1}
     chain = Chain()
     by = [("release", "of 2", ("tcp/192.0.2.9:1",)), ("release", "of 1", ("alice tcp/192.0.2.7:4001",))]
     lines = [chain.line("2026-01-01", 7, Happening(event, what, among=who)) for event, what, who in by]  # type: ignore[arg-type]
@@ -136,6 +136,7 @@ def test_requests_are_counted_by_what_came_of_them(run_dir: Path) -> None:
     stood_s = left["time_s"]["safe"]
     assert stop_texts({"left": left, "right": None}) == [
         f"an emergency stop stopped the arms, which stood still for {stood_s:.1f} s: the errors count that time",
+        "a stop had no valid signature: the arms stop for anybody (the audit log names who was connected)",
         "a release came without the stop's token, by alice tcp/192.0.2.7:4001 (patient.safety.release says who may)",
         "the patient refused 3 requests to stop or to release (reasons in the log)",
         "a flood of 29006 requests to stop or to release: the patient carried out a stop and 2 releases, the others "
