@@ -143,9 +143,9 @@ _METRIC_OF: Final[dict[str, Metric]] = {
     "freeze_max_pct": "freeze",
 }
 _EACH_WAY: Final[tuple[Metric, ...]] = ("one_way", "pdv", "loss")
-MAXIMA: Final[tuple[Metric, ...]] = ("contact", "energy")
+MAXIMA: Final[tuple[Metric, ...]] = ("contact", "energy", "freeze")
 """Metrics of which the largest value of this run counts."""
-_NO_PERCENTILE: Final[tuple[Metric, ...]] = ("loss", "rmse_3d", "freeze", *MAXIMA)
+_NO_PERCENTILE: Final[tuple[Metric, ...]] = ("loss", "rmse_3d", *MAXIMA)
 _PER_CENT: Final = 100.0
 _DIGITS: Final = 12
 """Digits of a limit in per cent: 100 * 0.29 would be just below 29."""

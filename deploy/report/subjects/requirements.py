@@ -231,6 +231,8 @@ def _sentence(
         found = f"{required.percentile:g} % of {judgement.n} {of} within {amount}"
     if required.metric == "rmse_3d" or required.metric in MAXIMA:
         found = f"{amount} over {judgement.n} {of}"
+    if required.metric == "freeze":
+        found = f"{amount} of the time"
     if judgement.outcome == "met":
         return f"{found}, {allowed}: met"
     if judgement.excess is not None:
