@@ -64,7 +64,8 @@ def test_frames_are_counted_by_what_became_of_them() -> None:
     """Frame 5 has no record; frame 6 came, but a newer one was shown in its place; frame 9 was never sent."""
     screens = [
         screen(0), screen(1, "concealed", fragments=1, missing="1"), screen(2, "torn", bottom_frame=1),
-        screen(3, "undecodable", fragments=1), screen(4, "lost", fragments=0, first_ns=None, last_ns=None, expected=None),
+        screen(3, "undecodable", fragments=1),
+        screen(4, "lost", fragments=0, first_ns=None, last_ns=None, expected=None),
         screen(6, shown_ns=None), screen(7), screen(9),
     ]  # fmt: skip
     run = logs([camera(n) for n in range(8)], screens, video_duplicated=3, video_late=1)
