@@ -52,7 +52,7 @@ class EncodedFrame(Message, frozen=True):
     data: Annotated[str, Meta(description="The encoded frame, base64.")]
 
 
-VIDEO = Topic("/tis/video", EncodedFrame, stamps=("captured_ns",))
+PICTURES = Topic("/tis/video", EncodedFrame, stamps=("captured_ns",))
 """Read only where it is asked for by name: it has most of a log's bytes."""
 
 FrameState = Literal["complete", "concealed", "torn", "undecodable", "lost"]
