@@ -9,7 +9,17 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final, Generic, Literal, TypeVar, get_args
 
-from tis.common.messages import FeedbackPose, PredictedPose, Sampled, SampledPose, SetPoint, ShownForce, Twist, Wrench
+from tis.common.messages import (
+    FeedbackPose,
+    Fragment,
+    PredictedPose,
+    Sampled,
+    SampledPose,
+    SetPoint,
+    ShownForce,
+    Twist,
+    Wrench,
+)
 
 Hand = Literal["left", "right"]
 Arm = Literal["PSM1", "PSM2"]
@@ -97,6 +107,10 @@ def hand_channels(hand: Hand, arm: Arm) -> HandChannels:
     )
 
 
+VIDEO: Final = Channel("ECM", "video", "feedback", Fragment)
+"""The camera's picture, in fragments; ECM is the endoscopic camera manipulator."""
+
+
 def direction_of(key: str, session: str) -> Direction | None:
     """Return the direction of the messages on ``key``; None when no channel of the table has this key."""
     return _directions(session).get(key)
@@ -111,7 +125,7 @@ def keys_of(direction: Direction, session: str) -> tuple[str, ...]:
 def _table(session: str) -> dict[str, Channel[Any]]:
     """Return all channels by key, for every pairing of hands and arms."""
     rows = [hand_channels(hand, arm) for hand in get_args(Hand) for arm in get_args(Arm)]
-    return {channel.key(session): channel for row in rows for channel in row}
+    return {channel.key(session): channel for channel in (*(one for row in rows for one in row), VIDEO)}
 
 
 @cache

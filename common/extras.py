@@ -34,6 +34,7 @@ GET_CLUSTER: Final = Extra("cluster")
 GET_DEVICE: Final = Extra("device")
 GET_LEARNED: Final = Extra("learned")
 GET_SIM: Final = Extra("sim")
+GET_VIDEO: Final = Extra("video")
 GET_DYNAMICS: Final = Extra("dynamics")
 GET_PANDAS: Final = Extra(packages=("pandas",))
 

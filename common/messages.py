@@ -224,6 +224,16 @@ class ShownForce(Sampled, frozen=True):
     ]
 
 
+class Fragment(Sampled, frozen=True):
+    """What a fragment of a frame says of itself. Logs hold this in place of its bytes; ``sample_ns``: the capture."""
+
+    frame: Annotated[int, Meta(ge=0, description="Number of the frame, from 0.")]
+    index: Annotated[int, Meta(ge=0, description="Number of the fragment in its frame, from 0.")]
+    n_fragments: Annotated[int, Meta(ge=1, description="Number of the frame's fragments.")]
+    frame_bytes: Annotated[int, Meta(ge=1, description="Size of the encoded frame, in bytes.")]
+    checksum: Annotated[int, Meta(description="CRC-32 of the fragment.")]
+
+
 def position_m(pose: Pose) -> tuple[float, float, float]:
     """Return the pose's position as a tuple (x, y, z) in metres."""
     p = pose.position_m

@@ -7,12 +7,18 @@ from collections.abc import Mapping
 from types import ModuleType
 from typing import Final
 
-from tis.common import device_records, host_records, records, safety_records
+from tis.common import device_records, host_records, records, safety_records, sight_records
 from tis.common.channels import PREDICTED, SERVO, SHOWN
 from tis.common.messages import PredictedPose, SetPoint, ShownForce
 from tis.common.topic import Topic
 
-RECORD_MODULES: Final[tuple[ModuleType, ...]] = (records, device_records, host_records, safety_records)
+RECORD_MODULES: Final[tuple[ModuleType, ...]] = (
+    records,
+    device_records,
+    host_records,
+    safety_records,
+    sight_records,
+)
 
 TOPICS: Final[Mapping[str, Topic]] = {
     value: value for module in RECORD_MODULES for value in vars(module).values() if isinstance(value, Topic)

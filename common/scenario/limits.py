@@ -11,7 +11,18 @@ from tis.common.channels import Direction
 from tis.common.scenario.base import Part, Positive, Probability
 
 Metric = Literal[
-    "one_way", "end_to_end", "round_trip", "network_round_trip", "pdv", "age", "loss", "rmse_3d", "contact", "energy"
+    "one_way",
+    "end_to_end",
+    "round_trip",
+    "network_round_trip",
+    "pdv",
+    "age",
+    "loss",
+    "rmse_3d",
+    "contact",
+    "energy",
+    "hand_to_eye",
+    "freeze",
 ]
 Application = Literal[
     "haptics",
@@ -32,7 +43,7 @@ P99: Final = 99.0
 
 
 class Requirement(NamedTuple):
-    """An upper limit in ms (`loss` %, `rmse_3d` mm, `contact` N, `energy` mJ), on a percentile unless that is None.
+    """An upper limit in ms (`loss` %, `rmse_3d` mm, `contact` N, `energy` mJ, `freeze` %), on a percentile or None.
 
     ``one_way``, ``network_round_trip`` and ``pdv`` concern the network alone; ``end_to_end`` and ``round_trip``
     include the wait for the patient's tick. One that is not ``binding``, the strict end of a range, does not decide.
@@ -128,9 +139,11 @@ _METRIC_OF: Final[dict[str, Metric]] = {
     "rmse_3d_max_mm": "rmse_3d",
     "contact_max_n": "contact",
     "energy_max_mj": "energy",
+    "hand_to_eye_p99_ms": "hand_to_eye",
+    "freeze_max_pct": "freeze",
 }
 _EACH_WAY: Final[tuple[Metric, ...]] = ("one_way", "pdv", "loss")
-MAXIMA: Final[tuple[Metric, ...]] = ("contact", "energy")
+MAXIMA: Final[tuple[Metric, ...]] = ("contact", "energy", "freeze")
 """Metrics of which the largest value of this run counts."""
 _NO_PERCENTILE: Final[tuple[Metric, ...]] = ("loss", "rmse_3d", *MAXIMA)
 _PER_CENT: Final = 100.0
@@ -184,6 +197,14 @@ class Limits(Part):
         None,
         description="Upper limit of the energy that the coupling gives to a hand beyond what it has put in, in mJ; "
         "with touch.",
+    )
+    hand_to_eye_p99_ms: Positive | None = Field(
+        None,
+        description="Upper limit of the 99th percentile of the time from a command's sample to the picture that "
+        "shows it, by the surgeon's clock, in ms; with sight.",
+    )
+    freeze_max_pct: float | None = Field(
+        None, ge=0, le=100, description="Upper limit of the time in which the picture stands still, in %; with sight."
     )
 
     def resolved(self) -> Self:

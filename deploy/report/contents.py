@@ -28,6 +28,8 @@ from tis.deploy.report.subjects import (
     redundancy,
     requirement_tables,
     safety,
+    sight,
+    sight_tables,
     ticks,
     touch_tables,
 )
@@ -68,6 +70,7 @@ def tables(summary: Summary) -> list[Table]:
         *_orientation_tables(summary),
         *display.display_tables(summary.display),
         *touch_tables.touch_tables(summary.touch),
+        *sight_tables.sight_tables(summary.sight, summary.uncertainty_ms.get(sight.GLASS, {})),
         redundancy.redundancy_table(summary.redundancy),
         link_tables.packet_table(summary.links),
         link_tables.delay_table(summary.links),
@@ -99,6 +102,7 @@ def sections(run: RunView) -> list[Section]:
     found = [
         answer_section(run, run_warnings(summary)),
         Section("touch", "Touch", drawn["touch"], _touch_figures(summary), _touch(summary), run.mark),
+        Section("sight", "Sight", drawn["sight"], _sight(summary), mark=run.mark),
         Section("error", "Error", drawn["error"], mark=run.mark),
         Section("requirements", "Requirements of applications", markup=_requirements(summary)),
         Section("accuracy", "The estimators compared", markup=_accuracy(run), mark=run.mark),
@@ -129,8 +133,18 @@ def sections(run: RunView) -> list[Section]:
         Section("repeat", "Repeat this run", markup=_repeat(run)),
     ]
     # most runs have nothing to say there; the sections of others say that it lacks
-    spare = ("touch", "safety", "clocks", "audit")
+    spare = ("touch", "sight", "safety", "clocks", "audit")
     return [one for one in found if one.anchor not in spare or one.before or one.markup or any(one.figures)]
+
+
+def _sight(summary: Summary) -> str:
+    """Return what the surgeon saw as a paragraph and a table, "" without sight."""
+    found = summary.sight
+    if found is None:
+        return ""
+    text = f'<p class="answer">{escape(nonbreaking_units(sight_tables.answer_text(found)))}</p>'
+    bounds = summary.uncertainty_ms.get(sight.GLASS, {})
+    return text + "".join(_filled(table) for table in sight_tables.sight_tables(found, bounds))
 
 
 def _requirements(summary: Summary) -> str:

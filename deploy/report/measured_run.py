@@ -22,6 +22,7 @@ from tis.deploy.report.subjects.network.link_figures import Link
 from tis.deploy.report.subjects.network.link_summary import link_summary
 from tis.deploy.report.subjects.network.requested import Requested
 from tis.deploy.report.subjects.orientation import WristTrack, wrist_track
+from tis.deploy.report.subjects.sight import Pictures
 from tis.deploy.report.subjects.tracking import HandTrack, track_of_hand
 from tis.patient_side.statespace import ArmModel
 
@@ -74,7 +75,16 @@ class MeasuredRun:
     def durations_ns(self) -> dict[Metric, Instants]:
         """Return the ages at the ticks, the round trips, and the network's part of them."""
         trips_ns = network_round_trips(self.used)
-        return {"age": ages_ns(self.logs), "round_trip": self.round_trips_ns, "network_round_trip": trips_ns}
+        found: dict[Metric, Instants] = {"age": ages_ns(self.logs), "round_trip": self.round_trips_ns}
+        found["network_round_trip"] = trips_ns
+        if self.pictures is not None:
+            found["hand_to_eye"] = self.pictures.hand_to_eye_ns
+        return found
+
+    @cached_property
+    def pictures(self) -> Pictures | None:
+        """Return the frames of the camera and what the screen made of them; None without sight."""
+        return Pictures.of(self.logs, self.scenario)
 
     @cached_property
     def links(self) -> dict[Direction, tuple[Link, list[str]]]:

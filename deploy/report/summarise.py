@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from msgspec import convert
 
 from tis.common.metrics.latency import latency_ms
@@ -25,6 +26,7 @@ from tis.deploy.report.subjects import (
     own_estimators,
     processors,
     safety,
+    sight,
     touch,
     tracking,
 )
@@ -32,7 +34,7 @@ from tis.deploy.report.subjects.latency import Latency
 from tis.deploy.report.subjects.logs import count_of, log_states
 from tis.deploy.report.subjects.measured_values import measured_values
 from tis.deploy.report.subjects.redundancy import redundancy, surgeon_traffic
-from tis.deploy.report.subjects.requirements import verdicts
+from tis.deploy.report.subjects.requirements import Measured, verdicts
 from tis.deploy.report.subjects.ticks import active_duration_s, tick_figures
 from tis.deploy.report.summary import Summary
 from tis.deploy.report.validity import invalidities
@@ -56,6 +58,8 @@ def summary_of(run: MeasuredRun, mode: str, exit_code: int | None, command: str)
     problems = found.problems + invalidities(found, run.scenario, run.logs)
     tracks, samples_lost = list(run.tracks.values()), found.redundancy.loss_text
     values = measured_values(run.logs, run.scenario, run.used, run.latency, run.durations_ns, tracks, samples_lost)
+    if run.pictures is not None and (frozen_pct := run.pictures.freezes.share_pct) is not None:
+        values["freeze", None] = Measured(np.array([frozen_pct]))
     judged = verdicts(values, run.scenario.limits, _over_s(run.logs, run.scenario))
     return found.model_copy(update={"verdicts": judged, "problems": problems, "valid": not problems})
 
@@ -71,6 +75,7 @@ def _measured(run: MeasuredRun, mode: str, exit_code: int | None, command: str) 
     logs, scenario = run.logs, run.scenario
     played = identification.recording_figures(logs, scenario, run.models)
     traffic = surgeon_traffic(logs, active_duration_s(logs, "surgeon", scenario))
+    seen = sight.sight_summary(run.pictures, logs, scenario, run.arms)
     return Summary(
         scenario=scenario.name,
         seed=scenario.seed,
@@ -98,9 +103,10 @@ def _measured(run: MeasuredRun, mode: str, exit_code: int | None, command: str) 
         safety=safety.safety_summary(logs, scenario, run.tracks, run.models),
         display=display.display_summary(logs, run.tracks),
         **touch.touch_summary(logs, scenario, run.arms),
+        **seen,
         ticks=tick_figures(logs, "patient", scenario),
         surgeon_ticks=tick_figures(logs, "surgeon", scenario),
-        **_latency_and_age(run),
+        **_latency_and_age(run, seen),
         **_estimation(run),
         **played,
         processors=processors.processors_summary(logs),
@@ -113,7 +119,7 @@ def _measured(run: MeasuredRun, mode: str, exit_code: int | None, command: str) 
     )
 
 
-def _latency_and_age(run: MeasuredRun) -> dict[str, Any]:
+def _latency_and_age(run: MeasuredRun, seen: dict[str, Any]) -> dict[str, Any]:
     """Return latencies and ages, and what the clocks leave open of them."""
     logs, scenario = run.logs, run.scenario
     actuation_ns = [
@@ -134,6 +140,8 @@ def _latency_and_age(run: MeasuredRun) -> dict[str, Any]:
         **{f"tick_modes.{name}.age_when_used_ms": modes[name].age_when_used_ms for name in age.TICK_MODES},
     }
     bounds = clocks.one_way_uncertainty(figures, logs, run.used)
+    if run.pictures is not None and (of_glass := sight.glass_bounds(run.pictures, logs)) is not None:
+        figures[sight.GLASS], bounds[sight.GLASS] = seen["sight"].glass_to_glass_ms, of_glass
     return {
         "latency_ms": latency,
         "age_ms": age_ms,

@@ -40,6 +40,7 @@ from tis.deploy.report.subjects.processors import ProcessorFigures
 from tis.deploy.report.subjects.redundancy import KeyTraffic, Redundancy
 from tis.deploy.report.subjects.requirements import SetVerdict
 from tis.deploy.report.subjects.safety import SafetyFigures
+from tis.deploy.report.subjects.sight import SightFigures
 from tis.deploy.report.subjects.ticks import Ticks
 from tis.deploy.report.subjects.touch import TouchFigures
 from tis.deploy.report.subjects.tracking import AgeBins, TurnAgeBins
@@ -97,6 +98,7 @@ class Summary(Section):
         "The surgeon's display; `null` where nothing was displayed."
     )
     touch: dict[HandName, TouchFigures] = means("What the hands felt; absent without touch.", default={})
+    sight: SightFigures | None = means("What the surgeon saw; absent without sight.", default=None)
     ticks: Ticks = means("Ticks of the patient.")
     surgeon_ticks: Ticks = means("Sample instants of the surgeon.")
     accuracy: dict[EstimatorName, Scores] = means("Scores of the estimators, of all hands.")

@@ -15,6 +15,7 @@ from tis.deploy.report.contents import run_warnings, tables
 from tis.deploy.report.section import NOT_RESOLVABLE
 from tis.deploy.report.subjects.network.link_figures import LinkVerdict
 from tis.deploy.report.subjects.requirements import OUT_OF_REACH, SetVerdict, split_by_reach
+from tis.deploy.report.subjects.sight_tables import sight_text
 from tis.deploy.report.subjects.touch_tables import touch_text
 from tis.deploy.report.summary import Summary
 from tis.deploy.report.validity import validity_text
@@ -91,6 +92,8 @@ def _figures(summary: Summary) -> Iterator[Row]:
         yield Row("samples", f"sent {summary.redundancy}: {samples}")
     if summary.touch:
         yield Row("touch", touch_text(summary.touch))
+    if summary.sight is not None:
+        yield Row("sight", sight_text(summary.sight))
     yield from _accuracy(summary)
     yield from _orientation(summary)
     ticks, surgeon = summary.ticks, summary.surgeon_ticks

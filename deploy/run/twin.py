@@ -19,6 +19,7 @@ from tis.common.runtime.side_log import LOG_VERSION
 from tis.common.runtime.user_code import USER_CODE_FILE, dump_origins
 from tis.common.scenario import Scenario, virtual_time_faults
 from tis.common.scenario import reading as scenario_io
+from tis.common.sight.codec import check_codec
 from tis.common.sources.provenance import RECORDING_FILE, dump_played
 from tis.common.sources.trajectory import Recording
 from tis.common.units import NS_PER_S
@@ -26,11 +27,14 @@ from tis.deploy.shell import run_dir as folder
 from tis.netem.build import build_netem
 from tis.netem.control.replay import with_live_changes
 from tis.patient_side.build import build_patient
+from tis.patient_side.camera import build_camera
 from tis.patient_side.models import factories, model_attachment, models_for, origins, own_estimators
+from tis.patient_side.node import PatientNode
 from tis.patient_side.plant.extra import check_plant
 from tis.patient_side.provenance import warnings_at_start
 from tis.patient_side.statespace import ArmModel
 from tis.surgeon_side.build import build_surgeon
+from tis.surgeon_side.screen import build_screen
 
 
 def refuse_in_virtual_time(scenario: Scenario) -> None:
@@ -53,6 +57,7 @@ def build_sides(
     """
     refuse_in_virtual_time(scenario)
     check_plant(scenario)
+    check_codec(scenario)
     own = own_estimators(scenario)  # first: faults are reported before any slow step
     recording = recording or load_recording(scenario)
     models = models_for(scenario, recording)
@@ -115,9 +120,20 @@ def drive(
     ``on_time`` is told the run time about once for each second of it.
     """
     clock = VirtualClock()  # advanced by the bus from event to event
-    seats = [Seat(node, logs[side]) for side, node in nodes.items()]
+    seated = [*nodes.items(), *sight_of(scenario, nodes)]
+    seats = [Seat(node, logs[side]) for side, node in seated]
     with without_collector():
-        run(seats, VirtualBus(list(nodes.values()), clock), clock, scenario.end_ns, _telling(clock, on_time))
+        bus = VirtualBus([node for _, node in seated], clock)
+        run(seats, bus, clock, scenario.end_ns, _telling(clock, on_time))
+
+
+def sight_of(scenario: Scenario, nodes: Mapping[Side, Node]) -> list[tuple[Side, Node]]:
+    """Return the camera and the screen, each with the side whose log it writes; none without sight."""
+    patient = nodes["patient"]
+    if scenario.sight is None or not isinstance(patient, PatientNode):
+        return []
+    hands = [hand.channels for hand in patient.hands]
+    return [("patient", build_camera(scenario, hands)), ("surgeon", build_screen(scenario))]
 
 
 def _telling(clock: VirtualClock, on_time: Callable[[int], None] | None) -> Callable[[], bool]:

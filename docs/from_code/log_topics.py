@@ -104,7 +104,7 @@ def _channels() -> str:
 
 def _all_channels() -> list[tuple[str, Any]]:
     rows = [channels.hand_channels(hand, channels.FOLLOWER[hand]) for hand in get_args(channels.Hand)]
-    return [(row.hand, one) for row in rows for one in _channels_of(row)]
+    return [(row.hand, one) for row in rows for one in _channels_of(row)] + [("", channels.VIDEO)]
 
 
 def _channels_of(row: Any) -> tuple[Any, ...]:

@@ -13,6 +13,7 @@ from tis.common.runtime.chunk_writer import by_channel
 from tis.common.runtime.log_parts import PartClock, part_clock
 from tis.common.runtime.memory import release_large_arrays, without_collector
 from tis.common.runtime.user_code import USER_CODE_FILE, Origin, parse_origins
+from tis.common.sight_records import PICTURES
 from tis.common.sources.provenance import MODEL_FILES
 from tis.common.units import NS_PER_MS
 from tis.deploy.logs.blocks import Block
@@ -154,7 +155,7 @@ def _read_part(log: SideLog, path: Path, wanted: Collection[str] | None) -> _Par
         _check_instants(path, block)
         for channel_id, which in by_channel(block.channel):
             topic = file.topic(channel_id)
-            if wanted is None or topic in wanted:
+            if topic != PICTURES if wanted is None else topic in wanted:
                 log.add_block(topic, block, which)
             else:
                 log.last_ns = max(log.last_ns, int(block.log_ns[which].max()))
@@ -210,10 +211,10 @@ def check_written_by_tis(file: LogFile) -> None:
 def load_run(run_dir: Path, wanted: Collection[str] | None = None) -> RunLogs:
     """Read the logs of a run folder, damaged ones as far as possible, and convert all stamps to netem's clock.
 
-    ``wanted`` selects topics, in addition to those of the clocks. A recovered log replaces the damaged one
-    (`tis.deploy.logs.log_paths`). A side that was killed before the first flush of its log leaves an empty file. The
-    logs of a side that was started anew in the run are read as one. Raises `DataError` with a fault for each side
-    with a file that is no log of this version.
+    ``wanted`` selects topics, in addition to those of the clocks; without it all but `PICTURES` are read. A recovered
+    log replaces the damaged one (`tis.deploy.logs.log_paths`). A side that was killed before the first flush of its
+    log leaves an empty file. The logs of a side that was started anew in the run are read as one. Raises `DataError`
+    with a fault for each side with a file that is no log of this version.
     """
     release_large_arrays()
     logs, faults = RunLogs(run_dir), list[Fault]()

@@ -16,6 +16,7 @@ from tis.common.messages import Message, as_row
 from tis.common.node import Record
 from tis.common.records import FATES, RELEASES, Departure, Outcome
 from tis.common.runtime.chunk_writer import MESSAGE_HEAD_BYTES
+from tis.common.sight_records import PICTURES
 from tis.common.topic import Topic
 from tis.common.topics import topic_of
 from tis.deploy.logs.blocks import Block
@@ -180,6 +181,8 @@ class MemoryLog:
     def record(self, record: Record) -> None:
         """Keep one record."""
         key = record.topic
+        if key == PICTURES:
+            return
         if isinstance(record.data, Message):
             waiting: list[Any] = self._rows[key]
             waiting.append(as_row(record.data))

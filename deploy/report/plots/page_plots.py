@@ -21,6 +21,7 @@ from tis.deploy.report.plots.distributions import delay_cdf, latency_cdf, loss_f
 from tis.deploy.report.plots.errors import age_figure, error_figure, errors_of, safety_figure
 from tis.deploy.report.plots.models import poles_figure, singular_figure
 from tis.deploy.report.plots.movement import path_figure, tracking_figure
+from tis.deploy.report.plots.sight import sight_figure
 from tis.deploy.report.plots.touch import touch_figure
 from tis.deploy.report.run_view import RunView
 from tis.deploy.report.subjects.network.disturbances import Disturbance
@@ -85,6 +86,7 @@ def page_figures(run: RunView) -> dict[str, list[Figure | None]]:
     ]
     return {
         "touch": [_of(view.hand, with_marks(touch_figure(run, view, x_range))) for view in views],
+        "sight": [with_marks(sight_figure(run, x_range))],
         "error": [_of(one.view.hand, with_marks(error_figure(one, x_range))) for one in errors],
         "safety": [
             _of(view.hand, safety_figure(view, its, x_range)) for view, its in zip(views, driven, strict=True)

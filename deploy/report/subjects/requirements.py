@@ -85,6 +85,8 @@ COUNTED: Final[dict[str, str]] = {
     "rmse_3d": "ticks",
     "contact": "ticks",
     "energy": "ticks",
+    "hand_to_eye": "pictures",
+    "freeze": "runs",
 }
 """Unit of counting of each metric of `tis.common.scenario.limits`: it has one value for each."""
 
@@ -116,8 +118,10 @@ _NAMES: Final[dict[Metric, str]] = {
     "rmse_3d": "RMSE in 3D",
     "contact": "force of contact",
     "energy": "energy given to the hand",
+    "hand_to_eye": "hand to eye",
+    "freeze": "time in which the picture stands still",
 }
-_UNITS: Final[dict[Metric, str]] = {"loss": "%", "rmse_3d": "mm", "contact": "N", "energy": "mJ"}
+_UNITS: Final[dict[Metric, str]] = {"loss": "%", "rmse_3d": "mm", "contact": "N", "energy": "mJ", "freeze": "%"}
 
 
 @dataclass(frozen=True)
@@ -227,6 +231,8 @@ def _sentence(
         found = f"{required.percentile:g} % of {judgement.n} {of} within {amount}"
     if required.metric == "rmse_3d" or required.metric in MAXIMA:
         found = f"{amount} over {judgement.n} {of}"
+    if required.metric == "freeze":
+        found = f"{amount} of the time"
     if judgement.outcome == "met":
         return f"{found}, {allowed}: met"
     if judgement.excess is not None:

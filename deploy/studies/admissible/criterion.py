@@ -32,7 +32,17 @@ from tis.deploy.compare.results.pooled import Scores, Sums, scores_of, sums_of
 COMMAND: Final = "tis admissible"
 _LIMIT: Final = re.compile(r"(?P<name>[A-Za-z][^<>=\s]*)\s*(?P<relation><=|>=|=)\s*(?P<value>\S+)")
 _RMSE: Final = re.compile(r"(?<![a-z])rmse")  # and not nrmse_fit, which may be negative
-_LARGER_IS_BETTER: Final = ("coverage", "r2_", "nrmse_fit", "valid", "faithful", "consistent", "stable")
+_LARGER_IS_BETTER: Final = (
+    "coverage",
+    "r2_",
+    "nrmse_fit",
+    "valid",
+    "faithful",
+    "consistent",
+    "stable",
+    "decodable",
+    "pictures",
+)
 _LARGEST_MARGIN: Final = 20.0
 
 

@@ -232,8 +232,10 @@ def test_all_shipped_scenarios_are_valid() -> None:
             "live",
             "lossy",
             "outage",
+            "sight",
             "simulated_arm",
             "touch",
+            "touch_and_sight",
             "touch_unstable",
             *of_the_paper,
         ]

@@ -1,0 +1,117 @@
+"""What a surgeon sees: freezes of a picture, from the hand to the eye, and what is felt beside what is seen.
+
+Instants are in ns of run time. A *picture* is a frame that a screen has shown; its age is told by what the picture
+itself says, never by the headers of the messages that brought it.
+"""
+
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tis.common.units import NS_PER_MS, NS_PER_S
+
+Instants = NDArray[np.int64]
+
+_WINDOW: Final = 30
+_FACTOR: Final = 3
+_MARGIN_NS: Final = 150 * NS_PER_MS
+
+
+class Freezes(NamedTuple):
+    """Freezes of a picture, each by its begin, the last picture shown before it, and its length; (F,) in ns."""
+
+    begin_ns: Instants
+    lasted_ns: Instants
+    watched_ns: int
+    """From the first picture to the end of watching."""
+
+    @property
+    def share_pct(self) -> float | None:
+        """Return the share of time in freezes, in %; None without time."""
+        return 100.0 * float(self.lasted_ns.sum()) / self.watched_ns if self.watched_ns > 0 else None
+
+
+def freezes(shown_ns: Instants, until_ns: int) -> Freezes:
+    """Return the freezes between pictures shown at ``shown_ns`` (N,), ascending, until ``until_ns``.
+
+    As W3C's webrtc-stats has it: an interval of at least max(3 avg, avg + 150 ms), where avg is the mean of the last
+    30 intervals before it, or of as many as there are. Two additions: the time from the last picture to the end
+    counts as an interval, since a picture that never comes back is a freeze; and an interval without any before it is
+    none. Oracle: the definition interval by interval in fractions, test_sight.
+    """
+    ends_ns = np.append(shown_ns, max(until_ns, int(shown_ns[-1]))) if len(shown_ns) else shown_ns
+    length_ns = np.diff(ends_ns)
+    total_ns = np.concatenate([[0], np.cumsum(length_ns)])
+    at = np.arange(1, len(length_ns))  # the first interval has no mean
+    n = np.minimum(at, _WINDOW)
+    sum_ns = total_ns[at] - total_ns[at - n]
+    # times n, in integers
+    frozen = at[length_ns[at] * n >= np.maximum(_FACTOR * sum_ns, sum_ns + n * _MARGIN_NS)]
+    watched_ns = int(ends_ns[-1] - ends_ns[0]) if len(ends_ns) else 0
+    return Freezes(ends_ns[frozen], length_ns[frozen], watched_ns)
+
+
+def hand_to_eye_ns(command: Instants, shown_ns: Instants, sample_ns: Mapping[int, int]) -> Instants:
+    """Return the time from the sample of each command to the first picture that shows it; (C,), by command.
+
+    ``command`` (N,) is the number of the newest command that each picture shows, as its stamp tells, -1 for none, and
+    ``shown_ns`` when it was shown; ``sample_ns`` has the sample instants by number. Both instants are the surgeon's,
+    so that no clock is compared. Numbers of commands that were never sent count for nothing. Oracle: a loop over the
+    commands, test_sight.
+    """
+    first: dict[int, int] = {}
+    for number, at_ns in zip(command.tolist(), shown_ns.tolist(), strict=True):
+        if number in sample_ns:
+            first[number] = min(at_ns, first.get(number, at_ns))
+    return np.array([first[number] - sample_ns[number] for number in sorted(first)], dtype=np.int64)
+
+
+def onsets(t_ns: Instants, touches: NDArray[np.bool_], apart_ns: int = NS_PER_S // 10) -> Instants:
+    """Return the instants at which contacts begin: (M,) of (N,), with no contact in the ``apart_ns`` before them.
+
+    A record that begins in contact has no onset there. Oracle: literal records, test_sight.
+    """
+    begins = np.flatnonzero(touches[1:] & ~touches[:-1]) + 1
+    last = np.maximum.accumulate(np.where(touches, np.arange(len(t_ns)), -1))[begins - 1]
+    free = (last < 0) | (t_ns[begins] - t_ns[np.maximum(last, 0)] > apart_ns)
+    return np.asarray(t_ns[begins[free]])
+
+
+def asynchrony_ns(
+    onset_ns: Instants, sampled_ns: Instants, felt_ns: Instants, captured_ns: Instants, shown_ns: Instants
+) -> Instants:
+    """Return how much later than its sight each contact was felt; (M,) of those both felt and seen.
+
+    ``onset_ns`` are the contacts on the patient's clock. A contact is felt with the first of the forces that was
+    ``sampled_ns`` at or after it, at ``felt_ns``, and seen with the first picture that was ``captured_ns`` at or
+    after it, at ``shown_ns``; what comes earliest counts. Felt and shown are on the surgeon's clock, sampled and
+    captured on the patient's, so that no clocks are compared. Oracle: loops, test_sight.
+    """
+    felt = _first_after(onset_ns, sampled_ns, felt_ns)
+    seen = _first_after(onset_ns, captured_ns, shown_ns)
+    known = (felt >= 0) & (seen >= 0)
+    return felt[known] - seen[known]
+
+
+def _first_after(onset_ns: Instants, made_ns: Instants, came_ns: Instants) -> Instants:
+    """Return when the first of what was made at or after each onset came; -1: never."""
+    order = np.argsort(made_ns, kind="stable")
+    earliest = np.minimum.accumulate(came_ns[order][::-1])[::-1]
+    return np.append(earliest, -1)[np.searchsorted(made_ns[order], onset_ns)]
+
+
+def behind_others(
+    offered_ns: Instants, left_ns: Instants, others_offered_ns: Instants, others_left_ns: Instants
+) -> NDArray[np.bool_]:
+    """Return which packets (N,) waited for one of the ``others``: offered before, left meanwhile.
+
+    The others are of one key, so they leave in the order in which they were offered. Oracle: every pair, test_sight.
+    """
+    order = np.argsort(others_offered_ns, kind="stable")
+    leaving = np.maximum.accumulate(others_left_ns[order])
+    n_before = np.searchsorted(others_offered_ns[order], offered_ns, side="right")
+    first = np.searchsorted(leaving, offered_ns, side="right")  # the first one that was still there
+    leaves_ns = np.append(leaving, np.iinfo(np.int64).max)[first]
+    return np.asarray((first < n_before) & (leaves_ns <= left_ns))

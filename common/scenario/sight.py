@@ -1,0 +1,80 @@
+"""Sight: the camera on the patient's side, its stream, and the surgeon's screen."""
+
+from typing import Final, Literal, Self
+
+from pydantic import Field, model_validator
+
+from tis.common.scenario.base import NonNegative, Part
+from tis.common.scenario.security import Security
+from tis.common.units import ms_to_ns, sample_instant_ns
+
+CELL: Final = 16
+"""Side of a stamp's cell, in pixels, of which width and height are multiples."""
+
+
+class SightPart(Part):
+    """A camera shows the patient's arms, its picture crosses the network, and a screen shows what arrives."""
+
+    fps: int = Field(30, ge=1, le=240, strict=True, description="Frames per second.")
+    width: int = Field(640, ge=320, le=1920, multiple_of=CELL, description="Width of the picture, in pixels.")
+    height: int = Field(480, ge=240, le=1088, multiple_of=CELL, description="Height of the picture, in pixels.")
+    codec: Literal["jpeg", "h264"] = Field(
+        "jpeg",
+        description="jpeg: each frame by itself, needs the extra report; h264: key frames and differences between "
+        "frames, needs the extra video. Both on the hosts of patient and surgeon.",
+    )
+    quality: int = Field(70, ge=1, le=95, strict=True, description="Quality of jpeg, 1 to 95.")
+    bit_rate_kbit_s: float = Field(
+        2000.0, ge=100, le=100_000, description="Bit rate of h264, which no frame exceeds for long, in kbit/s."
+    )
+    key_every: int = Field(
+        30,
+        ge=1,
+        le=10_000,
+        strict=True,
+        description="Distance of two key frames of h264, in frames; 1: only key frames.",
+    )
+    intra_refresh: bool = Field(
+        False,
+        description="h264 without key frames but the first: each frame renews a part of the picture, all of it "
+        "within key_every frames.",
+    )
+    fragment_bytes: int = Field(
+        1200,
+        ge=1,
+        le=65_000,
+        strict=True,
+        description="Bytes of a frame in a message; a frame is sent as so many messages as it takes.",
+    )
+    camera_phase_ms: NonNegative = Field(
+        5.0, description="Offset of the frames from the beginning of the run, in ms, within one period of fps."
+    )
+    display_hz: int = Field(60, ge=1, le=1000, strict=True, description="Refresh rate of the screen, in Hz.")
+    display_phase_ms: NonNegative = Field(
+        0.0, description="Offset of the screen's refreshes from the beginning of the run, in ms, within one period."
+    )
+
+    @model_validator(mode="after")
+    def _phases_within_periods(self) -> Self:
+        for phase, ms, rate in (
+            ("camera_phase_ms", self.camera_phase_ms, self.fps),
+            ("display_phase_ms", self.display_phase_ms, self.display_hz),
+        ):
+            if ms * rate >= 1000:
+                raise ValueError(f"{phase} must be less than one period ({1000 / rate:g} ms)")
+        return self
+
+    def captured_ns(self, frame: int) -> int:
+        """Return the run time at which a frame is captured, in ns."""
+        return sample_instant_ns(frame, self.fps) + ms_to_ns(self.camera_phase_ms)
+
+    def refresh_ns(self, number: int) -> int:
+        """Return the run time of a refresh of the screen, in ns."""
+        return sample_instant_ns(number, self.display_hz) + ms_to_ns(self.display_phase_ms)
+
+
+def sight_rules(sight: SightPart | None, security: Security) -> dict[str, bool]:
+    """Return the rules between sight and other parts of a scenario, each with whether it holds."""
+    if sight is None:
+        return {}
+    return {"security.sign must be false with sight: frames are not signed": not getattr(security, "sign", False)}

@@ -1,0 +1,104 @@
+"""Sight in words and as a table: what became of the frames, their age when seen, freezes, touch beside sight."""
+
+from typing import Final
+
+from tis.deploy.present.numbers import number, percent
+from tis.deploy.present.table import Column, Table
+from tis.deploy.report.section import Statistics, with_uncertainty
+from tis.deploy.report.subjects.sight import STATES, ForceWaits, SightFigures
+
+_NOTE: Final = (
+    "Complete: with all frames that it refers to. Concealed: the decoder filled gaps. Hand to eye: from a command's "
+    "sample to the first picture that shows it, on the surgeon's clock. Freezes after W3C's webrtc-stats"
+)
+
+
+def sight_text(sight: SightFigures) -> str:
+    """Return hand to eye, the share of whole frames and the time in freezes in a line."""
+    eye = sight.hand_to_eye_ms
+    frozen = "" if not sight.freezes else f", frozen {number(sight.freeze_pct, ' %')} of the time"
+    return (
+        f"hand to eye median {number(eye['p50'], ' ms')}, p99 {number(eye['p99'], ' ms')}; "
+        f"{number(sight.decodable_pct, ' %')} of {number(sight.frames['sent'])} frames whole{frozen}"
+    )
+
+
+def answer_text(sight: SightFigures) -> str:
+    """Return what the surgeon saw, in words."""
+    eye, sent = sight.hand_to_eye_ms, sight.frames["sent"]
+    text = f"Of {number(sent)} frames {number(sight.decodable_pct, ' %')} came whole"
+    if sight.expected_decodable_pct is not None:
+        text += f" (in theory {number(sight.expected_decodable_pct, ' %')})"
+    text += f". The surgeon saw the effect of a movement {number(eye['p50'], ' ms')} later in the median"
+    text += f", and {number(eye['p99'], ' ms')} in 99 of 100 cases (p99). "
+    if not sight.freezes:
+        return f"{text}The picture never froze."
+    return (
+        f"{text}The picture froze {number(sight.freezes)} times, {number(sight.freeze_pct, ' %')} of the time, "
+        f"at most for {number(sight.longest_freeze_ms, ' ms')}."
+    )
+
+
+def sight_tables(sight: SightFigures | None, bounds: Statistics) -> list[Table]:
+    """Return the figures of the picture, and those of touch beside it; none without sight.
+
+    ``bounds`` is what the clocks leave open of glass to glass, empty where they share one.
+    """
+    if sight is None:
+        return []
+    columns = ("figure", Column("value", words=True, wraps=True))
+    return [Table("Sight", columns, _rows(sight, bounds), _NOTE)]
+
+
+def _rows(sight: SightFigures, bounds: Statistics) -> list[tuple[str, str]]:
+    frames = ", ".join(f"{number(sight.frames[name])} {name}" for name in STATES if sight.frames[name])
+    used = ", ".join(f"{number(n)} {name}" for name, n in sight.fragments.items() if n)
+    rows = [
+        ("frames", f"{number(sight.frames['sent'])} sent: {frames}; {number(sight.pictures)} shown"),
+        ("whole, all they refer to", _beside(sight.decodable_pct, sight.expected_decodable_pct)),
+        ("not all of them arrived", _beside(sight.incomplete_pct, sight.expected_incomplete_pct)),
+        ("hand to eye", _spread(sight.hand_to_eye_ms)),
+        ("glass to glass", _spread(sight.glass_to_glass_ms, bounds)),
+        ("freezes", _freezes(sight)),
+        ("pictures per s", number(sight.pictures_per_s)),
+        ("bit rate", number(sight.kbit_s, " kbit/s")),
+        *([("messages of the picture", used)] if used else []),
+    ]
+    if (touch := sight.asynchrony) is not None:
+        late = touch.touch_after_sight_ms
+        text = f"{number(touch.n)}, of which {number(touch.noticed)} would be noticed"
+        rows.append(("contacts felt and seen", text))
+        rows.append(("touch after sight", f"median {number(late['p50'], ' ms')}, p95 {number(late['p95'], ' ms')}"))
+    if (waits := sight.force_waits) is not None:
+        rows.append(("forces behind the picture", _waits(waits)))
+    return rows
+
+
+_NAMES: Final = {"p50": "median", "p95": "p95", "p99": "p99", "max": "largest"}
+
+
+def _spread(values: Statistics, bounds: Statistics | None = None) -> str:
+    known = bounds or {}
+    return ", ".join(f"{words} {with_uncertainty(values[n], known.get(n), ' ms')}" for n, words in _NAMES.items())
+
+
+def _beside(found: float | None, expected: float | None) -> str:
+    theory = "" if expected is None else f"; in theory {number(expected, ' %')}"
+    return f"{number(found, ' %')}{theory}"
+
+
+def _freezes(sight: SightFigures) -> str:
+    if not sight.freezes:
+        return "none"
+    share, longest = number(sight.freeze_pct, " %"), number(sight.longest_freeze_ms, " ms")
+    return f"{number(sight.freezes)}, {share} of the time, the longest {longest}"
+
+
+def _waits(waits: ForceWaits) -> str:
+    share = percent(waits.behind_video / waits.n) if waits.n else "0"
+    text = f"{share} % of {number(waits.n)}"
+    if waits.behind_video:
+        text += f", at most {number(waits.wait_ms['max'], ' ms')}"
+    return (
+        text if waits.expected_max_ms is None else f"{text}; in theory at most {number(waits.expected_max_ms, ' ms')}"
+    )

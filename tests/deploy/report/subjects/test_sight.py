@@ -1,0 +1,199 @@
+"""Figures of sight from records written by hand: frames, hand to eye, freezes, theory, touch beside sight, waits."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tis.common.channels import VIDEO, hand_channels
+from tis.common.records import CONTACTS, COUNTERS, FATES, RELEASES
+from tis.common.scenario import Scenario
+from tis.common.sight_records import CAMERA, SCREEN
+from tis.deploy.logs.read.frame import Frame
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.side_log import MESSAGES, SideLog
+from tis.deploy.report.plots.sight import by_second
+from tis.deploy.report.subjects.sight import Pictures, SightFigures, sight_summary
+from tis.deploy.report.subjects.sight_tables import answer_text, sight_tables, sight_text
+from tis.deploy.run.resolve import resolve
+
+MS = 1_000_000
+FRAME = 100 * MS
+
+
+def scenario(*settings: str, name: str = "default") -> Scenario:
+    return resolve(name, ("duration_s=4", "rate_hz=10", "sight={fps: 10}", *settings), None, None)
+
+
+def camera(frame: int, **changed: Any) -> dict[str, Any]:
+    at_ns = frame * FRAME
+    return {
+        "frame": frame, "captured_ns": at_ns + 5 * MS, "command": frame - 1, "left_x": 1, "left_y": 1,
+        "right_x": None, "right_y": None, "is_key": True, "n_bytes": 2000, "n_fragments": 2, "first_seq": 2 * frame,
+        "sent_ns": at_ns + 6 * MS,
+    } | changed  # fmt: skip
+
+
+def screen(frame: int, state: str = "complete", **changed: Any) -> dict[str, Any]:
+    read = None if state in ("lost", "undecodable") else frame
+    command = None if read is None else frame - 1
+    return {
+        "frame": frame, "state": state, "top_frame": read, "top_command": command, "bottom_frame": read,
+        "bottom_command": command, "first_ns": frame * FRAME + 30 * MS, "last_ns": frame * FRAME + 31 * MS,
+        "shown_ns": None if read is None else frame * FRAME + 45 * MS, "fragments": 2, "expected": 2, "missing": "",
+    } | changed  # fmt: skip
+
+
+def logs(cameras: list[dict[str, Any]], screens: list[dict[str, Any]], **counters: int) -> RunLogs:
+    found = RunLogs(Path(), {side: SideLog(side) for side in ("surgeon", "netem", "patient")})
+    found.sides["patient"].add_rows(CAMERA, cameras)
+    found.sides["surgeon"].add_rows(SCREEN, screens)
+    counted = [{"name": name, "value": value} for name, value in counters.items()]
+    found.sides["surgeon"].add_rows(COUNTERS, counted)
+    return found
+
+
+def figures(run: RunLogs, of: Scenario) -> SightFigures:
+    found = sight_summary(Pictures.of(run, of), run, of, {"left": "PSM2"})["sight"]
+    assert isinstance(found, SightFigures)
+    return found
+
+
+def test_frames_are_counted_by_what_became_of_them() -> None:
+    """Frame 5 has no record; frame 6 came, but a newer one was shown in its place; frame 9 was never sent."""
+    screens = [
+        screen(0), screen(1, "concealed", fragments=1, missing="1"), screen(2, "torn", bottom_frame=1),
+        screen(3, "undecodable", fragments=1),
+        screen(4, "lost", fragments=0, first_ns=None, last_ns=None, expected=None),
+        screen(6, shown_ns=None), screen(7), screen(9),
+    ]  # fmt: skip
+    run = logs([camera(n) for n in range(8)], screens, video_duplicated=3, video_late=1)
+    found = figures(run, scenario())
+    assert found.frames == {"sent": 8, "complete": 3, "concealed": 1, "torn": 1, "undecodable": 1, "lost": 2}
+    assert found.pictures == 4
+    assert found.decodable_pct == pytest.approx(100 * 3 / 8)
+    assert found.incomplete_pct == pytest.approx(50)
+    assert found.fragments["duplicated"] == 3
+    assert found.fragments["forged"] == 0
+    assert found.kbit_s == pytest.approx(160.0)
+    for text in (sight_text(found), answer_text(found)):
+        assert "37.5" in text
+
+
+def test_hand_to_eye_is_read_from_the_stamps_and_not_from_headers() -> None:
+    """Command n, sampled at n * 100 ms, is seen in frame n + 1, shown 145 ms later; torn pictures count not."""
+    screens = [screen(n) for n in range(6)]
+    screens[3] = screen(3, "torn", bottom_command=0)
+    run = logs([camera(n) for n in range(6)], screens)
+    found = figures(run, scenario())
+    assert found.hand_to_eye_ms == dict.fromkeys(("p50", "p95", "p99", "max"), 145.0)
+    assert found.glass_to_glass_ms["max"] == 40.0
+    pictures = Pictures.of(run, scenario())
+    assert pictures is not None
+    assert len(pictures.hand_to_eye_ns) == 4  # commands 0, 1, 3, 4
+    changed = logs([camera(n, sent_ns=7, captured_ns=n) for n in range(6)], screens)
+    assert figures(changed, scenario()).hand_to_eye_ms == found.hand_to_eye_ms
+
+
+def test_a_picture_that_stops_is_a_freeze_until_the_end() -> None:
+    run = logs([camera(n) for n in range(40)], [screen(n) for n in range(21)])
+    found = figures(run, scenario())
+    assert found.freezes == 1
+    assert found.longest_freeze_ms == pytest.approx(4000 - 2045)
+    assert found.freeze_pct == pytest.approx(100 * (4000 - 2045) / (4000 - 45))
+    assert "froze" in answer_text(found)
+    (whole,) = [dict(table.texts()) for table in sight_tables(found, {})]
+    assert whole["freezes"].startswith("1, 49.43 %")
+
+
+def test_theory_stands_beside_the_shares_where_there_is_one() -> None:
+    run = logs([camera(n) for n in range(4)], [screen(n) for n in range(4)])
+    plain = "network={feedback: {loss: {kind: bernoulli, p_loss: 0.1}}}"
+    found = figures(run, scenario(plain))
+    assert found.expected_incomplete_pct == pytest.approx(19.0)
+    assert found.expected_decodable_pct == pytest.approx(81.0)
+    varying = "network={feedback: {}, outages: [{kind: periodic, every_s: 1, for_s: 0.1}]}"
+    assert figures(run, scenario(varying)).expected_decodable_pct is None
+
+
+def test_without_sight_or_its_records_there_are_no_figures() -> None:
+    run = logs([], [])
+    assert sight_summary(Pictures.of(run, scenario()), run, scenario(), {}) == {}
+    without = resolve("default", (), None, None)
+    assert Pictures.of(logs([camera(0)], [screen(0)]), without) is None
+
+
+def test_frames_that_never_came_leave_no_figure_but_their_count() -> None:
+    found = figures(logs([camera(n) for n in range(5)], []), scenario())
+    assert found.frames["lost"] == 5
+    assert found.freeze_pct is None
+    assert found.hand_to_eye_ms["p50"] is None
+    assert sight_text(found)
+    assert answer_text(found)
+
+
+def test_the_strip_has_the_shares_of_each_second() -> None:
+    run = logs([camera(n) for n in range(20)], [screen(n) for n in range(10)])
+    pictures = Pictures.of(run, scenario())
+    assert pictures is not None
+    seconds, shares = by_second(pictures)
+    assert seconds.tolist() == [0.0, 1.0]
+    assert shares["complete"].tolist() == [100.0, 0.0]
+    assert shares["lost"].tolist() == [0.0, 100.0]
+
+
+def touching(rate: str) -> Scenario:
+    rate_of = f"{{rate: {{kbit_s: 1000}}}}{rate}"
+    return resolve("touch", ("duration_s=4", "sight={fps: 10}", f"network={{feedback: {rate_of}}}"), None, None)
+
+
+def test_forces_behind_the_picture_have_their_wait_and_theorys() -> None:
+    """Two fragments of 1000 bytes at 1 Mbit/s take 16 ms with their headers; the force after them waits."""
+    of = touching("")
+    run = logs([camera(n) for n in range(2)], [screen(n) for n in range(2)])
+    video, force = VIDEO.key(of.session), hand_channels("left", "PSM2").force.key(of.session)
+    fates = {"direction": "feedback", "foreign": False, "delay_ns": [0, 0], "release_ns": [0, 0], "copies": [0, 0]}
+    fates |= {"outcome": ["deliver"] * 2, "flipped": [0, 0], "seq": [0, 1], "offered_ns": [5 * MS] * 2}
+    netem = run.sides["netem"]
+    netem.add_rows(FATES, [fates | {"key": video, "n_bytes": [1000, 1000]}])
+    netem.add_rows(FATES, [fates | {"key": force, "n_bytes": [100, 100]}])
+    left = {"direction": "feedback", "foreign": False, "seq": [0, 1], "copy_index": [0, 0], "release_ns": [1, 1]}
+    left |= {"released_ns": [50 * MS] * 2, "departure": ["released"] * 2}
+    video_left = {"offered_ns": [5 * MS] * 2, "queued_ns": [8_160_000, 16_320_000]}
+    netem.add_rows(RELEASES, [left | {"key": video} | video_left])
+    force_left = {"offered_ns": [1 * MS, 5 * MS], "queued_ns": [960_000, 17_280_000]}
+    netem.add_rows(RELEASES, [left | {"key": force} | force_left])
+    waits = figures(run, of).force_waits
+    assert waits is not None
+    assert (waits.n, waits.behind_video) == (2, 1)
+    assert waits.wait_ms["max"] == pytest.approx(17.28)
+    assert waits.expected_max_ms == pytest.approx(8 * (2 * 1020 + 120) / 1e3)
+    apart = touching(f", rules: [{{key: '{force}', direction: feedback, pipeline: {{rate: {{kbit_s: 1000}}}}}}]")
+    assert (found := figures(run, apart).force_waits) is not None
+    assert found.expected_max_ms == 0.0
+
+
+def test_contacts_are_felt_beside_what_is_seen() -> None:
+    """A contact at 250 ms: its force is felt at the tick of 290 ms; the picture of 305 at 345 ms."""
+    of = touching("")
+    run = logs([camera(n) for n in range(6)], [screen(n) for n in range(6)])
+    contacts = [
+        {"tick": n, "t_ns": n * 50 * MS, "hand": "left", "force_n": {"x": 0, "y": 0, "z": float(n > 4)}, "sent": True,
+         "active": True} for n in range(12)
+    ]  # fmt: skip
+    run.sides["patient"].add_rows(CONTACTS, contacts)
+    found = figures(run, of).asynchrony
+    assert found is not None
+    assert found.n == 0  # nothing was felt
+    surgeon, n = run.sides["surgeon"], np.arange(12)
+    key = hand_channels("left", "PSM2").force.key(of.session)
+    columns = dict.fromkeys(MESSAGES, n * 50 * MS) | {"log_ns": n * 50 * MS + 40 * MS}
+    surgeon.messages[key] = Frame.of_arrays(**columns)
+    surgeon.rows[hand_channels("left", "PSM2").shown.key(of.session)] = Frame.of_arrays(
+        tick=np.arange(60), sample_ns=np.arange(60) * 10 * MS, hand=np.full(60, "left")
+    )
+    felt = figures(run, of).asynchrony
+    assert felt is not None
+    assert (felt.n, felt.noticed) == (1, 1)
+    assert felt.touch_after_sight_ms["p50"] == pytest.approx(290 - 345)
