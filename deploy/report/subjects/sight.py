@@ -55,6 +55,14 @@ class ForceWaits(Section):
     )
 
 
+class Quality(Section):
+    """The pictures shown beside those drawn, without the stamps."""
+
+    n: int = means("Pictures compared, evenly spaced among those shown.")
+    psnr_db: Statistics = statistics("Peak signal-to-noise ratio, 100 for equal pictures.", "mean p5 p50")
+    ssim: Statistics = statistics("Structural similarity of the brightness, 1 for equal pictures.", "mean p5 p50")
+
+
 class SightFigures(Section):
     """What the surgeon saw."""
 
@@ -86,6 +94,7 @@ class SightFigures(Section):
         "Messages of the picture that the screen could not use: `duplicated`, `reordered`, `corrupted`, `forged`, "
         "`late`; reordered ones are used."
     )
+    quality: Quality | None = means("Pictures beside those drawn; `null` where the log has no frames.", default=None)
     asynchrony: Asynchrony | None = means("Touch beside sight; absent without touch.", default=None)
     force_waits: ForceWaits | None = means("Forces behind the picture; absent without touch.", default=None)
 

@@ -64,6 +64,11 @@ def _rows(sight: SightFigures, bounds: Statistics) -> list[tuple[str, str]]:
         ("bit rate", number(sight.kbit_s, " kbit/s")),
         *([("messages of the picture", used)] if used else []),
     ]
+    if (like := sight.quality) is not None:
+        ratio, alike = like.psnr_db, like.ssim
+        text = f"PSNR median {number(ratio['p50'], ' dB')}, p5 {number(ratio['p5'], ' dB')}; "
+        text += f"SSIM {number(alike['p50'])}, {number(alike['p5'])}; of {number(like.n)} pictures"
+        rows.append(("beside what the camera drew", text))
     if (touch := sight.asynchrony) is not None:
         late = touch.touch_after_sight_ms
         text = f"{number(touch.n)}, of which {number(touch.noticed)} would be noticed"
