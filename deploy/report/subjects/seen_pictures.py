@@ -24,7 +24,8 @@ from tis.deploy.logs.log_file import LogFile
 from tis.deploy.logs.log_paths import log_files
 from tis.deploy.logs.payloads import UNREADABLE, json_rows
 from tis.deploy.logs.read.frame import Frame
-from tis.deploy.report.subjects.sight import Pictures, Quality
+from tis.deploy.report.subjects.pictures import Pictures
+from tis.deploy.report.subjects.sight import Quality
 
 _MOST: Final = 100
 """Pictures that are compared, evenly spaced: each takes some 10 ms."""

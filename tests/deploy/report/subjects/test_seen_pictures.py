@@ -15,8 +15,8 @@ from tis.deploy.logs.log_paths import log_files
 from tis.deploy.logs.merge import merge_logs
 from tis.deploy.logs.read.load import load_run
 from tis.deploy.logs.viewer.drawn import CAMERA_VIDEO, RunTopics
+from tis.deploy.report.subjects.pictures import Pictures
 from tis.deploy.report.subjects.seen_pictures import quality, seen_pictures
-from tis.deploy.report.subjects.sight import Pictures
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
 
