@@ -134,6 +134,13 @@ def _directions(session: str) -> dict[str, Direction]:
 
 
 @cache
+def measured_keys(session: str) -> tuple[str, ...]:
+    """Return the keys of the arms' measured poses, for every pairing of hands and arms."""
+    arms = (hand_channels(hand, arm).measured for hand in get_args(Hand) for arm in get_args(Arm))
+    return tuple(dict.fromkeys(channel.key(session) for channel in arms))
+
+
+@cache
 def local_keys(session: str, network: Network) -> frozenset[str]:
     """Return the keys of all channels that stay on ``network``; in the east those of external arms, too."""
     own = [key for key, channel in _table(session).items() if channel.stays_on == network]

@@ -1,6 +1,7 @@
 """Screenshots of the README and the manual: `make pictures` runs this by hand, in Debian's Chromium.
 
-The report is that of a twin of `default`, so its figures repeat; the live page is that of a run, so they do not.
+The report is that of a twin of `default`, so its figures repeat, as does the damaged frame; the live page is that of
+a run, so its figures do not.
 """
 
 import re
@@ -13,8 +14,15 @@ from math import sin
 from pathlib import Path
 from typing import Final, Literal
 
+import numpy as np
 from PIL import Image
 from playwright.sync_api import Browser, FloatRect, Page, ViewportSize, sync_playwright
+
+from tis.common.metrics.picture_quality import psnr_db
+from tis.deploy.logs.read.load import load_run, scenario_in
+from tis.deploy.report.subjects.pictures import Pictures
+from tis.deploy.report.subjects.seen_pictures import seen_pictures
+from tis.deploy.shell.run_dir import read_scenario
 
 _FOLDER: Final = Path(__file__).parent / "pictures"
 _TIS: Final = Path(sys.executable).with_name("tis")
@@ -56,6 +64,8 @@ _STILL: Final = "() => { window.requestAnimationFrame = () => 0 }"
 def main() -> None:
     """Make all pictures."""
     _FOLDER.mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder:
+        _damaged_frame(Path(folder))
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
         if path is None:
@@ -66,6 +76,27 @@ def main() -> None:
         _live(browser, Path(folder) / "run")
         _drive(browser, Path(folder) / "drive")
         browser.close()
+
+
+def _damaged_frame(run_dir: Path) -> None:
+    """Picture the frame of h264 that losses damaged most, beside what the camera drew."""
+    settings = ("sight.codec=h264", "network.feedback.loss.p_loss=0.05", "duration_s=10")
+    words = [word for one in settings for word in ("--set", one)]
+    command = [_TIS, "twin", "sight", "--run-dir", run_dir, "--no-report", "--no-merge", *words]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    logs = load_run(run_dir)
+    scenario = read_scenario(run_dir, scenario_in(logs))
+    found = Pictures.of(logs, scenario)
+    assert found is not None
+    damaged = found.screen.frame[found.screen.where("state", "concealed")].tolist()
+    worst = min(
+        seen_pictures(run_dir, scenario, found, len(damaged), damaged),
+        key=lambda one: psnr_db(one.seen, one.original),
+    )
+    gap = np.full((worst.seen.shape[0], 16, 3), 255, dtype=np.uint8)
+    picture = Image.fromarray(np.hstack([worst.original, gap, worst.seen]))
+    picture.save(_FOLDER / "damaged_frame.webp", quality=80, method=6)
+    print(f"frame {worst.frame}, PSNR {psnr_db(worst.seen, worst.original):.1f} dB")
 
 
 def _report(page: Page, run_dir: Path) -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import typer
 
 from tis.common.runtime.client_side import run_client_side
+from tis.common.runtime.companion import Beside
 from tis.common.runtime.process import run_to_end
 from tis.common.runtime.recordings import load_movement
 from tis.common.runtime.side import Prepared
@@ -14,6 +15,7 @@ from tis.common.runtime.side_log import SideOptions
 from tis.common.runtime.status import Status
 from tis.common.runtime.user_code import USER_CODE_FILE, dump_origins
 from tis.common.scenario import Scenario
+from tis.common.sight.codec import check_codec
 from tis.common.sources.provenance import RECORDING_FILE, dump_played
 from tis.patient_side.build import build_patient
 from tis.patient_side.models import factories, model_attachment, models_for, origins, own_estimators
@@ -30,6 +32,7 @@ def run_patient(scenario: Scenario, options: SideOptions, status: Status) -> int
         # first: their faults are reported before the slow identification
         scenario.identification.check_for_live_runs(scenario.estimators)
         check_plant(scenario)
+        check_codec(scenario)
         own = own_estimators(scenario)
         recording = load_movement(scenario)
         models = models_for(scenario, recording)
@@ -37,7 +40,11 @@ def run_patient(scenario: Scenario, options: SideOptions, status: Status) -> int
         played = dump_played(recording, scenario.n_samples).encode()
         attachments = {**model_attachment(models), RECORDING_FILE: played}
         attachments |= {USER_CODE_FILE: dump_origins(origins(own))} if own else {}
-        return Prepared(node, attachments, warnings_at_start(scenario, recording, models), node.foreign_keys())
+        warnings, beside = warnings_at_start(scenario, recording, models), None
+        if scenario.sight is not None:
+            hands = [(hand.hand, hand.arm) for hand in recording.hands]
+            beside = Beside("tis.patient_side.camera:build_camera", "east", hands)
+        return Prepared(node, attachments, warnings, node.foreign_keys(), beside)
 
     return run_client_side("patient", "east", scenario, options, prepare, status)
 

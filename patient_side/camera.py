@@ -198,5 +198,7 @@ def build_camera(scenario: Scenario, hands: Sequence[HandChannels]) -> CameraNod
     sight = scenario.sight
     assert sight is not None
     n_frames = int(scenario.duration_s * sight.fps + 1e-9)
+    scene = scene_of(scenario)
+    draw(scene, Stamp(0, NO_COMMAND), [(None, None)])  # what stands still is made now, and not at the first frame
     ticker = Ticker(sight.fps, n_frames, ms_to_ns(sight.camera_phase_ms))
-    return CameraNode(scenario.session, hands, sight, scene_of(scenario), scenario.rate_hz, ticker, encoder_of(sight))
+    return CameraNode(scenario.session, hands, sight, scene, scenario.rate_hz, ticker, encoder_of(sight))

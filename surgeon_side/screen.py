@@ -11,7 +11,7 @@ from typing import Final
 
 from msgspec.structs import replace as replaced
 
-from tis.common.channels import VIDEO, Network
+from tis.common.channels import VIDEO, HandChannels, Network
 from tis.common.header import Header
 from tis.common.messages import Fragment, encode
 from tis.common.node import Arrival, Output, Record
@@ -194,7 +194,7 @@ class ScreenNode:
         }
 
 
-def build_screen(scenario: Scenario) -> ScreenNode:
-    """Return the screen of a scenario with sight."""
+def build_screen(scenario: Scenario, hands: Sequence[HandChannels] = ()) -> ScreenNode:  # noqa: ARG001
+    """Return the screen of a scenario with sight, which is the same whatever hands there are."""
     assert scenario.sight is not None
     return ScreenNode(scenario.session, scenario.sight, decoder_of(scenario.sight))

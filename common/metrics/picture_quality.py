@@ -13,14 +13,15 @@ from numpy.typing import NDArray
 
 Picture = NDArray[np.uint8]
 """Red, green and blue, (height, width, 3)."""
-Plane = NDArray[np.float32]
+Plane = NDArray[np.int32]
 
 _WHITE: Final = 255.0
 _BLOCK: Final = 4
 _PIXELS: Final = 64
 _C1: Final = (0.01 * _WHITE) ** 2
 _C2: Final = (0.03 * _WHITE) ** 2
-_LUMA: Final = np.array([0.299, 0.587, 0.114], dtype=np.float32)
+_LUMA: Final = (77, 150, 29)
+"""BT.601's weights of red, green and blue, in 256ths; in integers every sum is exact."""
 
 
 def psnr_db(seen: Picture, original: Picture) -> float:
@@ -29,8 +30,8 @@ def psnr_db(seen: Picture, original: Picture) -> float:
     Raises `ValueError` for pictures of different size. Oracle: pixel by pixel, test_picture_quality.
     """
     _alike(seen, original)
-    off = seen.astype(np.int32) - original
-    mean = float(np.mean(off * off, dtype=np.float64))
+    off = seen.astype(np.int16) - original
+    mean = int(np.square(off, dtype=np.int32).sum(dtype=np.int64)) / off.size
     return 10.0 * log10(_WHITE**2 / mean) if mean > 0.0 else inf
 
 
@@ -43,7 +44,7 @@ def ssim(seen: Picture, original: Picture) -> float:
     _alike(seen, original)
     if min(seen.shape[:2]) < 2 * _BLOCK:
         raise ValueError(f"a picture must have 8 x 8 pixels at least (got {seen.shape[1]} x {seen.shape[0]})")
-    x, y = seen @ _LUMA, original @ _LUMA
+    x, y = _luma(seen), _luma(original)
     mean_x, mean_y = (_windows(one) / _PIXELS for one in (x, y))
     # variances and the covariance about the windows' means, divided by n - 1 as there
     var_x, var_y, cov = (
@@ -58,11 +59,18 @@ def ssim(seen: Picture, original: Picture) -> float:
     return float(np.mean(alike / ((mean_x**2 + mean_y**2 + _C1) * (var_x + var_y + _C2))))
 
 
-def _windows(plane: Plane) -> NDArray[np.float64]:
+def _luma(picture: Picture) -> Plane:
+    red, green, blue = (weight * picture[..., i].astype(np.int32) for i, weight in enumerate(_LUMA))
+    return np.asarray((red + green + blue + 128) >> 8)
+
+
+def _windows(plane: Plane) -> Plane:
     """Return the sums of the windows of 8 x 8 at every fourth pixel."""
     n_rows, n_columns = (n // _BLOCK for n in plane.shape)
     cut = plane[: n_rows * _BLOCK, : n_columns * _BLOCK]
-    blocks = cut.reshape(n_rows, _BLOCK, n_columns, _BLOCK).sum(axis=(1, 3), dtype=np.float64)
+    # twice one axis is much faster than both at once
+    rows = cut.reshape(n_rows, _BLOCK, -1).sum(axis=1, dtype=np.int32)
+    blocks = sum(rows[:, at::_BLOCK] for at in range(_BLOCK))
     pairs = blocks[:-1] + blocks[1:]
     return np.asarray(pairs[:, :-1] + pairs[:, 1:])
 

@@ -14,6 +14,7 @@ from tis.common.errors import EXIT_INTERRUPTED, Fault, PeerError
 from tis.common.runtime.arm_memory import MEMORY_FILE, RESUMED_FILE, ArmMemory, dump_resumed, remembered
 from tis.common.runtime.clock import WallClock
 from tis.common.runtime.clock_watch import ClockWatch
+from tis.common.runtime.companion import Companion
 from tis.common.runtime.control import Epoch, Presence
 from tis.common.runtime.credentials import credentials, expiry_warnings, refuse_plain
 from tis.common.runtime.inbox import Inbox
@@ -24,7 +25,7 @@ from tis.common.runtime.memory import share_arenas
 from tis.common.runtime.peer_watch import Beats, PeerWatch
 from tis.common.runtime.process import Interrupt
 from tis.common.runtime.scheduling import settle
-from tis.common.runtime.side import Membership, NodeWork, Prepared, drive
+from tis.common.runtime.side import Membership, NodeWork, Prepared, drive, part_clock_of
 from tis.common.runtime.side_log import SideOptions, continued, earlier_part, open_log
 from tis.common.runtime.signing import Agreement, identity
 from tis.common.runtime.status import Status
@@ -115,10 +116,17 @@ class _Client:
         # netem declares its token last, so it answers queries as soon as the token is present.
         if not self._wait_until(lambda: "netem" in roster.sides(), is_known=False):
             return self._gave_up()
-        with contextlib.closing(ClockWatch(self.session, meeting.keys.clock)) as watch:
-            return self._meet_and_run(prepared, log, watch)
+        with contextlib.ExitStack() as stack:
+            watch = stack.enter_context(contextlib.closing(ClockWatch(self.session, meeting.keys.clock)))
+            companion, beside = None, prepared.beside
+            if beside is not None:
+                options, scenario = self.options.zenoh, meeting.scenario
+                tell = self.status.warning
+                companion = Companion(self.side, beside, scenario, options, meeting.bell.ring, tell)
+                stack.enter_context(companion)
+            return self._meet_and_run(prepared, log, watch, companion)
 
-    def _meet_and_run(self, prepared: Prepared, log: McapLog, watch: ClockWatch) -> int:
+    def _meet_and_run(self, prepared: Prepared, log: McapLog, watch: ClockWatch, companion: Companion | None) -> int:
         watch.meet()
         reading = watch.reading()
         if reading.bound_ns > _COARSE_CLOCK_NS:
@@ -127,10 +135,14 @@ class _Client:
         bus.listen(prepared.node, prepared.foreign_keys)
         bus.announce(prepared.node)
         settle()
+        if companion is not None and not self._wait_until(
+            companion.check, lambda: f"the {companion.name}", is_known=False
+        ):
+            return self._gave_up()
         with contextlib.ExitStack() as stack:
             if not self._agree(stack, prepared, bus):
                 return self._gave_up()
-            return self._join_and_run(prepared, log, watch, bus)
+            return self._join_and_run(prepared, log, watch, bus, companion)
 
     def _agree(self, stack: contextlib.ExitStack, prepared: Prepared, bus: ZenohBus) -> bool:
         """Agree with the other side on the run's keys, where messages are signed; False when given up."""
@@ -145,7 +157,9 @@ class _Client:
         whom = f"the {SIGNERS[self.side]} to prove its name"
         return self._wait_until(lambda: agreement.is_reached, lambda: f"{whom}{agreement.fault}", is_known=False)
 
-    def _join_and_run(self, prepared: Prepared, log: McapLog, watch: ClockWatch, bus: ZenohBus) -> int:
+    def _join_and_run(
+        self, prepared: Prepared, log: McapLog, watch: ClockWatch, bus: ZenohBus, companion: Companion | None
+    ) -> int:
         meeting, scenario = self.meeting, self.meeting.scenario
         roster = meeting.rosters[self.network]
         # A side that was killed or cut off stays present until its connection ends.
@@ -167,6 +181,8 @@ class _Client:
         membership = self._join(roster.epoch, watch, log, is_under_way)
         clock, bus.run_id = membership.clock, membership.epoch.run_id
         bus.clock = clock
+        if companion is not None:
+            companion.begin(part_clock_of(membership, scenario), log.path)
         memory, attachments = _resume(prepared, log.path.with_name(MEMORY_FILE), membership)
         prepared.node.join(bus.run_id, membership.joined_ns or 0)
         self.inbox.start(clock)

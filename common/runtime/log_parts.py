@@ -2,6 +2,7 @@
 
 import os
 import struct
+from itertools import takewhile
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -70,6 +71,22 @@ class EarlierPart(NamedTuple):
 def part_name(side: Side, number: int) -> str:
     """Return the file name of a part; the first has number 1."""
     return f"{side}.mcap" if number == 1 else f"{side}_{number}.mcap"
+
+
+_COMPANIONS: Final[dict[Side, str]] = {"patient": "camera", "surgeon": "screen"}
+"""What may run beside a side, in a process of its own (`tis.common.runtime.companion`)."""
+
+
+def companion_name(side: Side, number: int) -> str:
+    """Return the file name of the log of what runs beside a side; the first has number 1, others follow restarts."""
+    name = f"{side}_{_COMPANIONS[side]}"
+    return f"{name}.mcap" if number == 1 else f"{name}_{number}.mcap"
+
+
+def companion_logs(run_dir: Path, side: Side) -> list[Path]:
+    """Return the logs of what ran beside a side."""
+    names = (companion_name(side, n + 1) for n in range(_MAX_PARTS if side in _COMPANIONS else 0))
+    return list(takewhile(Path.exists, (run_dir / name for name in names)))
 
 
 def n_parts(run_dir: Path, side: Side) -> int:

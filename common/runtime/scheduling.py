@@ -53,6 +53,13 @@ def stand_behind(thread_id: int, behind: bool) -> None:
             os.sched_setscheduler(thread_id, os.SCHED_RR, os.sched_param(_BEHIND if behind else _PRIORITY))
 
 
+def stand_all_behind() -> None:
+    """Set the priority of all threads of this process, and of those that they begin, below that of all loops."""
+    with contextlib.suppress(OSError):
+        for thread in _THREADS.iterdir():
+            stand_behind(int(thread.name), behind=True)
+
+
 def let_zenoh_wait() -> None:
     """Let no thread of Zenoh that receives or sends interrupt a running one when it is woken (SCHED_BATCH).
 

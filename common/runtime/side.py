@@ -17,6 +17,7 @@ from tis.common.records import COUNTERS, CounterNote
 from tis.common.runtime.arm_memory import ArmMemory
 from tis.common.runtime.clock import Clock, WallClock
 from tis.common.runtime.clock_watch import ClockWatch, read_discipline
+from tis.common.runtime.companion import Beside
 from tis.common.runtime.control import Epoch, boot_digest
 from tis.common.runtime.inbox import Inbox
 from tis.common.runtime.log_parts import CLOCK_FILE, PartClock
@@ -38,12 +39,13 @@ _TOKENS_S: Final = 0.1  # within which the tokens of a dead netem arrive, one af
 
 @dataclass(frozen=True)
 class Prepared:
-    """Preparations of a side before it meets the others: its node, files for its log, keys of foreign programs."""
+    """Preparations of a side before it meets the others: its node, files for its log, foreign keys, company."""
 
     node: SideNode
     attachments: Mapping[str, bytes] = field(default_factory=dict)
     warnings: Sequence[str] = ()
     foreign_keys: Collection[str] = ()
+    beside: Beside | None = None
 
 
 @dataclass(frozen=True)
@@ -130,7 +132,7 @@ def drive(
     """
     scenario, clock = meeting.scenario, membership.clock
     # What the log needs to explain itself is attached before the first record, and is on the disk at once.
-    log.attach(CLOCK_FILE, _part_clock(membership, scenario).model_dump_json().encode())
+    log.attach(CLOCK_FILE, part_clock_of(membership, scenario).model_dump_json().encode())
     for name, data in attachments.items():
         log.attach(name, data)
     log.flush()
@@ -177,7 +179,8 @@ def drive(
     return EXIT_OK
 
 
-def _part_clock(membership: Membership, scenario: Scenario) -> PartClock:
+def part_clock_of(membership: Membership, scenario: Scenario) -> PartClock:
+    """Return the time base of a log."""
     return PartClock(
         epoch_monotonic_ns=membership.clock.epoch_ns,
         epoch_unix_ns=membership.clock.unix_epoch_ns(),

@@ -80,6 +80,13 @@ def codec_versions(codec: str) -> Mapping[str, str]:
     return {"av": av.__version__, **{name: libraries[name] for name in ("libavcodec", "libswscale")}}
 
 
+def _load_pillow() -> None:
+    """Load Pillow and its format now: it takes longer than a frame."""
+    from PIL import Image
+
+    Image.preinit()
+
+
 def encoder_of(sight: SightPart) -> Encoder:
     """Return the encoder of a scenario's video."""
     return JpegEncoder(sight.quality) if sight.codec == "jpeg" else H264Encoder(sight)
@@ -98,6 +105,9 @@ class JpegEncoder:
 
     quality: int
 
+    def __post_init__(self) -> None:
+        _load_pillow()
+
     def encode(self, picture: Picture) -> Encoded:
         """Return the next frame."""
         from PIL import Image
@@ -114,6 +124,9 @@ class JpegDecoder:
     width: int
     height: int
     is_sound: bool = False
+
+    def __post_init__(self) -> None:
+        _load_pillow()
 
     def decode(self, stretches: Stretches, n_bytes: int) -> Picture | None:
         """Return the picture made of what arrived; None where its head is missing, or it is none of ours."""

@@ -7,6 +7,7 @@ import struct
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Final, Literal, NamedTuple
 from zlib import crc32
 
@@ -116,9 +117,11 @@ class Assembly:
         return self.is_complete and crc32(self.stretches()[0][1]) == self.first.frame_checksum
 
     def missing(self) -> str:
-        """Return the numbers of the fragments that are not there, like 0-2,5."""
-        absent = [index for index in range(self.first.n_fragments) if index not in self.parts]
-        return _ranges(absent)
+        """Return the numbers of the fragments that are not there, like 0-2,5 (inverse: `numbers_in`)."""
+        # from gap to gap: a forged frame may claim millions of fragments
+        bounds = [-1, *sorted(self.parts), self.first.n_fragments]
+        gaps = [(low + 1, high - 1) for low, high in pairwise(bounds) if high > low + 1]
+        return ",".join(str(low) if low == high else f"{low}-{high}" for low, high in gaps)
 
 
 Fate = Literal["new", "duplicated", "forged", "late"]
@@ -192,17 +195,6 @@ class Reassembly:
         if found is not None:
             self._n_bytes -= sum(len(part) + _OBJECT_BYTES for part in found.parts.values())
         return frame, found
-
-
-def _ranges(numbers: list[int]) -> str:
-    """Return ascending numbers as text, like 0-2,5 (inverse: `numbers_in`)."""
-    spans: list[list[int]] = []
-    for number in numbers:
-        if spans and spans[-1][1] == number - 1:
-            spans[-1][1] = number
-        else:
-            spans.append([number, number])
-    return ",".join(str(low) if low == high else f"{low}-{high}" for low, high in spans)
 
 
 def numbers_in(text: str) -> list[int]:

@@ -15,11 +15,12 @@ from tis.common.channels import Side
 from tis.common.errors import DataError, Fault
 
 MAX_LOG_BYTES: Final = 1 << 40
-_FORM: Final = rf"^({'|'.join(get_args(Side))})(_[0-9]{{1,3}})?(_recovered)?\.mcap$"
+_FORM: Final = rf"^({'|'.join(get_args(Side))})(_camera|_screen)?(_[0-9]{{1,3}})?(_recovered)?\.mcap$"
 _BLOCK_BYTES: Final = 1 << 20
 
 LogName = Annotated[str, StringConstraints(pattern=_FORM)]
-"""Name of a log: SIDE.mcap, SIDE_2.mcap of a side that was started again, SIDE_recovered.mcap."""
+"""Name of a log: SIDE.mcap, SIDE_2.mcap of a side that was started again, SIDE_recovered.mcap, those of
+camera and screen."""
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 
 

@@ -16,6 +16,7 @@ from rich.markup import escape
 
 from tis.common.channels import Arm, Hand, Side
 from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
+from tis.common.runtime.log_parts import companion_logs
 from tis.common.scenario import Scenario
 from tis.common.sources.provenance import MODEL_FILES
 from tis.common.units import s_to_ns
@@ -77,7 +78,9 @@ def can_merge(run_dir: Path) -> bool:
 def logs_in(run_dir: Path) -> dict[Side, list[Path]]:
     """Return the non-empty logs of a folder, by side."""
     found = {
-        side: [path for path in paths if path.is_file() and not truncated_start(path)]
+        side: [
+            path for path in (*paths, *companion_logs(run_dir, side)) if path.is_file() and not truncated_start(path)
+        ]
         for side, paths in log_files(run_dir).items()
     }
     return {side: paths for side, paths in found.items() if paths}

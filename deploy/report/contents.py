@@ -99,10 +99,11 @@ def sections(run: RunView) -> list[Section]:
     summary, links = run.summary, run.summary.links
     drawn = page_figures(run)
     turns = any(bins.n for of_hand in summary.orientation_by_age.values() for bins in of_hand.values())
+    bounds = summary.uncertainty_ms.get(sight.GLASS, {})
     found = [
         answer_section(run, run_warnings(summary)),
         Section("touch", "Touch", drawn["touch"], _touch_figures(summary), _touch(summary), run.mark),
-        Section("sight", "Sight", drawn["sight"], _sight(summary), mark=run.mark),
+        Section("sight", "Sight", drawn["sight"], sight_tables.sight_markup(summary.sight, bounds), mark=run.mark),
         Section("error", "Error", drawn["error"], mark=run.mark),
         Section("requirements", "Requirements of applications", markup=_requirements(summary)),
         Section("accuracy", "The estimators compared", markup=_accuracy(run), mark=run.mark),
@@ -135,16 +136,6 @@ def sections(run: RunView) -> list[Section]:
     # most runs have nothing to say there; the sections of others say that it lacks
     spare = ("touch", "sight", "safety", "clocks", "audit")
     return [one for one in found if one.anchor not in spare or one.before or one.markup or any(one.figures)]
-
-
-def _sight(summary: Summary) -> str:
-    """Return what the surgeon saw as a paragraph and a table, "" without sight."""
-    found = summary.sight
-    if found is None:
-        return ""
-    text = f'<p class="answer">{escape(nonbreaking_units(sight_tables.answer_text(found)))}</p>'
-    bounds = summary.uncertainty_ms.get(sight.GLASS, {})
-    return text + "".join(_filled(table) for table in sight_tables.sight_tables(found, bounds))
 
 
 def _requirements(summary: Summary) -> str:

@@ -22,7 +22,7 @@ from tis.deploy.report.subjects.network.link_figures import Link
 from tis.deploy.report.subjects.network.link_summary import link_summary
 from tis.deploy.report.subjects.network.requested import Requested
 from tis.deploy.report.subjects.orientation import WristTrack, wrist_track
-from tis.deploy.report.subjects.sight import Pictures
+from tis.deploy.report.subjects.pictures import Pictures
 from tis.deploy.report.subjects.tracking import HandTrack, track_of_hand
 from tis.patient_side.statespace import ArmModel
 

@@ -26,6 +26,7 @@ from tis.deploy.report.subjects import (
     own_estimators,
     processors,
     safety,
+    seen_pictures,
     sight,
     touch,
     tracking,
@@ -76,6 +77,9 @@ def _measured(run: MeasuredRun, mode: str, exit_code: int | None, command: str) 
     played = identification.recording_figures(logs, scenario, run.models)
     traffic = surgeon_traffic(logs, active_duration_s(logs, "surgeon", scenario))
     seen = sight.sight_summary(run.pictures, logs, scenario, run.arms)
+    if run.pictures is not None:
+        compared = seen_pictures.quality(logs.run_dir, scenario, run.pictures)
+        seen["sight"] = seen["sight"].model_copy(update={"quality": compared})
     return Summary(
         scenario=scenario.name,
         seed=scenario.seed,

@@ -16,6 +16,7 @@ from tis.common.runtime.scenario_files import load_traces
 from tis.common.runtime.zenoh_session import ZenohOptions
 from tis.common.scenario import Scenario, check_foreign_surgeon
 from tis.common.scenario.identification import is_model_file
+from tis.common.sight.codec import check_codec
 from tis.deploy.run.progress import RunProgress
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.guard import print_faults
@@ -96,6 +97,7 @@ def _check_before(scenario: Scenario, foreign_surgeon: bool) -> None:
     """Raise `InputError` and `DataError` before any folder or process exists, instead of in a side's process."""
     scenario.identification.check_for_live_runs(scenario.estimators)
     check_plant(scenario)
+    check_codec(scenario)
     own_estimators(scenario)
     if foreign_surgeon:
         check_foreign_surgeon(f"scenario {scenario.name}", scenario.source)

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 from msgspec import DecodeError
 
-from tis.common.channels import DESTINATION, Direction, direction_of
+from tis.common.channels import DESTINATION, VIDEO, Direction, direction_of
 from tis.common.header import Header
 from tis.common.messages import Pose, Quaternion, Vector3, decode, encode
 from tis.common.node import Arrival, Emission
@@ -109,6 +109,6 @@ def recorded_arrivals(path: Path, session: str, direction: Direction) -> deque[A
                     found.append(RecordedStop(log_ns, note.leaves_stopped))
             elif key == QUARANTINE:
                 found.extend(_contradiction(payload))
-            elif direction_of(key, session) == direction:
+            elif direction_of(key, session) == direction and key != VIDEO.key(session):  # the screen's own
                 found.append(Arrival(DESTINATION[direction], key, payload, Header(seq, sent_ns).pack(), log_ns))
     return found

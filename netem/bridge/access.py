@@ -13,6 +13,7 @@ from tis.common.channels import (
     Network,
     keys_of,
     local_keys,
+    measured_keys,
     release_key,
     stop_key,
     stopped_key,
@@ -89,8 +90,8 @@ def _of_side(session: str, network: Network, devices: Sequence[str], may_stop: S
     token = keys.token(SIDE_ON[network], "*", mirrored=False)
     east = (*local_keys(session, "east"), stopped_key(session))
     own = east if network == "east" else (*local_keys(session, "west"), *may_stop, *devices)
-    # an arm or a device is a program of its own
-    beside = local_keys(session, "east") if network == "east" else devices
+    # an arm, a device or the camera, which sees the measured poses, is a program of its own
+    beside = (*local_keys(session, "east"), *measured_keys(session)) if network == "east" else devices
     return {
         "put": (
             *keys_of(says, session),

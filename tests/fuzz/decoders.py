@@ -60,7 +60,10 @@ from tis.common.safety_records import StopsInForceNote
 from tis.common.scenario.live_source import LiveSource
 from tis.common.scenario.reading import build_scenario, parse_yaml
 from tis.common.scenario.security import Password
+from tis.common.scenario.sight import SightPart
 from tis.common.scenario.table_source import TableSource
+from tis.common.sight.fragments import cut
+from tis.common.sight_records import ScreenNote
 from tis.common.sources.jigsaws import COLUMNS, parse_trial
 from tis.common.sources.jigsaws import pose_track as trial_track
 from tis.common.sources.provenance import parse_played
@@ -91,6 +94,7 @@ from tis.netem.control.control import Control
 from tis.patient_side.identification.model_file import dump_models, parse_models
 from tis.patient_side.safety.emergency_stop import EmergencyStops
 from tis.surgeon_side.live import DeviceMapping
+from tis.surgeon_side.screen import ScreenNode
 
 _ROW = hand_channels("left", "PSM2")
 _FOLDER = scratch_folder()
@@ -436,6 +440,43 @@ DECODERS: dict[str, Decoder] = {
     "origins": Decoder(lambda data: parse_origins(data, "a"), [_ORIGINS]),
     "played rows": Decoder(lambda data: parse_played(data, "a"), [json.dumps(_PLAYED).encode()]),
 }
+
+
+class _ForgivingCodec:
+    """Makes a picture of whatever there is, so that a screen's own work is what is fuzzed."""
+
+    is_sound = True
+
+    def decode(self, stretches: Sequence[tuple[int, bytes]], n_bytes: int) -> Any:
+        assert sum(len(content) for _, content in stretches) <= n_bytes
+        return np.zeros((240, 320, 3), dtype=np.uint8) if stretches else None
+
+
+_SIGHT = SightPart(width=320, height=240, fragment_bytes=20)
+_FRAGMENTS = [payload for frame in range(2) for payload, _ in cut(frame, _SIGHT.captured_ns(frame), bytes(50), 20)]
+
+
+def _screened(data: bytes) -> None:
+    """Show the messages of a screen, each with its length before it; nothing is shown as complete that is not."""
+    screen = ScreenNode("tis", _SIGHT, _ForgivingCodec())
+    records: list[Any] = []
+    at, now_ns = 0, 100_000_000
+    while at < len(data):
+        n_bytes = data[at]
+        payload, at, now_ns = data[at + 1 : at + 1 + n_bytes], at + 1 + n_bytes, now_ns + 1_000_000
+        records += screen.receive(Arrival("west", "tis/ECM/video", payload, Header(3, now_ns).pack(), now_ns))
+        due_ns = screen.next_wake_ns()
+        if due_ns is not None and due_ns <= now_ns:
+            records += screen.wake(now_ns)
+    records += screen.finish(now_ns)
+    notes = [one.data for one in records if isinstance(one.data, ScreenNote)]
+    assert [note.frame for note in notes] == list(range(len(notes)))
+    assert all(not note.missing for note in notes if note.state == "complete")
+
+
+DECODERS["frames of a screen"] = Decoder(
+    _screened, [b"".join(bytes([len(one)]) + one for one in _FRAGMENTS[i:] + _FRAGMENTS[:i]) for i in range(3)]
+)
 
 
 def decode(name: str, data: bytes) -> None:

@@ -10,7 +10,7 @@ from tis.common.channels import Direction, Hand, Side, direction_of
 from tis.common.errors import DataError, Fault, problem
 from tis.common.records import COUNTERS
 from tis.common.runtime.chunk_writer import by_channel
-from tis.common.runtime.log_parts import PartClock, part_clock
+from tis.common.runtime.log_parts import PartClock, companion_logs, part_clock
 from tis.common.runtime.memory import release_large_arrays, without_collector
 from tis.common.runtime.user_code import USER_CODE_FILE, Origin, parse_origins
 from tis.common.sight_records import PICTURES
@@ -166,6 +166,17 @@ def _read_part(log: SideLog, path: Path, wanted: Collection[str] | None) -> _Par
     return _Part(metadata, attachments, Coverage.of(file, last_ns), last_ns, log.n_messages - n_before)
 
 
+def _add_companions(log: SideLog, run_dir: Path, wanted: Collection[str] | None) -> None:
+    """Add the records of what ran beside a side, on its clock; raises `DataError` when they are of another run."""
+    own = part_clock(log.attachments)
+    for path in companion_logs(run_dir, log.side):
+        if truncated_start(path):  # killed before it wrote anything: what it sent is missing in the books
+            continue
+        clock = _read_part(log, path, wanted).clock
+        if own is not None and clock is not None and clock.run_id != own.run_id:
+            raise DataError(Fault(path.name, "", "is of another run"))
+
+
 def _check_continues(before: _Part, part: _Part) -> None:
     one, other = before.clock, part.clock
     why = None
@@ -224,6 +235,7 @@ def load_run(run_dir: Path, wanted: Collection[str] | None = None) -> RunLogs:
             # reading makes millions of objects and no cycles: the collector would only cost time
             with without_collector():
                 logs.sides[side] = load_parts(paths, side, wanted)
+                _add_companions(logs.sides[side], run_dir, wanted)
         except DataError as error:
             faults += [replace(fault, where=str(paths[0]), field=_topic(paths, fault)) for fault in error.faults]
     if faults:

@@ -29,6 +29,7 @@ AGE: Final = "/metrics/age"
 DELAY: Final = "/metrics/delay"
 FORCE: Final = "/forces"
 FORCE_SIZE: Final = "/metrics/force"
+CAMERA_VIDEO: Final = "/camera"
 TRUTH_NAME: Final = "truth"
 
 

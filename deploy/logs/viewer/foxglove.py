@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from math import sqrt
 from typing import Any, Final, Literal
 
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
@@ -27,6 +29,8 @@ SCHEMAS: Final[Mapping[str, Any]] = {
     "transforms": FrameTransforms,
     "scene": SceneUpdate,
     "log": Log,
+    "image": CompressedImage,
+    "video": CompressedVideo,
 }
 LEVEL: Final = (0.0, 0.0, 0.0, 1.0)
 COLORS: Final = {"tool": (0.84, 0.37, 0.0), "hand": (0.48, 0.32, 0.58)}
@@ -88,6 +92,13 @@ def arrow(at_ns: int, name: str, position_m: Point, force_n: Point, color: Point
         one.color.r, one.color.g, one.color.b = color
         one.color.a = 1.0
     return update.SerializeToString()
+
+
+def picture(kind: str, at_ns: int, encoding: str, data: bytes) -> bytes:
+    """Return a frame; ``kind`` is ``image`` or ``video``, ``encoding`` as Foxglove names it."""
+    message = SCHEMAS[kind](frame_id="camera", format=encoding, data=data)
+    _stamp(message.timestamp, at_ns)
+    return bytes(message.SerializeToString())
 
 
 def log_line(at_ns: int, level: Level, name: str, text: str) -> bytes:

@@ -6,6 +6,7 @@ from typing import Final
 from tis.common.channels import Side
 from tis.common.clocks import SHARED
 from tis.common.records import CONTROL, ESTIMATES, ESTIMATOR_FAULTS, FRESH, ORIENTATIONS, REJECTED, TICKS, TRUTH
+from tis.common.sight_records import PICTURES
 from tis.deploy.logs.payloads import UNREADABLE, other_version
 from tis.deploy.logs.read.clocks import Clocks
 from tis.deploy.logs.viewer.draw_forces import ForceStream, Places
@@ -18,6 +19,7 @@ from tis.deploy.logs.viewer.draw_metrics import (
     fault_line,
     rejected_line,
 )
+from tis.deploy.logs.viewer.draw_pictures import PictureStream
 from tis.deploy.logs.viewer.draw_poses import (
     EstimateStream,
     OrientationStream,
@@ -78,6 +80,8 @@ class Scene:
             method = topic.removeprefix(f"{ORIENTATIONS}/")
             turns = self._turns if method == topics.active_orientation else None
             return OrientationStream(method, topics, self._truth, turns)
+        if (side, topic) == ("patient", PICTURES):
+            return PictureStream()
         if (side, topic) == ("patient", FRESH):
             return self._freshest
         if (side, topic) == ("patient", TICKS):

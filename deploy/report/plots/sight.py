@@ -10,7 +10,7 @@ from tis.deploy.present.numbers import number
 from tis.deploy.present.palette import AMBER, BLUE, GREEN, OUTAGE, PINK, RED, SLATE
 from tis.deploy.present.thinning import evenly_and_largest
 from tis.deploy.report.run_view import MAX_TICKS, RunView
-from tis.deploy.report.subjects.sight import STATES, Pictures
+from tis.deploy.report.subjects.pictures import STATES, Pictures
 from tis.deploy.report.subjects.sight_tables import sight_text
 
 _TONES = dict(zip(STATES, (GREEN, AMBER, PINK, RED, SLATE), strict=True))

@@ -1,34 +1,30 @@
 """Sight: what became of each frame of the picture, how old it is when it is seen, and how well it is seen."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tis.common.channels import VIDEO, Hand, hand_channels, is_shown_force
 from tis.common.channels import Arm as ArmName
 from tis.common.header import HEADER_BYTES
 from tis.common.metrics.percentiles import Summary, summarise, uncertainties
-from tis.common.metrics.sight import Freezes, asynchrony_ns, behind_others, freezes, hand_to_eye_ns, onsets
+from tis.common.metrics.sight import asynchrony_ns, behind_others, onsets
 from tis.common.records import CONTACTS
 from tis.common.scenario import Scenario
 from tis.common.scenario.network.capacity import Rate
-from tis.common.sight_records import CAMERA, FRAGMENT_COUNTERS, SCREEN
-from tis.common.units import NS_PER_MS, NS_PER_S, sample_instant_ns
-from tis.deploy.logs.read.columns import Ints, joined
+from tis.common.sight_records import FRAGMENT_COUNTERS
+from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.deploy.logs.read.columns import joined
 from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.packets import fates_by_key, releases_by_key
 from tis.deploy.report.section import LATE, Section, Statistics, means, statistics
 from tis.deploy.report.subjects.logs import counters_of
 from tis.deploy.report.subjects.network.requested import Requested
-from tis.deploy.report.subjects.ticks import active_duration_s
+from tis.deploy.report.subjects.pictures import STATES, Pictures
 from tis.netem.expected.frames import FrameShares, frame_shares, transmission_ns
 
-STATES: Final = ("complete", "concealed", "torn", "undecodable", "lost")
 GLASS: Final = "sight.glass_to_glass_ms"
 """The place of the figure that spans two clocks."""
 NOTICED_MS: Final = (-15.0, 50.0)
@@ -53,6 +49,14 @@ class ForceWaits(Section):
         "Longest wait in theory, behind the largest frame: 8 (bytes + overhead of each message) / rate, and the "
         "force's own transmission; 0 where keys are ruled apart, `null` without one constant rate."
     )
+
+
+class Quality(Section):
+    """The pictures shown beside those drawn, without the stamps."""
+
+    n: int = means("Pictures compared, evenly spaced among those shown.")
+    psnr_db: Statistics = statistics("Peak signal-to-noise ratio, 100 for equal pictures.", "mean p5 p50")
+    ssim: Statistics = statistics("Structural similarity of the brightness, 1 for equal pictures.", "mean p5 p50")
 
 
 class SightFigures(Section):
@@ -86,90 +90,9 @@ class SightFigures(Section):
         "Messages of the picture that the screen could not use: `duplicated`, `reordered`, `corrupted`, `forged`, "
         "`late`; reordered ones are used."
     )
+    quality: Quality | None = means("Pictures beside those drawn; `null` where the log has no frames.", default=None)
     asynchrony: Asynchrony | None = means("Touch beside sight; absent without touch.", default=None)
     force_waits: ForceWaits | None = means("Forces behind the picture; absent without touch.", default=None)
-
-
-@dataclass(frozen=True)
-class Pictures:
-    """The frames of a run: (N,) as the camera sent them, and what the screen made of each.
-
-    Without a value ``shown_ns`` and ``command`` are -1, and ``state`` is ``lost``. ``stamped`` marks frames whose two
-    stamps agree; ``frame_seen`` is what they say.
-    """
-
-    camera: Frame
-    screen: Frame
-    rate_hz: int
-    until_ns: int
-
-    @classmethod
-    def of(cls, logs: RunLogs, scenario: Scenario) -> Self | None:
-        """Return the frames; None for a run without sight, or without the camera's records."""
-        if scenario.sight is None:
-            return None
-        camera = logs.of("patient", CAMERA).first_of_each("frame")
-        if not len(camera):
-            return None
-        screen = logs.of("surgeon", SCREEN).first_of_each("frame")
-        screen = screen.at(np.isin(screen.frame, camera.frame))
-        return cls(camera, screen, scenario.rate_hz, round(active_duration_s(logs, "surgeon", scenario) * NS_PER_S))
-
-    @cached_property
-    def seen(self) -> Frame:
-        """Return the screen's records of frames that it showed, in that order."""
-        shown = self.screen.at(np.isfinite(self.screen.shown_ns))
-        return shown.at(np.argsort(shown.shown_ns, kind="stable"))
-
-    @cached_property
-    def shown_ns(self) -> Ints:
-        """Return when each of `seen` was shown."""
-        return self.seen.shown_ns.astype(np.int64)
-
-    @cached_property
-    def stamped(self) -> NDArray[np.bool_]:
-        """Mark those of `seen` whose stamps agree with each other and name a frame that was sent."""
-        one = self.seen
-        agree = (one.top_frame == one.bottom_frame) & (one.top_command == one.bottom_command)
-        return np.asarray(agree & np.isin(one.top_frame, self.camera.frame))
-
-    @cached_property
-    def captured_ns(self) -> Ints:
-        """Return when what is in each of the stamped pictures was captured, by the frame that their stamps name."""
-        place = np.searchsorted(self.camera.frame, self.seen.top_frame[self.stamped].astype(np.int64))
-        return np.asarray(self.camera.captured_ns[place])
-
-    @cached_property
-    def states(self) -> NDArray[np.str_]:
-        """Return the state (N,) of each frame sent; one that the screen has no record of is lost."""
-        found = np.full(len(self.camera), "lost", dtype="<U11")
-        found[np.searchsorted(self.camera.frame, self.screen.frame)] = self.screen.state
-        return found
-
-    @cached_property
-    def arrived(self) -> Ints:
-        """Return how many fragments (N,) of each frame sent arrived."""
-        found = np.zeros(len(self.camera), dtype=np.int64)
-        found[np.searchsorted(self.camera.frame, self.screen.frame)] = self.screen.fragments
-        return found
-
-    @cached_property
-    def freezes(self) -> Freezes:
-        """Return the freezes of the picture, until the surgeon's last tick."""
-        return freezes(self.shown_ns, self.until_ns)
-
-    @cached_property
-    def hand_to_eye_ns(self) -> Ints:
-        """Return the time from each command's sample to the first picture that shows it."""
-        command = self.seen.top_command[self.stamped].astype(np.int64)
-        n = sample_number(self.until_ns, self.rate_hz)
-        instants = {i: sample_instant_ns(i, self.rate_hz) for i in np.unique(command).tolist() if 0 <= i <= n}
-        return hand_to_eye_ns(command, self.shown_ns[self.stamped], instants)
-
-
-def sample_number(at_ns: int, rate_hz: int) -> int:
-    """Return the number of the newest sample at an instant."""
-    return at_ns * rate_hz // NS_PER_S
 
 
 def sight_summary(

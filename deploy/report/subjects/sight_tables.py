@@ -1,11 +1,14 @@
 """Sight in words and as a table: what became of the frames, their age when seen, freezes, touch beside sight."""
 
+from html import escape
 from typing import Final
 
 from tis.deploy.present.numbers import number, percent
+from tis.deploy.present.page import nonbreaking_units
 from tis.deploy.present.table import Column, Table
 from tis.deploy.report.section import Statistics, with_uncertainty
-from tis.deploy.report.subjects.sight import STATES, ForceWaits, SightFigures
+from tis.deploy.report.subjects.pictures import STATES
+from tis.deploy.report.subjects.sight import ForceWaits, SightFigures
 
 _NOTE: Final = (
     "Complete: with all frames that it refers to. Concealed: the decoder filled gaps. Hand to eye: from a command's "
@@ -50,6 +53,14 @@ def sight_tables(sight: SightFigures | None, bounds: Statistics) -> list[Table]:
     return [Table("Sight", columns, _rows(sight, bounds), _NOTE)]
 
 
+def sight_markup(sight: SightFigures | None, bounds: Statistics) -> str:
+    """Return what the surgeon saw as a paragraph and a table of a page, "" without sight."""
+    if sight is None:
+        return ""
+    text = f'<p class="answer">{escape(nonbreaking_units(answer_text(sight)))}</p>'
+    return text + "".join(table.html() for table in sight_tables(sight, bounds))
+
+
 def _rows(sight: SightFigures, bounds: Statistics) -> list[tuple[str, str]]:
     frames = ", ".join(f"{number(sight.frames[name])} {name}" for name in STATES if sight.frames[name])
     used = ", ".join(f"{number(n)} {name}" for name, n in sight.fragments.items() if n)
@@ -64,6 +75,11 @@ def _rows(sight: SightFigures, bounds: Statistics) -> list[tuple[str, str]]:
         ("bit rate", number(sight.kbit_s, " kbit/s")),
         *([("messages of the picture", used)] if used else []),
     ]
+    if (like := sight.quality) is not None:
+        ratio, alike = like.psnr_db, like.ssim
+        text = f"PSNR median {number(ratio['p50'], ' dB')}, p5 {number(ratio['p5'], ' dB')}; "
+        text += f"SSIM {number(alike['p50'])}, {number(alike['p5'])}; of {number(like.n)} pictures"
+        rows.append(("beside what the camera drew", text))
     if (touch := sight.asynchrony) is not None:
         late = touch.touch_after_sight_ms
         text = f"{number(touch.n)}, of which {number(touch.noticed)} would be noticed"

@@ -109,3 +109,13 @@ def test_a_log_tells_what_arrived(absent: set[int]) -> None:
         return
     assert numbers_in(found.missing()) == sorted(absent)
     assert received(DATA, found.missing(), 3, 1000) == found.stretches()
+
+
+def test_a_frame_that_claims_millions_of_fragments_costs_no_time() -> None:
+    (claimed,) = [parse(payload) for payload, _ in cut(0, 0, b"x", 1)]
+    assert claimed is not None
+    frames = Reassembly()
+    frames.take(claimed._replace(frame_bytes=fragments.MAX_FRAME_BYTES, number=7), 0)
+    _, found = frames.pop()
+    assert found is not None
+    assert found.missing() == f"0-6,8-{fragments.MAX_FRAME_BYTES - 1}"

@@ -14,7 +14,8 @@ from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.side_log import MESSAGES, SideLog
 from tis.deploy.report.plots.sight import by_second
-from tis.deploy.report.subjects.sight import Pictures, SightFigures, sight_summary
+from tis.deploy.report.subjects.pictures import Pictures
+from tis.deploy.report.subjects.sight import SightFigures, sight_summary
 from tis.deploy.report.subjects.sight_tables import answer_text, sight_tables, sight_text
 from tis.deploy.run.resolve import resolve
 

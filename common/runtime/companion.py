@@ -1,0 +1,229 @@
+"""A node that runs beside a side, in a process of its own on the same host: the camera, the screen.
+
+It must not share an interpreter with a loop that ticks a thousand times a second. The side starts it, tells it the
+run's clock, which both then read, and ends it; it is a Zenoh client of its own and writes a log of its own beside the
+side's. Its real-time priority, where the system grants one, is below that of the loops.
+"""
+
+import contextlib
+import json
+import subprocess
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Final, Self
+
+import zenoh
+
+from tis.common.channels import Arm, Hand, HandChannels, Network, Side, hand_channels
+from tis.common.errors import EXIT_OK, DataError, Fault, PeerError
+from tis.common.runtime.clock import WallClock
+from tis.common.runtime.credentials import credentials
+from tis.common.runtime.inbox import Inbox
+from tis.common.runtime.log_parts import CLOCK_FILE, PartClock, companion_name
+from tis.common.runtime.loop import Seat, run
+from tis.common.runtime.mcap_log import McapLog
+from tis.common.runtime.memory import share_arenas
+from tis.common.runtime.process import child_environment, guarded_exit_code, line_of, run_to_end
+from tis.common.runtime.recorder import recorder_for
+from tis.common.runtime.scheduling import settle, stand_all_behind
+from tis.common.runtime.zenoh_bus import ZenohBus
+from tis.common.runtime.zenoh_session import ZenohOptions, configure, lease_ms, open_client
+from tis.common.scenario import Scenario
+from tis.common.scenario.reading import digest
+from tis.common.sight.codec import codec_versions
+
+CODEC_FILE: Final = "codec.json"
+_READY: Final = "ready"
+_MAX_LAST_LINES: Final = 5
+_GRACE_S: Final = 10.0
+
+
+@dataclass(frozen=True)
+class Beside:
+    """What runs beside a side: ``builder``, MODULE:FUNCTION of scenario and hands' channels, returns the node."""
+
+    builder: str
+    network: Network
+    hands: Sequence[tuple[Hand, Arm]] = ()
+
+
+class Companion:
+    """The process of a node that runs beside a side, as the side sees it."""
+
+    def __init__(
+        self, side: Side, beside: Beside, scenario: Scenario, options: ZenohOptions, changed: Callable[[], None],
+        warn: Callable[[str], None],
+    ) -> None:  # fmt: skip
+        self.side, self.name = side, beside.builder.rpartition(".")[2].partition(":")[0]
+        self.is_ready = False
+        self._last_lines: deque[str] = deque(maxlen=_MAX_LAST_LINES)
+        self._changed, self._warn, self._is_closing = changed, warn, False
+        # a separate session: Ctrl-C reaches the side, which then ends it
+        self._process = subprocess.Popen(  # noqa: S603  (a module of ours)
+            [sys.executable, "-m", __name__],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            errors="replace",
+            start_new_session=True,
+            env=child_environment(),
+        )
+        self._tell(_request(side, beside, scenario, options))
+        self._readers = [threading.Thread(target=one, daemon=True) for one in (self._read_words, self._read_errors)]
+        for reader in self._readers:
+            reader.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the process, at the latest after some seconds, in which it completes its log."""
+        self._is_closing = True
+        with contextlib.suppress(OSError):  # it has ended
+            assert self._process.stdin is not None
+            self._process.stdin.close()
+        try:
+            self._process.wait(_GRACE_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        for reader in self._readers:
+            reader.join()
+        for pipe in (self._process.stdout, self._process.stderr):
+            if pipe is not None:
+                pipe.close()
+
+    @property
+    def failure(self) -> str | None:
+        """Return why the process failed; None while it runs, or when it ended as it should."""
+        code = self._process.poll()
+        return None if code in (None, EXIT_OK) else "; ".join(self._last_lines) or f"it ended with code {code}"
+
+    def check(self) -> bool:
+        """Tell whether the node is ready; raises `PeerError` when its process is over."""
+        if self._process.poll() is not None:
+            raise PeerError(Fault(self.side, self.name, self.failure or "it ended before the run"))
+        return self.is_ready
+
+    def begin(self, clock: PartClock, log: Path) -> None:
+        """Let the node begin, on this clock, with its log beside that of the side."""
+        number = next(n for n in range(1, 1000) if not log.with_name(companion_name(self.side, n)).exists())
+        path = log.with_name(companion_name(self.side, number))
+        self._tell({"log": str(path), "clock": clock.model_dump(mode="json")})
+
+    def _tell(self, words: Mapping[str, Any]) -> None:
+        assert self._process.stdin is not None
+        with contextlib.suppress(OSError):  # it has ended, as `check` tells
+            self._process.stdin.write(f"{json.dumps(words)}\n")
+            self._process.stdin.flush()
+
+    def _read_words(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            if line.strip() == _READY:
+                self.is_ready = True
+                self._changed()
+        self._changed()
+        code = self._process.wait()
+        if code != EXIT_OK or (self.is_ready and not self._is_closing):
+            self._readers[1].join()
+            self._warn(f"the {self.name} ended: {self.failure or 'before the run was over'}")
+
+    def _read_errors(self) -> None:
+        assert self._process.stderr is not None
+        self._last_lines.extend(line.rstrip() for line in self._process.stderr)
+
+
+def _request(side: Side, beside: Beside, scenario: Scenario, options: ZenohOptions) -> dict[str, Any]:
+    return {
+        "side": side,
+        "builder": beside.builder,
+        "network": beside.network,
+        "hands": list(beside.hands),
+        "scenario": scenario.model_dump(mode="json"),
+        "connect": list(options.connect),
+        "config": None if options.config is None else str(options.config),
+        "cfg": list(options.cfg),
+    }
+
+
+def _run(request: Mapping[str, Any]) -> int:
+    """Run the node of a request from the beginning that standard input tells to the end; return the exit code."""
+    share_arenas()
+    scenario = Scenario.model_validate(request["scenario"])
+    side, network = request["side"], request["network"]
+    module, _, function = request["builder"].partition(":")
+    hands: list[HandChannels] = [hand_channels(hand, arm) for hand, arm in request["hands"]]
+    node = getattr(import_module(module), function)(scenario, hands)
+    config = None if request["config"] is None else Path(request["config"])
+    options = ZenohOptions(request["connect"], (), config, request["cfg"])
+    proof = credentials(scenario.security, side)
+    options = replace(options, credentials=proof, lease_ms=lease_ms(scenario.peer_timeout_s))
+    session = open_client(configure("client", options), lambda: False, lambda: None)
+    assert session is not None
+    with session:
+        inbox: Inbox[zenoh.Sample] = Inbox()
+        bus = ZenohBus({network: session}, WallClock(0), inbox)
+        bus.listen(node)
+        bus.announce(node)
+        settle()
+        stand_all_behind()
+        print(_READY, flush=True)  # noqa: T201  (the side reads it)
+        line = sys.stdin.readline()
+        if not line:
+            return EXIT_OK
+        begin = json.loads(line)
+        part = PartClock.model_validate(begin["clock"])
+        ended = threading.Event()
+
+        def follow() -> None:
+            sys.stdin.read()
+            ended.set()
+            inbox.alarm()
+
+        threading.Thread(target=follow, daemon=True).start()
+        metadata = {
+            "version": "1",
+            "side": side,
+            "scenario": scenario.name,
+            "digest": digest(scenario),
+            "mode": "live",
+        }
+        with McapLog(Path(begin["log"]), metadata) as log:
+            log.attach(CLOCK_FILE, json.dumps(begin["clock"]).encode())
+            if scenario.sight is not None:
+                log.attach(CODEC_FILE, json.dumps(dict(codec_versions(scenario.sight.codec))).encode())
+            clock = WallClock(part.epoch_monotonic_ns)
+            bus.clock, bus.run_id = clock, part.run_id or 0
+            recorder = recorder_for(log, lambda _: None)
+            node.join(bus.run_id, part.joined_ns or 0)
+            inbox.start(clock)
+            try:
+                run([Seat(node, recorder)], bus, clock, scenario.end_ns, lambda: ended.is_set() or bool(inbox.error))
+            finally:
+                recorder.close()
+            if recorder.error is not None:
+                raise DataError(Fault(begin["log"], "", f"{recorder.error.strerror}"))
+        if inbox.error is not None:
+            raise RuntimeError("a Zenoh callback failed") from inbox.error
+    return EXIT_OK
+
+
+def _main() -> None:
+    request = json.loads(sys.stdin.readline())
+
+    def failed(code: int, faults: Sequence[Fault]) -> None:  # noqa: ARG001
+        for fault in faults:
+            sys.stderr.write(f"{line_of(request['side'], fault)}\n")
+
+    raise SystemExit(guarded_exit_code(request["side"], lambda: _run(request), failed))
+
+
+if __name__ == "__main__":
+    run_to_end(_main)

@@ -1,0 +1,96 @@
+"""The frames of a run as the camera sent them, and what the screen made of each."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tis.common.metrics.sight import Freezes, freezes, hand_to_eye_ns
+from tis.common.scenario import Scenario
+from tis.common.sight_records import CAMERA, SCREEN
+from tis.common.units import NS_PER_S, sample_index, sample_instant_ns
+from tis.deploy.logs.read.columns import Ints
+from tis.deploy.logs.read.frame import Frame
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.report.subjects.ticks import active_duration_s
+
+STATES: Final = ("complete", "concealed", "torn", "undecodable", "lost")
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """The frames of a run: (N,) as the camera sent them, and what the screen made of each.
+
+    Without a value ``shown_ns`` and ``command`` are -1, and ``state`` is ``lost``. ``stamped`` marks frames whose two
+    stamps agree; ``frame_seen`` is what they say.
+    """
+
+    camera: Frame
+    screen: Frame
+    rate_hz: int
+    until_ns: int
+
+    @classmethod
+    def of(cls, logs: RunLogs, scenario: Scenario) -> Self | None:
+        """Return the frames; None for a run without sight, or without the camera's records."""
+        if scenario.sight is None:
+            return None
+        camera = logs.of("patient", CAMERA).first_of_each("frame")
+        if not len(camera):
+            return None
+        screen = logs.of("surgeon", SCREEN).first_of_each("frame")
+        screen = screen.at(np.isin(screen.frame, camera.frame))
+        return cls(camera, screen, scenario.rate_hz, round(active_duration_s(logs, "surgeon", scenario) * NS_PER_S))
+
+    @cached_property
+    def seen(self) -> Frame:
+        """Return the screen's records of frames that it showed, in that order."""
+        shown = self.screen.at(np.isfinite(self.screen.shown_ns))
+        return shown.at(np.argsort(shown.shown_ns, kind="stable"))
+
+    @cached_property
+    def shown_ns(self) -> Ints:
+        """Return when each of `seen` was shown."""
+        return self.seen.shown_ns.astype(np.int64)
+
+    @cached_property
+    def stamped(self) -> NDArray[np.bool_]:
+        """Mark those of `seen` whose stamps agree with each other and name a frame that was sent."""
+        one = self.seen
+        agree = (one.top_frame == one.bottom_frame) & (one.top_command == one.bottom_command)
+        return np.asarray(agree & np.isin(one.top_frame, self.camera.frame))
+
+    @cached_property
+    def captured_ns(self) -> Ints:
+        """Return when what is in each of the stamped pictures was captured, by the frame that their stamps name."""
+        place = np.searchsorted(self.camera.frame, self.seen.top_frame[self.stamped].astype(np.int64))
+        return np.asarray(self.camera.captured_ns[place])
+
+    @cached_property
+    def states(self) -> NDArray[np.str_]:
+        """Return the state (N,) of each frame sent; one that the screen has no record of is lost."""
+        found = np.full(len(self.camera), "lost", dtype="<U11")
+        found[np.searchsorted(self.camera.frame, self.screen.frame)] = self.screen.state
+        return found
+
+    @cached_property
+    def arrived(self) -> Ints:
+        """Return how many fragments (N,) of each frame sent arrived."""
+        found = np.zeros(len(self.camera), dtype=np.int64)
+        found[np.searchsorted(self.camera.frame, self.screen.frame)] = self.screen.fragments
+        return found
+
+    @cached_property
+    def freezes(self) -> Freezes:
+        """Return the freezes of the picture, until the surgeon's last tick."""
+        return freezes(self.shown_ns, self.until_ns)
+
+    @cached_property
+    def hand_to_eye_ns(self) -> Ints:
+        """Return the time from each command's sample to the first picture that shows it."""
+        command = self.seen.top_command[self.stamped].astype(np.int64)
+        n = sample_index(self.until_ns, self.rate_hz)
+        instants = {i: sample_instant_ns(i, self.rate_hz) for i in np.unique(command).tolist() if 0 <= i <= n}
+        return hand_to_eye_ns(command, self.shown_ns[self.stamped], instants)
