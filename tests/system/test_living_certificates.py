@@ -19,10 +19,10 @@ _TIS = [sys.executable, "-m", "tis.deploy.cli.main"]
 _SCENARIO = """\
 version: 1
 name: living
-duration_s: 16
+duration_s: 20
 source: {kind: synthetic}
 hosts: {west: tls/10.77.1.1:7447, east: tls/10.77.2.1:7448}
-security: {kind: mtls, sign: true, observers: [watcher]}
+security: {kind: mtls, sign: true, observers: [watcher], control: [operator]}
 estimators: [hold]
 active_estimator: hold
 """
@@ -41,6 +41,25 @@ with zenoh.open(configure("client", ZenohOptions(connect=[sys.argv[2]], credenti
     while True:
         time.sleep(0.25)
         print(n, flush=True)
+"""
+
+
+_STOPPER = """
+import sys
+from pathlib import Path
+from tis.common.errors import InputError
+from tis.common.runtime.emulator_client import EmulatorAddress
+from tis.common.runtime.zenoh_session import ZenohOptions
+from tis.deploy.net.emergency import release_all, stop_arms
+operator, netem = (
+    EmulatorAddress("tls/10.77.1.1:7447", options=ZenohOptions(config=Path(one))) for one in sys.argv[1:]
+)
+print(stop_arms(operator, "a hand").text, flush=True)
+try:
+    print(release_all(netem, {}), flush=True)
+except InputError as error:
+    print(error, flush=True)
+print(release_all(operator, {}), flush=True)
 """
 
 
@@ -75,9 +94,9 @@ def test_a_revoked_name_is_shut_out_and_a_side_renews_its_certificate_in_one_run
     certs = tmp_path / "certs"
     (tmp_path / "s.yaml").write_text(_SCENARIO)
     new_authority(certs)
-    for name in ("surgeon", "netem", "patient", "watcher"):
+    for name in ("surgeon", "netem", "patient", "watcher", "operator"):
         issue(certs, name, ("10.77.1.1", "10.77.2.1") if name == "netem" else ())
-        if name != "watcher":
+        if name not in ("watcher", "operator"):
             shutil.copytree(certs / name, tmp_path / name / "certs" / name)
     with ExitStack() as stack:
         processes = _Processes(stack, hosts, tmp_path)
@@ -87,7 +106,14 @@ def test_a_revoked_name_is_shut_out_and_a_side_renews_its_certificate_in_one_run
         processes.await_words("patient", "running for")
         watch = (sys.executable, "-c", _WATCHER, str(certs / "watcher"), "tls/10.77.2.1:7448")
         processes.start("watcher", "patient", *watch)
+        stoppers = [str(certs / name / "zenoh.json5") for name in ("operator", "netem")]
+        processes.start("stopper", "surgeon", sys.executable, "-c", _STOPPER, *stoppers)
         processes.await_words("watcher", "1")
+
+        processes.await_words("stopper", "released, confirmed and signed by the patient")
+        said = processes.said("stopper")
+        assert said.startswith("stopped, confirmed and signed by the patient after")
+        assert "must be signed by one who may release" in said  # netem's certificate is none of these
 
         revoke(certs, "watcher")
         shutil.copy(certs / "revoked.txt", tmp_path / "netem" / "certs")
@@ -108,5 +134,7 @@ def test_a_revoked_name_is_shut_out_and_a_side_renews_its_certificate_in_one_run
     cut = [one for one in entries if (one.event, one.what) == ("refused", "revoked")]
     where = {(one.name, one.network, one.address.rpartition(":")[0]) for one in cut}
     assert where == {("watcher", "east", "10.77.2.2")}
+    asked = {(one.event, one.name) for one in entries if one.event in ("stop", "release")}
+    assert asked == {("stop", "operator"), ("release", "not checked here")}
     for name, least in (("surgeon", 2), ("patient", 1), ("watcher", 2)):
         assert sum(one.n for one in entries if (one.event, one.name) == ("connected", name)) >= least
