@@ -73,7 +73,7 @@ class Sums:
 
     def add(self, at_ns: int, one: Happening, n: int = 1) -> None:
         """Count a happening at a calendar time in ns since 1970."""
-        alike = one.without_port if one.event == "refused" else one
+        alike = one.without_port
         if alike not in self._found and len(self._found) >= MAX_PER_SECOND:
             alike = one = Happening(one.event, one.what)  # of which there are few
         first_ns, before, shown = self._found.get(alike, (at_ns, 0, one))

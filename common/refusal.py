@@ -6,7 +6,7 @@ from typing import Final, Literal, NamedTuple
 
 Refusal = Literal[
     "no_certificate", "foreign_authority", "expired", "bad_certificate", "no_tls", "false_netem", "unknown_name",
-    "no_password", "wrong_password", "not_permitted",
+    "no_password", "wrong_password", "not_permitted", "revoked",
 ]  # fmt: skip
 
 MEANING: Final[Mapping[Refusal, str]] = {
@@ -20,6 +20,7 @@ MEANING: Final[Mapping[Refusal, str]] = {
     "no_password": "a client without a password",
     "wrong_password": "a wrong user or password",
     "not_permitted": "a message that its sender may not say",
+    "revoked": "a client whose certificate is revoked",
 }
 
 REFUSED: Final = "refused"

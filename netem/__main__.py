@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Final
 
 import typer
@@ -28,6 +29,7 @@ from tis.common.runtime.side_log import SideOptions, continued, earlier_part, op
 from tis.common.runtime.status import Status
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, lease_ms, open_router
 from tis.common.scenario import Scenario
+from tis.common.scenario.security import Mtls
 from tis.common.units import NS_PER_MS
 from tis.common.zenoh_syntax import port_of
 from tis.netem.bridge.access import access_control
@@ -40,6 +42,7 @@ from tis.netem.bridge.emergency import EmergencyLine
 from tis.netem.bridge.gate import gates_for, without_gates
 from tis.netem.bridge.keys import crossing_keys
 from tis.netem.bridge.overhead import warn_of_overhead
+from tis.netem.bridge.revocation import Revocations
 from tis.netem.bridge.sides import lease_s
 from tis.netem.bridge.standstill import Deadline
 from tis.netem.bridge.tally import WatchedLog
@@ -82,7 +85,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         for network, session in sessions.items():
             meeting.rosters[network].watch(session)
         meeting.exchange = stack.enter_context(ScenarioExchange(sessions, meeting.keys, "netem", scenario))
-        _serve(stack, bridge, sessions, meeting, audit)
+        _serve(stack, bridge, sessions, meeting, audit, status)
         applications = Applications(bridge, sessions, crossing_keys(["**"]), lease_s(options.zenoh), status.warning)
         stack.callback(applications.close)
         applications.open()
@@ -144,13 +147,18 @@ def _open_routers(
     return sessions
 
 
-def _serve(stack: ExitStack, bridge: Bridge, sessions: Sessions, meeting: Meeting, audit: AuditTrail) -> None:
+def _serve(
+    stack: ExitStack, bridge: Bridge, sessions: Sessions, meeting: Meeting, audit: AuditTrail, status: Status
+) -> None:
     """Answer questions for the clock and requests to the emulator, pass emergency stops on, and note who connects."""
     keys = meeting.keys
     audit.watch(stack, sessions)
+    security = meeting.scenario.security
+    if isinstance(security, Mtls):
+        Revocations(Path(security.folder), audit, status.warning).watch(stack, sessions)
     stack.enter_context(ClockServer(sessions.values(), keys.clock))
     stack.callback(attach(bridge, sessions, keys.session, adapt=None if bridge.gates else without_gates, audit=audit))
-    emergency = EmergencyLine(sessions, keys.session, audit, meeting.scenario.security)
+    emergency = EmergencyLine(sessions, keys.session, audit, security)
     stack.callback(emergency.close)
     bridge.also_counts.extend((audit.refusals.counters, emergency.counters))
 

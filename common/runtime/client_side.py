@@ -29,10 +29,12 @@ from tis.common.runtime.side import Membership, NodeWork, Prepared, drive, part_
 from tis.common.runtime.side_log import SideOptions, continued, earlier_part, open_log
 from tis.common.runtime.signing import Agreement, identity
 from tis.common.runtime.status import Status
+from tis.common.runtime.tls_links import CertifiedLink, false_names
 from tis.common.runtime.zenoh_bus import ZenohBus
 from tis.common.runtime.zenoh_log import CLIENT_LEVELS, ConnectionTrouble, ZenohLog
 from tis.common.runtime.zenoh_session import bypasses, configure, lease_ms, open_client
 from tis.common.scenario import Scenario
+from tis.common.scenario.security import Mtls
 from tis.common.signing import SIGNERS, Identity
 from tis.common.zenoh_syntax import port_of
 
@@ -79,6 +81,8 @@ def run_client_side(
                 return _gave_up(side, interrupt, text)
             with session:
                 faults = bypasses(session)
+                names = false_names(session) if isinstance(scenario.security, Mtls) else []
+                faults += [f"its certificate is of {one}, must be netem's" for one in names]
                 if faults:
                     raise PeerError([Fault(side, "zenoh", fault) for fault in faults])
                 inbox: Inbox[zenoh.Sample] = Inbox()
@@ -140,6 +144,10 @@ class _Client:
         ):
             return self._gave_up()
         with contextlib.ExitStack() as stack:
+            security = self.meeting.scenario.security
+            if isinstance(security, Mtls):
+                folder = Path(security.folder) / self.side
+                stack.enter_context(CertifiedLink(self.session, folder, self.own, self.status.warning))
             if not self._agree(stack, prepared, bus):
                 return self._gave_up()
             return self._join_and_run(prepared, log, watch, bus, companion)

@@ -6,12 +6,19 @@ import os
 import stat
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, get_args
 
+from tis.common.channels import Side
 from tis.common.errors import Fault, InputError
+from tis.common.revocation import MAX_BYTES as MAX_REVOKED_BYTES
+from tis.common.revocation import NONE_REVOKED, REVOKED_FILE, Revoked, read_revoked
 from tis.common.scenario.security import Mtls, NoSecurity, Password
 from tis.common.zenoh_syntax import is_tls
+
+if TYPE_CHECKING:
+    from tis.common.scenario import Scenario
 
 CA_FILE: Final = "ca.pem"
 CERTIFICATE_FILE: Final = "cert.pem"
@@ -32,14 +39,17 @@ def credentials(security: NoSecurity | Mtls | Password, name: str) -> Settings:
     Raises `InputError` with every missing, unreadable or unprotected file.
     """
     if isinstance(security, Mtls):
-        return tls_settings(Path(security.folder) / name, name == "netem")
+        return tls_settings(Path(security.folder) / name, name == "netem", rereads=name != "netem")
     if isinstance(security, Password):
         return _password_settings(Path(security.file), name)
     return {}
 
 
-def tls_settings(folder: Path, listens: bool) -> Settings:
-    """Return the TLS settings of the name whose certificate, key and authority lie in ``folder``."""
+def tls_settings(folder: Path, listens: bool, rereads: bool = False) -> Settings:
+    """Return the TLS settings of the name whose certificate, key and authority lie in ``folder``.
+
+    ``rereads``: the files are read again at each connection, so that a renewed certificate counts from the next one.
+    """
     found: list[Fault] = []
     authority = _read(folder / CA_FILE, found)
     certificate = _read(folder / CERTIFICATE_FILE, found)
@@ -47,14 +57,18 @@ def tls_settings(folder: Path, listens: bool) -> Settings:
     found = found or _pem_faults(folder)
     if found:
         raise InputError(found)
-    # The contents, not the paths: a file replaced between two sessions must not mix two identities.
-    tls: dict[str, Any] = {
+    tls: dict[str, Any] = {"enable_mtls": True, "verify_name_on_connect": True, "close_link_on_expiration": True}
+    if rereads:  # where a renewal is under way, the two do not fit, and the client tries again
+        for setting, name in (
+            ("root_ca_certificate", CA_FILE), ("connect_certificate", CERTIFICATE_FILE),
+            ("connect_private_key", KEY_FILE),
+        ):  # fmt: skip
+            tls[setting] = str((folder / name).absolute())
+        return {"transport/link/tls": tls}
+    tls |= {
         "root_ca_certificate_base64": _base64(authority),
         "connect_certificate_base64": _base64(certificate),
         "connect_private_key_base64": _base64(key),
-        "enable_mtls": True,
-        "verify_name_on_connect": True,
-        "close_link_on_expiration": True,
     }
     if listens:
         tls |= {"listen_certificate_base64": _base64(certificate), "listen_private_key_base64": _base64(key)}
@@ -77,18 +91,49 @@ def _pem_faults(folder: Path) -> list[Fault]:
     return []
 
 
-def expiry_warnings(security: NoSecurity | Mtls | Password, name: str) -> list[str]:
-    """Return a warning on a certificate that expires within `SOON_DAYS`; none without the package cryptography."""
-    if not isinstance(security, Mtls):
-        return []
-    try:
-        from cryptography.x509 import load_pem_x509_certificate
+def certified_names(scenario: "Scenario") -> list[str]:
+    """Return the names that prove themselves in a run: its sides, and the further clients of the scenario."""
+    security = scenario.security
+    others = () if isinstance(security, NoSecurity) else (*security.control, *security.observers)
+    return list(dict.fromkeys((*get_args(Side), *others, *scenario.patient.safety.releasers)))
 
-        file = Path(security.folder) / name / CERTIFICATE_FILE
-        until = load_pem_x509_certificate(file.read_bytes()).not_valid_after_utc
-    except (ImportError, OSError, ValueError):  # what is wrong with it is told elsewhere
-        return []
-    return soon_text(name, (until.timestamp() - time.time()) / _DAY_S)
+
+def read_certificates(*files: Path) -> list[bytes]:
+    """Return the contents of files with certificates; raises `InputError` with every one that cannot be read."""
+    found: list[Fault] = []
+    contents = [_read(file, found) for file in files]
+    if found:
+        raise InputError(found)
+    return contents
+
+
+def expiry_warnings(security: NoSecurity | Mtls | Password, *names: str) -> list[str]:
+    """Return a warning on each certificate that expires within `SOON_DAYS`, or is revoked.
+
+    None without the package cryptography, nor of a certificate that is not here.
+    """
+    texts: list[str] = []
+    if not isinstance(security, Mtls):
+        return texts
+    for name in names:
+        try:
+            from cryptography.x509 import load_pem_x509_certificate
+
+            found = load_pem_x509_certificate((Path(security.folder) / name / CERTIFICATE_FILE).read_bytes())
+            until = found.not_valid_after_utc
+        except (ImportError, OSError, ValueError):  # what is wrong with it is told elsewhere
+            continue
+        texts += soon_text(name, (until.timestamp() - time.time()) / _DAY_S)
+        if revoked_in(Path(security.folder)).covers(name, found.serial_number):
+            texts.append(f"the certificate of {name} is revoked ({REVOKED_FILE})")
+    return texts
+
+
+def revoked_in(folder: Path) -> Revoked:
+    """Return the revoked certificates of a folder; none without the file."""
+    with suppress(OSError), (folder / REVOKED_FILE).open("rb") as opened:
+        return read_revoked(opened.read(MAX_REVOKED_BYTES + 1))
+    return NONE_REVOKED
 
 
 def soon_text(name: str, days: float) -> list[str]:

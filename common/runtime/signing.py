@@ -24,7 +24,7 @@ from tis.common.channels import Side
 from tis.common.errors import DataError, Fault, InputError
 from tis.common.extras import GET_HOSTS
 from tis.common.messages import decode, encode
-from tis.common.runtime.credentials import CA_FILE, CERTIFICATE_FILE, KEY_FILE, read_secret
+from tis.common.runtime.credentials import CA_FILE, CERTIFICATE_FILE, KEY_FILE, read_secret, revoked_in
 from tis.common.runtime.zenoh_session import publisher_of
 from tis.common.scenario.security import Mtls, Security
 from tis.common.signing import (
@@ -42,7 +42,7 @@ from tis.common.signing import (
 
 SigningSide = Literal["surgeon", "patient"]
 _EVERY_S: Final = 0.25
-_MAX_BYTES: Final = 20_000
+_MAX_HELLO_BYTES: Final = 20_000
 _MAX_WAITING: Final = 16
 _NOT_PROVED: Final = "its certificate or its signature is not of the run's authority"
 
@@ -72,22 +72,29 @@ class SharedSecret:
 class CertifiedKey:
     """A new X25519 key, signed by the key of a certificate; arguments in PEM. Raises `ValueError`, `TypeError`.
 
-    ``authorities`` may be several, as of a hospital: each certificate is issued by one of them directly.
+    ``authorities`` may be several, as of a hospital: each certificate is issued by one of them directly. ``revoked``
+    is the folder with the file of revoked ones, read whenever somebody proves a name.
     """
 
-    def __init__(self, certificate: bytes, key: bytes, authorities: bytes) -> None:
-        from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
+    def __init__(self, certificate: bytes, key: bytes, authorities: bytes, revoked: Path | None = None) -> None:
         from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
-        from cryptography.hazmat.primitives.serialization import load_pem_private_key
         from cryptography.x509 import load_pem_x509_certificates
 
-        self.certificate = certificate.decode("ascii")
         self._authorities = load_pem_x509_certificates(authorities)
-        self._key: Any = load_pem_private_key(key, None)
-        if not isinstance(self._key, EllipticCurvePrivateKey):
-            raise TypeError("its key must be on an elliptic curve")
+        self._revoked = revoked
         self._agreeing = X25519PrivateKey.generate()
         self.public = self._agreeing.public_key().public_bytes_raw().hex()
+        self.renew(certificate, key)
+
+    def renew(self, certificate: bytes, key: bytes) -> None:
+        """Prove the name with another certificate from now on."""
+        from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
+        from cryptography.hazmat.primitives.serialization import load_pem_private_key
+
+        loaded = load_pem_private_key(key, None)
+        if not isinstance(loaded, EllipticCurvePrivateKey):
+            raise TypeError("its key must be on an elliptic curve")
+        self.certificate, self._key = certificate.decode("ascii"), loaded
 
     def proof(self, content: bytes) -> bytes:
         """Return an ECDSA signature."""
@@ -99,7 +106,7 @@ class CertifiedKey:
 
     def signer(self, certificate: str, proof: str, content: bytes) -> Signer:
         """Return the name that certificate and signature prove."""
-        from cryptography.exceptions import InvalidSignature
+        from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
         from cryptography.hazmat.primitives.asymmetric.ec import ECDSA, EllipticCurvePublicKey
         from cryptography.hazmat.primitives.hashes import SHA256
         from cryptography.x509 import load_pem_x509_certificate
@@ -114,12 +121,14 @@ class CertifiedKey:
                 return Signer("", "its key is not on an elliptic curve")
             key.verify(bytes.fromhex(proof), content, ECDSA(SHA256()))
             named = [str(one.value) for one in found.subject.get_attributes_for_oid(NameOID.COMMON_NAME)]
-        except (ValueError, TypeError, InvalidSignature):
+        except (ValueError, TypeError, InvalidSignature, UnsupportedAlgorithm):
             return Signer("", _NOT_PROVED)
         if not found.not_valid_before_utc <= datetime.now(UTC) <= found.not_valid_after_utc:
             return Signer("", "its certificate has expired, or is not valid yet")
         if len(named) != 1 or named[0] == SECRETS:
             return Signer("", "its certificate has not one name")
+        if self._revoked is not None and revoked_in(self._revoked).covers(named[0], found.serial_number):
+            return Signer("", "its certificate is revoked")
         return Signer(named[0])
 
     def shared(self, public: str) -> bytes:
@@ -130,11 +139,11 @@ class CertifiedKey:
 
 
 def _is_issued_by(certificate: Any, authority: Any) -> bool:
-    from cryptography.exceptions import InvalidSignature
+    from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 
     try:
         certificate.verify_directly_issued_by(authority)
-    except (ValueError, TypeError, InvalidSignature):
+    except (ValueError, TypeError, InvalidSignature, UnsupportedAlgorithm):
         return False
     return True
 
@@ -149,7 +158,8 @@ def client_identity(config: zenoh.Config, secret: Path | None) -> Identity | Non
     names = ("connect_certificate_base64", "connect_private_key_base64", "root_ca_certificate_base64")
     with suppress(ImportError, ValueError, TypeError):
         found = [json.loads(config.get_json(f"transport/link/tls/{name}")) for name in names]
-        return CertifiedKey(*(base64.b64decode(one) for one in found)) if all(found) else None
+        certificate, key, authorities = (base64.b64decode(one or "") for one in found)
+        return CertifiedKey(certificate, key, authorities) if all(found) else None
     return None
 
 
@@ -168,7 +178,10 @@ def identity(security: Security, side: Side) -> Identity | None:
         return SharedSecret(_long_secret(Path(security.secret_file)))
     folder = Path(security.folder) / side
     try:
-        return CertifiedKey(*((folder / name).read_bytes() for name in (CERTIFICATE_FILE, KEY_FILE, CA_FILE)))
+        certificate, key, authorities = (
+            (folder / name).read_bytes() for name in (CERTIFICATE_FILE, KEY_FILE, CA_FILE)
+        )
+        return CertifiedKey(certificate, key, authorities, folder.parent)
     except ImportError:
         raise InputError(Fault("security.sign", "", f"needs the package cryptography: {GET_HOSTS}")) from None
     except (OSError, ValueError, TypeError) as error:
@@ -218,7 +231,7 @@ class Agreement:
             self._publisher.undeclare()  # type: ignore[no-untyped-call]
 
     def _take(self, sample: zenoh.Sample) -> None:
-        if len(sample.payload) <= _MAX_BYTES:
+        if len(sample.payload) <= _MAX_HELLO_BYTES:
             with suppress(queue.Full):  # a flood; the other side tells again
                 self._waiting.put_nowait(sample.payload.to_bytes())
 

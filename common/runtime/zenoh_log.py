@@ -105,6 +105,10 @@ class RefusalCounter:
         elif UNAUTHORIZED in line:
             self._denied[thread_in(line)] = line
 
+    def add(self, kind: Refusal) -> None:
+        """Count a refusal that is netem's own."""
+        self._counts[kind] += 1
+
     def counters(self) -> dict[str, int]:
         """Return the number of refusals by kind, without those that never happened."""
         return {f"{REFUSED}.{kind}": n for kind in get_args(Refusal) if (n := self._counts[kind])}

@@ -67,7 +67,9 @@ def validate(
     resolved = resolve(scenario, settings or (), seed, duration_s)
     # as a run would: faults of traces and of rules that tie show only when the links are built
     build_netem(resolved, load_traces(resolved.network), scenario)
-    print_warnings(ERR, *resolved.surgeon.warnings())
+    from tis.common.runtime.credentials import certified_names, expiry_warnings
+
+    print_warnings(ERR, *resolved.surgeon.warnings(), *expiry_warnings(resolved.security, *certified_names(resolved)))
     if as_json:
         print_json(resolved.model_dump(mode="json", exclude_none=True))
     else:

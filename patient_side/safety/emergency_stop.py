@@ -31,7 +31,7 @@ _N_KNOWN: Final = 1000
 MAX_RELEASES_PER_S: Final = 5
 MAX_ANSWERS_PER_S: Final = 20
 MAX_PROOFS_PER_S: Final = 20
-"""Proofs of releases that are checked, each at the cost of a tenth of a millisecond."""
+"""Proofs of releases that are checked, each at the cost of up to a millisecond."""
 
 
 class Taken(NamedTuple):

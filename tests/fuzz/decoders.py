@@ -23,6 +23,7 @@ from tests.deploy.net.test_foreign_records import frame
 from tests.deploy.recordings_import.foreign_files import STORE, json_mcap, ros_mcap, ros_messages
 from tests.fuzz.host_decoders import HOST_DECODERS
 from tests.fuzz.scratch_folder import scratch_folder
+from tests.fuzz.trust_decoders import TRUST_DECODERS
 from tests.netem.bridge.test_handshake import OFFER
 from tests.netem.control.test_control import a_control
 from tests.patient_side.identification.test_model_file import model
@@ -436,7 +437,7 @@ DECODERS: dict[str, Decoder] = {
     "records": Decoder(_records, [bytes([k]) + encode(note) for k, note in _NOTES]),
     "MCAP file": Decoder(_log, [_WHOLE]),
     "summary and manifest": Decoder(_json_files, [_SUMMARY]),
-    **{name: Decoder(*arguments) for name, arguments in HOST_DECODERS.items()},
+    **{name: Decoder(*arguments) for name, arguments in (HOST_DECODERS | TRUST_DECODERS).items()},
     "origins": Decoder(lambda data: parse_origins(data, "a"), [_ORIGINS]),
     "played rows": Decoder(lambda data: parse_played(data, "a"), [json.dumps(_PLAYED).encode()]),
 }

@@ -1,0 +1,131 @@
+"""TLS connections of this process: cut by their other end, renewed with a new certificate, and of netem's name only.
+
+Zenoh closes no single link, but the socket is this process's own. A client's session outlives its link: it connects
+again within milliseconds, with the certificate that its files hold then.
+"""
+
+import os
+import socket
+import threading
+import time
+from collections.abc import Callable, Collection, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Final, Self
+
+import zenoh
+
+from tis.common.errors import InputError
+from tis.common.runtime.credentials import CERTIFICATE_FILE, KEY_FILE, tls_settings
+from tis.common.runtime.signing import CertifiedKey
+from tis.common.signing import Identity
+
+_EVERY_S: Final = 0.5
+_PATIENCE_S: Final = 10.0
+_ROUTER: Final = "netem"
+
+
+def address_of(end: str) -> str:
+    """Return address and port of a link's end, such as tls/127.0.0.1:7447."""
+    return end.partition("/")[2].partition("?")[0]
+
+
+def cut(ends: Collection[str]) -> int:
+    """Shut down this process's TCP connections with these addresses and ports; return how many they were."""
+    n_cut = 0
+    for found in _sockets():
+        with found, suppress(OSError, ValueError):
+            if found.family in (socket.AF_INET, socket.AF_INET6) and _name(found.getpeername()) in ends:
+                found.shutdown(socket.SHUT_RDWR)
+                n_cut += 1
+    return n_cut
+
+
+def _sockets() -> Iterator[socket.socket]:
+    """Yield this process's sockets, each by a descriptor of its own."""
+    for number in os.listdir("/proc/self/fd"):  # noqa: PTH208  (names, not paths)
+        with suppress(OSError):
+            copy = os.dup(int(number))
+            try:
+                yield socket.socket(fileno=copy)
+            except OSError:  # no socket
+                os.close(copy)
+
+
+def _name(peer: tuple[object, ...]) -> str:
+    host, port = str(peer[0]), peer[1]
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def false_names(session: zenoh.Session) -> list[str]:
+    """Return the names of routers that are not netem's.
+
+    A certificate of the Web's authorities, which Zenoh's TLS trusts beside the run's own, is of another name.
+    """
+    links = [one for one in session.info.links() if one.dst.startswith("tls/")]
+    return [one.auth_identifier or "nobody" for one in links if one.auth_identifier != _ROUTER]
+
+
+class CertifiedLink:
+    """A client's link to netem with certificates, for as long as the block lasts.
+
+    It is cut where the router is not of netem's name, and opened anew with a renewed certificate as soon as
+    ``folder`` holds one. ``own`` signs with it from then on. ``tell`` gets what happened, and for how long.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, folder: Path, own: Identity | None, tell: Callable[[str], None]
+    ) -> None:
+        self._session, self._folder, self._own, self._tell = session, folder, own, tell
+        self._known = self._content()
+        self._over, self._opened = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._serve, name="certificate", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._listener = self._session.info.declare_link_events_listener(self._take, history=False)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._thread.join(1.0)
+        with suppress(zenoh.ZError):
+            self._listener.undeclare()  # type: ignore[no-untyped-call]
+
+    def _take(self, event: zenoh.LinkEvent) -> None:
+        if event.kind != zenoh.SampleKind.PUT or not event.link.dst.startswith("tls/"):
+            return
+        if event.link.auth_identifier == _ROUTER:
+            self._opened.set()
+        else:
+            cut({address_of(event.link.dst)})
+
+    def _content(self) -> bytes:
+        with suppress(OSError):
+            return (self._folder / CERTIFICATE_FILE).read_bytes()
+        return b""
+
+    def _serve(self) -> None:
+        while not self._over.wait(_EVERY_S):
+            content = self._content()
+            if content and content != self._known:
+                self._known = content
+                self._renew(content)
+
+    def _renew(self, certificate: bytes) -> None:
+        try:
+            tls_settings(self._folder, listens=False)
+            if isinstance(self._own, CertifiedKey):
+                self._own.renew(certificate, (self._folder / KEY_FILE).read_bytes())
+        except (InputError, OSError, ValueError, TypeError) as error:
+            self._tell(f"the renewed certificate is not used: {error}")
+            return
+        ends = {address_of(one.dst) for one in self._session.info.links()}
+        self._opened.clear()
+        begun_s = time.monotonic()
+        cut(ends)
+        if self._opened.wait(_PATIENCE_S):
+            gap_ms = 1e3 * (time.monotonic() - begun_s)
+            self._tell(f"the certificate was renewed: the connection to netem was open again after {gap_ms:.0f} ms")
+        else:
+            self._tell(f"the certificate was renewed, but netem was not reached again within {_PATIENCE_S:g} s")

@@ -1,0 +1,97 @@
+"""TLS links that are cut, renewed, and refused for another name than netem's, over loopback.
+
+In a whole run on three hosts: tests/system/test_living_certificates.
+"""
+
+import queue
+import socket
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import zenoh
+from cryptography import x509
+from cryptography.x509.oid import ExtendedKeyUsageOID
+
+from tis.common.runtime.credentials import credentials, tls_settings
+from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.tls_links import CertifiedLink, cut, false_names
+from tis.common.runtime.zenoh_session import ZenohOptions, configure
+from tis.common.scenario.security import Mtls
+from tis.deploy.tools import certificates
+from tis.deploy.tools.certificates import issue, new_authority
+
+
+@pytest.mark.parametrize(("family", "host"), [(socket.AF_INET, "127.0.0.1"), (socket.AF_INET6, "::1")])
+def test_one_connection_is_cut_by_its_other_end_and_the_others_stay(family: socket.AddressFamily, host: str) -> None:
+    with socket.create_server((host, 0), family=family) as server:
+        place = server.getsockname()[:2]
+        with socket.create_connection(place) as one, socket.create_connection(place) as other:
+            accepted = [server.accept()[0] for _ in range(2)]
+            name, port = one.getsockname()[:2]
+            end = f"[{name}]:{port}" if ":" in name else f"{name}:{port}"
+            assert cut({end, "192.0.2.1:1"}) == 1
+            one.settimeout(10)
+            assert one.recv(1) == b""
+            other.sendall(b"x")
+            assert next(c for c in accepted if c.getpeername()[1] == other.getsockname()[1]).recv(1) == b"x"
+            for each in accepted:
+                each.close()
+    assert cut({end}) == 0
+
+
+def _await(met: Callable[[], bool]) -> None:
+    until_s = time.monotonic() + 30
+    while not met():
+        assert time.monotonic() < until_s
+        time.sleep(0.02)
+
+
+@pytest.mark.live
+def test_a_client_uses_a_renewed_certificate_on_the_same_session_and_no_broken_one(tmp_path: Path) -> None:
+    endpoint = free_endpoints()[0].replace("tcp/", "tls/")
+    new_authority(tmp_path)
+    for name in ("netem", "surgeon"):
+        issue(tmp_path, name)
+    security, told = Mtls(kind="mtls", folder=str(tmp_path)), queue.Queue[str]()
+    router = configure("router", ZenohOptions(listen=[endpoint], credentials=credentials(security, "netem")))
+    client = configure("client", ZenohOptions(connect=[endpoint], credentials=credentials(security, "surgeon")))
+    heard: list[bytes] = []
+    with zenoh.open(router) as netem, zenoh.open(client) as surgeon:
+        assert false_names(surgeon) == []
+        surgeon.declare_subscriber("a/b", lambda sample: heard.append(sample.payload.to_bytes()))
+        with CertifiedLink(surgeon, tmp_path / "surgeon", None, told.put):
+            before = {link.dst for link in netem.info.links()}
+            (tmp_path / "surgeon" / "cert.pem").write_bytes(b"half a file")
+            assert told.get(timeout=30).startswith("the renewed certificate is not used: ")
+            assert {link.dst for link in netem.info.links()} == before
+            issue(tmp_path, "surgeon")
+            assert told.get(timeout=30).startswith("the certificate was renewed: the connection to netem was open")
+            _await(lambda: not before & {link.dst for link in netem.info.links()})
+
+            def hears() -> bool:
+                netem.put("a/b", b"again")
+                return b"again" in heard
+
+            _await(hears)
+
+
+@pytest.mark.live
+def test_a_router_of_another_name_is_not_netem_whichever_authority_made_its_certificate(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    endpoint = free_endpoints()[0].replace("tcp/", "tls/")
+    new_authority(tmp_path)
+    issue(tmp_path, "surgeon")
+    purposes = x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH])
+    names = x509.SubjectAlternativeName([certificates._general_name("127.0.0.1")])
+    monkeypatch.setattr(certificates, "asked_for", lambda *_: (purposes, names))
+    issue(tmp_path, "web")
+    router = ZenohOptions(listen=[endpoint], credentials=tls_settings(tmp_path / "web", listens=True))
+    proof = tls_settings(tmp_path / "surgeon", listens=False)
+    with (
+        zenoh.open(configure("router", router)),
+        zenoh.open(configure("client", ZenohOptions(connect=[endpoint], credentials=proof))) as surgeon,
+    ):
+        assert false_names(surgeon) == ["web"]
