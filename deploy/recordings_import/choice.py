@@ -14,7 +14,8 @@ from tis.common.errors import DataError, Fault, InputError
 from tis.common.scenario.table_source import PoseColumns, PoseUnits
 from tis.common.sources.table_columns import MIN_ROWS, DeviceLayout, in_few
 from tis.common.sources.table_poses import finite_faults, pose_track
-from tis.deploy.recordings_import.found import DEVICES, MASTERS, Array, Ints, Jaw, Rows, Stream, Topic, Wanted
+from tis.deploy.recordings_import.element_names import column_of
+from tis.deploy.recordings_import.found import DEVICES, MASTERS, Array, Extra, Ints, Jaw, Rows, Stream, Topic, Wanted
 from tis.deploy.recordings_import.messages import Kind
 
 _POSES: Final = ("measured_cp", "setpoint_cp", "servo_cp", "local/measured_cp")
@@ -122,7 +123,7 @@ def streams_of(
                 of.n_undecodable,
             )
             for topic, of in rows.items()
-            if of.n_undecodable
+            if of.n_undecodable and not of.width  # a wrench is no part of a pose
         ]
     )
     notes, streams, angles = list[str](), [], []
@@ -158,6 +159,29 @@ def streams_of(
     if faults:
         raise DataError(faults)
     return tuple(streams), tuple(angles), notes
+
+
+_WRENCH: Final = tuple(
+    (f"{kind}_{axis}", unit) for kind, unit in (("force", "N"), ("torque", "N m")) for axis in "xyz"
+)
+
+
+def wrenches_of(rows: Mapping[str, Rows]) -> tuple[tuple[Extra, ...], list[str]]:
+    """Return forces and torques of all topics of wrenches as columns, and notes. Oracle: bags of the tests."""
+    found, notes = list[Extra](), list[str]()
+    for topic, of in rows.items():
+        if of.width != len(_WRENCH):
+            continue
+        t_ns, values, said = _in_order(of, topic)
+        notes += said
+        if len(t_ns) < 2 or not np.isfinite(values).all():
+            notes.append(f"{topic}: left out, as it has fewer than 2 messages, or numbers that are not finite")
+            continue
+        name = topic.strip("/").replace("/", "_")
+        columns = [column_of(name, *each) for each in _WRENCH]
+        notes.append(f"{topic} -> columns {columns[0]}, ..., {columns[-1]}, which no run plays")
+        found += [Extra(columns[k], _WRENCH[k][1], t_ns, values[:, k]) for k in range(len(columns))]
+    return tuple(found), notes
 
 
 def _in_order(rows: Rows, topic: str) -> tuple[Ints, Array, list[str]]:

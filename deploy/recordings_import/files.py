@@ -1,6 +1,6 @@
 """Poses from an MCAP file of any program (`tis` logs, JSON, and messages of ROS 2 in CDR), and from bags of ROS."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -14,7 +14,7 @@ from tis.common.runtime.process import command_line
 from tis.deploy.logs.describe import Described, describe
 from tis.deploy.logs.log_file import LogFile
 from tis.deploy.logs.payloads import UNREADABLE, json_value
-from tis.deploy.recordings_import.choice import chosen, listing, streams_of
+from tis.deploy.recordings_import.choice import chosen, listing, streams_of, wrenches_of
 from tis.deploy.recordings_import.found import Found, Rows, Topic, Wanted, rows_of
 from tis.deploy.recordings_import.frames import pair_topics, take_pairs
 from tis.deploy.recordings_import.messages import (
@@ -51,10 +51,12 @@ def read_mcap(path: Path, wanted: Wanted) -> Found:
     for pair in _pairs(path, found):
         merged[pair.name] = pair
     poses, jaws = chosen(list(merged.values()), wanted, str(path))
-    rows = _rows(path, found, poses, jaws)
+    rows = _rows(path, found, rows_of(poses, jaws, merged.values()))
     streams, angles, notes = streams_of(poses, jaws, rows, str(path), wanted.skips_unreadable)
     about: dict[str, Any] = {"kind": "mcap"}
-    return Found(streams, angles, (*listing(list(merged.values()), poses, jaws), *notes), about)
+    extras, more_notes = wrenches_of(rows)
+    notes = [*listing(list(merged.values()), poses, jaws), *notes, *more_notes]
+    return Found(streams, angles, tuple(notes), about, extras=extras)
 
 
 def _first_payloads(path: Path) -> dict[int, list[bytes]]:
@@ -101,8 +103,8 @@ def _kind_of(payload: bytes) -> Any:
         return None
 
 
-def _rows(path: Path, found: Described, poses: Mapping[str, str], jaws: Mapping[str, str]) -> dict[str, Rows]:
-    rows = rows_of(poses, jaws)
+def _rows(path: Path, found: Described, rows: dict[str, Rows]) -> dict[str, Rows]:
+    """Fill the rows with the file's messages."""
     readers = {
         number: _reader(found, channel, rows[channel.topic].is_poses)
         for number, channel in found.log.channels.items()
@@ -170,7 +172,7 @@ def _poses_in(path: Path, wanted: Wanted) -> Found:
             messages = (partial(reader.deserialize, data, of.msgtype) for of, _, data in sent)
             topics += pair_topics(name, types[name], messages)
         poses, jaws = chosen(topics, wanted, str(path))
-        rows = rows_of(poses, jaws)
+        rows = rows_of(poses, jaws, topics)
 
         def message_in(data: bytes, name: str, log_ns: int, is_pose: bool) -> Read:
             return in_ros(reader.deserialize(data, name), log_ns, is_pose)
@@ -183,4 +185,6 @@ def _poses_in(path: Path, wanted: Wanted) -> Found:
             into = rows[connection.topic]
             into.take(partial(message_in, data, connection.msgtype, log_ns, into.is_poses))
     streams, angles, notes = streams_of(poses, jaws, rows, str(path), wanted.skips_unreadable)
-    return Found(streams, angles, (*listing(topics, poses, jaws), *notes), {"kind": "rosbag"})
+    extras, more_notes = wrenches_of(rows)
+    notes = [*listing(topics, poses, jaws), *notes, *more_notes]
+    return Found(streams, angles, tuple(notes), {"kind": "rosbag"}, extras=extras)

@@ -1,7 +1,7 @@
 """Content of a foreign recording: its topics, and the poses and angles of those that are imported."""
 
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
@@ -34,9 +34,10 @@ class Topic:
 
 @dataclass
 class Rows:
-    """Instants in ns and the numbers of poses or of joints, message by message, and what had to be left out."""
+    """Instants in ns and numbers of poses, joints or wrenches, message by message, and what had to be left out."""
 
     is_poses: bool
+    width: int = field(default=0, kw_only=True)
     n_undecodable: int = 0
     n_unstamped: int = 0
     _ns: "array[int]" = field(default_factory=lambda: array("q"))
@@ -46,6 +47,8 @@ class Rows:
         """Add what ``read`` returns of a message; raises `DataError` for more than `MAX_ROWS`."""
         try:
             t_ns, values, is_stamped = read()
+            if len(values) != self._n_values:
+                raise ValueError("a message of another kind")
             if len(self._ns) >= MAX_ROWS:
                 raise DataError(Fault("tis import", "", f"a topic must have at most {MAX_ROWS} messages"))
             self._ns.append(t_ns)
@@ -55,15 +58,20 @@ class Rows:
         self._values.extend(values)
         self.n_unstamped += not is_stamped
 
+    @property
+    def _n_values(self) -> int:
+        return self.width or (8 if self.is_poses else 1)
+
     def arrays(self) -> tuple[Ints, Array]:
-        """Return the instants (N,) and the numbers, (N, 8) of poses, (N, 1) of joints."""
+        """Return the instants (N,) and the numbers, (N, 8) of poses, (N, 6) of wrenches, (N, 1) of joints."""
         ns = np.frombuffer(self._ns, dtype=np.int64) if self._ns else np.empty(0, dtype=np.int64)
-        return ns, np.asarray(self._values, dtype=np.float64).reshape(-1, 8 if self.is_poses else 1)
+        return ns, np.asarray(self._values, dtype=np.float64).reshape(-1, self._n_values)
 
 
-def rows_of(poses: Mapping[str, str], jaws: Mapping[str, str]) -> dict[str, Rows]:
-    """Return empty rows for the chosen topics."""
-    return {name: Rows(True) for name in poses.values()} | {name: Rows(False) for name in jaws.values()}
+def rows_of(poses: Mapping[str, str], jaws: Mapping[str, str], topics: Iterable[Topic] = ()) -> dict[str, Rows]:
+    """Return empty rows for the chosen topics, and for all of wrenches."""
+    wrenches = {topic.name: Rows(False, width=6) for topic in topics if topic.kind == "wrench"}
+    return {name: Rows(True) for name in poses.values()} | {name: Rows(False) for name in jaws.values()} | wrenches
 
 
 @dataclass(frozen=True)

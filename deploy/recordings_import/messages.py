@@ -8,12 +8,12 @@ from tis.common.errors import Fault, InputError
 from tis.common.extras import GET_ROSBAG
 from tis.common.units import NS_PER_S
 
-Kind = Literal["pose", "joints"]
+Kind = Literal["pose", "joints", "wrench"]
 Read = tuple[int, tuple[float, ...], bool]
 """Instant in ns, numbers, and whether the message states its instant; else it is that of the recorder.
 
 The numbers of a pose are x y z in m, a quaternion x y z w and the gripper in rad, NaN for an orientation or a gripper
-that the message lacks; of joints the first angle in rad.
+that the message lacks; of joints the first angle in rad; of a wrench force x y z in N and torque x y z in N m.
 """
 
 POSE_TYPES: Final = (
@@ -29,6 +29,8 @@ Frames like map, odom and base_link: REP-105, https://www.ros.org/reps/rep-0105.
 TF_TYPES: Final = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 """Messages of many transforms: each pair of frames is a topic of its own, like /tf:odom:base_link."""
 JOINT_TYPES: Final = ("sensor_msgs/msg/JointState",)
+WRENCH_TYPES: Final = ("geometry_msgs/msg/WrenchStamped",)
+"""Messages of a force and a torque, as CRTK's measured_cf."""
 
 _NAN: Final = float("nan")
 _NO_TURN: Final = (_NAN, _NAN, _NAN, _NAN)
@@ -39,6 +41,8 @@ def kind_of_type(name: str) -> Kind | None:
     full = _full(name)
     if full in POSE_TYPES:
         return "pose"
+    if full in WRENCH_TYPES:
+        return "wrench"
     return "joints" if full in JOINT_TYPES else None
 
 
@@ -93,10 +97,13 @@ def in_json(value: Mapping[str, Any], log_ns: int, is_pose: bool) -> Read:
 
 
 def in_ros(message: Any, log_ns: int, is_pose: bool) -> Read:
-    """Return what a decoded message of `POSE_TYPES` or a JointState holds; raises as `in_json`."""
+    """Return what a decoded message of `POSE_TYPES`, a JointState or a WrenchStamped holds; raises as `in_json`."""
     stamp = message.header.stamp
     t_ns = int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
     at_ns = t_ns or log_ns  # a stamp of 0 was not set
+    if not is_pose and hasattr(message, "wrench"):
+        force, torque = message.wrench.force, message.wrench.torque
+        return at_ns, (force.x, force.y, force.z, torque.x, torque.y, torque.z), bool(t_ns)
     if not is_pose:
         return at_ns, (float(message.position[0]),), bool(t_ns)
     if hasattr(message, "transform"):

@@ -83,12 +83,14 @@ def on_one_clock(found: Found, rate_hz: float | None, where: str) -> Rows:
 
 
 def _extras(found: Found, at_ns: Ints) -> dict[str, Array]:
-    """Return the further columns at the rows' instants, linearly between their own."""
+    """Return the further columns at the rows' instants, linearly between their own; NaN before and after these."""
     begin_ns = at_ns[0]
     return {
         extra.column: extra.values
         if np.array_equal(extra.t_ns, at_ns)
-        else np.interp((at_ns - begin_ns).astype(float), (extra.t_ns - begin_ns).astype(float), extra.values)
+        else np.interp(
+            (at_ns - begin_ns).astype(float), (extra.t_ns - begin_ns).astype(float), extra.values, np.nan, np.nan
+        )
         for extra in found.extras
     }
 

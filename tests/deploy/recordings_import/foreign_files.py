@@ -163,6 +163,20 @@ def frames(columns: Columns) -> list[tuple[str, str, int, Any]]:
     return found
 
 
+def wrenches(topic: str, t_s: Sequence[float]) -> list[tuple[str, str, int, Any]]:
+    """Return messages of a force of k, 0, 0 N and a torque of 0, 0, 1 N m, as `ros_messages` does those of poses."""
+    kinds = [f"geometry_msgs/msg/{name}" for name in ("WrenchStamped", "Wrench", "Vector3")]
+    stamped, wrench, vector = (STORE.types[kind] for kind in kinds)
+    header, time = STORE.types["std_msgs/msg/Header"], STORE.types["builtin_interfaces/msg/Time"]
+    found = []
+    for k, at_s in enumerate(t_s):
+        t_ns = _START_NS + round(at_s * 1e9)
+        head = header(stamp=time(sec=t_ns // 10**9, nanosec=t_ns % 10**9), frame_id="")
+        felt = wrench(force=vector(x=float(k), y=0.0, z=0.0), torque=vector(x=0.0, y=0.0, z=1.0))
+        found.append((topic, kinds[0], t_ns, stamped(header=head, wrench=felt)))
+    return found
+
+
 def rosbag(folder: Path, columns: Columns, storage: str = "sqlite3", transforms: Sequence[str] = ()) -> Path:
     """Write a rosbag2 of CRTK topics."""
     return rosbag_of(folder, ros_messages(columns, transforms), storage)

@@ -7,10 +7,18 @@ import pytest
 from mcap.writer import Writer
 
 from tests.common.runtime.recordings.tables import movement
-from tests.deploy.recordings_import.foreign_files import json_mcap, ros_mcap
+from tests.deploy.recordings_import.foreign_files import (
+    json_mcap,
+    ros_mcap,
+    ros_mcap_of,
+    ros_messages,
+    rosbag_of,
+    wrenches,
+)
 from tis.common.errors import DataError
-from tis.deploy.recordings_import.files import read_mcap
-from tis.deploy.recordings_import.found import Wanted
+from tis.deploy.recordings_import.files import read_bag, read_mcap
+from tis.deploy.recordings_import.found import Found, Rows, Wanted
+from tis.deploy.recordings_import.one_clock import on_one_clock
 
 TURN = {"x": 0.0, "y": 0.0, "z": 0.6, "w": 0.8}
 
@@ -45,6 +53,33 @@ def test_json_of_ros_foxglove_and_others(tmp_path: Path) -> None:
     assert by_device["PSM1"].position_m[:, 0].tolist() == [0, 1, 2]
     assert found.jaws[0].gripper_rad == pytest.approx([0.0, 0.1, 0.2])
     assert "/PSM1/setpoint_cp: 3 messages hold no instant; that of the recorder counts" in found.notes
+
+
+@pytest.mark.parametrize("form", ["mcap", "bag"])
+def test_a_wrench_becomes_columns_with_units(tmp_path: Path, form: str) -> None:
+    columns = movement(20)
+    topic = "/PSM2/body/measured_cf"
+    messages = ros_messages(columns) + wrenches(topic, [0.0, 0.1, 0.2, 0.3])
+    found: Found
+    if form == "mcap":
+        found = read_mcap(ros_mcap_of(tmp_path / "a.mcap", messages), Wanted())
+    else:
+        found = read_bag(rosbag_of(tmp_path / "bag", messages), Wanted())
+    assert [(extra.column, extra.unit) for extra in found.extras][::3] == [
+        ("PSM2_body_measured_cf_force_x_n", "N"),
+        ("PSM2_body_measured_cf_torque_x_n_m", "N m"),
+    ]
+    force_n = on_one_clock(found, 30, "a").extras["PSM2_body_measured_cf_force_x_n"]
+    assert force_n[:4] == pytest.approx([0.0, 1 / 3, 2 / 3, 1.0])
+    assert np.isnan(force_n[-1])  # nothing was felt after 0.3 s
+
+
+def test_messages_of_another_kind_are_counted_as_unreadable() -> None:
+    rows = Rows(False, width=6)
+    rows.take(lambda: (1, (0.1,), True))
+    rows.take(lambda: (2, (0.0,) * 6, True))
+    assert rows.n_undecodable == 1
+    assert rows.arrays()[1].shape == (1, 6)
 
 
 def test_messages_are_sorted_and_each_instant_counts_once(tmp_path: Path) -> None:
