@@ -116,7 +116,7 @@ _TC_LOSSES: Final = ((0.003, 0.25), (0.01, 0.25), (0.05, 0.25), (0.05, 0.0))
 def write_models_page(file: Path, out: Console) -> None:
     """Draw a million packets from each model and write the page."""
     text = "\n".join(
-        [_HEAD, _delay_table(), _CORRELATION, _jitter_table(), _LOSS, _loss_table(), _TC, _tc_table(), _NAMES]
+        [_HEAD, _delay_table(), _CORRELATION, _jitter_table(), _LOSS, loss_table(), _TC, tc_table(), _NAMES]
     )
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(text, encoding="utf-8")
@@ -259,7 +259,8 @@ def _loss_row(name: str, p_loss: float, mean_burst: float, lost: NDArray[np.bool
     ]
 
 
-def _loss_table() -> str:
+def loss_table() -> str:
+    """Return the table of losses in bursts."""
     rows = []
     for name, part in _LOSSES.items():
         pipeline = Pipeline.model_validate({"loss": part})
@@ -268,7 +269,8 @@ def _loss_table() -> str:
     return _markdown(["model", "asked", "lost", "burst asked", "burst drawn"], rows)
 
 
-def _tc_table() -> str:
+def tc_table() -> str:
+    """Return the table of losses by tc-netem's algorithm, beside ours."""
     u = Stream.named(_SEED, "tc_loss").uniforms(0, _N + 1)
     rows = []
     for p_loss, rho in _TC_LOSSES:

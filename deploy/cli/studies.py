@@ -174,6 +174,78 @@ def paper(
     return write_paper(Trial(path, task, trial, seed), page, place, quick, jobs, OUT, ERR)
 
 
+class Track(StrEnum):
+    """Movements of the protocol, as values of an option."""
+
+    OPEN = "open"
+    JIGSAWS = "jigsaws"
+
+
+@app.command(example="tis score innovations_kf --quick")
+def score(
+    *,
+    estimators: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="ESTIMATOR...",
+            help="A shipped estimator, module:factory, or the command of a process, quoted.",
+            autocompletion=completion.estimators,
+        ),
+    ],
+    track: Annotated[Track, typer.Option(help="Synthetic movements, or your own copy of JIGSAWS.")] = Track.OPEN,
+    quick: Annotated[bool, typer.Option("--quick", help="A few settings only: no row of the scoreboard.")] = False,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Other people and arrivals than the protocol's, to see what is luck.")
+    ] = None,
+    path: Annotated[
+        Path | None, typer.Option(help="Folder of JIGSAWS; by default TIS_JIGSAWS, else data/jigsaws.")
+    ] = None,
+    jobs: JobsOption = None,
+    out_dir: Annotated[
+        Path | None, typer.Option("--out", help="Folder of rows, movements and models; by default runs/score.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Score an estimator under the frozen protocol: one row of the scoreboard.
+
+    Everybody who scores has the same movements, networks and arrivals. The
+    score is the error over hold's, as a mean over all settings, with its 95 %
+    interval over people.
+    """
+    from tis.deploy.studies.score.command import score as score_estimators
+
+    words = words_to(as_json)
+    return score_estimators(estimators, track.value, quick, seed, path, out_dir, jobs, as_json, words, ERR)
+
+
+class Reproduced(StrEnum):
+    """Studies whose tables are committed, as values of an argument."""
+
+    ESTIMATORS = "estimators"
+    METHODS = "methods"
+    PAPER = "paper"
+    NETWORK = "network"
+
+
+@app.command(example="tis reproduce estimators --quick")
+def reproduce(
+    *,
+    study: Annotated[Reproduced, typer.Argument(metavar="STUDY", help="estimators, methods, paper or network.")],
+    quick: Annotated[bool, typer.Option("--quick", help="A sample of the cells, in minutes.")] = False,
+    jobs: JobsOption = None,
+    out_dir: StudyFolderOption = None,
+) -> int:
+    """Compute the manual's tables again and compare them cell by cell.
+
+    Says of each cell that was computed whether it is equal, within a tolerance
+    that is stated first, or differs; times of the machine stand apart. The
+    tables of recordings need your own copy of JIGSAWS (TIS_JIGSAWS).
+    """
+    from tis.deploy.studies.reproduce.command import reproduce as reproduce_study
+
+    return reproduce_study(study.value, quick, out_dir, jobs, OUT, ERR)
+
+
 class Price(StrEnum):
     """Prices of redundancy, as values of an option."""
 

@@ -14,6 +14,7 @@ from from_code import (
     log_topics,
     notebook,
     scenario_fields,
+    scoreboard,
     study_fields,
     study_tables,
     summary_keys,
@@ -45,7 +46,7 @@ def write_pages(docs: Path) -> None:
 
 
 def _with_tables(_: Sphinx, __: str, source: list[str]) -> None:
-    source[0] = study_tables.put_in(source[0], study_tables.tables_of)
+    source[0] = scoreboard.put_in(study_tables.put_in(source[0], study_tables.tables_of))
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

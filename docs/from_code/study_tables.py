@@ -11,10 +11,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-DOCS: Final = Path(__file__).resolve().parents[1]
-Table = dict[str, Any]
+from tis.deploy.studies.tables import TABLE, Table, committed, heading, parsed
 
-_TABLE: Final = re.compile(r"^\|.*\|\n\|[-:| ]+\|\n(?:\|.*\|\n)*", re.MULTILINE)
+DOCS: Final = Path(__file__).resolve().parents[1]
 _COMMAND: Final = re.compile(r"^```\n((?:\w+=\S+ )?tis .{100,})\n```\n", re.MULTILINE)
 """A command longer than a line; a short one stays on its page."""
 _LINK: Final = re.compile(r"^\[table (\d+)\]\([./]*studies/(\w+)\.json\)\n", re.MULTILINE)
@@ -25,23 +24,15 @@ def taken_out(text: str, name: str) -> tuple[str, list[Table]]:
     tables: list[Table] = []
 
     def link(found: re.Match[str]) -> str:
-        head, rule, *rows = found[0].splitlines()
-        tables.append(
-            {
-                "heading": _heading(text, found.start()),
-                "columns": _cells(head),
-                "align": ["right" if cell.endswith(":") else "left" for cell in _cells(rule)],
-                "rows": [_cells(row) for row in rows],
-            }
-        )
+        tables.append(parsed(found[0], heading(text, found.start())))
         return f"[table {len(tables)}](../studies/{name}.json)\n"
 
-    return _TABLE.sub(link, text), tables
+    return TABLE.sub(link, text), tables
 
 
 def commands_out(text: str, name: str) -> tuple[str, str]:
     """Return a page with a link in place of each command, and a shell file of the commands under their headings."""
-    script = "\n".join(f"# {_heading(text, found.start())}\n{found[1]}\n" for found in _COMMAND.finditer(text))
+    script = "\n".join(f"# {heading(text, found.start())}\n{found[1]}\n" for found in _COMMAND.finditer(text))
     return _COMMAND.sub(f"[The command](../studies/{name}.sh)\n", text), script
 
 
@@ -50,10 +41,7 @@ def put_in(text: str, tables_of: Callable[[str], Sequence[Table]]) -> str:
     return _LINK.sub(lambda found: _markdown(tables_of(found[2])[int(found[1]) - 1]), text)
 
 
-def tables_of(name: str) -> list[Table]:
-    """Read the tables of a study."""
-    tables: list[Table] = json.loads((DOCS / "studies" / f"{name}.json").read_text(encoding="utf-8"))
-    return tables
+tables_of = committed
 
 
 def as_json(tables: Sequence[Table]) -> str:
@@ -68,15 +56,6 @@ def as_json(tables: Sequence[Table]) -> str:
 
 def _line(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False)
-
-
-def _heading(text: str, at: int) -> str:
-    """Return the heading that a place of a page stands under."""
-    return str(re.findall(r"^#+ (.*)$", text[:at], re.MULTILINE)[-1])
-
-
-def _cells(line: str) -> list[str]:
-    return [cell.strip() for cell in line.strip().removeprefix("|").removesuffix("|").split("|")]
 
 
 def _markdown(table: Table) -> str:

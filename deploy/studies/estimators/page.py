@@ -83,6 +83,18 @@ def _one_of_each_person(trials: Sequence[str]) -> tuple[str, ...] | None:
     return tuple({name[0]: name for name in trials}.values()) or None
 
 
+def shows_of(title: str) -> Shows:
+    """Return what the section with a title shows besides errors and cost; errors alone where there is none now."""
+    raw = yaml.safe_load((_HERE / "sections.yaml").read_text(encoding="utf-8"))
+    titles = {
+        section["title"].format(source=source): section["shows"]
+        for section in raw["sections"]
+        for source in raw["sources"]
+    }
+    shows: Shows = titles.get(title, "errors")
+    return shows
+
+
 def command_of(request: Request) -> str:
     """Return the command that repeats a request."""
     options: list[tuple[str, object]] = [
@@ -132,12 +144,12 @@ def page_text(found: Sequence[tuple[Section, Report]]) -> str:
         sections="\n\n".join(
             block
             for k, (section, report) in enumerate(found)
-            for block in _blocks(section, report, {one.about: one.title for one, _ in reversed(found[:k])})
+            for block in blocks_of(section, report, {one.about: one.title for one, _ in reversed(found[:k])})
         ),
     )
 
 
-def _blocks(section: Section, report: Report, told: Mapping[str, str]) -> Iterator[str]:
+def blocks_of(section: Section, report: Report, told: Mapping[str, str]) -> Iterator[str]:
     """Yield the paragraphs and tables of a section; an explanation is told once."""
     why = section.about if section.about not in told else f"As in *{told[section.about]}*."
     yield f"## {section.title}\n\n{why}\n\n```\n{report['command']}\n```"

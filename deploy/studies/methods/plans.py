@@ -112,7 +112,7 @@ def _planned(
     """Return the plan on the last trial of each person, or on ``trials``; several sweeps vary together."""
     place = subject.trials
     folder = "" if place.path is None else f", path: {json.dumps(place.path)}"
-    source = f"source={{kind: jigsaws, task: {place.task}, hands: [left, right]{folder}}}"
+    source = f"source={{kind: jigsaws, task: {place.task}, hands: [left, right], clock: as_recorded{folder}}}"
     request = Request(
         "default",
         (source, *settings),

@@ -65,6 +65,7 @@ def scenario_of(trial: Trial, pairing: Pairing, method: Method = "moesp", **chan
             "task": trial.task,
             "trial": trial.name,
             "pairing": pairing,
+            "clock": "as_recorded",  # as the paper had them
         },
         "identification": identification,
         "estimators": ESTIMATORS[method],

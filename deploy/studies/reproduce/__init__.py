@@ -1,0 +1,1 @@
+"""The committed tables, computed again and compared cell by cell, `tis reproduce`."""

@@ -1,0 +1,1 @@
+"""Scores under a frozen protocol, `tis score`: data, networks and definitions that everybody shares."""

@@ -1,0 +1,149 @@
+"""Command `tis score`: a row of the scoreboard, computed and written."""
+
+import json
+import re
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from rich.console import Console
+from rich.markup import escape
+
+from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK, Fault, InputError
+from tis.deploy.compare.cells.cell import Training
+from tis.deploy.compare.cells.store import Store
+from tis.deploy.compare.engine.compute import Outcome, compute, workers_of
+from tis.deploy.present.table import Table
+from tis.deploy.shell import run_dir as folder
+from tis.deploy.shell.guard import print_faults, print_json
+from tis.deploy.shell.progress import PhaseProgress
+from tis.deploy.studies.score import foreign, population
+from tis.deploy.studies.score.plan import COMMAND, Asked, Work, subject_of, work_of
+from tis.deploy.studies.score.protocol import NAME, Track, content
+from tis.deploy.studies.score.rows import row_of
+
+PLACE: Final = Path("runs") / "score"
+
+
+class _TrainingsOnly(Store):
+    """A store that keeps models, and no twin: the cost of a step is that of this run."""
+
+    def cell(self, digest: str) -> dict[str, Any] | None:
+        """Return None: nothing is kept."""
+        del digest
+        return None
+
+    def save_cell(self, digest: str, result: dict[str, Any]) -> None:
+        """Keep nothing."""
+
+
+def score(
+    texts: Sequence[str],
+    track: Track,
+    quick: bool,
+    seed: int | None,
+    path: Path | None,
+    place: Path | None,
+    n_jobs: int | None,
+    as_json: bool,
+    out: Console,
+    err: Console,
+) -> int:
+    """Compute, print and write a row for each estimator; a failed one causes `EXIT_INVALID_RUN`.
+
+    ``path`` is the folder of JIGSAWS. Raises `InputError` and `DataError`.
+    """
+    subjects = tuple(dict.fromkeys(map(subject_of, texts)))
+    if sum(bool(subject.command) for subject in subjects) > 1:
+        raise InputError(Fault(COMMAND, "ESTIMATOR", "at most one can be a command"))
+    if path is not None and track == "open":
+        raise InputError(Fault(COMMAND, "--path", "must be given with --track jigsaws"))
+    where = place or PLACE
+    its_seed = content()["tracks"][track]["seed"] if seed is None else seed
+    movements = where / f"population_{its_seed}" if track == "open" else path
+    asked = Asked(subjects, track, quick, its_seed, movements)
+    err.print(f"{NAME}, {track} track: preparing movements and twins", style="dim")
+    begun_s = time.monotonic()
+    for subject in subjects:
+        if subject.command:
+            foreign.announce(subject.command, _training_tables(asked))
+    work = work_of(asked)
+    outcome = _computed(work, where, n_jobs, err)
+    outcome_s = time.monotonic() - begun_s
+    rows = [row_of(subject, asked, work, outcome, outcome_s) for subject in subjects]
+    files = [_write(row, where) for row in rows]
+    print_faults(err, *(f"{row['estimator']}: failed: {row['failed']}" for row in rows if "failed" in row))
+    if as_json:
+        print_json(rows)
+    out.print(_table(rows).terminal())
+    out.print(escape(f"{_words(rows[0])}. Written to {', '.join(map(str, files))}"), soft_wrap=True)
+    return EXIT_INVALID_RUN if any("failed" in row for row in rows) else EXIT_OK
+
+
+def _training_tables(asked: Asked) -> list[str]:
+    """Return the tables that a foreign process may train on: those of people who are not scored."""
+    if asked.place is None or asked.track != "open":
+        return []
+    return [str((asked.place / "direct" / name).absolute()) for name in population.trained().files]
+
+
+def _computed(work: Work, where: Path, n_jobs: int | None, err: Console) -> Outcome:
+    """Compute the trainings that are not there yet, and all twins."""
+    trainings: dict[str, Training] = dict(work.trainings)
+    n = len(work.cells)
+    err.print(f"{n} twins, {len(trainings)} trainings (kept for the next call)", style="dim")
+    with workers_of(n_jobs, None, err.print) as workers, PhaseProgress(err) as progress:
+        outcome = compute(work.cells, trainings, _TrainingsOnly(where), workers, progress)
+    outcome_faults = [Fault(failure.label, "", failure.reason) for failure in outcome.failures]
+    if outcome_faults:
+        raise InputError(outcome_faults)
+    return outcome
+
+
+def _write(row: dict[str, Any], where: Path) -> Path:
+    name = re.sub(r"\W+", "_", row["estimator"]).strip("_")
+    file = where / f"{row['track']}{'_quick' if row['quick'] else ''}" / f"{name}.json"
+    folder.made(file.parent)
+    folder.write(file, as_text(row))
+    return file
+
+
+def as_text(row: dict[str, Any]) -> str:
+    """Return a row as the text of its file: a line for each setting, so that differences can be read."""
+    parts = []
+    for name, value in row.items():
+        if name == "settings":
+            lines = ",\n".join(f"  {json.dumps(each)}: {json.dumps(scores)}" for each, scores in value.items())
+            parts.append(f' "settings": {{\n{lines}\n }}')
+        else:
+            parts.append(f" {json.dumps(name)}: {json.dumps(value, ensure_ascii=False)}")
+    return "{\n" + ",\n".join(parts) + "\n}\n"
+
+
+def _table(rows: Sequence[dict[str, Any]]) -> Table:
+    heads = ("estimator", "score", "95 %", "cover", "step")
+    return Table("", heads, [_cells(row) for row in rows])
+
+
+def _cells(row: dict[str, Any]) -> list[Any]:
+    if "failed" in row:
+        return [row["estimator"], "failed", None, None, None]
+    low, high = row["score_interval_95"]
+    covered = "none" if row["coverage_pct"] is None else f"{row['coverage_pct']:.1f}"
+    return [
+        row["estimator"],
+        f"{row['score']:.3f}",
+        f"{low:.3f}-{high:.3f}",
+        covered,
+        f"{row['machine']['step_ratio']:.3g}",
+    ]
+
+
+def _words(row: dict[str, Any]) -> str:
+    quick = ", quick: no row of the scoreboard" if row["quick"] else ""
+    return (
+        "score: error over hold's, geometric mean over the settings, with its interval over people; cover: truths "
+        "within the 95 % ellipsoid, in %; step: its time over that of a reference loop in the same twins"
+        f"{quick}; {row['machine']['seconds']:.0f} s"
+    )
