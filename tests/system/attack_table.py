@@ -31,7 +31,7 @@ from tis.common.scenario.security import Mtls, NoSecurity, Password, Security
 from tis.common.units import NS_PER_S, sample_instant_ns
 from tis.deploy.tools.certificates import issue, new_authority
 
-_LEAD_S: Final = 0.005
+_LEAD_S: Final = 0.02
 _NOT_REACHED: Final = "not reached: repeat it"
 ROOT: Final = Path(__file__).resolve().parents[2]
 ATTACKS: Final = (
