@@ -18,6 +18,8 @@ from tis.common.scenario.security import Mtls, NoSecurity, Password
 from tis.common.zenoh_syntax import is_tls
 
 if TYPE_CHECKING:
+    from cryptography.x509 import Certificate
+
     from tis.common.scenario import Scenario
 
 CA_FILE: Final = "ca.pem"
@@ -117,9 +119,7 @@ def expiry_warnings(security: NoSecurity | Mtls | Password, *names: str) -> list
         return texts
     for name in names:
         try:
-            from cryptography.x509 import load_pem_x509_certificate
-
-            found = load_pem_x509_certificate((Path(security.folder) / name / CERTIFICATE_FILE).read_bytes())
+            found = load_certificates((Path(security.folder) / name / CERTIFICATE_FILE).read_bytes())[0]
             until = found.not_valid_after_utc
         except (ImportError, OSError, ValueError):  # what is wrong with it is told elsewhere
             continue
@@ -127,6 +127,16 @@ def expiry_warnings(security: NoSecurity | Mtls | Password, *names: str) -> list
         if revoked_in(Path(security.folder)).covers(name, found.serial_number):
             texts.append(f"the certificate of {name} is revoked ({REVOKED_FILE})")
     return texts
+
+
+def load_certificates(content: bytes) -> "list[Certificate]":
+    """Return the certificates in PEM, at least one; raises `ValueError`, and `ImportError` without cryptography."""
+    from cryptography.x509 import InvalidVersion, load_pem_x509_certificates
+
+    try:
+        return load_pem_x509_certificates(content)
+    except InvalidVersion as error:  # no ValueError, as all else that is wrong
+        raise ValueError(str(error)) from None
 
 
 def revoked_in(folder: Path) -> Revoked:

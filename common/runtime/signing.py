@@ -24,7 +24,14 @@ from tis.common.channels import Side
 from tis.common.errors import DataError, Fault, InputError
 from tis.common.extras import GET_HOSTS
 from tis.common.messages import decode, encode
-from tis.common.runtime.credentials import CA_FILE, CERTIFICATE_FILE, KEY_FILE, read_secret, revoked_in
+from tis.common.runtime.credentials import (
+    CA_FILE,
+    CERTIFICATE_FILE,
+    KEY_FILE,
+    load_certificates,
+    read_secret,
+    revoked_in,
+)
 from tis.common.runtime.zenoh_session import publisher_of
 from tis.common.scenario.security import Mtls, Security
 from tis.common.signing import (
@@ -78,9 +85,8 @@ class CertifiedKey:
 
     def __init__(self, certificate: bytes, key: bytes, authorities: bytes, revoked: Path | None = None) -> None:
         from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
-        from cryptography.x509 import load_pem_x509_certificates
 
-        self._authorities = load_pem_x509_certificates(authorities)
+        self._authorities = load_certificates(authorities)
         self._revoked = revoked
         self._agreeing = X25519PrivateKey.generate()
         self.public = self._agreeing.public_key().public_bytes_raw().hex()
@@ -109,11 +115,10 @@ class CertifiedKey:
         from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
         from cryptography.hazmat.primitives.asymmetric.ec import ECDSA, EllipticCurvePublicKey
         from cryptography.hazmat.primitives.hashes import SHA256
-        from cryptography.x509 import load_pem_x509_certificate
         from cryptography.x509.oid import NameOID
 
         try:
-            found = load_pem_x509_certificate(certificate.encode())
+            found = load_certificates(certificate.encode())[0]
             if not any(map(partial(_is_issued_by, found), self._authorities)):
                 return Signer("", _NOT_PROVED)
             key = found.public_key()

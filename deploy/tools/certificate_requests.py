@@ -13,7 +13,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, load_pem_priv
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from tis.common.errors import DataError, Fault, InputError
-from tis.common.runtime.credentials import CA_FILE, CERTIFICATE_FILE, KEY_FILE
+from tis.common.runtime.credentials import CA_FILE, CERTIFICATE_FILE, KEY_FILE, load_certificates
 from tis.deploy.tools.certificates import (
     REQUESTS,
     Certificate,
@@ -77,7 +77,7 @@ def accept(folder: Path, name: str, certificate: bytes, authorities: bytes) -> C
 
 def _parsed(option: str, content: bytes) -> list[x509.Certificate]:
     try:
-        return x509.load_pem_x509_certificates(content)
+        return load_certificates(content)
     except ValueError:
         raise InputError(Fault("tis certs", option, "must be certificates in PEM")) from None
 

@@ -30,7 +30,15 @@ from pydantic import TypeAdapter, ValidationError
 
 from tis.common.errors import DataError, Fault, InputError
 from tis.common.revocation import REVOKED_FILE, Revoked
-from tis.common.runtime.credentials import CA_FILE, CERTIFICATE_FILE, KEY_FILE, config_text, revoked_in, tls_settings
+from tis.common.runtime.credentials import (
+    CA_FILE,
+    CERTIFICATE_FILE,
+    KEY_FILE,
+    config_text,
+    load_certificates,
+    revoked_in,
+    tls_settings,
+)
 from tis.common.scenario.security import PersonName
 
 AUTHORITY: Final = "ca"
@@ -207,7 +215,7 @@ def _shown(place: Path, authorities: bytes, revoked: Revoked) -> Certificate:
 def _faults(place: Path, certificate: x509.Certificate, authorities: bytes) -> Iterator[str]:
     yield from name_faults(place.name, certificate)
     try:
-        known = x509.load_pem_x509_certificates(authorities)
+        known = load_certificates(authorities)
     except ValueError:
         known = []
     if not any(is_issued_by(certificate, one) for one in known):
@@ -225,7 +233,7 @@ def described(name: str, certificate: x509.Certificate) -> Certificate:
     """Return a certificate as it is listed."""
     try:
         alternatives = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-    except x509.ExtensionNotFound:
+    except (x509.ExtensionNotFound, x509.DuplicateExtension, x509.UnsupportedGeneralNameType, ValueError):
         alternatives = x509.SubjectAlternativeName([])
     hosts = tuple(str(each.value) for each in alternatives)
     return Certificate(name, hosts, certificate.not_valid_after_utc)
@@ -287,7 +295,7 @@ def _authority(folder: Path, password: bytes | None) -> tuple[x509.Certificate, 
 
 def _load_certificate(file: Path) -> x509.Certificate:
     try:
-        return x509.load_pem_x509_certificate(file.read_bytes())
+        return load_certificates(file.read_bytes())[0]
     except ValueError:
         raise DataError(Fault(str(file), "", "is no certificate")) from None
     except FileNotFoundError:

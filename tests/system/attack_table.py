@@ -22,13 +22,16 @@ from mcap.reader import make_reader
 
 from tis.common.audit import AUDIT_FILE, verify
 from tis.common.header import CODE_BYTES, HEADER_BYTES, Header
+from tis.common.messages import decode
+from tis.common.peer_life import Beat
 from tis.common.runtime.credentials import credentials
 from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario.security import Mtls, NoSecurity, Password, Security
-from tis.common.units import sample_instant_ns
+from tis.common.units import NS_PER_S, sample_instant_ns
 from tis.deploy.tools.certificates import issue, new_authority
 
+_LEAD_S: Final = 0.02
 _NOT_REACHED: Final = "not reached: repeat it"
 ROOT: Final = Path(__file__).resolve().parents[2]
 ATTACKS: Final = (
@@ -78,8 +81,8 @@ def _client(endpoint: str, proof: dict[str, Any]) -> Iterator[zenoh.Session | No
     yield None
 
 
-def _forge(endpoint: str, proof: dict[str, Any], recorded: list[Message], run_id: int) -> None:
-    """Send an old run's samples under this run's number, or the next sample of each key once one is heard."""
+def _forge(endpoint: str, proof: dict[str, Any]) -> None:
+    """Send the next sample of each key once one is heard."""
     with _client(endpoint, proof) as session:
         if session is None:
             return
@@ -91,14 +94,7 @@ def _forge(endpoint: str, proof: dict[str, Any], recorded: list[Message], run_id
             heard.put((str(sample.key_expr), sample.payload.to_bytes(), attachment))
 
         session.declare_subscriber("tis/**", take, allowed_origin=zenoh.Locality.REMOTE)
-        time.sleep(0.7)  # until it is known who listens: before, nothing is sent
-        for key, payload, attachment in recorded:
-            header = Header.unpack(attachment)
-            if header is not None:
-                session.put(
-                    key, payload, attachment=header._replace(run_id=run_id).pack() + attachment[HEADER_BYTES:]
-                )
-        until_s = time.monotonic() + (0.0 if recorded else 1.5)
+        until_s = time.monotonic() + 1.5
         while (left_s := until_s - time.monotonic()) > 0:
             with suppress(queue.Empty):
                 key, payload, attachment = heard.get(timeout=left_s)
@@ -112,10 +108,26 @@ def _forge(endpoint: str, proof: dict[str, Any], recorded: list[Message], run_id
         time.sleep(0.3)
 
 
-def _run_number(folder: Path) -> int:
-    """Return the number of a run that is under way, from what netem's log holds of its clock."""
-    content = (folder / "netem.mcap").read_bytes()
-    return int(content.partition(b'"run_id":')[2].partition(b",")[0].strip(b" }"))
+def _replay(endpoint: str, proof: dict[str, Any], recorded: list[Message]) -> None:
+    """Send an old run's samples under this run's number, each a moment before its time, by netem's signs of life."""
+    with _client(endpoint, proof) as session:
+        if session is None:
+            return
+        beats: queue.Queue[bytes] = queue.Queue()
+        session.declare_subscriber("tis/@tis/beat/netem", lambda sample: beats.put(sample.payload.to_bytes()))
+        beat = decode(beats.get(timeout=5), Beat)
+        begun_s = time.monotonic() - beat.at_ns / NS_PER_S
+        until_s = time.monotonic() + 1.5
+        for key, payload, attachment in recorded:
+            header = Header.unpack(attachment)
+            if header is None:
+                continue
+            left_s = begun_s + sample_instant_ns(header.seq, 30) / NS_PER_S - _LEAD_S - time.monotonic()
+            if left_s > 0 and time.monotonic() < until_s:
+                time.sleep(left_s)
+                own = header._replace(run_id=beat.run_id).pack() + attachment[HEADER_BYTES:]
+                session.put(key, payload, attachment=own)
+        time.sleep(0.3)
 
 
 def _attack(kind: str, attack: str, folder: Path, recorded: list[Message]) -> dict[str, Any]:
@@ -146,7 +158,10 @@ def _attack(kind: str, attack: str, folder: Path, recorded: list[Message]) -> di
         stolen = "watcher" if attack == "observer's certificate" else "surgeon" if replayed else ""
         proof = dict(credentials(security, stolen)) if stolen else nobody
         where = east if attack == "stranger on east" else west
-        _forge(where, proof, recorded if replayed else [], _run_number(run_dir) if replayed else 0)
+        if replayed:
+            _replay(where, proof, recorded)
+        else:
+            _forge(where, proof)
     said, _ = run.communicate(timeout=90)
     return _outcome(run_dir, said)
 
@@ -180,7 +195,7 @@ def _old_run(kind: str, folder: Path) -> list[Message]:
             (channel.topic, one.data, Header(one.sequence, one.publish_time).pack() + bytes(size))
             for _, channel, one in make_reader(file).iter_messages(list(_KEYS))
         ]
-    return rows[60:160]
+    return sorted(rows, key=lambda row: Header.unpack(row[2]) or Header(0))
 
 
 def main(out: Path, kinds: Sequence[str] = KINDS) -> None:

@@ -1,5 +1,6 @@
 """Agreement on a run's keys over a real router, and what does not prove a name."""
 
+import ssl
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -53,6 +54,15 @@ def test_only_the_other_sides_certificate_of_the_runs_authority_proves_its_words
     assert ours.shared(theirs.public) == theirs.shared(ours.public)
     with pytest.raises(ValueError, match="shared key"):
         ours.shared("00" * 32)
+
+
+def test_a_certificate_of_an_unknown_version_proves_nothing(certs: Path) -> None:
+    """The package cryptography tells it by an error of its own, which ended the thread that agrees on keys."""
+    ours = identity(Mtls(kind="mtls", folder=str(certs), sign=True), "patient")
+    assert ours is not None
+    der = ssl.PEM_cert_to_DER_cert((certs / "surgeon" / "cert.pem").read_text())
+    odd = ssl.DER_cert_to_PEM_cert(der.replace(b"\xa0\x03\x02\x01\x02", b"\xa0\x03\x02\x01\x0e", 1))
+    assert ours.signer(odd, "00", b"") == Signer("", "its certificate or its signature is not of the run's authority")
 
 
 def test_a_secret_is_long_and_its_owners(tmp_path: Path) -> None:
