@@ -13,7 +13,7 @@ import numpy as np
 from tis.common.channels import Hand
 from tis.common.sources.trajectory import Recording
 from tis.deploy.compare.cells.forecasts import ErrorSums
-from tis.deploy.studies.definitions.readings import NAMES
+from tis.deploy.studies.definitions.readings import N_AHEAD, NAMES
 from tis.deploy.studies.definitions.velocity_inputs import Inputs, leave_user_out
 
 N_IN: Final = 30
@@ -25,7 +25,8 @@ _HANDS: Final[tuple[Hand, ...]] = ("left", "right")
 def window_rows(results: Iterable[Mapping[str, Any]], recordings: Sequence[Recording]) -> list[dict[str, Any]]:
     """Return a row for each arm and forecast: RMSE and MAE of x, y and z in mm over 10 steps, one user out.
 
-    ``results`` are those of the twins whose person is left out. The least squares know no more than the 30 rows, the
+    ``results`` are those of the twins whose person is left out. All are scored on the windows that have two seconds
+    of the recording behind them, as in the other tables. The least squares know no more than the 30 rows, the
     estimators all rows before. Oracle: errors by hand, test_windows.
     """
     found = list(results)
@@ -34,7 +35,7 @@ def window_rows(results: Iterable[Mapping[str, Any]], recordings: Sequence[Recor
         sums = {name: ErrorSums.total(_of(found, hand, name)) for name in NAMES}
         of_hand = [replace(one, hands=tuple(each for each in one.hands if each.hand == hand)) for one in recordings]
         if all(one.hands for one in of_hand):
-            sums[LEAST_SQUARES] = leave_user_out(of_hand, Inputs(30, False, N_IN - 1), N_OUT)
+            sums[LEAST_SQUARES] = leave_user_out(of_hand, Inputs(30, False, N_IN - 1), N_AHEAD)
         rows += [_row(hand, name, each) for name, each in sums.items() if each is not None and each.n]
     return rows
 

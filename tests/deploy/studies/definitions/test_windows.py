@@ -5,6 +5,7 @@ import pytest
 
 from tests.deploy.studies.definitions.test_velocity_inputs import a_recording
 from tis.deploy.compare.cells.forecasts import ErrorSums
+from tis.deploy.studies.definitions.readings import N_AHEAD
 from tis.deploy.studies.definitions.windows import LEAST_SQUARES, N_OUT, window_rows
 
 
@@ -31,5 +32,5 @@ def test_least_squares_know_thirty_rows_of_the_other_people() -> None:
         found.append(a_recording(label, np.arange(150)[:, None] / 30 * velocity, np.tile(velocity, (150, 1))))
     [row] = window_rows([], found)
     assert (row["hand"], row["name"]) == ("left", LEAST_SQUARES)
-    assert row["n_windows"] == 2 * len(range(60, 150 - N_OUT, 3))
+    assert row["n_windows"] == 2 * len(range(60, 150 - N_AHEAD, 3))
     assert max(*row["rmse_mm"], *row["mae_mm"]) < 1e-6
