@@ -18,6 +18,8 @@ FILES = sorted((DOCS / "studies" / "scoreboard").glob("*/*.json"))
 @pytest.mark.parametrize("track", TRACKS)
 def test_each_row_is_a_whole_one_of_this_protocol(track: Track) -> None:
     rows = rows_of(track)
+    shipped = {"hold", "arx_kf", "moesp_kf", "innovations_kf"}
+    assert track == "jigsaws" or shipped <= {row["estimator"] for row in rows}
     for row in rows:
         assert (row["protocol_sha256"], row["track"], row["quick"], row["seed"]) == (digest(), track, False, 1)
         assert list(row["settings"]) == [each.name for each in settings(track, False)]
