@@ -14,6 +14,7 @@ from tis.common.errors import DataError
 from tis.common.metrics.percentiles import summarise
 from tis.common.metrics.picture_quality import psnr_db, ssim
 from tis.common.runtime.chunk_writer import by_channel
+from tis.common.runtime.log_parts import companion_logs
 from tis.common.scenario import Scenario
 from tis.common.sight.codec import decoder_of
 from tis.common.sight.fragments import received
@@ -113,8 +114,8 @@ def _pixel(x: float, y: float) -> Pixel | None:
 
 
 def _frames_sent(run_dir: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield the frames as they were sent, from the patient's logs, without keeping them."""
-    for path in log_files(run_dir).get("patient", ()):
+    """Yield the frames as they were sent, from the logs of patient and camera, without keeping them."""
+    for path in (*log_files(run_dir).get("patient", ()), *companion_logs(run_dir, "patient")):
         if not path.is_file():
             continue
         file = LogFile(path)
