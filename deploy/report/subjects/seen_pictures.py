@@ -50,6 +50,8 @@ class SeenPicture(NamedTuple):
 
 def quality(run_dir: Path, scenario: Scenario, found: Pictures) -> Quality | None:
     """Return how well the pictures were seen; None where the log lacks the frames, or the codec is not installed."""
+    if run_dir == Path():  # logs in memory, which keep no frames
+        return None
     rows = seen_rows(scene_of(scenario))
     pairs = [(one.seen[rows], one.original[rows]) for one in seen_pictures(run_dir, scenario, found, _MOST)]
     if not pairs:
