@@ -103,7 +103,7 @@ def sections(run: RunView) -> list[Section]:
     found = [
         answer_section(run, run_warnings(summary)),
         Section("touch", "Touch", drawn["touch"], _touch_figures(summary), _touch(summary), run.mark),
-        Section("sight", "Sight", drawn["sight"], sight_tables.sight_markup(summary.sight, bounds), mark=run.mark),
+        Section("sight", "Sight", drawn["sight"], *sight_tables.sight_markup(summary.sight, bounds), run.mark),
         Section("error", "Error", drawn["error"], mark=run.mark),
         Section("requirements", "Requirements of applications", markup=_requirements(summary)),
         Section("accuracy", "The estimators compared", markup=_accuracy(run), mark=run.mark),

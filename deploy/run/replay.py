@@ -24,6 +24,7 @@ from tis.deploy.logs.read.load import load_parts, load_side
 from tis.deploy.logs.read.side_log import SideLog
 from tis.deploy.run.recorded import RecordedBus, RecordedClock, recorded_arrivals
 from tis.deploy.run.replay_forces import Forces, compare_forces, replay_surgeon
+from tis.deploy.run.replay_sight import replay_screen
 from tis.deploy.shell import run_dir as folder
 from tis.patient_side.build import build_patient, choose_models
 from tis.patient_side.models import factories, origins, own_estimators, read_models
@@ -114,6 +115,8 @@ def replay(run_dir: Path) -> Comparison:
         if path != paths[-1]:
             replayed.forces.killed_after(part.of(TICKS))
     found = replace(_compare(log, replayed), changed=_changed(log, origins(own)))
+    if scenario.sight is not None:
+        found = _with(found, replay_screen(run_dir, scenario))
     if scenario.touch is None:
         return found
     # nothing tells again what an external arm felt, or what a device did
@@ -121,7 +124,12 @@ def replay(run_dir: Path) -> Comparison:
     if scenario.source.kind != "live":
         surgeons = log_files(run_dir).get("surgeon", (log_file(run_dir, "surgeon"),))
         pairs.append((surgeons, replay_surgeon(surgeons, scenario)))
-    n_compared, n_different, n_absent = compare_forces(pairs)
+    return _with(found, compare_forces(pairs))
+
+
+def _with(found: Comparison, counts: tuple[int, int, int]) -> Comparison:
+    """Return a comparison with the numbers of further records compared, of different ones, of those in one only."""
+    n_compared, n_different, n_absent = counts
     largest = inf if n_different else found.largest
     return replace(
         found, n_compared=found.n_compared + n_compared, n_different=found.n_different + n_different,

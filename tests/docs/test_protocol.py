@@ -4,14 +4,17 @@ import hmac
 import json
 import re
 import struct
+from binascii import crc_hqx
 from pathlib import Path
 from typing import Any, get_args
+from zlib import crc32
 
+import numpy as np
 import pytest
 from msgspec import DecodeError
 from msgspec.structs import fields as struct_fields
 
-from tis.common.channels import Hand, arm_key, hand_channels, release_key, stop_key, stopped_key
+from tis.common.channels import VIDEO, Hand, arm_key, hand_channels, release_key, stop_key, stopped_key
 from tis.common.clocks import Exchanges
 from tis.common.device import MAX_BUTTONS, MAX_DEVICE_BYTES, MAX_PER_TICK, DevicePose, decode_pose_stamped
 from tis.common.device_records import Refusal
@@ -32,6 +35,9 @@ from tis.common.peer_life import BEAT_EVERY_NS, Beat
 from tis.common.runtime.control import ControlKeys, Epoch
 from tis.common.scenario import Scenario
 from tis.common.scenario.reading import agreed_fields
+from tis.common.scenario.sight import CELL
+from tis.common.sight.fragments import FRAGMENT_HEAD_BYTES, MAX_FRAME_BYTES, cut
+from tis.common.sight.stamp import Stamp, draw_stamps
 from tis.common.signing import Proof, code, hello_key, run_keys, said
 from tis.common.stop_messages import (
     LATCH,
@@ -81,6 +87,22 @@ def test_headers() -> None:
         assert bytes.fromhex(content) == bytes.fromhex("74697302") + fields
     layout = rows("bytes", "type", "content")
     assert [row[0] for row in layout] == ["0-3", "4-7", "8-15", "16-19"]
+
+
+def test_fragments_and_stamps() -> None:
+    (content, _), _ = cut(50, 1671666666, b"abc", 2)
+    assert f"\n{content.hex()}\n" in PAGE
+    layout = rows("byte", "type", "content of a fragment")
+    assert int(layout[-1][0].rpartition("-")[2]) + 1 == FRAGMENT_HEAD_BYTES
+    assert f"at most {MAX_FRAME_BYTES >> 20} MiB" in PAGE
+    head, frame = content[:32], (50, 0, 2, 3, crc32(b"abc"), 1671666666)
+    assert head == b"tiv\x01" + struct.pack("<IIIIIq", *frame)
+    assert content[32:] == struct.pack("<I", crc32(b"ab", crc32(head))) + b"ab"
+    picture = np.zeros((240, 320, 3), dtype=np.uint8)
+    draw_stamps(picture, Stamp(50, 54))
+    said = bytes.fromhex("a50000003200000037")
+    bits = np.unpackbits(np.frombuffer(said + crc_hqx(said, 0xFFFF).to_bytes(2, "big"), dtype=np.uint8))
+    assert (picture[8 : CELL * 5 : CELL, 8::CELL, 0].reshape(-1)[: len(bits)] > 128).tolist() == bits.tolist()
 
 
 def test_codes_of_signed_messages() -> None:
@@ -161,6 +183,7 @@ def test_keys() -> None:
         row = hand_channels(hand, arm)
         channels = (row.command, row.arm, row.estimated, row.measured, row.driven, row.force, row.motion, row.shown)
         expected |= {channel.key("tis") for channel in channels} | {arm_key("tis", arm), source.keys.of(hand)}
+    expected.add(VIDEO.key("tis"))
     assert on_page == expected
 
 

@@ -72,6 +72,7 @@ def _ages(found: Pictures, x_range: Range1d) -> figure:
     shown_ns = found.shown_ns[found.stamped]
     age_ms = (shown_ns - found.captured_ns) / NS_PER_MS
     kept = evenly_and_largest(age_ms, MAX_TICKS)
+    panel.y_range = Range1d(start=0, end=1.1 * float(age_ms.max(initial=1.0)))
     source = style.data(t=shown_ns[kept] / NS_PER_S, age=age_ms[kept])
     dots = panel.scatter("t", "age", source=source, size=3, fill_color=BLUE.light, line_color=None)
     style.hover(panel, dots, ("run time", "@t{0.000} s"), ("glass to glass", "@age{0.0} ms"))

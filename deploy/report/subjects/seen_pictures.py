@@ -14,6 +14,7 @@ from tis.common.errors import DataError
 from tis.common.metrics.percentiles import summarise
 from tis.common.metrics.picture_quality import psnr_db, ssim
 from tis.common.runtime.chunk_writer import by_channel
+from tis.common.runtime.log_parts import companion_logs
 from tis.common.scenario import Scenario
 from tis.common.sight.codec import decoder_of
 from tis.common.sight.fragments import received
@@ -49,6 +50,8 @@ class SeenPicture(NamedTuple):
 
 def quality(run_dir: Path, scenario: Scenario, found: Pictures) -> Quality | None:
     """Return how well the pictures were seen; None where the log lacks the frames, or the codec is not installed."""
+    if run_dir == Path():  # logs in memory, which keep no frames
+        return None
     rows = seen_rows(scene_of(scenario))
     pairs = [(one.seen[rows], one.original[rows]) for one in seen_pictures(run_dir, scenario, found, _MOST)]
     if not pairs:
@@ -113,8 +116,8 @@ def _pixel(x: float, y: float) -> Pixel | None:
 
 
 def _frames_sent(run_dir: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield the frames as they were sent, from the patient's logs, without keeping them."""
-    for path in log_files(run_dir).get("patient", ()):
+    """Yield the frames as they were sent, from the logs of patient and camera, without keeping them."""
+    for path in (*log_files(run_dir).get("patient", ()), *companion_logs(run_dir, "patient")):
         if not path.is_file():
             continue
         file = LogFile(path)

@@ -75,7 +75,7 @@ class SightFigures(Section):
     expected_decodable_pct: float | None = means("The same in theory; `null` as above, and with an intra refresh.")
     hand_to_eye_ms: Statistics = statistics(
         "From the sample of a command to the first picture that shows it, by the stamps in the picture and the "
-        "surgeon's clock alone; of each command that is the newest one of a picture.",
+        "surgeon's clock alone; of each command that is the newest one of a picture whose two stamps agree.",
         LATE,
     )
     glass_to_glass_ms: Statistics = statistics(

@@ -36,8 +36,9 @@ def answer_text(sight: SightFigures) -> str:
     text += f", and {number(eye['p99'], ' ms')} in 99 of 100 cases (p99). "
     if not sight.freezes:
         return f"{text}The picture never froze."
+    times = "once" if sight.freezes == 1 else f"{number(sight.freezes)} times"
     return (
-        f"{text}The picture froze {number(sight.freezes)} times, {number(sight.freeze_pct, ' %')} of the time, "
+        f"{text}The picture froze {times}, {number(sight.freeze_pct, ' %')} of the time, "
         f"at most for {number(sight.longest_freeze_ms, ' ms')}."
     )
 
@@ -53,12 +54,12 @@ def sight_tables(sight: SightFigures | None, bounds: Statistics) -> list[Table]:
     return [Table("Sight", columns, _rows(sight, bounds), _NOTE)]
 
 
-def sight_markup(sight: SightFigures | None, bounds: Statistics) -> str:
-    """Return what the surgeon saw as a paragraph and a table of a page, "" without sight."""
+def sight_markup(sight: SightFigures | None, bounds: Statistics) -> tuple[str, str]:
+    """Return the table of a page, and the paragraph before its figures, "" without sight."""
     if sight is None:
-        return ""
+        return "", ""
     text = f'<p class="answer">{escape(nonbreaking_units(answer_text(sight)))}</p>'
-    return text + "".join(table.html() for table in sight_tables(sight, bounds))
+    return "".join(table.html() for table in sight_tables(sight, bounds)), text
 
 
 def _rows(sight: SightFigures, bounds: Statistics) -> list[tuple[str, str]]:

@@ -14,9 +14,12 @@ from tis.common.sight.fragments import FRAGMENT_HEAD_BYTES
 from tis.common.sight_records import CAMERA, PICTURES, SCREEN
 from tis.deploy.logs.read.load import RunLogs, load_run
 from tis.deploy.report.summarise import build_summary
+from tis.deploy.run.replay import replay
+from tis.deploy.run.replay_sight import replay_screen
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
 from tis.deploy.shell import run_dir as folder
+from tis.patient_side.identification.model_file import dump_models
 
 pytest.importorskip("PIL", reason="the extra report is not installed")
 
@@ -87,6 +90,7 @@ def test_a_twin_with_video_repeats_bit_for_bit_and_its_books_balance(tmp_path: P
     loss = "network.feedback.loss={kind: gilbert_elliott, p_bad: 0.02, p_good: 0.3, p_loss_bad: 0.9}"
     scenario = _scenario(f"sight.codec={codec}", loss, "sight.fragment_bytes=700", duration_s=3)
     logs, summary = _twin(tmp_path / "one", scenario)
+    models = build_sides(scenario)[1]
     _twin(tmp_path / "two", scenario)
     for log in ("surgeon.mcap", "netem.mcap", "patient.mcap"):
         assert (tmp_path / "one" / log).read_bytes() == (tmp_path / "two" / log).read_bytes()
@@ -100,6 +104,10 @@ def test_a_twin_with_video_repeats_bit_for_bit_and_its_books_balance(tmp_path: P
     assert states["complete"] > 5
     assert states["concealed"] > 0
     assert states["torn"] == 0
+    (tmp_path / "one" / "model.json").write_bytes(dump_models(models))
+    assert replay_screen(tmp_path / "one", scenario) == (len(logs.of("surgeon", SCREEN)), 0, 0)
+    found = replay(tmp_path / "one")
+    assert found.identical, str(found)
     pictures = load_run(tmp_path / "one", {PICTURES}).of("patient", PICTURES)
     assert [row["frame"] for row in pictures] == list(range(90))
 

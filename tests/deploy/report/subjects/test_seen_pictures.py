@@ -82,3 +82,10 @@ def test_viewers_get_each_frame_as_an_image(lossy: tuple[Path, Scenario, Picture
     assert len(images) == len(found.camera)
     assert images[0].format == "jpeg"
     assert images[0].data.startswith(b"\xff\xd8")
+
+
+def test_a_camera_with_a_log_of_its_own_is_read(lossy: tuple[Path, Scenario, Pictures], tmp_path: Path) -> None:
+    """Live, the camera is a process of its own."""
+    folder, scenario, found = lossy
+    (tmp_path / "patient_camera.mcap").write_bytes((folder / "patient.mcap").read_bytes())
+    assert quality(tmp_path, scenario, found) == quality(folder, scenario, found)

@@ -6,18 +6,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tis.common.channels import VIDEO, hand_channels
+from tis.common.channels import VIDEO, Direction, hand_channels
 from tis.common.records import CONTACTS, COUNTERS, FATES, RELEASES
 from tis.common.scenario import Scenario
+from tis.common.scenario.limits import Limits, Metric
 from tis.common.sight_records import CAMERA, SCREEN
 from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.side_log import MESSAGES, SideLog
 from tis.deploy.report.plots.sight import by_second
 from tis.deploy.report.subjects.pictures import Pictures
+from tis.deploy.report.subjects.requirements import Measured, verdicts
 from tis.deploy.report.subjects.sight import SightFigures, sight_summary
 from tis.deploy.report.subjects.sight_tables import answer_text, sight_tables, sight_text
 from tis.deploy.run.resolve import resolve
+
+Measurements = dict[tuple[Metric, Direction | None], Measured]
 
 MS = 1_000_000
 FRAME = 100 * MS
@@ -198,3 +202,20 @@ def test_contacts_are_felt_beside_what_is_seen() -> None:
     assert felt is not None
     assert (felt.n, felt.noticed) == (1, 1)
     assert felt.touch_after_sight_ms["p50"] == pytest.approx(290 - 345)
+
+
+def test_limits_of_sight_are_judged() -> None:
+    measured: Measurements = {
+        ("freeze", None): Measured(np.array([12.5])),
+        ("hand_to_eye", None): Measured(np.full(500, 90.0)),
+    }
+    own, *_ = verdicts(measured, Limits(freeze_max_pct=10, hand_to_eye_p99_ms=100))
+    by_metric = {one.metric: one for one in own.findings}
+    assert by_metric["freeze"].outcome == "missed"
+    assert "12.5 % of the time" in by_metric["freeze"].sentence
+    assert by_metric["hand_to_eye"].outcome == "met"
+
+
+def test_one_freeze_is_once() -> None:
+    run = logs([camera(n) for n in range(40)], [screen(n) for n in range(21)])
+    assert "froze once" in answer_text(figures(run, scenario()))
