@@ -2,7 +2,7 @@
 
 It must not share an interpreter with a loop that ticks a thousand times a second. The side starts it, tells it the
 run's clock, which both then read, and ends it; it is a Zenoh client of its own and writes a log of its own beside the
-side's. Its real-time priority, where the system grants one, is below that of the loops.
+side's. It never has a real-time priority: where the loops have one, they come first.
 """
 
 import contextlib
@@ -30,7 +30,7 @@ from tis.common.runtime.mcap_log import McapLog
 from tis.common.runtime.memory import share_arenas
 from tis.common.runtime.process import child_environment, guarded_exit_code, line_of, run_to_end
 from tis.common.runtime.recorder import recorder_for
-from tis.common.runtime.scheduling import settle, stand_all_behind
+from tis.common.runtime.scheduling import precede_ordinary, settle
 from tis.common.runtime.zenoh_bus import ZenohBus
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, lease_ms, open_client
 from tis.common.scenario import Scenario
@@ -172,8 +172,8 @@ def _run(request: Mapping[str, Any]) -> int:
         bus = ZenohBus({network: session}, WallClock(0), inbox)
         bus.listen(node)
         bus.announce(node)
-        settle()
-        stand_all_behind()
+        settle(privileged=False)
+        precede_ordinary()
         print(_READY, flush=True)  # noqa: T201  (the side reads it)
         line = sys.stdin.readline()
         if not line:

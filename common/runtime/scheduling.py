@@ -13,6 +13,7 @@ from tis.common.runtime.memory import keep_heap_level
 _PR_SET_TIMERSLACK: Final = 29
 _SWITCH_S: Final = 0.0001  # between threads that want the interpreter: a fiftieth of Python's default
 _BEHIND, _PRIORITY = 1, 2
+_NICE: Final = -15
 _THREADS: Final = Path("/proc/self/task")
 _ZENOH: Final = (b"rx-", b"tx-")
 """Beginnings of the names of Zenoh's threads that receive and send."""
@@ -53,11 +54,15 @@ def stand_behind(thread_id: int, behind: bool) -> None:
             os.sched_setscheduler(thread_id, os.SCHED_RR, os.sched_param(_BEHIND if behind else _PRIORITY))
 
 
-def stand_all_behind() -> None:
-    """Set the priority of all threads of this process, and of those that they begin, below that of all loops."""
-    with contextlib.suppress(OSError):
+def precede_ordinary() -> None:
+    """Let all threads of this process, and those that they begin, precede ordinary ones, but no real-time thread.
+
+    With a real-time priority, also a lower one, they would take turns with the threads that write the loops' logs,
+    for which a loop waits while they hold its interpreter.
+    """
+    with contextlib.suppress(OSError):  # it needs the same privilege as a real-time priority
         for thread in _THREADS.iterdir():
-            stand_behind(int(thread.name), behind=True)
+            os.setpriority(os.PRIO_PROCESS, int(thread.name), _NICE)
 
 
 def let_zenoh_wait() -> None:

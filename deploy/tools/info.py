@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from tis.common.channels import Side
 from tis.common.errors import EXIT_OK, DataError
-from tis.common.runtime.log_parts import n_parts, part_name
+from tis.common.runtime.log_parts import companion_logs, n_parts, part_name
 from tis.common.runtime.mcap_log import is_being_written
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.coverage import Coverage, spans_text
@@ -135,8 +135,9 @@ def print_files(run_dir: Path, states: States, out: Console) -> None:
 
 
 def _logs(run_dir: Path) -> list[str]:
-    """Return the names of the logs that a run's folder must have, and of their later parts."""
-    return [part_name(side, n + 1) for side in get_args(Side) for n in range(max(1, n_parts(run_dir, side)))]
+    """Return the names of the logs that a run's folder must have, of later parts, and of camera and screen."""
+    own = [part_name(side, n + 1) for side in get_args(Side) for n in range(max(1, n_parts(run_dir, side)))]
+    return own + [path.name for side in get_args(Side) for path in companion_logs(run_dir, side)]
 
 
 def log_states(run_dir: Path, names: Sequence[str]) -> States:

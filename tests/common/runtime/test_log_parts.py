@@ -6,7 +6,17 @@ import pytest
 
 from tis.common.node import Record
 from tis.common.records import TICKS, TickNote
-from tis.common.runtime.log_parts import CLOCK_FILE, EarlierPart, PartClock, last_part, n_parts, part_clock, part_name
+from tis.common.runtime.log_parts import (
+    CLOCK_FILE,
+    EarlierPart,
+    PartClock,
+    companion_logs,
+    companion_name,
+    last_part,
+    n_parts,
+    part_clock,
+    part_name,
+)
 from tis.common.runtime.mcap_log import McapLog
 
 S = 1_000_000_000
@@ -81,3 +91,17 @@ def test_a_killed_process_leaves_a_log_without_an_end(tmp_path: Path) -> None:
 def test_a_clock_that_cannot_be_read_is_none(data: bytes) -> None:
     assert part_clock({CLOCK_FILE: data}) is None
     assert part_clock({}) is None
+
+
+def test_logs_of_camera_and_screen_lie_beside_those_of_their_sides(tmp_path: Path) -> None:
+    assert [companion_name("patient", 1), companion_name("surgeon", 2)] == [
+        "patient_camera.mcap", "surgeon_screen_2.mcap",
+    ]  # fmt: skip
+    for name in ("patient_camera.mcap", "patient_camera_2.mcap", "patient_camera_4.mcap", "patient.mcap"):
+        (tmp_path / name).touch()
+    assert [path.name for path in companion_logs(tmp_path, "patient")] == [
+        "patient_camera.mcap",
+        "patient_camera_2.mcap",
+    ]
+    assert companion_logs(tmp_path, "netem") == []
+    assert n_parts(tmp_path, "patient") == 1
