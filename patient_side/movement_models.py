@@ -39,7 +39,7 @@ MEANS_S: Final = (0.07, 0.15, 0.35, 1.0, 3.0, 10.0)
 """Time constants of the running means in a hand's recent past."""
 N_INCREMENTS: Final = 4
 """Last increments in a hand's recent past, and in an arm's."""
-N_HEAD_INPUTS: Final = (36, 55)
+N_HEAD_INPUTS: Final = (36, 58)
 """Inputs of the heads on a `Correction`, in the movement's frame and in the base's."""
 N_PARTS: Final = 8
 """Parts of the recent past that a `Correction` weighs."""

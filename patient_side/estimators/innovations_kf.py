@@ -16,7 +16,8 @@ Where the arm lags behind its command, the model is that of the command's moveme
 commanded need not be foretold, and only the commands to come are forecast as a movement.
 
 Where the model has a correction, the forecast also depends on the state of the hand's movement: its speed and
-braking, the opening of the gripper, the recent path, and the phase of the clock behind the rows (`correction`). In an
+braking, the opening of the gripper, the recent path, and the phase of the clock behind the rows (`correction`), and
+where training had three people or more on how tool and gripper move (`heads`). In an
 outage the forecast comes to rest, at the level about which the arm moves where the model has one, and stays constant
 after 5 s.
 """
@@ -301,7 +302,7 @@ class InnovationsKf:
         index = newest.source_index
         if index not in playout.arm:
             return ()
-        return heads.seen(newest.mean, newest.activity[0], playout.arm, index)
+        return heads.seen(newest.mean, newest.activity[0], playout, index)
 
     def _window_of(self, playout: Playout) -> int:
         """Return how far behind the newest sample a late one is replayed: with commands behind the later stream."""

@@ -13,8 +13,9 @@ the correction's own, as the inputs are more; ridge regressions on people who ar
   turns.
 
 The inputs are the last increments and the ways to running means, limited as the correction's are, the speed, the
-gripper's opening, and its changes; those of the base are also the tool's axes and its turns. All are known at the
-newest sample: the features are computed once for each, and the forecasts of all ticks until the next one use them.
+gripper's opening, and its changes; those of the base are also the tool's axes and its turns, and the way to the
+other arm. All are known at the newest sample: the features are computed once for each, and the forecasts of all ticks
+until the next one use them.
 """
 
 from collections.abc import Sequence
@@ -37,7 +38,7 @@ from tis.patient_side.filters.correction import (
 from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter
 from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import Correction
-from tis.patient_side.playout import SourceBuffer
+from tis.patient_side.playout import Playout, SourceBuffer
 
 FRAMES: Final = ("movement", "base")
 N_HEAD_FEATURES: Final = 400
@@ -74,17 +75,33 @@ def looked_back_in(buffer: SourceBuffer, index: int, lags: NDArray[np.int64]) ->
     return buffer.wrists(indices[known])[None]
 
 
+def _way_to_other(playout: Playout, index: int) -> Array | None:
+    """Return the way (1, 3) to the other arm, at this one's sample or the last one before it; None: unknown."""
+    own_m, other = playout.arm.get(index), playout.other_arm
+    if other is None or own_m is None:
+        return None
+    there_m = other.get(index if index in other else other.newest_before(index))
+    return None if there_m is None else (there_m - own_m)[None]
+
+
 class HeadInputs(NamedTuple):
     """Inputs of one head at M rows (M, I), and its frame's axes (M, 3, 3), one a row; None: those of the base."""
 
     values: Array
     axes: Array | None
 
+    def known(self, centre: Array) -> Array:
+        """Return the values with the ``centre`` (I,) for those that are not known."""
+        return np.asarray(np.where(np.isnan(self.values), centre, self.values))
 
-def head_inputs(model: Correction, moved: Movement, activity: Array, wrists: Array) -> tuple[HeadInputs, HeadInputs]:
+
+def head_inputs(
+    model: Correction, moved: Movement, activity: Array, wrists: Array, between_m: Array | None = None
+) -> tuple[HeadInputs, HeadInputs]:
     """Return the inputs of both heads at M rows, with the wrists (M, L, 5) at the lags of each.
 
-    Unknown orientations and grippers are those that count as usual. Oracle: plain loops in test_heads.
+    ``between_m`` (M, 3) are the ways to the other arm, NaN where it is not known. Unknown orientations and grippers
+    are those that count as usual. Oracle: plain loops in test_heads.
     """
     unit = model.usual_m * np.sqrt(np.maximum(activity, _LEAST**2))
     increments = moved.parts[:, 1 : 1 + N_USED_INCREMENTS]
@@ -95,11 +112,13 @@ def head_inputs(model: Correction, moved: Movement, activity: Array, wrists: Arr
     speed = np.clip(log_speed(moved.velocity, unit), model.lowest, model.highest)
     gripper = _grippers(model, wrists[:, :, 4])
     scalars = np.hstack([speed[:, None], gripper])
+    if between_m is None:
+        between_m = np.full((len(unit), AXES), np.nan)
     turned = np.tanh(np.matmul(vectors, axes.transpose(0, 2, 1))).reshape(len(unit), -1)
     based = np.tanh(vectors).reshape(len(unit), -1)
     return (
         HeadInputs(np.hstack([turned, scalars, axes[:, :2, 2]]), axes),
-        HeadInputs(np.hstack([based, scalars, _tools(wrists[:, :, :4])]), None),
+        HeadInputs(np.hstack([based, scalars, _tools(wrists[:, :, :4]), between_m]), None),
     )
 
 
@@ -158,13 +177,14 @@ class Heads:
         ]
         return cls(model, wrist_lags(rate_hz), rows, drawn)
 
-    def seen(self, mean: Array, activity: float, buffer: SourceBuffer, index: int) -> tuple[Seen, ...]:
-        """Return the features after the arrived sample at ``index``, with the filter's mean (M, 3/d) there."""
+    def seen(self, mean: Array, activity: float, playout: Playout, index: int) -> tuple[Seen, ...]:
+        """Return the features after the arm's arrived sample at ``index``, with the filter's mean (M, 3/d) there."""
         moved = split(self.rows.dot(mean.reshape(-1)).reshape(1, -1, AXES))
-        inputs = head_inputs(self.model, moved, np.array([activity]), looked_back_in(buffer, index, self.lags))
+        wrists, way_m = looked_back_in(playout.arm, index, self.lags), _way_to_other(playout, index)
+        inputs = head_inputs(self.model, moved, np.array([activity]), wrists, way_m)
         scale = self.model.usual_m * np.sqrt(max(activity, _LEAST**2))
         found = []
-        for drawn, (values, axes) in zip(self.drawn, inputs, strict=True):
-            features = scale * np.cos(drawn[:, :-1].dot(values[0]) + drawn[:, -1])
-            found.append(Seen(features, None if axes is None else axes[0]))
+        for drawn, head, each in zip(self.drawn, self.model.heads, inputs, strict=True):
+            features = scale * np.cos(drawn[:, :-1].dot(each.known(head.centre)[0]) + drawn[:, -1])
+            found.append(Seen(features, None if each.axes is None else each.axes[0]))
         return tuple(found)

@@ -82,6 +82,7 @@ def fit_movement(rows: TrainingRows) -> Companions:
         training.grippers_rad,
         training.people,
         training.orientations,
+        training.between_m,
         follows=not rows.static,
     )
     return Companions({"innovations": fitted.model, "commanded": fitted.commanded}, fitted.warnings)

@@ -20,7 +20,7 @@ from tis.patient_side.identification.fit_correction import Features, FittedCorre
 from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import Head
 
-_TOGETHER: Final = (1.4, 4.0)
+_TOGETHER: Final = (3.0, 10.0)
 """How much of the errors' variance all features of a frame may explain, by the prior."""
 _ALIKE_S: Final = 1 / 3
 _REACH_S: Final = 1.0
@@ -38,7 +38,7 @@ def with_heads(fitted: FittedCorrection, steps: NDArray[np.int64], rate_hz: int)
         if trial.rows.wrists is None:
             return fitted
         moved = movements(stage.filter, model.span, trial.rows.means)
-        by_trial.append(head_inputs(model, moved, trial.rows.activity, trial.rows.wrists))
+        by_trial.append(head_inputs(model, moved, trial.rows.activity, trial.rows.wrists, trial.rows.between_m))
     units = [trial.unit for trial in stage.trials]
     left = [[e / u[: len(e), None] for e, u in zip(each, units, strict=True)] for each in fitted.errors]
     heads = []
@@ -59,10 +59,12 @@ def _fitted(
 ) -> tuple[Head, list[list[Array]]]:
     """Return head ``i``, and what it leaves of ``left`` on people held out."""
     pooled = np.concatenate([each.values for each in inputs])
-    centre, deviation = short(pooled.mean(axis=0)), short(np.maximum(pooled.std(axis=0), _LEAST_DEVIATION))
+    known = np.ma.masked_invalid(pooled)  # recordings of one hand have no other arm
+    centre = short(known.mean(axis=0).filled(0.0))
+    deviation = short(np.maximum(known.std(axis=0).filled(0.0), _LEAST_DEVIATION))
     drawn = head_projections(i, centre, deviation, N_HEAD_FEATURES).astype(np.float32)
     features: list[Features] = [
-        np.cos(each.values.astype(np.float32) @ drawn[:, :-1].T + drawn[:, -1]) for each in inputs
+        np.cos(each.known(centre).astype(np.float32) @ drawn[:, :-1].T + drawn[:, -1]) for each in inputs
     ]
     axes = [each.axes for each in inputs]
     turned = [[_turned(e, q) for e, q in zip(each, axes, strict=True)] for each in left]

@@ -40,8 +40,9 @@ class HeldBack:
 
     ``commands`` (N_i, 3) are those of what the arms follow, in units of the arm, where the model has a response.
 
-    ``grippers_rad`` (N_i,) are the grippers' angles at these rows, ``orientations`` (N_i, 4) the arms', and
-    ``people`` who moves in each trial, where they are known.
+    ``grippers_rad`` (N_i,) are the grippers' angles at these rows, ``orientations`` (N_i, 4) the arms',
+    ``between_m`` (N_i, 3) the ways to the other arms, NaN without one, and ``people`` who
+    moves in each trial, where they are known.
     """
 
     outputs: tuple[Array, ...]
@@ -50,6 +51,7 @@ class HeldBack:
     people: tuple[str, ...] = ()
     commands: tuple[Array, ...] = ()
     orientations: tuple[Array, ...] = ()
+    between_m: tuple[Array, ...] = ()
 
     def of_trials(self, chosen: NDArray[np.intp]) -> "HeldBack":
         """Return some of the trials."""
@@ -64,6 +66,7 @@ class HeldBack:
             some(self.people),
             some(self.commands),
             some(self.orientations),
+            some(self.between_m),
         )
 
     @property
@@ -348,5 +351,6 @@ def _correction_rows(
     if with_heads and rows.orientations and len(set(rows.people)) >= _FEWEST_PEOPLE:
         both = zip(rows.orientations, grippers, rows.first_rows, strict=True)
         wrists = [looked_back(np.column_stack([turns, g]), first, rate_hz) for turns, g, first in both]
-    each = zip(rows.outputs, rows.first_rows, means, activities, grippers, groups, wrists, strict=True)
-    return [CorrectionRows(y[first:], s, a, g[first:], group, w) for y, first, s, a, g, group, w in each]
+    between = rows.between_m or tuple(np.full_like(y, np.nan) for y in rows.outputs)
+    each = zip(rows.outputs, rows.first_rows, means, activities, grippers, groups, wrists, between, strict=True)
+    return [CorrectionRows(y[i:], s, a, g[i:], group, w, b[i:]) for y, i, s, a, g, group, w, b in each]

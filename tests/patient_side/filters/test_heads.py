@@ -15,7 +15,7 @@ from tis.patient_side.filters.heads import Heads, head_inputs, looked_back, look
 from tis.patient_side.filters.innovations_filter import AXES
 from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import N_HEAD_INPUTS, Correction, Head
-from tis.patient_side.playout import SourceBuffer
+from tis.patient_side.playout import Playout, SourceBuffer
 
 LAGS = wrist_lags(RATE_HZ)
 
@@ -81,8 +81,11 @@ def test_inputs_are_numbers_in_both_frames() -> None:
 def test_at_rest_and_without_wrists_inputs_are_finite() -> None:
     model, filter_ = with_heads(), filter_of()
     moved = movements(filter_, model.span, np.zeros((1, some_mean(filter_, 0).size)))
-    for each in head_inputs(model, moved, np.zeros(1), np.full((1, len(LAGS), 5), np.nan)):
-        assert np.all(np.isfinite(each.values))
+    unknown = head_inputs(model, moved, np.zeros(1), np.full((1, len(LAGS), 5), np.nan))
+    for each, head in zip(unknown, model.heads, strict=True):
+        known = each.known(head.centre)
+        assert np.all(np.isfinite(known))
+        assert np.array_equal(known[0, 55:], head.centre[55:])  # the way to another arm
 
 
 @pytest.mark.parametrize("alike", [False, True])
@@ -91,23 +94,21 @@ def test_they_add_their_features_in_their_frames_to_the_forecast(alike: bool) ->
     found = Heads.of(model, filter_, RATE_HZ)
     assert found is not None
     mean, activity, track = some_mean(filter_, 3), 1.7, wrists(60)
-    buffer = SourceBuffer(100)
+    playout, other = Playout(RATE_HZ), SourceBuffer(100)
+    playout.other_arm = other
     for k, each in enumerate(track):
-        buffer.add(k, np.zeros(3), each[4], each[:4])
-    seen = found.seen(mean, activity, buffer, 59)
-    inputs = head_inputs(
-        model,
-        movements(filter_, model.span, mean.reshape(1, -1)),
-        np.array([activity]),
-        looked_back(track, 59, RATE_HZ),
-    )
+        playout.arm.add(k, np.zeros(3), each[4], each[:4])
+    other.add(57, np.array([0.1, 0.2, 0.3]))
+    seen = found.seen(mean, activity, playout, 59)
+    moved, back = movements(filter_, model.span, mean.reshape(1, -1)), looked_back(track, 59, RATE_HZ)
+    inputs = head_inputs(model, moved, np.array([activity]), back, np.array([[0.1, 0.2, 0.3]]))
     for lag in (0.5, 1.0, 4.0, 6.5):
         expected = at_lag(model, filter_, lag).position(mean, activity, -0.3, (0j, 0.0))
         for head, drawn, each in zip(model.heads, found.drawn, inputs, strict=True):
             weights = np.array(
                 [[np.interp(lag, [0.0, *KNOTS], [0.0, *column]) for column in row] for row in head.weights.T]
             ).T
-            features = [cos(angle) for angle in drawn[:, :-1] @ each.values[0] + drawn[:, -1]]
+            features = [cos(angle) for angle in drawn[:, :-1] @ each.known(head.centre)[0] + drawn[:, -1]]
             added = model.usual_m * activity**0.5 * weights @ features
             expected = expected + (added if each.axes is None else each.axes[0].T @ added)
         assert at_lag(model, filter_, lag).position(mean, activity, -0.3, (0j, 0.0), seen) == pytest.approx(expected)
