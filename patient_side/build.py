@@ -118,6 +118,9 @@ def build_patient(
         hand.holds_on_conflict = scenario.on_conflict == "hold"
         hands.append(hand)
         gates |= _gates(scenario, model, channels)
+    if len(hands) > 1:
+        one, other = (hand.playout for hand in hands)
+        one.other_arm, other.other_arm = other.arm, one.arm
     ticker = Ticker(scenario.rate_hz, scenario.n_samples, ms_to_ns(scenario.patient.tick_phase_ms))
     mode = scenario.patient.tick
     lock = PhaseLock(scenario.rate_hz) if mode == "phase_locked" else None

@@ -4,7 +4,7 @@ A new one is a `StoredModel` here and a field of `tis.patient_side.statespace.Ar
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Final
 
 from pydantic import Field, model_validator
@@ -39,12 +39,32 @@ MEANS_S: Final = (0.07, 0.15, 0.35, 1.0, 3.0, 10.0)
 """Time constants of the running means in a hand's recent past."""
 N_INCREMENTS: Final = 4
 """Last increments in a hand's recent past, and in an arm's."""
+N_HEAD_INPUTS: Final = (36, 58)
+"""Inputs of the heads on a `Correction`, in the movement's frame and in the base's."""
 N_PARTS: Final = 8
 """Parts of the recent past that a `Correction` weighs."""
 N_TERMS: Final = 15
 """Terms of the state of movement with which their coefficients vary."""
 
 Positives = Annotated[Floats, lists(list[Positive])]
+
+
+@dataclass(frozen=True)
+class Head(StoredModel):
+    """One head on what a `Correction` leaves: see `tis.patient_side.filters.heads`.
+
+    ``centre`` and ``deviation`` (I,) are mean and deviation of its inputs; ``weights`` (H, 3, M) are those of M
+    features at the horizons of the correction.
+    """
+
+    centre: Vector
+    deviation: Positives
+    weights: Matrices
+
+    def faults(self) -> Iterator[str]:
+        """Yield lengths that do not fit."""
+        if len(self.centre) != len(self.deviation):
+            yield "centre and deviation must be equally long"
 
 
 @dataclass(frozen=True)
@@ -61,7 +81,8 @@ class Correction(StoredModel):
     (L,) are the distances to the L running means, in usual moves, that count as large. ``centre`` and ``deviation``
     (3 L + 2,) are mean and deviation of the Fourier features' inputs; ``fourier`` (H, 3, M) are the weights of M
     features, in usual moves. ``linear_scale`` (H,) is the factor for the covariances of the linear forecasts. It
-    holds after missing samples, too: what a correction gains is measured where none is missing.
+    holds after missing samples, too: what a correction gains is measured where none is missing. ``heads`` are none,
+    or one of the movement's frame and one of the base's.
     """
 
     span: Count
@@ -79,6 +100,7 @@ class Correction(StoredModel):
     deviation: Positives
     fourier: Matrices
     linear_scale: Positives
+    heads: list[Head] = field(default_factory=list)
 
     def shapes(self) -> Mapping[str, Shape]:
         """Return the shapes of the weights of both corrections."""
@@ -99,6 +121,13 @@ class Correction(StoredModel):
             yield "horizons must rise"
         if self.lowest > self.highest:
             yield "lowest must be at most highest"
+        for i, (head, n) in enumerate(zip(self.heads, N_HEAD_INPUTS, strict=False)):
+            if len(head.centre) != n:
+                yield f"heads.{i}: centre must have {n} elements, one for each input"
+            if head.weights.ndim != 3 or head.weights.shape[:2] != (len(self.horizons), AXES):
+                yield f"heads.{i}: weights must have the shape ({len(self.horizons)}, {AXES}, features)"
+        if len(self.heads) not in (0, len(N_HEAD_INPUTS)):
+            yield f"heads must be none or {len(N_HEAD_INPUTS)}"
 
 
 @dataclass(frozen=True)

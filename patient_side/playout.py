@@ -219,10 +219,14 @@ class SourceBuffer:
 
 @dataclass
 class Playout:
-    """The arrived samples of one hand: commands u and, when the source is a recording, arm positions y."""
+    """The arrived samples of one hand: commands u and, when the source is a recording, arm positions y.
+
+    ``other_arm`` holds those of the other hand's arm, where the run has both: to read, and never to add to.
+    """
 
     rate_hz: int
     depth: int = 4096
+    other_arm: SourceBuffer | None = field(default=None, repr=False, compare=False)
     command: SourceBuffer = field(init=False)
     arm: SourceBuffer = field(init=False)
 

@@ -16,7 +16,8 @@ Where the arm lags behind its command, the model is that of the command's moveme
 commanded need not be foretold, and only the commands to come are forecast as a movement.
 
 Where the model has a correction, the forecast also depends on the state of the hand's movement: its speed and
-braking, the opening of the gripper, the recent path, and the phase of the clock behind the rows (`correction`). In an
+braking, the opening of the gripper, the recent path, and the phase of the clock behind the rows (`correction`), and
+where training had three people or more on how tool and gripper move (`heads`). In an
 outage the forecast comes to rest, at the level about which the arm moves where the model has one, and stays constant
 after 5 s.
 """
@@ -30,7 +31,8 @@ from tis.common.errors import DataError, Fault
 from tis.common.units import sample_instant_ns
 from tis.patient_side.estimators.protocol import Estimate
 from tis.patient_side.filters.activity import Activity, ActivityMean
-from tis.patient_side.filters.correction import clock_of
+from tis.patient_side.filters.correction import Seen, clock_of
+from tis.patient_side.filters.heads import Heads
 from tis.patient_side.filters.innovations_filter import (
     ARM,
     AXES,
@@ -79,7 +81,7 @@ class InnovationsState(NamedTuple):
     """The samples assimilated so far: counts of both streams, checkpoints, and the freshest indices that both have.
 
     ``guessed``: the filter began with commands about an offset that no sample of the arm has confirmed. ``offset`` is
-    the one at these indices, once it has been computed.
+    the one at these indices, once it has been computed. ``seen`` is what the heads made of the newest sample.
     """
 
     n_arm: int
@@ -88,6 +90,7 @@ class InnovationsState(NamedTuple):
     pairs: tuple[int, ...]
     guessed: bool
     offset: Offset | None = None
+    seen: tuple[Seen, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -111,6 +114,7 @@ class InnovationsKf:
     _stand_in: StandIn | None = field(init=False, repr=False)
     _activity: ActivityMean = field(init=False, repr=False)
     _clock: RowClock | None = field(init=False, repr=False)
+    _heads: Heads | None = field(init=False, repr=False)
     _negligible_error: bool = field(init=False, repr=False)
     _gain: Array | None = field(init=False, repr=False)
     _usual: int = field(init=False, repr=False)
@@ -135,6 +139,8 @@ class InnovationsKf:
         object.__setattr__(self, "_unbroken", unbroken)
         object.__setattr__(self, "_tree", UncertaintyTree(filter_))
         object.__setattr__(self, "_clock", None if correction is None else clock_of(correction))
+        heads = None if correction is None else Heads.of(correction, filter_, self.model.rate_hz)
+        object.__setattr__(self, "_heads", heads)
         object.__setattr__(self, "_activity", ActivityMean.at_rate(self.model.rate_hz))
         forecasts = LagForecasts.of(innovations, filter_, unbroken, self.model.rate_hz)
         object.__setattr__(self, "_forecasts", forecasts)
@@ -155,6 +161,8 @@ class InnovationsKf:
         # Assimilate new arrivals: the common case, the next sample in order, has a short cut.
         if playout.arm.n_added != state.n_arm or playout.command.n_added != state.n_command:
             state = self._in_order(state, playout) or self._assimilate(state, playout)
+            if self._heads is not None and state.ring:
+                state = state._replace(seen=self._seen(state.ring[-1], playout, self._heads))
         if not state.ring:
             return state, Estimate(None)
         # Forecast over the lag since the newest sample; its covariance is precomputed after an unbroken row.
@@ -175,7 +183,7 @@ class InnovationsKf:
             position = forecast.weights.dot(mean).reshape(AXES)
         else:
             gripper_rad = playout.arm.gripper_rad(newest.source_index)
-            position = correction.position(mean, activity, gripper_rad, newest.phasor)
+            position = correction.position(mean, activity, gripper_rad, newest.phasor, state.seen)
         # The covariance, scaled by the hand's activity, with the error that the filter ignored.
         spread = activity * forecast.spread
         if newest.error is not None:
@@ -217,7 +225,7 @@ class InnovationsKf:
         arm, command = playout.arm, playout.command
         new = arm.added_since(state.n_arm)
         new += [] if self._gain is None else command.added_since(state.n_command)
-        _, _, ring, pairs, guessed, offset = state
+        _, _, ring, pairs, guessed, offset, _ = state
         # Which indices to assimilate, and which both streams have now.
         if self._stand_in is not None:
             commands = command.added_since(state.n_command)
@@ -249,7 +257,7 @@ class InnovationsKf:
     def _replayed(self, state: InnovationsState, playout: Playout, first: int) -> InnovationsState:
         """Return the state after a run from source index ``first`` through all samples that have arrived."""
         arm, command = playout.arm, playout.command
-        n_arm, n_command, ring, pairs, _, offset = state
+        n_arm, n_command, ring, pairs, _, offset, _ = state
         # Rewind to the last checkpoint before it; without one, begin within the horizon of the newest sample.
         is_uneven = bool(arm.uneven or command.uneven)
         run = list(rewound(ring, first)[: 1 if is_uneven else None])
@@ -288,6 +296,13 @@ class InnovationsKf:
         guessed = stand_in is not None and not pairs
         window = max(self._window_of(playout), _UNEVEN_WINDOW) if is_uneven else self._window_of(playout)
         return InnovationsState(n_arm, n_command, trimmed(tuple(run), window), pairs, guessed, offset)
+
+    def _seen(self, newest: Checkpoint, playout: Playout, heads: Heads) -> tuple[Seen, ...]:
+        """Return what the heads make of the newest sample: nothing of a command that stands in for one."""
+        index = newest.source_index
+        if index not in playout.arm:
+            return ()
+        return heads.seen(newest.mean, newest.activity[0], playout, index)
 
     def _window_of(self, playout: Playout) -> int:
         """Return how far behind the newest sample a late one is replayed: with commands behind the later stream."""

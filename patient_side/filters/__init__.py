@@ -5,7 +5,7 @@
 - the filter of `innovations_kf`: `innovations_filter` (states, matrices, gain, update), `arm_response` and
   `recent_past` (further states), `unbroken` (covariances
   computed once), `replay` (late samples), `stand_in` (commands in place of lost samples), `lag_forecast` and
-  `correction` (the forecast), `activity` (the scale of its covariance);
+  `correction` with its `heads` (the forecast), `activity` (the scale of its covariance);
 - robust factorisation of a Hankel matrix with missing entries: `hankel_completion`;
 - Algorithm 1 of the paper on arrays: `paper_kalman`.
 """

@@ -31,6 +31,7 @@ N is normal, U uniform, m and s are mean and deviation of the inputs f in the tr
 length (Rahimi and Recht 2007, "Random features for large-scale kernel machines").
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import log, sqrt, tanh
 from typing import NamedTuple
@@ -49,15 +50,18 @@ LENGTH = 3.5
 """Length of the kernel, in deviations of the inputs."""
 
 
-def projections(centre: Array, deviation: Array, n_features: int) -> Array:
+def projections(
+    centre: Array, deviation: Array, n_features: int, length: float = LENGTH, name: str = "fourier features"
+) -> Array:
     """Return F and phi side by side (M, K + 1) for K inputs with these means and deviations.
 
-    They are drawn from a fixed stream, so a model file does without them. Oracle: the Gaussian kernel.
+    They are drawn from a fixed stream of this ``name``, so a model file does without them. Oracle: the Gaussian
+    kernel of this ``length``.
     """
     n_inputs = len(centre)
-    draws = Stream.named(0, "fourier features").uniforms(0, n_features * (n_inputs + 1))
+    draws = Stream.named(0, name).uniforms(0, n_features * (n_inputs + 1))
     normal = ndtri(draws[n_features:]).reshape(n_features, n_inputs)
-    frequencies = normal / (LENGTH * deviation)
+    frequencies = normal / (length * deviation)
     phases = 2.0 * np.pi * draws[:n_features] - frequencies @ centre
     return np.hstack([frequencies, phases[:, None]])
 
@@ -102,7 +106,11 @@ def movement_rows(filter_: InnovationsFilter, span: int) -> Array:
 
 def movements(filter_: InnovationsFilter, span: int, means: Array) -> Movement:
     """Return the movement at means, one a row (M, N)."""
-    found = filter_.read(movement_rows(filter_, span), means).reshape(len(means), -1, AXES)
+    return split(filter_.read(movement_rows(filter_, span), means).reshape(len(means), -1, AXES))
+
+
+def split(found: Array) -> Movement:
+    """Return the movement of vectors (M, V, 3) in the order of `movement_rows`."""
     first = N_PARTS - 1 - SLOW_MEANS
     return Movement(found[:, : N_PARTS - 1], found[:, first:-1], found[:, -1])
 
@@ -144,19 +152,29 @@ def fade(increment: Array, largest: float) -> Array:
     return np.asarray(np.square(largest / np.maximum(increment, largest)))
 
 
+class Seen(NamedTuple):
+    """What a head makes of the newest sample: features (M,), in m, and its frame's axes (3, 3), if not the base's."""
+
+    features: Array
+    axes: Array | None
+
+
 class LagCorrection(NamedTuple):
     """The correction at one lag: the map from a mean to its vectors, and the weights, interpolated to the lag.
 
-    ``fourier`` is None where the features have no weight.
+    ``fourier`` is None where the features have no weight, ``heads`` are the weights of the heads' features.
     """
 
     rows: Array
     weights: Array
     fourier: Array | None
+    heads: tuple[Array, ...]
     of: "CorrectionForecasts"
 
-    def position(self, mean: Array, activity: float, gripper_rad: float | None, phasor: Phasor) -> Array:
-        """Return the forecast (3,) from a mean (M, 3/d)."""
+    def position(
+        self, mean: Array, activity: float, gripper_rad: float | None, phasor: Phasor, seen: Sequence[Seen] = ()
+    ) -> Array:
+        """Return the forecast (3,) from a mean (M, 3/d), and from what the heads have ``seen``, if anything."""
         # Plain numbers: on so few of them Python is faster than numpy.
         of = self.of
         model = of.model
@@ -187,6 +205,9 @@ class LagCorrection(NamedTuple):
         if square > allowed:
             coefficients = of.linear + (coefficients - of.linear) * (allowed / square)
         position = coefficients.dot(vectors[:_FAST].reshape(N_PARTS + 1, AXES))
+        for weights, (features, axes) in zip(self.heads, seen, strict=False):
+            added = weights.dot(features)
+            position += added if axes is None else added.dot(axes)
         if self.fourier is None:
             return np.asarray(position)
         # The Fourier features.
@@ -224,6 +245,7 @@ class CorrectionForecasts:
     projections: Array
     weights: Array
     fourier: Array
+    heads: tuple[Array, ...]
     rows: Array
 
     @classmethod
@@ -247,7 +269,8 @@ class CorrectionForecasts:
         linear = np.zeros(N_PARTS + 1)
         linear[:2] = 1.0
         drawn = projections(model.centre, model.deviation, model.fourier.shape[2])
-        return cls(model, clock, linear, drawn, weights, fourier, rows)
+        heads = tuple(_table(model.horizons, each.weights, filter_.horizon) for each in model.heads)
+        return cls(model, clock, linear, drawn, weights, fourier, heads, rows)
 
     def at(self, weights: Array, steps: int, fraction: float) -> LagCorrection:
         """Return the correction of the forecast of ``weights`` (d, M), ``steps + fraction`` samples ahead."""
@@ -257,7 +280,8 @@ class CorrectionForecasts:
         here, there = 1.0 - fraction, fraction
         of_parts = here * self.weights[steps] + there * self.weights[steps + 1]
         of_features = here * self.fourier[steps] + there * self.fourier[steps + 1]
-        return LagCorrection(rows, of_parts, of_features if np.any(of_features) else None, self)
+        heads = tuple(here * each[steps] + there * each[steps + 1] for each in self.heads)
+        return LagCorrection(rows, of_parts, of_features if np.any(of_features) else None, heads, self)
 
 
 def clock_of(model: Correction) -> RowClock | None:

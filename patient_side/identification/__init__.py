@@ -5,8 +5,8 @@ Where to look:
 - training rows: `dataset`, `trials`; arguments and result of a linear method: `linear_model`;
 - linear models of arm and command: `subspace_methods` (MOESP, past-input MOESP, N4SID, CVA) on `subspace` and
   `hankel`; `arx`; `output_error` for B, D and x0, `order`, `noise`, `validation`;
-- the arm's own movement: `fit_innovations` on `stochastic_moesp` with `fit_correction`, `direct_ls`, `fit_drmf`; its
-  response to its command: `fit_response`;
+- the arm's own movement: `fit_innovations` on `stochastic_moesp` with `fit_correction` and `fit_heads`, `direct_ls`,
+  `fit_drmf`; its response to its command: `fit_response`;
 - the forecast of a command: `forecast`;
 - the paper's method: `moesp_paper`; for comparison: `narx`;
 - as a library, `from tis import identify`: `system_identification`, with `identified_system`, `input_delay` and

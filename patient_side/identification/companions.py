@@ -74,9 +74,16 @@ def fit_arx_models(rows: TrainingRows) -> Companions:
 def fit_movement(rows: TrainingRows) -> Companions:
     """Return the innovations models of the arm's own movement, and of its command's where that is of more use."""
     training, block_rows = rows.training, rows.identification.block_rows
-    grippers_rad, people = training.grippers_rad, training.people
     fitted = fit_innovations(
-        training.trials, training.rate_hz, block_rows, None, grippers_rad, people, follows=not rows.static
+        training.trials,
+        training.rate_hz,
+        block_rows,
+        None,
+        training.grippers_rad,
+        training.people,
+        training.orientations,
+        training.between_m,
+        follows=not rows.static,
     )
     return Companions({"innovations": fitted.model, "commanded": fitted.commanded}, fitted.warnings)
 

@@ -73,7 +73,8 @@ _LARGEST = 0.999
 class CorrectionRows(NamedTuple):
     """One trial: positions (M, 3) in m, the filter's means (M, N) and activity (M,), and the gripper's angle (M,).
 
-    Rows of the same ``group`` (M,) are held out together.
+    Rows of the same ``group`` (M,) are held out together. ``wrists`` (M, L, 5) are those that heads look back on;
+    None where there are to be no heads. ``between_m`` (M, 3) are the ways to the other arm, NaN without one.
     """
 
     position_m: Array
@@ -81,6 +82,8 @@ class CorrectionRows(NamedTuple):
     activity: Array
     gripper_rad: Array
     group: NDArray[np.intp]
+    wrists: Array | None = None
+    between_m: Array | None = None
 
 
 def correction_span(rate_hz: int) -> int:

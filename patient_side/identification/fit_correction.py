@@ -76,6 +76,8 @@ def empty_moments(n_groups: int, size: int, n_errors: int) -> Moments:
     )
 
 
+Features = NDArray[np.float32]
+
 _PRIOR = 0.6
 _GRIPPER_PRIOR = 0.1
 _TOGETHER = 0.3
@@ -90,11 +92,15 @@ _WORTH_IT = 0.99
 
 @dataclass(frozen=True)
 class FittedCorrection:
-    """The correction, and forecast errors (M_i, 3) by horizon and trial: of rows held out, and without correction."""
+    """The correction, and forecast errors (M_i, 3) by horizon and trial: of rows held out, and without correction.
+
+    ``stage`` has the rows.
+    """
 
     correction: Correction
     errors: list[list[Array]]
     linear_errors: list[list[Array]]
+    stage: "Stage"
 
 
 def fit_correction(
@@ -111,7 +117,7 @@ def fit_correction(
     prepared = [PreparedRows.of(each, model, filter_) for each in trials]
     n_groups = 1 + max((int(each.group.max()) for each in trials if len(each.group)), default=0)
     held = _rows_held([each.terms[:, N_MOVEMENT_TERMS - 1] for each in prepared])
-    stage = _Stage(prepared, filter_, n_groups, round(_STRETCH_S * rate_hz))
+    stage = Stage(prepared, filter_, n_groups, round(_STRETCH_S * rate_hz))
     # The coefficients, and what they leave on rows held out.
     moments = stage.moments_of_parts(steps)
     weights, left = np.zeros((len(steps), N_PARTS, N_TERMS)), []
@@ -125,13 +131,14 @@ def fit_correction(
         weights[j] = share * whole.reshape(N_PARTS, N_TERMS)
         left.append(residuals)
     # The Fourier features on these residuals.
-    of_features = stage.moments_of_features(steps, left)
+    features = [each.features for each in prepared]
+    of_features = stage.moments_of_features(features, left)
     fourier = np.zeros((len(steps), AXES, N_FEATURES))
     for j, h in enumerate(steps.tolist()):
         precision = np.full(N_FEATURES, (h + _ALIKE_S * rate_hz) * N_FEATURES / _TOGETHER)
         precision /= min(1.0, _REACH_S * rate_hz / h)
         whole, by_group = solutions(of_features[j], precision)
-        share, residuals = stage.left_of_features(left[j], by_group)
+        share, residuals = stage.left_of_features(features, left[j], by_group)
         # Features cost as much time as all the rest: where they gain next to nothing they are left out.
         if _squares(residuals) <= _WORTH_IT * _squares(left[j]):
             fourier[j], left[j] = share * whole.T, residuals
@@ -147,7 +154,7 @@ def fit_correction(
         [[e * of.unit[: len(e), None] for e, of in zip(each, prepared, strict=True)] for each in each_stage]
         for each_stage in (left, linear)
     )
-    return FittedCorrection(correction, errors, linear_errors)
+    return FittedCorrection(correction, errors, linear_errors, stage)
 
 
 def _squares(errors: Sequence[Array]) -> float:
@@ -161,7 +168,7 @@ def _rows_held(openings: Sequence[Array]) -> float:
 
 
 @dataclass(frozen=True)
-class _Stage:
+class Stage:
     """The regressions' rows: all trials, and how they are held out and compared."""
 
     trials: list[PreparedRows]
@@ -214,11 +221,11 @@ class _Stage:
             corrections.append(correction)
         return self._shared(errors, corrections)
 
-    def moments_of_features(self, steps: NDArray[np.int64], left: list[list[Array]]) -> list[Moments]:
-        """Return for each horizon the moments of the Fourier features with what the coefficients left."""
-        found = [empty_moments(self.n_groups, N_FEATURES, AXES) for _ in steps]
-        for i, trial in enumerate(self.trials):
-            features = trial.features
+    def moments_of_features(self, of_trials: Sequence[Features], left: list[list[Array]]) -> list[Moments]:
+        """Return for each horizon the moments of the trials' features (M, K) with what is ``left``."""
+        size = of_trials[0].shape[1]
+        found = [empty_moments(self.n_groups, size, AXES) for _ in left]
+        for i, (trial, features) in enumerate(zip(self.trials, of_trials, strict=True)):
             for group, own in trial.blocks:
                 first, last = own.start, own.stop
                 alone = features[first:last].T @ features[first:last]
@@ -233,11 +240,13 @@ class _Stage:
                     found[j].n[group] += len(error)
         return found
 
-    def left_of_features(self, left: list[Array], by_group: list[Array]) -> tuple[float, list[Array]]:
+    def left_of_features(
+        self, of_trials: Sequence[Features], left: list[Array], by_group: list[Array]
+    ) -> tuple[float, list[Array]]:
         """Return the features' share, and what they leave on rows held out, by trial."""
         corrections = []
-        for trial, error in zip(self.trials, left, strict=True):
-            features, correction = trial.features[: len(error)], np.zeros_like(error)
+        for trial, each, error in zip(self.trials, of_trials, left, strict=True):
+            features, correction = each[: len(error)], np.zeros_like(error)
             for group, own in trial.blocks:
                 correction[own] = features[own] @ by_group[group].astype(np.float32)
             corrections.append(correction)

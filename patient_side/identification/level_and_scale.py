@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from tis.patient_side.filters.activity import ActivityMean
+from tis.patient_side.filters.heads import looked_back
 from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter, build_innovations_filter, correct
 from tis.patient_side.filters.recent_past import RecentPast
 from tis.patient_side.filters.unbroken import Unbroken
@@ -23,6 +24,7 @@ from tis.patient_side.horizon import horizon_samples
 from tis.patient_side.identification.correction_rows import CorrectionRows, correction_span
 from tis.patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
 from tis.patient_side.identification.fit_correction import FittedCorrection, fit_correction
+from tis.patient_side.identification.fit_heads import with_heads
 from tis.patient_side.identification.trials import held_out_groups
 from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import InnovationsModel
@@ -38,8 +40,9 @@ class HeldBack:
 
     ``commands`` (N_i, 3) are those of what the arms follow, in units of the arm, where the model has a response.
 
-    ``grippers_rad`` (N_i,) are the grippers' angles at these rows, and ``people`` who moves in each trial, where they
-    are known.
+    ``grippers_rad`` (N_i,) are the grippers' angles at these rows, ``orientations`` (N_i, 4) the arms',
+    ``between_m`` (N_i, 3) the ways to the other arms, NaN without one, and ``people`` who
+    moves in each trial, where they are known.
     """
 
     outputs: tuple[Array, ...]
@@ -47,6 +50,8 @@ class HeldBack:
     grippers_rad: tuple[Array, ...] = ()
     people: tuple[str, ...] = ()
     commands: tuple[Array, ...] = ()
+    orientations: tuple[Array, ...] = ()
+    between_m: tuple[Array, ...] = ()
 
     def of_trials(self, chosen: NDArray[np.intp]) -> "HeldBack":
         """Return some of the trials."""
@@ -60,6 +65,8 @@ class HeldBack:
             some(self.grippers_rad),
             some(self.people),
             some(self.commands),
+            some(self.orientations),
+            some(self.between_m),
         )
 
     @property
@@ -155,6 +162,7 @@ _STRETCH_S = 4
 _SIGNIFICANCE = 1e-3
 _SETTLED_S = 2
 _N_SCALES = 14
+_FEWEST_PEOPLE = 3
 _EVERY_STEP = 10
 """Horizons up to which a correction is fitted to each number of samples, as the phase of a clock requires."""
 
@@ -271,7 +279,8 @@ def with_scale(model: InnovationsModel, held_back: HeldBack, rate_hz: int, *, co
     fitted: FittedCorrection | None = None
     if corrected:
         steps = forecast_steps(held_back, rate_hz)
-        fitted = fit_correction(_correction_rows(rows, means, activities), filter_, steps, rate_hz)
+        found = _correction_rows(rows, means, activities, rate_hz, with_heads=model.response is None)
+        fitted = with_heads(fit_correction(found, filter_, steps, rate_hz), steps, rate_hz)
         errors = fitted.errors
         left = over_hold(rows, steps, errors)
         gain = left / over_hold(rows, steps, fitted.linear_errors)
@@ -329,9 +338,19 @@ def _spread(horizon: int) -> NDArray[np.int64]:
     return np.round(np.geomspace(1, horizon, _N_SCALES)).astype(int)
 
 
-def _correction_rows(rows: HeldBack, means: Sequence[Array], activities: Sequence[Array]) -> list[CorrectionRows]:
-    """Return the settled rows of each trial; unknown grippers are at 0."""
+def _correction_rows(
+    rows: HeldBack, means: Sequence[Array], activities: Sequence[Array], rate_hz: int, *, with_heads: bool
+) -> list[CorrectionRows]:
+    """Return the settled rows of each trial; unknown grippers are at 0.
+
+    Heads need several people: what they learn of one place and task is worth nothing elsewhere.
+    """
     groups = held_out_groups([len(each) for each in activities], rows.people)
     grippers = rows.grippers_rad or tuple(np.zeros(len(y)) for y in rows.outputs)
-    each = zip(rows.outputs, rows.first_rows, means, activities, grippers, groups, strict=True)
-    return [CorrectionRows(y[first:], s, a, g[first:], group) for y, first, s, a, g, group in each]
+    wrists: list[Array | None] = [None] * len(groups)
+    if with_heads and rows.orientations and len(set(rows.people)) >= _FEWEST_PEOPLE:
+        both = zip(rows.orientations, grippers, rows.first_rows, strict=True)
+        wrists = [looked_back(np.column_stack([turns, g]), first, rate_hz) for turns, g, first in both]
+    between = rows.between_m or tuple(np.full_like(y, np.nan) for y in rows.outputs)
+    each = zip(rows.outputs, rows.first_rows, means, activities, grippers, groups, wrists, between, strict=True)
+    return [CorrectionRows(y[i:], s, a, g[i:], group, w, b[i:]) for y, i, s, a, g, group, w, b in each]
