@@ -30,8 +30,8 @@ def run_dir(of_all_workers: Path, scenario: Scenario) -> Path:
 
 @pytest.fixture(scope="session")
 def touch_dir(of_all_workers: Path) -> Path:
-    """A twin that touches a wall, likewise."""
-    slow = ["rate_hz=100", "identification.train_samples=400", "touch.environment.distance_mm=-5"]
+    """A twin that touches a wall and sees it, likewise."""
+    slow = ["rate_hz=100", "identification.train_samples=400", "touch.environment.distance_mm=-5", "sight={}"]
     return _twin(of_all_workers / "touch", resolve("touch", slow, None, 1.0))
 
 

@@ -51,7 +51,9 @@ def test_every_topic_of_the_scene_and_the_log_is_in_the_file(newest: dict[str, A
     panels = _panels()
     topics = {topic for panel in panels.values() for topic in panel.get("topics", ())}
     topics |= {panel["topicToRender"] for panel in panels.values() if "topicToRender" in panel}
-    assert {"/paths/truth", "/psm", "/mtm", "/log", "/estimates/moesp_kf", "/forces/tool", "/forces/hand"} <= topics
+    topics |= {topic for panel in panels.values() for topic in panel.get("imageMode", {}).values()}
+    drawn = {"/paths/truth", "/psm", "/mtm", "/estimates/moesp_kf", "/forces/tool", "/forces/hand"}
+    assert drawn | {"/log", "/camera"} <= topics
     assert topics <= newest.keys()
 
 
