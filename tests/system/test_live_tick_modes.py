@@ -27,7 +27,7 @@ def test_a_live_run_replays_bit_for_bit(mode: str, run_here: StartHere) -> None:
     logs = load_run(tis.run_dir)
     n_prompt, shifts = len(logs.of("patient", PROMPT)), list(logs.of("patient", PHASES))
     n_ticks = sum(not row["missed"] for row in logs.of("patient", TICKS))
-    assert found.n_compared == (2 + 3) * n_ticks + n_prompt + len(logs.of("patient", "tis/PSM2/servo_cp"))
+    assert found.n_compared == (2 + 2) * n_ticks + n_prompt + len(logs.of("patient", "tis/PSM2/servo_cp"))
     assert summary["latency_ms"]["end_to_end"]["p50"] >= 40
     if mode == "on_arrival":
         assert n_prompt > 40
