@@ -59,7 +59,7 @@ def test_every_mode_keeps_its_promises(mode: str, tmp_path: Path) -> None:
     assert found.identical
     logs = load_run(tmp_path / "one")
     n_prompt = len(logs.of("patient", PROMPT))
-    assert found.n_compared == (4 + 3) * 150 + n_prompt + len(logs.of("patient", "tis/PSM2/servo_cp"))
+    assert found.n_compared == (4 + 2) * 150 + n_prompt + len(logs.of("patient", "tis/PSM2/servo_cp"))
     assert (n_prompt > 100) == (mode == "on_arrival")
 
 
