@@ -197,15 +197,15 @@ class Reassembly:
         return frame, found
 
 
-def numbers_in(text: str) -> list[int]:
-    """Return the numbers that a text like 0-2,5 names."""
+def numbers_in(text: str, n: int) -> list[int]:
+    """Return the numbers below ``n`` that a text like 0-2,5 names; raises `ValueError` where it names none."""
     ends = [one.split("-") for one in text.split(",") if one]
-    return [number for one in ends for number in range(int(one[0]), int(one[-1]) + 1)]
+    return [number for one in ends for number in range(int(one[0]), min(int(one[-1]) + 1, n))]
 
 
 def received(data: bytes, missing: str, n_fragments: int, size: int) -> list[tuple[int, bytes]]:
     """Return the stretches of a frame that arrived, from the frame as sent and a log's list of what did not."""
-    absent = set(numbers_in(missing))
+    absent = set(numbers_in(missing, n_fragments))
     part = Part(0, 0, size, len(data), 0, 0, 0, b"")
     parts = {i: data[i * size : (i + 1) * size] for i in range(n_fragments) if i not in absent}
     return Assembly(part, 0, 0, parts).stretches()
