@@ -137,10 +137,14 @@ def _between_jumps(recordings: Sequence[Recording], shortest: int) -> tuple[list
 
 
 def _between(recording: Recording, part: HandRecording) -> Array:
-    """Return the ways (N, 3) from a hand's arm to the other hand's, NaN without one."""
+    """Return the ways (N, 3) from a hand's arm to the other hand's, NaN where there is none."""
     own_m = part.follower.position_m
-    others_m = [each.follower.position_m for each in recording.hands if each.hand != part.hand]
-    return others_m[0] - own_m if others_m else np.full_like(own_m, np.nan)
+    ways_m = np.full_like(own_m, np.nan)
+    for other in recording.hands:
+        if other.hand != part.hand:
+            n = min(len(own_m), len(other.follower.position_m))
+            ways_m[:n] = other.follower.position_m[:n] - own_m[:n]
+    return ways_m
 
 
 def _named(found: Sequence[tuple[int, int]]) -> str:
