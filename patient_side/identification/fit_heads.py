@@ -25,13 +25,18 @@ _TOGETHER: Final = (3.0, 10.0)
 _ALIKE_S: Final = 1 / 3
 _REACH_S: Final = 1.0
 _LEAST_DEVIATION: Final = 1e-6
+_FASTEST_HZ: Final = 250
+"""Rate above which there are no heads: their inputs take some 0.1 ms, which a tick of a millisecond does not have."""
 
 
 def with_heads(fitted: FittedCorrection, steps: NDArray[np.int64], rate_hz: int) -> FittedCorrection:
-    """Return the correction with its heads and what these leave; as it is where rows have no wrists to look back on.
+    """Return the correction with its heads and what these leave.
 
+    It is as it was at a high rate, and where rows have no wrists to look back on.
     Oracles in test_fit_heads: people whose movement turns by a law, and people of whom nothing can be learned.
     """
+    if rate_hz > _FASTEST_HZ:
+        return fitted
     stage, model = fitted.stage, fitted.correction
     by_trial: list[tuple[HeadInputs, HeadInputs]] = []
     for trial in stage.trials:
