@@ -146,9 +146,9 @@ class _Question:
         if self._asked_s >= 0.0:
             return
         self._asked_s = time.monotonic()
-        queries, query, payload, stack = self.queries, self.query, self.query.payload, self.query.timestamp_stack
-        guarded = queries.bridge.guarded
+        queries, query, guarded = self.queries, self.query, self.queries.bridge.guarded
         try:
+            payload, stack = query.payload, query.timestamp_stack
             queries.sessions[DESTINATION[self.direction]].get(
                 zenoh.Selector(self.key, query.parameters),
                 # direct: an extra thread would cost more than the query

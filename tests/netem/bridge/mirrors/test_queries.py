@@ -3,6 +3,7 @@
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -10,6 +11,7 @@ import zenoh
 
 from tests.common.runtime.live_zenoh import a_network, settle, soon
 from tests.netem.bridge.live_bridge import a_bridge, delays, n_mirrored, n_open
+from tis.netem.bridge.mirrors.queries import _Question
 
 pytestmark = pytest.mark.live
 
@@ -186,3 +188,18 @@ def test_a_thousand_queries_leave_nothing_behind() -> None:
         counts = there.applications.queries.counters()
         assert (counts["queries.asked"], counts["queries.replies"], counts["queries.finished"]) == (1000,) * 3
         assert n_open(there) == 0
+
+
+class _Dropped:
+    """A query that was finished while its question crossed: Zenoh refuses all that is asked of it."""
+
+    @property
+    def payload(self) -> None:
+        raise zenoh.ZError("Dropped query")
+
+
+def test_a_question_that_is_released_after_its_time_out_ends_nothing() -> None:
+    queries: Any = SimpleNamespace(bridge=SimpleNamespace(guarded=None), n_unsent=0, forget=lambda _: False)
+    question: Any = _Question(queries, "forward", "demo/a", _Dropped())  # type: ignore[arg-type]
+    question.forward(None)
+    assert queries.n_unsent == 1
