@@ -73,7 +73,8 @@ class RunLogs:
         cure = "copy it from its host (tis collect), then tis summarize"
         found = [problem(f"{side}: log is missing", cure) for side in get_args(Side) if side not in self.sides]
         found += [f"{side}: {text}" for side, log in self.sides.items() if (text := log.coverage.problem)]
-        return found
+        beside = [one for log in self.sides.values() for one in log.beside]
+        return found + [f"{one.file}: {text}" for one in beside if (text := one.problem)]
 
     def coverage(self, side: Side) -> Coverage | None:
         """Return the coverage of a side's log; None when it is missing or void."""
@@ -170,10 +171,12 @@ def _add_companions(log: SideLog, run_dir: Path, wanted: Collection[str] | None)
     """Add the records of what ran beside a side, on its clock; raises `DataError` when they are of another run."""
     own = part_clock(log.attachments)
     for path in companion_logs(run_dir, log.side):
-        if truncated_start(path):  # killed before it wrote anything: what it sent is missing in the books
+        if torn := truncated_start(path):
+            log.beside += (empty_log(log.side, path, torn).coverage,)
             continue
-        clock = _read_part(log, path, wanted).clock
-        if own is not None and clock is not None and clock.run_id != own.run_id:
+        part = _read_part(log, path, wanted)
+        log.beside += (part.coverage,)
+        if own is not None and part.clock is not None and part.clock.run_id != own.run_id:
             raise DataError(Fault(path.name, "", "is of another run"))
 
 

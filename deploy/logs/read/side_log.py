@@ -97,6 +97,8 @@ class SideLog:
     n_messages: int = 0
     coverage: Coverage = WHOLE
     """The gaps of a damaged or recovered log."""
+    beside: tuple[Coverage, ...] = ()
+    """The gaps of the logs of what ran beside the side: camera or screen."""
 
     def add_block(self, key: str, block: Block, which: Ints) -> None:
         """Add a block's messages under a topic or a key, by index; raises `DataError` for another version's."""

@@ -199,11 +199,11 @@ def write_log(
             log.record(record)
 
 
-def cut_log(run_dir: Path, side: Side, records: Sequence[Record], n_whole: int) -> None:
+def cut_log(run_dir: Path, name: str, records: Sequence[Record], n_whole: int) -> None:
     """Write a log with each record a chunk of its own, and tear it within the record behind ``n_whole`` of them."""
-    path = run_dir / f"{side}.mcap"
+    path = run_dir / f"{name}.mcap"
     path.unlink(missing_ok=True)
-    with McapLog(path, {"side": side}) as log:
+    with McapLog(path, {"side": name.partition("_")[0]}) as log:
         for record in records[:n_whole]:
             log.record(record)
             log.flush()

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple, get_args
 
 import numpy as np
 
-from tis.common.channels import Direction, Side
+from tis.common.channels import VIDEO, Direction, Side
 from tis.common.errors import problem
 from tis.common.metrics.delivery import without
 from tis.common.records import REJECTED
@@ -160,13 +160,18 @@ def unsent(logs: RunLogs, direction: Direction, session: str) -> Unsent | None:
 
     What the receiver quarantined is not in its messages, and of several copies with one sequence number only the
     first is used. A message whose bits netem flipped is not forged. None when the sender's log is missing or damaged,
-    as it may then lack what was sent; and without a testbed. Oracle: literals, test_unsent.
+    as it may then lack what was sent; and without a testbed. The same goes for the picture and the camera's log.
+    Oracle: literals, test_unsent.
     """
-    covered = logs.coverage(ENDS[direction][0])
+    sender = ENDS[direction][0]
+    covered = logs.coverage(sender)
     if not session or covered is None or not covered.whole:
         return None
     unknown: dict[str, Frame] = {}  # by key, the messages used that were not sent like this
+    is_cut = any(not one.whole for one in logs.sides[sender].beside)
     for key, (out, back) in both_ends(logs, direction, session).items():
+        if is_cut and key == VIDEO.key(session):
+            continue
         used = back.first_of_each("seq")
         unknown[key] = used.at(~np.isin(_identity(used), _identity(out)))
     # The fates are only read when there is a message whose bits netem may have flipped.

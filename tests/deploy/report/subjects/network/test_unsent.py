@@ -64,3 +64,13 @@ def test_without_the_senders_whole_log_nobody_is_accused(tmp_path: Path) -> None
     cut_log(tmp_path, "surgeon", _sent(10), n_whole=2)
     assert unsent(load_run(tmp_path), "forward", "tis") is None
     assert unsent_problem(None, "forward") == []
+
+
+def test_with_the_cameras_log_cut_off_no_picture_is_called_forged_and_the_cut_is_told(tmp_path: Path) -> None:
+    picture = [message("tis/ECM/video", k, 10 * k, log_ms=10 * k + 40) for k in range(5)]
+    logs = write_run(tmp_path, picture)
+    assert unsent(logs, "feedback", "tis") == Unsent(5, "tis/ECM/video", 40 * MS)
+    cut_log(tmp_path, "patient_camera", [message("tis/ECM/video", k, 10 * k) for k in range(5)], n_whole=2)
+    logs = load_run(tmp_path)
+    assert unsent(logs, "feedback", "tis") == Unsent(0, "", 0)
+    assert [text for text in causes(logs.problems()) if "patient_camera.mcap: log is damaged" in text]
