@@ -5,7 +5,7 @@ It hears the patient's measured poses as any program on that network does, so it
 
 from base64 import b64encode
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -14,7 +14,6 @@ from tis.common.header import Header
 from tis.common.intake import Intake
 from tis.common.messages import FeedbackPose, Fragment, encode, position_m
 from tis.common.node import Arrival, Emission, Output, Record
-from tis.common.peer_life import NO_ALARMS, Alarm
 from tis.common.records import COUNTERS, CounterNote
 from tis.common.scenario import Scenario
 from tis.common.scenario.sight import SightPart
@@ -23,7 +22,6 @@ from tis.common.sight.fragments import cut
 from tis.common.sight.picture import PATH_FRAMES, Pixel, Scene, Tools, draw, scene_of
 from tis.common.sight.stamp import NO_COMMAND, Stamp
 from tis.common.sight_records import CAMERA, PICTURES, CameraNote, EncodedFrame
-from tis.common.signing import RunKeys
 from tis.common.ticker import Ticker
 from tis.common.units import ms_to_ns, sample_index
 
@@ -57,7 +55,6 @@ class CameraNode:
     ticker: Ticker
     encoder: Encoder
     name: str = "camera"
-    doing: str = ""
     n_frames: int = 0
     n_fragments: int = 0
     intake: Intake[FeedbackPose] = field(init=False)
@@ -72,20 +69,6 @@ class CameraNode:
         self._seen: dict[Hand, _Seen] = {}
         self._path: deque[Tools] = deque(maxlen=PATH_FRAMES)
         self._key = VIDEO.key(self.session)
-
-    def remembers(self) -> Sequence[str]:
-        """Return no topic: the picture is made anew."""
-        return ()
-
-    def resume(self, last: Mapping[str, bytes]) -> None:
-        """Do nothing."""
-
-    def alarms(self) -> Mapping[Alarm, int]:
-        """Return none: the patient tells what there is."""
-        return NO_ALARMS
-
-    def believe(self, keys: RunKeys) -> None:
-        """Do nothing: frames are not signed."""
 
     def join(self, run_id: int, from_ns: int = 0) -> None:
         """Take poses of this run only, and send frames from ``from_ns`` on, above all numbers before."""

@@ -5,7 +5,7 @@ refresh of the display is shown from then on.
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -15,7 +15,6 @@ from tis.common.channels import VIDEO, HandChannels, Network
 from tis.common.header import Header
 from tis.common.messages import Fragment, encode
 from tis.common.node import Arrival, Output, Record
-from tis.common.peer_life import NO_ALARMS, Alarm
 from tis.common.records import COUNTERS, REJECTED, CounterNote, Rejected
 from tis.common.scenario import Scenario
 from tis.common.scenario.sight import SightPart
@@ -23,7 +22,6 @@ from tis.common.sight.codec import Decoder, decoder_of
 from tis.common.sight.fragments import Assembly, Part, Reassembly, parse
 from tis.common.sight.stamp import Picture, Stamp, read_stamps
 from tis.common.sight_records import SCREEN, FrameState, ScreenNote
-from tis.common.signing import RunKeys
 from tis.common.units import NS_PER_S, ms_to_ns, sample_index
 
 _MAX_LEAD_NS: Final = NS_PER_S
@@ -59,7 +57,6 @@ class ScreenNode:
     sight: SightPart
     decoder: Decoder
     name: str = "screen"
-    doing: str = ""
     run_id: int = 0
     frames: Reassembly = field(default_factory=Reassembly)
     picture: Picture | None = None
@@ -70,20 +67,6 @@ class ScreenNode:
         self._counts: Counter[str] = Counter()
         self._waiting: list[tuple[ScreenNote, Picture | None]] = []
         self._refresh: int | None = None
-
-    def remembers(self) -> Sequence[str]:
-        """Return no topic."""
-        return ()
-
-    def resume(self, last: Mapping[str, bytes]) -> None:
-        """Do nothing."""
-
-    def alarms(self) -> Mapping[Alarm, int]:
-        """Return none."""
-        return NO_ALARMS
-
-    def believe(self, keys: RunKeys) -> None:
-        """Do nothing: frames are not signed."""
 
     def join(self, run_id: int, from_ns: int = 0) -> None:
         """Take fragments of this run only, and miss no frame from before ``from_ns``."""
@@ -137,10 +120,8 @@ class ScreenNode:
     def _decode(self, now_ns: int, frame: int, assembly: Assembly | None) -> None:
         """Decode what is there of a frame; its record waits for the next refresh."""
         stretches, n_bytes = ([], 0) if assembly is None else (assembly.stretches(), assembly.first.frame_bytes)
-        self.doing = "decoder"
         picture = self.decoder.decode(stretches, n_bytes)
         stamps = (None, None) if picture is None else read_stamps(picture)
-        self.doing = ""
         top, bottom = (one or (None, None) for one in stamps)
         note = ScreenNote(
             frame=frame,

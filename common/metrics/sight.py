@@ -1,4 +1,4 @@
-"""What a surgeon sees: freezes of a picture, from the hand to the eye, and what is felt beside what is seen.
+"""Measures of sight: freezes of a picture, the time from hand to eye, and touch beside sight.
 
 Instants are in ns of run time. A *picture* is a frame that a screen has shown; its age is told by what the picture
 itself says, never by the headers of the messages that brought it.

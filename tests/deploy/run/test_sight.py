@@ -72,8 +72,7 @@ def test_hand_to_eye_is_the_sum_of_the_grids_and_delays_to_the_nanosecond(tmp_pa
         assert row["shown_ns"] == _above(row["last_ns"], 144, 1_500_000)
 
 
-def test_the_header_of_a_frame_decides_nothing_of_what_the_eye_sees(tmp_path: Path) -> None:
-    """Without a rate every delay is constant: hand to eye follows from the grids alone."""
+def test_without_a_rate_the_grids_alone_tell_what_the_eye_sees(tmp_path: Path) -> None:
     logs, _ = _twin(tmp_path / "run", _scenario(NET.format("delay: {kind: constant, delay_ms: 11}")))
     for row in logs.of("surgeon", SCREEN):
         captured_ns = row["top_frame"] * 10**9 // 30 + 5_000_000
