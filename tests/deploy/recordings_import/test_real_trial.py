@@ -1,4 +1,4 @@
-"""Recorded trials as tables: what a run plays is what it plays of the JIGSAWS file."""
+"""Recorded trials as tables: what a run plays is what it plays of the JIGSAWS file, its rows as recorded."""
 
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ def test_a_recorded_trial_is_played_from_a_table_as_from_its_file(
         raw = {"version": 1, "name": "s", "duration_s": 20, "source": {**source, "hands": ["left", "right"]}}
         return load_recording(build_scenario(raw, "s.yaml"))
 
-    own = played(kind="jigsaws", path=str(jigsaws_dir), trial="D002")
+    own = played(kind="jigsaws", path=str(jigsaws_dir), trial="D002", clock="as_recorded")
     found = played(kind="table", path=str(table))
     assert len(found) == len(own)
     assert found.start == own.start
