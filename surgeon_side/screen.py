@@ -69,9 +69,12 @@ class ScreenNode:
         self._refresh: int | None = None
 
     def join(self, run_id: int, from_ns: int = 0) -> None:
-        """Take fragments of this run only, and miss no frame from before ``from_ns``."""
+        """Take fragments of this run only, and miss no frame from before ``from_ns``.
+
+        A screen that comes late begins with the frame that comes first, as a camera that missed some numbers fewer.
+        """
         self.run_id = run_id
-        self.frames.next_frame = sample_index(from_ns, self.sight.fps)
+        self.frames.next_frame = None if from_ns else 0
 
     def listens(self) -> Sequence[tuple[Network, str]]:
         """Return the key of the picture."""

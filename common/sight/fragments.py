@@ -137,7 +137,8 @@ class Reassembly:
     waiting: dict[int, Assembly] = field(default_factory=dict)
     counts: Counter[Fate] = field(default_factory=Counter)
     n_reordered: int = 0
-    next_frame: int = 0
+    next_frame: int | None = 0
+    """The frame to be taken next; None: the one that comes first."""
     _newest: tuple[int, int] = (-1, -1)
     _n_bytes: int = 0
 
@@ -155,6 +156,8 @@ class Reassembly:
         return fate
 
     def _place(self, part: Part, recv_ns: int) -> Fate:
+        if self.next_frame is None:
+            self.next_frame = part.frame
         if part.frame < self.next_frame:
             return "late"
         known, cost = self.waiting.get(part.frame), len(part.content) + _OBJECT_BYTES
@@ -180,6 +183,8 @@ class Reassembly:
 
         It is complete, or given up: a later one is complete, or one after the following has begun.
         """
+        if self.next_frame is None:
+            return False
         own = self.waiting.get(self.next_frame)
         if own is not None and own.is_complete:
             return True
@@ -190,7 +195,8 @@ class Reassembly:
 
     def pop(self) -> tuple[int, Assembly | None]:
         """Return the next frame's number, and what is there of it; None for nothing."""
-        frame, self.next_frame = self.next_frame, self.next_frame + 1
+        frame = self.next_frame or 0
+        self.next_frame = frame + 1
         found = self.waiting.pop(frame, None)
         if found is not None:
             self._n_bytes -= sum(len(part) + _OBJECT_BYTES for part in found.parts.values())

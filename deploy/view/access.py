@@ -22,7 +22,7 @@ LOOPBACK: Final = "127.0.0.1"
 _LOOPBACK_NAMES: Final = (LOOPBACK, "localhost")
 _TOKEN_BYTES: Final = 24
 _FORBIDDEN: Final = 403
-_PATHS: Final = r"/(?:ws|drive|report|static/.*)?"
+_PATHS: Final = r"/(?:ws|drive|report|picture|static/.*)?"
 _POLICY: Final = (
     "default-src 'none'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self' {sockets}; base-uri 'none'; "

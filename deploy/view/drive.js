@@ -63,12 +63,12 @@
     socket.send(JSON.stringify({ moved_mm: moved, gripper_rad: gripper, clutch, release }));
     if (release) letGo();
   };
-  const letGo = () => { engaged = false; drag = null; moved = [0, 0, 0]; local = null; canvas.classList.remove("dragged"); };
+  const letGo = () => { engaged = false; drag = null; moved = [0, 0, 0]; local = null; for (const one of document.querySelectorAll(".dragged")) one.classList.remove("dragged"); };
 
-  const take = () => {
+  const take = (surface = canvas) => {
     if (!drives || over || !seen?.hand_mm) return false;
     if (!engaged) { engaged = true; moved = [0, 0, 0]; local = [...seen.hand_mm]; refused = ""; }
-    canvas.focus({ preventScroll: true });
+    surface.focus({ preventScroll: true });
     return true;
   };
   const move = (dx, dy, dz) => {
@@ -356,45 +356,50 @@
       gripper = on ? 1 : 0; at("grip").setAttribute("aria-pressed", on);
       if (take()) move(0, 0, 0);
     };
-    canvas.addEventListener("pointerdown", (event) => {
-      if (!take()) return;
-      drag = { id: event.pointerId, x: event.clientX, y: event.clientY };
-      canvas.setPointerCapture(event.pointerId);
-      canvas.classList.add("dragged");
-      if (event.button === 2) press(true);
-      move(0, 0, 0);
-      event.preventDefault();
-    });
-    canvas.addEventListener("pointermove", (event) => {
-      if (drag?.id !== event.pointerId || !engaged) return;
-      move((event.clientX - drag.x) / scale, (drag.y - event.clientY) / scale, 0);
-      drag.x = event.clientX; drag.y = event.clientY;
-    });
-    const lift = (event) => {
-      if (drag?.id !== event.pointerId) return;
-      drag = null; canvas.classList.remove("dragged");
-      if (event.button === 2) press(false);
-    };
-    canvas.addEventListener("pointerup", lift);
-    canvas.addEventListener("pointercancel", lift);
-    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
-    canvas.addEventListener("wheel", (event) => {
-      if (!drag) return;  // else the page scrolls
-      event.preventDefault();
-      move(0, 0, -WHEEL_MM * event.deltaY);
-    }, { passive: false });
     const steps = { ArrowLeft: [-1, 0, 0], ArrowRight: [1, 0, 0], ArrowUp: [0, 1, 0], ArrowDown: [0, -1, 0],
       PageUp: [0, 0, 1], PageDown: [0, 0, -1] };
-    canvas.addEventListener("keydown", (event) => {
-      const step = steps[event.key];
-      if (step && take()) { move(...step.map((unit) => unit * KEY_MM)); event.preventDefault(); }
-      else if (event.key === "c" && !event.repeat) press(!clutch);
-      else if (event.key === "g" && !event.repeat) grip(gripper === 0);
-      else if (event.key === "Escape" && engaged) {
-        drag = null; touched = -Infinity;
-        send();
-      }
-    });
+    // A surface on which the hand is moved: `along` turns a step to the right, up and away into one along x, y and z.
+    const driveOn = (surface, pxPerMm, along) => {
+      surface.addEventListener("pointerdown", (event) => {
+        if (!take(surface)) return;
+        drag = { id: event.pointerId, x: event.clientX, y: event.clientY };
+        surface.setPointerCapture(event.pointerId);
+        surface.classList.add("dragged");
+        if (event.button === 2) press(true);
+        move(0, 0, 0);
+        event.preventDefault();
+      });
+      surface.addEventListener("pointermove", (event) => {
+        if (drag?.id !== event.pointerId || !engaged) return;
+        move(...along([(event.clientX - drag.x) / pxPerMm(), (drag.y - event.clientY) / pxPerMm(), 0]));
+        drag.x = event.clientX; drag.y = event.clientY;
+      });
+      const lift = (event) => {
+        if (drag?.id !== event.pointerId) return;
+        drag = null; surface.classList.remove("dragged");
+        if (event.button === 2) press(false);
+      };
+      surface.addEventListener("pointerup", lift);
+      surface.addEventListener("pointercancel", lift);
+      surface.addEventListener("contextmenu", (event) => event.preventDefault());
+      surface.addEventListener("wheel", (event) => {
+        if (!drag) return;  // else the page scrolls
+        event.preventDefault();
+        move(...along([0, 0, -WHEEL_MM * event.deltaY]));
+      }, { passive: false });
+      surface.addEventListener("keydown", (event) => {
+        const step = steps[event.key];
+        if (step && take(surface)) { move(...along(step.map((unit) => unit * KEY_MM))); event.preventDefault(); }
+        else if (event.key === "c" && !event.repeat) press(!clutch);
+        else if (event.key === "g" && !event.repeat) grip(gripper === 0);
+        else if (event.key === "Escape" && engaged) {
+          drag = null; touched = -Infinity;
+          send();
+        }
+      });
+    };
+    driveOn(canvas, () => scale, (step) => step);
+    window.live.driveOn = driveOn;
     at("clutch").addEventListener("click", () => press(!clutch));
     at("grip").addEventListener("click", () => grip(gripper === 0));
     at("depth").addEventListener("input", () => {

@@ -24,6 +24,8 @@ class RunAbout:
     wall_mm: Sequence[float] | None = None
     """A point of the surface that the arm touches, where the scenario alone tells it, and its normal."""
     wall_normal: Sequence[float] | None = None
+    has_picture: bool = False
+    """Whether a camera's picture crosses the network."""
 
 
 def about_of(scenario: Scenario) -> RunAbout:
@@ -45,6 +47,7 @@ def about_of(scenario: Scenario) -> RunAbout:
         None if touch is None else touch.operator.stiffness_n_m,
         None if surface_m is None else [MM_PER_M * value for value in surface_m],
         None if surface_m is None else environment.normal,
+        scenario.sight is not None,
     )
 
 

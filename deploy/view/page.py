@@ -15,7 +15,8 @@ from bokeh.server.views.static_handler import StaticHandler
 
 from tis.common.channels import Direction, Side
 from tis.common.scenario.control import EmulatorState
-from tis.common.units import NS_PER_S
+from tis.common.sight.picture import PIXELS_PER_M
+from tis.common.units import MM_PER_M, NS_PER_S
 from tis.deploy.present import page as shell
 from tis.deploy.present.palette import AMBER, GREEN, RED, SLATE, TONES, Tone
 from tis.deploy.present.plot_style import THEME
@@ -219,7 +220,15 @@ class Page:
 
 
 _STYLES: Final = ("page.css", "words.css", "controls.css", "drive.css")
-_SCRIPTS: Final = ("page.js", "picture_layout.js", "touch_task.js", "drive.js", "controls.js", "touches.js")
+_SCRIPTS: Final = (
+    "page.js",
+    "picture_layout.js",
+    "touch_task.js",
+    "drive.js",
+    "sight.js",
+    "controls.js",
+    "touches.js",
+)
 
 
 def _tones() -> dict[str, str]:
@@ -256,6 +265,8 @@ def pages(
         "tones": _tones(),
         "driven": context.is_driven,
         "about": context.about,
+        "may_see": context.about is None or context.about.has_picture,
+        "px_per_mm": f"{PIXELS_PER_M / MM_PER_M:g}",
         "profiles": profiles,
         "ranges": RANGES,
         "judged_s": f"{JUDGED_S:g}",

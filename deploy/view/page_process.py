@@ -77,7 +77,8 @@ def page_process(
     options = {"west": west, "east": east, "session": session, "wait_s": wait_s, "beside": beside, **asdict(at)}
     if scenario is not None:
         device = device_of(scenario)
-        options |= {"device": device and asdict(device), "about": asdict(about_of(scenario))}
+        sight = scenario.sight and scenario.sight.model_dump(mode="json")
+        options |= {"device": device and asdict(device), "about": asdict(about_of(scenario)), "sight": sight}
     if zenoh is not None:
         file = None if zenoh.config is None else str(zenoh.config)
         options |= {"config": file, "cfg": list(zenoh.cfg), "credentials": dict(zenoh.credentials)}

@@ -31,6 +31,7 @@ from tis.deploy.view.drive_socket import FRAME_MS, DriveSockets
 from tis.deploy.view.hold_reason import RunAbout
 from tis.deploy.view.page import pages
 from tis.deploy.view.page_text import PageContext, RunOutput
+from tis.deploy.view.pictures import PictureDoor
 from tis.deploy.view.steering import Steering, live_profiles
 from tis.deploy.watch.observer import Observer
 
@@ -99,6 +100,9 @@ class ViewOptions:
     device: Mapping[str, Any] | None = None
     """The device that a page can be, where the run's source is live: the fields of a `Device`."""
 
+    sight: Mapping[str, Any] | None = None
+    """The fields of the run's `SightPart`, where the command that serves the page also starts the run."""
+
     about: Mapping[str, Any] | None = None
     """The fields of a `RunAbout`, where the command that serves the page also starts the run."""
 
@@ -130,11 +134,13 @@ def serve(
     context = PageContext(options.beside, options.west, options.east, options.device is not None, about)
     door = None if options.device is None else DeviceDoor(Device(**options.device), options.west, options.zenoh)
     sockets = DriveSockets(DriveHub(observer, steering, door, about))
+    pictures = PictureDoor(_of_pictures(options), lambda: observer.read(lambda book: book.patient_ahead_ns))
+    pictures.is_blind = about is not None and not about.has_picture
     application = Application(FunctionHandler(pages(observer, steering, live_profiles(), context, output)))
     loop = IOLoop()
     loop.make_current()
     handover = ReportHandover(output)
-    server, port = listen(application, access, options.port, loop, [handover.route, sockets.route])
+    server, port = listen(application, access, options.port, loop, [handover.route, sockets.route, pictures.route])
     watch = _Watch(loop, observer, stopped, options)
     watch.awaits = lambda: handover.report is not None and handover.n_sent < n_open(server)
     poll = PeriodicCallback(watch.poll, timedelta(seconds=_POLL_S))
@@ -156,6 +162,7 @@ def serve(
         steering.close()
         if door is not None:
             door.close()
+        pictures.close()
         observer.stop()
         loop.close(all_fds=True)
     if observer.error is not None:
@@ -194,6 +201,11 @@ class _Watch:
             self._loop.call_later(_POLL_S, self._stop, until_s)
         else:
             self._loop.stop()
+
+
+def _of_pictures(options: ViewOptions) -> dict[str, Any]:
+    zenoh = {"config": options.config, "cfg": options.cfg, "credentials": dict(options.credentials)}
+    return {"west": options.west, "session": options.session, "sight": options.sight, "zenoh": zenoh}
 
 
 def _access(options: ViewOptions) -> Access:

@@ -1,6 +1,6 @@
 """Bounded tables of an observer of both networks, extended with each message."""
 
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -28,6 +28,7 @@ _SILENT_NS: Final = 2 * NS_PER_S
 """Time without an arrival after which figures of what arrived are of the past, and are not told."""
 
 _MAX_ROWS: Final = 4000
+_N_CLOCK: Final = 100
 
 Row = TypeVar("Row")
 
@@ -87,6 +88,7 @@ class LiveBook:
         """What the patient has evidence of, and the run time at which it began, in ns."""
         self.is_stopped: bool | None = None
         """Whether an emergency stop is in force, as the patient last told anyone; None: it told nobody."""
+        self._patient_ahead_ns: deque[int] = deque(maxlen=_N_CLOCK)
         self._beat_key = ControlKeys(session).beat("patient")
         self._stopped_key = stopped_key(session)
         self._local = local_keys(session, "east")
@@ -112,6 +114,8 @@ class LiveBook:
         at_origin = seen.network == ORIGIN[stream.direction]
         if at_origin:
             self._note_unseen(seen.key, header)
+            if seen.network == "east":
+                self._patient_ahead_ns.append(header.sent_ns - seen.at_ns)
         # hold needs the freshest of all samples, so arriving arm samples are decoded without thinning
         if header.seq % self.thinning == 0:
             self._cross(stream, header, seen, at_origin)
@@ -155,6 +159,11 @@ class LiveBook:
         for arm, motion in self._motion.items():
             for row in motion.rows():
                 self.tracks[arm].append(row)
+
+    @property
+    def patient_ahead_ns(self) -> int | None:
+        """Return the patient's run time less the observer's clock, by the quickest message; None at first."""
+        return max(self._patient_ahead_ns, default=None)
 
     @property
     def loss_timeout_ns(self) -> int:

@@ -162,3 +162,11 @@ def test_a_screen_that_comes_back_misses_no_frame_from_before() -> None:
     screen.join(9, 350 * MS)
     _take(screen, 400 * MS, _payloads(4), Header(0, 0, run_id=9))
     assert [(one.frame, one.state) for one in _notes(screen.wake(403 * MS))] == [(4, "complete")]
+
+
+def test_a_screen_that_comes_back_takes_the_frames_of_a_camera_that_missed_some() -> None:
+    screen = _screen()
+    screen.join(9, 3050 * MS)  # 30 frames might have been; the camera sends its third
+    _take(screen, 3150 * MS, [*_payloads(2), *_payloads(4)], Header(0, 0, run_id=9))
+    notes = _notes(screen.wake(3153 * MS))
+    assert [(one.frame, one.state) for one in notes] == [(2, "complete"), (3, "lost"), (4, "complete")]

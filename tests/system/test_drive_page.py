@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.live
 
 _IS_DRAWN = "() => document.getElementById('late').textContent !== '–'"
+_IS_SEEN = """() => document.getElementById('seen').width === 320
+  && /\\d m?s$/.test(document.getElementById('seen_age').textContent)"""
 _STATUS = "text => document.getElementById('driver').textContent.includes(text)"
 _ENDED = "id => document.getElementById(id).textContent === 'The run has ended.'"
 _STEP_MS = 25
@@ -46,7 +48,8 @@ def _drag(page: "Page", n: int) -> None:
 def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture(
     start: Start, model_file: Path
 ) -> None:
-    words = ("--duration-s", "600", *HOLD, "--set", f"identification.train={model_file}")
+    small = "sight={codec: jpeg, width: 320, height: 240, fps: 10}"
+    words = ("--duration-s", "600", *HOLD, "--set", f"identification.train={model_file}", "--set", small)
     tis = start("run", "drive", "--view", *words)  # the test ends it
     url = url_of(tis)
     with chromium() as browser:
@@ -87,6 +90,13 @@ def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture
         for key in ("ArrowLeft", "ArrowUp", "PageUp", "g", "c", "c"):
             page.keyboard.press(key)
         assert page.get_by_role("button", name="Close the gripper").get_attribute("aria-pressed") == "true"
+
+        # the camera's picture stands beside, with its age, and is driven in its own plane: up is z
+        page.wait_for_function(_IS_SEEN)
+        depth = page.locator("#depth")
+        before = float(depth.input_value())
+        page.locator("#seen").press("ArrowUp")
+        assert float(depth.input_value()) == before + 1.5
 
         # a stop is told where one drives
         page.get_by_role("button", name="Stop the arms").click()

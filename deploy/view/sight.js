@@ -1,0 +1,57 @@
+"use strict";
+// The camera's picture as the surgeon's screen shows it. One question at a time: the next when the last is drawn.
+(() => {
+  const canvas = document.getElementById("seen");
+  if (!canvas) return;  // a run without a camera
+  const at = (id) => document.getElementById(id);
+  const SILENT_MS = 500, AGAIN_MS = 1000;
+  const WORDS = { complete: "It came whole.", concealed: "Damaged: not all came of it, or of what it builds on.",
+    torn: "Torn: it is made of two frames." };
+  let said = null, came = 0, over = false;
+
+  const pause = (ms) => new Promise((done) => setTimeout(done, ms));
+  const painted = () => new Promise((done) => requestAnimationFrame(done));  // a hidden page asks for nothing
+  const draw = async (answer) => {
+    const told = JSON.parse(answer.headers.get("Tis-Picture")), got = performance.now();
+    const image = await createImageBitmap(await answer.blob());
+    await painted();
+    if (canvas.width !== image.width || canvas.height !== image.height) { canvas.width = image.width; canvas.height = image.height; }
+    canvas.getContext("2d").drawImage(image, 0, 0);
+    image.close();
+    [said, came] = [told, got];
+    at("sight").hidden = false;
+    canvas.closest(".drive").classList.add("sees");
+  };
+  const follow = async () => {
+    while (!over) {
+      try {
+        const answer = await fetch(`picture?after=${said?.number ?? 0}`);
+        if (answer.status === 404) return tellNone(answer.headers.get("Tis-Picture"));
+        if (answer.status === 200) await draw(answer);
+        else if (!answer.ok) await pause(AGAIN_MS);
+      } catch { await pause(AGAIN_MS); }  // the server is gone, as the page says
+    }
+  };
+  const tellNone = (why) => {
+    over = true;
+    if (why) at("sight").hidden = false;
+    at("seen_state").textContent = why ? `No picture here: the package ${JSON.parse(why).needs} is not installed.` : "";
+  };
+
+  const age = (ms) => (ms < 1000 ? `${Math.round(ms)} ms` : `${(ms / 1000).toFixed(1)} s`);
+  const put = (node, text) => { if (node.textContent !== text) node.textContent = text; };
+  const tell = () => {
+    if (window.live.isOver()) over = true;
+    if (!said || over) return;
+    const since = performance.now() - came, isStill = since > SILENT_MS;
+    put(at("seen_age"), said.age_ms == null ? "–" : age(said.age_ms + since));
+    const share = `${said.n_whole} of the last ${said.n} frames whole.`;
+    put(at("seen_state"), isStill ? `No newer picture for ${age(since)}.` : `${WORDS[said.state]} ${share}`);
+    canvas.parentElement.dataset.state = isStill ? "frozen" : said.state;
+  };
+  window.live.onClose(() => { over = true; });
+  // The camera looks along y: right is x, up is z, and away from it y.
+  window.live.driveOn?.(canvas, () => Number(canvas.dataset.px_per_mm) * canvas.clientWidth / canvas.width, ([right, up, away]) => [right, away, up]);
+  setInterval(tell, 100);
+  follow();
+})();

@@ -1,0 +1,83 @@
+"""The picture goes to those who may open the page, the newest one, and to each one at a time."""
+
+import asyncio
+import json
+import time
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+import pytest
+from bokeh.application import Application
+from tornado.httpclient import AsyncHTTPClient, HTTPResponse
+from tornado.ioloop import IOLoop
+
+from tis.common.units import NS_PER_MS
+from tis.deploy.view.access import Access
+from tis.deploy.view.picture_process import sight_of
+from tis.deploy.view.pictures import SAYS, PictureDoor
+from tis.deploy.view.server import listen
+
+pytestmark = pytest.mark.live
+
+_DECODES = """
+import json, sys
+sys.stdin.readline()
+for number, _ in enumerate(sys.stdin, 1):
+    said = {"number": number, "captured_ns": 5, "n_bytes": 3}
+    print(json.dumps(said), flush=True)
+    print(f"{number:03d}", end="", flush=True)
+"""
+_HAS_NONE = 'import sys; sys.stdin.readline(); print(\'{"number": 0, "needs": "av", "n_bytes": 0}\')'
+_Get = Callable[[str], Coroutine[Any, Any, HTTPResponse]]
+
+
+def _served(program: str, ask: Callable[[_Get, PictureDoor], Coroutine[Any, Any, None]]) -> None:
+    async def main() -> None:
+        door = PictureDoor({}, lambda: 40 * NS_PER_MS - time.monotonic_ns(), ("-c", program))
+        access = Access("127.0.0.1", ("127.0.0.1",), "secret")
+        server, port = listen(Application(), access, 0, IOLoop.current(), [door.route])
+        server.start()
+
+        async def get(query: str) -> HTTPResponse:
+            return await AsyncHTTPClient().fetch(f"http://127.0.0.1:{port}/picture{query}", raise_error=False)
+
+        try:
+            await ask(get, door)
+        finally:
+            server.stop(wait=False)
+            server.unlisten()
+            door.close()
+
+    asyncio.run(main())
+
+
+def test_a_page_gets_the_newest_picture_and_its_age_and_nothing_is_decoded_for_nobody() -> None:
+    async def ask(get: _Get, door: PictureDoor) -> None:
+        assert [(await get(query)).code for query in ("", "?token=guess&after=0")] == [403, 403]
+        assert door.newest is None
+        first = await get("?token=secret&after=0")
+        assert (first.code, first.body, first.headers["Content-Type"]) == (200, b"001", "image/jpeg")
+        assert json.loads(first.headers[SAYS]) == {"number": 1, "captured_ns": 5, "age_ms": 40.0}
+        assert (await get("?token=secret&after=0")).body == b"001"  # another page: it is there already
+        both = await asyncio.gather(*(get("?token=secret&after=1") for _ in range(2)))
+        assert [one.body for one in both] == [b"002"] * 2, "one picture for all who wait"
+        assert (await get("?token=secret&after=x")).code == 400
+
+    _served(_DECODES, ask)
+
+
+def test_a_run_without_a_picture_says_so_at_once() -> None:
+    async def ask(get: _Get, door: PictureDoor) -> None:
+        answer = await get("?token=secret&after=0")
+        assert (answer.code, json.loads(answer.headers[SAYS])) == (404, {"needs": "av"})
+        assert door.is_blind
+
+    _served(_HAS_NONE, ask)
+
+
+def test_the_video_of_a_run_is_read_from_what_netem_tells_of_its_scenario() -> None:
+    found = sight_of({"sight.codec": '"h264"', "sight.fps": "15", "rate_hz": "30"})
+    assert found is not None
+    assert (found.codec, found.fps, found.width) == ("h264", 15, 640)
+    assert sight_of({"sight": "null", "rate_hz": "30"}) is None
+    assert sight_of({"sight.width": "123456"}) is None
