@@ -124,7 +124,7 @@ def expiry_warnings(security: NoSecurity | Mtls | Password, *names: str) -> list
         except (ImportError, OSError, ValueError):  # what is wrong with it is told elsewhere
             continue
         texts += soon_text(name, (until.timestamp() - time.time()) / _DAY_S)
-        if revoked_in(Path(security.folder)).covers(name, found.serial_number):
+        if name in revoked_in(Path(security.folder)).names:
             texts.append(f"the certificate of {name} is revoked ({REVOKED_FILE})")
     return texts
 

@@ -20,6 +20,7 @@ from tis.deploy.tools.certificates import (
     asked_for,
     check_hosts,
     check_name,
+    check_not_revoked,
     described,
     is_issued_by,
     name_faults,
@@ -38,6 +39,7 @@ def request(folder: Path, name: str, hosts: Sequence[str] = ()) -> Path:
     The certificate in use stays until `accept`. Raises `InputError`.
     """
     check_name(name)
+    check_not_revoked(folder, name)
     check_hosts(hosts)
     key = generate_private_key(SECP256R1())
     purposes, names = asked_for(folder, name, hosts if name == "netem" else ())
@@ -60,6 +62,7 @@ def accept(folder: Path, name: str, certificate: bytes, authorities: bytes) -> C
     ``authorities`` are in PEM; one of them issued the certificate. All faults are told at once.
     """
     check_name(name)
+    check_not_revoked(folder, name)
     place = folder / REQUESTS / name
     found, known = _parsed("--certificate", certificate)[0], _parsed("--ca", authorities)
     try:

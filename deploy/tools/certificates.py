@@ -82,6 +82,7 @@ def new_authority(folder: Path, password: bytes | None = None) -> None:
     builder = builder.add_extension(usage(signs_certificates=True), critical=True)
     certificate = builder.add_extension(subject_key, critical=False).sign(key, SHA256())
     replace_folder(place, {CA_FILE: certificate.public_bytes(Encoding.PEM), KEY_FILE: pem(key, password)})
+    (folder / REVOKED_FILE).unlink(missing_ok=True)  # of an authority before, whose certificates count no more
 
 
 def issue(
@@ -104,6 +105,7 @@ def issue(
         Of the authority's key, where that is encrypted.
     """
     check_name(name)
+    check_not_revoked(folder, name)
     days = DAYS if days is None else days
     if hosts and name != "netem":
         raise InputError(Fault("tis certs", "--host", "is for netem only: clients are known by their name", hosts))
@@ -207,7 +209,7 @@ def _shown(place: Path, authorities: bytes, revoked: Revoked) -> Certificate:
         return Certificate(place.name, (), None, error.faults[0].rule)
     found = described(place.name, certificate)
     fault = next(_faults(place, certificate, authorities), None)
-    if fault is None and revoked.covers(place.name, certificate.serial_number):
+    if fault is None and place.name in revoked.names:  # netem cannot tell its certificates apart
         fault = "is revoked"
     return Certificate(found.name, found.hosts, found.until, fault)
 
@@ -275,6 +277,17 @@ def check_name(name: str) -> None:
         raise InputError(Fault("tis certs", "NAME", error.errors()[0]["msg"], name)) from None
     if name in (AUTHORITY, REQUESTS):
         raise InputError(Fault("tis certs", "NAME", f"must not be {name}, a folder of another use", name))
+
+
+def check_not_revoked(folder: Path, name: str) -> None:
+    """Raise `InputError` for a revoked name: netem would let its certificates before in again, or the new one not."""
+    if name in revoked_in(folder).names:
+        rule = (
+            "is revoked, and netem tells certificates apart by name only: list another name in the scenario for its "
+            f"holder; or take its lines out of {REVOKED_FILE} on every host once its old certificates have expired; "
+            "for a side make a new authority"
+        )
+        raise InputError(Fault("tis certs", "NAME", rule, name))
 
 
 def _authority(folder: Path, password: bytes | None) -> tuple[x509.Certificate, EllipticCurvePrivateKey]:

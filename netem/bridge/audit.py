@@ -17,7 +17,7 @@ from typing import Any, BinaryIO, Final, NamedTuple, Self
 import zenoh
 from msgspec import DecodeError
 
-from tis.common.audit import AUDIT_FILE, MAX_AMONG, MAX_LINES, Chain, Happening, Sums, digest, verify
+from tis.common.audit import AUDIT_FILE, FIRST, MAX_AMONG, MAX_LINES, Chain, Happening, Sums, digest
 from tis.common.channels import Network
 from tis.common.host_records import AUDIT, AuditNote
 from tis.common.messages import decode
@@ -150,20 +150,20 @@ class AuditTrail:
         """Write to the folder from now on, if there is one; a log that an earlier process left there goes on."""
         if folder is None:
             return
-        path = folder / AUDIT_FILE
-        n_lines = 0
+        path, again = folder / AUDIT_FILE, ""
         with self._writing:
             try:
-                left = path.read_bytes().splitlines(keepends=True) if path.exists() else []
-                whole = verify(left)
-                n_lines, head = len(left), digest(left[-1].removesuffix(b"\n")) if left else whole.head
+                left = path.read_bytes() if path.exists() else b""
+                lines = left.splitlines(keepends=True)
+                again = "again" if lines else ""
+                if lines and not left.endswith(b"\n"):
+                    again = "again, behind a line that a kill had cut"
+                    os.truncate(path, len(left) - len(lines.pop()))
                 self._file, self._clock = path.open("ab"), clock
-                if left and not left[-1].endswith(b"\n"):  # cut by a kill
-                    self._file.write(b"\n")
-                self._chain = Chain(head, n_lines)
+                self._chain = Chain(digest(lines[-1].removesuffix(b"\n")) if lines else FIRST, len(lines))
             except OSError as error:
                 self._give_up(error)
-        self.note(Happening("begun", "again" if n_lines else ""))
+        self.note(Happening("begun", again))
 
     def look(self) -> Iterator[Record]:
         """Yield the record of the log's length for netem's log, where it has grown."""
@@ -175,10 +175,7 @@ class AuditTrail:
 
     def finish(self) -> Iterator[Record]:
         """Write all that waits and the end; yield the last record for netem's log."""
-        self._flush()
-        self.note(Happening("ended"))
-        self._flush()
-        self._close_file()
+        self._flush(is_end=True)
         yield from self.look()
 
     def _close(self) -> None:
@@ -186,14 +183,14 @@ class AuditTrail:
             one.undeclare()
         self._held.clear()
         self._over.set()
-        self._close_file()
+        with self._writing:
+            self._close_file()
 
     def _close_file(self) -> None:
-        with self._writing:
-            file, self._file = self._file, None
-            if file is not None:
-                with suppress(OSError), file:
-                    os.fsync(file.fileno())
+        file, self._file = self._file, None
+        if file is not None:
+            with suppress(OSError), file:
+                os.fsync(file.fileno())
 
     def _link_taker(self, network: Network) -> Callable[[zenoh.LinkEvent], None]:
         def take(event: zenoh.LinkEvent) -> None:
@@ -233,22 +230,25 @@ class AuditTrail:
         while not self._over.wait(_FLUSH_S):
             self._flush()
 
-    def _flush(self) -> None:
-        """Name who was refused, as far as that can be told, and write what has happened."""
-        with self._lock:
-            told = self._name_refused()
-            found = [] if self._file is None else self._sums.take()
-        for text in told:
-            self._warn(text)
-        with self._writing:
+    def _flush(self, is_end: bool = False) -> None:
+        """Name who was refused, as far as that can be told, and write what has happened; nothing follows the end."""
+        with self._writing:  # first: what one thread takes no other one overtakes
+            with self._lock:
+                told = self._name_refused()
+                found = [] if self._file is None else self._sums.take()
             for at_ns, one, n in found:
                 self._write(at_ns, one, n)
+            if is_end:
+                self._write(time.time_ns(), Happening("ended"), 1)
+                self._close_file()
             with suppress(OSError):
                 if self._file is not None:
                     self._file.flush()
+        for text in told:
+            self._warn(text)
 
     def _write(self, at_ns: int, one: Happening, n: int) -> None:
-        if self._file is None or self._chain.n_lines > MAX_LINES:
+        if self._file is None or (self._chain.n_lines > MAX_LINES and one.event != "ended"):
             return
         if self._chain.n_lines == MAX_LINES and one.event != "ended":
             one = Happening("full", f"the log has {MAX_LINES} lines")

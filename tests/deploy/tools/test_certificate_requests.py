@@ -124,5 +124,28 @@ def test_a_revoked_name_is_written_once_and_shown_by_show_and_validate(tmp_path:
     assert code == 0
     assert "the certificate of surgeon expires in 3.0 days" in err
     assert "the certificate of surgeon is revoked (revoked.txt)" in err
+
+
+def test_a_revoked_name_gets_no_certificate_before_its_lines_are_gone_or_the_authority_is_new(
+    tmp_path: Path, hospital: Path
+) -> None:
+    folder, ca = tmp_path / "certs", (hospital / "ca.pem").read_bytes()
+    new_authority(folder)
+    issue(folder, "operator")
+    signed = _signed(hospital, request(folder, "operator"))
+    revoke(folder, "operator")
+    revoke(folder, "surgeon")
+    for action in (
+        lambda: issue(folder, "operator"), lambda: request(folder, "operator"),
+        lambda: accept(folder, "operator", signed, ca), lambda: issue(folder, "surgeon"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match="is revoked, and netem tells certificates apart by name only"):
+            action()
+    (folder / "revoked.txt").write_text("surgeon\noperator 1f\n")
+    assert certificates(folder)[0].fault == "is revoked", "netem refuses the name, whatever its number"
+    (folder / "revoked.txt").write_text("surgeon\n")
+    assert issue(folder, "operator").fault is None
+    shutil.rmtree(folder / "ca")
+    new_authority(folder)
     issue(folder, "surgeon")
-    assert certificates(folder)[0].fault is None
+    assert certificates(folder)[1].fault is None
