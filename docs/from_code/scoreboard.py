@@ -22,7 +22,8 @@ def rows_of(track: str) -> list[Row]:
 
 def put_in(text: str, rows_of: Callable[[str], Sequence[Row]] = rows_of) -> str:
     """Return a page with tables in place of the links to the rows of a track, and to the ranking's stability."""
-    return _STABILITY.sub(lambda found: _stability(found[1]), _LINK.sub(lambda found: _table(rows_of(found[1])), text))
+    with_rows = _LINK.sub(lambda found: _table(rows_of(found[1])), text)
+    return _STABILITY.sub(lambda found: _stability(found[1]), with_rows)
 
 
 def _stability(name: str) -> str:
