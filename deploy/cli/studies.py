@@ -197,6 +197,10 @@ def score(
     seed: Annotated[
         int | None, typer.Option(min=0, help="Other people and arrivals than the protocol's, to see what is luck.")
     ] = None,
+    seeds: Annotated[
+        int | None,
+        typer.Option(min=2, help="Instead of rows: how stable the ranking is under so many seeds."),
+    ] = None,
     path: Annotated[
         Path | None, typer.Option(help="Folder of JIGSAWS; by default TIS_JIGSAWS, else data/jigsaws.")
     ] = None,
@@ -215,7 +219,7 @@ def score(
     from tis.deploy.studies.score.command import score as score_estimators
 
     words = words_to(as_json)
-    return score_estimators(estimators, track.value, quick, seed, path, out_dir, jobs, as_json, words, ERR)
+    return score_estimators(estimators, track.value, quick, seed, seeds, path, out_dir, jobs, as_json, words, ERR)
 
 
 class Reproduced(StrEnum):

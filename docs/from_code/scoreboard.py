@@ -1,4 +1,4 @@
-"""The scoreboard's tables: the rows in ``docs/studies/scoreboard``, each a file that `tis score` wrote."""
+"""The scoreboard's tables: rows and stability in ``docs/studies/scoreboard``, as `tis score` wrote them."""
 
 import json
 import re
@@ -6,9 +6,11 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from from_code.study_tables import DOCS
+from tis.deploy.studies.score.stability import tables, words
 
 Row = dict[str, Any]
 _LINK: Final = re.compile(r"^\[The rows\]\([./]*studies/scoreboard/(\w+)\)\n", re.MULTILINE)
+_STABILITY: Final = re.compile(r"^\[The stability\]\([./]*studies/scoreboard/(\w+\.json)\)\n", re.MULTILINE)
 
 
 def rows_of(track: str) -> list[Row]:
@@ -19,8 +21,15 @@ def rows_of(track: str) -> list[Row]:
 
 
 def put_in(text: str, rows_of: Callable[[str], Sequence[Row]] = rows_of) -> str:
-    """Return a page with a table in place of the link to the rows of a track."""
-    return _LINK.sub(lambda found: _table(rows_of(found[1])), text)
+    """Return a page with tables in place of the links to the rows of a track, and to the ranking's stability."""
+    with_rows = _LINK.sub(lambda found: _table(rows_of(found[1])), text)
+    return _STABILITY.sub(lambda found: _stability(found[1]), with_rows)
+
+
+def _stability(name: str) -> str:
+    found = json.loads((DOCS / "studies" / "scoreboard" / name).read_text(encoding="utf-8"))
+    parts = [f"{words(found)}.", *(table.markdown() for table in tables(found))]
+    return "\n\n".join(parts) + "\n"
 
 
 def _table(rows: Sequence[Row]) -> str:

@@ -1,9 +1,9 @@
-"""Command `tis score`: a row of the scoreboard, computed and written."""
+"""Command `tis score`: a row of the scoreboard, or how stable its ranking is, computed and written."""
 
 import json
 import re
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,10 +18,12 @@ from tis.deploy.present.table import Table
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.guard import print_faults, print_json
 from tis.deploy.shell.progress import PhaseProgress
-from tis.deploy.studies.score import foreign, population
+from tis.deploy.studies.score import foreign, population, stability
 from tis.deploy.studies.score.plan import COMMAND, Asked, Work, subject_of, work_of
 from tis.deploy.studies.score.protocol import NAME, Track, content
 from tis.deploy.studies.score.rows import row_of
+
+Row = dict[str, Any]
 
 PLACE: Final = Path("runs") / "score"
 
@@ -43,6 +45,7 @@ def score(
     track: Track,
     quick: bool,
     seed: int | None,
+    n_seeds: int | None,
     path: Path | None,
     place: Path | None,
     n_jobs: int | None,
@@ -52,33 +55,74 @@ def score(
 ) -> int:
     """Compute, print and write a row for each estimator; a failed one causes `EXIT_INVALID_RUN`.
 
-    ``path`` is the folder of JIGSAWS. Raises `InputError` and `DataError`.
+    With ``n_seeds``, instead how stable the ranking is. ``path`` is the folder of JIGSAWS. Raises `InputError` and
+    `DataError`.
     """
     subjects = tuple(dict.fromkeys(map(subject_of, texts)))
     if sum(bool(subject.command) for subject in subjects) > 1:
         raise InputError(Fault(COMMAND, "ESTIMATOR", "at most one can be a command"))
     if path is not None and track == "open":
         raise InputError(Fault(COMMAND, "--path", "must be given with --track jigsaws"))
+    if n_seeds is not None and (seed is not None or len(subjects) < 2):
+        raise InputError(Fault(COMMAND, "--seeds", "must be given without --seed, for two estimators or more"))
     where = place or PLACE
-    its_seed = content()["tracks"][track]["seed"] if seed is None else seed
-    movements = where / f"population_{its_seed}" if track == "open" else path
-    asked = Asked(subjects, track, quick, its_seed, movements)
-    err.print(f"{NAME}, {track} track: preparing movements and twins", style="dim")
-    begun_s = time.monotonic()
-    for subject in subjects:
-        if subject.command:
-            foreign.announce(subject.command, _training_tables(asked))
-    work = work_of(asked)
-    outcome = _computed(work, where, n_jobs, err)
-    outcome_s = time.monotonic() - begun_s
-    rows = [row_of(subject, asked, work, outcome, outcome_s) for subject in subjects]
+    first = content()["tracks"][track]["seed"] if seed is None else seed
+
+    def asked(its_seed: int) -> Asked:
+        return Asked(subjects, track, quick, its_seed, where / f"population_{its_seed}" if track == "open" else path)
+
+    if n_seeds is not None:
+        # What a process of its own computes depends on code that no digest knows: its twins are not kept.
+        kept = _TrainingsOnly(where) if any(subject.command for subject in subjects) else Store(where)
+        by_seed = (_rows(asked(each), kept, n_jobs, err) for each in range(first, first + n_seeds))
+        return _stability(by_seed, where, as_json, out, err)
+    rows = _rows(asked(first), _TrainingsOnly(where), n_jobs, err)
     files = [_write(row, where) for row in rows]
-    print_faults(err, *(f"{row['estimator']}: failed: {row['failed']}" for row in rows if "failed" in row))
+    failed = _told(rows, err)
     if as_json:
         print_json(rows)
     out.print(_table(rows).terminal())
     out.print(escape(f"{_words(rows[0])}. Written to {', '.join(map(str, files))}"), soft_wrap=True)
-    return EXIT_INVALID_RUN if any("failed" in row for row in rows) else EXIT_OK
+    return EXIT_INVALID_RUN if failed else EXIT_OK
+
+
+def _rows(asked: Asked, store: Store, n_jobs: int | None, err: Console) -> list[Row]:
+    """Compute the rows of one seed."""
+    err.print(f"{NAME}, {asked.track} track, seed {asked.seed}: preparing movements and twins", style="dim")
+    begun_s = time.monotonic()
+    for subject in asked.subjects:
+        if subject.command:
+            foreign.announce(subject.command, _training_tables(asked))
+    work = work_of(asked)
+    outcome = _computed(work, store, n_jobs, err)
+    seconds = time.monotonic() - begun_s
+    return [row_of(subject, asked, work, outcome, seconds) for subject in asked.subjects]
+
+
+def _told(rows: Sequence[Row], err: Console) -> bool:
+    """Print why rows failed; return whether any did."""
+    failed = [f"{row['estimator']}: failed: {row['failed']}, seed {row['seed']}" for row in rows if "failed" in row]
+    print_faults(err, *failed)
+    return bool(failed)
+
+
+def _stability(by_seed: Iterable[list[Row]], where: Path, as_json: bool, out: Console, err: Console) -> int:
+    """Print and write how stable the ranking is, from the rows of each seed; the first that failed ends it."""
+    rows = []
+    for each in by_seed:
+        if _told(each, err):
+            return EXIT_INVALID_RUN
+        rows.append(each)
+    found = stability.stability_of(rows)
+    file = where / f"stability_{found['track']}{'_quick' if found['quick'] else ''}.json"
+    folder.made(where)
+    folder.write(file, stability.as_text(found))
+    if as_json:
+        print_json(found)
+    for table in stability.tables(found):
+        out.print(table.terminal())
+    out.print(escape(f"{stability.words(found)}. Written to {file}"), soft_wrap=True)
+    return EXIT_OK
 
 
 def _training_tables(asked: Asked) -> list[str]:
@@ -88,20 +132,20 @@ def _training_tables(asked: Asked) -> list[str]:
     return [str((asked.place / "direct" / name).absolute()) for name in population.trained().files]
 
 
-def _computed(work: Work, where: Path, n_jobs: int | None, err: Console) -> Outcome:
+def _computed(work: Work, store: Store, n_jobs: int | None, err: Console) -> Outcome:
     """Compute the trainings that are not there yet, and all twins."""
     trainings: dict[str, Training] = dict(work.trainings)
     n = len(work.cells)
     err.print(f"{n} twins, {len(trainings)} trainings (kept for the next call)", style="dim")
     with workers_of(n_jobs, None, err.print) as workers, PhaseProgress(err) as progress:
-        outcome = compute(work.cells, trainings, _TrainingsOnly(where), workers, progress)
+        outcome = compute(work.cells, trainings, store, workers, progress)
     outcome_faults = [Fault(failure.label, "", failure.reason) for failure in outcome.failures]
     if outcome_faults:
         raise InputError(outcome_faults)
     return outcome
 
 
-def _write(row: dict[str, Any], where: Path) -> Path:
+def _write(row: Row, where: Path) -> Path:
     name = re.sub(r"\W+", "_", row["estimator"]).strip("_")
     file = where / f"{row['track']}{'_quick' if row['quick'] else ''}" / f"{name}.json"
     folder.made(file.parent)
@@ -109,7 +153,7 @@ def _write(row: dict[str, Any], where: Path) -> Path:
     return file
 
 
-def as_text(row: dict[str, Any]) -> str:
+def as_text(row: Row) -> str:
     """Return a row as the text of its file: a line for each setting, so that differences can be read."""
     parts = []
     for name, value in row.items():
@@ -121,12 +165,12 @@ def as_text(row: dict[str, Any]) -> str:
     return "{\n" + ",\n".join(parts) + "\n}\n"
 
 
-def _table(rows: Sequence[dict[str, Any]]) -> Table:
+def _table(rows: Sequence[Row]) -> Table:
     heads = ("estimator", "score", "95 %", "cover", "step")
     return Table("", heads, [_cells(row) for row in rows])
 
 
-def _cells(row: dict[str, Any]) -> list[Any]:
+def _cells(row: Row) -> list[Any]:
     if "failed" in row:
         return [row["estimator"], "failed", None, None, None]
     low, high = row["score_interval_95"]
@@ -140,7 +184,7 @@ def _cells(row: dict[str, Any]) -> list[Any]:
     ]
 
 
-def _words(row: dict[str, Any]) -> str:
+def _words(row: Row) -> str:
     quick = ", quick: no row of the scoreboard" if row["quick"] else ""
     return (
         "score: error over hold's, geometric mean over the settings, with its interval over people; cover: truths "

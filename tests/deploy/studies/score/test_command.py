@@ -9,7 +9,7 @@ import pytest
 
 from tests.deploy.commands import call_in_one_line as tis
 from tests.deploy.studies.score.test_foreign import HOLD
-from tis.deploy.studies.score import foreign, plan
+from tis.deploy.studies.score import foreign, plan, population
 from tis.deploy.studies.score.protocol import content
 
 OWN = """
@@ -35,6 +35,7 @@ def small(own_folder: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: No
     monkeypatch.setitem(quick, "settings", ["100 ms"])
     monkeypatch.setitem(its, "trained", {"people": 2, "duration_s": 12})
     monkeypatch.setitem(its, "scored", {"people": 2, "duration_s": 6})
+    monkeypatch.setattr(population, "hashes", dict)
     plan._tables.cache_clear()
     (own_folder / "own_score.py").write_text(OWN, "utf-8")
     return own_folder
@@ -67,6 +68,19 @@ def test_shipped_own_and_foreign_estimators_have_rows_that_are_equal_when_repeat
     assert 0.2 < first["score"] < 0.95  # type: ignore[operator]
 
 
+def test_the_ranking_under_two_seeds_resumes_and_is_that_of_their_rows(small: Path) -> None:
+    words = ("score", "hold", "damped_velocity", "--quick", "--jobs", "1")
+    code, out, err = tis(*words, "--seeds", "2")
+    assert (code, "2 of 2 seeds (1 to 2, of the quick sample)" in out) == (0, True), err
+    file = small / "runs" / "score" / "stability_open_quick.json"
+    text = file.read_text("utf-8")
+    assert tis(*words, "--seed", "2")[0] == 0
+    own = json.loads(text)["scores"]
+    assert [own[name][1] for name in ("hold", "damped_velocity")] == [1.0, _row(small, "damped_velocity")["score"]]
+    assert tis(*words, "--seeds", "2")[0] == 0
+    assert file.read_text("utf-8") == text
+
+
 @pytest.mark.parametrize(
     ("name", "why"),
     [("own_score:Broken", "no idea"), (f"{sys.executable} -c 'raise SystemExit(3)'", "ended with exit code 3")],
@@ -81,6 +95,9 @@ def test_what_cannot_be_scored_is_refused_before_anything_is_computed(own_folder
     assert tis("score", "no_such_estimator", "--quick")[0] == 2
     code, _, err = tis("score", "hold", "--quick", "--path", "x")
     assert (code, "must be given with --track jigsaws" in err) == (2, True)
+    for given in (("hold",), ("hold", "arx_kf", "--seed", "2")):
+        code, _, err = tis("score", *given, "--seeds", "2")
+        assert (code, "--seeds: must be given without --seed, for two" in err) == (2, True)
     code, _, err = tis("score", "hold", "--track", "jigsaws", "--path", "nowhere")
     assert (code, "JIGSAWS is to be had for research on request" in err) == (4, True)
     assert not (own_folder / "runs").exists()
