@@ -4,6 +4,7 @@ import json
 import re
 import time
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,9 +22,7 @@ from tis.deploy.shell.progress import PhaseProgress
 from tis.deploy.studies.score import foreign, population, stability
 from tis.deploy.studies.score.plan import COMMAND, Asked, Work, subject_of, work_of
 from tis.deploy.studies.score.protocol import NAME, Track, content
-from tis.deploy.studies.score.rows import row_of
-
-Row = dict[str, Any]
+from tis.deploy.studies.score.rows import Row, failed_row, row_of
 
 PLACE: Final = Path("runs") / "score"
 
@@ -82,7 +81,11 @@ def score(
     if as_json:
         print_json(rows)
     out.print(_table(rows).terminal())
-    out.print(escape(f"{_words(rows[0])}. Written to {', '.join(map(str, files))}"), soft_wrap=True)
+    if any("failed" not in row for row in rows):
+        out.print(_settings(rows).terminal())
+        out.print(escape(_words(rows)), soft_wrap=True)
+    seconds = max(row["machine"]["seconds"] for row in rows)
+    out.print(escape(f"{seconds:.0f} s; written to {', '.join(map(str, files))}"), soft_wrap=True)
     return EXIT_INVALID_RUN if failed else EXIT_OK
 
 
@@ -94,9 +97,22 @@ def _rows(asked: Asked, store: Store, n_jobs: int | None, err: Console) -> list[
         if subject.command:
             foreign.announce(subject.command, _training_tables(asked))
     work = work_of(asked)
+    failed = _rehearsed(asked)
+    if failed is not None:
+        others = tuple(subject for subject in asked.subjects if not subject.command)
+        return [failed] + (_rows(replace(asked, subjects=others), store, n_jobs, err) if others else [])
     outcome = _computed(work, store, n_jobs, err)
     seconds = time.monotonic() - begun_s
     return [row_of(subject, asked, work, outcome, seconds) for subject in asked.subjects]
+
+
+def _rehearsed(asked: Asked) -> Row | None:
+    """Return the failed row of a process that breaks the protocol at once; it may train, so its tables are there."""
+    for subject in asked.subjects:
+        reason = foreign.rehearsed(subject.command, _training_tables(asked)) if subject.command else None
+        if reason is not None:
+            return failed_row(subject, asked, reason)
+    return None
 
 
 def _told(rows: Sequence[Row], err: Console) -> bool:
@@ -184,10 +200,22 @@ def _cells(row: Row) -> list[Any]:
     ]
 
 
-def _words(row: Row) -> str:
-    quick = ", quick: no row of the scoreboard" if row["quick"] else ""
-    return (
-        "score: error over hold's, geometric mean over the settings, with its interval over people; cover: truths "
-        "within the 95 % ellipsoid, in %; step: its time over that of a reference loop in the same twins"
-        f"{quick}; {row['machine']['seconds']:.0f} s"
-    )
+def _settings(rows: Sequence[Row]) -> Table:
+    """Return the ratio to hold in each setting, a column for each estimator that has a row."""
+    known = [row for row in rows if "failed" not in row]
+    names = list(known[0]["settings"])
+    cells = [[name, *(f"{row['settings'][name]['ratio_to_hold']:.3f}" for row in known)] for name in names]
+    return Table("error over hold's", ("setting", *(row["estimator"] for row in known)), cells)
+
+
+def _words(rows: Sequence[Row]) -> str:
+    lines = [
+        "score: error over hold's, geometric mean over the settings, with its 95 % interval over people",
+        "cover: truths within the 95 % ellipsoid, in %",
+        "step: its time over that of a reference loop in the same twins; a busy machine, and a command scored with it, make it twice as long",
+    ]
+    if any(row["machine"].get("timed_by") == "the clock" for row in rows):
+        lines.append("the step of a command is timed by the clock, with the way there and back: for a quiet machine")
+    if rows[0]["quick"]:
+        lines.append("quick: a sample of people and settings, whose scores do not stand beside the published rows")
+    return "\n".join(lines)

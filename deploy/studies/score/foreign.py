@@ -4,6 +4,7 @@ docs/research/scoreboard.md specifies the lines; `VECTORS` are examples of it. T
 is checked: after the first fault it is killed, and whatever it was asked since has no estimate.
 """
 
+import hashlib
 import json
 import os
 import select
@@ -14,6 +15,7 @@ import subprocess
 import time
 import weakref
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -83,6 +85,28 @@ def announce(command: Sequence[str], training: Sequence[str]) -> None:
     os.environ[VARIABLE] = json.dumps({"command": list(command), "training": list(training)})
 
 
+def rehearsed(command: Sequence[str], training: Sequence[str]) -> str | None:
+    """Return why a command breaks the protocol at the lines of `VECTORS`, before minutes are spent on twins."""
+    process = None
+    try:
+        process = Process(command)
+        _begin(process, {**VECTORS[0][0], "training": list(training)})
+        for asked, _ in VECTORS[1:]:
+            estimate_of(process.ask(asked, STEP_S))
+    except ForeignFault as fault:
+        return f"the example's lines, {fault}"
+    finally:
+        if process is not None:
+            process.close()
+    return None
+
+
+def digest_of_files(command: Sequence[str]) -> str | None:
+    """Return the SHA-256 of the files that a command names, such as its script; None where it names none."""
+    files = [Path(word) for word in command[1:] if Path(word).is_file()]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest() if files else None
+
+
 class Process:
     """One running process, and its lines."""
 
@@ -146,7 +170,7 @@ class Process:
             self._rest += part
         line, _, self._rest = self._rest.partition(b"\n")
         if self._rest:
-            raise ForeignFault(f"answered more than one line: {self._rest[:80]!r}")
+            raise ForeignFault(f"answered more than one line: {line[:80]!r}, and {self._rest[:80]!r}")
         return line
 
     def _death(self) -> str:
@@ -219,11 +243,15 @@ class ForeignEstimator:
             "hand": self._model.hand,
             "training": self._about["training"],
         }
-        answer = process.ask(message, BEGIN_S)
-        if answer != _FIRST_ANSWER:
-            process.close()
-            raise ForeignFault(f"must answer {json.dumps(_FIRST_ANSWER)} first (got {_short(answer)})")
+        _begin(process, message)
         return process
+
+
+def _begin(process: Process, message: Mapping[str, Any]) -> None:
+    answer = process.ask(message, BEGIN_S)
+    if answer != _FIRST_ANSWER:
+        process.close()
+        raise ForeignFault(f"must answer {json.dumps(_FIRST_ANSWER)} first (got {_short(answer)})")
 
 
 def estimate_of(answer: Any) -> Estimate:

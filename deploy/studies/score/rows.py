@@ -14,7 +14,7 @@ from tis.deploy.compare.cells.identity import software_digest
 from tis.deploy.compare.cells.sums import merged, percentile
 from tis.deploy.compare.engine.compute import Outcome
 from tis.deploy.compare.results.pooled import interval, person, pooled, resampled, sums_of
-from tis.deploy.studies.score import reference
+from tis.deploy.studies.score import foreign, reference
 from tis.deploy.studies.score.plan import Asked, Subject, Work
 from tis.deploy.studies.score.protocol import content, digest
 
@@ -23,52 +23,62 @@ _PLACE: Final = re.compile(r"ForeignFault: | \(foreign\.py, line \d+\)$")
 _DIGITS: Final = {"ratio_to_hold": 3, "rmse_3d_mm": 3, "coverage_pct": 1}
 
 Hands = list[dict[str, Any]]
+Row = dict[str, Any]
 People = Mapping[str, Hands]
 
 
-def row_of(subject: Subject, asked: Asked, work: Work, outcome: Outcome, seconds: float) -> dict[str, Any]:
+def row_of(subject: Subject, asked: Asked, work: Work, outcome: Outcome, seconds: float) -> Row:
     """Return the row of an estimator; one that failed has a reason in place of scores.
 
     Only ``machine`` depends on the machine, the other processes and the clock: all else is the same when repeated.
     """
-    row: dict[str, Any] = {
+    reason = why_failed(subject, work, outcome)
+    own = work.own.get(subject.scenario_name)
+    code = foreign.digest_of_files(subject.command) if subject.command else own.origin.sha256 if own else None
+    if reason is not None:
+        return failed_row(subject, asked, reason, code, seconds)
+    settings = by_setting(work, outcome)
+    scored = {name: _scores(people, subject.scenario_name) for name, people in settings.items()}
+    score, bounds = overall(settings, subject.scenario_name)
+    hands = [hand for people in settings.values() for entries in people.values() for hand in entries]
+    entries = [hand["estimators"][subject.scenario_name] for hand in hands]
+    known = sum(entry["n_ellipsoids"] for entry in entries)
+    return _head(subject, asked, code) | {
+        "score": score,
+        "score_interval_95": bounds,
+        "coverage_pct": round(100 * sum(entry["n_covered"] for entry in entries) / known, 1) if known else None,
+        "n_people": len(next(iter(settings.values()))),
+        "n_missing": sum(entry["n_missing"] for entry in entries),
+        "settings": scored,
+        "machine": _machine(seconds) | _cost(subject, hands),
+    }
+
+
+def failed_row(subject: Subject, asked: Asked, reason: str, code: str | None = None, seconds: float = 0.0) -> Row:
+    """Return the row of an estimator that has no scores, but a reason."""
+    return _head(subject, asked, code) | {"failed": reason, "machine": _machine(seconds)}
+
+
+def _head(subject: Subject, asked: Asked, code: str | None) -> Row:
+    return {
         "estimator": subject.name,
         "protocol": f"v{content()['version']}",
         "protocol_sha256": digest(),
         "track": asked.track,
         "quick": asked.quick,
         "seed": asked.seed,
-        "code": None if subject.scenario_name not in work.own else work.own[subject.scenario_name].origin.sha256,
-    }
-    if subject.command:
-        row["code"] = None  # the process's own, which nobody knows here
-    reason = why_failed(subject, outcome)
-    if reason is not None:
-        return row | {"failed": reason, "machine": _machine(seconds)}
-    settings = by_setting(work, outcome)
-    scored = {name: _scores(people, subject.scenario_name) for name, people in settings.items()}
-    score, bounds = overall(settings, subject.scenario_name)
-    hands = [hand for people in settings.values() for entries in people.values() for hand in entries]
-    own = [hand["estimators"][subject.scenario_name] for hand in hands]
-    known = sum(entry["n_ellipsoids"] for entry in own)
-    return row | {
-        "score": score,
-        "score_interval_95": bounds,
-        "coverage_pct": round(100 * sum(entry["n_covered"] for entry in own) / known, 1) if known else None,
-        "n_people": len(next(iter(settings.values()))),
-        "n_missing": sum(entry["n_missing"] for entry in own),
-        "settings": scored,
-        "machine": _machine(seconds) | _cost(subject, hands),
+        "code": code,
     }
 
 
-def why_failed(subject: Subject, outcome: Outcome) -> str | None:
+def why_failed(subject: Subject, work: Work, outcome: Outcome) -> str | None:
     """Return why an estimator has no row: it never answered, or its process broke the protocol once."""
     name = subject.scenario_name
-    for result in outcome.cells.values():
+    for cell in work.cells:
+        result = outcome.cells[cell.digest]
         fault = result.get("own_faults", {}).get(name)
         if fault is not None and subject.command:
-            return f"{result['trial']}, {_PLACE.sub('', fault['first'])}"
+            return f"{cell.setting}: {result['trial']}, {_PLACE.sub('', fault['first'])}"
     return outcome.without_answer().get(name)
 
 

@@ -129,3 +129,22 @@ def test_a_process_that_holds_passes_the_vectors(started: Any) -> None:
     for asked, answer in foreign.VECTORS:
         assert process.ask(asked, 20.0).get("position_m") == answer.get("position_m")
     process.close()
+
+
+def test_a_log_line_is_quoted_beside_the_answer(started: Any) -> None:
+    ready = 'import sys\nsys.stdin.readline(); print(\'{"type": "ready"}\', flush=True); sys.stdin.readline()\n'
+    estimator = started(f"{ready}sys.stdout.write('age 3\\n{{}}\\n'); sys.stdout.flush(); sys.stdin.readline()")
+    with pytest.raises(foreign.ForeignFault, match=r"b'age 3', and b'\{\}"):
+        estimator.step(estimator.initial(), Playout(30), 0)
+
+
+def test_a_rehearsal_asks_the_vectors_lines(tmp_path: Path) -> None:
+    file = tmp_path / "program.py"
+    file.write_text(HOLD, "utf-8")
+    command = [sys.executable, str(file)]
+    assert foreign.rehearsed(command, ["a.csv"]) is None
+    own = foreign.digest_of_files(command)
+    file.write_text(HOLD.replace('"position_m": place', '"position_m": place and place[:2]'), "utf-8")
+    assert "position_m must be 3 finite numbers" in (foreign.rehearsed(command, []) or "")
+    assert foreign.digest_of_files(command) != own
+    assert foreign.digest_of_files(["node"]) is None
