@@ -22,6 +22,7 @@ from tis.common.sight.fragments import cut
 from tis.common.sight.picture import PATH_FRAMES, Pixel, Scene, Tools, draw, scene_of
 from tis.common.sight.stamp import NO_COMMAND, Stamp
 from tis.common.sight_records import CAMERA, PICTURES, CameraNote, EncodedFrame
+from tis.common.signing import RunKeys
 from tis.common.ticker import Ticker
 from tis.common.units import ms_to_ns, sample_index
 
@@ -75,6 +76,11 @@ class CameraNode:
         self.intake.run_id = run_id
         self.ticker.start_at(from_ns)
         self.n_frames, self.n_fragments = self.ticker.k, from_ns // _LEAST_BETWEEN_NS
+
+    def believe(self, own: bytes, other: bytes) -> None:  # noqa: ARG002  (it hears its own side only)
+        """Use only poses that are signed under the patient's key, ``own``."""
+        self.intake.keys = self.intake.keys or RunKeys()
+        self.intake.keys.agree(own, own)
 
     def listens(self) -> Sequence[tuple[Network, str]]:
         """Return the keys of the measured poses."""

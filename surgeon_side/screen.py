@@ -22,6 +22,7 @@ from tis.common.sight.codec import Decoder, decoder_of
 from tis.common.sight.fragments import Assembly, Part, Reassembly, parse
 from tis.common.sight.stamp import Picture, Stamp, read_stamps
 from tis.common.sight_records import SCREEN, FrameState, ScreenNote
+from tis.common.signing import RunKeys
 from tis.common.units import NS_PER_S, ms_to_ns, sample_index
 
 _MAX_LEAD_NS: Final = NS_PER_S
@@ -59,6 +60,8 @@ class ScreenNode:
     name: str = "screen"
     run_id: int = 0
     frames: Reassembly = field(default_factory=Reassembly)
+    keys: RunKeys | None = None
+    """What tells that a fragment is signed by the patient; None: fragments are not signed."""
     picture: Picture | None = None
     """What is shown now; None before the first frame."""
 
@@ -75,6 +78,11 @@ class ScreenNode:
         """
         self.run_id = run_id
         self.frames.next_frame = None if from_ns else 0
+
+    def believe(self, own: bytes, other: bytes) -> None:
+        """Use only fragments that are signed under the patient's key, ``other``."""
+        self.keys = self.keys or RunKeys()
+        self.keys.agree(own, other)
 
     def listens(self) -> Sequence[tuple[Network, str]]:
         """Return the key of the picture."""
@@ -97,6 +105,8 @@ class ScreenNode:
         part = parse(arrival.payload)
         if part is None:
             return self._refuse(arrival, "corrupted", "the payload is no whole fragment")
+        if self.keys is not None and self.keys.fault(arrival.key, arrival.attachment, arrival.payload) is not None:
+            return self._refuse(arrival, "forged", "the patient has not signed it")
         if not self._can_be(part, arrival.recv_ns):
             return self._refuse(arrival, "forged", "its frame cannot have been captured yet")
         fate = self.frames.take(part, arrival.recv_ns)

@@ -148,16 +148,24 @@ class _Client:
             if isinstance(security, Mtls):
                 folder = Path(security.folder) / self.side
                 stack.enter_context(CertifiedLink(self.session, folder, self.own, self.status.warning))
-            if not self._agree(stack, prepared, bus):
+            if not self._agree(stack, prepared, bus, companion):
                 return self._gave_up()
             return self._join_and_run(prepared, log, watch, bus, companion)
 
-    def _agree(self, stack: contextlib.ExitStack, prepared: Prepared, bus: ZenohBus) -> bool:
+    def _agree(
+        self, stack: contextlib.ExitStack, prepared: Prepared, bus: ZenohBus, companion: Companion | None
+    ) -> bool:
         """Agree with the other side on the run's keys, where messages are signed; False when given up."""
         meeting = self.meeting
         if self.own is None or self.options.witness:
             return True
-        prefix, changed = meeting.scenario.session, meeting.bell.ring
+        prefix = meeting.scenario.session
+
+        def changed() -> None:
+            meeting.bell.ring()
+            if companion is not None:
+                companion.renew(agreement.keys)
+
         agreement = Agreement(self.session, prefix, self.side, meeting.digest, self.own, changed)  # type: ignore[arg-type]
         stack.enter_context(agreement)
         bus.keys = agreement.keys
@@ -190,7 +198,7 @@ class _Client:
         clock, bus.run_id = membership.clock, membership.epoch.run_id
         bus.clock = clock
         if companion is not None:
-            companion.begin(part_clock_of(membership, scenario), log.path)
+            companion.begin(part_clock_of(membership, scenario), log.path, bus.keys)
         memory, attachments = _resume(prepared, log.path.with_name(MEMORY_FILE), membership)
         prepared.node.join(bus.run_id, membership.joined_ns or 0)
         self.inbox.start(clock)

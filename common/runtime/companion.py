@@ -15,12 +15,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, Final, Protocol, Self
 
 import zenoh
 
 from tis.common.channels import Arm, Hand, HandChannels, Network, Side, hand_channels
 from tis.common.errors import EXIT_OK, DataError, Fault, PeerError
+from tis.common.node import Node
 from tis.common.runtime.clock import WallClock
 from tis.common.runtime.credentials import credentials
 from tis.common.runtime.inbox import Inbox
@@ -36,6 +37,7 @@ from tis.common.runtime.zenoh_session import ZenohOptions, configure, lease_ms, 
 from tis.common.scenario import Scenario
 from tis.common.scenario.reading import digest
 from tis.common.sight.codec import codec_versions
+from tis.common.signing import RunKeys
 
 CODEC_FILE: Final = "codec.json"
 _READY: Final = "ready"
@@ -52,6 +54,16 @@ class Beside:
     hands: Sequence[tuple[Hand, Arm]] = ()
 
 
+class CompanionNode(Node, Protocol):
+    """A node that runs beside a side."""
+
+    def join(self, run_id: int, from_ns: int = 0) -> None:
+        """Take messages of this run only, from now on."""
+
+    def believe(self, own: bytes, other: bytes) -> None:
+        """Use only what is signed under these keys, that of the node's side and the other side's; from any thread."""
+
+
 class Companion:
     """The process of a node that runs beside a side, as the side sees it."""
 
@@ -60,9 +72,10 @@ class Companion:
         warn: Callable[[str], None],
     ) -> None:  # fmt: skip
         self.side, self.name = side, beside.builder.rpartition(".")[2].partition(":")[0]
-        self.is_ready = False
+        self.is_ready = self._has_begun = False
         self._last_lines: deque[str] = deque(maxlen=_MAX_LAST_LINES)
         self._changed, self._warn, self._is_closing = changed, warn, False
+        self._telling = threading.Lock()
         # a separate session: Ctrl-C reaches the side, which then ends it
         self._process = subprocess.Popen(  # noqa: S603  (a module of ours)
             [sys.executable, "-m", __name__],
@@ -111,15 +124,23 @@ class Companion:
             raise PeerError(Fault(self.side, self.name, self.failure or "it ended before the run"))
         return self.is_ready
 
-    def begin(self, clock: PartClock, log: Path) -> None:
-        """Let the node begin, on this clock, with its log beside that of the side."""
+    def begin(self, clock: PartClock, log: Path, keys: RunKeys | None = None) -> None:
+        """Let the node begin, on this clock, with its log beside the side's; ``keys``: where messages are signed."""
         number = next(n for n in range(1, 1000) if not log.with_name(companion_name(self.side, n)).exists())
         path = log.with_name(companion_name(self.side, number))
-        self._tell({"log": str(path), "clock": clock.model_dump(mode="json")})
+        self._tell({"log": str(path), "clock": clock.model_dump(mode="json"), "is_signed": keys is not None})
+        self._has_begun = True
+        if keys is not None:
+            self.renew(keys)
+
+    def renew(self, keys: RunKeys) -> None:
+        """Tell the node the run's keys, once it has begun; from any thread."""
+        if self._has_begun:
+            self._tell({"own": keys.own.hex(), "other": keys.others[0].hex()})
 
     def _tell(self, words: Mapping[str, Any]) -> None:
         assert self._process.stdin is not None
-        with contextlib.suppress(OSError):  # it has ended, as `check` tells
+        with self._telling, contextlib.suppress(OSError):  # it has ended, as `check` tells
             self._process.stdin.write(f"{json.dumps(words)}\n")
             self._process.stdin.flush()
 
@@ -160,7 +181,7 @@ def _run(request: Mapping[str, Any]) -> int:
     side, network = request["side"], request["network"]
     module, _, function = request["builder"].partition(":")
     hands: list[HandChannels] = [hand_channels(hand, arm) for hand, arm in request["hands"]]
-    node = getattr(import_module(module), function)(scenario, hands)
+    node: CompanionNode = getattr(import_module(module), function)(scenario, hands)
     config = None if request["config"] is None else Path(request["config"])
     options = ZenohOptions(request["connect"], (), config, request["cfg"])
     proof = credentials(scenario.security, side)
@@ -181,24 +202,19 @@ def _run(request: Mapping[str, Any]) -> int:
         begin = json.loads(line)
         part = PartClock.model_validate(begin["clock"])
         ended = threading.Event()
+        if begin["is_signed"]:
+            bus.keys = RunKeys()
+            _take_keys(sys.stdin.readline(), node, bus.keys)
 
         def follow() -> None:
-            sys.stdin.read()
+            for line in sys.stdin:
+                if bus.keys is not None:
+                    _take_keys(line, node, bus.keys)
             ended.set()
             inbox.alarm()
 
         threading.Thread(target=follow, daemon=True).start()
-        metadata = {
-            "version": "1",
-            "side": side,
-            "scenario": scenario.name,
-            "digest": digest(scenario),
-            "mode": "live",
-        }
-        with McapLog(Path(begin["log"]), metadata) as log:
-            log.attach(CLOCK_FILE, json.dumps(begin["clock"]).encode())
-            if scenario.sight is not None:
-                log.attach(CODEC_FILE, json.dumps(dict(codec_versions(scenario.sight.codec))).encode())
+        with _log(begin, scenario, side) as log:
             clock = WallClock(part.epoch_monotonic_ns)
             bus.clock, bus.run_id = clock, part.run_id or 0
             recorder = recorder_for(log, lambda _: None)
@@ -213,6 +229,24 @@ def _run(request: Mapping[str, Any]) -> int:
         if inbox.error is not None:
             raise RuntimeError("a Zenoh callback failed") from inbox.error
     return EXIT_OK
+
+
+def _log(begin: Mapping[str, Any], scenario: Scenario, side: Side) -> McapLog:
+    metadata = {"version": "1", "side": side, "scenario": scenario.name, "digest": digest(scenario), "mode": "live"}
+    log = McapLog(Path(begin["log"]), metadata)
+    log.attach(CLOCK_FILE, json.dumps(begin["clock"]).encode())
+    if scenario.sight is not None:
+        log.attach(CODEC_FILE, json.dumps(dict(codec_versions(scenario.sight.codec))).encode())
+    return log
+
+
+def _take_keys(line: str, node: CompanionNode, keys: RunKeys) -> None:
+    """Sign what is sent, and believe what comes, under the keys that a line tells."""
+    if line:
+        told = json.loads(line)
+        own, other = bytes.fromhex(told["own"]), bytes.fromhex(told["other"])
+        keys.agree(own, other)
+        node.believe(own, other)
 
 
 def _main() -> None:

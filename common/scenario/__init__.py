@@ -15,7 +15,7 @@ from tis.common.scenario.network import NetworkPart, Rule
 from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.scenario.patient import PatientPart
 from tis.common.scenario.security import NoSecurity, Security
-from tis.common.scenario.sight import SightPart, sight_rules
+from tis.common.scenario.sight import SightPart
 from tis.common.scenario.source import Source
 from tis.common.scenario.surgeon import MAX_MB_PER_S, MAX_PACKETS_PER_S, SurgeonPart
 from tis.common.scenario.touch import TouchPart, touch_rules
@@ -169,7 +169,6 @@ class Scenario(Part):
             ),
             **self.source.rules(self.session, self.rate_hz, self.identification.train, self.patient.plant.kind),
             **touch_rules(self.touch, self.patient, self.surgeon, self.rate_hz),
-            **sight_rules(self.sight, self.security),
             "patient.safety.enabled must be true with an external plant, which follows the set points": (
                 self.patient.plant.kind != "external" or self.patient.safety.enabled
             ),

@@ -5,7 +5,6 @@ from typing import Final, Literal, Self
 from pydantic import Field, model_validator
 
 from tis.common.scenario.base import NonNegative, Part
-from tis.common.scenario.security import Security
 from tis.common.units import ms_to_ns, sample_instant_ns
 
 CELL: Final = 16
@@ -71,10 +70,3 @@ class SightPart(Part):
     def refresh_ns(self, number: int) -> int:
         """Return the run time of a refresh of the screen, in ns."""
         return sample_instant_ns(number, self.display_hz) + ms_to_ns(self.display_phase_ms)
-
-
-def sight_rules(sight: SightPart | None, security: Security) -> dict[str, bool]:
-    """Return the rules between sight and other parts of a scenario, each with whether it holds."""
-    if sight is None:
-        return {}
-    return {"security.sign must be false with sight: frames are not signed": not getattr(security, "sign", False)}

@@ -15,6 +15,7 @@ from tis.common.sight.fragments import Reassembly, parse
 from tis.common.sight.picture import Scene
 from tis.common.sight.stamp import Picture, Stamp, read_stamps
 from tis.common.sight_records import CameraNote, EncodedFrame
+from tis.common.signing import RunKeys
 from tis.common.ticker import Ticker
 from tis.patient_side.camera import CameraNode
 
@@ -38,15 +39,19 @@ def _camera(*hands: HandChannels) -> CameraNode:
     return CameraNode("tis", hands or (LEFT,), sight, Scene(320, 240, 150, True), 100, Ticker(20, 10, 5 * MS), Kept())
 
 
-def _pose(camera: CameraNode, tick: int, x_m: float, command_ns: int | None, hand: HandChannels = LEFT) -> None:
+def _pose(
+    camera: CameraNode, tick: int, x_m: float, command_ns: int | None, hand: HandChannels = LEFT, key: bytes = b""
+) -> None:
     place = Vector3(x=x_m, y=0.0, z=0.0)
     turn = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
     pose = FeedbackPose(
         sample_ns=tick * 10 * MS, position_m=place, orientation=turn, gripper_rad=0.0, tick=tick,
         command_sample_ns=command_ns,
     )  # fmt: skip
-    arrival = Arrival("east", hand.measured.key("tis"), encode(pose), Header(tick).pack(), tick * 10 * MS)
-    assert camera.receive(arrival) == ()
+    name, payload, attachment = hand.measured.key("tis"), encode(pose), Header(tick).pack()
+    if key:
+        attachment = RunKeys(key).sign(name, attachment, payload)
+    assert camera.receive(Arrival("east", name, payload, attachment, tick * 10 * MS)) == ()
 
 
 def _frame(camera: CameraNode, now_ns: int) -> tuple[list[Emission], CameraNote, EncodedFrame]:
@@ -124,3 +129,12 @@ def test_what_is_no_pose_is_not_seen(what: bytes) -> None:
     camera = _camera()
     assert camera.receive(Arrival("east", LEFT.measured.key("tis"), what, Header(0).pack(), 0)) == ()
     assert _frame(camera, 5 * MS)[1].left_x is None
+
+
+def test_a_camera_of_a_signed_run_sees_what_its_own_side_has_signed() -> None:
+    camera = _camera()
+    camera.believe(b"patient's key", b"surgeon's key")
+    _pose(camera, 1, 0.0, 0)
+    assert _frame(camera, 5 * MS)[1].left_x is None
+    _pose(camera, 1, 0.0, 0, key=b"patient's key")
+    assert _frame(camera, 55 * MS)[1].left_x == 160

@@ -14,6 +14,7 @@ from tis.common.sight.fragments import Part, cut, parse
 from tis.common.sight.picture import Scene, draw
 from tis.common.sight.stamp import Picture, Stamp, band_rows
 from tis.common.sight_records import SCREEN, ScreenNote
+from tis.common.signing import RunKeys
 from tis.surgeon_side.screen import ScreenNode
 
 MS = 1_000_000
@@ -170,3 +171,26 @@ def test_a_screen_that_comes_back_takes_the_frames_of_a_camera_that_missed_some(
     _take(screen, 3150 * MS, [*_payloads(2), *_payloads(4)], Header(0, 0, run_id=9))
     notes = _notes(screen.wake(3153 * MS))
     assert [(one.frame, one.state) for one in notes] == [(2, "complete"), (3, "lost"), (4, "complete")]
+
+
+def test_a_screen_of_a_signed_run_uses_what_the_patient_has_signed() -> None:
+    screen, payload = _screen(), _payloads(0)
+    screen.believe(b"surgeon's key", b"patient's key")
+    header = Header(3, 39 * MS).pack()
+
+    def receive(key: bytes, content: bytes) -> None:
+        attachment = RunKeys(key).sign("tis/ECM/video", header, content) if key else header
+        screen.receive(Arrival("west", "tis/ECM/video", content, attachment, 40 * MS))
+
+    receive(b"", payload[0])
+    receive(b"surgeon's key", payload[0])
+    receive(b"patient's key", payload[0][:-1])  # damaged on the way, which is no forgery
+    counts = screen.counters()
+    assert (counts["video_forged"], counts["video_corrupted"], counts["video_received"]) == (2, 1, 0)
+    for one in payload:
+        receive(b"patient's key", one)
+    assert [one.state for one in _notes(screen.wake(43 * MS))] == ["complete"]
+    screen.believe(b"surgeon's next key", b"patient's next key")
+    receive(b"patient's next key", _payloads(1)[0])
+    receive(b"patient's key", _payloads(1)[1])
+    assert (screen.counters()["video_received"], screen.counters()["video_forged"]) == (3, 3)

@@ -7,7 +7,7 @@ import numpy as np
 
 from tis.common.channels import VIDEO, Hand, hand_channels, is_shown_force
 from tis.common.channels import Arm as ArmName
-from tis.common.header import HEADER_BYTES
+from tis.common.header import CODE_BYTES, HEADER_BYTES
 from tis.common.metrics.percentiles import Summary, summarise, uncertainties
 from tis.common.metrics.sight import asynchrony_ns, behind_others, onsets
 from tis.common.records import CONTACTS
@@ -221,7 +221,8 @@ def _longest_ms(logs: RunLogs, scenario: Scenario, keys: Sequence[str], camera: 
         return None
     if all(one is None or one.group != video.group for one in forces):
         return 0.0
-    sent, above = fates[key], HEADER_BYTES + rate.overhead_bytes
+    sent, code_bytes = fates[key], CODE_BYTES if scenario.security.sign else 0
+    above = HEADER_BYTES + code_bytes + rate.overhead_bytes
     frame = np.searchsorted(camera.first_seq, sent.seq, side="right") - 1
     n_bytes = np.bincount(frame[frame >= 0], weights=sent.n_bytes[frame >= 0] + above)
     own = max((int(fates[one].n_bytes.max()) for one in keys if one in fates), default=0) + above

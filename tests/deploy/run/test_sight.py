@@ -149,8 +149,6 @@ def test_sight_that_cannot_be_is_refused() -> None:
     assert "fragment_bytes" in found
     with pytest.raises(InputError, match="camera_phase_ms must be less than one period"):
         _scenario("sight.camera_phase_ms=40")
-    with pytest.raises(InputError, match=r"security\.sign must be false with sight"):
-        _scenario("security={kind: none, sign: true}")
     assert "sight" not in dump_scenario(resolve("default", (), None, None))
 
 
