@@ -33,23 +33,26 @@ def address_of(end: str) -> str:
 def cut(ends: Collection[str]) -> int:
     """Shut down this process's TCP connections with these addresses and ports; return how many they were."""
     n_cut = 0
-    for found in _sockets():
-        with found, suppress(OSError, ValueError):
+    for _, found in own_sockets():
+        with suppress(OSError, ValueError):
             if found.family in (socket.AF_INET, socket.AF_INET6) and _name(found.getpeername()) in ends:
                 found.shutdown(socket.SHUT_RDWR)
                 n_cut += 1
     return n_cut
 
 
-def _sockets() -> Iterator[socket.socket]:
-    """Yield this process's sockets, each by a descriptor of its own."""
-    for number in os.listdir("/proc/self/fd"):  # noqa: PTH208  (names, not paths)
+def own_sockets() -> Iterator[tuple[int, socket.socket]]:
+    """Yield this process's sockets with the numbers of their descriptors, each by another descriptor, for a step."""
+    for number in map(int, os.listdir("/proc/self/fd")):  # noqa: PTH208  (names, not paths)
         with suppress(OSError):
-            copy = os.dup(int(number))
+            copy = os.dup(number)
             try:
-                yield socket.socket(fileno=copy)
+                found = socket.socket(fileno=copy)
             except OSError:  # no socket
                 os.close(copy)
+                continue
+            with found:
+                yield number, found
 
 
 def _name(peer: tuple[object, ...]) -> str:
