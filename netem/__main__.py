@@ -3,7 +3,7 @@
 import json
 import secrets
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -42,6 +42,7 @@ from tis.netem.bridge.emergency import EmergencyLine
 from tis.netem.bridge.gate import gates_for, without_gates
 from tis.netem.bridge.keys import crossing_keys
 from tis.netem.bridge.overhead import warn_of_overhead
+from tis.netem.bridge.renewal import RenewedListeners, with_spares
 from tis.netem.bridge.revocation import Revocations
 from tis.netem.bridge.sides import lease_s
 from tis.netem.bridge.standstill import Deadline
@@ -51,6 +52,7 @@ from tis.netem.build import build_netem
 
 _LEAD_NS: Final = 150 * NS_PER_MS
 _GLANCE_S: Final = 0.5
+_LISTEN_MS: Final = 2000
 _WAIT: Final = zenoh.CongestionControl.BLOCK  # sent once, so a full queue must not drop it
 
 Sessions = Mapping[Network, zenoh.Session]
@@ -73,7 +75,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         stack.enter_context(deadline.installed())
         endpoints: dict[Network, str] = dict(zip(("west", "east"), listen, strict=True))
         audit = AuditTrail.opened(stack, endpoints.items(), status.warning)
-        sessions = _open_routers(stack, scenario, zenoh_options, endpoints)
+        sessions = _open_routers(stack, scenario, zenoh_options, endpoints, status.warning)
         earlier = earlier_part(options, scenario, "netem")
         log = stack.enter_context(open_log(options, scenario, "netem", earlier))
         for name, content in trace_attachments(scenario.network).items():
@@ -132,18 +134,27 @@ def _listening(scenario: Scenario, options: SideOptions, status: Status) -> tupl
 
 
 def _open_routers(
-    stack: ExitStack, scenario: Scenario, options: ZenohOptions, endpoints: Mapping[Network, str]
-) -> dict[Network, zenoh.Session]:
+    stack: ExitStack, scenario: Scenario, options: ZenohOptions, endpoints: Mapping[Network, str],
+    tell: Callable[[str], None],
+) -> dict[Network, zenoh.Session]:  # fmt: skip
     """Open netem's router on each network, with the access control of the run."""
     share_arenas()
     sessions: dict[Network, zenoh.Session] = {}
+    security, renewed = scenario.security, None
+    if isinstance(security, Mtls):
+        renewed = RenewedListeners(Path(security.folder) / "netem", endpoints.values(), tell)
     for network, endpoint in endpoints.items():
         config = configure("router", replace(options, listen=[endpoint]))
+        if len(spares := with_spares(endpoint)) > 1:
+            config.insert_json5("listen/endpoints", json.dumps(spares))
+            config.insert_json5("listen/timeout_ms", str(_LISTEN_MS))
         devices = scenario.source.device_keys if network == "west" else ()
         releasers = scenario.patient.safety.releasers
-        rights = access_control(scenario.security, scenario.session, network, devices, releasers)
+        rights = access_control(security, scenario.session, network, devices, releasers)
         config.insert_json5("access_control", json.dumps(rights))
         sessions[network] = stack.enter_context(open_router(config, endpoint))
+        if renewed is not None:
+            stack.callback(renewed.close)
     return sessions
 
 

@@ -32,6 +32,7 @@ from tis.common.runtime.memory import share_arenas
 from tis.common.runtime.process import child_environment, guarded_exit_code, line_of, run_to_end
 from tis.common.runtime.recorder import recorder_for
 from tis.common.runtime.scheduling import precede_ordinary, settle
+from tis.common.runtime.tls_links import of_netem_only
 from tis.common.runtime.zenoh_bus import ZenohBus
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, lease_ms, open_client
 from tis.common.scenario import Scenario
@@ -185,10 +186,11 @@ def _run(request: Mapping[str, Any]) -> int:
     config = None if request["config"] is None else Path(request["config"])
     options = ZenohOptions(request["connect"], (), config, request["cfg"])
     proof = credentials(scenario.security, side)
-    options = replace(options, credentials=proof, lease_ms=lease_ms(scenario.peer_timeout_s))
-    session = open_client(configure("client", options), lambda: False, lambda: None)
+    lease = lease_ms(scenario.peer_timeout_s)
+    client = configure("client", replace(options, credentials=proof, lease_ms=lease))
+    session = open_client(client, lambda: False, lambda: None)
     assert session is not None
-    with session:
+    with session, of_netem_only(session, client, side):
         inbox: Inbox[zenoh.Sample] = Inbox()
         bus = ZenohBus({network: session}, WallClock(0), inbox)
         bus.listen(node)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 CA_FILE: Final = "ca.pem"
 CERTIFICATE_FILE: Final = "cert.pem"
 KEY_FILE: Final = "key.pem"
+_OWN_FILES: Final = (("certificate", CERTIFICATE_FILE), ("private_key", KEY_FILE))
 SOON_DAYS: Final = 7
 """Days before its end from which a certificate is warned of."""
 _DAY_S: Final = 86_400
@@ -41,7 +42,7 @@ def credentials(security: NoSecurity | Mtls | Password, name: str) -> Settings:
     Raises `InputError` with every missing, unreadable or unprotected file.
     """
     if isinstance(security, Mtls):
-        return tls_settings(Path(security.folder) / name, name == "netem", rereads=name != "netem")
+        return tls_settings(Path(security.folder) / name, name == "netem", rereads=True)
     if isinstance(security, Password):
         return _password_settings(Path(security.file), name)
     return {}
@@ -50,7 +51,8 @@ def credentials(security: NoSecurity | Mtls | Password, name: str) -> Settings:
 def tls_settings(folder: Path, listens: bool, rereads: bool = False) -> Settings:
     """Return the TLS settings of the name whose certificate, key and authority lie in ``folder``.
 
-    ``rereads``: the files are read again at each connection, so that a renewed certificate counts from the next one.
+    ``rereads``: the files are read again at each connection, and by each listener, so that a renewed certificate
+    counts from the next one.
     """
     found: list[Fault] = []
     authority = _read(folder / CA_FILE, found)
@@ -61,10 +63,9 @@ def tls_settings(folder: Path, listens: bool, rereads: bool = False) -> Settings
         raise InputError(found)
     tls: dict[str, Any] = {"enable_mtls": True, "verify_name_on_connect": True, "close_link_on_expiration": True}
     if rereads:  # where a renewal is under way, the two do not fit, and the client tries again
-        for setting, name in (
-            ("root_ca_certificate", CA_FILE), ("connect_certificate", CERTIFICATE_FILE),
-            ("connect_private_key", KEY_FILE),
-        ):  # fmt: skip
+        uses = ("connect", "listen") if listens else ("connect",)
+        of_each = [(f"{use}_{what}", name) for use in uses for what, name in _OWN_FILES]
+        for setting, name in (("root_ca_certificate", CA_FILE), *of_each):
             tls[setting] = str((folder / name).absolute())
         return {"transport/link/tls": tls}
     tls |= {

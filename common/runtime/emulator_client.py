@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from tis.common.errors import Fault, InputError, PeerError
 from tis.common.runtime.running import WEST, Running, sessions
+from tis.common.runtime.tls_links import of_netem_only
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, visitor
 from tis.common.scenario.control import EVERY_STATE, STATE, Acknowledgement, EmulatorState, control_prefix
 
@@ -135,5 +136,5 @@ def connected(address: EmulatorAddress) -> Iterator[Remote]:
             raise PeerError(Fault(_WHERE, address.endpoint, rule)) from None
         reason = " ".join(str(error).split()).split(" at /")[0]
         raise InputError(Fault(_WHERE, address.endpoint, reason)) from None
-    with session:
+    with session, of_netem_only(session, config, _WHERE):
         yield Remote(session, address)

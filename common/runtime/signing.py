@@ -54,6 +54,9 @@ _MAX_WAITING: Final = 16
 _NOT_PROVED: Final = "its certificate or its signature is not of the run's authority"
 
 
+_OWN_CERTIFICATE: Final = "transport/link/tls/connect_certificate"
+
+
 class SharedSecret:
     """A secret that surgeon and patient hold, and netem does not; each agreement has new random numbers."""
 
@@ -160,12 +163,22 @@ def client_identity(config: zenoh.Config, secret: Path | None) -> Identity | Non
     """
     if secret is not None:
         return SharedSecret(_long_secret(secret))
-    names = ("connect_certificate_base64", "connect_private_key_base64", "root_ca_certificate_base64")
-    with suppress(ImportError, ValueError, TypeError):
-        found = [json.loads(config.get_json(f"transport/link/tls/{name}")) for name in names]
-        certificate, key, authorities = (base64.b64decode(one or "") for one in found)
-        return CertifiedKey(certificate, key, authorities) if all(found) else None
+    with suppress(ImportError, OSError, ValueError, TypeError):
+        names = ("connect_certificate", "connect_private_key", "root_ca_certificate")
+        certificate, key, authorities = (_tls_content(config, name) for name in names)
+        return CertifiedKey(certificate, key, authorities) if certificate and key and authorities else None
     return None
+
+
+def shows_certificate(config: zenoh.Config) -> bool:
+    """Tell whether a client of this configuration proves its name by a certificate."""
+    return any(json.loads(config.get_json(f"{_OWN_CERTIFICATE}{end}")) for end in ("", "_base64"))
+
+
+def _tls_content(config: zenoh.Config, name: str) -> bytes:
+    """Return what a configuration of TLS holds or names, empty where it does neither."""
+    held, file = (json.loads(config.get_json(f"transport/link/tls/{name}{end}")) for end in ("_base64", ""))
+    return base64.b64decode(held) if held else Path(file).read_bytes() if file else b""
 
 
 def _long_secret(file: Path) -> bytes:
@@ -175,12 +188,19 @@ def _long_secret(file: Path) -> bytes:
     return secret
 
 
+def secret_of(security: Security) -> Path | None:
+    """Return the file of the secret by which a run's messages are signed, None where there is none."""
+    return None if isinstance(security, Mtls) or not security.sign else Path(security.secret_file)
+
+
 def identity(security: Security, side: Side) -> Identity | None:
     """Return what proves a side's part, None where messages are not signed; raises `InputError` and `DataError`."""
     if not security.sign:
         return None
-    if not isinstance(security, Mtls):
-        return SharedSecret(_long_secret(Path(security.secret_file)))
+    secret = secret_of(security)
+    if secret is not None:
+        return SharedSecret(_long_secret(secret))
+    assert isinstance(security, Mtls)
     folder = Path(security.folder) / side
     try:
         certificate, key, authorities = (

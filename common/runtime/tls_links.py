@@ -9,15 +9,15 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final, Self
 
 import zenoh
 
-from tis.common.errors import InputError
+from tis.common.errors import Fault, InputError, PeerError
 from tis.common.runtime.credentials import CERTIFICATE_FILE, KEY_FILE, tls_settings
-from tis.common.runtime.signing import CertifiedKey
+from tis.common.runtime.signing import CertifiedKey, shows_certificate
 from tis.common.signing import Identity
 
 _EVERY_S: Final = 0.5
@@ -33,23 +33,26 @@ def address_of(end: str) -> str:
 def cut(ends: Collection[str]) -> int:
     """Shut down this process's TCP connections with these addresses and ports; return how many they were."""
     n_cut = 0
-    for found in _sockets():
-        with found, suppress(OSError, ValueError):
+    for _, found in own_sockets():
+        with suppress(OSError, ValueError):
             if found.family in (socket.AF_INET, socket.AF_INET6) and _name(found.getpeername()) in ends:
                 found.shutdown(socket.SHUT_RDWR)
                 n_cut += 1
     return n_cut
 
 
-def _sockets() -> Iterator[socket.socket]:
-    """Yield this process's sockets, each by a descriptor of its own."""
-    for number in os.listdir("/proc/self/fd"):  # noqa: PTH208  (names, not paths)
+def own_sockets() -> Iterator[tuple[int, socket.socket]]:
+    """Yield this process's sockets with the numbers of their descriptors, each by another descriptor, for a step."""
+    for number in map(int, os.listdir("/proc/self/fd")):  # noqa: PTH208  (names, not paths)
         with suppress(OSError):
-            copy = os.dup(int(number))
+            copy = os.dup(number)
             try:
-                yield socket.socket(fileno=copy)
+                found = socket.socket(fileno=copy)
             except OSError:  # no socket
                 os.close(copy)
+                continue
+            with found:
+                yield number, found
 
 
 def _name(peer: tuple[object, ...]) -> str:
@@ -64,6 +67,35 @@ def false_names(session: zenoh.Session) -> list[str]:
     """
     links = [one for one in session.info.links() if one.dst.startswith("tls/")]
     return [one.auth_identifier or "nobody" for one in links if one.auth_identifier != _ROUTER]
+
+
+@contextmanager
+def of_netem_only(session: zenoh.Session, config: zenoh.Config, who: str) -> Iterator[None]:
+    """Let a client that shows a certificate have links to netem only while the block lasts: others are cut.
+
+    Raises `PeerError` where the router is of another name already.
+    """
+    if not shows_certificate(config):
+        yield
+        return
+    if names := false_names(session):
+        raise PeerError([Fault(who, "zenoh", f"its certificate is of {one}, must be netem's") for one in names])
+    listener = session.info.declare_link_events_listener(_is_netems, history=True)
+    try:
+        yield
+    finally:
+        with suppress(zenoh.ZError):
+            listener.undeclare()  # type: ignore[no-untyped-call]
+
+
+def _is_netems(event: zenoh.LinkEvent) -> bool:
+    """Tell whether netem was reached; a new link to another router is cut."""
+    if event.kind != zenoh.SampleKind.PUT or not event.link.dst.startswith("tls/"):
+        return False
+    if event.link.auth_identifier == _ROUTER:
+        return True
+    cut({address_of(event.link.dst)})
+    return False
 
 
 class CertifiedLink:
@@ -93,12 +125,8 @@ class CertifiedLink:
             self._listener.undeclare()  # type: ignore[no-untyped-call]
 
     def _take(self, event: zenoh.LinkEvent) -> None:
-        if event.kind != zenoh.SampleKind.PUT or not event.link.dst.startswith("tls/"):
-            return
-        if event.link.auth_identifier == _ROUTER:
+        if _is_netems(event):
             self._opened.set()
-        else:
-            cut({address_of(event.link.dst)})
 
     def _content(self) -> bytes:
         with suppress(OSError):

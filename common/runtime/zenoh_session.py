@@ -162,7 +162,9 @@ def open_router(config: zenoh.Config, endpoint: str, who: str = "netem") -> zeno
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        reason = "in use or not of this host" if "listen" in str(error).lower() else _as_line(error)
+        words = str(error).lower()
+        is_taken = "listen" in words or "deadline" in words  # the latter where there are spares
+        reason = "in use or not of this host" if is_taken else _as_line(error)
         raise PeerError(Fault(who, endpoint, f"cannot listen here: {reason}")) from None
 
 

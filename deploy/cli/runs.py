@@ -47,6 +47,15 @@ def run(
     )
 
 
+SecretOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--secret-file",
+        help="Sign stops and releases with the run's shared secret; by default with -c's certificate.",
+    ),
+]
+
+
 @app.command(example="tis view")
 def view(
     *,
@@ -67,6 +76,7 @@ def view(
     wait_s: Annotated[
         float | None, typer.Option("--wait-s", help="Give up without netem within this time, s; by default never.")
     ] = None,
+    secret_file: SecretOption = None,
     config: ConfigOption = None,
     cfg: CfgOption = None,
 ) -> int:
@@ -75,7 +85,7 @@ def view(
     from tis.deploy.view.page_process import attach_page
 
     zenoh = ZenohOptions(config=config, cfg=tuple(cfg or ()))
-    return attach_page((west, east), prefix, zenoh, at.page, wait_s, ERR)
+    return attach_page((west, east), prefix, zenoh, at.page, wait_s, ERR, secret_file)
 
 
 @app.command(example="tis twin lossy --duration-s 60 --seed 3")
@@ -152,10 +162,7 @@ def stop(
         bool,
         typer.Option("--release", help="End the stop of TOKEN; without TOKEN every stop that this client may end."),
     ] = False,
-    secret_file: Annotated[
-        Path | None,
-        typer.Option("--secret-file", help="Sign with the run's shared secret; by default with -c's certificate."),
-    ] = None,
+    secret_file: SecretOption = None,
     at: EmulatorOptions,
 ) -> int:
     """Stop the arms of a running session now, beside the emulated network, until --release.

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from math import inf
+from pathlib import Path
 from typing import Any, Final
 
 from rich.console import Console
@@ -19,6 +20,7 @@ from tis.common.extras import GET_REPORT
 from tis.common.runtime.emulator_client import running_here
 from tis.common.runtime.process import Interrupt, child_environment
 from tis.common.runtime.running import ALONE, EAST, WEST, Running
+from tis.common.runtime.signing import client_identity, secret_of
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario import Scenario
 from tis.deploy.shell.early_checks import can_report
@@ -69,12 +71,14 @@ class PageProcess:
 def page_process(
     command: str, at: PageAddress, endpoints: tuple[str, str], session: str, wait_s: float | None = None,
     beside: bool = False, zenoh: ZenohOptions | None = None, scenario: Scenario | None = None,
+    secret: Path | None = None,
 ) -> Iterator[PageProcess]:  # fmt: skip
     """Serve the page in a process that ends with the block; raises `InputError` when it cannot be served."""
     if not can_report():
         raise InputError(Fault(command, "", f"needs Bokeh: {GET_REPORT}"))
     west, east = endpoints
     options = {"west": west, "east": east, "session": session, "wait_s": wait_s, "beside": beside, **asdict(at)}
+    options["secret"] = None if secret is None else str(secret)
     if scenario is not None:
         device = device_of(scenario)
         sight = scenario.sight and scenario.sight.model_dump(mode="json")
@@ -110,7 +114,14 @@ def page_beside(
     page: PageProcess | None = None
     try:
         with page_process(
-            "tis run --view", at, endpoints, scenario.session, beside=True, zenoh=zenoh, scenario=scenario
+            "tis run --view",
+            at,
+            endpoints,
+            scenario.session,
+            beside=True,
+            zenoh=zenoh,
+            scenario=scenario,
+            secret=secret_of(scenario.security),
         ) as page:
             announce(page.url, err)
             yield page
@@ -148,14 +159,15 @@ _POLL_S = 0.2
 
 def attach_page(
     given: tuple[str | None, str | None], prefix: str | None, zenoh: ZenohOptions, at: PageAddress,
-    wait_s: float | None, err: Console,
+    wait_s: float | None, err: Console, secret: Path | None = None,
 ) -> int:  # fmt: skip
     """Serve the page until the end of the run, or until Ctrl-C; return the exit code.
 
-    Without an endpoint ``given``, it is that of the run on this machine, present or future. Raises `InputError`
-    without Bokeh, for an unusable address or invalid Zenoh options, `PeerError` when netem does not answer.
+    ``secret`` is the file of the run's secret, by which the page signs. Without an endpoint ``given``, it is that of
+    the run on this machine, present or future. Raises `InputError` without Bokeh, for an unusable address, secret or
+    Zenoh option, `PeerError` when netem does not answer.
     """
-    configure("client", zenoh)
+    client_identity(configure("client", zenoh), secret)
     interrupt = Interrupt()
     with interrupt.installed(), ExitStack() as stack:
         if given == (None, None):
@@ -165,7 +177,7 @@ def attach_page(
         if here is None:
             return EXIT_INTERRUPTED
         page = stack.enter_context(
-            page_process("tis view", at, (here.west, here.east), here.session, wait_s, zenoh=zenoh)
+            page_process("tis view", at, (here.west, here.east), here.session, wait_s, zenoh=zenoh, secret=secret)
         )
         announce(page.url, err)
         err.print(f"of netem at {here.west} and {here.east}, for which it waits", style="dim", soft_wrap=True)

@@ -97,6 +97,9 @@ class ViewOptions:
     config: str | None = None
     cfg: tuple[str, ...] = ()
     credentials: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    secret: str | None = None
+    """File of the run's shared secret, by which stops and releases are signed."""
+
     device: Mapping[str, Any] | None = None
     """The device that a page can be, where the run's source is live: the fields of a `Device`."""
 
@@ -129,7 +132,8 @@ def serve(
         logging.getLogger(name).setLevel(logging.CRITICAL)
     endpoints: dict[Network, str] = {"west": options.west, "east": options.east}
     observer = Observer(endpoints, options.session, zenoh=options.zenoh)
-    steering = Steering(EmulatorAddress(options.east, options.session, options.zenoh))
+    secret = None if options.secret is None else Path(options.secret)
+    steering = Steering(EmulatorAddress(options.east, options.session, options.zenoh, secret))
     about = None if options.about is None else RunAbout(**options.about)
     context = PageContext(options.beside, options.west, options.east, options.device is not None, about)
     door = None if options.device is None else DeviceDoor(Device(**options.device), options.west, options.zenoh)

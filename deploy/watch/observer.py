@@ -20,6 +20,7 @@ from tis.common.clocks import Exchanges
 from tis.common.errors import PeerError
 from tis.common.runtime.clock_watch import ClockWatch
 from tis.common.runtime.control import ControlKeys, Roster
+from tis.common.runtime.tls_links import of_netem_only
 from tis.common.runtime.zenoh_session import ZenohOptions, open_client, visitor
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.deploy.watch.book import LiveBook, Sighting
@@ -144,6 +145,7 @@ class Observer:
                     if session is None:
                         return
                     stack.enter_context(session)
+                    stack.enter_context(of_netem_only(session, config, f"netem at {endpoint}"))
                     self._listen(network, session, stack)
                     clocks[network] = ClockWatch(session, ControlKeys(self.session).clock)
                 self._connected = True

@@ -11,6 +11,7 @@ import pytest
 
 from tests.system.hosts import Hosts, hosts
 from tis.common.audit import AUDIT_FILE, verify
+from tis.common.runtime.credentials import load_certificates
 from tis.deploy.tools.certificates import issue, new_authority, revoke
 
 pytestmark = pytest.mark.live
@@ -61,6 +62,22 @@ except InputError as error:
     print(error, flush=True)
 print(release_all(operator, {}), flush=True)
 """
+
+
+_MET = """
+import socket, ssl, sys
+from pathlib import Path
+own = Path(sys.argv[1])
+context = ssl.create_default_context(cafile=own / "ca.pem")
+context.load_cert_chain(own / "cert.pem", own / "key.pem")
+with socket.create_connection((sys.argv[2], int(sys.argv[3]))) as plain:
+    with context.wrap_socket(plain, server_hostname=sys.argv[2]) as secured:
+        print(secured.getpeercert()["serialNumber"], flush=True)
+"""
+
+
+def certificate_serial(place: Path) -> int:
+    return load_certificates((place / "cert.pem").read_bytes())[0].serial_number
 
 
 class _Processes:
@@ -124,6 +141,16 @@ def test_a_revoked_name_is_shut_out_and_a_side_renews_its_certificate_in_one_run
         (home / "surgeon").rename(home / "old")
         (home / "new").rename(home / "surgeon")
         processes.await_words("surgeon", "the certificate was renewed: the connection to netem was open again after")
+
+        issue(certs, "netem")
+        home = tmp_path / "netem" / "certs"
+        shutil.copytree(certs / "netem", home / "new")
+        (home / "netem").rename(home / "old")
+        (home / "new").rename(home / "netem")
+        processes.await_words("netem", "the certificate was renewed: open connections went on, new ones had to wait")
+        met = (sys.executable, "-c", _MET, str(certs / "operator"), "10.77.2.1", "7448")
+        processes.start("met", "patient", *met)
+        processes.await_words("met", f"{certificate_serial(certs / 'netem'):X}")
 
         codes = {side: processes.running[side].wait(120) for side in ("surgeon", "netem", "patient")}
         assert codes == dict.fromkeys(codes, 0), {side: processes.said(side) for side in codes}

@@ -14,13 +14,16 @@ import zenoh
 from cryptography import x509
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
+from tis.common.errors import PeerError
 from tis.common.runtime.credentials import credentials, tls_settings
+from tis.common.runtime.emulator_client import EmulatorAddress, connected
 from tis.common.runtime.process import free_endpoints
+from tis.common.runtime.signing import client_identity
 from tis.common.runtime.tls_links import CertifiedLink, cut, false_names
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario.security import Mtls
 from tis.deploy.tools import certificates
-from tis.deploy.tools.certificates import issue, new_authority
+from tis.deploy.tools.certificates import asked_for, issue, new_authority
 
 
 @pytest.mark.parametrize(("family", "host"), [(socket.AF_INET, "127.0.0.1"), (socket.AF_INET6, "::1")])
@@ -95,3 +98,46 @@ def test_a_router_of_another_name_is_not_netem_whichever_authority_made_its_cert
         zenoh.open(configure("client", ZenohOptions(connect=[endpoint], credentials=proof))) as surgeon,
     ):
         assert false_names(surgeon) == ["web"]
+        address = EmulatorAddress(endpoint, options=ZenohOptions(credentials=proof))
+        with pytest.raises(PeerError, match=r"certificate is of web, must be netem's"), connected(address):
+            pass
+
+
+@pytest.mark.live
+def test_a_client_that_comes_back_does_not_stay_with_a_router_of_another_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    endpoint = free_endpoints()[0].replace("tcp/", "tls/")
+    new_authority(tmp_path)
+    for name in ("netem", "operator"):
+        issue(tmp_path, name)
+    monkeypatch.setattr(certificates, "asked_for", lambda folder, _, hosts: asked_for(folder, "netem", hosts))
+    issue(tmp_path, "web")
+    config = {
+        name: configure(
+            "router", ZenohOptions(listen=[endpoint], credentials=tls_settings(tmp_path / name, listens=True))
+        )
+        for name in ("netem", "web")
+    }
+    address = EmulatorAddress(endpoint, options=ZenohOptions(config=tmp_path / "operator" / "zenoh.json5"))
+    netem = zenoh.open(config["netem"])
+    with connected(address) as remote:
+        netem.close()  # type: ignore[no-untyped-call]
+        heard: list[object] = []
+        with zenoh.open(config["web"]) as web:
+            web.declare_subscriber("a", heard.append)
+            until_s = time.monotonic() + 3
+            while time.monotonic() < until_s:
+                remote.session.put("a", b"secret")
+                time.sleep(0.05)
+        assert len(heard) <= 5, "what is on the way when the link is cut"
+
+
+def test_a_client_signs_with_the_certificate_that_its_settings_hold_or_name(tmp_path: Path) -> None:
+    new_authority(tmp_path)
+    issue(tmp_path, "surgeon")
+    for settings in (tls_settings(tmp_path / "surgeon", listens=False, rereads=one) for one in (False, True)):
+        own = client_identity(configure("client", ZenohOptions(credentials=settings)), None)
+        assert own is not None
+        assert own.certificate == (tmp_path / "surgeon" / "cert.pem").read_text()
+    assert client_identity(configure("client", ZenohOptions()), None) is None

@@ -55,3 +55,11 @@ def test_view_says_what_it_waits_for(tmp_path: Path, monkeypatch: pytest.MonkeyP
     code, _, err = call_in_one_line("view", "--wait-s", "0")
     assert code == 3
     assert f"waiting for tis run, or for netem at {running.WEST}" in err
+
+
+def test_view_reads_the_secret_of_its_stops_before_it_waits(tmp_path: Path) -> None:
+    file = tmp_path / "secret.txt"
+    file.touch(mode=0o600)
+    file.write_text("short")
+    code, _, err = call_in_one_line("view", "--wait-s", "0", "--secret-file", str(file))
+    assert (code, "must have at least 16 bytes" in err) == (2, True), err
