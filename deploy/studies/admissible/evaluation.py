@@ -187,17 +187,22 @@ class Evaluation:
         return {digest: outcome.cells[cell.digest]["summary"] for digest, cell in logged.items()}
 
 
-def check_persons(persons: Sequence[str], are_recorded: bool, others: Sequence[str] = ()) -> None:
-    """Raise `InputError` unless there are at least two persons; ``others`` are trials of other people."""
+def check_persons(
+    persons: Sequence[str], are_recorded: bool, others: Sequence[str] = (), option: str = "--people"
+) -> None:
+    """Raise `InputError` unless there are at least two persons.
+
+    ``others`` are trials of other people, ``option`` is what chose the persons.
+    """
     if len(persons) >= MIN_PERSONS:
         return
-    rule = "must leave at least two people, as confidence is over people"
+    rule = "must be of at least two people, as confidence is over people"
     if are_recorded:
         rule += ": seeds of one person's trials tell of no other; "
         rule += f"--trials takes those of others, too: {in_few(others)}" if others else "the folder has no others"
     else:
         rule += ", and each seed is one"
-    raise InputError(Fault(COMMAND, "--people" if are_recorded else "--seeds", rule, ", ".join(persons)))
+    raise InputError(Fault(COMMAND, option if are_recorded else "--seeds", rule, ", ".join(persons)))
 
 
 def fault_of(request: Request, network: Network) -> Fault | None:

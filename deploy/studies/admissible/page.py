@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
-from tis.deploy.present.page import Page, Section, nonbreaking_units, note, page_html
+from tis.deploy.present.page import Page, Section, nonbreaking_units, note, page_html, problem_list
 from tis.deploy.studies.admissible import tables
 
 Report = Mapping[str, Any]
@@ -14,6 +14,7 @@ Report = Mapping[str, Any]
 def admissible_html(report: Report, svg: str | bytes | None) -> str:
     """Return the page; ``svg`` is the figure of the regions, None without one."""
     words = f'<p class="answer">{escape(nonbreaking_units(tables.answer(report)))}</p>'
+    words += problem_list((), tables.warnings(report))
     sections = [Section("answer", "The answer", markup=words)]
     if svg is not None:
         data = base64.b64encode(svg.encode() if isinstance(svg, str) else svg).decode()

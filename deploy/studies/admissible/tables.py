@@ -9,6 +9,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from tis.deploy.compare.results.pooled import ENOUGH_PEOPLE
+from tis.deploy.present.notices import notices
 from tis.deploy.present.numbers import number
 from tis.deploy.present.table import OPEN, Column, Table
 from tis.deploy.studies.admissible.criterion import Limit
@@ -16,10 +17,11 @@ from tis.deploy.studies.admissible.criterion import Limit
 Report = Mapping[str, Any]
 _ALONE: Final = "share: of the box; alone: how far an axis may go while the others are at their best; "
 _CAPTION: Final = (
-    "bound: one-sided, 95 %, of the mean over people; it is what the limit holds, before it the people's own figure, "
+    "bound: one-sided 95 % bound of the mean over people, which the limit holds, beside the people's own figure; "
     "both at the border; fresh: places drawn inside and outside of the region, and how many of them a fresh set of "
     "seeds judges otherwise"
 )
+_SHOWN_WARNINGS: Final = 6
 _Wrapped: Final = partial(Column, wraps=True)
 
 
@@ -60,11 +62,11 @@ def _rests_on(report: Report, best: str) -> str:
     few = f": too few for a claim about others, which takes {ENOUGH_PEOPLE}" if n_people < ENOUGH_PEOPLE else ""
     text = f"The 95 % confidence rests on {people_words(report)}{few}."
     own = [
-        f"{limit['name']} of {_span(each['figures'])}, bound {_span(each['bounds'])}"
+        f"{limit['name']} is {_span(each['figures'])}, its bound {_span(each['bounds'])}"
         for limit, each in zip(report["limits"], report["estimators"][best]["at_border"], strict=False)
     ]
-    own_words = f" Its bound, and not the people's own figure, is held to the limit; at {best}'s border: "
-    return f"{text}{own_words}{'; '.join(own)}." if own else text
+    at = f" What reaches the limit is the bound, not the people's own figure: at {best}'s border "
+    return f"{text}{at}{'; '.join(own)}." if own else text
 
 
 def _reach(report: Report, about: Mapping[str, Any]) -> str:
@@ -101,6 +103,11 @@ def _span(values: Sequence[float]) -> str:
 def caption(report: Report) -> str:
     """Return what the columns of `regions` mean."""
     return f"{_ALONE if len(report['axes']) > 1 else ''}{_CAPTION}"
+
+
+def warnings(report: Report) -> list[str]:
+    """Return the lines of the warnings for terminal and page."""
+    return notices(report["warnings"], _SHOWN_WARNINGS, "admissible.json")
 
 
 def people_words(report: Report) -> str:

@@ -30,6 +30,7 @@ def report() -> dict[str, Any]:
         "verdicts": {"hold": {"inside": False}, "mine": {"inside": True}}, "redundancy": {"hold": None, "mine": None},
     }  # fmt: skip
     return {
+        "warnings": ["one seed: no <draws>"],
         "scenario": "s", "command": "tis admissible s --limit 'rmse_3d_mm=<2>'", "trained_on": "heads", "n_seeds": 1,
         "limits": [{"name": "rmse_3d_mm", "at_most": True, "value": 2.0}], "axes": [AXIS | {"whole": False}],
         "persons": PEOPLE, "synthetic": PEOPLE, "n_points": 9, "n_twins": 18, "points": [],
@@ -54,7 +55,7 @@ def test_with_several_axes_the_answer_ranks_the_estimators_by_their_share() -> N
 def test_with_one_axis_the_answer_is_the_delay_with_the_error_beside_its_bound() -> None:
     text = answer(report())
     assert text.startswith("With mine, rmse_3d_mm<=2 holds up to delay_ms = 70 (no longer at 73); with hold up to")
-    assert text.endswith("at mine's border: rmse_3d_mm of 1.25, bound 1.96.")
+    assert text.endswith("at mine's border rmse_3d_mm is 1.25, its bound 1.96.")
     assert "of the box" not in text
     assert regions(report()).rows[0][:5] == ["hold", "70", "73", "1.25", "1.96"]
 
@@ -92,4 +93,5 @@ def test_the_page_is_whole_without_a_server_and_with_names_of_others() -> None:
     assert all(place.startswith(("data:", "#")) for place in page.fetched)
     assert "a<b>" in page.text
     assert "rmse_3d_mm=<2>" in page.text
+    assert "one seed: no <draws>" in page.text
     assert 'id="regions"' not in admissible_html(report(), None)
