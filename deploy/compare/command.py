@@ -24,7 +24,6 @@ from tis.deploy.shell.shipped_scenarios import shipped_names
 
 _OF_THE_STUDY: Final = {"scenario": "SCENARIO", "settings": "--set", "sweeps": "--sweep", "zipped": "--zip"}
 """Options that a study file takes the place of, by their name among those given."""
-_SHOWN_WARNINGS: Final = 5
 _SHOWN_UNSCORED: Final = 5
 
 
@@ -88,9 +87,7 @@ def _print_notices(plan: Plan, outcome: Outcome, report: dict[str, Any], err: Co
     """Print the number of resumed cells, warnings and failures."""
     if outcome.n_resumed:
         err.print(f"{outcome.n_resumed} of {len(plan.cells)} twins were computed before", style="dim")
-    print_warnings(err, *report["warnings"][:_SHOWN_WARNINGS])
-    if len(report["warnings"]) > _SHOWN_WARNINGS:
-        err.print(f"and {len(report['warnings']) - _SHOWN_WARNINGS} more warnings, in table.json", style="yellow")
+    print_warnings(err, *tables.warnings(report))
     for failure in outcome.failures:
         if failure.trace is not None:
             err.print(failure.trace, markup=False, highlight=False, style="dim")

@@ -21,6 +21,7 @@ from tis.common.sources.live import synthetic_training, unmade_movement
 from tis.common.sources.provenance import digest_of_synthetic
 from tis.common.sources.sensor_noise import with_noise
 from tis.common.sources.synthetic import synthesise
+from tis.common.sources.table_columns import in_few
 from tis.common.sources.trajectory import Recording
 
 
@@ -44,6 +45,9 @@ class Files(Protocol):
 
     def made(self, source: Any, trial: str) -> bool:
         """Tell whether a program of the testbed made a trial's movement."""
+
+    def has_columns(self, source: Any, trial: str) -> bool:
+        """Tell whether a file of the folder has the source's columns: one that lacks them is no trial of its task."""
 
     def no_trials(self, source: Any) -> Fault:
         """Return the fault to report where `trials` finds none."""
@@ -99,6 +103,11 @@ def trials_of_others(source: RecordedSource) -> list[str]:
     """Return the trials of the source's folder in which other people move."""
     own = person_of(source, own_trial(source))
     return [trial for trial in list_trials(source) if person_of(source, trial) != own]
+
+
+def has_columns(source: RecordedSource, trial: str) -> bool:
+    """Tell whether a file of the source's folder has its columns; also of one that cannot be read."""
+    return _FILES[source.kind].has_columns(source, trial)
 
 
 def located(scenario: Scenario) -> Scenario:
@@ -207,16 +216,22 @@ def load_trials(scenario: Scenario, recording: Recording, trials: Sequence[str])
     assert isinstance(source, RecordedSource)
     # A damaged trial costs its rows only; the faults of all are told together.
     faults: list[Fault] = []
+    strange: dict[str, tuple[Fault, ...]] = {}
     recordings = []
     for trial in trials:
         try:
             recordings.append(_noisy(scenario, _FILES[source.kind].training(scenario, source, recording, trial)))
         except DataError as error:
-            faults += error.faults
+            if has_columns(source, trial):
+                faults += error.faults
+            else:
+                strange[trial] = error.faults
     if not recordings:
-        raise DataError(faults)
-    left_out = tuple(f"trained without {fault}" for fault in faults)
-    return [replace(recordings[0], left_out=left_out), *recordings[1:]]
+        raise DataError([*faults, *(fault for each in strange.values() for fault in each)])
+    left_out = [f"trained without {fault}" for fault in faults]
+    if strange:
+        left_out.append(f"trained without {in_few(list(strange))}: other columns than the source's")
+    return [replace(recordings[0], left_out=tuple(left_out)), *recordings[1:]]
 
 
 def _noisy(scenario: Scenario, training: Recording) -> Recording:

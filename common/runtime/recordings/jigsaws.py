@@ -49,6 +49,11 @@ def whole(scenario: Scenario, source: JigsawsSource, start: int) -> Recording:
     return _recording(source, source.trial, pairings, file, rows, start, scenario.identification.looks_ahead)
 
 
+def has_columns(source: JigsawsSource, trial: str) -> bool:  # noqa: ARG001
+    """Return True: all trials of JIGSAWS have the same columns."""
+    return True
+
+
 def training(scenario: Scenario, source: JigsawsSource, recording: Recording, trial: str) -> Recording:
     """Return a trial of the task with both hands, paired as those of ``recording``; raises `DataError`."""
     # One relation is identified from all trials, so all must have the same pairing.

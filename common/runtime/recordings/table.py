@@ -153,6 +153,19 @@ def made(source: TableSource, trial: str) -> bool:
     return _says_synthetic(_metadata(trial_file(source, trial)))
 
 
+def has_columns(source: TableSource, trial: str) -> bool:
+    """Tell whether a table has the columns that the source names; also of one that cannot be read."""
+    try:
+        names = open_table(trial_file(source, trial)).names
+    except DataError:
+        return True
+    try:
+        layout_of(source, names, trial)
+    except DataError:
+        return False
+    return True
+
+
 def _metadata(file: Path) -> dict[str, Any]:
     try:
         return {} if file.suffix.lower() == ".csv" else _parsed(open_table(file).metadata)

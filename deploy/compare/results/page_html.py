@@ -16,7 +16,7 @@ from tis.deploy.compare.grid import axis_words
 from tis.deploy.compare.results.answer import answer
 from tis.deploy.compare.results.page_sums import PageSums
 from tis.deploy.compare.results.pooled import origin
-from tis.deploy.compare.results.tables import SENT, TURN_CAPTION, headline, setting_title, turn_table
+from tis.deploy.compare.results.tables import SENT, TURN_CAPTION, headline, setting_title, turn_table, warnings
 from tis.deploy.present.page import Page, Section, nonbreaking_units, note, page_html, problem_list
 from tis.deploy.present.palette import AXIS, SOFT, look_of
 from tis.deploy.present.plot_style import Figure, Key, LineStyle, line_keys, plain_figure
@@ -31,7 +31,6 @@ _TOOLTIPS: Final = [
 ]
 _BAND_ALPHA: Final = 0.14
 _LARGEST_RATIO: Final = 1.2
-_MAX_WARNINGS: Final = 5
 
 
 def curve_figures(names: Sequence[str]) -> Figure:
@@ -129,7 +128,7 @@ def comparison_html(report: dict[str, Any], sums: PageSums) -> str:
     computed = [one for one in report["settings"] if one["n_cells"]]
     found += note(f"{setting_title(computed[0])} ({SENT}).") if len(computed) == 1 else ""
     found += note("Network: " + "; ".join(report["network"]) + ".") if report.get("network") else ""
-    found += problem_list((), report["warnings"][:_MAX_WARNINGS])
+    found += problem_list((), warnings(report))
     sections = [
         Section("answer", "The answer", markup=found),
         Section("choose", "What is shown", markup=_filters(sums) + _POOLED + '<p class="note" id="words"></p>'),

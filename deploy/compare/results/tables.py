@@ -11,6 +11,7 @@ from rich.text import Text
 
 from tis.deploy.compare.results.answer import answer
 from tis.deploy.compare.results.pooled import interval_note, origin
+from tis.deploy.present.notices import notices
 from tis.deploy.present.numbers import NONE, broken_name, fixed, number
 from tis.deploy.present.table import TIGHT, Column, Table
 from tis.patient_side.provenance import IN_SAMPLE
@@ -36,6 +37,7 @@ _OBSERVER: Final = (
 _NAME_WIDTH: Final = 18
 _MAX_COLUMNS: Final = 8
 _MAX_SHOWN: Final = 12
+_SHOWN_WARNINGS: Final = 5
 """Settings up to which a terminal shows a table each; of more it shows the ratios."""
 
 
@@ -225,6 +227,11 @@ def headline(report: Report) -> str:
         units = f"{count} {what} ({', '.join(report['trials'])}{of})"
         units += f", {', '.join(report['synthetic'])} synthetic" if made.startswith("partly") else ""
     return f"{report['scenario']}: {units}; trained on {report['trained_on']}."
+
+
+def warnings(report: Report) -> list[str]:
+    """Return the lines of the warnings for terminal and page."""
+    return notices(report["warnings"], _SHOWN_WARNINGS, "table.json")
 
 
 def _turn_captions(report: Report) -> list[str]:

@@ -15,7 +15,7 @@ from rich.markup import escape
 from tis.common.errors import EXIT_OK, DataError, Fault, InputError
 from tis.common.extras import GET_REPORT
 from tis.common.runtime.process import command_line
-from tis.common.runtime.recordings import list_trials, person_of
+from tis.common.runtime.recordings import has_columns, list_trials, person_of
 from tis.common.scenario import Scenario
 from tis.common.scenario.source import RecordedSource
 from tis.deploy.compare.cells.identity import dump
@@ -30,7 +30,7 @@ from tis.deploy.shell.early_checks import check_outputs_in
 from tis.deploy.shell.guard import print_json, print_warnings
 from tis.deploy.shell.progress import PhaseProgress
 from tis.deploy.studies.admissible import tables
-from tis.deploy.studies.admissible.criterion import COMMAND, parse_limit
+from tis.deploy.studies.admissible.criterion import COMMAND, MIN_PERSONS, parse_limit
 from tis.deploy.studies.admissible.evaluation import Evaluation, check_persons
 from tis.deploy.studies.admissible.profiles import profile_names, redundancies
 from tis.deploy.studies.admissible.region import Axis, axis_faults, parse_axis, whole_fault
@@ -69,7 +69,11 @@ def order_of(given: dict[str, Any]) -> Order:
     request = replace(request, n_seeds=n_seeds)
     if isinstance(source, RecordedSource):
         people = people_of(source, trials)
-        check_persons(people, True, [one for one in list_trials(source) if person_of(source, one) not in people])
+        others = [one for one in list_trials(source) if person_of(source, one) not in people]
+        # Columns are looked at for a refusal alone, as each table must be read.
+        others = [one for one in others if has_columns(source, one)] if len(people) < MIN_PERSONS else []
+        option = "--people" if request.people else "--trials" if request.trials else "source"
+        check_persons(people, True, others, option)
     else:
         check_persons(trials * n_seeds, False)
     placed = tuple(replace(axis, whole=_is_whole(scenario, axis.path)) for axis in axes)
@@ -137,7 +141,6 @@ def _is_whole(scenario: Scenario, path: str) -> bool:
     return isinstance(here, int) and not isinstance(here, bool)
 
 
-_SHOWN_WARNINGS: Final = 6
 _FORMATS: Final = ("svg", "pdf")
 _ALWAYS: Final = ("admissible.json", "border.csv", "points.csv")
 _FIGURES: Final = tuple(f"admissible.{form}" for form in _FORMATS)
@@ -166,10 +169,7 @@ def admissible(
         with resumable(store, err), PhaseProgress(err) as progress:
             evaluation = Evaluation(order.estimators, order.limits, store, workers, progress)
             report = Study(order, evaluation).run(command_line())
-    print_warnings(err, *report["warnings"][:_SHOWN_WARNINGS])
-    if len(report["warnings"]) > _SHOWN_WARNINGS:
-        more = len(report["warnings"]) - _SHOWN_WARNINGS
-        err.print(f"and {more} more warnings, in admissible.json", style="yellow")
+    print_warnings(err, *tables.warnings(report))
     written = _write(report, store.path, err)
     out.print(tables.view(report))
     resumed = f", {evaluation.n_resumed:,} of them stored before" if evaluation.n_resumed else ""

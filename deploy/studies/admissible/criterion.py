@@ -170,6 +170,13 @@ def bound_of(limit: Limit, figures: Sequence[float], of_seeds: Sequence[float] =
     return _bound(values, drawn) if limit.at_most else -_bound(-values, -drawn)
 
 
+def figure_of(limit: Limit, figures: Sequence[float]) -> float:
+    """Return the figure of all persons, whose bound is `bound_of`: their mean, of squares for a largest RMSE."""
+    values = np.array(figures, dtype=np.float64)
+    is_squared = limit.is_root_mean_square and limit.at_most
+    return sqrt(float((values**2).mean())) if is_squared else float(values.mean())
+
+
 def _bound(values: Array, drawn: Array) -> float:
     mean = float(values.mean())
     return mean + hypot(upper_bound(values) - mean, seed_error(drawn))

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from math import inf
 from typing import Any, NamedTuple
 
@@ -23,6 +24,7 @@ from tis.deploy.studies.admissible.criterion import (
     OF_CELLS,
     Limit,
     bound_of,
+    figure_of,
     name_faults,
     of_cells,
     of_summaries,
@@ -35,13 +37,15 @@ Network = Mapping[str, str]
 
 
 class Judged(NamedTuple):
-    """A network's margin and bounds by estimator, the bounds in the order of the limits, NaN where unknown.
+    """A network's margin, bounds and figures by estimator, the latter two in the order of the limits, NaN if unknown.
 
+    ``figures`` are those of all persons, of which the bounds are.
     ``packets_per_s`` and ``bytes_per_s`` are those of the surgeon's side; ``fault``: why the scenario refuses it.
     """
 
     margins: dict[str, float]
     bounds: dict[str, list[float]]
+    figures: dict[str, list[float]]
     packets_per_s: float = 0.0
     bytes_per_s: float = 0.0
     fault: str | None = None
@@ -88,11 +92,9 @@ class Evaluation:
             if fault is None:
                 valid[key] = network
             else:
-                self._known[key] = Judged(
-                    dict.fromkeys(self.estimators, inf),
-                    {name: [inf] * len(self.limits) for name in self.estimators},
-                    fault=str(fault),
-                )
+                unknown = {name: [inf] * len(self.limits) for name in self.estimators}
+                margins = dict.fromkeys(self.estimators, inf)
+                self._known[key] = Judged(margins, unknown, unknown, fault=str(fault))
         if valid:
             self._known |= zip(valid, self._judged(request, list(valid.values())), strict=True)
         return [self._known[key] for key in keys]
@@ -134,14 +136,15 @@ class Evaluation:
             if cell.scenario.source.kind != "synthetic":
                 seeds.setdefault(cell.scenario.seed, []).append(cell)
 
-        def bound(limit: Limit, name: str) -> float:
+        bounds: dict[str, list[float]] = {name: [] for name in self.estimators}
+        found: dict[str, list[float]] = {name: [] for name in self.estimators}
+        for name, limit in product(self.estimators, self.limits):
             figures, of_seeds = (
                 [_figure(limit, each, outcome.cells, logged, name) for each in parts.values()]
                 for parts in (persons, seeds)
             )
-            return bound_of(limit, figures, of_seeds)
-
-        bounds = {name: [bound(limit, name) for limit in self.limits] for name in self.estimators}
+            bounds[name].append(bound_of(limit, figures, of_seeds))
+            found[name].append(figure_of(limit, figures))
         margins = {
             name: max(limit.margin(bound) for limit, bound in zip(self.limits, each, strict=True))
             for name, each in bounds.items()
@@ -150,7 +153,7 @@ class Evaluation:
         packets, n_bytes = (
             sum(result["traffic"][what] for result in results) for what in ("sent_packets", "sent_bytes")
         )
-        return Judged(margins, bounds, packets / seconds, n_bytes / seconds)
+        return Judged(margins, bounds, found, packets / seconds, n_bytes / seconds)
 
     def _note(self, plan: Plan) -> None:
         """Note who the persons are; raises `InputError` for a single one, as other trials may be too short."""
@@ -184,17 +187,22 @@ class Evaluation:
         return {digest: outcome.cells[cell.digest]["summary"] for digest, cell in logged.items()}
 
 
-def check_persons(persons: Sequence[str], are_recorded: bool, others: Sequence[str] = ()) -> None:
-    """Raise `InputError` unless there are at least two persons; ``others`` are trials of other people."""
+def check_persons(
+    persons: Sequence[str], are_recorded: bool, others: Sequence[str] = (), option: str = "--people"
+) -> None:
+    """Raise `InputError` unless there are at least two persons.
+
+    ``others`` are trials of other people, ``option`` is what chose the persons.
+    """
     if len(persons) >= MIN_PERSONS:
         return
-    rule = "must leave at least two people, as confidence is over people"
+    rule = "must be of at least two people, as confidence is over people"
     if are_recorded:
         rule += ": seeds of one person's trials tell of no other; "
         rule += f"--trials takes those of others, too: {in_few(others)}" if others else "the folder has no others"
     else:
         rule += ", and each seed is one"
-    raise InputError(Fault(COMMAND, "--people" if are_recorded else "--seeds", rule, ", ".join(persons)))
+    raise InputError(Fault(COMMAND, option if are_recorded else "--seeds", rule, ", ".join(persons)))
 
 
 def fault_of(request: Request, network: Network) -> Fault | None:

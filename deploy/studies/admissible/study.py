@@ -7,6 +7,7 @@ from typing import Any, Final, NamedTuple
 
 from tis.common.streams import Stream
 from tis.deploy.compare.plan import Request
+from tis.deploy.compare.results.pooled import ENOUGH_PEOPLE
 from tis.deploy.studies.admissible.border import Border, Margins, find_border
 from tis.deploy.studies.admissible.criterion import Limit
 from tis.deploy.studies.admissible.evaluation import Evaluation, Judged, Network
@@ -172,6 +173,8 @@ class Study:
             "border": [self._values(place) for place in region.border],
             "outline": [self._values(place) for place in _outline(region)],
             "alone": self._alone(region),
+            "beyond": self._beyond(region, self.order.estimators[which]),
+            "at_border": self._at_border(region, self.order.estimators[which]),
             "n_rays": border.n_rays[which],
             "n_open": border.n_open[which],
             "check": check._asdict(),
@@ -187,6 +190,29 @@ class Study:
             start = region.start[i]
             found[axis.path] = None if share is None else axis.value(share if start == 0.0 else 1.0 - share)
         return found
+
+    def _beyond(self, region: Region, name: str) -> dict[str, float | None]:
+        """Return the nearest value outside on each axis, the others at their best; None if none is known."""
+        start = self._values(region.start)
+        outside = [at for at, found in self._searched(name) if not found["inside"]]
+        found: dict[str, float | None] = {}
+        for i, (path, best) in enumerate(start.items()):
+            there = [at[path] for at in outside if all(at[one] == start[one] for one in start if one != path)]
+            away = [value for value in there if value != best]
+            found[path] = (min if region.start[i] == 0.0 else max)(away, default=None)
+        return found
+
+    def _at_border(self, region: Region, name: str) -> list[dict[str, list[float]]]:
+        """Return the least and the largest figure and bound at the border, by limit; none for an empty region."""
+        places = [self._values(place) for place in region.border]
+        there = [found for at, found in self._searched(name) if at in places and found["inside"]]
+        return [
+            {what: [choose(one[what][i] for one in there) for choose in (min, max)] for what in ("figures", "bounds")}
+            for i in range(len(self.order.limits) if there else 0)
+        ]
+
+    def _searched(self, name: str) -> list[tuple[dict[str, float], dict[str, Any]]]:
+        return [(one["at"], one["verdicts"][name]) for one in self.points if one["kind"] == _SEARCH]
 
     def _of_profile(self, one: PlacedProfile) -> dict[str, Any]:
         helped = {
@@ -213,7 +239,9 @@ class Study:
         return {**about, **_verdicts(one.judged), **sent, "redundancy": helped}
 
     def _warnings(self, border: Border, checks: dict[str, Check]) -> list[str]:
-        found = [f"{name}: {check.text}" for name, check in checks.items() if check.text]
+        n_people = len(self.evaluation.persons)
+        found = [few_text(n_people)] if n_people < ENOUGH_PEOPLE else []
+        found += [f"{name}: {check.text}" for name, check in checks.items() if check.text]
         for i, (name, region) in enumerate(zip(checks, border.regions, strict=True)):
             if border.n_open[i]:
                 rule = "so its region may be too small: more --points, or a larger --tolerance"
@@ -235,15 +263,26 @@ def _outline(region: Region) -> list[Place]:
     return [*region.border, region.start] if len(region.start) == 2 and region.simplices else []
 
 
+def few_text(n_people: int) -> str:
+    """Return what so few people mean for the confidence."""
+    return (
+        f"{n_people} people are few: 95 % hold only if such people's figures are normally distributed; a claim about "
+        f"others takes {ENOUGH_PEOPLE} people, as in tis compare"
+    )
+
+
 def _verdicts(judged: Judged) -> dict[str, Any]:
-    """Return a network's verdict and bounds by estimator, and why the scenario refuses it."""
+    """Return a network's verdict, figures and bounds by estimator, and why the scenario refuses it."""
     return {
         "fault": judged.fault,
         "verdicts": {
             name: {
                 "inside": margin <= 0,
                 "margin": margin if isfinite(margin) else None,
-                "bounds": [bound if isfinite(bound) else None for bound in judged.bounds[name]],
+                **{
+                    what: [value if isfinite(value) else None for value in found[name]]
+                    for what, found in (("figures", judged.figures), ("bounds", judged.bounds))
+                },
             }
             for name, margin in judged.margins.items()
         },

@@ -106,10 +106,13 @@ def test_a_model_may_learn_from_tables_of_other_people(tmp_path: Path) -> None:
     for name, seed in (("ann_1", 1), ("ann_2", 2), ("bob_1", 3), ("eve_1", 4)):
         write_csv(tmp_path / f"{name}.csv", movement(161, seed=seed))
     (tmp_path / "eve_2.csv").write_text("nothing\n")
+    for name in ("a", "z"):  # tables of something else that lie in the same folder
+        (tmp_path / f"{name}.csv").write_text("stamp,volt\n1,2\n2,3\n")
     scenario = scenario_of(tmp_path / "ann_1.csv", train="others")
     trainings = load_training(scenario, load_recording(scenario))
     assert [(each.label, each.person) for each in trainings] == [("bob_1", "bob"), ("eve_1", "eve")]
     assert "eve_2.csv: must have at least 2 rows" in trainings[0].left_out[0]
+    assert trainings[0].left_out[1:] == ("trained without a.csv, z.csv: other columns than the source's",)
 
 
 def test_metadata_name_person_and_task_and_mark_synthetic_ones(tmp_path: Path) -> None:

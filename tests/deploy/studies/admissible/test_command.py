@@ -144,8 +144,21 @@ def test_recorded_people_are_the_persons(written_people: Path, without_figure: N
     assert "over 2 synthetic people (S, T), 2 seeds for each trial" in out
     code, _, err = tis(*words, "--people", "S")
     assert code == 2
-    assert "--people: must leave at least two people" in err
+    assert "--people: must be of at least two people" in err
     assert "--trials takes those of others, too: T00" in err
+
+
+def test_a_table_alone_is_refused_and_told_of_tables_with_its_columns() -> None:
+    rows = "\n".join(f"{k / 30:.4f},{k % 7},0,{k % 5}" for k in range(400))
+    for name in ("ann_1.csv", "bob_1.csv"):
+        Path(name).write_text(f"t,x,y,z\n{rows}\n")
+    Path("rover.csv").write_text("stamp,volt\n1,2\n2,3\n")
+    columns = "{time: t, left: {master: {position: [x, y, z]}}}"
+    words = [*QUICK, "--set", f"source={{kind: table, path: ann_1.csv, columns: {columns}, hands: [left]}}"]
+    code, _, err = tis(*words, "--limit", "age_mean_ms=60", "--over", f"{DELAY}=0..90", "--profiles", "none")
+    assert code == 2
+    assert "tis admissible: source: must be of at least two people" in err
+    assert "--trials takes those of others, too: bob_1.csv (got 'ann')" in err
 
 
 @pytest.fixture
@@ -176,7 +189,7 @@ def test_mistakes_are_lines_and_leave_nothing() -> None:
             (*box, "--limit", "rmse_3d_mm=2", "--trials", "D001"),
             ["--trials: requires recordings: for a synthetic source use --seeds"],
         ),
-        ((*box, "--limit", "rmse_3d_mm=2", "--seeds", "1"), ["--seeds: must leave at least two people"]),
+        ((*box, "--limit", "rmse_3d_mm=2", "--seeds", "1"), ["--seeds: must be of at least two people"]),
         ((*box, "--limit", "rmse_3d_mm=2", "--profiles", "starlink"), ["--profiles: must be a profile"]),
         ((*box, "--limit", "x=y", "--over", "z", "--estimators", "fnord"), ["--limit", "--over", "--estimators"]),
     ):
