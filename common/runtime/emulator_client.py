@@ -52,15 +52,12 @@ def emulator_address(
     return EmulatorAddress(here.west, prefix or here.session, options)
 
 
-def running_here(where: str, options: Sequence[str], prefix: str | None, prefer_runs: bool = False) -> Running | None:
+def running_here(where: str, options: Sequence[str], prefix: str | None) -> Running | None:
     """Return what runs on this machine, None without any; raises `InputError` where several could be meant.
 
-    ``options`` are those by which the command takes an emulator's endpoints, west and east. With ``prefer_runs`` an
-    emulator that is no run of the testbed is meant only where there is no run.
+    ``options`` are those by which the command takes an emulator's endpoints, west and east.
     """
     found = [one for one in sessions() if prefix in (None, one.session)]
-    if prefer_runs:
-        found = [one for one in found if one.is_run] or found
     if len(found) > 1:
         rule = f"must name one of those that run on this machine: {'; '.join(one.named_by(options) for one in found)}"
         raise InputError(Fault(where, options[0], rule))

@@ -39,11 +39,6 @@ class Running(NamedTuple):
     session: str = "tis"
     title: str = UNKNOWN
 
-    @property
-    def is_run(self) -> bool:
-        """Tell whether it is a run of the testbed, and no emulator alone, or one of which nothing is known."""
-        return self.title not in (ALONE, UNKNOWN)
-
     def named_by(self, options: Sequence[str]) -> str:
         """Return what runs there, with the words that name it to a command that has these options, west and east."""
         ends = " ".join(f"{option} {end}" for option, end in zip(options, (self.west, self.east), strict=False))

@@ -135,6 +135,15 @@ class RuleState(Part):
     now: Pipeline = Field(description="The pipeline in effect at present, with replaced stages.")
 
 
+class RecentDelays(Part):
+    """Delays of the messages that left during the last seconds, as netem realised them."""
+
+    within_s: float = Field(description="Length of that time, in s.")
+    n: int = Field(description="Number of these messages.")
+    p50_ms: float = Field(description="Their median delay, in ms.")
+    p99_ms: float = Field(description="99th percentile of their delays, in ms.")
+
+
 class DirectionState(Part):
     """Present condition of one direction; a drawn delay becomes ``delay * scale_delay + add_delay_ms``."""
 
@@ -155,6 +164,9 @@ class DirectionState(Part):
         description="Changes requested during the run that are in effect or still to come."
     )
     counters: dict[str, int] = Field(description="Number of packets of the direction by outcome.")
+    delays: RecentDelays | None = Field(
+        None, description="Delays of what left lately; null where nothing left, and in a run of the testbed."
+    )
 
     @field_serializer("added")
     def _as_asked(self, added: tuple[TimelineEntry, ...]) -> list[dict[str, Any]]:
@@ -166,6 +178,9 @@ class EmulatorState(Part):
     """Present state of a running emulator."""
 
     running: bool = Field(description="true while the emulator forwards messages.")
+    standalone: bool = Field(
+        False, description="true: netem runs by itself; false: it is part of a run, with surgeon and patient."
+    )
     at_s: float | None = Field(None, description="Run time, in s; null before the run begins and after it ends.")
     unmatched: Literal["refuse", "pass"] = Field(
         "refuse", description="Treatment of keys that no rule names: refused, or passed unimpaired."

@@ -64,7 +64,7 @@ def view(
         typer.Option(
             "--west",
             metavar="ENDPOINT",
-            help="Endpoint of netem on the surgeon's network; by default those of the run on this machine.",
+            help="Endpoint of netem on the surgeon's network; by default those of what runs on this machine.",
         ),
     ] = None,
     east: Annotated[
@@ -80,7 +80,10 @@ def view(
     config: ConfigOption = None,
     cfg: CfgOption = None,
 ) -> int:
-    """Open a live page on a present or future run: movement, delays, losses and the network's controls."""
+    """Open a live page on a present or future run, or on a `tis netem`: what passes, and the network's controls.
+
+    Of a run it shows movement, delays, losses and errors, too.
+    """
     from tis.common.runtime.zenoh_session import ZenohOptions
     from tis.deploy.view.page_process import attach_page
 

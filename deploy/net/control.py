@@ -18,6 +18,7 @@ from tis.common.scenario.control import (
     Acknowledgement,
     DirectionState,
     EmulatorState,
+    RecentDelays,
     RuleState,
     profile_requests,
 )
@@ -37,22 +38,33 @@ _CHANGED: Final = " *"
 
 def print_state(state: EmulatorState, address: EmulatorAddress, out: Console) -> None:
     """Print both directions side by side, the changes made while running, and the rules."""
-    both: tuple[tuple[Direction, DirectionState | None], ...]
-    both = (("forward", state.forward), ("feedback", state.feedback))
-    ways = {name: of for name, of in both if of is not None}
     out.print(f"{address.endpoint}, {address.prefix}: run time {state.at_s or 0.0:.3f} s")
+    out.print(state_table(state).terminal(PLAIN))
+    for line in notes_on(state):
+        out.print(escape(line), soft_wrap=True)
+
+
+def state_table(state: EmulatorState) -> Table:
+    """Return both directions side by side."""
+    ways = _ways(state)
     columns = [Column(head, words=True, wraps=True) for head in ("", *map(direction_label, ways))]
     rows = [(name, *(_stage(of.pipeline, of.now, name) for of in ways.values())) for name in _names(ways.values())]
     rows += [(name, *cells) for name, cells in _rows(list(ways.values()))]
-    out.print(Table("", columns, rows).terminal(PLAIN))
-    if any(of.pipeline != of.now for of in ways.values()):
-        out.print("* differs from the scenario")
-    for name, of in ways.items():
-        for entry in of.added:
-            out.print(escape(f"changed, {name}: {entry_in_words(entry)}"), soft_wrap=True)
-    for name, of in ways.items():
-        for rule in of.rules:
-            out.print(escape(f"rule, {name}: {rule.key}: {_rule(rule)}"), soft_wrap=True)
+    return Table("", columns, rows)
+
+
+def notes_on(state: EmulatorState) -> list[str]:
+    """Return what stands below the table: its marks, the changes made while running, and the rules."""
+    ways = _ways(state)
+    lines = ["* differs from what it began with"] if any(of.pipeline != of.now for of in ways.values()) else []
+    lines += [f"changed, {name}: {entry_in_words(entry)}" for name, of in ways.items() for entry in of.added]
+    return lines + [f"rule, {name}: {rule.key}: {_rule(rule)}" for name, of in ways.items() for rule in of.rules]
+
+
+def _ways(state: EmulatorState) -> dict[Direction, DirectionState]:
+    both: tuple[tuple[Direction, DirectionState | None], ...]
+    both = (("forward", state.forward), ("feedback", state.feedback))
+    return {name: of for name, of in both if of is not None}
 
 
 def _names(ways: Iterable[DirectionState]) -> list[str]:
@@ -76,7 +88,14 @@ def _rows(ways: list[DirectionState]) -> list[tuple[str, list[str]]]:
         rows.append(("next change", [_NONE if way.until_s is None else f"{way.until_s:.3f} s" for way in ways]))
     counts = {"offered": "offered", "released": "released", "held": "held_at_end"}
     counted = [(name, [str(way.counters.get(count, 0)) for way in ways]) for name, count in counts.items()]
-    return [*rows, *counted, ("dropped", [_dropped(way.counters) for way in ways])]
+    rows += [*counted, ("dropped", [_dropped(way.counters) for way in ways])]
+    if within_s := next((way.delays.within_s for way in ways if way.delays), None):
+        rows.append((f"p50 / p99, last {within_s:g} s", [_quantiles(way.delays) for way in ways]))
+    return rows
+
+
+def _quantiles(found: RecentDelays | None) -> str:
+    return _NONE if found is None else f"{found.p50_ms:.2f} / {found.p99_ms:.2f} ms"
 
 
 def _dropped(counters: Mapping[str, int]) -> str:

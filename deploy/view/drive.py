@@ -14,6 +14,7 @@ from tis.deploy.logs.read.frame import Frame
 from tis.deploy.report.subjects.touch import Stability, stability
 from tis.deploy.view.device import DeviceDoor, device_pose
 from tis.deploy.view.hold_reason import RunAbout, why_hold
+from tis.deploy.view.netem_alone import NetemAlone
 from tis.deploy.view.page_text import MODES_IN_WORDS
 from tis.deploy.view.requests import PageRequest, ask
 from tis.deploy.view.steering import Steering
@@ -157,9 +158,11 @@ class DriveHub:
     """
 
     def __init__(
-        self, observer: Observer, steering: Steering, door: DeviceDoor | None, about: RunAbout | None = None
-    ) -> None:
+        self, observer: Observer, steering: Steering, door: DeviceDoor | None, about: RunAbout | None = None,
+        alone: NetemAlone | None = None,
+    ) -> None:  # fmt: skip
         self.seat = Seat()
+        self._alone = alone or NetemAlone()
         self._about = about
         self._observer, self._steering, self._door = observer, steering, door
         self._asked_s = self._judged_s = -inf
@@ -205,12 +208,18 @@ class DriveHub:
             "ghost_error_mm": errors and round(errors.predicted_mm, 2),
             "why": why_hold(figures, about),
             "outage": self._is_outage,
-            "network": seen["now_s"] > 0 and "netem" in self._observer.attendance().present,
+            "network": self._answers(seen["now_s"]),
             "stability": self._stability,
             "operator_n_m": about and about.operator_n_m,
             "wall": about and about.wall_mm and {"place_mm": about.wall_mm, "normal": about.wall_normal},
             "left_s": None if about is None else max(0.0, about.duration_s - seen["now_s"]),
         }
+
+    def _answers(self, now_s: float) -> bool:
+        """Tell whether the network takes requests: in a run that has begun, or of a netem that runs by itself."""
+        if self._alone.is_there:
+            return not self._alone.is_over
+        return now_s > 0 and "netem" in self._observer.attendance().present
 
     def ask(self, request: PageRequest, on_answer: Callable[[str], None]) -> None:
         """Do what a page asks of network and arms; ``on_answer`` is called in another thread."""

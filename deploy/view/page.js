@@ -21,6 +21,11 @@ window.live = {};
       isOver = words.is_over;
       window.live.say?.();
     }
+    if (words.is_alone && !document.body.classList.contains("alone")) {
+      document.body.classList.add("alone");
+      const way = at("way").options;
+      [way[1].text, way[2].text] = ["forward (west to east)", "feedback (east to west)"];
+    }
     for (const id of ["sides", "figures", "state"]) put(id, words[id]);
     put("arm", words.arms.map((arm) => `<option${arm === words.shown ? " selected" : ""}>${arm}</option>`).join(""));
     at("arms").hidden = words.arms.length < 2;

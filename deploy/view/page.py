@@ -24,6 +24,7 @@ from tis.deploy.report.network_picture import DirectionFigures, network_picture
 from tis.deploy.report.plots.scene_3d import live_camera_controls
 from tis.deploy.view.drive import JUDGED_S
 from tis.deploy.view.feed import SHOWN_S, Feed
+from tis.deploy.view.netem_alone import NetemAlone
 from tis.deploy.view.page_text import (
     PageContext,
     RunOutput,
@@ -128,6 +129,8 @@ class Words(DataModel):
     sides: str = String(default="")  # type: ignore[assignment]  # Bokeh's descriptors
     figures: str = String(default="")  # type: ignore[assignment]
     state: str = String(default="")  # type: ignore[assignment]
+    is_alone: bool = Bool(default=False)  # type: ignore[assignment]
+    """Whether netem runs by itself: what is of a run is hidden."""
     is_over: bool = Bool(default=False)  # type: ignore[assignment]
     is_reported: bool = Bool(default=False)  # type: ignore[assignment]
     arms: list[str] = List(String)  # type: ignore[assignment]
@@ -139,7 +142,7 @@ class Words(DataModel):
         """Let the browser show each change, and the end of the connection."""
         show = CustomJS(args={"words": self}, code=_ON_CHANGE)
         doc.js_on_event(DocumentReady, show)
-        for name in ("sides", "figures", "state", "is_over", "is_reported", "arms"):
+        for name in ("sides", "figures", "state", "is_alone", "is_over", "is_reported", "arms"):
             self.js_on_change(name, show)
         doc.js_on_event(ConnectionLost, CustomJS(args={"words": self}, code=_ON_LOSS))
 
@@ -152,9 +155,10 @@ class Page:
 
     def __init__(
         self, doc: Document, observer: Observer, steering: Steering, context: PageContext,
-        output: Callable[[], RunOutput | None],
+        output: Callable[[], RunOutput | None], alone: NetemAlone | None = None,
     ) -> None:  # fmt: skip
         self._doc = doc
+        self._alone = alone or NetemAlone()
         self._observer = observer
         self._steering = steering
         self._context = context
@@ -176,7 +180,7 @@ class Page:
     def refresh(self) -> None:
         """Draw the new rows; text changes less often than lines, and after the run only text changes."""
         attendance = self._observer.attendance()
-        over = "netem" in attendance.left
+        over = "netem" in attendance.left or self._alone.is_over
         if self.pace.is_drawing and not over:
             return
         words = self.words
@@ -189,9 +193,11 @@ class Page:
             self._refresh_text(attendance)
         if over:
             self._known = None
-            words.state = "<p>The network has ended with the run.</p>"
+            words.state = "<p>The network has ended.</p>"
             output = self._output()
             words.update(is_over=True, is_reported=output is not None and output.what == "report")
+        elif self._alone.is_there:
+            words.update(is_alone=True, state=self._alone.state_html())
         elif "netem" in attendance.present and self._n_frames % _STATE_EVERY == 0:
             self._known = self._steering.state()
             words.state = state_html(self._known)
@@ -200,6 +206,11 @@ class Page:
             self.pace.end_frame()
 
     def _refresh_text(self, attendance: Attendance) -> None:
+        if self._alone.is_there:
+            said = self._alone.words()
+            self.words.update(sides=f'<p class="run">{said}</p>', figures=self._alone.figures_html())
+            self._title(said)
+            return
         now_s, figures, n_missed, safety, alarms = self._observer.read(
             lambda book: (
                 book.now_ns / NS_PER_S, book.figures(), book.n_ticks_missed, book.safety.stretches(SHOWN_S),
@@ -210,7 +221,10 @@ class Page:
         picture = network_html(attendance, now_s, self._context, figures, self._known)
         note = vantage_text(self._observer.vantage(), self._context)
         self.words.figures = figures_html(figures, n_missed, picture, note, safety)
-        title = f"tis live: {run_text(attendance, now_s, self._context)}"
+        self._title(run_text(attendance, now_s, self._context))
+
+    def _title(self, said: str) -> None:
+        title = f"tis live: {said}"
         if self._doc.title != title:
             self._doc.title = title
 
@@ -251,6 +265,7 @@ def pages(
     profiles: Mapping[str, str],
     context: PageContext,
     output: Callable[[], RunOutput | None],
+    alone: NetemAlone,
 ) -> Callable[[Document], None]:
     """Return the function that fills a new document for each browser."""
     template = (_HERE / "page.html").read_text(encoding="utf-8")
@@ -295,7 +310,7 @@ def pages(
         doc.template_variables.update(variables)
         doc.config.update(reconnect_session=False, notify_connection_status=False)  # the page has its own notice
         with doc.models.freeze():  # or each root added and each change walks all models
-            page = Page(doc, observer, steering, context, output)
+            page = Page(doc, observer, steering, context, output, alone)
             page.refresh()
         doc.add_periodic_callback(page.refresh, FRAME_MS)
 

@@ -19,7 +19,7 @@ from tis.common.errors import EXIT_INTERRUPTED, EXIT_OK, Fault, InputError, Peer
 from tis.common.extras import GET_REPORT
 from tis.common.runtime.emulator_client import running_here
 from tis.common.runtime.process import Interrupt, child_environment
-from tis.common.runtime.running import ALONE, EAST, WEST, Running
+from tis.common.runtime.running import EAST, WEST, Running
 from tis.common.runtime.signing import client_identity, secret_of
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario import Scenario
@@ -161,11 +161,11 @@ def attach_page(
     given: tuple[str | None, str | None], prefix: str | None, zenoh: ZenohOptions, at: PageAddress,
     wait_s: float | None, err: Console, secret: Path | None = None,
 ) -> int:  # fmt: skip
-    """Serve the page until the end of the run, or until Ctrl-C; return the exit code.
+    """Serve the page until the end of the run or of the netem, or until Ctrl-C; return the exit code.
 
     ``secret`` is the file of the run's secret, by which the page signs. Without an endpoint ``given``, it is that of
-    the run on this machine, present or future. Raises `InputError` without Bokeh, for an unusable address, secret or
-    Zenoh option, `PeerError` when netem does not answer.
+    what runs on this machine, present or future; one of several has to be named. Raises `InputError` without Bokeh,
+    for an unusable address, secret or Zenoh option, `PeerError` when netem does not answer.
     """
     client_identity(configure("client", zenoh), secret)
     interrupt = Interrupt()
@@ -180,7 +180,8 @@ def attach_page(
             page_process("tis view", at, (here.west, here.east), here.session, wait_s, zenoh=zenoh, secret=secret)
         )
         announce(page.url, err)
-        err.print(f"of netem at {here.west} and {here.east}, for which it waits", style="dim", soft_wrap=True)
+        waits = ", for which it waits" if given != (None, None) else ""
+        err.print(f"of netem at {here.west} and {here.east}{waits}", style="dim", soft_wrap=True)
         while page.process.poll() is None and not interrupt.requested:
             try:
                 page.process.wait(_POLL_S)
@@ -190,15 +191,15 @@ def attach_page(
         raise PeerError([Fault("", "", fault) for fault in page.faults])
     if interrupt.requested:
         return EXIT_INTERRUPTED
-    err.print("the run is over")
+    err.print("it is over")
     return EXIT_OK
 
 
 def _awaited(prefix: str | None, wait_s: float | None, interrupt: Interrupt, err: Console) -> Running | None:
-    """Wait for a run on this machine; return it, or None after an interrupt; raises `PeerError` after ``wait_s``."""
+    """Wait for a run or a netem on this machine; return it, None after an interrupt; raises `PeerError` in time."""
     until_s = inf if wait_s is None else time.monotonic() + wait_s
     said = False
-    while (here := running_here("tis view", ("--west", "--east"), prefix, prefer_runs=True)) is None:
+    while (here := running_here("tis view", ("--west", "--east"), prefix)) is None:
         if not said:
             said = True
             text = f"no run on this machine yet: waiting for tis run, or for netem at {WEST}; Ctrl-C ends it"
@@ -209,7 +210,4 @@ def _awaited(prefix: str | None, wait_s: float | None, interrupt: Interrupt, err
             raise PeerError(Fault("tis view", WEST, f"no answer from a run within {wait_s} s"))
         time.sleep(_POLL_S)
     err.print(f"found: {here.title}", style="dim", soft_wrap=True)
-    if here.title == ALONE:
-        words = "the page is of runs: it waits for surgeon and patient; tis net show tells of netem alone"
-        err.print(words, style="yellow", soft_wrap=True)
     return here

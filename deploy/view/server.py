@@ -29,6 +29,7 @@ from tis.deploy.view.device import Device, DeviceDoor
 from tis.deploy.view.drive import DriveHub
 from tis.deploy.view.drive_socket import FRAME_MS, DriveSockets
 from tis.deploy.view.hold_reason import RunAbout
+from tis.deploy.view.netem_alone import NetemAlone
 from tis.deploy.view.page import pages
 from tis.deploy.view.page_text import PageContext, RunOutput
 from tis.deploy.view.pictures import PictureDoor
@@ -76,6 +77,7 @@ class _ReportHandler(AuthRequestHandler):
 
 
 _POLL_S: Final = 0.2
+_ASK_EVERY_S: Final = 1.0
 _FINAL_UPDATE_S: Final = 0.6
 _HANDOVER_S: Final = 3.0
 _UNUSED_MS: Final = 10_000
@@ -137,15 +139,16 @@ def serve(
     about = None if options.about is None else RunAbout(**options.about)
     context = PageContext(options.beside, options.west, options.east, options.device is not None, about)
     door = None if options.device is None else DeviceDoor(Device(**options.device), options.west, options.zenoh)
-    sockets = DriveSockets(DriveHub(observer, steering, door, about))
+    alone = NetemAlone()
+    sockets = DriveSockets(DriveHub(observer, steering, door, about, alone))
     pictures = PictureDoor(_of_pictures(options), lambda: observer.read(lambda book: book.patient_ahead_ns))
     pictures.is_blind = about is not None and not about.has_picture
-    application = Application(FunctionHandler(pages(observer, steering, live_profiles(), context, output)))
+    application = Application(FunctionHandler(pages(observer, steering, live_profiles(), context, output, alone)))
     loop = IOLoop()
     loop.make_current()
     handover = ReportHandover(output)
     server, port = listen(application, access, options.port, loop, [handover.route, sockets.route, pictures.route])
-    watch = _Watch(loop, observer, stopped, options)
+    watch = _Watch(loop, observer, stopped, options, alone, steering)
     watch.awaits = lambda: handover.report is not None and handover.n_sent < n_open(server)
     poll = PeriodicCallback(watch.poll, timedelta(seconds=_POLL_S))
     sending = PeriodicCallback(sockets.send, FRAME_MS)
@@ -178,19 +181,25 @@ def serve(
 class _Watch:
     """Periodic check that ends the server: at the end of the run, on request, or at the timeout."""
 
-    def __init__(self, loop: IOLoop, observer: Observer, stopped: Callable[[], bool], options: ViewOptions) -> None:
+    def __init__(
+        self, loop: IOLoop, observer: Observer, stopped: Callable[[], bool], options: ViewOptions,
+        alone: NetemAlone, steering: Steering,
+    ) -> None:  # fmt: skip
         self.is_over = False
         self.gave_up = False
         self._loop, self._observer, self._stopped, self._options = loop, observer, stopped, options
         self.awaits: Callable[[], bool] = lambda: False
-        self._begun_s = loop.time()
+        self._alone, self._steering = alone, steering
+        self._begun_s = self._asked_s = loop.time()
         self._ending = False
 
     def poll(self) -> None:
         if self._ending:
             return
         attendance = self._observer.attendance()
-        self.is_over = "netem" in attendance.left
+        if attendance.connected and "netem" not in attendance.present and not self._options.beside:
+            self._look_for_netem_alone()
+        self.is_over = "netem" in attendance.left or self._alone.is_over
         waited_s = self._loop.time() - self._begun_s
         limit_s = self._options.wait_s
         self.gave_up = not attendance.connected and limit_s is not None and waited_s > limit_s
@@ -199,6 +208,13 @@ class _Watch:
             self._ending = True
             # pages show the end, and take the report, before the connection closes
             self._loop.call_later(_FINAL_UPDATE_S if self.is_over else 0, self._stop, self._loop.time() + _HANDOVER_S)
+
+    def _look_for_netem_alone(self) -> None:
+        """Ask for its state once a second: a netem that runs by itself has no other sign of life."""
+        now_s = self._loop.time()
+        if now_s - self._asked_s >= _ASK_EVERY_S:
+            self._asked_s = now_s
+            self._alone.take(self._steering.state(), now_s)
 
     def _stop(self, until_s: float) -> None:
         if self.awaits() and self._loop.time() < until_s:

@@ -7,6 +7,8 @@ from dataclasses import replace
 from functools import partial
 from typing import Final, NamedTuple, get_args
 
+import zenoh
+
 from tis.common.channels import Direction, Network
 from tis.common.errors import EXIT_OK, Fault, InputError, PeerError
 from tis.common.runtime.process import Interrupt, command_line
@@ -93,13 +95,15 @@ def run_carrying(options: Standalone, status: Status, library: Profiles | None) 
         interrupt.wakers.append(driver.wake)
         carrier = _carrier(options, driver, ends, asked, status)
         driver.also_counts.append(carrier.counters)
+        sessions: dict[Network, zenoh.Session] = {}
         if options.control is not None:
             config = configure("router", replace(options.zenoh, listen=(options.control,)))
-            session = stack.enter_context(open_router(config, options.control))
-            adapt = partial(_KINDS[options.carry].change, asked)
-            stack.callback(attach(driver, {ends.comes_from: session}, options.prefix, library, adapt))
+            sessions[ends.comes_from] = stack.enter_context(open_router(config, options.control))
         log = open_log(options.log_dir, options.network, options.seed, options.keys)
         tally = Tally(log, status.warning, *watches(links, network.buffer, status.warning))
+        if sessions:
+            adapt = partial(_KINDS[options.carry].change, asked)
+            stack.callback(attach(driver, sessions, options.prefix, library, adapt, delays=tally.recent))
         clock = start(driver)
         carrier.open()
         stack.callback(carrier.close)

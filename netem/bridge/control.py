@@ -17,7 +17,7 @@ import zenoh
 from pydantic import BaseModel
 
 from tis.common.audit import Happening
-from tis.common.channels import Network
+from tis.common.channels import Direction, Network
 from tis.common.node import Record
 from tis.common.scenario.control import (
     ACKNOWLEDGED,
@@ -25,6 +25,7 @@ from tis.common.scenario.control import (
     SCHEMA,
     STATE,
     Acknowledgement,
+    RecentDelays,
     control_prefix,
     request_schema,
 )
@@ -38,6 +39,9 @@ _MAX_WAITING: Final = 64
 _PAUSE_S: Final = 0.001
 _MAX_CLOSE_S: Final = 2.0
 _REMOTE: Final = zenoh.Locality.REMOTE
+
+Delays = Callable[[int], Mapping[Direction, RecentDelays | None]]
+"""Tells the delays of what left in the seconds before an instant, by direction."""
 
 
 class _Incoming(NamedTuple):
@@ -65,8 +69,10 @@ class BridgeControl:
         library: Profiles | None = None,
         adapt: Adapt | None = None,
         audit: AuditTrail | None = None,
+        delays: Delays | None = None,
     ) -> None:
         self._audit = audit
+        self._delays = delays
         self.control: Final = Control(bridge.links, library, adapt)
         self.n_flooded = 0
         self.n_unanswered = 0
@@ -187,14 +193,18 @@ class BridgeControl:
         now_ns, seen = (None, None) if found is None else found
         counters = {**self._bridge.counters(), **self.counters()} if seen else {}
         own = {name: n for name, n in counters.items() if not name.startswith(("forward.", "feedback."))}
-        return describe(seen, now_ns, own).model_dump_json(exclude_none=True)
+        delays = None if self._delays is None or now_ns is None else self._delays(now_ns)
+        return describe(seen, now_ns, own, delays).model_dump_json(exclude_none=True)
 
 
 def attach(
     bridge: Driver, sessions: Mapping[Network, zenoh.Session], prefix: str = "tis", library: Profiles | None = None,
-    adapt: Adapt | None = None, audit: AuditTrail | None = None,
+    adapt: Adapt | None = None, audit: AuditTrail | None = None, delays: Delays | None = None,
 ) -> Callable[[], None]:  # fmt: skip
-    """Open control of an emulator over its networks; return the function that closes it, before the sessions."""
-    control = BridgeControl(bridge, sessions, prefix, library, adapt, audit)
+    """Open control of an emulator over its networks; return the function that closes it, before the sessions.
+
+    ``delays`` tells what left lately, and is given by an emulator that runs by itself.
+    """
+    control = BridgeControl(bridge, sessions, prefix, library, adapt, audit, delays)
     control.open()
     return control.close

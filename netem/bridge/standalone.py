@@ -132,10 +132,10 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         applications.refuse_leaks()
         bridge.base_overhead_ns = _base_overhead_ns(options, sessions, traces, status)
         applications.open()
-        stack.callback(attach(bridge, sessions, options.prefix, library, None if gates else without_gates, audit))
-        # Stage 3: the log and the clock; from here on packets pass.
         tally = _tally(options, links, status, audit)
-        clock = start(bridge, audit, options.log_dir)
+        adapt = None if gates else without_gates
+        stack.callback(attach(bridge, sessions, options.prefix, library, adapt, audit, tally.recent))
+        clock = start(bridge, audit, options.log_dir)  # stage 3: from here on packets pass
         stack.enter_context(announced(Running(**_ends(options), session=options.prefix, title=ALONE)))
         for line in _first_lines(options, traces):
             tell(line)

@@ -1,5 +1,6 @@
 """Figures of a bridge while its log is written: release errors, realised delays, and the table at the end."""
 
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
@@ -10,7 +11,8 @@ from tis.common.channels import DESTINATION, Direction
 from tis.common.node import Record
 from tis.common.records import FateBatch, ReleaseBatch
 from tis.common.runtime.recorder import FileLog
-from tis.common.units import NS_PER_MS
+from tis.common.scenario.control import RecentDelays
+from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.netem.bridge.audit import AuditTrail
 from tis.netem.bridge.watches import LATE_NS, LateWatch, names_near_bounds
 from tis.netem.expected.figures import direction_label
@@ -18,6 +20,7 @@ from tis.netem.link.ledger import DROPPED_NEW, DROPPED_OLDEST, DROPS
 
 _PER_OCTAVE: Final = 32
 _BINS: Final = 48 * _PER_OCTAVE
+RECENT_S: Final = 5.0
 
 
 class ReleaseErrors:
@@ -66,13 +69,32 @@ class Realised:
         self.n_again = 0
         self._sum_ms = 0.0
         self._squares = 0.0
+        # newest instant of leaving and all of them, in ns, and delays in ms
+        self._recent: deque[tuple[int, NDArray[np.int64], NDArray[np.float64]]] = deque()
 
-    def add(self, delays_ns: NDArray[np.int64]) -> None:
-        """Add the delays of messages that left, in ns, (N,)."""
+    def add(self, left_ns: NDArray[np.int64], delays_ns: NDArray[np.int64]) -> None:
+        """Add messages that left: their instants and delays, in ns, (N,)."""
+        if len(left_ns) == 0:
+            return
         delays_ms = delays_ns / NS_PER_MS
+        newest_ns = int(left_ns.max())
+        self._recent.append((newest_ns, left_ns, delays_ms))
+        while self._recent[0][0] <= newest_ns - int(RECENT_S * NS_PER_S):
+            self._recent.popleft()
         self.n += len(delays_ms)
         self._sum_ms += float(delays_ms.sum())
         self._squares += float(delays_ms @ delays_ms)
+
+    def recent(self, now_ns: int) -> RecentDelays | None:
+        """Return the delays of what left in the `RECENT_S` before ``now_ns``; None where nothing did."""
+        since_ns = now_ns - int(RECENT_S * NS_PER_S)
+        recent = tuple(self._recent)  # in one step, as another thread adds to it
+        parts = [delays_ms[left_ns > since_ns] for newest_ns, left_ns, delays_ms in recent if newest_ns > since_ns]
+        delays_ms = np.concatenate(parts) if parts else np.empty(0)
+        if not len(delays_ms):
+            return None
+        p50_ms, p99_ms = (float(value) for value in np.quantile(delays_ms, (0.5, 0.99)))
+        return RecentDelays(within_s=RECENT_S, n=len(delays_ms), p50_ms=p50_ms, p99_ms=p99_ms)
 
     def __str__(self) -> str:
         """Return mean and standard deviation in the words of `tis.netem.expected.figures.synopsis`."""
@@ -149,11 +171,16 @@ class Tally(WatchedLog):
             self.realised[record.data.direction].n_again += sum(record.data.recovered)
         super().record(record)
 
+    def recent(self, now_ns: int) -> dict[Direction, RecentDelays | None]:
+        """Return by direction the delays of what left lately."""
+        return {direction: found.recent(now_ns) for direction, found in self.realised.items()}
+
     def _count(self, batch: ReleaseBatch) -> None:
         released_ns = np.array(batch.released_ns, dtype=np.int64)
         errors_ns = released_ns - np.array(batch.release_ns, dtype=np.int64)
         left = released_ns > 0
-        self.realised[batch.direction].add((released_ns - np.array(batch.offered_ns, dtype=np.int64))[left])
+        delays_ns = released_ns - np.array(batch.offered_ns, dtype=np.int64)
+        self.realised[batch.direction].add(released_ns[left], delays_ns[left])
         errors_ns = errors_ns[left]
         self.errors[batch.direction].add(errors_ns)
         self._late.count(batch.direction, int(errors_ns.max(initial=0)))

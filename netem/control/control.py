@@ -11,7 +11,15 @@ from tis.common.channels import Direction
 from tis.common.errors import Fault
 from tis.common.node import Record
 from tis.common.records import CONTROL, ControlNote
-from tis.common.scenario.control import CLEARING, Acknowledgement, DirectionState, EmulatorState, Held, RuleState
+from tis.common.scenario.control import (
+    CLEARING,
+    Acknowledgement,
+    DirectionState,
+    EmulatorState,
+    Held,
+    RecentDelays,
+    RuleState,
+)
 from tis.common.scenario.network.conditions import TimelineEntry
 from tis.common.scenario.reading import Profiles
 from tis.common.units import NS_PER_MS, NS_PER_S, s_to_ns
@@ -147,22 +155,29 @@ def snapshot(links: Mapping[Direction, Link], now_ns: int) -> dict[Direction, Sn
 
 
 def describe(
-    links: Mapping[Direction, Snapshot] | None, now_ns: int | None, counters: Mapping[str, int] | None = None
-) -> EmulatorState:
-    """Return the reported state, or the one of an idle emulator without a run (oracle: literals, test_state)."""
+    links: Mapping[Direction, Snapshot] | None, now_ns: int | None, counters: Mapping[str, int] | None = None,
+    delays: Mapping[Direction, RecentDelays | None] | None = None,
+) -> EmulatorState:  # fmt: skip
+    """Return the reported state, or the one of an idle emulator without a run (oracle: literals, test_state).
+
+    ``delays`` are given by an emulator that runs by itself.
+    """
     if links is None or now_ns is None:
         return _NOTHING
     return EmulatorState(
         running=True,
+        standalone=delays is not None,
         at_s=now_ns / NS_PER_S,
         unmatched=links["forward"].rules.unmatched,
-        forward=_direction("forward", links["forward"]),
-        feedback=_direction("feedback", links["feedback"]),
+        forward=_direction("forward", links["forward"], delays or {}),
+        feedback=_direction("feedback", links["feedback"], delays or {}),
         counters=dict(counters or {}),
     )
 
 
-def _direction(direction: Direction, link: Snapshot) -> DirectionState:
+def _direction(
+    direction: Direction, link: Snapshot, delays: Mapping[Direction, RecentDelays | None]
+) -> DirectionState:
     condition = link.condition
     rules = tuple(
         RuleState(key=str(key), pipeline=pipeline, now=merged(pipeline, condition.changes))
@@ -182,4 +197,5 @@ def _direction(direction: Direction, link: Snapshot) -> DirectionState:
         rules=rules,
         added=link.added,
         counters={name.removeprefix(f"{direction}."): count for name, count in link.counters.items()},
+        delays=delays.get(direction),
     )

@@ -23,6 +23,7 @@ from tests.system.conftest import RunHere, StartHere, is_right_but_for_the_machi
 from tis.common.header import Header
 from tis.common.messages import encode
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
+from tis.netem.bridge.between import between
 
 pytestmark = pytest.mark.live
 
@@ -84,7 +85,7 @@ def test_it_begins_before_the_run_and_ends_with_it_and_junk_on_our_keys_is_count
         tis = run_here("run", "default", *words, "--set", hosts, meanwhile=speak)
         out, said = view.communicate(timeout=120)
         assert (view.returncode, out) == (0, "")
-        assert said.splitlines()[-1] == "the run is over"  # the line before may have come with the address
+        assert said.splitlines()[-1] == "it is over"  # the line before may have come with the address
     code, _, err = tis.wait()
     summary = tis.summary()
     assert is_right_but_for_the_machine(code, summary), (err, summary["problems"])
@@ -122,6 +123,26 @@ def test_a_wide_address_has_a_token_and_a_page_whose_server_is_gone_says_so_calm
         assert found == []
         assert view.communicate(timeout=120)[0] == ""
         assert view.returncode == 130
+
+
+def test_a_netem_by_itself_is_shown_and_takes_requests() -> None:
+    with ExitStack() as stack:
+        net = stack.enter_context(between(settings=["forward.delay.delay_ms=20"]))
+        view = stack.enter_context(a_view((net.west, net.east)))
+        page, found = live_page(stack.enter_context(chromium()))
+        page.goto(_url(view))
+        page.get_by_text("netem runs by itself, without surgeon and patient").wait_for()
+        assert page.get_by_role("heading", name="What the surgeon sees").count() == 0
+        page.get_by_role("row", name="delay constant delay_ms 20").wait_for()
+        page.get_by_label("Outage, ms").fill("60000")
+        page.get_by_role("button", name="Cause an outage").click()
+        page.get_by_text("Cause an outage: done").wait_for()
+        session = stack.enter_context(zenoh.open(configure("client", ZenohOptions(connect=[net.west]))))
+        for _ in range(10):
+            session.put("demo/a", b"")
+        page.get_by_role("row", name="dropped outage 10 0").wait_for()
+        assert net.counts()["forward"]["offered"] == 10, "the page adds nothing to what crosses"
+        assert found == []
 
 
 def test_nobody_there_is_exit_code_3_when_that_is_not_waited_for(

@@ -8,7 +8,7 @@ import pytest
 from tests.deploy.commands import call_in_one_line
 from tis.common.errors import InputError
 from tis.common.runtime import emulator_client, running
-from tis.common.runtime.emulator_client import emulator_address, running_here
+from tis.common.runtime.emulator_client import emulator_address
 from tis.common.runtime.running import ALONE, Running
 
 ONE = Running("tcp/127.0.0.1:4001", "tcp/127.0.0.1:4002", "one", "scenario one")
@@ -41,11 +41,15 @@ def test_view_names_only_options_that_it_has(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.parametrize("other", [Running(title=ALONE), Running()])
-def test_view_means_the_run_and_not_an_emulator_beside_it(monkeypatch: pytest.MonkeyPatch, other: Running) -> None:
+def test_neither_view_nor_net_chooses_between_a_run_and_an_emulator(
+    monkeypatch: pytest.MonkeyPatch, other: Running
+) -> None:
     monkeypatch.setattr(emulator_client, "sessions", lambda: [other, ONE])
-    found = running_here("tis view", ("--west", "--east"), None, prefer_runs=True)
-    assert found == ONE
-    with pytest.raises(InputError):  # each is an emulator that `tis net` could mean
+    code, _, err = call_in_one_line("view", "--wait-s", "0")
+    assert code == 2
+    for one in (other, ONE):
+        assert one.named_by(("--west", "--east")) in err
+    with pytest.raises(InputError, match=f"{other.title} .*; {ONE.title}"):
         emulator_address(None, None, None, None)
 
 

@@ -1,12 +1,13 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.netem.making import link
 from tis.common.node import Record
 from tis.common.records import FATES, RELEASES, FateBatch, ReleaseBatch
-from tis.common.units import NS_PER_MS
-from tis.netem.bridge.tally import ReleaseErrors, Tally, WatchedLog, table
+from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.netem.bridge.tally import Realised, ReleaseErrors, Tally, WatchedLog, table
 from tis.netem.bridge.watches import NamesWatch
 
 ASKED = ("forward: delay 2 ms, sd 1", "feedback: nothing injected")
@@ -56,6 +57,22 @@ def test_the_table_says_what_was_counted() -> None:
         "2 messages before the beginning, 1 way past netem found: not valid, 30 messages dropped by a full buffer: "
         "not part of the configured network"
     )
+
+
+def test_recent_delays_are_those_of_what_left_in_the_last_seconds() -> None:
+    realised = Realised()
+    assert realised.recent(0) is None
+    second = NS_PER_S
+    for k in range(10):  # one delay in each second: 0, 10, ..., 90 ms
+        realised.add(np.array([k * second], dtype=np.int64), np.array([10 * k * NS_PER_MS], dtype=np.int64))
+    found = realised.recent(9 * second)
+    assert found is not None
+    assert (found.n, found.p50_ms) == (5, 70.0)
+    assert found.p99_ms == pytest.approx(89.6)
+    later = realised.recent(13 * second)
+    assert later is not None
+    assert (later.n, later.p50_ms) == (1, 90.0)
+    assert realised.recent(14 * second) is None
 
 
 def test_delays_and_what_was_sent_again_stand_below_the_table() -> None:

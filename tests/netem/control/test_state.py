@@ -3,7 +3,7 @@ from typing import Any, get_args
 
 from tests.netem.making import link, offer, packet
 from tis.common.channels import Direction
-from tis.common.scenario.control import EmulatorState
+from tis.common.scenario.control import EmulatorState, RecentDelays
 from tis.netem.control.control import Control, describe, snapshot
 from tis.netem.link.link import Link
 
@@ -33,7 +33,13 @@ def test_the_state_says_what_holds_and_what_was_asked_for() -> None:
     state = _state(control, 1_500 * MS)
     delay, loss = {"kind": "constant", "delay_ms": 5.0}, {"kind": "bernoulli", "p_loss": 0.0}
     forward, feedback = state.pop("forward"), state.pop("feedback")
-    assert state == {"running": True, "at_s": 1.5, "unmatched": "pass", "counters": {"unsent": 2}}
+    assert not state.pop("standalone")
+    assert state == {
+        "running": True,
+        "at_s": 1.5,
+        "unmatched": "pass",
+        "counters": {"unsent": 2},
+    }
     assert forward["counters"]["offered"] == 1
     assert forward["counters"]["held_at_end"] == 1
     del forward["counters"], feedback["counters"]
@@ -52,6 +58,16 @@ def test_the_state_says_what_holds_and_what_was_asked_for() -> None:
         "scale_delay": 1.0, "add_delay_ms": 3.0, "add_p_loss": 0.0,
         "pipeline": {"ordering": "fifo"}, "now": {"ordering": "fifo"}, "rules": [], "added": [],
     }  # fmt: skip
+
+
+def test_an_emulator_by_itself_tells_the_delays_of_what_left_lately() -> None:
+    links: dict[Direction, Link] = {way: link(way) for way in get_args(Direction)}
+    found = RecentDelays(within_s=5, n=10, p50_ms=20, p99_ms=31)
+    told = describe(snapshot(links, MS), MS, delays={"forward": found, "feedback": None})
+    assert told.standalone
+    assert told.forward is not None
+    assert told.feedback is not None
+    assert (told.forward.delays, told.feedback.delays) == (found, None)
 
 
 def test_without_a_run_there_is_nothing_to_tell() -> None:
