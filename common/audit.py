@@ -15,6 +15,9 @@ from tis.common.messages import Message, decode, encode
 from tis.common.units import NS_PER_S
 
 AUDIT_FILE: Final = "audit.jsonl"
+AUDIT_VARIABLE: Final = "TIS_AUDIT"
+"""Variable of netem's environment by which `tis bench security` measures what auditing costs."""
+NO_AUDIT: Final = "off"
 FIRST: Final = "0" * 64
 """Stands for the hash of the line before the first one."""
 MAX_LINE_BYTES: Final = 8192

@@ -35,6 +35,11 @@ class Fault:
         return f"{head} (got {value})"
 
 
+def printable(text: str) -> str:
+    """Return a text of others without what would steer a terminal."""
+    return "".join(each if each.isprintable() else "?" for each in text)
+
+
 def capped(found: Sequence[Fault], count: int, where: str, rule: str, what: str = "rows") -> list[Fault]:
     """Return the first `MAX_SHOWN` faults of a kind, and one that counts the other rows, or ``what`` they are."""
     shown = list(found[:MAX_SHOWN])

@@ -112,7 +112,8 @@ class Beats:
         """Return the callback of a network; ``home`` is the only side that is believed there, None: any is."""
 
         def receive(sample: zenoh.Sample) -> None:
-            if len(sample.payload) > _MAX_BYTES:
+            attached = sample.attachment
+            if len(sample.payload) > _MAX_BYTES or (attached is not None and len(attached) > _MAX_BYTES):
                 return
             payload = sample.payload.to_bytes()
             try:
@@ -131,7 +132,7 @@ class Beats:
             relay = self._relays.get(beat.side)
             if relay is not None:
                 with suppress(zenoh.ZError):  # the session is closed
-                    relay.put(payload, attachment=sample.attachment)
+                    relay.put(payload, attachment=attached)
 
         return receive
 

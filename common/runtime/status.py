@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from tis.common.channels import Side
+from tis.common.errors import printable
 from tis.common.units import NS_PER_S
 
 
@@ -36,7 +37,8 @@ class Status:
         self._report("running", text, duration_s=duration_s)
 
     def warning(self, text: str) -> None:
-        """Report a condition that does not end the run."""
+        """Report a condition that does not end the run; others may have chosen a name or a reason in it."""
+        text = printable(text)
         self._report("warning", f"warning: {text}", warning=text)
 
     def progress(self, now_s: float, counters: Mapping[str, int]) -> None:
@@ -51,7 +53,8 @@ class Status:
 
     def failed(self, exit_code: int, reasons: Sequence[str]) -> None:
         """Report the reasons for which the side ends."""
-        self._report("failed", "\n".join(reasons), exit_code=exit_code, reasons=list(reasons))
+        reasons = list(map(printable, reasons))
+        self._report("failed", "\n".join(reasons), exit_code=exit_code, reasons=reasons)
 
     def _report(self, event: str, text: str, **details: Any) -> None:
         with self._lock, contextlib.suppress(OSError):  # a terminal that is gone or a full disk ends no run

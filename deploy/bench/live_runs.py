@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
-from tis.common.channels import FOLLOWER, Side
+from tis.common.audit import AUDIT_VARIABLE, NO_AUDIT
+from tis.common.channels import FOLLOWER, Direction, Side
 from tis.common.errors import EXIT_OK, DataError, Fault
 from tis.common.host_records import PROCESSORS
 from tis.common.metrics.latency import tick_summary
@@ -28,6 +29,7 @@ from tis.common.units import NS_PER_MS
 from tis.deploy.logs.read.load import load_run
 from tis.deploy.present.table import Column, Table
 from tis.deploy.report.subjects.latency import sample_latency, used_samples
+from tis.deploy.report.subjects.logs import counters_of
 from tis.deploy.run.resolve import resolve
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.launch import launch
@@ -76,7 +78,8 @@ def bench_recording(seconds: float, rounds: int, out: Console) -> dict[str, Any]
 
 def _ticks(scenario: Scenario, records: bool) -> tuple[Ticks, int]:
     """Return a live run's ticks, (3, T): due, begun, missed; and the bytes of its logs. Raises `DataError`."""
-    with tempfile.TemporaryDirectory() as scratch, _recording(records):
+    environment = _environment(RECORD_VARIABLE, None if records else TICKS_ONLY)
+    with tempfile.TemporaryDirectory() as scratch, environment:
         run_dir = _run("recording", scenario, Path(scratch) / "run")
         logs = load_run(run_dir, (TICKS,))
         ticks = {}
@@ -96,61 +99,71 @@ def _run(bench: str, scenario: Scenario, where: Path) -> Path:
 
 
 @contextmanager
-def _recording(records: bool) -> Iterator[None]:
-    """Make sides started within the block record everything, or their ticks only."""
-    before = os.environ.pop(RECORD_VARIABLE, None)
-    if not records:
-        os.environ[RECORD_VARIABLE] = TICKS_ONLY
+def _environment(variable: str, value: str | None) -> Iterator[None]:
+    """Give a variable to the sides that are started within the block."""
+    before = os.environ.pop(variable, None)
+    if value is not None:
+        os.environ[variable] = value
     try:
         yield
     finally:
-        os.environ.pop(RECORD_VARIABLE, None)
+        os.environ.pop(variable, None)
         if before is not None:
-            os.environ[RECORD_VARIABLE] = before
+            os.environ[variable] = before
 
 
-_KINDS: Final = ("none", "password", "mtls", "signed")
+_BARE: Final = "bare mtls"
+_KINDS: Final = ("none", "password", _BARE, "mtls", "signed")
 _SETTINGS: Final = (
     "estimators=[hold]", "active_estimator=hold", "network={}", "rate_hz=200", "patient.tick=on_arrival",
 )  # fmt: skip
 
 
 class Price(NamedTuple):
-    """Cost of one run: medians end to end and of the network, in ms, and netem's share of a processor, in %."""
+    """Cost of one run: medians end to end and of the network, in ms, and processor time for each message, in us."""
 
     end_to_end_ms: float
     network_ms: float
-    netem_cpu_pct: float
-    sides_cpu_pct: float
+    netem_us: float
+    sides_us: float
 
 
 def bench_security(seconds: float, rounds: int, out: Console) -> dict[str, Any]:
-    """Run each kind of security ``rounds`` times, ``seconds`` each; print and return the medians over the rounds."""
+    """Run each kind of security ``rounds`` times, ``seconds`` each; print and return the medians over the rounds.
+
+    Bare mtls is neither signed nor audited. What stands beside it are medians of the quotients of each round.
+    """
     found: dict[str, list[Price]] = {kind: [] for kind in _KINDS}
     with tempfile.TemporaryDirectory() as scratch:
         secrets = _secrets(Path(scratch))
         for k in range(rounds):
             for kind in _KINDS[k % len(_KINDS) :] + _KINDS[: k % len(_KINDS)]:
                 scenario = resolve("default", (*_SETTINGS, f"security={secrets[kind]}"), None, seconds)
-                found[kind].append(_price(scenario, Path(scratch) / f"{kind}{k}"))
+                with _environment(AUDIT_VARIABLE, NO_AUDIT if kind == _BARE else None):
+                    found[kind].append(_price(scenario, Path(scratch) / f"{kind}{k}"))
             load = os.getloadavg()[0]
             out.print(f"round {k + 1}: {'; '.join(_text(kind, found[kind][-1]) for kind in _KINDS)}; load {load:.1f}")
-    middle = {kind: Price(*map(median, zip(*prices, strict=True))) for kind, prices in found.items()}
+    figures: dict[str, Any] = {"seconds": seconds, "rounds": rounds}
     rows = []
-    for kind, price in middle.items():
-        slower, dearer, sides = (price[i] / middle["none"][i] for i in (0, 2, 3))
-        rows.append((
-            kind, f"{price.end_to_end_ms:.3f} ms", f"{price.network_ms:.3f} ms", f"{price.netem_cpu_pct:.1f} %",
-            f"{slower:.2f} x", f"{dearer:.2f} x", f"{price.sides_cpu_pct:.1f} %", f"{sides:.2f} x",
-        ))  # fmt: skip
-    columns = (
-        "security", "end to end", "network", "netem's CPU", "end to end beside none", "CPU beside none", "sides' CPU",
-        "beside none",
-    )  # fmt: skip
-    title = f"Medians of {rounds} runs of {seconds:g} s at 200 Hz"
+    for kind, prices in found.items():
+        middle = Price(*map(median, zip(*prices, strict=True)))
+        quotients = [
+            [one / bare for one, bare in zip(*both, strict=True)] for both in zip(prices, found[_BARE], strict=True)
+        ]
+        beside = Price(*map(median, zip(*quotients, strict=True)))
+        figures[kind] = {**middle._asdict(), "beside_bare_mtls": beside._asdict()}
+        pairs = zip(middle._asdict().items(), beside, strict=True)
+        shown = [
+            (f"{value:.0f}" if name.endswith("_us") else f"{value:.3f}", f"{x:.2f}") for (name, value), x in pairs
+        ]
+        rows.append((kind, *(cell for both in shown for cell in both)))
+    columns = [Column("security"), *map(Column, ("end to end", "x", "network", "x", "netem", "x", "sides", "x"))]
+    title = (
+        f"Medians of {rounds} runs of {seconds:g} s at 200 Hz: ms, processor time per message in us, and x times bare "
+        "mtls, which is neither signed nor audited"
+    )
     out.print(Table(title, columns, rows).terminal())
-    figures: dict[str, Any] = {kind: price._asdict() for kind, price in middle.items()}
-    return {"seconds": seconds, "rounds": rounds, **figures}
+    return figures
 
 
 def _secrets(scratch: Path) -> dict[str, str]:
@@ -164,7 +177,7 @@ def _secrets(scratch: Path) -> dict[str, str]:
     return {
         "none": "{kind: none}",
         "password": f"{{kind: password, file: {passwords}}}",
-        "mtls": f"{{kind: mtls, folder: {scratch / 'certs'}}}",
+        **dict.fromkeys((_BARE, "mtls"), f"{{kind: mtls, folder: {scratch / 'certs'}}}"),
         "signed": f"{{kind: mtls, folder: {scratch / 'certs'}, sign: true}}",
     }
 
@@ -173,12 +186,12 @@ def _price(scenario: Scenario, where: Path) -> Price:
     """Return the cost of a live run; raises `DataError` when it fails."""
     logs = load_run(_run("security", scenario, where))
     parts = sample_latency(used_samples(logs, scenario.session, {"left": FOLLOWER["left"]}))
-    shares = {}
-    for side in get_args(Side):
-        [note] = logs.of(side, PROCESSORS)
-        shares[side] = 100.0 * note["own_ns"] / (note["to_ns"] - note["from_ns"])
-    of_sides = shares["surgeon"] + shares["patient"]
-    return Price(_median_ms(parts.end_to_end), _median_ms(parts.network), shares["netem"], of_sides)
+    own_ns = {side: sum(note["own_ns"] for note in logs.of(side, PROCESSORS)) for side in get_args(Side)}
+    counted = counters_of(logs, "netem")
+    n_messages = sum(counted[f"{direction}.offered"] for direction in get_args(Direction))
+    of_sides_ns = own_ns["surgeon"] + own_ns["patient"]
+    per_message = (1e-3 * found_ns / n_messages for found_ns in (own_ns["netem"], of_sides_ns))
+    return Price(_median_ms(parts.end_to_end), _median_ms(parts.network), *per_message)
 
 
 def _median_ms(durations_ns: NDArray[Any]) -> float:
@@ -186,4 +199,4 @@ def _median_ms(durations_ns: NDArray[Any]) -> float:
 
 
 def _text(kind: str, price: Price) -> str:
-    return f"{kind} {price.end_to_end_ms:.3f} ms, {price.netem_cpu_pct:.1f} % CPU"
+    return f"{kind} {price.end_to_end_ms:.3f} ms, {price.netem_us:.0f} + {price.sides_us:.0f} us"

@@ -14,7 +14,7 @@ import zenoh
 from msgspec import DecodeError
 
 from tis.common.channels import release_key, stop_key, stopped_key
-from tis.common.errors import Fault, InputError, PeerError
+from tis.common.errors import Fault, InputError, PeerError, printable
 from tis.common.messages import decode, encode
 from tis.common.runtime.emulator_client import EmulatorAddress, connected
 from tis.common.runtime.signing import client_identity
@@ -153,15 +153,10 @@ def told(state: StopState) -> str:
 
 def listed(state: StopState, numbers: tuple[int, ...], other: str = "") -> str:
     """Return how many stops these are, and those that the state gives reasons of by number and reason."""
-    reasons = dict(zip(state.in_force, map(_printable, state.reasons), strict=False))
+    reasons = dict(zip(state.in_force, map(printable, state.reasons), strict=False))
     named = [f"number {n}" + (f": {reasons[n]}" if reasons[n] else "") for n in numbers if n in reasons]
     more = ", ..." if len(named) < len(numbers) else ""
     return f"{len(numbers)} {other}stop{'' if len(numbers) == 1 else 's'} ({', '.join(named)}{more})"
-
-
-def _printable(text: str) -> str:
-    """Return a text of others without what would steer a terminal."""
-    return "".join(each if each.isprintable() else "?" for each in text)
 
 
 _TOKEN: Final = re.compile(r"([0-9]{1,16})(?:-([0-9A-Za-z]{1,64}))?")

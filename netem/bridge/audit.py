@@ -17,7 +17,18 @@ from typing import Any, BinaryIO, Final, NamedTuple, Self
 import zenoh
 from msgspec import DecodeError
 
-from tis.common.audit import AUDIT_FILE, FIRST, MAX_AMONG, MAX_LINES, Chain, Happening, Sums, digest
+from tis.common.audit import (
+    AUDIT_FILE,
+    AUDIT_VARIABLE,
+    FIRST,
+    MAX_AMONG,
+    MAX_LINES,
+    NO_AUDIT,
+    Chain,
+    Happening,
+    Sums,
+    digest,
+)
 from tis.common.channels import Network
 from tis.common.host_records import AUDIT, AuditNote
 from tis.common.messages import decode
@@ -149,6 +160,9 @@ class AuditTrail:
     def begin(self, folder: Path | None, clock: Clock) -> None:
         """Write to the folder from now on, if there is one; a log that an earlier process left there goes on."""
         if folder is None:
+            return
+        if os.environ.get(AUDIT_VARIABLE) == NO_AUDIT:
+            self._warn(f"nothing is audited: {AUDIT_VARIABLE} is {NO_AUDIT}")
             return
         path, again = folder / AUDIT_FILE, ""
         with self._writing:

@@ -13,7 +13,7 @@ from tis.common.errors import TisError
 from tis.common.runtime.signing import identity
 from tis.common.runtime.zenoh_session import publisher_of
 from tis.common.scenario.security import Mtls, Security
-from tis.common.signing import Identity, hello_key, signer_of
+from tis.common.signing import MAX_PROOF_BYTES, Identity, hello_key, signer_of
 from tis.common.units import NS_PER_S
 from tis.netem.bridge.audit import AuditTrail
 
@@ -26,6 +26,12 @@ def _checker(security: Security) -> Identity | None:
     with suppress(TisError):
         return identity(security, "netem") if isinstance(security, Mtls) else None
     return None
+
+
+def _proof(sample: zenoh.Sample) -> zenoh.ZBytes | None:
+    """Return a message's attachment; what is larger than any proof goes no further, its message does."""
+    found = sample.attachment
+    return found if found is not None and len(found) <= MAX_PROOF_BYTES else None
 
 
 class EmergencyLine:
@@ -66,8 +72,8 @@ class EmergencyLine:
 
         def listen(sample: zenoh.Sample) -> None:
             if len(sample.payload) <= _MAX_BYTES:
-                key, payload = str(sample.key_expr), sample.payload.to_bytes()
-                attachment = b"" if sample.attachment is None else sample.attachment.to_bytes()
+                key, payload, proof = str(sample.key_expr), sample.payload.to_bytes(), _proof(sample)
+                attachment = b"" if proof is None else proof.to_bytes()
                 self._audit.asked(network, key, payload, self._signer(key, payload, attachment))
 
         return listen
@@ -93,6 +99,6 @@ class EmergencyLine:
             if is_ours and len(sample.payload) <= _MAX_BYTES:
                 self.n_passed += 1
                 with suppress(zenoh.ZError):  # the session is closed
-                    publisher.put(sample.payload, attachment=sample.attachment)
+                    publisher.put(sample.payload, attachment=_proof(sample))
 
         self._held.append(origin.declare_subscriber(key, pass_on, allowed_origin=_REMOTE))

@@ -6,7 +6,7 @@ certificate, until its line is gone from the file.
 
 import threading
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Final
 
@@ -71,10 +71,19 @@ class Revocations:
             self._cut()
 
     def _look(self) -> None:
-        """Read the file, if it has changed; one that has gone revokes nobody."""
+        """Read the file, if it has changed; one that has gone revokes nobody, an unreadable one changes nothing."""
         content = b""
-        with suppress(OSError), self._file.open("rb") as file:
-            content = file.read(MAX_BYTES + 1)
+        try:
+            with self._file.open("rb") as file:
+                content = file.read(MAX_BYTES + 1)
+        except FileNotFoundError:
+            pass
+        except OSError as error:
+            fault = f"{self._file}: cannot be read, what was revoked stays so: {error.strerror}"
+            if fault not in self._told:
+                self._told.add(fault)
+                self._tell(fault)
+            return
         if content != self._content:
             self._content = content
             self._revoked = read_revoked(content)

@@ -69,6 +69,7 @@ def test_beats_of_another_run_are_not_believed_nor_passed_on() -> None:
         while len(heard) < 3 or len(passed) < 3:
             for beat in (Beat("surgeon", 10**10, 0, 8), Beat("surgeon", 0, 0), Beat("patient", 9, 9, 7), own):
                 surgeon.put(keys.beat(beat.side), encode(beat))
+            surgeon.put(keys.beat("surgeon"), encode(Beat("surgeon", 6, 6, 7)), attachment=bytes(3000))
             time.sleep(0.02)
             heard += netem.heard()
             assert time.monotonic() < until_s
