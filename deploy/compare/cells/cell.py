@@ -143,6 +143,8 @@ def run_cell(cell: Cell, model_file: Path | None) -> dict[str, Any]:
         "unscored": scores.unscored,
         "warnings": list(scores.warnings),
         "own_faults": own_faults(scores.watched),
+        "seen": scores.seen,
+        "felt": list(scores.felt),
     }
 
 

@@ -21,6 +21,7 @@ from tis.common.runtime.user_code import UserCode
 from tis.common.scenario import Scenario
 from tis.common.scenario.identification import is_model_file
 from tis.common.scenario.source import RecordedSource
+from tis.common.sight.codec import codec_versions
 from tis.deploy.compare.cells.cell import Cell, Training
 
 _ROOT: Final = Path(tis.__file__).parent
@@ -85,7 +86,8 @@ def cell_of(
     model = file_digest(Path(model_file)) if training is None else training.digest
     code = {name: asdict(own[name].origin) for name in scenario.estimators if name in own}
     traces = {path: file_digest(Path(path)) for path in trace_paths(scenario.network)}
-    decided = value_digest([software_digest(), raw, data, model, code, *([traces] if traces else [])])
+    codec = [] if scenario.sight is None else [dict(codec_versions(scenario.sight.codec))]
+    decided = value_digest([software_digest(), raw, data, model, code, *([traces] if traces else []), *codec])
     return Cell(decided, value, trial, scenario, None if training is None else training.digest)
 
 

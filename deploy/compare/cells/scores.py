@@ -7,20 +7,23 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.channels import ORIGIN, Hand, Side
+from tis.common.channels import ORIGIN, Hand, Side, is_shown_force
 from tis.common.node import Record
-from tis.common.records import COUNTERS, ESTIMATES, FRESH, PLANT, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH
+from tis.common.records import CONTACTS, COUNTERS, ESTIMATES, FRESH, PLANT, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH
 from tis.common.runtime.memory import without_collector
 from tis.common.runtime.scenario_files import load_traces
 from tis.common.scenario import Scenario
+from tis.common.sight_records import CAMERA, SCREEN
 from tis.common.sources.trajectory import Recording
 from tis.common.units import NS_PER_S
 from tis.deploy.compare.cells.measured import MeasuredEstimator, measure_estimators, measure_methods
 from tis.deploy.compare.cells.shared_parts import SharedParts
-from tis.deploy.compare.cells.sums import hand_sums, wrist_sums
+from tis.deploy.compare.cells.sums import hand_sums, histogram, wrist_sums
 from tis.deploy.compare.cells.unlogged import Scored, is_plain, run_unlogged
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.side_log import MemoryLog
+from tis.deploy.report.subjects.pictures import Pictures
+from tis.deploy.report.subjects.touch import felt_extremes, shown_forces, stability
 from tis.deploy.report.subjects.tracking import track_of_hand
 from tis.deploy.report.validity import why_unscored
 from tis.deploy.run.twin import build_sides, drive
@@ -33,7 +36,7 @@ from tis.patient_side.provenance import warnings_at_start
 from tis.patient_side.statespace import ArmModel
 
 PARTS: Final = SharedParts()
-_KEPT: Final = (COUNTERS, FRESH, PLANT, TICKS, TRUTH)
+_KEPT: Final = (CAMERA, CONTACTS, COUNTERS, FRESH, PLANT, SCREEN, TICKS, TRUTH)
 
 
 class Scores(NamedTuple):
@@ -44,6 +47,10 @@ class Scores(NamedTuple):
     unscored: str | None
     warnings: Sequence[str]
     watched: Sequence[Mapping[str, MeasuredEstimator]]
+    seen: Mapping[str, Any] | None = None
+    """What the surgeon saw, as sums; None without sight."""
+    felt: Sequence[Mapping[str, Any]] = ()
+    """What each hand felt; empty without touch."""
 
 
 def scores_of_twin(scenario: Scenario, recording: Recording) -> Scores:
@@ -79,7 +86,37 @@ def logged_scores(scenario: Scenario, recording: Recording) -> Scores:
     tracks = {model.hand: track_of_hand(logs, scenario, model.hand) for model in models}
     hands = watch.sums({hand: Scored(track, _ages_ns(logs, hand, track.t_ns)) for hand, track in tracks.items()})
     unscored = None if _is_scored(hands) else why_unscored(logs, scenario)
-    return Scores(hands, _traffic(logs), unscored, warnings, watch.estimators)
+    felt = [_felt(logs, scenario, hand) for hand in hands] if scenario.touch else []
+    told = [one for one in felt if one is not None]
+    return Scores(hands, _traffic(logs), unscored, warnings, watch.estimators, _seen(logs, scenario), told)
+
+
+def _seen(logs: RunLogs, scenario: Scenario) -> dict[str, Any] | None:
+    """Return the sums of what the surgeon saw; None without sight."""
+    found = Pictures.of(logs, scenario)
+    if found is None:
+        return None
+    frozen = found.freezes
+    return {
+        "hand_to_eye_ns": histogram(found.hand_to_eye_ns),
+        "n_frames": len(found.camera),
+        "n_whole": int(np.count_nonzero(found.states == "complete")),
+        "n_freezes": len(frozen.lasted_ns),
+        "frozen_ns": int(frozen.lasted_ns.sum()),
+        "watched_ns": frozen.watched_ns,
+    }
+
+
+def _felt(logs: RunLogs, scenario: Scenario, hand: Hand) -> dict[str, Any] | None:
+    """Return what a hand felt; None where nothing was shown to it."""
+    shown, (forces_n, energies_mj) = shown_forces(logs, hand), felt_extremes(logs, {hand: None})
+    if shown is None or not len(forces_n):
+        return None
+    return {
+        "stability": stability(shown, scenario.rate_hz),
+        "peak_force_n": float(forces_n.max()),
+        "energy_mj": float(energies_mj.max(initial=0.0)),
+    }
 
 
 class _Watch:
@@ -107,6 +144,8 @@ class _Watch:
 class KeptLog(MemoryLog):
     """Keeps estimates, truth, ticks and counters, and the first message of each key, which begins the scoring.
 
+    Of touch and sight it keeps contacts, the forces shown, and the notes of camera and screen.
+
     With several copies of each sample the packets' records would be most of a run's memory.
     """
 
@@ -118,7 +157,8 @@ class KeptLog(MemoryLog):
         """Keep or drop a record."""
         topic = record.topic
         is_message = not topic.startswith("/")
-        if topic in _KEPT or topic.startswith(ESTIMATES) or (is_message and topic not in self._begun):
+        is_kept = topic in _KEPT or topic.startswith(ESTIMATES) or is_shown_force(topic)
+        if is_kept or (is_message and topic not in self._begun):
             super().record(record)
         if is_message:
             self._begun.add(topic)

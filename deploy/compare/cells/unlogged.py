@@ -62,7 +62,9 @@ class Unlogged(NamedTuple):
 
 def is_plain(scenario: Scenario) -> bool:
     """Tell whether nothing that scores need depends on what an unlogged twin leaves out."""
-    return scenario.patient.plant.kind == "replay" and not _corrupts(scenario.network.model_dump(exclude_none=True))
+    if scenario.patient.plant.kind != "replay" or scenario.sight is not None or scenario.touch is not None:
+        return False
+    return not _corrupts(scenario.network.model_dump(exclude_none=True))
 
 
 def _corrupts(part: Any) -> bool:

@@ -91,7 +91,8 @@ _FIGURES: Final = ("curves", "ratio", "error_by_age")
 _FORMATS: Final = ("svg", "pdf")
 _PAGE: Final = "comparison.html"
 _ALWAYS: Final = ("table.json", "table.csv", "trials.csv", "orientation.csv", "table.md", "ratio.tex")
-_OPTIONAL: Final = (*(f"{name}.{form}" for name in _FIGURES for form in _FORMATS), FILE, _PAGE)
+_FELT_AND_SEEN: Final = "touch_and_sight.csv"
+_OPTIONAL: Final = (_FELT_AND_SEEN, *(f"{name}.{form}" for name in _FIGURES for form in _FORMATS), FILE, _PAGE)
 """Files that not every comparison has."""
 
 
@@ -127,6 +128,8 @@ def files_of(results: Results) -> Files:
         "table.md": tables.markdown(report),
         "ratio.tex": tables.latex(report),
     }
+    if report["touch_and_sight"]:
+        files[_FELT_AND_SEEN] = tables.csv(report["touch_and_sight"])
     left_out = []
     if find_spec("pyarrow") is None:
         left_out.append(f"no {FILE} without pyarrow: {GET_PARQUET}")

@@ -14,6 +14,8 @@ from bokeh.plotting import figure
 
 from tis.deploy.compare.grid import axis_words
 from tis.deploy.compare.results.answer import answer
+from tis.deploy.compare.results.felt_and_seen import CAPTION as FELT_AND_SEEN
+from tis.deploy.compare.results.felt_and_seen import felt_and_seen_table
 from tis.deploy.compare.results.page_sums import PageSums
 from tis.deploy.compare.results.pooled import origin
 from tis.deploy.compare.results.tables import SENT, TURN_CAPTION, headline, setting_title, turn_table, warnings
@@ -145,6 +147,7 @@ def comparison_html(report: dict[str, Any], sums: PageSums) -> str:
         Section("age", "Age", [age_figure(sums.estimators)]),
         Section("table", "Table", markup=_table()),
         *([Section("orientation", "Orientation", markup=_orientation(report))] * bool(report["orientation"])),
+        *([Section("felt", "Touch and sight", markup=_felt(report))] * bool(report["touch_and_sight"])),
         Section("repeat", "How to repeat it", markup=f"<pre><code>{escape(report['command'])}</code></pre>"),
     ]
     about = _json(sums.about() | {"synthetic": report["source"] == "synthetic"})
@@ -230,6 +233,12 @@ def _orientation(report: dict[str, Any]) -> str:
     """Return the table of the orientation methods, all that is compared."""
     note = f'<p class="note">{TURN_CAPTION}. All people and hands, whatever is chosen above.</p>'
     return turn_table(report["orientation"], "Orientation and gripper", settings=True).html() + note
+
+
+def _felt(report: dict[str, Any]) -> str:
+    """Return the table of what was felt and seen, all that is compared."""
+    note = f'<p class="note">{FELT_AND_SEEN}. All people and hands, whatever is chosen above.</p>'
+    return felt_and_seen_table(report["touch_and_sight"], "Touch and sight").html() + note
 
 
 def _json(value: Any) -> str:

@@ -11,6 +11,7 @@ from tis.deploy.compare.cells.sums import AGE_EDGES_MS, ERROR_WIDTH, merged, per
 from tis.deploy.compare.engine.compute import Outcome
 from tis.deploy.compare.grid import Point
 from tis.deploy.compare.plan import Plan
+from tis.deploy.compare.results.felt_and_seen import felt_and_seen_row
 from tis.deploy.compare.results.orientation_rows import orientation_rows
 from tis.deploy.compare.results.pooled import person, pooled, rivalries
 from tis.netem.expected.figures import synopsis
@@ -69,6 +70,7 @@ def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
         "rows": [row for setting in settings for row in setting["rows"]],
         "by_trial": [row for setting in settings for row in setting["by_trial"]],
         "orientation": [row for setting in settings for row in setting["orientation"]],
+        "touch_and_sight": [row for setting in settings if (row := setting["touch_and_sight"]) is not None],
         "settings": [setting["about"] for setting in settings],
         "failed": [f"{failure.label}: {failure.reason}" for failure in outcome.failures]
         + [f"{name}: {text}" for name, text in outcome.without_answer().items()]
@@ -94,7 +96,8 @@ def _setting(plan: Plan, outcome: Outcome, point: Point, cells: Sequence[Cell]) 
     value, at = point.label, {"at": point.values} if point.values else {}
     found = [(cell, outcome.cells[cell.digest]) for cell in cells if cell.digest in outcome.cells]
     if not found:
-        return {"rows": [], "by_trial": [], "orientation": [], "about": {"setting": value, **at, "n_cells": 0}}
+        nothing = {"setting": value, **at, "n_cells": 0}
+        return {"rows": [], "by_trial": [], "orientation": [], "touch_and_sight": None, "about": nothing}
     names = [name for name in plan.estimators if all(_has(result, name) for _, result in found)]
     own = {name for _, result in found for name in result.get("own_faults", {})}
     # hands pooled in four ways: all, by person, by trial, by hand
@@ -139,6 +142,7 @@ def _setting(plan: Plan, outcome: Outcome, point: Point, cells: Sequence[Cell]) 
         "rows": rows,
         "by_trial": trials,
         "orientation": orientation_rows({"setting": value, **at}, list(by_person.values())),
+        "touch_and_sight": felt_and_seen_row({"setting": value, **at}, [result for _, result in found]),
         "about": _about(value, found, everything)
         | {"failed": [name for name in plan.estimators if name in own.difference(names)]}
         | at,

@@ -10,6 +10,8 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from tis.deploy.compare.results.answer import answer
+from tis.deploy.compare.results.felt_and_seen import CAPTION as FELT_AND_SEEN
+from tis.deploy.compare.results.felt_and_seen import felt_and_seen_table
 from tis.deploy.compare.results.pooled import interval_note, origin
 from tis.deploy.present.notices import notices
 from tis.deploy.present.numbers import NONE, broken_name, fixed, number
@@ -263,6 +265,9 @@ def view(report: Report) -> RenderableType:
         parts += [Text(f"\nRatio to hold, by {report['sweep']}"), ratios.terminal(TIGHT)]
         if report["orientation"] and len(each) <= _MAX_COLUMNS:
             parts.append(turn_ratio_table(report, degrees=False).terminal(TIGHT))
+    if report["touch_and_sight"]:
+        parts += [Text("\nTouch and sight"), felt_and_seen_table(report["touch_and_sight"]).terminal(TIGHT)]
+        parts.append(Text(f"\n{FELT_AND_SEEN}", style="dim"))
     return Group(*parts)
 
 
@@ -278,6 +283,8 @@ def markdown(report: Report) -> str:
     if len(each) > 1:
         blocks += [f"**Ratio to hold, by `{report['sweep']}`**", ratio_table(report).markdown()]
         blocks += [turn_ratio_table(report, degrees=False).markdown()] if report["orientation"] else []
+    if report["touch_and_sight"]:
+        blocks += [felt_and_seen_table(report["touch_and_sight"], "Touch and sight").markdown(), f"{FELT_AND_SEEN}."]
     normalized = f"{_CAPTION}; {_NORMALIZED.head}: RMSE in units of the training rows' range"
     blocks.append(". ".join([normalized, *_turn_captions(report)]) + ".")
     return "\n\n".join([*blocks, *_notes(report)]) + "\n"

@@ -43,6 +43,8 @@ _LARGER_IS_BETTER: Final = (
     "decodable",
     "pictures",
 )
+_OF_SCENARIOS: Final = {"hand_to_eye_p99_ms": "sight.hand_to_eye_ms.p99", "freeze_max_pct": "sight.freeze_pct"}
+"""Limits of a scenario that may be named as there."""
 _LARGEST_MARGIN: Final = 20.0
 
 
@@ -92,7 +94,7 @@ def parse_limit(text: str) -> Limit:
     at_most = found["relation"] == "<="
     if found["relation"] == "=":
         at_most = not any(word in found["name"] for word in _LARGER_IS_BETTER)
-    return Limit(found["name"], at_most, value)
+    return Limit(_OF_SCENARIOS.get(found["name"], found["name"]), at_most, value)
 
 
 LEVEL = 0.95

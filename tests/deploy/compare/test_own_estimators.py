@@ -148,7 +148,7 @@ def test_a_long_name_is_broken_where_a_terminal_is_narrow() -> None:
     report = {
         "scenario": "s", "source": "synthetic", "trials": ["a"], "n_trials_asked": 1, "n_seeds": 1,
         "trained_on": "t", "topologies": [],
-        "rows": [row], "orientation": [], "sweep": None, "axes": [], "zipped": False,
+        "rows": [row], "orientation": [], "touch_and_sight": [], "sweep": None, "axes": [], "zipped": False,
         "settings": [{"setting": None, "n_cells": 1, "age_ms": {"p50": 1, "p99": 1}, "packets_per_s": 1.0,
                       "bytes_per_s": 1.0}],
     }  # fmt: skip

@@ -188,6 +188,8 @@ def test_shipped_scenarios_without_data_are_valid_with_their_figures(
 ) -> None:
     if name == "simulated_arm":
         pytest.importorskip("mujoco", reason="the extra sim is not installed")
+    if name == "sight":
+        pytest.importorskip("PIL", reason="the extra report is not installed")
     summary = shipped(name)
     assert summary["valid"], summary["problems"]
     assert set(summary["quarantined"].values()) == {0}

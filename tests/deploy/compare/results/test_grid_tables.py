@@ -33,6 +33,7 @@ def made_up(n_delays: int) -> dict[str, Any]:
         "axes": ["network.delay_ms", "network.p_loss"],
         "rows": rows,
         "orientation": [],
+        "touch_and_sight": [],
         "settings": abouts,
     }
 

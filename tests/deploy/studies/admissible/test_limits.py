@@ -15,6 +15,8 @@ from tis.deploy.studies.admissible.criterion import Limit, parse_limit
         ("r2_pct_x=99", Limit("r2_pct_x", False, 99.0)),
         ("coverage_pct<=99", Limit("coverage_pct", True, 99.0)),
         ("links.forward.loss_pct=1e-1", Limit("links.forward.loss_pct", True, 0.1)),
+        ("hand_to_eye_p99_ms=300", Limit("sight.hand_to_eye_ms.p99", True, 300.0)),
+        ("freeze_max_pct<=1", Limit("sight.freeze_pct", True, 1.0)),
         ("safety.left.time_s.tracking>=20", Limit("safety.left.time_s.tracking", False, 20.0)),
     ],
 )
