@@ -159,8 +159,8 @@ def bench_security(seconds: float, rounds: int, out: Console) -> dict[str, Any]:
         rows.append((kind, *(cell for both in shown for cell in both)))
     columns = [Column("security"), *map(Column, ("end to end", "x", "network", "x", "netem", "x", "sides", "x"))]
     title = (
-        f"Medians of {rounds} runs of {seconds:g} s at 200 Hz: ms, processor time per message in us, and x times bare "
-        "mtls, which is neither signed nor audited"
+        f"Medians of {rounds} runs of {seconds:g} s at 200 Hz: ms, processor time per message in us, and x times "
+        "bare mtls, which is neither signed nor audited"
     )
     out.print(Table(title, columns, rows).terminal())
     return figures
