@@ -15,6 +15,7 @@ from msgspec import DecodeError, Meta
 from tis.common.channels import CONTROL, Side
 from tis.common.header import CODE_BYTES, HEADER_BYTES
 from tis.common.messages import Message, decode, encode
+from tis.common.units import NS_PER_S
 
 MIN_SECRET_BYTES: Final = 16
 _KEY_BYTES: Final = 32
@@ -77,13 +78,20 @@ SECRETS: Final = "the secret"
 NOBODY: Final = "-"
 """Stands for the name where none is proved; no name begins with it."""
 MAX_PROOF_BYTES: Final = 20_000
+CHALLENGE_NS: Final = 10 * NS_PER_S
+"""Time after which the patient states another challenge; a release counts under this one and the one before."""
+
+
+def challenge_at(public: str, at_ns: int) -> str:
+    """Return the challenge of a process with this `public` at a run time: who holds a release back lets it expire."""
+    return hashlib.sha256(f"{public}\n{at_ns // CHALLENGE_NS}".encode()).hexdigest()
 
 
 def vouched(key: str, challenge: str, payload: bytes) -> bytes:
     """Return what the proof of a request or an answer covers.
 
-    ``challenge`` is the `public` of the patient's process, as its answers state it, in releases and answers: neither
-    can be repeated to another process, nor in another run. It is empty in a stop, which waits for nothing.
+    ``challenge`` is what the patient's answers state, in releases and answers: neither can be repeated to another
+    process, nor in another run, nor kept for later. It is empty in a stop, which waits for nothing.
     """
     return "\n".join(("tis stop 1", key, challenge)).encode() + b"\n" + payload
 

@@ -13,7 +13,7 @@ from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.peer_life import Alarm
 from tis.common.records import REJECTED, Rejected
 from tis.common.safety_records import STOPS, STOPS_IN_FORCE, StopNote, StopsInForceNote
-from tis.common.signing import NOBODY, Identity, attached_proof, signer_of
+from tis.common.signing import CHALLENGE_NS, NOBODY, Identity, attached_proof, challenge_at, signer_of
 from tis.common.stop_messages import (
     LATCH,
     MAX_REASON_CHARS,
@@ -148,7 +148,7 @@ class EmergencyStops:
         kept = [self._record(STOPS_IN_FORCE, at_ns, self.in_force.note(at_ns))] if verdict.is_done else []
         noted = [self._record(STOPS, at_ns, note)] if verdict.is_done or verdict.refused else []
         still_latched = is_latched and not (verdict.is_done and not self.is_stopped)
-        return Taken([*kept, self._answer(request, verdict, still_latched), *noted], verdict.is_done)
+        return Taken([*kept, self._answer(request, verdict, still_latched, at_ns), *noted], verdict.is_done)
 
     def resume(self, in_force: bytes | None, last: bytes | None) -> bool:
         """Go on after the stops in force of an earlier process; return whether the arms are stopped.
@@ -207,7 +207,7 @@ class EmergencyStops:
         if self.own is not None:
             if not self._proofs.admits(arrival.recv_ns):
                 return _Verdict(is_done=False, refused="too many releases")
-            signer = self._signer(arrival, self.own.public)
+            signer = self._releaser(request, arrival)
             if signer not in self.releasers:
                 return _Verdict(is_done=False, refused="not signed", signer=signer)
         if not self._releases.admits(arrival.recv_ns):
@@ -222,11 +222,21 @@ class EmergencyStops:
             self._raise("foreign_release", arrival.recv_ns)
         return _Verdict(is_done=True, by_stopper=by_stopper, signer=signer)
 
+    def _releaser(self, request: EmergencyStop, arrival: Arrival) -> str:
+        """Return who signed a release lately; `NOBODY`, too, for one without a number, which could come again."""
+        challenges = (self._challenge(arrival.recv_ns - age_ns) for age_ns in (0, CHALLENGE_NS))
+        signers = (self._signer(arrival, one) for one in challenges if request.number)
+        return next((one for one in signers if one != NOBODY), NOBODY)
+
+    def _challenge(self, at_ns: int) -> str:
+        """Return what a release has to state; empty where messages are not signed."""
+        return "" if self.own is None else challenge_at(self.own.public, at_ns)
+
     def _raise(self, alarm: Alarm, at_ns: int) -> None:
         if alarm not in self.alarms:
             self.alarms = {**self.alarms, alarm: at_ns}
 
-    def _answer(self, request: EmergencyStop, verdict: _Verdict, is_latched: bool) -> Emission:
+    def _answer(self, request: EmergencyStop, verdict: _Verdict, is_latched: bool, at_ns: int) -> Emission:
         stops = self.in_force.by_number
         reasons = [stop.reason[:MAX_REASON_CHARS] for stop in stops.values()][:MAX_REASONS]
         state = StopState(
@@ -239,12 +249,12 @@ class EmergencyStops:
             latched=is_latched,
             shared=self.in_force.is_joint(verdict.under),
             release=self.rule,
-            challenge="" if self.own is None else self.own.public,
+            challenge=self._challenge(at_ns),
             refused=verdict.refused,
         )
         payload, proof = encode(state), b""
         if self.own is not None:
-            proof = attached_proof(self.own, self.answer_key, self.own.public, payload)
+            proof = attached_proof(self.own, self.answer_key, state.challenge, payload)
         return Emission("east", self.answer_key, payload, proof, lambda _: ())
 
     def _reject(self, arrival: Arrival) -> list[Output]:

@@ -68,15 +68,12 @@ def _beat(data: bytes) -> None:
     payload, _, attachment = data.partition(b"|")
     beats = Beats("patient", {"east": _SESSION}, ControlKeys("tis"), 7, is_witness=True, signed=_KEYS)
 
-    def part(content: bytes) -> Any:
-        return SimpleNamespace(to_bytes=lambda: content, __len__=lambda: len(content))
-
-    class Payload(bytes):
+    class Part(bytes):
         def to_bytes(self) -> bytes:
             return bytes(self)
 
     sample: Any = SimpleNamespace(
-        payload=Payload(payload), attachment=part(attachment), key_expr=ControlKeys("tis").beat("surgeon")
+        payload=Part(payload), attachment=Part(attachment), key_expr=ControlKeys("tis").beat("surgeon")
     )
     beats._receiver(None)(sample)
     if attachment[20:] != _ATTACHED[20:]:

@@ -1,6 +1,8 @@
 """netem's audit log: whether it is whole, and who was refused, by address and name."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
+from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
 from typing import Final
 
@@ -15,6 +17,7 @@ from tis.deploy.present.table import Column, Table
 
 _MAX_BYTES: Final = 200_000_000
 _MAX_ROWS: Final = 40
+_STEP_S: Final = 5.0
 
 
 def audit_of(logs: RunLogs) -> Verified | None:
@@ -55,7 +58,20 @@ def verify_run(run_dir: Path) -> str:
     if found.fault:
         raise DataError(Fault(where, "", found.fault))
     beside = "" if logs.sides else "; netem's log, which would show a cut tail, is not there"
-    return f"{found.words}{beside}"
+    return f"{found.words}{clock_steps(found.entries)}{beside}"
+
+
+def clock_steps(entries: Iterable[AuditEntry]) -> str:
+    """Return where netem's calendar clock, by which certificates are valid, stepped beside the run's time first."""
+    before_s = None
+    for number, entry in enumerate(entries, 1):
+        with suppress(ValueError):
+            if entry.run_s is not None:
+                now_s = datetime.fromisoformat(entry.utc).timestamp() - entry.run_s
+                if before_s is not None and abs(now_s - before_s) > _STEP_S:
+                    return f"; the calendar clock stepped by {now_s - before_s:+.0f} s before line {number}"
+                before_s = now_s
+    return ""
 
 
 def refusal_table(found: Verified) -> Table:
@@ -108,4 +124,4 @@ def audit_markup(logs: RunLogs) -> str:
     if found is None:
         return ""
     tables = [table.html() for table in (refusal_table(found), action_table(found)) if table.rows]
-    return note(f"The audit log, {AUDIT_FILE}: {found.words}.") + "".join(tables)
+    return note(f"The audit log, {AUDIT_FILE}: {found.words}{clock_steps(found.entries)}.") + "".join(tables)

@@ -23,7 +23,7 @@ from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.records import REJECTED
 from tis.common.runtime.signing import SharedSecret
 from tis.common.safety_records import STOPS, STOPS_IN_FORCE, StopNote, StopsInForceNote
-from tis.common.signing import SECRETS, attached_proof, signer_of
+from tis.common.signing import CHALLENGE_NS, SECRETS, attached_proof, challenge_at, signer_of
 from tis.common.stop_messages import LATCH, MAX_IN_FORCE, EmergencyStop, ReleaseRule, StopState, lock_of
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.patient_side.safety.emergency_stop import EmergencyStops
@@ -310,7 +310,7 @@ def _signed(arrival: Arrival, own: SharedSecret, challenge: str = "") -> Arrival
 def test_where_messages_are_signed_anybody_stops_and_only_who_signs_releases() -> None:
     stops, own = EmergencyStops("tis", releasers={SECRETS}, own=SharedSecret(b"s" * 32)), SharedSecret(b"s" * 32)
     assert stops.own is not None
-    challenge, stranger = stops.own.public, SharedSecret(b"t" * 32)
+    challenge, stranger = challenge_at(stops.own.public, 5), SharedSecret(b"t" * 32)
     taken = [stops.take(one) for one in (a_stop(1), _signed(a_stop(2), own), _signed(a_stop(3), stranger))]
     assert [one.is_done for one in taken] == [True] * 3
     assert [note.signer for one in taken for note in _notes(one.outputs)] == ["-", SECRETS, "-"]
@@ -320,7 +320,8 @@ def test_where_messages_are_signed_anybody_stops_and_only_who_signs_releases() -
         release,
         _signed(release, stranger, challenge),
         _signed(release, own),
-        _signed(release, own, "1" * 64),  # of another process of the patient
+        _signed(release, own, challenge_at("1" * 64, 5)),  # of another process of the patient
+        _signed(a_release(0, ends=1), own, challenge),  # one without a number could come again
         release._replace(attachment=_signed(a_release(8, ends=2), own, challenge).attachment),
         release._replace(attachment=b"\xff" * 50_000),
     )
@@ -340,6 +341,17 @@ def test_where_messages_are_signed_anybody_stops_and_only_who_signs_releases() -
     for at_ns, is_done in ((7, False), (2 * NS_PER_S, True)):
         found = stops.take(_signed(a_release(50, ends=2, at_ns=at_ns), own, challenge)).is_done
         assert found == is_done
+
+
+def test_a_signed_release_that_was_held_back_expires() -> None:
+    own = SharedSecret(b"s" * 32)
+    for late_ns, is_done in ((0, True), (CHALLENGE_NS, True), (2 * CHALLENGE_NS, False), (360 * CHALLENGE_NS, False)):
+        stops = EmergencyStops("tis", releasers={SECRETS}, own=own)
+        told = _state(stops.take(a_stop(1)).outputs).challenge
+        outputs, found = stops.take(_signed(a_release(9, ends=1, at_ns=5 + late_ns), own, told))
+        assert (found, stops.is_stopped) == (is_done, not is_done)
+        fresh = _state(outputs).challenge
+        assert is_done or stops.take(_signed(a_release(10, ends=1, at_ns=6 + late_ns), own, fresh)).is_done
 
 
 def test_garbage_does_not_silence_a_question() -> None:
