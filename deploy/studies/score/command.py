@@ -212,7 +212,8 @@ def _words(rows: Sequence[Row]) -> str:
     lines = [
         "score: error over hold's, geometric mean over the settings, with its 95 % interval over people",
         "cover: truths within the 95 % ellipsoid, in %",
-        "step: its time over that of a reference loop in the same twins; a busy machine, and a command scored with it, make it twice as long",
+        "step: its time over that of a reference loop in the same twins; a busy machine, and a command scored with "
+        "it, make it twice as long",
     ]
     if any(row["machine"].get("timed_by") == "the clock" for row in rows):
         lines.append("the step of a command is timed by the clock, with the way there and back: for a quiet machine")
