@@ -187,7 +187,7 @@ def score(
     estimators: Annotated[
         list[str],
         typer.Argument(
-            metavar="ESTIMATOR...",
+            metavar="ESTIMATOR",
             help="A shipped estimator, module:factory, or the command of a process, quoted.",
             autocompletion=completion.estimators,
         ),

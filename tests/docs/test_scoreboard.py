@@ -10,6 +10,8 @@ from from_code.scoreboard import put_in, rows_of
 from from_code.study_tables import DOCS
 from tis.deploy.studies.score.command import as_text
 from tis.deploy.studies.score.protocol import Track, content, digest, settings
+from tis.deploy.studies.score.stability import as_text as as_stability
+from tis.deploy.studies.score.stability import pairs
 
 TRACKS: tuple[Track, ...] = ("open", "jigsaws")
 FILES = sorted((DOCS / "studies" / "scoreboard").glob("*/*.json"))
@@ -35,6 +37,15 @@ def test_each_file_is_as_the_command_writes_it_and_without_a_path(file: Path) ->
     text = file.read_text(encoding="utf-8")
     assert as_text(json.loads(text)) == text
     assert "/" not in text.replace("protocol_v1/", "")
+
+
+def test_the_stability_is_of_20_seeds_of_this_protocol_and_shown() -> None:
+    file = DOCS / "studies" / "scoreboard" / "stability_open_quick.json"
+    found = json.loads(file.read_text(encoding="utf-8"))
+    assert (found["protocol_sha256"], found["seeds"]) == (digest(), list(range(1, 21)))
+    assert as_stability(found) == file.read_text(encoding="utf-8")
+    page = put_in((DOCS / "research" / "scoreboard.md").read_text(encoding="utf-8"))
+    assert page.count(" of 20 |") == len(pairs(found["scores"]))
 
 
 def test_the_page_shows_all_rows_the_best_first() -> None:

@@ -62,7 +62,8 @@ def compute(trial: Trial, cells: Sequence[Cell], store: Store, workers: Workers,
     epsilons = _epsilon_scores(trial)
     progress.advance("simulations", len(EPSILONS))
     # the same filters on packets
-    files = {key: store.path / "models" / f"{'_'.join(key)}.json" for key in models}
+    place = folder.made(store.path / "models")
+    files = {key: place / f"{'_'.join(key)}.json" for key in models}
     for key, model in models.items():
         folder.write(files[key], dump_models([model]))
     twins = {

@@ -163,7 +163,10 @@ def _computed(work: Work, store: Store, n_jobs: int | None, err: Console) -> Out
 
 def _write(row: Row, where: Path) -> Path:
     name = re.sub(r"\W+", "_", row["estimator"]).strip("_")
-    file = where / f"{row['track']}{'_quick' if row['quick'] else ''}" / f"{name}.json"
+    seed = row["seed"]
+    usual = seed == content()["tracks"][row["track"]]["seed"]
+    kind = f"{row['track']}{'_quick' * row['quick']}{'' if usual else f'_seed_{seed}'}"
+    file = where / kind / f"{name}.json"
     folder.made(file.parent)
     folder.write(file, as_text(row))
     return file

@@ -41,9 +41,9 @@ def small(own_folder: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: No
     return own_folder
 
 
-def _row(folder: Path, name: str) -> dict[str, object]:
+def _row(folder: Path, name: str, seed: int = 5) -> dict[str, object]:
     found: dict[str, object] = json.loads(
-        (folder / "runs" / "score" / "open_quick" / f"{name}.json").read_text("utf-8")
+        (folder / "runs" / "score" / f"open_quick_seed_{seed}" / f"{name}.json").read_text("utf-8")
     )
     return found
 
@@ -76,7 +76,7 @@ def test_the_ranking_under_two_seeds_resumes_and_is_that_of_their_rows(small: Pa
     text = file.read_text("utf-8")
     assert tis(*words, "--seed", "2")[0] == 0
     own = json.loads(text)["scores"]
-    assert [own[name][1] for name in ("hold", "damped_velocity")] == [1.0, _row(small, "damped_velocity")["score"]]
+    assert [own[name][1] for name in ("hold", "damped_velocity")] == [1.0, _row(small, "damped_velocity", 2)["score"]]
     assert tis(*words, "--seeds", "2")[0] == 0
     assert file.read_text("utf-8") == text
 
