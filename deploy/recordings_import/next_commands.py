@@ -23,6 +23,8 @@ from tis.patient_side.models import models_for
 _SCENARIO: Final = SHIPPED / "default.yaml"
 _NOISE: Final = "identification.sensor_noise_mm=0.01"
 """Without it no model learns from an axis that rests, as z of a rover, or from an ideal sine."""
+_DELAYS: Final = "network.forward.delay.delay_ms=30,100,200"
+"""One delay would not show how far ahead an estimator carries; those of the manual."""
 _MAX_HZ: Final = 10_000
 _SCORED_S: Final = 3  # ticks are scored from 2 s after the first arrival on
 _HANDS: Final[tuple[Hand, ...]] = ("left", "right")
@@ -44,9 +46,10 @@ def next_commands(file: Path, columns: Mapping[str, Array]) -> list[str]:
             faults = error.faults
             continue
         own = [*tried, "identification.train=own_head"]  # the folder's other tables may have other columns
+        more = ("--sweep", _DELAYS, "--out", str(RUNS / "compare" / file.stem))
         return [
             f"play it with: {_command('twin', whole)}",
-            f"compare estimators on it with: {_command('compare', own, '--out', str(RUNS / 'compare' / file.stem))}",
+            f"compare estimators on it with: {_command('compare', own, *more)}",
         ]
     return [f"it cannot be played yet: {fault}" for fault in faults]
 

@@ -27,11 +27,15 @@ class PhaseProgress:
     """Progress through named phases, each of which counts its own parts.
 
     A phase is shown from its first `total` on. Without a terminal, `wait` prints a line when one is due; it must be
-    called at least every few seconds.
+    called at least every few seconds. ``in_rounds``: what is found decides how many parts follow, so the time left
+    is that of the parts known so far.
     """
 
-    def __init__(self, console: Console, now_s: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, console: Console, now_s: Callable[[], float] = time.monotonic, in_rounds: bool = False
+    ) -> None:
         self._console = console
+        self._in_rounds = in_rounds
         self._now_s = now_s
         self._begun_s = now_s()
         self._next_line_s = _LINE_EVERY_S
@@ -45,7 +49,7 @@ class PhaseProgress:
     def __enter__(self) -> Self:
         if self._console.is_terminal:
             columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-            times = (TimeElapsedColumn(), TimeRemainingColumn())
+            times = (TimeElapsedColumn(), *(() if self._in_rounds else (TimeRemainingColumn(),)))
             self._bars = Progress(*columns, *times, console=self._console, transient=True)
             self._bars.start()
         return self
@@ -94,7 +98,8 @@ class PhaseProgress:
         if n_done < _FEW or not n_left or passed_s <= 0:
             return ""
         left_s = n_left * passed_s / n_done
-        return f", about {left_s:.0f} s left" if left_s < 100 else f", about {left_s / 60:.0f} min left"
+        left = f"{left_s:.0f} s" if left_s < 100 else f"{left_s / 60:.0f} min"
+        return f", at least {left} left: more rounds may follow" if self._in_rounds else f", about {left} left"
 
 
 class RunTime:

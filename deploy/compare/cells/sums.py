@@ -72,16 +72,11 @@ def hand_sums(
         "sst_m2": sst.tolist(),
         "range_m": (model.output_high_m - model.output_low_m).tolist(),
         "n_by_age": np.bincount(which_age, minlength=len(AGE_EDGES_MS)).tolist(),
+        "age_sum_by_age_ns": np.bincount(which_age, ages_ns, len(AGE_EDGES_MS)).tolist(),
         "age_sum_ns": int(ages_ns.sum()),
         "age_ns": histogram(ages_ns),
         "estimators": estimators,
     }
-
-
-def age_middle_ms(from_ms: float) -> float:
-    """Return the middle of the bin of ages that begins at ``from_ms``; the begin of the last, open one."""
-    later = [edge for edge in AGE_EDGES_MS if edge > from_ms]
-    return (from_ms + later[0]) / 2 if later else from_ms
 
 
 def covered(errors_m: Array, covariances_m2: Array) -> tuple[int, int]:

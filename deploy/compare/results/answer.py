@@ -9,6 +9,8 @@ from tis.deploy.present.numbers import number
 Report = Mapping[str, Any]
 Rows = Sequence[Mapping[str, Any]]
 
+_LEAST_COVER_PCT: Final = 80.0
+"""Cover below which an estimator's covariance misleads whoever relies on it."""
 _MAX_NAMED: Final = 3
 """Settings that are named one by one; of more their number is told."""
 
@@ -31,7 +33,7 @@ def answer(report: Report) -> str:
     sentences = [
         _won(name, own, _where([names[rows[0]["setting"]] for rows in own], len(ranked))) for name, own in each
     ]
-    return " ".join([*sentences, *_close(ranked, names)])
+    return " ".join([*sentences, *_close(ranked, names), *_overconfident(ranked)])
 
 
 def ranking(rows: Rows, setting: str | None) -> Rows:
@@ -79,6 +81,20 @@ def _close(ranked: Sequence[Rows], names: Mapping[str | None, str]) -> Iterable[
         yield "It is told apart from each other one." if len(ranked) == 1 else "Each is told apart from all others."
     for (best_name, rival), settings in near.items():
         yield f"{rival} is not told apart from {best_name}{_where(settings, len(ranked))}."
+
+
+def _overconfident(ranked: Sequence[Rows]) -> Iterable[str]:
+    """Yield a sentence for each estimator whose 95 % ellipsoids hold far fewer of its errors."""
+    least: dict[str, float] = {}
+    for row in (row for rows in ranked for row in rows):
+        cover = row.get("coverage_pct")
+        if cover is not None and cover < _LEAST_COVER_PCT:
+            least[row["estimator"]] = min(cover, least.get(row["estimator"], cover))
+    for name, cover in least.items():
+        yield (
+            f"{name} is overconfident: its 95 % ellipsoids hold {number(cover)} % of its errors"
+            f"{' at the worst setting' if len(ranked) > 1 else ''}."
+        )
 
 
 def _where(settings: Sequence[str], n_all: int) -> str:

@@ -114,7 +114,7 @@
   };
 
   const drawAge = (groups, visible) => {
-    // to scale; the last bin, which is open, is drawn as wide as the one before it
+    // a point at the mean age of its bin; of the last bin, which is open, the axis shows as much as of the one before
     const ages = about.age_edges_ms, edge = (k) => ages[k] ?? 2 * ages.at(-1) - ages.at(-2), edges = new Set();
     const columns = about.estimators.map((_, e) => {
       const own = empty();
@@ -122,14 +122,14 @@
         const low = about.age_edges_ms.indexOf(bin.from_ms), to_ms = about.age_edges_ms[low + 1];
         const words = to_ms === undefined ? `from ${bin.from_ms} ms` : `${bin.from_ms} to ${to_ms} ms`;
         edges.add(edge(low)).add(edge(low + 1));
-        add(own, e, (edge(low) + edge(low + 1)) / 2, bin.rmse_3d_mm, null, words, bin.n, "");
+        add(own, e, bin.age_ms, bin.rmse_3d_mm, null, words, bin.n, "");
       }
       return own;
     });
     fill("age", columns, visible);
     const places = [...edges].sort((a, b) => a - b), figure = model("age-figure");
     marks(figure.below[0], places, places.map((place) => (ages.includes(place) ? String(place) : "older")));
-    if (places.length) fit(figure.x_range, places);
+    if (places.length) fit(figure.x_range, [...places, ...columns.flatMap(({ x }) => x)]);
     top("age", highest(columns, 1.6));
   };
 

@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
-from tis.deploy.compare.cells.sums import age_middle_ms
 from tis.deploy.compare.grid import axis_words
 from tis.deploy.compare.results.pooled import band_words
 from tis.deploy.compare.results.report import numeric_axes
@@ -185,19 +184,20 @@ def age_figure(report: dict[str, Any]) -> Figure | None:
     by_age: dict[str, dict[float, list[float]]] = {}
     for row in report["rows"]:
         for entry in row["rmse_by_age_mm"]:
-            sums = by_age.setdefault(row["estimator"], {}).setdefault(entry["from_ms"], [0.0, 0.0])
+            sums = by_age.setdefault(row["estimator"], {}).setdefault(entry["from_ms"], [0.0, 0.0, 0.0])
             sums[0] += entry["n"]
             sums[1] += entry["n"] * entry["rmse_3d_mm"] ** 2
+            sums[2] += entry["n"] * entry["age_mean_ms"]
     if not by_age:
         return None
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(5.5, 3.6), layout="constrained")
         axes = figure.subplots()
         for name, bins in by_age.items():
-            ages = sorted(bins)
-            errors = [(bins[age][1] / bins[age][0]) ** 0.5 for age in ages]
-            draw_line(axes, name, list(by_age), [*map(age_middle_ms, ages)], errors)
-        axes.set_xlabel("age of the freshest sample, ms (middle of the bin)")
+            pooled = [bins[low] for low in sorted(bins)]
+            errors = [(squares / n) ** 0.5 for n, squares, _ in pooled]
+            draw_line(axes, name, list(by_age), [ages / n for n, _, ages in pooled], errors)
+        axes.set_xlabel("age of the freshest sample, ms")
         axes.set_ylabel("3D RMSE, mm")
         top = max(row[1] / row[0] for row in by_age.get("hold", {}).values()) ** 0.5 if "hold" in by_age else None
         axes.set_ylim(0, None if not top else 1.6 * top)

@@ -47,8 +47,9 @@ def curve_figures(names: Sequence[str]) -> Figure:
 def age_figure(names: Sequence[str]) -> Figure:
     """Return the 3D error against the age of the freshest sample."""
     plot = _lines("age", "3D RMSE, mm", names, with_bands=False)
-    plot.xaxis.axis_label = "age of the freshest sample, ms (between the edges of its bin)"
-    caption = "Age: how old the freshest sample is that has arrived by the tick."
+    plot.xaxis.axis_label = "age of the freshest sample, ms"
+    caption = "Age: how old the freshest sample is that has arrived by the tick. The ticks between two marks are one "
+    caption += "point, at their mean age."
     return Figure((plot,), "Error against age", caption, "Error of each estimator against age", _keys(names))
 
 

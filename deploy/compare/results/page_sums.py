@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.streams import Stream
+from tis.common.units import NS_PER_MS
 from tis.deploy.compare.cells.sums import AGE_EDGES_MS
 from tis.deploy.compare.engine.compute import Outcome
 from tis.deploy.compare.grid import axis_words
@@ -46,6 +47,8 @@ class PageSums:
     """(G, 3) in m^2."""
     n_by_age: Array
     """(G, B)."""
+    age_by_age: Array
+    """(G, B) sums of ages in ms."""
     sse: Array
     """(G, E, 3) in m^2."""
     counts: Array
@@ -72,7 +75,7 @@ class PageSums:
     def packed(self) -> str:
         """Return the arrays and the draws of the bootstrap, little-endian, one after the other: gzip in base64."""
         draws = Stream.named(SEED, "compare/bootstrap").uniforms(0, min(N_RESAMPLES * len(self.people), _MAX_DRAWS))
-        floats = (self.n, self.sst, self.n_by_age, self.sse, self.counts)
+        floats = (self.n, self.sst, self.n_by_age, self.age_by_age, self.sse, self.counts)
         parts = [array.astype("<f8").tobytes() for array in floats]
         # The largest part is only drawn: single precision will do.
         parts += [
@@ -98,7 +101,7 @@ def page_sums(plan: Plan, outcome: Outcome) -> PageSums:
             i, j = people.setdefault(person(cell), len(people)), hands.setdefault(hand, len(hands))
             groups.setdefault((which[cell.setting], i, j), []).append(entry)
     each = [_added(entries, plan.estimators) for entries in groups.values()]
-    shapes: list[tuple[int, ...]] = [(), (3,), (_N_BINS,)]
+    shapes: list[tuple[int, ...]] = [(), (3,), (_N_BINS,), (_N_BINS,)]
     shapes += [(len(plan.estimators), size) for size in (3, 3, _N_BINS)]
     arrays = [np.array(part).reshape(len(each), *shape) for part, shape in zip(_columns(each), shapes, strict=True)]
     return PageSums(
@@ -113,12 +116,14 @@ def page_sums(plan: Plan, outcome: Outcome) -> PageSums:
 
 
 def _columns(rows: Sequence[Sequence[Any]]) -> Sequence[Sequence[Any]]:
-    return list(zip(*rows, strict=True)) or [()] * 6
+    return list(zip(*rows, strict=True)) or [()] * 7
 
 
 def _added(entries: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[Any]:
     """Return the arrays of one group."""
-    of_hand = [np.sum([entry[key] for entry in entries], axis=0) for key in ("n_scored", "sst_m2", "n_by_age")]
+    keys = ("n_scored", "sst_m2", "n_by_age", "age_sum_by_age_ns")
+    of_hand = [np.sum([entry[key] for entry in entries], axis=0) for key in keys]
+    of_hand[-1] = of_hand[-1] / NS_PER_MS
     sse, counts, by_age = [], [], []
     for name in names:
         found = [entry["estimators"].get(name) for entry in entries]
@@ -129,7 +134,7 @@ def _added(entries: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[A
             by_age.append([0.0] * _N_BINS)
             continue
         sse.append(np.sum([one["sse_m2"] for one in known], axis=0))
-        keys = ("n_missing", "n_covered", "n_ellipsoids")
-        counts.append([sum(one.get(key, 0) for one in known) for key in keys])
+        counted = ("n_missing", "n_covered", "n_ellipsoids")
+        counts.append([sum(one.get(key, 0) for one in known) for key in counted])
         by_age.append(np.sum([one["sse_by_age_m2"] for one in known], axis=0))
     return [*of_hand, sse, counts, by_age]

@@ -10,6 +10,7 @@ const pooling = (about, buffer) => {
     return found;
   };
   const n = take(Float64Array, G), sst = take(Float64Array, 3 * G), nByAge = take(Float64Array, B * G);
+  const ageByAge = take(Float64Array, B * G);
   const sse = take(Float64Array, 3 * E * G), counts = take(Float64Array, 3 * E * G);
   const sseByAge = take(Float32Array, B * E * G);
   const group = take(Int32Array, 3 * G), draws = take(Uint32Array, (buffer.byteLength - at) / 4);
@@ -94,13 +95,15 @@ const pooling = (about, buffer) => {
   };
 
   const byAge = (groups, e) => {
-    const ticks = new Float64Array(B), squares = new Float64Array(B);
+    const ticks = new Float64Array(B), ages = new Float64Array(B), squares = new Float64Array(B);
     for (const g of groups) {
       if (Number.isNaN(sse[3 * (g * E + e)])) continue;
-      for (let b = 0; b < B; b++) { ticks[b] += nByAge[g * B + b]; squares[b] += sseByAge[(g * E + e) * B + b]; }
+      for (let b = 0; b < B; b++) {
+        ticks[b] += nByAge[g * B + b]; ages[b] += ageByAge[g * B + b]; squares[b] += sseByAge[(g * E + e) * B + b];
+      }
     }
     return about.age_edges_ms
-      .map((from_ms, b) => ({ from_ms, n: ticks[b], rmse_3d_mm: 1000 * Math.sqrt(squares[b] / ticks[b]) }))
+      .map((from_ms, b) => ({ from_ms, age_ms: ages[b] / ticks[b], n: ticks[b], rmse_3d_mm: 1000 * Math.sqrt(squares[b] / ticks[b]) }))
       .filter((bin) => bin.n);
   };
   return { chosen, scores, along, byAge };

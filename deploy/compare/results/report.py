@@ -5,6 +5,7 @@ from math import isfinite
 from typing import Any, Final
 
 from tis.common.runtime.scenario_files import load_traces
+from tis.common.sources.table_columns import in_few
 from tis.common.units import NM_PER_MM, NS_PER_MS, NS_PER_US
 from tis.deploy.compare.cells.cell import Cell
 from tis.deploy.compare.cells.sums import AGE_EDGES_MS, ERROR_WIDTH, merged, percentile
@@ -83,13 +84,18 @@ def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
 
 
 def _network(plan: Plan) -> list[str]:
-    """Return the network in words, one line per direction; that of the first setting where settings have several."""
+    """Return the network in words, one line per direction; of several that of the first setting, and what differs."""
     if not plan.cells:
         return []
     network, first = plan.cells[0].scenario.network, plan.cells[0].setting
     is_one = all(cell.scenario.network == network for cell in plan.cells)
     at = "" if is_one or first is None else f"at {first}, "
-    return [f"{at}{line}" for line in synopsis(network, load_traces(network))]
+    lines = [f"{at}{line}" for line in synopsis(network, load_traces(network))]
+    for path in plan.axes if at else ():
+        values = list(dict.fromkeys(point.values[path] for point in plan.points))
+        if path.startswith("network") and len(values) > 1:
+            lines.append(f"other settings differ in {path}: {in_few(values)}")
+    return lines
 
 
 def _setting(plan: Plan, outcome: Outcome, point: Point, cells: Sequence[Cell]) -> dict[str, Any]:
@@ -174,7 +180,9 @@ def _by_age(hands: Hands, name: str) -> list[dict[str, Any]]:
         n = sum(hand["n_by_age"][i] for hand in hands)
         if n:
             squares = sum(hand["estimators"][name]["sse_by_age_m2"][i] for hand in hands)
-            rows.append({"from_ms": low_ms, "n": n, "rmse_3d_mm": 1000 * (squares / n) ** 0.5})
+            age_ms = sum(hand["age_sum_by_age_ns"][i] for hand in hands) / NS_PER_MS / n
+            error_mm = 1000 * (squares / n) ** 0.5
+            rows.append({"from_ms": low_ms, "age_mean_ms": age_ms, "n": n, "rmse_3d_mm": error_mm})
     return rows
 
 

@@ -166,7 +166,7 @@ def admissible(
     with workers:
         store = Store(out_dir or Path("runs") / "admissible" / order.name)
         check_outputs_in(store.path, *_ALWAYS, *_FIGURES, _PAGE)
-        with resumable(store, err), PhaseProgress(err) as progress:
+        with resumable(store, err), PhaseProgress(err, in_rounds=True) as progress:
             evaluation = Evaluation(order.estimators, order.limits, store, workers, progress)
             report = Study(order, evaluation).run(command_line())
     print_warnings(err, *tables.warnings(report))

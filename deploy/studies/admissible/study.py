@@ -69,7 +69,7 @@ def drawn(region: Region, n_places: int, n_axes: int) -> Drawn:
 
 _SEARCH: Final = "border"
 _CHECK: Final = "check"
-_STAGES: Final = "border, checks, profiles"
+_STAGES: Final = "parts (border, checks, profiles)"
 _N_STAGES: Final = 3
 
 

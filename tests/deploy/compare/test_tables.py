@@ -80,7 +80,9 @@ def test_the_report_says_the_network(tables: Path) -> None:
     found = report(plan_of(tables), Outcome(), "tis compare s.yaml")["network"]
     assert found == ["forward (west to east): delay 100 ms, sd 0", "feedback (east to west): nothing injected"]
     swept = plan_of(tables, sweeps=(Sweep("network.forward.delay.delay_ms", ("50", "200")),))
-    assert report(swept, Outcome(), "")["network"][0].endswith("forward (west to east): delay 50 ms, sd 0")
+    found = report(swept, Outcome(), "")["network"]
+    assert found[0].endswith("forward (west to east): delay 50 ms, sd 0")
+    assert found[-1] == "other settings differ in network.forward.delay.delay_ms: 50, 200"
 
 
 def test_a_table_that_is_not_there_is_refused_before_anything_is_computed(tables: Path) -> None:

@@ -50,6 +50,7 @@ def test_settings_fit_the_rows(
     twin, compare = next_commands(write_csv(Path("t.csv"), columns), columns)
     assert _printed(twin)[:2] == ["twin", "default"]
     assert _printed(compare)[:2] == ["compare", "default"]
+    assert "network.forward.delay.delay_ms=30,100,200" in _printed(compare)
     for part in expected:
         assert any(part in word for word in _printed(twin)), twin
 

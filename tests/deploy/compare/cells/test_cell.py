@@ -66,6 +66,7 @@ def test_a_cell_scores_as_the_twin_of_its_scenario_does(small: Path, tmp_path: P
     assert sum(hand["age_sum_ns"] for hand in result["hands"].values()) == ages.sum()
     for hand in result["hands"].values():
         assert sum(hand["n_by_age"]) == n_scored
+        assert sum(hand["age_sum_by_age_ns"]) == hand["age_sum_ns"]
         for entry in hand["estimators"].values():
             assert sum(entry["sse_by_age_m2"]) == pytest.approx(sum(entry["sse_m2"]), rel=1e-9)
             # the bins of the errors are 1 % wide, their squares 2 %

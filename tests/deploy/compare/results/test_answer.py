@@ -50,6 +50,16 @@ def test_the_best_is_named_with_its_gain_and_its_rivals(settings: Mapping[str | 
     assert answer(report(settings)) == words
 
 
+def test_a_cover_far_below_95_is_told() -> None:
+    found = report({"100": FAR, "300": FAR})
+    for row, cover in zip(found["rows"], (None, 94.0, 2.5, None, 81.0, 40.0), strict=True):
+        row["coverage_pct"] = cover
+    assert answer(found).endswith(
+        "two is overconfident: its 95 % ellipsoids hold 2.50 % of its errors at the worst setting."
+    )
+    assert "one is overconfident" not in answer(found)
+
+
 def test_no_gain_is_all_of_the_error() -> None:
     tiny: Ratios = {"hold": (1.0, 800.0, 700.0), "one": (0.00125, 1.0, 1.0)}
     assert answer(report({None: tiny})).startswith("one is best: its error is 99.9 % below hold's.")

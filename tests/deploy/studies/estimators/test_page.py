@@ -39,6 +39,7 @@ def _result(plan: Plan, worse: float) -> dict[str, Any]:
             "range_m": [0.1, 0.1, 0.0],
             "n_by_age": [0, 100] + [0] * 15,
             "orientation": {name: _turns(k) for k, name in enumerate(("tangent_ls", "hold"))},
+            "age_sum_by_age_ns": [0, 100 * 35_000_000] + [0] * 15,
             "age_sum_ns": 100 * 35_000_000,
             "age_ns": {"17379": 100},
             "estimators": {name: entry(i) for i, name in enumerate(plan.estimators)},

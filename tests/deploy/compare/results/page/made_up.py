@@ -9,6 +9,8 @@ from tis.deploy.compare.engine.compute import Outcome
 from tis.deploy.compare.plan import Plan
 
 N_BINS = len(AGE_EDGES_MS)
+AGES_NS = 1e6 * (np.array(AGE_EDGES_MS) + 2)
+"""A tick's age in each bin: 2 ms above its lower edge."""
 
 
 def outcome_of(plan: Plan, hands: tuple[str, ...] = ("left", "right")) -> Outcome:
@@ -25,6 +27,7 @@ def outcome_of(plan: Plan, hands: tuple[str, ...] = ("left", "right")) -> Outcom
                 "sst_m2": (1e-3 * draw.random(3) * n).tolist(),
                 "range_m": [0.1, 0.1, 0.1],
                 "n_by_age": n_by_age.tolist(),
+                "age_sum_by_age_ns": (n_by_age * AGES_NS).tolist(),
                 "age_sum_ns": n * 35_000_000,
                 "age_ns": {"17379": n} if n else {},
                 "orientation": {},
