@@ -11,7 +11,10 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 from tis.deploy.present.numbers import NONE, shown
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
+    from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
+    from rich.table import Table as RichTable
+
+_WIDEST: Final = 10_000
 
 Row = Sequence[Any]
 """Texts, numbers and None for what does not exist; a row without cells is a rule across a terminal's table."""
@@ -115,7 +118,10 @@ class Table:
                 yield [_text(column, value) for column, value in zip(columns, row, strict=True)]
 
     def terminal(self, look: Look = REPORT) -> "RenderableType":
-        """Return the table for `rich`, the note below it as wide as the console."""
+        """Return the table for `rich`, the note below it as wide as the console.
+
+        A console that cuts nothing (`tis.deploy.shell.guard.WholeConsole`) gets it as wide as its cells need.
+        """
         from rich import box, table
         from rich.console import Group
         from rich.markup import escape as escaped
@@ -138,7 +144,8 @@ class Table:
             each = zip(self.full_columns(), row, strict=True) if row else ()
             cells = [_text(column, value) for column, value in each if not column.on_page_only]
             view.add_row(*(Text(cell, getattr(cell, "style", "")) for cell in cells)) if row else view.add_section()
-        return Group(view, Text(self.note, style="table.caption")) if self.note else view
+        whole = _whole(view)
+        return Group(whole, Text(self.note, style="table.caption")) if self.note else whole
 
     def html(self) -> str:
         """Return the table for a page, escaped but for the markup of its cells, with the note as a paragraph.
@@ -200,6 +207,27 @@ class Table:
                 "\\end{tabular}\n",
             ]
         )
+
+
+def _whole(view: "RichTable") -> "RenderableType":
+    """Return a table that is wider than a console which cuts nothing, where its cells are."""
+    from rich.measure import Measurement
+    from rich.text import Text
+
+    class Whole:
+        def __rich_console__(self, console: "Console", options: "ConsoleOptions") -> "RenderResult":
+            if getattr(console, "cuts_nothing", False) and not console.is_terminal:
+                for column in view.columns:
+                    if column.no_wrap:
+                        column.min_width = max(Text(str(cell)).cell_len for cell in (column.header, *column.cells))
+                least = Measurement.get(console, options.update(max_width=_WIDEST), view).minimum
+                options = options.update(width=max(least, options.max_width))
+            yield from console.render(view, options)
+
+        def __rich_measure__(self, console: "Console", options: "ConsoleOptions") -> Measurement:
+            return Measurement.get(console, options, view)
+
+    return Whole()
 
 
 def _text(column: Column, value: Any) -> str:

@@ -48,8 +48,20 @@ class _QuietConsole(Console):
 
 _TOLD: Final = ("yellow", "red")
 QUIET: Final = _QuietConsole(stderr=True, highlight=False, emoji=False, force_terminal=False)  # and so no panel
-OUT: Final = Console(highlight=False, emoji=False)
-ERR: Final = Console(stderr=True, highlight=False, emoji=False)
+
+
+class WholeConsole(Console):
+    """A console that cuts nothing which goes to a pipe or a file: a table is as wide there as its cells are."""
+
+    cuts_nothing = True
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print, cropped to the width of a terminal only."""
+        super().print(*objects, **{"crop": self.is_terminal} | options)
+
+
+OUT: Final = WholeConsole(highlight=False, emoji=False)
+ERR: Final = WholeConsole(stderr=True, highlight=False, emoji=False)
 
 P = ParamSpec("P")
 

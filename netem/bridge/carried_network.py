@@ -9,7 +9,7 @@ from typing import Any, Final, get_args
 from tis.common.channels import Direction
 from tis.common.errors import Fault, InputError
 from tis.common.scenario.network import Buffer, NetworkPart
-from tis.common.scenario.network.capacity import CoDel, PriorityQueue, Rate, RecordedRate, TailDrop
+from tis.common.scenario.network.capacity import MAX_COUNT, CoDel, PriorityQueue, Rate, RecordedRate, TailDrop
 from tis.common.scenario.network.conditions import BothOr, Change, State
 from tis.common.scenario.network.pipeline import Stages
 
@@ -20,7 +20,7 @@ _MESSAGES: Final = ("duplicate", "corrupt", "reorder")
 _WAYS: Final[tuple[Direction, ...]] = get_args(Direction)
 _DEFAULT_BYTES: Final = 4_000_000
 _PACKET_BYTES: Final = 1500
-_UNBOUNDED: Final = TailDrop(kind="tail_drop", max_packets=1_000_000_000, max_bytes=None)
+_UNBOUNDED: Final = TailDrop(kind="tail_drop", max_packets=MAX_COUNT, max_bytes=None)
 _ROOMY: Final = Buffer(max_packets=10_000_000, max_mb=1_000_000)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from tis.common.channels import DESTINATION, ORIGIN, Direction
 from tis.common.scenario.network import NetworkPart
-from tis.common.scenario.network.capacity import Capacity, CoDel, Cross, PriorityQueue, RecordedRate
+from tis.common.scenario.network.capacity import MAX_COUNT, Capacity, CoDel, Cross, PriorityQueue, RecordedRate
 from tis.common.scenario.network.conditions import Change, CycleStates, Effect
 from tis.common.scenario.network.loss import TraceLoss
 from tis.common.scenario.network.pipeline import Pipeline
@@ -224,14 +224,15 @@ def _rate_in_words(rate: Capacity | str) -> str:
     if isinstance(rate, str):
         return "the link's rate"
     queue = rate.queue
-    bounds = [f"{queue.max_packets} messages"]
+    bounds = [f"{queue.max_packets} messages"] if queue.max_packets < MAX_COUNT else []
     bounds += [] if queue.max_bytes is None else [f"{queue.max_bytes} bytes"]
     kind = "priority queue" if isinstance(queue, PriorityQueue) else "queue"
     kind = f"CoDel queue, target {queue.target_ms:g} ms," if isinstance(queue, CoDel) else kind
+    of = f" of {' or '.join(bounds)}" if bounds else " without a bound"
     overhead = f", {rate.overhead_bytes} bytes on top of each" if rate.overhead_bytes else ""
     what = f"opportunities of {rate.opportunities}" if isinstance(rate, RecordedRate) else _bit_rate(rate.kbit_s)
     full = ", senders wait while it is full" if rate.backpressure else ""
-    return f"rate {what} ({kind} of {' or '.join(bounds)}{overhead}{_cross_in_words(rate.cross)}{full})"
+    return f"rate {what} ({kind}{of}{overhead}{_cross_in_words(rate.cross)}{full})"
 
 
 def _cross_in_words(cross: Cross | None) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tis.common.units import NS_PER_S
 from tis.netem.draws.blocks import Floats
 
-_MIN_PACKETS: Final = 200
+_MIN_ARRIVED: Final = 150
 _MIN_HALF_LIFE_S: Final = 0.001  # the grid of the model
 _MIN_INTERVALS: Final = 0.5  # leaves a quarter after one message; below, half-lives cannot be distinguished
 _TESTED_LAGS: Final = 8
@@ -66,8 +66,8 @@ def fit_half_life(sent_ns: NDArray[np.int64], delay_ns: NDArray[np.int64]) -> Ha
     interval cannot be resolved and is None. Oracle: autoregressive paths of numpy's generator,
     tests/netem/fit/test_half_life.
     """
-    if len(delay_ns) < _MIN_PACKETS:
-        return HalfLife(None, None, None, f"fewer than {_MIN_PACKETS} messages")
+    if len(delay_ns) < _MIN_ARRIVED:
+        return HalfLife(None, None, None, f"{len(delay_ns)} messages arrived, it takes {_MIN_ARRIVED}")
     if delay_ns.min() == delay_ns.max():
         return HalfLife(None, None, None, "all delays are equal")
     # Stage 1: are the delays correlated at all?

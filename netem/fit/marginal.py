@@ -54,27 +54,31 @@ def fit_marginal(delay_ns: NDArray[np.int64], n_independent: float, wanted: Marg
 
     Families are ranked by BIC; the best one is chosen if it lies within 0.01 + 1.628 / sqrt(n_independent) of the
     sample's distribution function. For correlated delays, which count as fewer independent ones, this bound is at
-    most 0.03, so that the profile stays close to the record. A constant, the median, is chosen only if ``wanted``.
+    most 0.03, so that the profile stays close to the record. A constant, the median, is chosen only if ``wanted`` or
+    where all delays are equal; then no family is a candidate.
     The fit uses up to 20 000 quantiles of the sample. Oracle: samples of known distributions by scipy.stats,
     tests/netem/fit/test_marginal.
     """
     ordered_ns = np.sort(delay_ns)
     n = len(ordered_ns)
     x = _thinned(ordered_ns) / NS_PER_MS
+    is_constant = ordered_ns[0] == ordered_ns[-1]  # then a family has a deviation of rounding
     candidates = [
         Candidate(name, _rounded(fitted.stage), _ks(fitted, x), _bic(fitted, n))  # type: ignore[arg-type]
         for name, family in FAMILIES.items()
-        if (fitted := family(x)) is not None
+        if not is_constant and (fitted := family(x)) is not None
     ]
     candidates.sort(key=lambda candidate: candidate.bic if candidate.bic is not None else np.inf)
     bound = _ks_bound(n, n_independent)
-    others = [_constant(ordered_ns), _quantiles(ordered_ns)]
+    others = [_constant(ordered_ns)]
+    if not is_constant or wanted == "quantiles":
+        others.append(_quantiles(ordered_ns))
     chosen = next((c for c in (*candidates, *others) if c.name == wanted), None)
     if chosen is None and wanted is not None:
         raise ValueError(f"a {wanted} distribution cannot be fitted to these delays")
     if chosen is None:
         good = candidates and candidates[0].ks <= bound
-        chosen = candidates[0] if good else others[1]
+        chosen = candidates[0] if good else others[-1]
     return Marginal(chosen.name, chosen.stage, (*candidates, *others), bound)
 
 

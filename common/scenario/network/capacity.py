@@ -7,7 +7,10 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from tis.common.scenario.base import Part
 
-Count = Annotated[int, Field(strict=True, ge=1, le=1_000_000_000)]
+MAX_COUNT: Final = 1_000_000_000
+"""The largest number of messages in a queue: more than any run has, so it is no bound."""
+
+Count = Annotated[int, Field(strict=True, ge=1, le=MAX_COUNT)]
 _BYTES = (
     "Maximum number of waiting bytes, the overhead of each message included; a longer message never passes. Not "
     "given: no bound."

@@ -1,8 +1,11 @@
 """Every renderer against literals, and all of them on one table."""
 
+from io import StringIO
+
 from rich.console import Console
 
 from tis.deploy.present.table import OPEN, PLAIN, REPORT, TIGHT, Cell, Column, Look, Table
+from tis.deploy.shell.guard import WholeConsole
 
 COLUMNS = ("method", Column("error", "mm"), Column("kind", words=True), Column("share", show=lambda v: f"{v:.1f} %"))
 TABLE = Table(
@@ -52,6 +55,18 @@ def test_rows_without_heads_have_no_header() -> None:
 def test_a_column_that_wraps_keeps_every_character() -> None:
     table = Table("", (Column("name", words=True, wraps=True),), [("abcdefghij",)])
     assert "".join(printed(table, PLAIN, width=6)[1:]) == "abcdefghij"
+
+
+WIDE = Table("", ("method", *(Column(f"error {k}") for k in range(12))), [("hold", *[1234.5] * 12)])
+
+
+def test_in_a_pipe_nothing_is_cut() -> None:
+    console = WholeConsole(width=80, color_system=None, file=StringIO())
+    console.print(WIDE.terminal())
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    assert text.count("1234") == text.count("error") == 12
+    assert "…" not in text
+    assert "…" in "".join(printed(WIDE))
 
 
 def test_html_is_escaped_but_for_markup() -> None:

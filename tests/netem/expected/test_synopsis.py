@@ -5,6 +5,7 @@ from typing import Any, Final
 import pytest
 
 from tis.common.scenario.network import NetworkPart
+from tis.common.scenario.network.capacity import MAX_COUNT
 from tis.deploy.net.profiles import find_profile
 from tis.netem.expected.figures import direction_figures, synopsis
 
@@ -84,6 +85,14 @@ def test_a_profile_s_line_has_the_figures_of_the_library(name: str) -> None:
         ),
         ({"loss": {"kind": "burst", "p_loss": 0.01, "mean_burst": 3}}, "loss 1 % in bursts of 3 on average"),
         ({"rate": {"kbit_s": 2500}}, "rate 2.5 Mbit/s (queue of 1000 messages)"),
+        (
+            {"rate": {"kbit_s": 2500, "queue": {"kind": "tail_drop", "max_packets": MAX_COUNT}}},
+            "rate 2.5 Mbit/s (queue without a bound)",
+        ),
+        (
+            {"rate": {"kbit_s": 2500, "queue": {"kind": "tail_drop", "max_packets": MAX_COUNT, "max_bytes": 9000}}},
+            "rate 2.5 Mbit/s (queue of 9000 bytes)",
+        ),
         (
             {
                 "rate": {

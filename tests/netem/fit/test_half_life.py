@@ -84,10 +84,24 @@ def test_noise_on_top_shows_as_a_share() -> None:
 
 
 @pytest.mark.parametrize(
-    ("delay_ns", "why"), [([10**6] * 500, "all delays are equal"), ([1, 2] * 50, "fewer than 200 messages")]
+    ("delay_ns", "why"),
+    [([10**6] * 500, "all delays are equal"), ([1, 2] * 50, "100 messages arrived, it takes 150")],
 )
 def test_too_little_to_tell(delay_ns: list[int], why: str) -> None:
     assert fit_half_life(np.arange(len(delay_ns)) * NS, np.array(delay_ns)).why == why
+
+
+@pytest.mark.parametrize(("half_life_s", "is_found"), [(None, False), (0.1, True)])
+def test_200_pings_of_which_a_few_are_lost_suffice(half_life_s: float | None, is_found: bool) -> None:
+    kept = np.random.default_rng(1).random(N) > 0.05
+    z, sent_ns = path(100, half_life_s or 1e-9)
+    found = [
+        fit_half_life(sent_ns[part][kept[part]], delays(z[part][kept[part]])).seconds
+        for part in (slice(k, k + 200) for k in range(0, 6000, 200))
+    ]
+    n_found = sum(one is not None for one in found)
+    assert n_found >= 27 if is_found else n_found <= 1
+    assert not is_found or 0.03 < float(np.median([one for one in found if one is not None])) < 0.2
 
 
 def test_scores_of_ties_are_equal_and_symmetric() -> None:

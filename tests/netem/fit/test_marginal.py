@@ -35,6 +35,13 @@ def test_the_family_and_its_parameters_are_found(name: str) -> None:
     TypeAdapter(Delay).validate_python(found.stage)
 
 
+@pytest.mark.parametrize("delay_ms", [0.1, 21.9, 33.333333])
+def test_equal_delays_are_a_constant_and_of_no_family(delay_ms: float) -> None:
+    found = fit_marginal(np.full(200, round(delay_ms * 1e6)), 200)
+    assert [one.name for one in found.candidates] == ["constant"]
+    assert found.stage == {"kind": "constant", "delay_ms": pytest.approx(delay_ms)}
+
+
 def test_a_mixture_of_exponentials_is_found() -> None:
     rng = np.random.default_rng(4)
     ms = 15 + np.where(rng.random(N) < 0.8, rng.exponential(10, N), rng.exponential(150, N))
