@@ -39,8 +39,9 @@ MEANS_S: Final = (0.07, 0.15, 0.35, 1.0, 3.0, 10.0)
 """Time constants of the running means in a hand's recent past."""
 N_INCREMENTS: Final = 4
 """Last increments in a hand's recent past, and in an arm's."""
-N_HEAD_INPUTS: Final = (36, 58)
+N_HEAD_INPUTS: Final = (36, 61)
 """Inputs of the heads on a `Correction`, in the movement's frame and in the base's."""
+_FORMER_HEAD_INPUTS: Final = (36, 58)
 N_PARTS: Final = 8
 """Parts of the recent past that a `Correction` weighs."""
 N_TERMS: Final = 15
@@ -102,6 +103,11 @@ class Correction(StoredModel):
     linear_scale: Positives
     heads: list[Head] = field(default_factory=list)
 
+    @property
+    def has_former_heads(self) -> bool:
+        """Whether the heads are of the form before this one, whose inputs nobody computes any more."""
+        return tuple(len(head.centre) for head in self.heads) == _FORMER_HEAD_INPUTS
+
     def shapes(self) -> Mapping[str, Shape]:
         """Return the shapes of the weights of both corrections."""
         n, first = len(self.horizons), self.fourier[:1]
@@ -122,7 +128,7 @@ class Correction(StoredModel):
         if self.lowest > self.highest:
             yield "lowest must be at most highest"
         for i, (head, n) in enumerate(zip(self.heads, N_HEAD_INPUTS, strict=False)):
-            if len(head.centre) != n:
+            if len(head.centre) != n and not self.has_former_heads:
                 yield f"heads.{i}: centre must have {n} elements, one for each input"
             if head.weights.ndim != 3 or head.weights.shape[:2] != (len(self.horizons), AXES):
                 yield f"heads.{i}: weights must have the shape ({len(self.horizons)}, {AXES}, features)"

@@ -90,7 +90,7 @@ class InnovationsState(NamedTuple):
     pairs: tuple[int, ...]
     guessed: bool
     offset: Offset | None = None
-    seen: tuple[Seen, ...] = ()
+    seen: Seen | None = None
 
 
 @dataclass(frozen=True)
@@ -297,11 +297,11 @@ class InnovationsKf:
         window = max(self._window_of(playout), _UNEVEN_WINDOW) if is_uneven else self._window_of(playout)
         return InnovationsState(n_arm, n_command, trimmed(tuple(run), window), pairs, guessed, offset)
 
-    def _seen(self, newest: Checkpoint, playout: Playout, heads: Heads) -> tuple[Seen, ...]:
+    def _seen(self, newest: Checkpoint, playout: Playout, heads: Heads) -> Seen | None:
         """Return what the heads make of the newest sample: nothing of a command that stands in for one."""
         index = newest.source_index
         if index not in playout.arm:
-            return ()
+            return None
         return heads.seen(newest.mean, newest.activity[0], playout, index)
 
     def _window_of(self, playout: Playout) -> int:

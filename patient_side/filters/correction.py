@@ -31,12 +31,12 @@ N is normal, U uniform, m and s are mean and deviation of the inputs f in the tr
 length (Rahimi and Recht 2007, "Random features for large-scale kernel machines").
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import log, sqrt, tanh
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from tis.common.streams import Stream
@@ -153,10 +153,12 @@ def fade(increment: Array, largest: float) -> Array:
 
 
 class Seen(NamedTuple):
-    """What a head makes of the newest sample: features (M,), in m, and its frame's axes (3, 3), if not the base's."""
+    """What the heads make of the newest sample: features (M,) of both, the movement's axes (3, 3), and s in m."""
 
-    features: Array
-    axes: Array | None
+    of_movement: NDArray[np.float32]
+    of_base: NDArray[np.float32]
+    axes: Array
+    size_m: float
 
 
 class LagCorrection(NamedTuple):
@@ -168,11 +170,11 @@ class LagCorrection(NamedTuple):
     rows: Array
     weights: Array
     fourier: Array | None
-    heads: tuple[Array, ...]
+    heads: tuple[NDArray[np.float32], ...]
     of: "CorrectionForecasts"
 
     def position(
-        self, mean: Array, activity: float, gripper_rad: float | None, phasor: Phasor, seen: Sequence[Seen] = ()
+        self, mean: Array, activity: float, gripper_rad: float | None, phasor: Phasor, seen: Seen | None = None
     ) -> Array:
         """Return the forecast (3,) from a mean (M, 3/d), and from what the heads have ``seen``, if anything."""
         # Plain numbers: on so few of them Python is faster than numpy.
@@ -205,9 +207,11 @@ class LagCorrection(NamedTuple):
         if square > allowed:
             coefficients = of.linear + (coefficients - of.linear) * (allowed / square)
         position = coefficients.dot(vectors[:_FAST].reshape(N_PARTS + 1, AXES))
-        for weights, (features, axes) in zip(self.heads, seen, strict=False):
-            added = weights.dot(features)
-            position += added if axes is None else added.dot(axes)
+        if seen is not None:
+            of_movement, of_base = self.heads
+            added = of_movement.dot(seen.of_movement).dot(seen.axes)
+            added += of_base.dot(seen.of_base)
+            position += added * seen.size_m
         if self.fourier is None:
             return np.asarray(position)
         # The Fourier features.
@@ -245,7 +249,7 @@ class CorrectionForecasts:
     projections: Array
     weights: Array
     fourier: Array
-    heads: tuple[Array, ...]
+    heads: tuple[NDArray[np.float32], ...]
     rows: Array
 
     @classmethod
@@ -269,7 +273,8 @@ class CorrectionForecasts:
         linear = np.zeros(N_PARTS + 1)
         linear[:2] = 1.0
         drawn = projections(model.centre, model.deviation, model.fourier.shape[2])
-        heads = tuple(_table(model.horizons, each.weights, filter_.horizon) for each in model.heads)
+        tables = (_table(model.horizons, each.weights, filter_.horizon) for each in model.heads)
+        heads = tuple(each.astype(np.float32) for each in tables)
         return cls(model, clock, linear, drawn, weights, fourier, heads, rows)
 
     def at(self, weights: Array, steps: int, fraction: float) -> LagCorrection:

@@ -1,202 +1,283 @@
-"""Heads on the residual of a corrected forecast: random features of a hand's movement, tool and gripper.
+"""Heads on the residual of a corrected forecast: random features of a hand's movement, tool and grippers.
 
-    r[h] = s Q' W[h] cos(F f + phi)
+    r[h] = s (Q' W[h] cos(F f + phi) + V[h] cos(G g + psi))
 
-f are inputs in a frame Q, r is what they add to the forecast over h samples, and s is the hand's usual move at its
-present activity. The features stand for a Gaussian kernel (`correction`, Rahimi and Recht 2007), longer than that of
-the correction's own, as the inputs are more; ridge regressions on people who are held out say what each is worth
-(`fit_heads`). There are two:
+f and g are inputs in a frame Q and in the base's, r is what they add to the forecast over h samples, and s is the
+hand's usual move at its present activity. The features stand for a Gaussian kernel (`correction`, Rahimi and Recht
+2007), longer than that of the correction's own, as the inputs are more; ridge regressions, and people who are left
+out of both, say what each is worth (`fit_heads`). There are two:
 
 - in the frame of the *movement*, its first axis along the velocity, its second upright: how a reach goes on depends
   little on where it leads;
-- in the frame of the *base*: where a hand goes depends on where things lie, on where the tool points, and on how it
-  turns.
+- in the frame of the *base*: where a hand goes depends on where things lie, on where the tool points, on how it
+  turns, and on where the other arm is and what it does.
 
 The inputs are the last increments and the ways to running means, limited as the correction's are, the speed, the
-gripper's opening, and its changes; those of the base are also the tool's axes and its turns, and the way to the
-other arm. All are known at the newest sample: the features are computed once for each, and the forecasts of all ticks
-until the next one use them.
+gripper's opening, and its changes; those of the base are also the tool's axes and its turns, the other gripper's
+opening and its changes, the way to the other arm, and how it changed in the last second and in the last three. All
+are known at the newest sample: the features are computed once for each, and the forecasts of all ticks until the next
+one use them.
+
+The sums below are of plain numbers where a sample arrives, and of arrays (M,) where M rows are fitted.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from math import isnan, nan, sqrt
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.patient_side.filters.correction import (
-    N_USED_INCREMENTS,
-    Movement,
-    Seen,
-    log_speed,
-    movement_rows,
-    openness,
-    projections,
-    split,
-)
+from tis.patient_side.filters.correction import N_USED_INCREMENTS, Movement, Seen, movement_rows, projections
 from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter
 from tis.patient_side.linear_system import Array
-from tis.patient_side.movement_models import Correction
+from tis.patient_side.movement_models import MEANS_S, N_HEAD_INPUTS, Correction
 from tis.patient_side.playout import Playout, SourceBuffer
 
 FRAMES: Final = ("movement", "base")
-N_HEAD_FEATURES: Final = 400
+N_HEAD_FEATURES: Final = 500
 LENGTHS: Final = (12.0, 14.0)
 """Lengths of the kernels, in deviations of the inputs, by frame."""
 _LAGS_S: Final = (0.0, 1 / 30, 0.1, 0.2, 1 / 3, 2 / 3)
-"""How long ago the orientations and grippers were that the inputs compare with the present ones."""
+"""How long ago the grippers were that the inputs compare with the present ones."""
+_TURNS: Final = (2, 4)
+"""Which of these the tool's turns are compared over."""
+_WAYS_S: Final = (0.0, 1.0, 3.0)
+"""How long ago the ways to the other arm were that the inputs compare with the present one."""
+_WAY_M: Final = 0.03
 _TURN_RAD: Final = 1.1
 _SWING: Final = 1.2
 """Turn of a tool, and change of a gripper in units of its spread, that count as large after a second."""
 _INCREMENT: Final = 2.0
 """Increment that counts as large, in units of the usual one."""
 _LEAST: Final = 1e-12
-_DOWN: Final = np.array([0.0, 0.0, 1.0])
-_NEXT: Final = np.array([1, 2, 0])
-_LAST: Final = np.array([2, 0, 1])
+_N_VECTORS: Final = N_USED_INCREMENTS + len(MEANS_S)
+
+# A row of inputs: the path in the base's frame, the base's others, what both heads use, the path in the frame of the
+# movement, and how that lies.
+_OTHERS: Final = AXES * _N_VECTORS
+_BOTH: Final = _OTHERS + 6 + len(_LAGS_S) + AXES * (len(_TURNS) + len(_WAYS_S))
+_TURNED: Final = _BOTH + len(_LAGS_S) + 1
+_UP: Final = _TURNED + AXES * _N_VECTORS
+_OF_FRAME: Final = (slice(_BOTH, _UP + 2), slice(0, _TURNED))
+assert tuple(each.stop - each.start for each in _OF_FRAME) == N_HEAD_INPUTS
+
+Numbers = Any
+"""A number, or an array (M,) of them."""
+Table = Sequence[Sequence[Numbers]] | Array
 
 
-def wrist_lags(rate_hz: int) -> NDArray[np.int64]:
-    """Return the numbers of samples (L,) by which orientations and grippers are looked back on, 0 first."""
-    return np.round(np.array(_LAGS_S) * rate_hz).astype(np.int64)
+def lags(of_s: Sequence[float], rate_hz: int) -> NDArray[np.int64]:
+    """Return times as numbers of samples."""
+    return np.round(np.array(of_s) * rate_hz).astype(np.int64)
 
 
-def looked_back(wrists: Array, first: int, rate_hz: int) -> Array:
-    """Return the wrists (N - first, L, 5) at the lags of each row from ``first`` on, of those of all rows (N, 5)."""
-    rows = np.arange(first, len(wrists))[:, None] - wrist_lags(rate_hz)
-    return np.asarray(wrists[np.maximum(rows, 0)])
+def looked_back(values: Array, first: int, lags_: NDArray[np.int64]) -> Array:
+    """Return values (N - first, L, K) at the lags of each row from ``first`` on, of those of all rows (N, K)."""
+    return np.asarray(values[np.maximum(np.arange(first, len(values))[:, None] - lags_, 0)])
 
 
-def looked_back_in(buffer: SourceBuffer, index: int, lags: NDArray[np.int64]) -> Array:
-    """Return the wrists (1, L, 5) at the lags of an arrived sample; one that is missing is the next newer one."""
-    indices = index - lags
+def looked_back_in(buffer: SourceBuffer, index: int, lags_: NDArray[np.int64]) -> list[list[float]]:
+    """Return the wrists (L, 5) at the lags of an arrived sample; one that is missing is the next newer one."""
+    indices = index - lags_
     if buffer.all_arrived(indices):
-        return buffer.wrists(indices)[None]
-    known = np.maximum.accumulate(np.where(buffer.arrived(indices), np.arange(len(lags)), 0))
-    return buffer.wrists(indices[known])[None]
+        found: list[list[float]] = buffer.wrists(indices).tolist()
+        return found
+    known = np.maximum.accumulate(np.where(buffer.arrived(indices), np.arange(len(lags_)), 0))
+    nearest: list[list[float]] = buffer.wrists(indices[known]).tolist()
+    return nearest
 
 
-def _way_to_other(playout: Playout, index: int) -> Array | None:
-    """Return the way (1, 3) to the other arm, at this one's sample or the last one before it; None: unknown."""
-    own_m, other = playout.arm.get(index), playout.other_arm
-    if other is None or own_m is None:
-        return None
-    there_m = other.get(index if index in other else other.newest_before(index))
-    return None if there_m is None else (there_m - own_m)[None]
+@dataclass(frozen=True)
+class Surroundings:
+    """Wrists and the other arm at M rows: what heads look back on beside the path.
+
+    ``wrists`` (L, 5, M) are the arm's at the lags, ``other_rad`` (L, M) the other gripper's angles, and ``ways_m``
+    (L', 3, M) the ways to the other arm. NaN: unknown.
+    """
+
+    wrists: Table
+    other_rad: Sequence[Numbers] | Array
+    ways_m: Table
+
+    @classmethod
+    def of_rows(cls, wrists: Array, others: Array, first: int, rate_hz: int) -> "Surroundings":
+        """Return those of the rows from ``first`` on, of all wrists (N, 5), and ways and grippers (N, 4)."""
+        near, far = lags(_LAGS_S, rate_hz), lags(_WAYS_S, rate_hz)
+        return cls(
+            looked_back(wrists, first, near).transpose(1, 2, 0),
+            looked_back(others[:, AXES:], first, near)[:, :, 0].T,
+            looked_back(others[:, :AXES], first, far).transpose(1, 2, 0),
+        )
 
 
-class HeadInputs(NamedTuple):
-    """Inputs of one head at M rows (M, I), and its frame's axes (M, 3, 3), one a row; None: those of the base."""
+def _axes_of(x: Numbers, y: Numbers, z: Numbers) -> tuple[Numbers, ...]:
+    """Return the axes of a movement: along it, upright, and across, 9 numbers. They vanish where it does."""
+    size = (x * x + y * y + z * z + _LEAST) ** -0.5
+    x, y, z = x * size, y * size, z * size
+    px, py, pz = -z * x, -z * y, 1.0 - z * z
+    size = (px * px + py * py + pz * pz + _LEAST) ** -0.5
+    px, py, pz = px * size, py * size, pz * size
+    return x, y, z, px, py, pz, y * pz - z * py, z * px - x * pz, x * py - y * px
 
-    values: Array
-    axes: Array | None
 
-    def known(self, centre: Array) -> Array:
-        """Return the values with the ``centre`` (I,) for those that are not known."""
-        return np.asarray(np.where(np.isnan(self.values), centre, self.values))
+@dataclass(frozen=True)
+class _Sizes:
+    """What counts as large at one rate, inverted: an increment or way (9, 1), a gripper's changes, and turns."""
+
+    ways: Array
+    usual_rad: float
+    spread: float
+    swings: tuple[float, ...]
+    turns: tuple[float, ...]
+
+    @classmethod
+    def of(cls, model: Correction) -> "_Sizes":
+        spread = 1.0 / model.gripper_spread_rad if model.gripper_spread_rad > 0.0 else 0.0
+        usual = np.full(N_USED_INCREMENTS, _INCREMENT / model.span)
+        return cls(
+            1.0 / (model.usual_m * np.concatenate([usual, model.widths])[:, None]),
+            model.gripper_usual_rad,
+            spread,
+            tuple(spread / (_SWING * lag_s**0.5) for lag_s in _LAGS_S[1:]),
+            tuple(4.0 / (_TURN_RAD * _LAGS_S[i] ** 0.5) for i in _TURNS),
+        )
+
+    def others(self, around: Surroundings) -> list[Numbers]:
+        """Return the inputs that are not of the path, not yet limited, those that both heads use last."""
+        x, y, z, w, g = around.wrists[0]
+        (ox, oy, oz), *ways_m = around.ways_m
+        now, *before = around.other_rad
+        found = [z * x + y * w, y * z - x * w, 0.5 - x * x - y * y, 0.5 - y * y - z * z, x * y + z * w, x * z - y * w]
+        found += [ox, oy, oz, (now - self.usual_rad) * self.spread]
+        found += [(now - then) * large for large, then in zip(self.swings, before, strict=True)]
+        for large, i in zip(self.turns, _TURNS, strict=True):
+            # The sine of the turn, whatever the signs of the quaternions: 2 cos sin of half of it.
+            a, b, c, d, _ = around.wrists[i]
+            cosine = (x * a + y * b + z * c + w * d) * large / 2.0
+            found.append((d * x - w * a - y * c + z * b) * cosine)
+            found.append((d * y - w * b - z * a + x * c) * cosine)
+            found.append((d * z - w * c - x * b + y * a) * cosine)
+        for a, b, c in ways_m:
+            found += [(ox - a) / _WAY_M, (oy - b) / _WAY_M, (oz - c) / _WAY_M]
+        found += [(g - then[4]) * large for large, then in zip(self.swings, around.wrists[1:], strict=True)]
+        found.append((g - self.usual_rad) * self.spread)
+        return found
+
+
+def _speed(x: Numbers, y: Numbers, z: Numbers) -> Numbers:
+    """Return the hyperbolic tangent of the logarithm of a speed: even at rest it is finite."""
+    square = x * x + y * y + z * z
+    return (square - 1.0) / (square + 1.0)
 
 
 def head_inputs(
-    model: Correction, moved: Movement, activity: Array, wrists: Array, between_m: Array | None = None
-) -> tuple[HeadInputs, HeadInputs]:
-    """Return the inputs of both heads at M rows, with the wrists (M, L, 5) at the lags of each.
+    model: Correction, moved: Movement, activity: Array, around: Surroundings
+) -> tuple[tuple[Array, Array], Array]:
+    """Return the inputs (M, I) of both heads at M rows, NaN where unknown, and the axes (M, 3, 3) of the movement.
 
-    ``between_m`` (M, 3) are the ways to the other arm, NaN where it is not known. Unknown orientations and grippers
-    are those that count as usual. Oracle: plain loops in test_heads.
+    Oracle: plain loops in test_heads.
     """
-    unit = model.usual_m * np.sqrt(np.maximum(activity, _LEAST**2))
-    increments = moved.parts[:, 1 : 1 + N_USED_INCREMENTS]
-    axes = _axes_of(increments.sum(axis=1))
-    vectors = np.concatenate([increments, moved.ways], axis=1) / unit[:, None, None]
-    usual = np.full(N_USED_INCREMENTS, _INCREMENT / model.span)
-    vectors /= np.concatenate([usual, model.widths])[:, None]
-    speed = np.clip(log_speed(moved.velocity, unit), model.lowest, model.highest)
-    gripper = _grippers(model, wrists[:, :, 4])
-    scalars = np.hstack([speed[:, None], gripper])
-    if between_m is None:
-        between_m = np.full((len(unit), AXES), np.nan)
-    turned = np.tanh(np.matmul(vectors, axes.transpose(0, 2, 1))).reshape(len(unit), -1)
-    based = np.tanh(vectors).reshape(len(unit), -1)
-    return (
-        HeadInputs(np.hstack([turned, scalars, axes[:, :2, 2]]), axes),
-        HeadInputs(np.hstack([based, scalars, _tools(wrists[:, :, :4]), between_m]), None),
-    )
+    sizes, n = _Sizes.of(model), len(activity)
+    path = np.concatenate([moved.parts[:, 1 : 1 + N_USED_INCREMENTS], moved.ways], axis=1) * sizes.ways
+    path /= np.sqrt(np.maximum(activity, _LEAST**2))[:, None, None]
+    velocity = path[:, :N_USED_INCREMENTS].sum(axis=1).T
+    axes = np.stack(_axes_of(*velocity), axis=1).reshape(n, AXES, AXES)
+    others = np.stack([*sizes.others(around), _speed(*velocity)], axis=1)
+    turned = np.matmul(path, axes.transpose(0, 2, 1))
+    rows = np.tanh(np.hstack([path.reshape(n, -1), others, turned.reshape(n, -1), axes[:, :2, 2]]))
+    of_movement, of_base = (rows[:, each] for each in _OF_FRAME)
+    return (of_movement, of_base), axes
 
 
-def _axes_of(velocity: Array) -> Array:
-    """Return the axes (M, 3, 3) of a movement: along it, upright, and across. They vanish where it does."""
-    along = velocity / np.maximum(np.linalg.norm(velocity, axis=1, keepdims=True), _LEAST)
-    upright = _DOWN - along[:, 2:] * along
-    upright /= np.maximum(np.linalg.norm(upright, axis=1, keepdims=True), _LEAST)
-    return np.stack([along, upright, _cross(along, upright)], axis=1)
-
-
-def _grippers(model: Correction, angles_rad: Array) -> Array:
-    """Return opening and changes (M, L) of grippers (M, L) at the lags."""
-    g = openness(angles_rad[:, 0], model.gripper_usual_rad, model.gripper_spread_rad)[:, None]
-    if model.gripper_spread_rad <= 0.0:
-        return np.repeat(g, angles_rad.shape[1], axis=1)
-    large = _SWING * model.gripper_spread_rad * np.sqrt(_LAGS_S[1:])
-    return _known(np.hstack([g, np.tanh((angles_rad[:, :1] - angles_rad[:, 1:]) / large)]))
-
-
-def _tools(turns: Array) -> Array:
-    """Return two axes of tools, and their turns in the base's frame, (M, 6 + 3 (L - 1)), of quaternions (M, L, 4)."""
-    x, y, z, w = turns[:, 0].T
-    two = [z * x + y * w, y * z - x * w, 0.5 - x * x - y * y, 0.5 - y * y - z * z, x * y + z * w, x * z - y * w]
-    now, then = turns[:, :1], turns[:, 1:]
-    half = then[..., 3:] * now[..., :3] - now[..., 3:] * then[..., :3] - _cross(now[..., :3], then[..., :3])
-    cosine = np.sum(now * then, axis=2, keepdims=True)
-    large = _TURN_RAD * np.sqrt(_LAGS_S[1:])[:, None]
-    moved = np.tanh(2.0 * np.copysign(1.0, cosine) * half / large).reshape(len(turns), -1)
-    return _known(np.hstack([2.0 * np.stack(two, axis=1), moved]))
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Return the cross products of vectors (..., 3): on so few numpy's own takes four times as long."""
-    return a.take(_NEXT, axis=-1) * b.take(_LAST, axis=-1) - a.take(_LAST, axis=-1) * b.take(_NEXT, axis=-1)
-
-
-def _known(values: Array) -> Array:
-    """Return values with 0 for those that are not known."""
-    return np.asarray(np.where(np.isnan(values), 0.0, values))
-
-
-def head_projections(i: int, centre: Array, deviation: Array, n_features: int) -> Array:
+def head_projections(i: int, centre: Array, deviation: Array, n_features: int) -> NDArray[np.float32]:
     """Return F and phi side by side (M, I + 1) of head ``i``."""
-    return projections(centre, deviation, n_features, LENGTHS[i], f"head of the {FRAMES[i]}")
+    drawn = projections(centre, deviation, n_features, LENGTHS[i], f"head of the {FRAMES[i]}")
+    return drawn.astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class Heads:
     """The heads of a correction at one rate: all that does not depend on data."""
 
-    model: Correction
-    lags: NDArray[np.int64]
+    sizes: _Sizes
+    usual_m: float
+    near: NDArray[np.int64]
+    far: tuple[int, ...]
     rows: Array
-    drawn: Sequence[Array]
+    centre: NDArray[np.float32]
+    frequencies: tuple[NDArray[np.float32], ...]
+    phases: NDArray[np.float32]
 
     @classmethod
     def of(cls, model: Correction, filter_: InnovationsFilter, rate_hz: int) -> "Heads | None":
         """Return the heads; None where the correction has none."""
         if not model.heads:
             return None
-        rows: Array = np.kron(movement_rows(filter_, model.span), np.eye(AXES // filter_.n_axes)).astype(float)
+        d, sizes = filter_.n_axes, _Sizes.of(model)
         drawn = [
             head_projections(i, each.centre, each.deviation, each.weights.shape[2])
             for i, each in enumerate(model.heads)
         ]
-        return cls(model, wrist_lags(rate_hz), rows, drawn)
+        movement, base = model.heads
+        return cls(
+            sizes,
+            model.usual_m,
+            lags(_LAGS_S, rate_hz),
+            tuple(lags(_WAYS_S, rate_hz).tolist()),
+            movement_rows(filter_, model.span)[d : d * (1 + _N_VECTORS)] * np.repeat(sizes.ways, d, axis=0),
+            np.concatenate([base.centre, movement.centre[_TURNED - _BOTH :]]).astype(np.float32),
+            tuple(np.ascontiguousarray(each[:, :-1]) for each in drawn),
+            np.concatenate([each[:, -1] for each in drawn]),
+        )
 
-    def seen(self, mean: Array, activity: float, playout: Playout, index: int) -> tuple[Seen, ...]:
-        """Return the features after the arm's arrived sample at ``index``, with the filter's mean (M, 3/d) there."""
-        moved = split(self.rows.dot(mean.reshape(-1)).reshape(1, -1, AXES))
-        wrists, way_m = looked_back_in(playout.arm, index, self.lags), _way_to_other(playout, index)
-        inputs = head_inputs(self.model, moved, np.array([activity]), wrists, way_m)
-        scale = self.model.usual_m * np.sqrt(max(activity, _LEAST**2))
-        found = []
-        for drawn, head, each in zip(self.drawn, self.model.heads, inputs, strict=True):
-            features = scale * np.cos(drawn[:, :-1].dot(each.known(head.centre)[0]) + drawn[:, -1])
-            found.append(Seen(features, None if each.axes is None else each.axes[0]))
-        return tuple(found)
+    def seen(self, mean: Array, activity: float, playout: Playout, index: int) -> Seen:
+        """Return the features after the arm's arrived sample at ``index``, with the filter's mean (M, 3/d) there.
+
+        It is `head_inputs` of one row, in plain numbers where there are few. Oracle: that.
+        """
+        scale = sqrt(activity) if activity > _LEAST**2 else _LEAST
+        path = self.rows.dot(mean).reshape(_N_VECTORS, AXES)
+        path *= 1.0 / scale
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = path[:N_USED_INCREMENTS].tolist()
+        velocity = ax + bx + cx, ay + by + cy, az + bz + cz
+        numbers = _axes_of(*velocity)
+        axes = np.array(numbers).reshape(AXES, AXES)
+        others = self.sizes.others(self._around(playout, index))
+        others.append(_speed(*velocity))
+        inputs = np.concatenate((path.ravel(), others, path.dot(axes.T).ravel(), (numbers[2], numbers[5])))
+        limited = np.tanh(inputs, dtype=np.float32, casting="same_kind")
+        if isnan(limited.dot(limited)):
+            limited = np.where(np.isnan(limited), self.centre, limited)
+        of_movement, of_base = self.frequencies
+        n = len(of_movement)
+        angles = self.phases.copy()
+        angles[:n] += of_movement.dot(limited[_OF_FRAME[0]])
+        angles[n:] += of_base.dot(limited[_OF_FRAME[1]])
+        np.cos(angles, out=angles)
+        return Seen(angles[:n], angles[n:], axes, self.usual_m * scale)
+
+    def _around(self, playout: Playout, index: int) -> Surroundings:
+        """Return what the heads look back on at an arrived sample, and at the other arm's last one by then."""
+        arm, other = playout.arm, playout.other_arm
+        wrists = looked_back_in(arm, index, self.near)
+        if other is None or (at := index if index in other else other.newest_before(index)) < 0:
+            return Surroundings(wrists, (nan,) * len(self.near), (_UNKNOWN,) * len(self.far))
+        ways_m, last = [], _UNKNOWN
+        for lag in self.far:
+            here_m, there_m = _at_or_before(arm, index - lag), _at_or_before(other, at - lag)
+            if here_m is not None and there_m is not None:
+                (x, y, z), (a, b, c) = here_m.tolist(), there_m.tolist()
+                last = a - x, b - y, c - z
+            ways_m.append(last)
+        return Surroundings(wrists, [each[4] for each in looked_back_in(other, at, self.near)], ways_m)
+
+
+_UNKNOWN: Final = (nan, nan, nan)
+
+
+def _at_or_before(buffer: SourceBuffer, index: int) -> Array | None:
+    """Return the position at an index, or at the last arrived one before it; None: there is none."""
+    found = buffer.get(index)
+    return buffer.get(buffer.newest_before(index)) if found is None else found

@@ -82,7 +82,7 @@ def fit_movement(rows: TrainingRows) -> Companions:
         training.grippers_rad,
         training.people,
         training.orientations,
-        training.between_m,
+        training.others,
         follows=not rows.static,
     )
     return Companions({"innovations": fitted.model, "commanded": fitted.commanded}, fitted.warnings)

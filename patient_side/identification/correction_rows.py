@@ -20,6 +20,7 @@ from tis.patient_side.filters.correction import (
     openness,
     projections,
 )
+from tis.patient_side.filters.heads import Surroundings
 from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter
 from tis.patient_side.filters.row_clock import N_CLOCK_TERMS, evidence_of, terms_of
 from tis.patient_side.linear_system import Array
@@ -73,8 +74,8 @@ _LARGEST = 0.999
 class CorrectionRows(NamedTuple):
     """One trial: positions (M, 3) in m, the filter's means (M, N) and activity (M,), and the gripper's angle (M,).
 
-    Rows of the same ``group`` (M,) are held out together. ``wrists`` (M, L, 5) are those that heads look back on;
-    None where there are to be no heads. ``between_m`` (M, 3) are the ways to the other arm, NaN without one.
+    Rows of the same ``group`` (M,) are held out together. ``around`` is what heads look back on; None where there are
+    to be no heads.
     """
 
     position_m: Array
@@ -82,8 +83,7 @@ class CorrectionRows(NamedTuple):
     activity: Array
     gripper_rad: Array
     group: NDArray[np.intp]
-    wrists: Array | None = None
-    between_m: Array | None = None
+    around: Surroundings | None = None
 
 
 def correction_span(rate_hz: int) -> int:

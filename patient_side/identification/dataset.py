@@ -26,9 +26,9 @@ class TrainingSet:
     (3,) are the means over all rows of the hand: with one trial the operating point itself, with several a first
     guess, from which a run differs by a constant that an estimator has to absorb (a bias state). About the lowest
     value, all trials share one offset, the lower end of their common range. ``grippers_rad`` (N,) are the angles of
-    the arms' grippers, ``orientations`` (N, 4) the arms' unit quaternions x, y, z, w, and ``between_m`` (N, 3) the
-    ways from the arms to the other hand's, NaN without one, trial by trial; ``people`` is who moves in each, empty
-    where that is not known.
+    the arms' grippers, ``orientations`` (N, 4) the arms' unit quaternions x, y, z, w, and ``others`` (N, 4) the
+    ways from the arms to the other hand's and the angles of its gripper, NaN without one, trial by trial; ``people``
+    is who moves in each, empty where that is not known.
 
     A recording with jumps is several trials, the stretches between them: what jumped may be the origin itself.
     ``first_rows`` are the recordings' rows at which the trials begin; ``warnings`` name the recordings that were cut.
@@ -37,7 +37,7 @@ class TrainingSet:
     trials: tuple[Trial, ...]
     grippers_rad: tuple[Array, ...]
     orientations: tuple[Array, ...]
-    between_m: tuple[Array, ...]
+    others: tuple[Array, ...]
     people: tuple[str, ...]
     labels: tuple[str, ...]
     arm: Arm
@@ -63,7 +63,7 @@ class _Stretch:
     person: str
     part: HandRecording
     first_row: int
-    between_m: Array
+    others: Array
 
 
 def training_set(
@@ -102,7 +102,7 @@ def training_set(
         trials=trials,
         grippers_rad=tuple(each.part.follower.gripper_rad for each in chosen),
         orientations=tuple(each.part.follower.orientation for each in chosen),
-        between_m=tuple(each.between_m for each in chosen),
+        others=tuple(each.others for each in chosen),
         people=tuple(each.person for each in chosen),
         labels=tuple(each.label for each in chosen),
         arm=own[0].part.arm,
@@ -128,23 +128,24 @@ def _between_jumps(recordings: Sequence[Recording], shortest: int) -> tuple[list
             apart = f"{_named(long)}, as trials of their own" if long else "no rows"
             warnings.append(f"{recording.label}: trained on {apart}, and not on the jumps between{left_out}")
         for part in recording.hands:
-            between_m = _between(recording, part)
+            others = _others(recording, part)
             for first, stop in long:
                 rows = f" rows {first}-{stop - 1}" if len(found) > 1 else ""
                 label = f"{recording.label}{rows}, {part.hand} hand"
-                kept.append(_Stretch(label, recording.person, part.rows(first, stop), first, between_m[first:stop]))
+                kept.append(_Stretch(label, recording.person, part.rows(first, stop), first, others[first:stop]))
     return kept, warnings
 
 
-def _between(recording: Recording, part: HandRecording) -> Array:
-    """Return the ways (N, 3) from a hand's arm to the other hand's, NaN where there is none."""
+def _others(recording: Recording, part: HandRecording) -> Array:
+    """Return the ways from a hand's arm to the other hand's, and its gripper's angles (N, 4); NaN without one."""
     own_m = part.follower.position_m
-    ways_m = np.full_like(own_m, np.nan)
+    found = np.full((len(own_m), 4), np.nan)
     for other in recording.hands:
         if other.hand != part.hand:
-            n = min(len(own_m), len(other.follower.position_m))
-            ways_m[:n] = other.follower.position_m[:n] - own_m[:n]
-    return ways_m
+            there = other.follower
+            n = min(len(own_m), len(there.position_m))
+            found[:n, :3], found[:n, 3] = there.position_m[:n] - own_m[:n], there.gripper_rad[:n]
+    return found
 
 
 def _named(found: Sequence[tuple[int, int]]) -> str:

@@ -45,28 +45,29 @@ class Moments(NamedTuple):
     n: Array
 
 
-def solutions(moments: Moments, precision: Array) -> tuple[Array, list[Array]]:
-    """Return the ridge solutions (K, R) of all rows, and for each group of the rows outside it.
+def ridge(past: Array, cross: Array, square: float, n: float, precision: Array) -> Array:
+    """Return the ridge solution (K, R) from second moments of regressors, with the errors, and of the errors.
 
     ``precision`` (K,) is the inverse variance of a coefficient's prior, times the rows that are alike, for regressors
     and errors in units of their deviations.
     """
+    size = np.sqrt(np.diag(past))
+    if n <= 0 or square <= 0 or not np.all(np.isfinite(size)):
+        return np.zeros_like(cross)
+    # Regressors in units of the errors; one that vanishes gets the coefficient 0.
+    unit = np.divide(sqrt(square), size, out=np.zeros_like(size), where=size > 0)
+    normal = (n / square) * unit[:, None] * past * unit + np.diag(precision)
+    return np.asarray(unit[:, None] * np.linalg.solve(normal, (n / square) * unit[:, None] * cross))
 
-    def solved(past: Array, cross: Array, square: float, n: float) -> Array:
-        size = np.sqrt(np.diag(past))
-        if n <= 0 or square <= 0 or not np.all(np.isfinite(size)):
-            return np.zeros_like(cross)
-        # Regressors in units of the errors; one that vanishes gets the coefficient 0.
-        unit = np.divide(sqrt(square), size, out=np.zeros_like(size), where=size > 0)
-        normal = (n / square) * unit[:, None] * past * unit + np.diag(precision)
-        return np.asarray(unit[:, None] * np.linalg.solve(normal, (n / square) * unit[:, None] * cross))
 
+def solutions(moments: Moments, precision: Array) -> tuple[Array, list[Array]]:
+    """Return the `ridge` solutions (K, R) of all rows, and for each group of the rows outside it."""
     total = Moments(*(each.sum(axis=0) for each in moments))
     by_group = [
-        solved(total.past - past, total.cross - cross, float(total.square - square), float(total.n - n))
+        ridge(total.past - past, total.cross - cross, float(total.square - square), float(total.n - n), precision)
         for past, cross, square, n in zip(*moments, strict=True)
     ]
-    return solved(total.past, total.cross, float(total.square), float(total.n)), by_group
+    return ridge(total.past, total.cross, float(total.square), float(total.n), precision), by_group
 
 
 def empty_moments(n_groups: int, size: int, n_errors: int) -> Moments:
@@ -94,13 +95,33 @@ _WORTH_IT = 0.99
 class FittedCorrection:
     """The correction, and forecast errors (M_i, 3) by horizon and trial: of rows held out, and without correction.
 
-    ``stage`` has the rows.
+    ``stage`` has the rows; ``parts`` (G + 1, 8, 15) and ``features`` (G + 1, 128, 3) are, by horizon, the weights
+    without each group of rows, and of all rows.
     """
 
     correction: Correction
     errors: list[list[Array]]
     linear_errors: list[list[Array]]
     stage: "Stage"
+    parts: list[Array]
+    features: list[Array]
+
+    def left_without(self, j: int, h: int, every: int) -> list[Array]:
+        """Return what the weights of each world leave of every so many rows by trial (M, G + 1, 3), over h samples.
+
+        In the g-th world nobody has seen group g; the last has seen all. Unlike errors of rows held out, those of
+        other groups do not depend on group g there: what is learned from them may be judged by it.
+        """
+        found = []
+        for trial in self.stage.trials:
+            move, error = (each[::every] for each in trial.forecast(self.stage.filter, h))
+            n = len(error)
+            parts = np.concatenate([move[:, None], trial.parts[::every][:n]], axis=1)
+            coefficients = np.matmul(self.parts[j], trial.terms[::every][:n].T).transpose(2, 0, 1)
+            added = trial.features[::every][:n] @ self.features[j].transpose(1, 0, 2).reshape(N_FEATURES, -1)
+            left = error[:, None] - np.matmul(coefficients, parts)
+            found.append((left - added.reshape(n, -1, AXES)).astype(np.float32))
+        return found
 
 
 def fit_correction(
@@ -120,7 +141,7 @@ def fit_correction(
     stage = Stage(prepared, filter_, n_groups, round(_STRETCH_S * rate_hz))
     # The coefficients, and what they leave on rows held out.
     moments = stage.moments_of_parts(steps)
-    weights, left = np.zeros((len(steps), N_PARTS, N_TERMS)), []
+    weights, left, by_world = np.zeros((len(steps), N_PARTS, N_TERMS)), [], []
     for j, h in enumerate(steps.tolist()):
         prior = np.full(N_TERMS, _PRIOR)
         prior[N_MOVEMENT_TERMS - 1] = _GRIPPER_PRIOR * sqrt(min(1.0, (h + _ALIKE_S * rate_hz) / held))
@@ -129,11 +150,13 @@ def fit_correction(
         whole, by_group = solutions(moments[j], precision)
         share, residuals = stage.left_of_parts(h, by_group)
         weights[j] = share * whole.reshape(N_PARTS, N_TERMS)
+        by_world.append(share * np.stack([*by_group, whole]).reshape(-1, N_PARTS, N_TERMS))
         left.append(residuals)
     # The Fourier features on these residuals.
     features = [each.features for each in prepared]
     of_features = stage.moments_of_features(features, left)
     fourier = np.zeros((len(steps), AXES, N_FEATURES))
+    of_world = [np.zeros((n_groups + 1, N_FEATURES, AXES)) for _ in steps]
     for j, h in enumerate(steps.tolist()):
         precision = np.full(N_FEATURES, (h + _ALIKE_S * rate_hz) * N_FEATURES / _TOGETHER)
         precision /= min(1.0, _REACH_S * rate_hz / h)
@@ -142,6 +165,7 @@ def fit_correction(
         # Features cost as much time as all the rest: where they gain next to nothing they are left out.
         if _squares(residuals) <= _WORTH_IT * _squares(left[j]):
             fourier[j], left[j] = share * whole.T, residuals
+            of_world[j] = share * np.stack([*by_group, whole])
     correction = replace(
         model,
         horizons=steps.astype(float),
@@ -154,7 +178,7 @@ def fit_correction(
         [[e * of.unit[: len(e), None] for e, of in zip(each, prepared, strict=True)] for each in each_stage]
         for each_stage in (left, linear)
     )
-    return FittedCorrection(correction, errors, linear_errors, stage)
+    return FittedCorrection(correction, errors, linear_errors, stage, by_world, of_world)
 
 
 def _squares(errors: Sequence[Array]) -> float:
@@ -219,7 +243,7 @@ class Stage:
                 correction[own] = np.matmul(coefficients[:, None], parts[own])[:, 0]
             errors.append(error)
             corrections.append(correction)
-        return self._shared(errors, corrections)
+        return self.shared(errors, corrections)
 
     def moments_of_features(self, of_trials: Sequence[Features], left: list[list[Array]]) -> list[Moments]:
         """Return for each horizon the moments of the trials' features (M, K) with what is ``left``."""
@@ -250,9 +274,9 @@ class Stage:
             for group, own in trial.blocks:
                 correction[own] = features[own] @ by_group[group].astype(np.float32)
             corrections.append(correction)
-        return self._shared(left, corrections)
+        return self.shared(left, corrections)
 
-    def _shared(self, errors: list[Array], corrections: list[Array]) -> tuple[float, list[Array]]:
+    def shared(self, errors: list[Array], corrections: list[Array]) -> tuple[float, list[Array]]:
         """Return the share of the corrections that the errors support, and the errors less that share.
 
         It is the regression of errors on corrections less half its standard error, from sums over stretches of 4 s.

@@ -1,97 +1,147 @@
 """Heads on what a correction leaves: ridge regressions of its errors on random features, one frame after the other.
 
-They are fitted to the errors of rows held out, by person, of the correction, and, where people are held out again,
-each is multiplied by the share that these support, less half its standard error (`Stage`): a head that people whom it
-has not seen do not support vanishes. The priors narrow beyond a second, as those of the correction do.
+What a head is worth is found by leaving each person out of everything: the correction, the head before, and the head
+are fitted without them, and forecast their rows. Each head is multiplied by the share that these errors support, less
+half its standard error (`Stage`): a head that people whom it has not seen do not support vanishes.
+
+Errors of the correction on rows held out would not do as what heads are fitted to. Those of one person come from
+weights that have seen the person who is left out, and tell against them: of four people the shares found so were less
+than half of those that a fifth supports, and at half a second nothing of the first head was left.
+
+The priors narrow beyond a second, as those of the correction do.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tis.patient_side.filters.correction import movements
-from tis.patient_side.filters.heads import FRAMES, N_HEAD_FEATURES, HeadInputs, head_inputs, head_projections
+from tis.patient_side.filters.heads import FRAMES, N_HEAD_FEATURES, head_inputs, head_projections
 from tis.patient_side.filters.innovations_filter import AXES
 from tis.patient_side.identification.correction_rows import short
-from tis.patient_side.identification.fit_correction import Features, FittedCorrection, Stage, solutions
+from tis.patient_side.identification.fit_correction import Features, FittedCorrection, Stage, ridge
 from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import Head
 
-_TOGETHER: Final = (3.0, 10.0)
+_TOGETHER: Final = (10.0, 30.0)
 """How much of the errors' variance all features of a frame may explain, by the prior."""
 _ALIKE_S: Final = 1 / 3
 _REACH_S: Final = 1.0
 _LEAST_DEVIATION: Final = 1e-6
+_EVERY: Final = 2
+"""Of so many rows one is fitted: neighbouring ones tell the same."""
 _FASTEST_HZ: Final = 250
-"""Rate above which there are no heads: their inputs take some 0.1 ms, which a tick of a millisecond does not have."""
+"""Rate above which there are no heads: their inputs take time that a tick of a millisecond does not have."""
 
 
 def with_heads(fitted: FittedCorrection, steps: NDArray[np.int64], rate_hz: int) -> FittedCorrection:
     """Return the correction with its heads and what these leave.
 
-    It is as it was at a high rate, and where rows have no wrists to look back on.
+    It is as it was at a high rate, where rows have no wrists to look back on, and where no head is worth anything.
     Oracles in test_fit_heads: people whose movement turns by a law, and people of whom nothing can be learned.
     """
-    if rate_hz > _FASTEST_HZ:
-        return fitted
     stage, model = fitted.stage, fitted.correction
-    by_trial: list[tuple[HeadInputs, HeadInputs]] = []
+    if rate_hz > _FASTEST_HZ or any(trial.rows.around is None for trial in stage.trials):
+        return fitted
+    inputs, axes = [], []
     for trial in stage.trials:
-        if trial.rows.wrists is None:
-            return fitted
         moved = movements(stage.filter, model.span, trial.rows.means)
-        by_trial.append(head_inputs(model, moved, trial.rows.activity, trial.rows.wrists, trial.rows.between_m))
+        assert trial.rows.around is not None
+        found = head_inputs(model, moved, trial.rows.activity, trial.rows.around)
+        inputs.append(found[0])
+        axes.append(found[1])
     units = [trial.unit for trial in stage.trials]
-    left = [[e / u[: len(e), None] for e, u in zip(each, units, strict=True)] for each in fitted.errors]
+    held = [[e / u[: len(e), None] for e, u in zip(each, units, strict=True)] for each in fitted.errors]
+    left = _Left([fitted.left_without(j, h, _EVERY) for j, h in enumerate(steps.tolist())], held)
     heads = []
     for i in range(len(FRAMES)):
-        head, left = _fitted(i, [each[i] for each in by_trial], stage, left, steps, rate_hz)
-        heads.append(head)
-    errors = [[e * u[: len(e), None] for e, u in zip(each, units, strict=True)] for each in left]
+        frames = axes if i == 0 else [None] * len(axes)
+        heads.append(_fitted(i, [each[i] for each in inputs], frames, stage, left, steps, rate_hz))
+    if not any(head.weights.any() for head in heads):
+        return fitted
+    errors = [[e * u[: len(e), None] for e, u in zip(each, units, strict=True)] for each in left.held]
     return replace(fitted, correction=replace(model, heads=heads), errors=errors)
+
+
+class _Left(NamedTuple):
+    """What is left, by horizon and trial: of fitted rows by world (M, G + 1, 3), and of all rows held out (N, 3)."""
+
+    worlds: list[list[Array]]
+    held: list[list[Array]]
 
 
 def _fitted(
     i: int,
-    inputs: Sequence[HeadInputs],
+    inputs: Sequence[Array],
+    frames: Sequence[Array | None],
     stage: Stage,
-    left: list[list[Array]],
+    left: _Left,
     steps: NDArray[np.int64],
     rate_hz: int,
-) -> tuple[Head, list[list[Array]]]:
-    """Return head ``i``, and what it leaves of ``left`` on people held out."""
-    pooled = np.concatenate([each.values for each in inputs])
-    known = np.ma.masked_invalid(pooled)  # recordings of one hand have no other arm
+) -> Head:
+    """Return head ``i``, and take what it adds from what is ``left``."""
+    known = np.ma.masked_invalid(np.concatenate(inputs))  # recordings of one hand have no other arm
     centre = short(known.mean(axis=0).filled(0.0))
     deviation = short(np.maximum(known.std(axis=0).filled(0.0), _LEAST_DEVIATION))
-    drawn = head_projections(i, centre, deviation, N_HEAD_FEATURES).astype(np.float32)
+    drawn = head_projections(i, centre, deviation, N_HEAD_FEATURES)
     features: list[Features] = [
-        np.cos(each.known(centre).astype(np.float32) @ drawn[:, :-1].T + drawn[:, -1]) for each in inputs
+        np.cos(np.where(np.isnan(each), centre, each).astype(np.float32) @ drawn[:, :-1].T + drawn[:, -1])
+        for each in inputs
     ]
-    axes = [each.axes for each in inputs]
-    turned = [[_turned(e, q) for e, q in zip(each, axes, strict=True)] for each in left]
-    moments = stage.moments_of_features(features, turned)
+    groups = [int(trial.rows.group[0]) for trial in stage.trials]
+    alone = [each[::_EVERY].T @ each[::_EVERY] for each in features]
     weights = np.zeros((len(steps), AXES, N_HEAD_FEATURES))
-    after = []
     for j, h in enumerate(steps.tolist()):
-        alike = h + _ALIKE_S * rate_hz
-        precision = np.full(
-            N_HEAD_FEATURES, alike * N_HEAD_FEATURES / _TOGETHER[i] / min(1.0, _REACH_S * rate_hz / h)
-        )
-        whole, by_group = solutions(moments[j], precision)
-        share, residuals = stage.left_of_features(features, turned[j], by_group)
-        weights[j] = share * whole.T
-        after.append([_turned_back(e, q) for e, q in zip(residuals, axes, strict=True)])
-    return Head(centre, deviation, short(weights)), after
+        alike = (h + _ALIKE_S * rate_hz) / _EVERY
+        prior = _TOGETHER[i] * min(1.0, _REACH_S * rate_hz / h)
+        precision = np.full(N_HEAD_FEATURES, alike * N_HEAD_FEATURES / prior)
+        worlds = _by_world(features, alone, frames, groups, left.worlds[j], precision)
+        corrections = []
+        for each, frame, group, error in zip(features, frames, groups, left.held[j], strict=True):
+            corrections.append(_from(each[: len(error)] @ worlds[group], frame))
+        share, left.held[j] = stage.shared(left.held[j], corrections)
+        weights[j] = share * worlds[-1].T
+        if share and i < len(FRAMES) - 1:
+            together = share * worlds.transpose(1, 0, 2).reshape(N_HEAD_FEATURES, -1)
+            for each, frame, error in zip(features, frames, left.worlds[j], strict=True):
+                added = each[::_EVERY][: len(error)] @ together
+                error -= _from(added.reshape(error.shape), None if frame is None else frame[::_EVERY])
+    return Head(centre, deviation, short(weights))
 
 
-def _turned(errors: Array, axes: Array | None) -> Array:
-    """Return errors (M, 3) in a frame's axes (N, 3, 3)."""
-    return errors if axes is None else np.matmul(axes[: len(errors)], errors[:, :, None])[:, :, 0]
+def _by_world(
+    features: Sequence[Features],
+    alone: Sequence[Features],
+    frames: Sequence[Array | None],
+    groups: Sequence[int],
+    left: Sequence[Array],
+    precision: Array,
+) -> NDArray[np.float32]:
+    """Return the weights (G + 1, K, 3) of each world, fitted to the rows of the groups that it has seen."""
+    n_worlds, size = left[0].shape[1], len(precision)
+    past, cross = np.zeros((n_worlds, size, size)), np.zeros((n_worlds, size, AXES))
+    square, n = np.zeros(n_worlds), np.zeros(n_worlds)
+    for each, whole, frame, group, error in zip(features, alone, frames, groups, left, strict=True):
+        rows = each[::_EVERY]
+        turned = error if frame is None else np.matmul(error, frame[::_EVERY][: len(error)].transpose(0, 2, 1))
+        tail, seen = rows[len(error) :], np.arange(n_worlds) != group
+        past[group] += whole - tail.T @ tail
+        both = rows[: len(error)].T @ turned.reshape(len(error), -1).astype(np.float32)
+        cross[seen] += both.reshape(size, n_worlds, AXES).transpose(1, 0, 2)[seen]
+        square[seen] += (np.sum(turned**2, axis=(0, 2)) / AXES)[seen]
+        n[seen] += len(error)
+    total = past.sum(axis=0)
+    past[-1] = 0.0  # the last world has seen all
+    found = [ridge(total - past[g], cross[g], float(square[g]), float(n[g]), precision) for g in range(n_worlds)]
+    return np.stack(found).astype(np.float32)
 
 
-def _turned_back(errors: Array, axes: Array | None) -> Array:
-    return errors if axes is None else np.matmul(errors[:, None], axes[: len(errors)])[:, 0]
+def _from(added: Array, frame: Array | None) -> Array:
+    """Return what is added in a frame's axes (M, 3, 3), of numbers (..., 3) at its rows (N, ...), in the base's."""
+    if frame is None:
+        return added
+    axes = frame[: len(added)]
+    return np.asarray(np.matmul(added.reshape(len(added), -1, AXES), axes).reshape(added.shape))

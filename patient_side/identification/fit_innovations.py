@@ -98,7 +98,7 @@ def fit_innovations(
     grippers_rad: Sequence[Array] = (),
     people: Sequence[str] = (),
     orientations: Sequence[Array] = (),
-    between_m: Sequence[Array] = (),
+    others: Sequence[Array] = (),
     *,
     follows: bool = False,
 ) -> FittedInnovations:
@@ -113,11 +113,11 @@ def fit_innovations(
     0.3 % of its best. The structure is the first of `PREFERRED`, unless others are `clearly_better`: then the best of
     those is compared with it again on rows that neither has seen, people left out where there are several, at long
     horizons too, and with their corrections (`fit_correction`). The correction uses the grippers' angles (N,) where
-    they are given, and ``people``, who moves in each trial; its heads also the ``orientations`` (N, 4), and the ways
-    ``between_m`` (N, 3) to the other arms. Trials are weighted by the inverse size of their innovations, as weighted
-    least squares requires: otherwise the liveliest trial dominates. With an ``order`` only the structures that can
-    have it are tried. Raises `DataError` for arrays that `check_outputs` rejects, or for an ``order`` beyond the
-    block rows. Oracle: a known system's forecasts, test_fit_innovations.
+    they are given, and ``people``, who moves in each trial; its heads also the ``orientations`` (N, 4), and
+    ``others`` (N, 4), the ways to the other arms and their grippers. Trials are weighted by the inverse size of their
+    innovations, as weighted least squares requires: otherwise the liveliest trial dominates. With an ``order`` only
+    the structures that can have it are tried. Raises `DataError` for arrays that `check_outputs` rejects, or for an
+    ``order`` beyond the block rows. Oracle: a known system's forecasts, test_fit_innovations.
     """
     # Checks, and the rows held back.
     outputs = [y for _, y in trials]
@@ -132,7 +132,7 @@ def fit_innovations(
         tuple(grippers_rad),
         tuple(people),
         orientations=tuple(orientations),
-        between_m=tuple(between_m),
+        others=tuple(others),
     )
     candidates, errors = _candidates(held_back, rate_hz, block_rows, order)
     best, doubts = _with_everything(candidates, held_back, rate_hz)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from tis.patient_side.filters.activity import ActivityMean
-from tis.patient_side.filters.heads import looked_back
+from tis.patient_side.filters.heads import Surroundings
 from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter, build_innovations_filter, correct
 from tis.patient_side.filters.recent_past import RecentPast
 from tis.patient_side.filters.unbroken import Unbroken
@@ -41,7 +41,7 @@ class HeldBack:
     ``commands`` (N_i, 3) are those of what the arms follow, in units of the arm, where the model has a response.
 
     ``grippers_rad`` (N_i,) are the grippers' angles at these rows, ``orientations`` (N_i, 4) the arms',
-    ``between_m`` (N_i, 3) the ways to the other arms, NaN without one, and ``people`` who
+    ``others`` (N_i, 4) the ways to the other arms and their grippers, NaN without one, and ``people`` who
     moves in each trial, where they are known.
     """
 
@@ -51,7 +51,7 @@ class HeldBack:
     people: tuple[str, ...] = ()
     commands: tuple[Array, ...] = ()
     orientations: tuple[Array, ...] = ()
-    between_m: tuple[Array, ...] = ()
+    others: tuple[Array, ...] = ()
 
     def of_trials(self, chosen: NDArray[np.intp]) -> "HeldBack":
         """Return some of the trials."""
@@ -66,7 +66,7 @@ class HeldBack:
             some(self.people),
             some(self.commands),
             some(self.orientations),
-            some(self.between_m),
+            some(self.others),
         )
 
     @property
@@ -347,10 +347,10 @@ def _correction_rows(
     """
     groups = held_out_groups([len(each) for each in activities], rows.people)
     grippers = rows.grippers_rad or tuple(np.zeros(len(y)) for y in rows.outputs)
-    wrists: list[Array | None] = [None] * len(groups)
+    around: list[Surroundings | None] = [None] * len(groups)
     if with_heads and rows.orientations and len(set(rows.people)) >= _FEWEST_PEOPLE:
-        both = zip(rows.orientations, grippers, rows.first_rows, strict=True)
-        wrists = [looked_back(np.column_stack([turns, g]), first, rate_hz) for turns, g, first in both]
-    between = rows.between_m or tuple(np.full_like(y, np.nan) for y in rows.outputs)
-    each = zip(rows.outputs, rows.first_rows, means, activities, grippers, groups, wrists, between, strict=True)
-    return [CorrectionRows(y[i:], s, a, g[i:], group, w, b[i:]) for y, i, s, a, g, group, w, b in each]
+        others = rows.others or tuple(np.full((len(y), 4), np.nan) for y in rows.outputs)
+        both = zip(rows.orientations, grippers, others, rows.first_rows, strict=True)
+        around = [Surroundings.of_rows(np.column_stack([q, g]), o, first, rate_hz) for q, g, o, first in both]
+    each = zip(rows.outputs, rows.first_rows, means, activities, grippers, groups, around, strict=True)
+    return [CorrectionRows(y[i:], s, a, g[i:], group, w) for y, i, s, a, g, group, w in each]

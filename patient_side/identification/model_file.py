@@ -98,9 +98,22 @@ def parse_models(data: bytes, where: str) -> tuple[ArmModel, ...]:
             shown.append(Fault(where, "", f"and {n_faults - _MAX_FAULTS} more faults"))
         raise DataError(shown) from None
     return tuple(
-        replace(model, learned=tuple(_with_weights(each, tensors, where) for each in model.learned))
+        replace(_without_former(model), learned=tuple(_with_weights(each, tensors, where) for each in model.learned))
         for model in file.models
     )
+
+
+def _without_former(model: ArmModel) -> ArmModel:
+    """Return a model without what only earlier versions compute, and a warning that says so."""
+    innovations = model.innovations
+    if innovations is None or innovations.correction is None or not innovations.correction.has_former_heads:
+        return model
+    innovations = replace(innovations, correction=replace(innovations.correction, heads=[]))
+    warning = (
+        f"the model of the {model.hand} hand has heads of an earlier version, which are not used: train it again, "
+        "with tis identify, to have its best forecasts"
+    )
+    return replace(model, innovations=innovations, warnings=(*model.warnings, warning))
 
 
 def _with_names(model: ArmModel, tensors: dict[str, Singles]) -> ArmModel:

@@ -1,6 +1,7 @@
 import dataclasses
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from tis.common.errors import DataError
 from tis.common.sources.provenance import RecordedRows
 from tis.patient_side.identification.model_file import dump_models, parse_models
 from tis.patient_side.linear_system import NoiseModel, StateSpace
-from tis.patient_side.movement_models import InputForecast
+from tis.patient_side.movement_models import Head, InputForecast
 from tis.patient_side.statespace import ArmModel, FilterModel
 
 
@@ -163,6 +164,16 @@ def test_a_correction_is_checked_as_a_whole() -> None:
         "lowest must be at most highest",
     ):
         assert text in fault
+
+
+def test_heads_of_the_former_form_are_left_out_with_a_warning() -> None:
+    heads = [Head(np.zeros(n), np.ones(n), np.zeros((3, 3, 4))) for n in (36, 58)]
+    innovations = replace(slow_movement(), correction=replace(correction(), heads=heads))
+    (read,) = parse_models(dump_models([replace(model(), innovations=innovations)]), "m.json")
+    assert read.innovations is not None
+    assert read.innovations.correction is not None
+    assert not read.innovations.correction.heads
+    assert "train it again" in read.warnings[-1]
 
 
 def test_a_correction_without_fourier_features_keeps_its_shapes() -> None:
