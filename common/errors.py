@@ -3,7 +3,8 @@
 Network events (lost, late, undecodable, missed tick) are counted values and never errors.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import PurePath
 from traceback import walk_tb
@@ -101,6 +102,15 @@ class DataError(TisError):
     """A recording, a model file, a log or the disk cannot be used."""
 
     exit_code = 4
+
+
+@contextmanager
+def file_faults(where: object, rule: str) -> Iterator[None]:
+    """Raise `DataError` where the block's work on a file fails: the rule, and the system's reason."""
+    try:
+        yield
+    except OSError as error:
+        raise DataError(Fault(str(where), "", f"{rule}: {error.strerror}")) from None
 
 
 EXIT_OK = 0

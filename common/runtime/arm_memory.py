@@ -13,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final, NamedTuple, Self
 
-from tis.common.errors import DataError, Fault
+from tis.common.errors import file_faults
 from tis.common.messages import Message, encode
 from tis.common.node import Record
 from tis.common.runtime.loop import Recorder
@@ -53,15 +53,13 @@ class ArmMemory:
         if not topics:
             return
         made = path.with_name(f"{path.name}.new")
-        try:
+        with file_faults(path, "cannot be written"):
             with made.open("w+b") as file:
                 file.truncate(_N_SLOTS * _SLOT_BYTES * len(topics))
                 self._page = mmap.mmap(file.fileno(), 0)
             for topic, data in last.items():
                 self.keep(Record(topic, 0, data))
             made.replace(path)
-        except OSError as error:
-            raise DataError(Fault(str(path), "", f"cannot be written: {error.strerror}")) from None
 
     def around(self, recorder: Recorder) -> Recorder:
         """Return a recorder that logs with ``recorder`` and also keeps; the recorder itself without topics."""

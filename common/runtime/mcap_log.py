@@ -15,7 +15,7 @@ from typing import Final, Self
 
 import numpy as np
 
-from tis.common.errors import DataError, Fault
+from tis.common.errors import DataError, Fault, file_faults
 from tis.common.messages import Message, encode
 from tis.common.node import Record
 from tis.common.runtime.chunk_writer import MESSAGE_HEAD_BYTES, QUICK, THOROUGH, ChunkWriter, encode_message
@@ -77,11 +77,9 @@ class McapLog:
 
     def move(self, path: Path) -> None:
         """Go on in another place of the same disk; raises `DataError`."""
-        try:
+        with file_faults(path, "cannot be written"):
             path.parent.mkdir(parents=True, exist_ok=True)
             self._path = self._path.rename(path)
-        except OSError as error:
-            raise DataError(Fault(str(path), "", f"cannot be written: {error.strerror}")) from None
 
     def record(self, record: Record) -> None:
         """Write one record."""

@@ -142,9 +142,7 @@ def _power_shares(velocity: Array, rate_hz: int) -> dict[float, float]:
 
 
 def median_statistics(
-    signals: Sequence[Array],
-    rate_hz: int,
-    statistics: Callable[[Array, int], dict[str, float]] = movement_statistics,
+    signals: Sequence[Array], rate_hz: int, statistics: Callable[[Array, int], dict[str, float]] = movement_statistics
 ) -> dict[str, float]:
     """Return the median of each statistic over the signals of several tips: positions (N, 3), by default."""
     of_each = [statistics(signal, rate_hz) for signal in signals]

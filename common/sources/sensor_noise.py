@@ -55,11 +55,7 @@ def with_noise(recording: Recording, std_m: float, seed: int) -> Recording:
         )
 
     hands = tuple(
-        replace(
-            hand,
-            command=noisy(hand.command, f"{hand.hand} master"),
-            follower=noisy(hand.follower, hand.arm),
-        )
+        replace(hand, command=noisy(hand.command, f"{hand.hand} master"), follower=noisy(hand.follower, hand.arm))
         for hand in recording.hands
     )
     return replace(recording, hands=hands)

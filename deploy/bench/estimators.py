@@ -22,7 +22,7 @@ from tis.common.scenario.source import SyntheticSource
 from tis.common.sources.synthetic import synthesise
 from tis.common.streams import Stream
 from tis.common.units import NS_PER_S, NS_PER_US, ms_to_ns, sample_instant_ns
-from tis.deploy.present.table import Column, Table
+from tis.deploy.present.table import Table
 from tis.patient_side.estimators.builders import build_estimator
 from tis.patient_side.estimators.protocol import Estimator
 from tis.patient_side.identification.fit_innovations import fit_innovations
@@ -82,15 +82,6 @@ class Samples(NamedTuple):
     arm_m: Array
     gripper_rad: Array
 
-
-_COLUMNS: Final = (
-    Column("", words=True),
-    Column("p50", "µs", wraps=True, show="{:.1f}".format),
-    Column("p99", "µs", wraps=True, show="{:.1f}".format),
-    Column("× steady", show="{:.1f}".format),
-    Column("steps", wraps=True),
-    Column("plays", wraps=True),
-)
 
 Arrival = tuple[int, bool, int]
 """Arrival of a sample: ns of run time, whether it is the arm's, and its source index."""

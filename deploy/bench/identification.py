@@ -10,15 +10,17 @@ import tracemalloc
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from importlib.util import find_spec
 from statistics import median
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from rich.console import Console
 
 from tis.common.errors import EXIT_OK
-from tis.deploy.bench.prediction_accuracy import PLANTS, prediction_errors
-from tis.deploy.present.table import Column, Table
+from tis.deploy.bench.prediction_accuracy import PLANTS, SIPPY, nfoursid_model, prediction_errors, sippy_model
+from tis.deploy.present.table import Table
 from tis.patient_side.identification.hankel import triangular_factor
 from tis.patient_side.identification.subspace_methods import METHODS
 from tis.patient_side.linear_system import Array, StateSpace
@@ -29,13 +31,6 @@ PLANT_ROWS: Final = 1500
 ORDER_OF_PLANTS: Final = 2
 _MB: Final = 1e6
 _MAX_TOTAL_MS: Final = 5000.0
-
-_COLUMNS: Final = (
-    Column("", words=True, wraps=True),
-    Column("median", "ms", wraps=True, show="{:.1f}".format),
-    Column("peak memory", "MB", wraps=True, show="{:.1f}".format),
-    Column("bound", wraps=True),
-)
 
 Call = Callable[[Sequence[Array], Sequence[Array]], object]
 
@@ -82,7 +77,7 @@ def bench_identification(out: Console) -> int:
         out.print(Table(title, ("", "median, ms", "peak memory, MB", "bound"), rows).terminal())
     for plant in PLANTS:
         found = prediction_errors(*plant.rows(PLANT_ROWS, 1), ORDER_OF_PLANTS)
-        errors = [(who, f"{error:.4f}") for who, _, error in found]
+        errors = [(who, f"{error:.4f}") for who, error in found]
         title = f"{plant.name}: errors 5 samples ahead over the outputs' deviation, poles free unless stable"
         out.print(Table(title, ("", "error"), errors).terminal())
     return EXIT_OK
@@ -123,56 +118,26 @@ def measure(who: str, call: Call, u: Sequence[Array], y: Sequence[Array], n_repe
 
 
 def _calls(size: Size) -> dict[str, Call]:
-    calls: dict[str, Call] = {name: _whole(name) for name in METHODS}
+    calls: dict[str, Call] = {
+        name: partial(method, order=ORDER, horizon=BLOCK_ROWS) for name, method in METHODS.items()
+    }
     calls["  triangular factor alone"] = lambda u, y: triangular_factor(list(zip(u, y, strict=True)), BLOCK_ROWS)
     if size.peers:
         calls.update(_peers())
     return calls
 
 
-def _whole(name: str) -> Call:
-    method = METHODS[name]
-    return lambda u, y: method(u, y, ORDER, BLOCK_ROWS)
-
-
 def _peers() -> dict[str, Call]:
     """Return the calls of the installed other packages, on the first trial."""
     peers: dict[str, Call] = {}
-    try:
-        from sippy_unipi import system_identification
-    except ImportError:
-        pass
-    else:
-        for method in ("N4SID", "MOESP", "CVA"):
-            peers[f"sippy_unipi {method}"] = _sippy(system_identification, method)
-    try:
-        import pandas as pd
-        from nfoursid.nfoursid import NFourSID
-    except ImportError:
-        pass
-    else:
-        peers["nfoursid PO-MOESP"] = _nfoursid(NFourSID, pd)
+    if find_spec("sippy_unipi"):
+        for method in SIPPY:
+            peers[f"sippy_unipi {method}"] = lambda u, y, method=method: sippy_model(  # type: ignore[misc]
+                method, u[0], y[0], ORDER, BLOCK_ROWS
+            )
+    if find_spec("nfoursid"):
+        peers["nfoursid PO-MOESP"] = lambda u, y: nfoursid_model(u[0], y[0], ORDER, BLOCK_ROWS)
     return peers
-
-
-def _sippy(system_identification: Any, method: str) -> Call:
-    def call(u: Sequence[Array], y: Sequence[Array]) -> object:
-        return system_identification(
-            y[0].T, u[0].T, method, SS_f=BLOCK_ROWS, SS_fixed_order=ORDER, SS_D_required=True
-        )
-
-    return call
-
-
-def _nfoursid(NFourSID: Any, pd: Any) -> Call:
-    def call(u: Sequence[Array], y: Sequence[Array]) -> object:
-        inputs, outputs = [[f"{side}{i}" for i in range(y[0].shape[1])] for side in "uy"]
-        frame = pd.DataFrame(np.hstack([u[0], y[0]]), columns=inputs + outputs)
-        found = NFourSID(frame, outputs, inputs, num_block_rows=BLOCK_ROWS)
-        found.subspace_identification()
-        return found.system_identification(rank=ORDER)
-
-    return call
 
 
 def _verdict(size: Size, measured: Measured) -> str:

@@ -31,10 +31,7 @@ from tis.netem.expected.simulate import simulate
 
 _BYTES: Final = 256
 _CLEAN: Final = NetworkPart()
-_JITTER: Final[dict[str, Any]] = {
-    "delay": {"kind": "normal", "mean_ms": 5, "std_ms": 1},
-    "ordering": "fifo",
-}
+_JITTER: Final[dict[str, Any]] = {"delay": {"kind": "normal", "mean_ms": 5, "std_ms": 1}, "ordering": "fifo"}
 _FULL: Final[dict[str, Any]] = {"loss": {"kind": "burst", "p_loss": 0.01, "mean_burst": 3}, **_JITTER}
 _PAUSE_S: Final = 0.3
 _ROUNDS: Final = 5

@@ -4,11 +4,14 @@ All are fitted to the first 70 % of the rows and predict the rest by their own K
 plants are those that a model with poles moved inside fails on: integrators, and hardly damped oscillations.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
+from importlib.util import find_spec
 from typing import Any, Final
 
 import numpy as np
+from scipy.linalg import solve_discrete_are
 
 from tis.patient_side.identification.system_identification import identify
 from tis.patient_side.identification.validation import PREDICTED_STEPS
@@ -16,6 +19,8 @@ from tis.patient_side.linear_system import Array, StateSpace
 
 HORIZON: Final = 15
 SHARE: Final = 0.7
+SIPPY: Final = ("N4SID", "MOESP", "CVA")
+"""Methods of the package sippy_unipi."""
 _WARM_UP: Final = 30
 
 Matrices = tuple[Array, Array, Array, Array, Array]
@@ -71,8 +76,8 @@ PLANTS: Final = (
 )
 
 
-def prediction_errors(u: Array, y: Array, order: int) -> Iterator[tuple[str, Callable[[], Matrices], float]]:
-    """Yield who predicts, the call that identifies, and the rms error over the deviation of what is predicted.
+def prediction_errors(u: Array, y: Array, order: int) -> Iterator[tuple[str, float]]:
+    """Yield who predicts, and the rms error over the deviation of what is predicted.
 
     A package that fails on the rows has the error NaN.
     """
@@ -82,13 +87,13 @@ def prediction_errors(u: Array, y: Array, order: int) -> Iterator[tuple[str, Cal
     steps = PREDICTED_STEPS
     held = y[cut + _WARM_UP : -steps] - y[cut + _WARM_UP + steps :]
     deviation = y[cut + _WARM_UP + steps :].std(axis=0)
-    yield "hold", lambda: (np.empty((0, 0)),) * 5, float(np.sqrt(np.mean(np.mean(held**2, axis=0) / deviation**2)))
+    yield "hold", float(np.sqrt(np.mean(np.mean(held**2, axis=0) / deviation**2)))
     for who, call in _identifiers(u[:cut], y[:cut], order).items():
         try:
             errors = _ahead(call(), u, y)[cut + _WARM_UP :]
-            yield who, call, float(np.sqrt(np.mean(np.mean(errors**2, axis=0) / deviation**2)))
+            yield who, float(np.sqrt(np.mean(np.mean(errors**2, axis=0) / deviation**2)))
         except Exception:  # whatever another package raises
-            yield who, call, float("nan")
+            yield who, float("nan")
 
 
 def _ahead(matrices: Matrices, u: Array, y: Array) -> Array:
@@ -118,51 +123,50 @@ def _identifiers(u: Array, y: Array, order: int) -> dict[str, Callable[[], Matri
 
 
 def _peers(u: Array, y: Array, order: int) -> Iterator[tuple[str, Callable[[], Matrices]]]:
-    try:
-        from sippy_unipi import system_identification
-    except ImportError:
-        pass
-    else:
-        for method in ("N4SID", "MOESP", "CVA"):
-            yield f"sippy_unipi {method}", _sippy(system_identification, method, u, y, order)
-    try:
-        from nfoursid.nfoursid import NFourSID
-    except ImportError:
-        pass
-    else:
-        yield "nfoursid", lambda: _nfoursid(NFourSID, u, y, order)
-    try:
-        import ctrlsys
-    except ImportError:
-        pass
-    else:
-        yield "ctrlsys (SLICOT)", lambda: _slicot(ctrlsys, u, y, order)
+    if find_spec("sippy_unipi"):
+        for method in SIPPY:
+            yield f"sippy_unipi {method}", partial(_sippy, method, u, y, order)
+    if find_spec("nfoursid"):
+        yield "nfoursid", partial(_nfoursid, u, y, order)
+    if find_spec("ctrlsys"):
+        yield "ctrlsys (SLICOT)", partial(_slicot, u, y, order)
 
 
-def _sippy(system_identification: Any, method: str, u: Array, y: Array, order: int) -> Callable[[], Matrices]:
-    def call() -> Matrices:
-        g = system_identification(y.T, u.T, method, SS_f=HORIZON, SS_fixed_order=order, SS_D_required=True)
-        return g.A, g.B, g.C, g.D, g.K
+def sippy_model(method: str, u: Array, y: Array, order: int, horizon: int) -> Any:
+    """Return what sippy_unipi identifies."""
+    from sippy_unipi import system_identification
 
-    return call
+    return system_identification(y.T, u.T, method, SS_f=horizon, SS_fixed_order=order, SS_D_required=True)
 
 
-def _nfoursid(NFourSID: Any, u: Array, y: Array, order: int) -> Matrices:
+def nfoursid_model(u: Array, y: Array, order: int, horizon: int) -> Any:
+    """Return what nfoursid identifies: a state space, and the covariance of its noises."""
     import pandas as pd
-    from scipy.linalg import solve_discrete_are
+    from nfoursid.nfoursid import NFourSID
 
-    names: Sequence[list[str]] = [[f"{side}{i}" for i in range(a.shape[1])] for side, a in (("u", u), ("y", y))]
-    frame = pd.DataFrame(np.hstack([u, y]), columns=names[0] + names[1])
-    found = NFourSID(frame, names[1], names[0], num_block_rows=HORIZON)
+    inputs, outputs = ([f"{side}{i}" for i in range(a.shape[1])] for side, a in (("u", u), ("y", y)))
+    frame = pd.DataFrame(np.hstack([u, y]), columns=inputs + outputs)
+    found = NFourSID(frame, outputs, inputs, num_block_rows=horizon)
     found.subspace_identification()
-    s, covariance = found.system_identification(rank=order)
+    return found.system_identification(rank=order)
+
+
+def _sippy(method: str, u: Array, y: Array, order: int) -> Matrices:
+    g = sippy_model(method, u, y, order, HORIZON)
+    return g.A, g.B, g.C, g.D, g.K
+
+
+def _nfoursid(u: Array, y: Array, order: int) -> Matrices:
+    s, covariance = nfoursid_model(u, y, order, HORIZON)
     p = y.shape[1]
     R, S, Q = covariance[:p, :p], covariance[p:, :p], covariance[p:, p:]
     P = solve_discrete_are(s.a.T, s.c.T, Q, R, s=S)
     return s.a, s.b, s.c, s.d, np.linalg.solve(s.c @ P @ s.c.T + R, (s.a @ P @ s.c.T + S).T).T
 
 
-def _slicot(ctrlsys: Any, u: Array, y: Array, order: int) -> Matrices:
+def _slicot(u: Array, y: Array, order: int) -> Matrices:
+    import ctrlsys
+
     (n_rows, m), p = u.shape, y.shape[1]
     columns = (np.asfortranarray(u), np.asfortranarray(y))
     _, R, *_ = ctrlsys.ib01ad("M", "Q", "N", "O", "N", "N", HORIZON, m, p, *columns, 0.0, -1.0)

@@ -8,7 +8,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -61,39 +61,31 @@ class Relay:
         return resident_bytes(self.pid)
 
 
-@contextmanager
-def native_router(endpoint: str) -> Iterator[Relay]:
+def native_router(endpoint: str) -> AbstractContextManager[Relay]:
     """Run a Zenoh router, as the reference."""
-    with _process(_route, endpoint) as relay:
-        yield relay
+    return _process(_route, endpoint)
 
 
-@contextmanager
-def netem(west: str, east: str, network: NetworkPart) -> Iterator[Relay]:
+def netem(west: str, east: str, network: NetworkPart) -> AbstractContextManager[Relay]:
     """Run netem with a log, as a run has one; its figures are counters and the quantiles of the release error."""
-    with _process(_bridge, west, east, network.model_dump(mode="json", exclude_none=True)) as relay:
-        yield relay
+    return _process(_bridge, west, east, network.model_dump(mode="json", exclude_none=True))
 
 
-@contextmanager
-def least_relay(west: str, east: str) -> Iterator[Relay]:
+def least_relay(west: str, east: str) -> AbstractContextManager[Relay]:
     """Run the least that delays messages in Python: two routers, callbacks, a heap and one thread that puts.
 
     It has no models, keeps no books and no log, and carries one key of each direction with one quality of service.
     Its threads are scheduled as netem's are.
     """
-    with _process(_delay, west, east) as relay:
-        yield relay
+    return _process(_delay, west, east)
 
 
-@contextmanager
-def bare_loop(rate_hz: float, poll_s: float | None = None) -> Iterator[Relay]:
+def bare_loop(rate_hz: float, poll_s: float | None = None) -> AbstractContextManager[Relay]:
     """Run a loop that waits for ``rate_hz`` instants a second as netem does, and does nothing else.
 
     With ``poll_s`` it looks that often whether an instant has passed, as published fault injectors do.
     """
-    with _process(_keep_instants, rate_hz, poll_s) as relay:
-        yield relay
+    return _process(_keep_instants, rate_hz, poll_s)
 
 
 @contextmanager

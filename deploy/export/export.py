@@ -13,7 +13,7 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault, InputError
+from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, Fault, InputError, file_faults
 from tis.common.extras import GET_PARQUET
 from tis.deploy.export.columns import readme
 from tis.deploy.export.jigsaws import jigsaws_files
@@ -76,10 +76,8 @@ def export(
         rule = "must be a new or an empty folder: give --csv, --parquet and --jigsaws at once, or choose --out"
         raise InputError(Fault(str(out_dir), "", rule))
     exported = read()
-    try:
+    with file_faults(out_dir, "cannot be written"):
         files = _write(exported, out_dir, formats)
-    except OSError as error:
-        raise DataError(Fault(str(out_dir), "", f"cannot be written: {error.strerror}")) from None
     for file in files:
         size_kb = (out_dir / file).stat().st_size / 1000
         out.print(escape(f"{out_dir / file}  {size_kb:.0f} kB"), soft_wrap=True)

@@ -8,7 +8,7 @@ from typing import Final, Literal, NamedTuple
 
 from rich.console import Console
 
-from tis.common.errors import DataError, Fault, InputError
+from tis.common.errors import DataError, Fault, InputError, file_faults
 from tis.common.runtime.run_folders import RUNS
 from tis.common.zenoh_syntax import endpoint_faults
 from tis.deploy.hosts.connections import at_all, hosts_of
@@ -131,10 +131,8 @@ def collect_from_hosts(
 
 def collection_folder(path: Path) -> Path:
     """Make the folder of a collection, which may hold a part of it already; raises `DataError`."""
-    try:
+    with file_faults(path, "cannot be created"):
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DataError(Fault(str(path), "", f"cannot be created: {error.strerror}")) from None
     return path
 
 

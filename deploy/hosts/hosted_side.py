@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any, Final
 
-from tis.common.errors import EXIT_OK, DataError, Fault
+from tis.common.errors import EXIT_OK, DataError, Fault, file_faults
 from tis.common.runtime.process import Interrupt, child_environment
 from tis.deploy.hosts.protocol import INTERRUPT, MAX_LINE_BYTES, MAX_SILENCE_S, RunRequest, line_of
 from tis.deploy.shell import run_dir as folder
@@ -70,10 +70,8 @@ def _prepare(run_dir: Path, scenario: str) -> bool:
     """Make the run's folder with its scenario; tell whether it is new. Raises `DataError`."""
     file = run_dir / folder.SCENARIO_FILE
     is_new = not run_dir.exists()
-    try:
+    with file_faults(run_dir, "run folder cannot be created"):
         run_dir.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DataError(Fault(str(run_dir), "", f"run folder cannot be created: {error.strerror}")) from None
     if is_new:
         folder.write(file, scenario)
     elif not file.is_file() or file.read_text() != scenario:

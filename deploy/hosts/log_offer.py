@@ -12,7 +12,7 @@ from typing import Annotated, BinaryIO, Final, get_args
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from tis.common.channels import Side
-from tis.common.errors import DataError, Fault
+from tis.common.errors import DataError, Fault, file_faults
 
 MAX_LOG_BYTES: Final = 1 << 40
 _FORM: Final = rf"^({'|'.join(get_args(Side))})(_camera|_screen)?(_[0-9]{{1,3}})?(_recovered)?\.mcap$"
@@ -37,11 +37,8 @@ class OfferedLog(BaseModel):
 
 def log_names(folder: Path) -> list[str]:
     """Return the names of the logs in a folder; symbolic links and devices are none."""
-    try:
-        with os.scandir(folder) as entries:
-            return sorted(one.name for one in entries if _is_log(one.name) and one.is_file(follow_symlinks=False))
-    except OSError as error:
-        raise DataError(Fault(str(folder), "", f"cannot be read: {error.strerror}")) from None
+    with file_faults(folder, "cannot be read"), os.scandir(folder) as entries:
+        return sorted(one.name for one in entries if _is_log(one.name) and one.is_file(follow_symlinks=False))
 
 
 def offered_logs(folder: Path, parts: Mapping[str, int]) -> list[OfferedLog]:
@@ -64,11 +61,9 @@ def opened_log(folder: Path, name: str) -> Iterator[BinaryIO]:
     """Open a log of a folder, and no other file, whatever the name; raises `DataError`."""
     if not _is_log(name):
         raise DataError(Fault(str(folder), "", "offers the logs of a run only", name))
-    try:
+    with file_faults(folder / name, "cannot be read"):
         # Not through a link that was put there, and without waiting for the other end of a pipe.
         number = os.open(folder / name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-    except OSError as error:
-        raise DataError(Fault(str(folder / name), "", f"cannot be read: {error.strerror}")) from None
     if not stat.S_ISREG(os.fstat(number).st_mode):
         os.close(number)
         raise DataError(Fault(str(folder / name), "", "must be a regular file"))

@@ -6,13 +6,12 @@ A log that is fetched grows as ``NAME.part``, and gets its name when its SHA-256
 import asyncio
 import shutil
 from collections import Counter
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple, Protocol
 
-from tis.common.errors import DataError, Fault, PeerError
+from tis.common.errors import DataError, Fault, PeerError, file_faults
 from tis.deploy.hosts.log_offer import MAX_LOG_BYTES, OfferedLog, digest_of, log_names
 
 
@@ -137,7 +136,7 @@ class Collection:
         """Fetch one log; False if it proved not to be what was offered, so that it has to start anew."""
         log, part = fetch.log, self.folder / f"{fetch.log.name}{PART}"
         begin, done = fetch.begin, fetch.begin
-        with _faults_named(part), part.open("r+b" if begin else "wb") as file:
+        with file_faults(part, "cannot be written"), part.open("r+b" if begin else "wb") as file:
             file.seek(begin)
             file.truncate()
             blocks = source.read(log.name, begin, log.n_bytes) if begin < log.n_bytes else _nothing()
@@ -152,7 +151,7 @@ class Collection:
             raise PeerError(
                 Fault(source.place, log.name, f"the transfer stopped after {done} of {log.n_bytes} bytes")
             )
-        with _faults_named(part):
+        with file_faults(part, "cannot be written"):
             if digest_of(part) != log.sha256:
                 part.unlink()
                 return False
@@ -182,7 +181,7 @@ class Collection:
     def _check_size(self, logs: Sequence[OfferedLog], place: str) -> None:
         """Raise `DataError` where the logs do not fit the collection or its disk, before a byte of them is read."""
         offered = {log.name: log.n_bytes for log in logs}
-        with _faults_named(self.folder):
+        with file_faults(self.folder, "cannot be written"):
             here = {name: (self.folder / name).stat().st_size for name in log_names(self.folder)}
             n_free = shutil.disk_usage(self.folder).free - _RESERVE_BYTES
         parts = self._parts()
@@ -204,7 +203,7 @@ class Collection:
 
     def _held(self, name: str) -> Held:
         whole, part = self.folder / name, self.folder / f"{name}{PART}"
-        with _faults_named(whole):
+        with file_faults(whole, "cannot be written"):
             sha256 = digest_of(whole) if whole.is_file() else None
             if not part.is_file():
                 return Held(sha256)
@@ -220,11 +219,3 @@ class Collection:
 async def _nothing() -> AsyncIterator[bytes]:
     for block in (b"",):
         yield block
-
-
-@contextmanager
-def _faults_named(file: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise DataError(Fault(str(file), "", f"cannot be written: {error.strerror}")) from None

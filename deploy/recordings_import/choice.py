@@ -33,10 +33,7 @@ def chosen(topics: Sequence[Topic], wanted: Wanted, where: str) -> tuple[dict[st
     `DataError` when no topic is found. Oracle: lists of topics in the tests.
     """
     by_name = {topic.name: topic for topic in topics}
-    faults = [
-        *_faults(wanted.topics, by_name, "pose", "--topic"),
-        *_faults(wanted.jaws, by_name, "joints", "--jaw"),
-    ]
+    faults = [*_faults(wanted.topics, by_name, "pose", "--topic"), *_faults(wanted.jaws, by_name, "joints", "--jaw")]
     if faults:
         raise InputError(faults)
     poses, jaws = dict(wanted.topics), dict(wanted.jaws)

@@ -20,11 +20,7 @@ from tis.common.scenario import Scenario
 from tis.deploy.shell import run_dir as folder
 from tis.deploy.shell.outcome import Event, Outcome, SideEnd, outcome_of, reasons_of
 
-MODULES: Final[dict[Side, str]] = {
-    "surgeon": "tis.surgeon_side",
-    "netem": "tis.netem",
-    "patient": "tis.patient_side",
-}
+MODULES: Final[dict[Side, str]] = {"surgeon": "tis.surgeon_side", "netem": "tis.netem", "patient": "tis.patient_side"}
 _POLL_S: Final = 0.2
 _GRACE_S: Final = 2.5
 _BARRIER_S: Final = 120

@@ -16,7 +16,7 @@ from typing import Any, Final
 from pydantic_core import from_json
 
 from tis.common.channels import Side
-from tis.common.errors import DataError, Fault
+from tis.common.errors import DataError, Fault, file_faults
 from tis.common.estimators import ESTIMATORS, scenario_name
 from tis.common.runtime.run_folders import RUNS
 from tis.common.runtime.scenario_files import read_limited
@@ -69,10 +69,8 @@ def page_file(name: str) -> Path:
 
 def made(path: Path) -> Path:
     """Return a folder after making it, if it is not there; raises `DataError`."""
-    try:
+    with file_faults(path, "folder cannot be created"):
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DataError(Fault(str(path), "", f"folder cannot be created: {error.strerror}")) from None
     return path
 
 
@@ -106,10 +104,8 @@ def write(path: Path, content: str | bytes) -> None:
 
 def remove(path: Path) -> None:
     """Delete a file, if it is there; raises `DataError`."""
-    try:
+    with file_faults(path, "cannot be deleted"):
         path.unlink(missing_ok=True)
-    except OSError as error:
-        raise DataError(Fault(str(path), "", f"cannot be deleted: {error.strerror}")) from None
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

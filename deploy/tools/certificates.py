@@ -28,7 +28,7 @@ from cryptography.hazmat.primitives.serialization import (
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from pydantic import TypeAdapter, ValidationError
 
-from tis.common.errors import DataError, Fault, InputError
+from tis.common.errors import DataError, Fault, InputError, file_faults
 from tis.common.revocation import REVOKED_FILE, Revoked
 from tis.common.runtime.credentials import (
     CA_FILE,
@@ -173,15 +173,13 @@ def revoke(folder: Path, name: str) -> str:
     if (folder / name / CERTIFICATE_FILE).exists():
         line += f" {_load_certificate(folder / name / CERTIFICATE_FILE).serial_number:x}"
     file = folder / REVOKED_FILE
-    try:
+    with file_faults(file, "cannot be written"):
         content = file.read_bytes() if file.exists() else b""
         if line not in content.decode("utf-8", "replace").splitlines():
             end = b"\n" * (content[-1:] not in (b"", b"\n"))
             partial = file.with_suffix(".part")
             partial.write_bytes(content + end + line.encode() + b"\n")
             partial.replace(file)
-    except OSError as error:
-        raise DataError(Fault(str(file), "", f"cannot be written: {error.strerror}")) from None
     return line
 
 

@@ -68,12 +68,7 @@ def lognormal(x: Floats) -> Fitted | None:
     if sigma > 5:  # exp(sigma^2) would exceed the numbers that a scenario accepts
         return None
     mean = exp(mu + sigma * sigma / 2)
-    stage = {
-        "kind": "lognormal",
-        "shift_ms": shift,
-        "mean_ms": mean,
-        "std_ms": mean * sqrt(exp(sigma * sigma) - 1),
-    }
+    stage = {"kind": "lognormal", "shift_ms": shift, "mean_ms": mean, "std_ms": mean * sqrt(exp(sigma * sigma) - 1)}
     return Fitted(
         stage, lambda v: scipy.special.ndtr((np.log(np.maximum(v - shift, 1e-300)) - mu) / sigma), density, 3
     )

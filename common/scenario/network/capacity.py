@@ -104,8 +104,7 @@ Cross = Annotated[ConstantCross | OnOffCross | PoissonCross, Field(discriminator
 
 
 Queue = Annotated[
-    TailDrop | CoDel | PriorityQueue,
-    Field(discriminator="kind", description="Queue in front of the transmission."),
+    TailDrop | CoDel | PriorityQueue, Field(discriminator="kind", description="Queue in front of the transmission.")
 ]
 _Overhead = Annotated[
     int,
@@ -117,8 +116,7 @@ _Overhead = Annotated[
     ),
 ]
 _CrossOrNone = Annotated[
-    Cross | None,
-    Field(description="Messages of others, which wait in the same queue; not given: there are none."),
+    Cross | None, Field(description="Messages of others, which wait in the same queue; not given: there are none.")
 ]
 _Backpressure = Annotated[
     bool,

@@ -29,6 +29,7 @@ ORIGIN_EVERY: Final = 3
 """Samples between two origins of forecasts: 10 origins/s at 30 samples/s."""
 
 _NONE: Final = np.full(3, np.nan)
+_SUMS: Final = ("distance_m", "absolute_m", "squares_m2")
 
 
 @dataclass(frozen=True)
@@ -56,26 +57,17 @@ class ErrorSums:
         found = list(parts)
         if not found:
             return None
-        return cls(
-            sum(part.n for part in found),
-            np.sum([part.distance_m for part in found], axis=0),
-            np.sum([part.absolute_m for part in found], axis=0),
-            np.sum([part.squares_m2 for part in found], axis=0),
-        )
+        each = ([getattr(part, name) for part in found] for name in _SUMS)
+        return cls(sum(part.n for part in found), *(np.sum(of_parts, axis=0) for of_parts in each))
 
     @classmethod
     def from_json(cls, raw: dict[str, Any]) -> "ErrorSums":
         """Return the sums that `to_json` wrote."""
-        return cls(raw["n"], *(np.array(raw[name]) for name in ("distance_m", "absolute_m", "squares_m2")))
+        return cls(raw["n"], *(np.array(raw[name]) for name in _SUMS))
 
     def to_json(self) -> dict[str, Any]:
         """Return the sums as JSON values."""
-        return {
-            "n": self.n,
-            "distance_m": self.distance_m.tolist(),
-            "absolute_m": self.absolute_m.tolist(),
-            "squares_m2": self.squares_m2.tolist(),
-        }
+        return {"n": self.n, **{name: getattr(self, name).tolist() for name in _SUMS}}
 
 
 class ForecastRecorder:

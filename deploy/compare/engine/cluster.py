@@ -15,10 +15,9 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future, wait
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final, NamedTuple, Self
 
-from tis.common.errors import DataError, Fault, InputError, PeerError
+from tis.common.errors import Fault, InputError, PeerError, file_faults
 from tis.common.extras import GET_CLUSTER
 from tis.deploy.compare.cells.cell import Cell
 from tis.deploy.compare.cells.identity import file_digest, software_digest
@@ -200,9 +199,7 @@ class Cluster:
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         with contextlib.suppress(*LOST):  # closing a lost connection fails again
             self._executor.shutdown(wait=False)
             self._contents.clear()
@@ -297,10 +294,8 @@ class Cluster:
     def _content(self, file: Path, digest: str) -> Any:
         """Return Dask's future of a file's content."""
         if digest not in self._contents:
-            try:
+            with file_faults(file, "cannot be read"):
                 content = file.read_bytes()
-            except OSError as error:
-                raise DataError(Fault(str(file), "", f"cannot be read: {error.strerror}")) from None
             with self._connected(), warnings.catch_warnings():
                 warnings.simplefilter("ignore", UserWarning)  # a large graph: a trial may have 10 MB
                 # `bytes` runs anywhere, so any worker may hold the content.

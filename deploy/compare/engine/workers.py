@@ -12,7 +12,6 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final, Protocol, Self
 
 from tis.common.errors import Fault, InputError, TisError
@@ -58,9 +57,7 @@ class Workers(Protocol):
 
     def __enter__(self) -> Self: ...
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    def __exit__(self, kind: type[BaseException] | None, /, *_: object) -> None: ...
 
     def has_room(self) -> bool:
         """Tell whether another unit should be submitted now."""
@@ -130,9 +127,7 @@ class Processes:
         os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # read when the workers load numpy
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, /, *_: object) -> None:
         if kind is not None:
             for child in set(multiprocessing.active_children()) - self._others:
                 child.terminate()

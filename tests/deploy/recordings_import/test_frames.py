@@ -9,8 +9,8 @@ from tests.common.runtime.recordings.tables import movement
 from tests.deploy.recordings_import.foreign_files import frames, odometry, ros_mcap_of, rosbag_of
 from tis.common.errors import DataError, InputError
 from tis.deploy.recordings_import.command import read
+from tis.deploy.recordings_import.files import pair_topics, take_pairs
 from tis.deploy.recordings_import.found import Wanted, rows_of
-from tis.deploy.recordings_import.frames import pair_topics, take_pairs
 
 Messages = Sequence[tuple[str, str, int, Any]]
 Write = Callable[[Path, Messages], Path]

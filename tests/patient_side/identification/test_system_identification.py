@@ -77,7 +77,7 @@ def test_published_data_are_predicted_as_by_other_packages(file: str) -> None:
         columns = np.loadtxt(SHARED / file)
         u, y, best = columns[:, :3], columns[:, 3:6], 0.3508  # SLICOT
     u, y = u - u[: len(u) * 7 // 10].mean(axis=0), y - y[: len(y) * 7 // 10].mean(axis=0)
-    errors = {who: error for who, _, error in prediction_errors(u, y, 4)}
+    errors = dict(prediction_errors(u, y, 4))
     assert errors["tis moesp"] <= 1.05 * best
 
 
