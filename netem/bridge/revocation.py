@@ -79,10 +79,9 @@ class Revocations:
         except FileNotFoundError:
             pass
         except OSError as error:
-            fault = f"{self._file}: cannot be read, what was revoked stays so: {error.strerror}"
-            if fault not in self._told:
-                self._told.add(fault)
-                self._tell(fault)
+            if REVOKED_FILE not in self._told:
+                self._told.add(REVOKED_FILE)
+                self._tell(f"{self._file}: cannot be read, what was revoked stays so: {error.strerror}")
             return
         if content != self._content:
             self._content = content
