@@ -72,6 +72,18 @@ def test_what_could_not_be_judged_stands_beside_faithful(
     assert part(LinkVerdict, {"faithful": faithful, "undecided": undecided}).text("the scenario") == words
 
 
+def test_what_concerns_some_keys_only_names_them_behind_what_was_judged() -> None:
+    verdict = {
+        "faithful": True, "judged": 713, "keys": 2, "undecided": {"loss": 13}, "undecided_keys": {"loss": "reply"},
+        "violations": [], "warnings": [], "not_decidable": [],
+    }  # fmt: skip
+    words = "713 messages of 2 keys judged (loss of reply: not decidable with 13 messages)"
+    assert part(LinkVerdict, verdict).text("the scenario") == f"faithful to the scenario: {words}"
+    markup = _list({"forward": {"verdict": verdict}})
+    assert '<strong class="good">faithful</strong>' in markup
+    assert "judged by 713 messages of 2 keys" in markup
+
+
 def test_without_a_scenario_none_is_named() -> None:
     verdict: dict[str, Any] = {"violations": [], "warnings": [], "not_decidable": [], "undecided": {}}
     for faithful in (True, False, None):

@@ -48,6 +48,9 @@ class Verdict:
     undecided: dict[str, int | None] = field(default_factory=dict)
     judged: int = 0
     set_aside: int = 0
+    keys: int = 0
+    undecided_keys: dict[str, str] = field(default_factory=dict)
+    """The keys that are undecided, where others are not."""
 
     def add_undecided(self, what: str, n: int, of: str = "") -> None:
         """Note that ``n`` messages are too few to judge the criterion ``what``."""
@@ -57,6 +60,8 @@ class Verdict:
     def as_summary(self) -> LinkVerdict:
         """Return the summary's ``verdict``; ``faithful`` is None when no criterion could be decided."""
         found = asdict(self)
+        if not self.undecided_keys:
+            del found["keys"], found["undecided_keys"]
         return LinkVerdict(faithful=not self.violations if found.pop("n_decided") else None, **found)
 
 

@@ -59,6 +59,8 @@ class LinkVerdict(Section):
         "Messages that were not, as they came while a change held that was made during the run.", default=0
     )
     undecided: dict[KindName, int | None] = means("Packets there were, by the property that they were too few for.")
+    keys: int = means("Keys judged, where something is not decidable of some of them only.", default=0)
+    undecided_keys: dict[KindName, str] = means("The keys that `undecided` concerns, where not all.", default={})
 
     def text(self, request: str) -> str:
         """Return ``faithful`` in words; ``request``: `the scenario` or `the requested network`."""
@@ -67,6 +69,10 @@ class LinkVerdict(Section):
         if not self.faithful:
             return f"not faithful to {request}"
         left_open = self.undecided_text
+        if self.undecided_keys:
+            return f"faithful to {request}: {self.judged} messages of {self.keys} keys judged ({left_open})" + (
+                self.set_aside_text
+            )
         judged = f" in all that could be judged ({left_open})" if left_open else ""
         return f"faithful to {request}{judged}{self.set_aside_text}"
 
@@ -82,9 +88,13 @@ class LinkVerdict(Section):
     def undecided_text(self) -> str:
         """Return the criteria that could not be judged, all keys together."""
         return "; ".join(
-            f"{what}: not decidable" + ("" if n is None else f" with {n} message{'s' if n != 1 else ''}")
+            f"{what}{self._of(what)}: not decidable"
+            + ("" if n is None else f" with {n} message{'s' if n != 1 else ''}")
             for what, n in self.undecided.items()
         )
+
+    def _of(self, what: str) -> str:
+        return f" of {self.undecided_keys[what]}" if what in self.undecided_keys else ""
 
 
 class PacketFigures(Section):

@@ -242,4 +242,9 @@ def _pooled_verdict(measured: list[_MeasuredKey]) -> LinkVerdict:
         for what, n in one.verdict.undecided.items():
             known = together.undecided.get(what)
             together.undecided[what] = n if known is None or n is None else max(known, n)
+    together.keys = sum(one.verdict.judged > 0 for one in measured)
+    for what in together.undecided:
+        titles = [one.title for one in measured if what in one.verdict.undecided]
+        if len(titles) < together.keys:
+            together.undecided_keys[what] = _joined(titles)
     return together.as_summary()

@@ -73,7 +73,11 @@ def fidelity_list(links: Links, request: str = "the scenario requests") -> str:
         word, look, sentence = _FAITHFUL[verdict.faithful]
         sentence = sentence.format(request)
         if verdict.faithful and (left_open := verdict.undecided_text):
-            word += " in what could be judged"
+            word += "" if verdict.undecided_keys else " in what could be judged"
+            if verdict.undecided_keys:
+                sentence = (
+                    f"{sentence.removesuffix('.')}, judged by {verdict.judged} messages of {verdict.keys} keys."
+                )
             sentence = f"{sentence.removesuffix('.')}, as far as this run can show ({left_open})."
         if verdict.faithful and (aside := verdict.set_aside_text):
             sentence = f"{sentence.removesuffix('.')}{aside}."
@@ -164,8 +168,11 @@ def delay_table(links: Links, requested: str = "by the scenario") -> Table:
             rows += [(f"{direction}, {end}", *[None] * len(_STATISTICS), *_NOTHING), *_rows("  ", keys[name])]
         if n_more := len(keys) - len(shown) + link.keys_not_listed:
             notes.append(f"{n_more} more key{'s' if n_more > 1 else ''} {direction}: see summary.json")
-    words = f"requested: {requested}; decided: drawn by its models; realised: measured in netem; release error: left "
-    words += "later than decided by; in a row: mean number of messages lost without one between them"
+    words = (
+        f"requested: {requested}; decided: drawn by its models, both without waits in a queue; realised: measured in "
+        "netem, with them, but not what waited before netem; release error: left later than decided by; in a row: "
+        "mean number of messages lost without one between them"
+    )
     columns = [
         Column(head, on_page_only=name in ("std", "p95"))
         for name, head in zip(_STATISTICS, heads(_STATISTICS), strict=True)
