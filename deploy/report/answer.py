@@ -12,13 +12,24 @@ from tis.deploy.report.subjects.latency import END_TO_END
 from tis.deploy.report.subjects.network.disturbances import disturbances_text
 from tis.deploy.report.subjects.network.link_figures import Link
 from tis.deploy.report.subjects.requirement_tables import outcome_list
+from tis.deploy.report.subjects.touch_tables import verdict_text
 from tis.deploy.report.summary import Summary
 from tis.deploy.report.validity import validity_text
 
 
 def answer(summary: Summary, scenario: Scenario) -> str:
     """Return a paragraph with figures of the summary; it names unknown ones."""
-    return " ".join((_late_text(summary), _lossy_text(summary), *_accurate_texts(summary, scenario)))
+    return " ".join(
+        (*_touch_texts(summary), _late_text(summary), _lossy_text(summary), *_accurate_texts(summary, scenario))
+    )
+
+
+def _touch_texts(summary: Summary) -> list[str]:
+    """Return the verdict on each hand's loop: in a run with touch it goes before all figures."""
+    return [
+        f"{f'{hand.capitalize()} hand: ' if len(summary.touch) > 1 else ''}{verdict_text(found)}"
+        for hand, found in summary.touch.items()
+    ]
 
 
 def _late_text(summary: Summary) -> str:

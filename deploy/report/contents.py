@@ -43,7 +43,9 @@ WARNINGS: Final[tuple[Callable[[Summary], Sequence[str]], ...]] = (
     lambda s: logs.absence_texts(s.logs),
     lambda s: intrusion.quarantine_texts(s.quarantined),
     lambda s: safety.stop_texts(s.safety),
-    lambda s: safety.limit_texts(s.safety),
+    lambda s: safety.limit_texts(
+        s.safety, [hand for hand, found in s.touch.items() if found.stability == "unstable"]
+    ),
     lambda s: devices.device_texts(s.devices, s.external_arms),
     lambda s: intrusion.refusal_texts(s.refused),
     lambda s: own_estimators.estimator_fault_texts(

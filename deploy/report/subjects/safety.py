@@ -1,6 +1,6 @@
 """Safety: what drove the arms beside the estimates, the safety states, and the emergency stops."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, sqrt
 from typing import Any, Final, Literal, get_args
@@ -252,12 +252,19 @@ def _largest_step_mm(position_m: Array) -> float | None:
     return MM_PER_M * float(np.nanmax(steps_m)) if np.isfinite(steps_m).any() else None
 
 
-def limit_texts(safety: Mapping[Hand, SafetyFigures | None]) -> list[str]:
-    """Return warnings on hands whose set points a limit kept off the active estimate for more than a moment."""
+def limit_texts(safety: Mapping[Hand, SafetyFigures | None], unstable: Collection[Hand] = ()) -> list[str]:
+    """Return warnings on hands whose set points a limit kept off the active estimate for more than a moment.
+
+    Where a hand's loop of touch was ``unstable`` the limit is no fault: it held a swing.
+    """
     return [
         f"in tracking the set points of the {hand} hand were kept off the active estimate at {number(found.ticks)} "
-        f"of {number(found.of_ticks)} ticks, by up to {number(found.off_mm)} mm: if the arm may follow it, raise "
-        f"patient.safety.{found.field}"
+        f"of {number(found.of_ticks)} ticks, by up to {number(found.off_mm)} mm: "
+        + (
+            "its loop of touch swings, and the limit holds that"
+            if hand in unstable
+            else f"if the arm may follow it, raise patient.safety.{found.field}"
+        )
         for hand, row in safety.items()
         if row is not None and (found := row.limited) and found.ticks > _MOST_LIMITED * found.of_ticks
     ]

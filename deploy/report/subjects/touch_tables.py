@@ -52,16 +52,22 @@ def touch_text(touch: Mapping[Hand, TouchFigures]) -> str:
     return "; ".join(texts)
 
 
-def answer_text(found: TouchFigures) -> str:
-    """Return whether a hand's loop was stable, what theory expects, and what the hand felt, in words."""
+def verdict_text(found: TouchFigures) -> str:
+    """Return whether a hand's loop was stable, and what theory expects, in words."""
     text = _MEANINGS[found.stability]
     if found.stiffness_n_m is not None:
         text += f", at a wall of {significant(found.stiffness_n_m)} N/m"
     if found.limit_n_m is not None:
         text += f". Theory expects it to swing from {significant(found.limit_n_m)} N/m on"
+    return f"{text}."
+
+
+def answer_text(found: TouchFigures) -> str:
+    """Return whether a hand's loop was stable, what theory expects, and what the hand felt, in words."""
+    text = verdict_text(found)
     if found.shown_over_true is not None and found.stability == "stable":
-        text += f". The hand felt {percent(found.shown_over_true)} % of the stiffness"
-    return f"{text}. The coupling gave the hand at most {energy_text(found.energy_mj)} beyond what it had put in."
+        text += f" The hand felt {percent(found.shown_over_true)} % of the stiffness."
+    return f"{text} The coupling gave the hand at most {energy_text(found.energy_mj)} beyond what it had put in."
 
 
 def touch_tables(touch: Mapping[Hand, TouchFigures]) -> list[Table]:

@@ -56,6 +56,21 @@ def test_it_says_how_late_how_lossy_and_how_accurate() -> None:
     )
 
 
+def test_a_run_with_touch_leads_with_the_verdict_on_its_loop() -> None:
+    spread = {"rms": 0.1, "p50": 0.1, "p95": 0.2, "max": 0.3}
+    touch = {
+        "stability": "unstable", "stable": False, "stiffness_n_m": 1500.0, "limit_n_m": 194.0,
+        "shown_over_true": None, "energy_mj": 2.1, "force_error_n": spread, "force_beyond_n": spread,
+        "force_delay_ms": spread, "round_trip_ms": spread, "drift_mm": None, "peak_force_n": 4.1,
+        "force_packets": {"sent": 10, "suppressed": 5}, "motion_packets": {"sent": 15, "suppressed": 0},
+    }  # fmt: skip
+    text = answer(_summary(SCORES) | {"touch": {"left": touch}}, a_scenario())
+    first = text.partition(".")[0]
+    assert "unstable" in first
+    assert "1500 N/m" in first
+    assert text.endswith(answer(_summary(SCORES), a_scenario()))
+
+
 def test_another_estimator_that_is_better_is_named() -> None:
     scores = SCORES | {"static_gain": _entry(0.4, 0.2)}
     assert "static_gain came closest, with 0.400 mm." in answer(_summary(scores), a_scenario())

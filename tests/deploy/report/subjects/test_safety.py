@@ -19,7 +19,13 @@ from tis.deploy.present.plot_style import time_range
 from tis.deploy.report.measured_run import MeasuredRun
 from tis.deploy.report.plots.errors import safety_figure
 from tis.deploy.report.run_view import hand_view
-from tis.deploy.report.subjects.safety import limit_texts, safety_summary, set_points, stop_texts
+from tis.deploy.report.subjects.safety import (
+    LimitedFigures,
+    limit_texts,
+    safety_summary,
+    set_points,
+    stop_texts,
+)
 from tis.deploy.report.subjects.tracking import track_of_hand
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
@@ -89,6 +95,18 @@ def test_what_shapes_after_a_break_is_no_limit_to_raise(run_dir: Path) -> None:
     assert left["shaped_ticks"] > 60
     assert (left.limited.ticks, left.limited.off_mm, left.limited.field) == (0, None, None)
     assert limit_texts({"left": left, "right": None}) == []
+
+
+def test_no_limit_is_to_be_raised_for_a_loop_of_touch_that_swings(run_dir: Path) -> None:
+    logs, scenario = load_run(run_dir), folder.read_scenario(run_dir)
+    left = safety_summary(logs, scenario, {"left": track_of_hand(logs, scenario, "left")}, models_in(logs))["left"]
+    assert left is not None
+    limited = LimitedFigures(ticks=60, of_ticks=270, off_mm=10.99, field="acceleration_m_s2")
+    limited_hand = left.model_copy(update={"limited": limited})
+    assert limit_texts({"left": limited_hand})[0].endswith("raise patient.safety.acceleration_m_s2")
+    (text,) = limit_texts({"left": limited_hand}, ["left"])
+    assert "60 of 270 ticks" in text
+    assert "raise" not in text
 
 
 def test_an_arm_stopped_before_its_first_set_point_counts_the_stop(run_dir: Path) -> None:
