@@ -259,15 +259,16 @@ def limit_texts(safety: Mapping[Hand, SafetyFigures | None], unstable: Collectio
     """
     return [
         f"in tracking the set points of the {hand} hand were kept off the active estimate at {number(found.ticks)} "
-        f"of {number(found.of_ticks)} ticks, by up to {number(found.off_mm)} mm: "
-        + (
-            "its loop of touch swings, and the limit holds that"
-            if hand in unstable
-            else f"if the arm may follow it, raise patient.safety.{found.field}"
-        )
+        f"of {number(found.of_ticks)} ticks, by up to {number(found.off_mm)} mm{_advice(found, hand in unstable)}"
         for hand, row in safety.items()
         if row is not None and (found := row.limited) and found.ticks > _MOST_LIMITED * found.of_ticks
     ]
+
+
+def _advice(found: LimitedFigures, swings: bool) -> str:
+    if swings:
+        return ": its loop of touch swings, and the limit holds that"
+    return f": if the arm may follow it, raise patient.safety.{found.field}"
 
 
 def stop_texts(safety: Mapping[Hand, SafetyFigures | None]) -> list[str]:
@@ -283,8 +284,8 @@ def stop_texts(safety: Mapping[Hand, SafetyFigures | None]) -> list[str]:
     n_refused, n_flooded = books.stop_requests_refused, books.stop_requests_flooded
     texts = []
     if n_stops:
-        stopped = f"{_times('emergency stop', n_stops)} stopped the arms{_within(hands)}, which stood still for "
-        stopped += f"{safe_s:.1f} s"
+        stopped = f"{_times('emergency stop', n_stops)} stopped the arms{_within(hands)}; for this, or as data "
+        stopped += f"lacked, they stood still for {safe_s:.1f} s in all"
         texts.append(f"{stopped}: the errors count that time")
     if books.stops_unsigned:
         texts.append(
