@@ -284,8 +284,8 @@ def stop_texts(safety: Mapping[Hand, SafetyFigures | None]) -> list[str]:
     n_refused, n_flooded = books.stop_requests_refused, books.stop_requests_flooded
     texts = []
     if n_stops:
-        stopped = f"{_times('emergency stop', n_stops)} stopped the arms{_within(hands)}; for this, or as data "
-        stopped += f"lacked, they stood still for {safe_s:.1f} s in all"
+        stopped = f"{_times('emergency stop', n_stops)} stopped the arms{_within(hands)}, which stood still for "
+        stopped += f"{safe_s:.1f} s, outages included"
         texts.append(f"{stopped}: the errors count that time")
     if books.stops_unsigned:
         texts.append(

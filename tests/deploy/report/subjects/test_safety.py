@@ -153,7 +153,7 @@ def test_requests_are_counted_by_what_came_of_them(run_dir: Path) -> None:
     assert left["released_by"] == ["alice tcp/192.0.2.7:4001"]
     stood_s = left["time_s"]["safe"]
     assert stop_texts({"left": left, "right": None}) == [
-        f"an emergency stop stopped the arms; for this, or as data lacked, they stood still for {stood_s:.1f} s in all: "
+        f"an emergency stop stopped the arms, which stood still for {stood_s:.1f} s, outages included: "
         "the errors count that time",
         "a stop had no valid signature: the arms stop for anybody (the audit log names who was connected)",
         "a release came without the stop's token, by alice tcp/192.0.2.7:4001 (patient.safety.release says who may)",
