@@ -148,7 +148,7 @@
   };
   const parts = ({ late_ms, network_ms, silent_s, outage }) => (late_ms == null || outage ? "" :
     silent_s != null ? ` Nothing newer arrived for ${silent_s.toFixed(1)} s.` : lasting(network_ms, late_ms) == null ? "" :
-    ` Of that the network takes ${lateness(lasting(network_ms, late_ms))} both ways; the rest is waiting for the next tick, at the arm and at the display, and computing. It stays with a network that delays nothing.`);
+    ` Of that the network takes ${lateness(lasting(network_ms, late_ms))} both ways; the rest is waiting for the next tick, at the arm and at the display, and computing. This rest is there even without a network.`);
   const ENDED = "The run has ended.", LAST_S = 1;
   const ends = (left_s) => (window.live.isOver() ? ENDED : left_s == null ? "" : left_s > 0
     ? `The drive ends in ${Math.floor(left_s / 60)}:${String(Math.floor(left_s % 60)).padStart(2, "0")} min, or with Ctrl-C in the terminal; then the report is written.`
