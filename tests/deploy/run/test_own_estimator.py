@@ -64,8 +64,7 @@ def test_the_document_is_short_and_its_example_too() -> None:
 def test_a_run_with_the_documented_estimator_is_whole(there: Path) -> None:
     code, out, err = twin(NAME, FAILING_NAME)
     assert code == 0, err
-    assert "a_rather_long_nam" in out
-    assert all(len(line) <= 80 for line in out.splitlines()[:60])
+    assert FAILING_NAME.split(":")[0] in out  # whole, as no terminal reads it
 
     summary = json.loads(Path("run/summary.json").read_text())
     assert summary["valid"]

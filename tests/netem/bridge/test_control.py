@@ -160,5 +160,5 @@ def test_before_the_run_nothing_can_be_changed() -> None:
         finally:
             control.close()
             bridge.close()
-    assert state == {"running": False, "unmatched": "refuse", "counters": {}}
+    assert state == {"running": False, "standalone": False, "unmatched": "refuse", "counters": {}}
     assert reset["reasons"] == ["control: must come while messages pass: not before the run begins, nor after it"]
