@@ -196,6 +196,7 @@
     const estimate = at("show_estimate").checked ? seen.estimate_mm : null;
     const places = [centre, hand(), seen.shown_mm, ghost, really, estimate, ...(task?.targets ?? [])].filter(Boolean);
     view = window.pictureLayout.follow(view, centre, places, [wide, high], WIDTH_MM);
+    if (!view) return;
     scale = view.scale;
     grid(pen, wide, high, dark);
     for (const name of ["hand", "shown", "ghost"]) trail(pen, name);

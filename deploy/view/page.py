@@ -220,8 +220,11 @@ class Page:
         self.words.sides = run_html(attendance, now_s, self._context, self._output(), alarms)
         picture = network_html(attendance, now_s, self._context, figures, self._known)
         note = vantage_text(self._observer.vantage(), self._context)
-        self.words.figures = figures_html(figures, n_missed, picture, note, safety)
+        self.words.figures = figures_html(figures, n_missed, picture, note, safety, self._is_hold())
         self._title(run_text(attendance, now_s, self._context))
+
+    def _is_hold(self) -> bool:
+        return self._context.about is not None and self._context.about.active_estimator == "hold"
 
     def _title(self, said: str) -> None:
         title = f"tis live: {said}"

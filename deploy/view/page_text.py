@@ -94,13 +94,14 @@ def figures_html(
     picture: str = "",
     note: str = "",
     safety: Mapping[str, Sequence[Stretch]] = MappingProxyType({}),
+    is_hold: bool = False,
 ) -> str:
     """Return the picture of the network beside the other figures as tiles: a name, number with unit, and meaning.
 
-    A note stands below them.
+    A note stands below them. An estimate that ``is_hold`` is not compared with hold.
     """
     ratio = found.ratio_to_hold
-    if ratio is None:
+    if ratio is None or is_hold:
         verdict = "how far the estimate is from the true place, root mean square (RMSE)"
     else:
         verdict = (

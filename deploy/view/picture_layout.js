@@ -5,8 +5,9 @@ window.pictureLayout = (() => {
   const ZOOM_IN = 1.02;  // at most, from one picture to the next; zooming out waits for nothing
 
   // The scale, in px/mm, and centre at which all places lie in the picture: as near to `home` as they allow, and no
-  // larger than `width_mm` across.
+  // larger than `width_mm` across. A picture without width or height, as while the page is laid out, looks nowhere new.
   const follow = (view, home, places, [wide, high], width_mm) => {
+    if (!(wide > 0 && high > 0)) return view;
     const inner = [wide * (1 - 2 * EDGE), high * (1 - 2 * EDGE)];
     const low = [0, 1].map((axis) => Math.min(...places.map((place) => place[axis])));
     const most = [0, 1].map((axis) => Math.max(...places.map((place) => place[axis])));

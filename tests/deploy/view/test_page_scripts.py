@@ -27,6 +27,7 @@ _FOLLOW = """(moves) => {
   let view = null
   return moves.map(([places, size]) => {
     view = window.pictureLayout.follow(view, [0, 0, 0], places, size, 110)
+    if (!view) return null
     const at = (place, axis) => size[axis] / 2 + (place[axis] - view.centre[axis]) * view.scale
     return places.map((place) => [at(place, 0), at(place, 1)])
   })
@@ -136,6 +137,14 @@ def test_a_resting_picture_looks_at_its_home(page: "Page") -> None:
     ((first,), (second,)) = page.evaluate(_FOLLOW, [[[[5, 5, 0]], [860, 540]], [[[0, 0, 0]], [860, 540]]])
     assert second == [430, 270]
     assert first[0] > 430 > first[1]
+
+
+def test_a_picture_without_height_does_not_shrink_the_next_for_ever(page: "Page") -> None:
+    places = [[5, 5, 0], [-5, -5, 0]]
+    sizes = [[800, 500], [800, 0], [0, 500], [800, 500]]
+    before, *_, after = page.evaluate(_FOLLOW, [[places, size] for size in sizes])
+    assert after == before
+    assert page.evaluate(_FOLLOW, [[places, [800, 0]], [places, [800, 500]]]) == [None, before]
 
 
 def test_no_name_lies_on_another_or_outside(page: "Page") -> None:

@@ -68,6 +68,7 @@ def test_figures_have_units_and_what_is_not_known_has_none() -> None:
     text = _plain(figures_html(found, 2, "<svg>PICTURE</svg>"))
     for part in ("69.4 ms", "97.2 ms", "0.45 mm", "0.86 mm", "52 %", "2 ticks", "PICTURE"):
         assert part in text
+    assert "52 %" not in _plain(figures_html(found, 2, is_hold=True))
     assert "None" not in _plain(figures_html(LiveFigures(), 0))
 
 
