@@ -22,7 +22,8 @@ def test_stamps_are_those_of_the_frames_in_a_live_run_that_signs_them(run_here: 
     tis = run_here("run", "sight", "--duration-s", "3", *(word for one in settings for word in ("--set", one)))
     code, _, err = tis.wait()
     summary = tis.summary()
-    assert is_right_but_for_the_machine(code, summary), (err, summary["problems"])
+    # a process that does not get to read in time has its queue of fragments full
+    assert is_right_but_for_the_machine(code, summary, "nobody planned"), (err, summary["problems"])
     logs = load_run(tis.run_dir)
     sent = {row["frame"]: row for row in logs.of("patient", CAMERA)}
     seen = logs.of("surgeon", SCREEN)
