@@ -29,7 +29,7 @@ from tis.common.runtime.log_parts import CLOCK_FILE, PartClock, companion_name
 from tis.common.runtime.loop import Seat, run
 from tis.common.runtime.mcap_log import McapLog
 from tis.common.runtime.memory import share_arenas
-from tis.common.runtime.process import child_environment, guarded_exit_code, line_of, run_to_end
+from tis.common.runtime.process import child_environment, end_by_input, guarded_exit_code, line_of, run_to_end
 from tis.common.runtime.recorder import recorder_for
 from tis.common.runtime.scheduling import precede_ordinary, settle
 from tis.common.runtime.tls_links import of_netem_only
@@ -99,14 +99,7 @@ class Companion:
     def __exit__(self, *_: object) -> None:
         """End the process, at the latest after some seconds, in which it completes its log."""
         self._is_closing = True
-        with contextlib.suppress(OSError):  # it has ended
-            assert self._process.stdin is not None
-            self._process.stdin.close()
-        try:
-            self._process.wait(_GRACE_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        end_by_input(self._process, _GRACE_S)
         for reader in self._readers:
             reader.join()
         for pipe in (self._process.stdout, self._process.stderr):

@@ -7,6 +7,7 @@ import select
 import shlex
 import signal
 import socket
+import subprocess
 import sys
 import threading
 import time
@@ -81,6 +82,18 @@ def child_environment() -> dict[str, str]:
 
 _PARENT: Final = "TIS_PARENT"
 _GLANCE_S: Final = 0.5
+
+
+def end_by_input(process: "subprocess.Popen[Any]", grace_s: float) -> None:
+    """End a process that runs until its standard input is closed; it is killed where it does not within this time."""
+    assert process.stdin is not None
+    with suppress(OSError):  # it has ended
+        process.stdin.close()
+    try:
+        process.wait(grace_s)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
 def follow_parent() -> None:

@@ -98,6 +98,45 @@ def _is_netems(event: zenoh.LinkEvent) -> bool:
     return False
 
 
+class CertificateWatch:
+    """Looks for a new certificate in ``folder``, and hands each to ``renew`` once, from a thread of its own.
+
+    One that ``renew`` refuses by `InputError` may be half written: it is told once, and handed over again while it
+    stays.
+    """
+
+    def __init__(self, folder: Path, renew: Callable[[bytes], None], tell: Callable[[str], None]) -> None:
+        self._folder, self._renew, self._tell = folder, renew, tell
+        self._known = self._content()
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._serve, name="certificate", daemon=True)
+        self._thread.start()
+
+    def close(self, wait_s: float | None = None) -> None:
+        """End the thread; wait for it, or for so long at most."""
+        self._over.set()
+        self._thread.join(wait_s)
+
+    def _content(self) -> bytes:
+        with suppress(OSError):
+            return (self._folder / CERTIFICATE_FILE).read_bytes()
+        return b""
+
+    def _serve(self) -> None:
+        told = b""
+        while not self._over.wait(_EVERY_S):
+            content = self._content()
+            if not content or content == self._known:
+                continue
+            try:
+                self._renew(content)
+                self._known = content
+            except InputError as error:
+                if told != content:
+                    self._tell(f"the renewed certificate is not used: {error}")
+                told = content
+
+
 class CertifiedLink:
     """A client's link to netem with certificates, for as long as the block lasts.
 
@@ -109,18 +148,15 @@ class CertifiedLink:
         self, session: zenoh.Session, folder: Path, own: Identity | None, tell: Callable[[str], None]
     ) -> None:
         self._session, self._folder, self._own, self._tell = session, folder, own, tell
-        self._known = self._content()
-        self._over, self._opened = threading.Event(), threading.Event()
-        self._thread = threading.Thread(target=self._serve, name="certificate", daemon=True)
+        self._opened = threading.Event()
 
     def __enter__(self) -> Self:
         self._listener = self._session.info.declare_link_events_listener(self._take, history=False)
-        self._thread.start()
+        self._watch = CertificateWatch(self._folder, self._renew, self._tell)
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._over.set()
-        self._thread.join(1.0)
+        self._watch.close(1.0)
         with suppress(zenoh.ZError):
             self._listener.undeclare()  # type: ignore[no-untyped-call]
 
@@ -128,26 +164,13 @@ class CertifiedLink:
         if _is_netems(event):
             self._opened.set()
 
-    def _content(self) -> bytes:
-        with suppress(OSError):
-            return (self._folder / CERTIFICATE_FILE).read_bytes()
-        return b""
-
-    def _serve(self) -> None:
-        while not self._over.wait(_EVERY_S):
-            content = self._content()
-            if content and content != self._known:
-                self._known = content
-                self._renew(content)
-
     def _renew(self, certificate: bytes) -> None:
-        try:
-            tls_settings(self._folder, listens=False)
-            if isinstance(self._own, CertifiedKey):
+        tls_settings(self._folder, listens=False)
+        if isinstance(self._own, CertifiedKey):
+            try:
                 self._own.renew(certificate, (self._folder / KEY_FILE).read_bytes())
-        except (InputError, OSError, ValueError, TypeError) as error:
-            self._tell(f"the renewed certificate is not used: {error}")
-            return
+            except (OSError, ValueError, TypeError) as error:
+                raise InputError(Fault(str(self._folder), "", str(error))) from None
         ends = {address_of(one.dst) for one in self._session.info.links()}
         self._opened.clear()
         begun_s = time.monotonic()

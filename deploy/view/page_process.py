@@ -18,7 +18,7 @@ from rich.console import Console
 from tis.common.errors import EXIT_INTERRUPTED, EXIT_OK, Fault, InputError, PeerError
 from tis.common.extras import GET_REPORT
 from tis.common.runtime.emulator_client import running_here
-from tis.common.runtime.process import Interrupt, child_environment
+from tis.common.runtime.process import Interrupt, child_environment, end_by_input
 from tis.common.runtime.running import EAST, WEST, Running
 from tis.common.runtime.signing import client_identity, secret_of
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
@@ -142,15 +142,8 @@ def _url(command: str, line: str) -> str:
 
 def _end(process: "subprocess.Popen[str]") -> list[str]:
     """End the page's process; return its faults."""
-    assert process.stdin is not None
     assert process.stdout is not None
-    with suppress(BrokenPipeError):
-        process.stdin.close()
-    try:
-        process.wait(_GRACE_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
+    end_by_input(process, _GRACE_S)
     return [str(fault) for line in process.stdout for fault in json.loads(line).get("faults", [])]
 
 

@@ -17,7 +17,7 @@ from bokeh.server.views.auth_request_handler import AuthRequestHandler
 from tornado.ioloop import IOLoop
 from tornado.web import HTTPError
 
-from tis.common.runtime.process import child_environment
+from tis.common.runtime.process import child_environment, end_by_input
 from tis.common.units import NS_PER_MS
 
 PATH: Final = "/picture"
@@ -81,13 +81,7 @@ class PictureDoor:
         process = self._process
         if process is None:
             return
-        assert process.stdin is not None
-        process.stdin.close()
-        try:
-            process.wait(_GRACE_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        end_by_input(process, _GRACE_S)
         if self._reader is not None:
             self._reader.join()
         assert process.stdout is not None

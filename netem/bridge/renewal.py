@@ -9,20 +9,16 @@ waits would take ten seconds.
 
 import os
 import socket
-import threading
 import time
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from tis.common.errors import InputError
-from tis.common.runtime.credentials import CERTIFICATE_FILE, tls_settings
-from tis.common.runtime.tls_links import own_sockets
+from tis.common.runtime.credentials import tls_settings
+from tis.common.runtime.tls_links import CertificateWatch, own_sockets
 from tis.common.zenoh_syntax import port_of
 
 N_SPARES: Final = 2  # each costs 0.14 % of a processor
-_EVERY_S: Final = 0.5
 _TRY_MS: Final = 500
 _PATIENCE_S: Final = 5.0
 _POLL_S: Final = 0.002
@@ -54,36 +50,19 @@ class RenewedListeners:
         self._folder, self._tell = folder, tell
         self._ports: Final = set(map(_port, listen)) - {0}
         self._spares = N_SPARES if self._ports else 0
-        self._known = self._content()
-        self._over = threading.Event()
-        self._thread = threading.Thread(target=self._serve, name="listeners", daemon=True)
-        self._thread.start()
+        self._watch = CertificateWatch(folder, self._renew, tell)
 
     def close(self) -> None:
         """Let the spares that are left listen, so that none waits; a second call does nothing."""
-        self._over.set()
-        self._thread.join()
+        self._watch.close()
         while self._spares and self._replace():
             pass
 
-    def _content(self) -> bytes:
-        with suppress(OSError):
-            return (self._folder / CERTIFICATE_FILE).read_bytes()
-        return b""
-
-    def _serve(self) -> None:
-        while not self._over.wait(_EVERY_S):
-            content = self._content()
-            if content and content != self._known:
-                self._known = content
-                self._tell(self._renewed())
+    def _renew(self, _: bytes) -> None:
+        tls_settings(self._folder, listens=True)
+        self._tell(self._renewed())
 
     def _renewed(self) -> str:
-        try:
-            tls_settings(self._folder, listens=True)
-        except InputError as error:
-            self._known = b""  # it may be half written: look again
-            return f"the renewed certificate is not used: {error}"
         if not self._spares:
             return f"the certificate was renewed more than {N_SPARES} times: netem takes it at its next start"
         begun_s = time.monotonic()

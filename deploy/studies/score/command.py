@@ -73,7 +73,7 @@ def score(
     if n_seeds is not None:
         # What a process of its own computes depends on code that no digest knows: its twins are not kept.
         kept = _TrainingsOnly(where) if any(subject.command for subject in subjects) else Store(where)
-        by_seed = (_rows(asked(each), kept, n_jobs, err) for each in range(first, first + n_seeds))
+        by_seed = (_rows(asked(each), kept, n_jobs, err, each == first) for each in range(first, first + n_seeds))
         return _stability(by_seed, where, as_json, out, err)
     rows = _rows(asked(first), _TrainingsOnly(where), n_jobs, err)
     files = [_write(row, where) for row in rows]
@@ -89,15 +89,15 @@ def score(
     return EXIT_INVALID_RUN if failed else EXIT_OK
 
 
-def _rows(asked: Asked, store: Store, n_jobs: int | None, err: Console) -> list[Row]:
-    """Compute the rows of one seed."""
+def _rows(asked: Asked, store: Store, n_jobs: int | None, err: Console, rehearses: bool = True) -> list[Row]:
+    """Compute the rows of one seed; a command that ``rehearses`` shows first that it knows the protocol."""
     err.print(f"{NAME}, {asked.track} track, seed {asked.seed}: preparing movements and twins", style="dim")
     begun_s = time.monotonic()
     for subject in asked.subjects:
         if subject.command:
             foreign.announce(subject.command, _training_tables(asked))
     work = work_of(asked)
-    failed = _rehearsed(asked)
+    failed = _rehearsed(asked) if rehearses else None
     if failed is not None:
         others = tuple(subject for subject in asked.subjects if not subject.command)
         return [failed] + (_rows(replace(asked, subjects=others), store, n_jobs, err) if others else [])
@@ -111,7 +111,7 @@ def _rehearsed(asked: Asked) -> Row | None:
     for subject in asked.subjects:
         reason = foreign.rehearsed(subject.command, _training_tables(asked)) if subject.command else None
         if reason is not None:
-            return failed_row(subject, asked, reason)
+            return failed_row(subject, asked, reason, foreign.digest_of_files(subject.command))
     return None
 
 

@@ -14,12 +14,13 @@ import zenoh
 from cryptography import x509
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from tis.common.errors import PeerError
+from tis.common.errors import Fault, InputError, PeerError
+from tis.common.runtime import tls_links
 from tis.common.runtime.credentials import credentials, tls_settings
 from tis.common.runtime.emulator_client import EmulatorAddress, connected
 from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.signing import client_identity
-from tis.common.runtime.tls_links import CertifiedLink, cut, false_names
+from tis.common.runtime.tls_links import CertificateWatch, CertifiedLink, cut, false_names
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario.security import Mtls
 from tis.deploy.tools import certificates
@@ -141,3 +142,25 @@ def test_a_client_signs_with_the_certificate_that_its_settings_hold_or_name(tmp_
         assert own is not None
         assert own.certificate == (tmp_path / "surgeon" / "cert.pem").read_text()
     assert client_identity(configure("client", ZenohOptions()), None) is None
+
+
+def test_a_certificate_that_is_not_usable_yet_is_told_once_and_taken_when_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where the certificate is written before its key."""
+    monkeypatch.setattr(tls_links, "_EVERY_S", 0.001)
+    tries, told, taken = 0, list[str](), queue.Queue[bytes]()
+
+    def renew(content: bytes) -> None:
+        nonlocal tries
+        tries += 1
+        if tries < 5:
+            raise InputError(Fault("key.pem", "", "does not fit"))
+        taken.put(content)
+
+    (tmp_path / "cert.pem").write_bytes(b"old")
+    watch = CertificateWatch(tmp_path, renew, told.append)
+    (tmp_path / "cert.pem").write_bytes(b"new")
+    assert taken.get(timeout=20) == b"new"
+    watch.close()
+    assert told == ["the renewed certificate is not used: key.pem: does not fit"]
