@@ -74,5 +74,6 @@ def test_faults_of_the_command_line_are_told(words: list[str], said: str) -> Non
         capture_output=True,
         text=True,
         check=False,
+        timeout=60,  # one that is not refused would run on
     )
     assert (done.returncode, said in " ".join(done.stderr.split())) == (2, True), done.stderr
