@@ -5,6 +5,7 @@ A recorded movement is here, that of live devices in `tis.surgeon_side.live`.
 
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
 from typing import Final, NamedTuple, Protocol
 
 from tis.common.channels import Channel, HandChannels
@@ -69,6 +70,8 @@ class RecordedMotion:
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
         self.channels: Sequence[HandChannels] = [hand.channels for hand in recording.hands]
+        # A sample is read as truth, as message and as intention: within two ticks.
+        self._of_row = lru_cache(maxsize=4)(self._read)
 
     def listens(self) -> Sequence[str]:
         """Return no key."""
@@ -83,8 +86,11 @@ class RecordedMotion:
 
     def poses(self, k: int) -> Sequence[HandPoses]:
         """Return the poses of row ``start + k``."""
-        row = self._recording.start + k
-        return [HandPoses(_placed(hand.command, row), _placed(hand.follower, row)) for hand in self._recording.hands]
+        return self._of_row(self._recording.start + k)
+
+    def _read(self, row: int) -> tuple[HandPoses, ...]:
+        hands = self._recording.hands
+        return tuple(HandPoses(_placed(hand.command, row), _placed(hand.follower, row)) for hand in hands)
 
     def truth(self, k: int, is_first: bool) -> Iterator[tuple[int, Sequence[HandPoses]]]:
         """Yield the next sample: truth is interpolated at every tick, the last included.
