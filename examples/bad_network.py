@@ -31,7 +31,7 @@ def publish(endpoint: str, count: int, rate_hz: float) -> None:
     """Publish `count` messages at `rate_hz`."""
     with session(endpoint) as west:
         publisher = west.declare_publisher(KEY)
-        while not publisher.matching_status.matching:  # what nobody subscribes to is not sent
+        while not publisher.matching_status.matching:  # until netem subscribes, nothing is sent
             time.sleep(0.01)
         begin_ns = time.monotonic_ns()
         for number in range(count):

@@ -20,8 +20,11 @@ from tis.netem.fit.candidates import REPLAYS, fit_closing
 from tis.netem.fit.direction import MIN_RECEIVED, DirectionFit
 from tis.netem.fit.marginal import MarginalName
 from tis.netem.fit.record import DirectionRecord
+from tis.netem.fit.statistics import AUTOCORRELATIONS
 
 _MIN_ARRIVED: Final = 100
+_TELLS_STATES: Final = 3000
+"""Of a made network with two states, slow for .9 s in every 3.5 s, 300 answers to ping fit one regime, 3000 both."""
 _MAX_BYTES: Final = 256_000_000
 _MAX_INTERVAL_RATIO: Final = 4.0
 
@@ -198,7 +201,7 @@ def _percent(interval: tuple[float, float]) -> str:
 
 
 def cautions(fit: DirectionFit) -> list[str]:
-    """Return warnings about a fit: too few messages, a half-life with a wide interval."""
+    """Return warnings about a fit: too few messages, a wide half-life, what does not close, states not told apart."""
     found = []
     n_arrived = fit.n - fit.n_lost
     if n_arrived < _MIN_ARRIVED:
@@ -206,12 +209,18 @@ def cautions(fit: DirectionFit) -> list[str]:
     ends = fit.half_life.interval
     if ends is not None and ends[1] > _MAX_INTERVAL_RATIO * ends[0]:
         found.append(f"the half-life is between {ends[0]:.2g} and {ends[1]:.2g} s: measure longer")
+    missed = [one for one in fit.closures if not one.closes]
     found += [
         f"{one.name} does not close: {one.record:.4g} in the record and {one.mean:.4g} in the mean of "
-        f"{fit.n_replays} replays; of 100 further records 95 are expected within {one.low:.4g} to {one.high:.4g}"
-        for one in fit.closures
-        if not one.closes
+        f"{fit.n_replays} replays, fewer than 85 of 100 within the {one.low:.4g} to {one.high:.4g} of further records"
+        for one in missed
     ]
+    memory = [one.name for one in missed if one.name in AUTOCORRELATIONS]
+    if memory and fit.has_one_regime:
+        found.append(
+            f"{' and '.join(memory)}: slow stretches that come and go, states of the network, would explain it; "
+            f"{fit.n} messages do not tell them apart, so the fit has none: measure {_TELLS_STATES} or more"
+        )
     return found
 
 

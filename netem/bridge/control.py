@@ -87,6 +87,7 @@ class BridgeControl:
     def open(self) -> None:
         """Begin to answer; requests before the bridge's `start` are refused."""
         keys = f"{self._prefix}*"
+        self._bridge.also_counts.append(self.counters)
         self._thread.start()
         for network, session in self._sessions.items():
             asked, put = self._query_receiver(network), self._put_receiver(network)
@@ -191,7 +192,7 @@ class BridgeControl:
 
         found = self._bridge.intervene(read)
         now_ns, seen = (None, None) if found is None else found
-        counters = {**self._bridge.counters(), **self.counters()} if seen else {}
+        counters = self._bridge.counters() if seen else {}
         own = {name: n for name, n in counters.items() if not name.startswith(("forward.", "feedback."))}
         delays = None if self._delays is None or now_ns is None else self._delays(now_ns)
         return describe(seen, now_ns, own, delays).model_dump_json(exclude_none=True)

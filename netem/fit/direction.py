@@ -122,6 +122,11 @@ class DirectionFit(NamedTuple):
     closures: tuple[Closure, ...] = ()
     n_replays: int = 0
 
+    @property
+    def has_one_regime(self) -> bool:
+        """Tell whether the delays are drawn from one distribution all the time."""
+        return self.states is None and self.stalls is None and self.backlogs is None and self.steps is None
+
     def network(self, *directions: Direction) -> dict[str, Any]:
         """Return the fit as a network whose ``directions`` all have it."""
         found: dict[str, Any] = dict.fromkeys(directions, self.stages)

@@ -14,6 +14,7 @@ from tests.deploy.commands import Call, call
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from tis.common.trace import Trace, parse_trace, render_trace
 from tis.deploy.net.fit import cautions
+from tis.netem.fit.closure import Closure
 from tis.deploy.net.library import list_profiles
 from tis.deploy.net.profiles import find_profile, shipped_names
 from tis.netem.fit.direction import fit_direction
@@ -190,6 +191,20 @@ def test_a_half_life_that_may_be_anything_is_warned_of() -> None:
     assert not any("half-life" in caution for caution in cautions(fit))
     (caution,) = cautions(fit._replace(half_life=half_life))
     assert caution == "the half-life is between 0.1 and 9 s: measure longer"
+
+
+def test_a_short_record_with_memory_says_that_it_may_have_states() -> None:
+    """Slow for a second in every four or so, lossless: 300 messages leave one regime, which forgets too soon."""
+    rng, delay_ms, slow = np.random.default_rng(5), [], False
+    for _ in range(300):
+        slow = rng.random() < (0.95 if slow else 0.02)
+        delay_ms.append(12.0 + rng.exponential(40.0 if slow else 3.0))
+    record = Trace("t", np.arange(300) * 50 * 10**6, (np.array(delay_ms) * 1e6).astype(np.int64))
+    fit = fit_direction(DirectionRecord.of(record))
+    missed = Closure("autocorrelation at 0.1 s", 0.8, 0.6, 0.5, 0.9, 1.4)
+    assert any("states of the network" in text for text in cautions(fit._replace(closures=(missed,))))
+    closed = missed._replace(severity=0.9)
+    assert not any("states of the network" in text for text in cautions(fit._replace(closures=(closed,))))
 
 
 def test_a_fit_as_json(tis: Call) -> None:

@@ -91,7 +91,7 @@ def key_verdict(
         verdict.set_aside = n_changed
         fates = fates.at(unchanged)
         verdict.warnings.append(
-            f"changed while running {_spans_text(request.changed)}: {n_changed} of {len(unchanged)} messages are not "
+            f"changed while running {_spans_text(_met(request.changed, books.fates.offered_ns))}: {n_changed} of {len(unchanged)} messages are not "
             "held against the network asked for"
         )
     _check_decisions(verdict, request, key, fates)
@@ -276,6 +276,11 @@ def _check_order(verdict: Verdict, request: Requested, books: KeyBooks) -> None:
         )
 
 
+def _met(stretches: Sequence[Stretch], offered_ns: Ints) -> list[Stretch]:
+    """Return the stretches within which messages were offered."""
+    return [one for one in stretches if np.any((offered_ns >= one.begin_ns) & (offered_ns < one.end_ns))]
+
+
 def _spans_text(stretches: Sequence[Stretch]) -> str:
     """Return the first spans in words, and the number of the others."""
     parts = []
@@ -283,7 +288,7 @@ def _spans_text(stretches: Sequence[Stretch]) -> str:
         end = "on" if one.end_ns >= FOREVER_NS else f"to {one.end_ns / NS_PER_S:.3f} s"
         parts.append(f"from {one.begin_ns / NS_PER_S:.3f} s {end}")
     n_more = len(stretches) - len(parts)
-    return ", ".join([*parts, f"and {n_more} times more"] if n_more else parts)
+    return ", ".join([*parts, f"and in {n_more} more {'stretch' if n_more == 1 else 'stretches'}"] if n_more else parts)
 
 
 def _ms(ns: float) -> str:

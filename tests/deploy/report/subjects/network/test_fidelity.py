@@ -196,7 +196,8 @@ def test_a_change_made_while_running_leaves_out_what_was_offered_meanwhile(
     scenario = _scenario({"delay": {"kind": "constant", "delay_ms": 10}})
     drawn = _drawn(scenario, 200)
     drawn.delay_ns[100:last] += 5 * MS
-    verdict = _verdict(tmp_path, scenario, [*_logged(drawn), _change(999, **entry)], 200)
+    between = _change(501, direction="forward", for_s=0.005)  # it met no message, so it is not told
+    verdict = _verdict(tmp_path, scenario, [*_logged(drawn), between, _change(999, **entry)], 200)
     assert verdict["violations"] == []
     assert verdict["faithful"] is not None
     assert verdict["warnings"] == [
