@@ -14,9 +14,9 @@ from tests.deploy.commands import Call, call
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from tis.common.trace import Trace, parse_trace, render_trace
 from tis.deploy.net.fit import cautions
-from tis.netem.fit.closure import Closure
 from tis.deploy.net.library import list_profiles
 from tis.deploy.net.profiles import find_profile, shipped_names
+from tis.netem.fit.closure import Closure
 from tis.netem.fit.direction import fit_direction
 from tis.netem.fit.half_life import HalfLife
 from tis.netem.fit.record import DirectionRecord

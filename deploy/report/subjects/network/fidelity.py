@@ -90,8 +90,9 @@ def key_verdict(
     if n_changed := len(unchanged) - verdict.judged:
         verdict.set_aside = n_changed
         fates = fates.at(unchanged)
+        met = _spans_text(_met(request.changed, books.fates.offered_ns))
         verdict.warnings.append(
-            f"changed while running {_spans_text(_met(request.changed, books.fates.offered_ns))}: {n_changed} of {len(unchanged)} messages are not "
+            f"changed while running {met}: {n_changed} of {len(unchanged)} messages are not "
             "held against the network asked for"
         )
     _check_decisions(verdict, request, key, fates)
@@ -288,7 +289,9 @@ def _spans_text(stretches: Sequence[Stretch]) -> str:
         end = "on" if one.end_ns >= FOREVER_NS else f"to {one.end_ns / NS_PER_S:.3f} s"
         parts.append(f"from {one.begin_ns / NS_PER_S:.3f} s {end}")
     n_more = len(stretches) - len(parts)
-    return ", ".join([*parts, f"and in {n_more} more {'stretch' if n_more == 1 else 'stretches'}"] if n_more else parts)
+    if n_more:
+        parts.append(f"and in {n_more} more {'stretch' if n_more == 1 else 'stretches'}")
+    return ", ".join(parts)
 
 
 def _ms(ns: float) -> str:
