@@ -47,6 +47,7 @@ WARNINGS: Final[tuple[Callable[[Summary], Sequence[str]], ...]] = (
         s.safety, [hand for hand, found in s.touch.items() if found.stability == "unstable"]
     ),
     lambda s: devices.device_texts(s.devices, s.external_arms),
+    lambda s: devices.camera_texts(s.external_camera),
     lambda s: intrusion.refusal_texts(s.refused),
     lambda s: own_estimators.estimator_fault_texts(
         {

@@ -48,7 +48,7 @@ class SeenPicture(NamedTuple):
 
 def quality(run_dir: Path, scenario: Scenario, found: Pictures) -> Quality | None:
     """Return how well the pictures were seen; None where the log lacks the frames, or the codec is not installed."""
-    if run_dir == Path():  # logs in memory, which keep no frames
+    if run_dir == Path() or found.is_external:  # logs in memory keep no frames; nobody can draw those of others again
         return None
     rows = seen_rows(scene_of(scenario))
     pairs = [(one.seen[rows], one.original[rows]) for one in seen_pictures(run_dir, scenario, found, _MOST)]
