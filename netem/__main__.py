@@ -172,7 +172,8 @@ def _serve(
     if isinstance(security, Mtls):
         Revocations(Path(security.folder), audit, status.warning).watch(stack, sessions)
     stack.enter_context(ClockServer(sessions.values(), keys.clock))
-    stack.callback(attach(bridge, sessions, keys.session, adapt=None if bridge.gates else without_gates, audit=audit))
+    adapt = None if bridge.gates else without_gates
+    stack.callback(attach(bridge, sessions, keys.session, adapt=adapt, audit=audit, sight=meeting.scenario.sight))
     emergency = EmergencyLine(sessions, keys.session, audit, security)
     stack.callback(emergency.close)
     bridge.also_counts.extend((audit.refusals.counters, emergency.counters))

@@ -24,7 +24,10 @@ JUDGED_FRAMES_S: Final = 2
 
 
 class Shown(NamedTuple):
-    """A picture as it was decoded; of the last ``n`` frames ``n_whole`` came whole. ``number`` counts pictures."""
+    """A picture as it was decoded; of the last ``n`` frames ``n_whole`` came whole. ``number`` counts pictures.
+
+    Without a stamp (``is_stamped``) it tells neither which command it shows, nor whether it is torn.
+    """
 
     number: int
     frame: int
@@ -33,6 +36,7 @@ class Shown(NamedTuple):
     picture: Picture
     n_whole: int
     n: int
+    is_stamped: bool
 
 
 @dataclass
@@ -89,6 +93,7 @@ class Spectator:
             return
         number = 1 if self.shown is None else self.shown.number + 1
         n_whole, n = sum(self._whole), len(self._whole)
-        self.shown = Shown(number, note.frame, note.state, captured_ns, screen.picture, n_whole, n)
+        is_stamped = note.top_frame is not None or note.bottom_frame is not None
+        self.shown = Shown(number, note.frame, note.state, captured_ns, screen.picture, n_whole, n, is_stamped)
         # of frames that were refused nothing is kept
         self._captured_ns = {frame: ns for frame, ns in self._captured_ns.items() if frame > note.frame}
