@@ -72,7 +72,8 @@ def sight_markup(sight: SightFigures | None, bounds: Statistics) -> tuple[str, s
     if sight is None:
         return "", ""
     text = f'<p class="answer">{escape(nonbreaking_units(answer_text(sight)))}</p>'
-    return "".join(table.html() for table in sight_tables(sight, bounds)), text
+    tables = (nonbreaking_units(table.html()) for table in sight_tables(sight, bounds))
+    return "".join(tables), text
 
 
 def _rows(sight: SightFigures, bounds: Statistics) -> list[tuple[str, str]]:
