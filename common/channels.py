@@ -111,6 +111,11 @@ VIDEO: Final = Channel("ECM", "video", "feedback", Fragment)
 """The camera's picture, in fragments; ECM is the endoscopic camera manipulator."""
 
 
+def camera_key(session: str) -> str:
+    """Return the key on which a camera of others tells its frames, each as a JSON object."""
+    return f"{session}/{VIDEO.device}/camera"
+
+
 def direction_of(key: str, session: str) -> Direction | None:
     """Return the direction of the messages on ``key``; None when no channel of the table has this key."""
     return _directions(session).get(key)
@@ -142,9 +147,10 @@ def measured_keys(session: str) -> tuple[str, ...]:
 
 @cache
 def local_keys(session: str, network: Network) -> frozenset[str]:
-    """Return the keys of all channels that stay on ``network``; in the east those of external arms, too."""
+    """Return the keys of all channels that stay on ``network``; in the east those of others' arms and camera, too."""
     own = [key for key, channel in _table(session).items() if channel.stays_on == network]
-    return frozenset((*own, *(arm_key(session, arm) for arm in get_args(Arm) if network == "east")))
+    foreign = (*(arm_key(session, arm) for arm in get_args(Arm)), camera_key(session)) if network == "east" else ()
+    return frozenset((*own, *foreign))
 
 
 def arm_key(session: str, arm: Arm) -> str:

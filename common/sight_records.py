@@ -106,3 +106,6 @@ SCREEN = Topic("/tis/screen", ScreenNote, stamps=("first_ns", "last_ns", "shown_
 FRAGMENT_COUNTERS: Final = ("duplicated", "reordered", "corrupted", "forged", "late")
 """Counters of the screen, each behind ``video_``: fragments that came again, behind a later one, with a wrong
 checksum, of another run or of no frame that there is, and after their frame was decoded."""
+
+CameraRefusal = Literal["undecodable", "other_format", "flooded"]
+"""Why a message of an external camera is not used; counters of the camera's log, each behind ``camera_``."""

@@ -53,6 +53,9 @@ from tis.netem.build import build_netem
 _LEAD_NS: Final = 150 * NS_PER_MS
 _GLANCE_S: Final = 0.5
 _LISTEN_MS: Final = 2000
+_MAX_MESSAGE_BYTES: Final = 4 << 20
+"""Size of a message that the routers of a run put together: a larger one, which no side sends, fills the queue to its
+reader, and the thread that waits for it forwards nothing else for seconds."""
 _WAIT: Final = zenoh.CongestionControl.BLOCK  # sent once, so a full queue must not drop it
 
 Sessions = Mapping[Network, zenoh.Session]
@@ -145,6 +148,7 @@ def _open_routers(
         renewed = RenewedListeners(Path(security.folder) / "netem", endpoints.values(), tell)
     for network, endpoint in endpoints.items():
         config = configure("router", replace(options, listen=[endpoint]))
+        config.insert_json5("transport/link/rx/max_message_size", str(_MAX_MESSAGE_BYTES))
         if len(spares := with_spares(endpoint)) > 1:
             config.insert_json5("listen/endpoints", json.dumps(spares))
             config.insert_json5("listen/timeout_ms", str(_LISTEN_MS))
@@ -168,7 +172,8 @@ def _serve(
     if isinstance(security, Mtls):
         Revocations(Path(security.folder), audit, status.warning).watch(stack, sessions)
     stack.enter_context(ClockServer(sessions.values(), keys.clock))
-    stack.callback(attach(bridge, sessions, keys.session, adapt=None if bridge.gates else without_gates, audit=audit))
+    adapt = None if bridge.gates else without_gates
+    stack.callback(attach(bridge, sessions, keys.session, adapt=adapt, audit=audit, sight=meeting.scenario.sight))
     emergency = EmergencyLine(sessions, keys.session, audit, security)
     stack.callback(emergency.close)
     bridge.also_counts.extend((audit.refusals.counters, emergency.counters))

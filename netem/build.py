@@ -29,7 +29,7 @@ def build_netem(scenario: Scenario, traces: Mapping[str, Trace] | None = None, w
 
 
 def staying_keys(scenario: Scenario) -> KeySet:
-    """Return the keys that stay on their network: set points, predictions, poses of devices and external arms."""
+    """Return the keys that stay on their network: set points, predictions, what programs of others tell."""
     session = scenario.session
     return KeySet((*local_keys(session, "west"), *local_keys(session, "east"), *scenario.source.device_keys))
 

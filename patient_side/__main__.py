@@ -32,7 +32,8 @@ def run_patient(scenario: Scenario, options: SideOptions, status: Status) -> int
         # first: their faults are reported before the slow identification
         scenario.identification.check_for_live_runs(scenario.estimators)
         check_plant(scenario)
-        check_codec(scenario)
+        if scenario.sight is not None and not scenario.sight.is_external:  # which encodes by itself
+            check_codec(scenario)
         own = own_estimators(scenario)
         recording = load_movement(scenario)
         models = models_for(scenario, recording)
@@ -43,7 +44,8 @@ def run_patient(scenario: Scenario, options: SideOptions, status: Status) -> int
         warnings, beside = warnings_at_start(scenario, recording, models), None
         if scenario.sight is not None:
             hands = [(hand.hand, hand.arm) for hand in recording.hands]
-            beside = Beside("tis.patient_side.camera:build_camera", "east", hands)
+            builder = "external_camera:build_external_camera" if scenario.sight.is_external else "camera:build_camera"
+            beside = Beside(f"tis.patient_side.{builder}", "east", hands)
         return Prepared(node, attachments, warnings, node.foreign_keys(), beside)
 
     return run_client_side("patient", "east", scenario, options, prepare, status)

@@ -5,9 +5,11 @@ It hears the patient's measured poses as any program on that network does, so it
 
 from base64 import b64encode
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final
+
+from msgspec.structs import replace as replaced
 
 from tis.common.channels import VIDEO, Hand, HandChannels, Network
 from tis.common.header import Header
@@ -26,7 +28,7 @@ from tis.common.signing import RunKeys
 from tis.common.ticker import Ticker
 from tis.common.units import ms_to_ns, sample_index
 
-_LEAST_BETWEEN_NS: Final = 4_000
+LEAST_BETWEEN_NS: Final = 4_000
 """More time passes on average between two fragments, so that a camera that comes back has new numbers for them."""
 
 
@@ -71,11 +73,11 @@ class CameraNode:
         self._path: deque[Tools] = deque(maxlen=PATH_FRAMES)
         self._key = VIDEO.key(self.session)
 
-    def join(self, run_id: int, from_ns: int = 0) -> None:
+    def join(self, run_id: int, from_ns: int = 0, epoch_unix_ns: int = 0) -> None:  # noqa: ARG002
         """Take poses of this run only, and send frames from ``from_ns`` on, above all numbers before."""
         self.intake.run_id = run_id
         self.ticker.start_at(from_ns)
-        self.n_frames, self.n_fragments = self.ticker.k, from_ns // _LEAST_BETWEEN_NS
+        self.n_frames, self.n_fragments = self.ticker.k, from_ns // LEAST_BETWEEN_NS
 
     def believe(self, own: bytes, other: bytes) -> None:  # noqa: ARG002  (it hears its own side only)
         """Use only poses that are signed under the patient's key, ``own``."""
@@ -117,32 +119,23 @@ class CameraNode:
         tools, command = self._tools(), self._command()
         self._path.append(tools)
         encoded = self.encoder.encode(draw(self.scene, Stamp(frame, command), list(self._path)))
-        parts = list(cut(frame, captured_ns, encoded.data, self.sight.fragment_bytes))
         (left, right), first = tools, self.n_fragments
-        self.n_fragments += len(parts)
-
-        def last_sent(sent_ns: int) -> list[Record]:
-            note = CameraNote(
-                frame=frame,
-                captured_ns=captured_ns,
-                command=command,
-                left_x=None if left is None else left[0],
-                left_y=None if left is None else left[1],
-                right_x=None if right is None else right[0],
-                right_y=None if right is None else right[1],
-                is_key=encoded.is_key,
-                n_bytes=len(encoded.data),
-                n_fragments=len(parts),
-                first_seq=first,
-                sent_ns=sent_ns,
-            )
-            data = b64encode(encoded.data).decode()
-            picture = EncodedFrame(frame=frame, captured_ns=captured_ns, format=self.sight.codec, data=data)
-            return [Record(CAMERA, captured_ns, note), Record(PICTURES, captured_ns, picture)]
-
-        for index, (payload, said) in enumerate(parts):
-            is_last = index == len(parts) - 1
-            yield self._emission(payload, said, first + index, last_sent if is_last else None)
+        note = CameraNote(
+            frame=frame,
+            captured_ns=captured_ns,
+            command=command,
+            left_x=None if left is None else left[0],
+            left_y=None if left is None else left[1],
+            right_x=None if right is None else right[0],
+            right_y=None if right is None else right[1],
+            is_key=encoded.is_key,
+            n_bytes=len(encoded.data),
+            n_fragments=-(-len(encoded.data) // self.sight.fragment_bytes),
+            first_seq=first,
+            sent_ns=captured_ns,
+        )
+        self.n_fragments += note.n_fragments
+        yield from messages(self._key, self.sight, note, encoded.data)
 
     def _tools(self) -> Tools:
         """Return where the tools are seen, left and right."""
@@ -158,17 +151,6 @@ class CameraNode:
         each = [one.command_ns for one in self._seen.values()]
         return min(NO_COMMAND if ns is None else sample_index(ns, self.rate_hz) for ns in each)
 
-    def _emission(
-        self, payload: bytes, said: Fragment, seq: int, last_sent: Callable[[int], list[Record]] | None
-    ) -> Emission:
-        content = encode(said)
-
-        def on_sent(sent_ns: int) -> list[Record]:
-            record = Record(self._key, sent_ns, content, Fragment, sent_ns, seq)
-            return [record] if last_sent is None else [record, *last_sent(sent_ns)]
-
-        return Emission("east", self._key, payload, Header(seq), on_sent)
-
     def finish(self, now_ns: int) -> Sequence[Record]:
         """Return the counters."""
         return [Record(COUNTERS, now_ns, CounterNote(name=name, value=n)) for name, n in self.counters().items()]
@@ -182,8 +164,30 @@ class CameraNode:
         }
 
 
+def messages(key: str, sight: SightPart, note: CameraNote, data: bytes) -> Iterator[Emission]:
+    """Yield the messages that carry a frame; with the last one the frame and ``note`` of it are logged."""
+    picture = EncodedFrame(
+        frame=note.frame, captured_ns=note.captured_ns, format=sight.codec, data=b64encode(data).decode()
+    )
+    for index, (payload, said) in enumerate(cut(note.frame, note.captured_ns, data, sight.fragment_bytes)):
+        yield _message(key, payload, said, note, picture if index == note.n_fragments - 1 else None)
+
+
+def _message(key: str, payload: bytes, said: Fragment, note: CameraNote, last_of: EncodedFrame | None) -> Emission:
+    seq, content = note.first_seq + said.index, encode(said)
+
+    def on_sent(sent_ns: int) -> list[Record]:
+        record = Record(key, sent_ns, content, Fragment, sent_ns, seq)
+        if last_of is None:
+            return [record]
+        whole = replaced(note, sent_ns=sent_ns)
+        return [record, Record(CAMERA, note.captured_ns, whole), Record(PICTURES, note.captured_ns, last_of)]
+
+    return Emission("east", key, payload, Header(seq), on_sent)
+
+
 def build_camera(scenario: Scenario, hands: Sequence[HandChannels]) -> CameraNode:
-    """Return the camera of a scenario with sight, which sees the arms that these hands drive."""
+    """Return the drawn camera of a scenario with sight, which sees the arms that these hands drive."""
     sight = scenario.sight
     assert sight is not None
     n_frames = int(scenario.duration_s * sight.fps + 1e-9)

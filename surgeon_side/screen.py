@@ -23,7 +23,7 @@ from tis.common.sight.fragments import Assembly, Part, Reassembly, parse
 from tis.common.sight.stamp import Picture, Stamp, read_stamps
 from tis.common.sight_records import SCREEN, FrameState, ScreenNote
 from tis.common.signing import RunKeys
-from tis.common.units import NS_PER_S, ms_to_ns, sample_index
+from tis.common.units import NS_PER_S, ms_to_ns
 
 _MAX_LEAD_NS: Final = NS_PER_S
 _N_LOGGED: Final = 1000
@@ -32,18 +32,20 @@ _N_LOGGED: Final = 1000
 
 def frame_state(
     frame: int, assembly: Assembly | None, picture: Picture | None, stamps: tuple[Stamp | None, Stamp | None],
-    is_damaged: bool,
+    is_damaged: bool, is_external: bool = False,
 ) -> FrameState:  # fmt: skip
     """Return what became of a frame; ``is_damaged``: something that it refers to did not arrive.
 
-    A picture without any stamp is taken for one of a camera that makes none.
+    A picture without any stamp is taken for one of a camera that makes none. An external camera counts by itself:
+    its stamps need not name the frame.
     """
     if assembly is None:
         return "lost"
     if picture is None:
         return "undecodable"
     top, bottom = stamps
-    if (top and bottom and top != bottom) or any(one is not None and one.frame != frame for one in stamps):
+    is_of_another = not is_external and any(one is not None and one.frame != frame for one in stamps)
+    if is_of_another or (top and bottom and top != bottom):
         return "torn"
     if is_damaged or not assembly.is_as_sent or (top is None) != (bottom is None):
         return "concealed"
@@ -71,7 +73,7 @@ class ScreenNode:
         self._waiting: list[tuple[ScreenNote, Picture | None]] = []
         self._refresh: int | None = None
 
-    def join(self, run_id: int, from_ns: int = 0) -> None:
+    def join(self, run_id: int, from_ns: int = 0, epoch_unix_ns: int = 0) -> None:  # noqa: ARG002
         """Take fragments of this run only, and miss no frame from before ``from_ns``.
 
         A screen that comes late begins with the frame that comes first, as a camera that missed some numbers fewer.
@@ -120,8 +122,10 @@ class ScreenNode:
 
     def _can_be(self, part: Part, recv_ns: int) -> bool:
         """Tell whether a frame of this number can have been captured by now, at its rate."""
-        latest_ns = min(part.captured_ns, recv_ns + _MAX_LEAD_NS)
-        return part.captured_ns <= latest_ns and part.frame <= sample_index(latest_ns, self.sight.fps) + 1
+        by_now_ns = recv_ns + _MAX_LEAD_NS
+        # what an external camera says of a capture may be late, and its frames are numbered as they come
+        of_number_ns = by_now_ns if self.sight.is_external else part.captured_ns
+        return part.captured_ns <= by_now_ns and part.frame <= self.sight.last_frame(of_number_ns)
 
     def _refuse(self, arrival: Arrival, kind: str, reason: str) -> Sequence[Record]:
         self._counts[kind] += 1
@@ -138,7 +142,7 @@ class ScreenNode:
         top, bottom = (one or (None, None) for one in stamps)
         note = ScreenNote(
             frame=frame,
-            state=frame_state(frame, assembly, picture, stamps, not self.decoder.is_sound),
+            state=frame_state(frame, assembly, picture, stamps, not self.decoder.is_sound, self.sight.is_external),
             top_frame=top[0],
             top_command=top[1],
             bottom_frame=bottom[0],

@@ -19,9 +19,10 @@ from typing import Any, Final, Protocol, Self
 
 import zenoh
 
-from tis.common.channels import Arm, Hand, HandChannels, Network, Side, hand_channels
+from tis.common.channels import Arm, Hand, HandChannels, Network, Side, camera_key, hand_channels
 from tis.common.errors import EXIT_OK, DataError, Fault, PeerError
-from tis.common.node import Node
+from tis.common.node import Node, Record
+from tis.common.records import COUNTERS, CounterNote
 from tis.common.runtime.clock import WallClock
 from tis.common.runtime.credentials import credentials
 from tis.common.runtime.inbox import Inbox
@@ -33,7 +34,7 @@ from tis.common.runtime.process import child_environment, end_by_input, guarded_
 from tis.common.runtime.recorder import recorder_for
 from tis.common.runtime.scheduling import precede_ordinary, settle
 from tis.common.runtime.tls_links import of_netem_only
-from tis.common.runtime.zenoh_bus import ZenohBus
+from tis.common.runtime.zenoh_bus import ForeignBound, ZenohBus
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, lease_ms, open_client
 from tis.common.scenario import Scenario
 from tis.common.scenario.reading import digest
@@ -42,6 +43,7 @@ from tis.common.signing import RunKeys
 
 CODEC_FILE: Final = "codec.json"
 _READY: Final = "ready"
+_OF_CAMERAS: Final = ForeignBound(n_waiting=8, n_bytes=3 << 20)
 _MAX_LAST_LINES: Final = 5
 _GRACE_S: Final = 10.0
 
@@ -58,8 +60,8 @@ class Beside:
 class CompanionNode(Node, Protocol):
     """A node that runs beside a side."""
 
-    def join(self, run_id: int, from_ns: int = 0) -> None:
-        """Take messages of this run only, from now on."""
+    def join(self, run_id: int, from_ns: int = 0, epoch_unix_ns: int = 0) -> None:
+        """Take messages of this run only, from now on; it began at ``epoch_unix_ns`` of the host's calendar clock."""
 
     def believe(self, own: bytes, other: bytes) -> None:
         """Use only what is signed under these keys, that of the node's side and the other side's; from any thread."""
@@ -186,7 +188,7 @@ def _run(request: Mapping[str, Any]) -> int:
     with session, of_netem_only(session, client, side):
         inbox: Inbox[zenoh.Sample] = Inbox()
         bus = ZenohBus({network: session}, WallClock(0), inbox)
-        bus.listen(node)
+        bus.listen(node, {camera_key(scenario.session)}, _OF_CAMERAS)
         bus.announce(node)
         settle(privileged=False)
         precede_ordinary()
@@ -213,10 +215,12 @@ def _run(request: Mapping[str, Any]) -> int:
             clock = WallClock(part.epoch_monotonic_ns)
             bus.clock, bus.run_id = clock, part.run_id or 0
             recorder = recorder_for(log, lambda _: None)
-            node.join(bus.run_id, part.joined_ns or 0)
+            node.join(bus.run_id, part.joined_ns or 0, part.epoch_unix_ns)
             inbox.start(clock)
             try:
                 run([Seat(node, recorder)], bus, clock, scenario.end_ns, lambda: ended.is_set() or bool(inbox.error))
+                unread = CounterNote(name="unread", value=inbox.n_flooded)
+                recorder.record(Record(COUNTERS, clock.now_ns(), unread))
             finally:
                 recorder.close()
             if recorder.error is not None:
@@ -230,7 +234,7 @@ def _log(begin: Mapping[str, Any], scenario: Scenario, side: Side) -> McapLog:
     metadata = {"version": "1", "side": side, "scenario": scenario.name, "digest": digest(scenario), "mode": "live"}
     log = McapLog(Path(begin["log"]), metadata)
     log.attach(CLOCK_FILE, json.dumps(begin["clock"]).encode())
-    if scenario.sight is not None:
+    if scenario.sight is not None and (side == "surgeon" or not scenario.sight.is_external):
         log.attach(CODEC_FILE, json.dumps(dict(codec_versions(scenario.sight.codec))).encode())
     return log
 

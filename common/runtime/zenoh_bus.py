@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 import zenoh
 
@@ -18,7 +18,15 @@ from tis.common.signing import RunKeys
 MAX_FOREIGN_WAITING: Final = 1000
 """Messages of one device or arm of others that may wait for the loop: a second at 1 kHz."""
 
-_MAX_FOREIGN_BYTES: Final = 64 * 1024
+
+class ForeignBound(NamedTuple):
+    """How many messages of a program of others may wait for the loop, and how long each may be."""
+
+    n_waiting: int = MAX_FOREIGN_WAITING
+    n_bytes: int = 64 * 1024
+
+
+_OF_POSES: Final = ForeignBound()
 
 
 @dataclass
@@ -36,23 +44,23 @@ class ZenohBus:
     _publishers: dict[tuple[Network, str], zenoh.Publisher] = field(default_factory=dict, repr=False)
     _subscribers: list[zenoh.Subscriber[None]] = field(default_factory=list, repr=False)
 
-    def listen(self, node: Node, foreign_keys: Collection[str] = ()) -> None:
+    def listen(self, node: Node, foreign_keys: Collection[str] = (), bound: ForeignBound = _OF_POSES) -> None:
         """Subscribe to the node's key expressions, for messages of other processes only.
 
-        Of ``foreign_keys``, those of devices and arms of others, a bounded number of short messages waits.
+        Of ``foreign_keys``, those of devices, arms and cameras of others, few and short messages wait, by ``bound``.
         """
         for network, key in node.listens():
             receive = self.inbox.receiver(network)
             if key in foreign_keys:
-                receive = self._short(self.inbox.receiver(network, MAX_FOREIGN_WAITING))
+                receive = self._short(self.inbox.receiver(network, bound.n_waiting), bound.n_bytes)
             session = self.sessions[network]
             self._subscribers.append(session.declare_subscriber(key, receive, allowed_origin=zenoh.Locality.REMOTE))
 
-    def _short(self, receive: Callable[[zenoh.Sample], None]) -> Callable[[zenoh.Sample], None]:
+    def _short(self, receive: Callable[[zenoh.Sample], None], n_bytes: int) -> Callable[[zenoh.Sample], None]:
         """Return a callback that drops and counts long messages before they wait."""
 
         def receive_short(sample: zenoh.Sample) -> None:
-            if len(sample.payload) > _MAX_FOREIGN_BYTES:
+            if len(sample.payload) > n_bytes:
                 self.inbox.n_flooded += 1
             else:
                 receive(sample)

@@ -242,11 +242,13 @@ class Scenario(Part):
         return self.on_peer_loss or ("continue" if side_alone else "end")
 
 
-def virtual_time_faults(where: str, source: Source, patient: PatientPart, network: NetworkPart) -> list[Fault]:
+def virtual_time_faults(where: str, scenario: Scenario) -> list[Fault]:
     """Return the faults of a scenario that cannot run in virtual time.
 
-    Its movement or its arm is made elsewhere, or its network holds back senders, whose queues only live runs have.
+    Its movement, its arm or its picture is made elsewhere, or its network holds back senders, whose queues only live
+    runs have.
     """
+    source, patient, network, sight = scenario.source, scenario.patient, scenario.network, scenario.sight
     faults = []
     if source.kind == "live":
         rule = "must be recorded or synthetic in virtual time: nothing tells what a live device would do"
@@ -254,6 +256,9 @@ def virtual_time_faults(where: str, source: Source, patient: PatientPart, networ
     if patient.plant.kind == "external":
         rule = "must be replay, servo or mujoco in virtual time: an external arm moves in real time only"
         faults.append(Fault(where, "patient.plant.kind", rule, patient.plant.kind))
+    if sight is not None and sight.is_external:
+        rule = "must be drawn in virtual time: nothing tells what a camera of others would show"
+        faults.append(Fault(where, "sight.camera", rule, sight.camera))
     if network.pushes_back:
         rule = "must be false in virtual time: no sender of Zenoh is there that could wait or drop"
         faults.append(Fault(where, "network.*.rate.backpressure", rule, True))

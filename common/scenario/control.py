@@ -18,6 +18,7 @@ from tis.common.scenario.network import NetworkPart
 from tis.common.scenario.network.conditions import EFFECT_TEXT, BothOr, Change, Effect, Moment, TimelineEntry
 from tis.common.scenario.network.pipeline import Pipeline, Stages
 from tis.common.scenario.profile import ProfileName
+from tis.common.scenario.sight import SightPart
 
 STATE: Final = "state"
 SCHEMA: Final = "schema"
@@ -188,6 +189,10 @@ class EmulatorState(Part):
     forward: DirectionState | None = Field(None, description="Surgeon to patient, west to east.")
     feedback: DirectionState | None = Field(None, description="Patient to surgeon, east to west.")
     counters: dict[str, int] = Field({}, description="Counters of the whole emulator, by name.")
+    sight: SightPart | None = Field(
+        None,
+        description="The run's camera and screen, by which observers decode the picture; null: none.",
+    )
 
 
 def request_schema() -> dict[str, Any]:

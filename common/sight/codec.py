@@ -1,7 +1,8 @@
 """Encoders and decoders of the picture: jpeg by Pillow, h264 by PyAV, on one thread each, so that bytes repeat.
 
 A decoder gets what arrived of a frame, and fills the gaps as its library does. Whatever it gets, it returns a picture
-of the size that was agreed, or None. Both libraries are imported where they are used: a run without sight needs none.
+of a size that the scenario allows, or None. Both libraries are imported where they are used: a run without sight
+needs none.
 """
 
 import io
@@ -26,6 +27,9 @@ Stretches = Sequence[tuple[int, bytes]]
 _PACKAGES: Final = {"jpeg": ("PIL", GET_REPORT), "h264": ("av", GET_VIDEO)}
 _END_OF_IMAGE: Final = b"\xff\xd9"
 _START_CODE: Final = b"\x00\x00\x01"
+_SCAN: Final = b"\xff\xda"
+_MAX_SCANS: Final = 20
+"""Scans of a JPEG: each takes the time of a whole picture, and a progressive one has some ten."""
 _LEAST_SLICE: Final = 200
 _KEY: Final = 5
 """Type of the units of a key frame."""
@@ -95,8 +99,8 @@ def encoder_of(sight: SightPart) -> Encoder:
 def decoder_of(sight: SightPart) -> Decoder:
     """Return the decoder of a scenario's video."""
     if sight.codec == "jpeg":
-        return JpegDecoder(sight.width, sight.height)
-    return H264Decoder(sight.width, sight.height, 2 * sight.key_every if sight.intra_refresh else None)
+        return JpegDecoder(sight)
+    return H264Decoder(sight, 2 * sight.key_every if sight.intra_refresh else None)
 
 
 @dataclass
@@ -121,8 +125,7 @@ class JpegEncoder:
 class JpegDecoder:
     """Puts zeros in the place of what did not arrive; libjpeg goes on at the next restart marker."""
 
-    width: int
-    height: int
+    sight: SightPart
     is_sound: bool = False
 
     def __post_init__(self) -> None:
@@ -140,9 +143,11 @@ class JpegDecoder:
             data[begin : begin + len(content)] = content
         if not data.endswith(_END_OF_IMAGE):
             data[-2:] = _END_OF_IMAGE
+        if data.count(_SCAN) > _MAX_SCANS:
+            return None
         try:
             with Image.open(io.BytesIO(data), formats=("JPEG",)) as image:
-                if image.size != (self.width, self.height):
+                if not self.sight.is_of_size(*image.size):
                     return None
                 return np.array(image.convert("RGB"))
         except Exception:  # what arrives is hostile, and Pillow states no list of what it raises
@@ -201,8 +206,7 @@ class H264Encoder:
 class H264Decoder:
     """Gives the decoder the units that arrived whole; it repeats what it has in the place of others."""
 
-    width: int
-    height: int
+    sight: SightPart
     refreshed_in: int | None = None
     """Frames that renew the whole picture, whenever they begin; None: only a key frame does."""
     is_sound: bool = False
@@ -214,7 +218,7 @@ class H264Decoder:
 
         context = av.CodecContext.create("h264", "r")
         context.thread_count = 1
-        context.options = {"flags": "low_delay", "max_pixels": str(_MAX_DECODED * self.width * self.height)}
+        context.options = {"flags": "low_delay", "max_pixels": str(_MAX_DECODED * self.sight.max_pixels)}
         self._context = context
 
     def decode(self, stretches: Stretches, n_bytes: int) -> Picture | None:
@@ -227,7 +231,7 @@ class H264Decoder:
             return None
         try:
             frames = self._context.decode(av.Packet(data))
-            if not frames or (frames[-1].width, frames[-1].height) != (self.width, self.height):
+            if not frames or not self.sight.is_of_size(frames[-1].width, frames[-1].height):
                 return None
             return np.asarray(frames[-1].to_ndarray(format="rgb24"))
         except (av.FFmpegError, ValueError, MemoryError):
@@ -237,11 +241,16 @@ class H264Decoder:
         """Note whether what this frame shows is sound."""
         if not _are_whole(stretches, n_bytes):
             self._unsound_for = inf if self.refreshed_in is None else self.refreshed_in
-        elif any(_kind(unit) == _KEY for unit in whole_units(*stretches[0][::-1], n_bytes)):
+        elif is_key(stretches[0][1]):
             self._unsound_for = 0
         elif self._unsound_for:
             self._unsound_for -= 1
         self.is_sound = self._unsound_for == 0
+
+
+def is_key(data: bytes) -> bool:
+    """Tell whether a frame of h264 is a key frame."""
+    return any(_kind(unit) == _KEY for unit in whole_units(data, 0, len(data)))
 
 
 def _are_whole(stretches: Stretches, n_bytes: int) -> bool:

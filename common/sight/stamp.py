@@ -39,8 +39,10 @@ def band_rows(width: int) -> int:
 
 
 def draw_stamps(picture: Picture, stamp: Stamp) -> None:
-    """Draw a stamp into both bands."""
-    rows = band_rows(picture.shape[1])
+    """Draw a stamp into both bands; raises `ValueError` for a picture that has no room for them."""
+    if not _has_room(picture):
+        raise ValueError("a picture with stamps has at least 16 columns, and rows for both bands")
+    rows, picture = band_rows(picture.shape[1]), _cells_of(picture)
     for band, mark in zip((picture[:rows], picture[-rows:]), _MARKS, strict=True):
         content = _LAYOUT.pack(mark, stamp.frame, stamp.command + 1)
         content += crc_hqx(content, _FIRST_CRC).to_bytes(2, "big")
@@ -52,9 +54,21 @@ def draw_stamps(picture: Picture, stamp: Stamp) -> None:
 
 def read_stamps(picture: Picture) -> tuple[Stamp | None, Stamp | None]:
     """Return what the upper and the lower stamp say, None for an unreadable one (inverse: `draw_stamps`)."""
-    rows = band_rows(picture.shape[1])
+    if not _has_room(picture):
+        return None, None
+    rows, picture = band_rows(picture.shape[1]), _cells_of(picture)
     top, bottom = (_read(*one) for one in zip((picture[:rows], picture[-rows:]), _MARKS, strict=True))
     return top, bottom
+
+
+def _has_room(picture: Picture) -> bool:
+    height, width, _ = picture.shape
+    return bool(width >= CELL and height >= 2 * band_rows(width))
+
+
+def _cells_of(picture: Picture) -> Picture:
+    """Return a picture without the rest on its right, which belongs to no cell."""
+    return picture[:, : picture.shape[1] // CELL * CELL]
 
 
 def _read(band: Picture, mark: int) -> Stamp | None:

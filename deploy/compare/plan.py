@@ -163,11 +163,7 @@ def _scenarios(request: Request, points: Sequence[Point]) -> list[Scenario]:
             if len(faults) > _MOST_FAULTS:
                 break
     source = scenarios[0].source if scenarios else _source(request)
-    faults += [
-        fault
-        for each in scenarios[:1]
-        for fault in virtual_time_faults(request.scenario, each.source, each.patient, each.network)
-    ]
+    faults += [fault for each in scenarios[:1] for fault in virtual_time_faults(request.scenario, each)]
     missing = [] if source is None else folder_faults(source)
     faults += [] if source is None else trial_faults(source, request.trials, request.people)
     if faults:

@@ -28,6 +28,7 @@ from tis.deploy.report.subjects import (
     redundancy,
     requirement_tables,
     safety,
+    seen_strip,
     sight,
     sight_tables,
     ticks,
@@ -47,6 +48,7 @@ WARNINGS: Final[tuple[Callable[[Summary], Sequence[str]], ...]] = (
         s.safety, [hand for hand, found in s.touch.items() if found.stability == "unstable"]
     ),
     lambda s: devices.device_texts(s.devices, s.external_arms),
+    lambda s: devices.camera_texts(s.external_camera),
     lambda s: intrusion.refusal_texts(s.refused),
     lambda s: own_estimators.estimator_fault_texts(
         {
@@ -102,10 +104,12 @@ def sections(run: RunView) -> list[Section]:
     drawn = page_figures(run)
     turns = any(bins.n for of_hand in summary.orientation_by_age.values() for bins in of_hand.values())
     bounds = summary.uncertainty_ms.get(sight.GLASS, {})
+    seen_tables, seen_text = sight_tables.sight_markup(summary.sight, bounds)
+    strip = seen_strip.strip_markup(run.measured.logs.run_dir, run.scenario, run.measured.pictures)
     found = [
         answer_section(run, run_warnings(summary)),
         Section("touch", "Touch", drawn["touch"], _touch_figures(summary), _touch(summary), run.mark),
-        Section("sight", "Sight", drawn["sight"], *sight_tables.sight_markup(summary.sight, bounds), run.mark),
+        Section("sight", "Sight", drawn["sight"], seen_tables, seen_text + strip, run.mark),
         Section("error", "Error", drawn["error"], mark=run.mark),
         Section("requirements", "Requirements of applications", markup=_requirements(summary)),
         Section("accuracy", "The estimators compared", markup=_accuracy(run), mark=run.mark),

@@ -104,6 +104,7 @@ def _measured(run: MeasuredRun, mode: str, exit_code: int | None, command: str) 
         evidence=intrusion.evidence_summary(logs, scenario),
         rejected={side: count_of(logs, side, "rejected") for side in logs.sides if side != "netem"},
         **devices.devices_summary(logs, scenario),
+        **devices.camera_summary(logs, scenario, 0 if run.pictures is None else run.pictures.n_unreadable),
         safety=safety.safety_summary(logs, scenario, run.tracks, run.models),
         display=display.display_summary(logs, run.tracks),
         **touch.touch_summary(logs, scenario, run.arms),

@@ -27,7 +27,7 @@ from tis.deploy.report.section import (
 from tis.deploy.report.subjects.accuracy import Scores
 from tis.deploy.report.subjects.age import AgeOfInformation, TickModes
 from tis.deploy.report.subjects.clocks import ClockFigures
-from tis.deploy.report.subjects.devices import DeviceFigures
+from tis.deploy.report.subjects.devices import CameraFigures, DeviceFigures
 from tis.deploy.report.subjects.display import DisplayFigures
 from tis.deploy.report.subjects.identification import IdentifiedModel, PlayedRecording
 from tis.deploy.report.subjects.intrusion import Evidence
@@ -93,6 +93,7 @@ class Summary(Section):
     rejected: dict[SideName, int | None] = means("Messages on the testbed's keys that the side could not use.")
     devices: dict[HandName, DeviceFigures] = means("The devices of a live source; absent without one.", default={})
     external_arms: dict[HandName, DeviceFigures] = means("External arms; absent without one.", default={})
+    external_camera: CameraFigures | None = means("The external camera; absent without one.", default=None)
     safety: dict[HandName, SafetyFigures | None] = means("What drove the arms; `null` without set points.")
     display: dict[HandName, DisplayFigures | None] = means(
         "The surgeon's display; `null` where nothing was displayed."

@@ -13,7 +13,7 @@ from tis.common.units import NS_PER_S
 from tis.deploy.logs.payloads import Row
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.report.subjects.accuracy import is_scored, without_estimate
-from tis.deploy.report.subjects.devices import is_foreign, silent_programs
+from tis.deploy.report.subjects.devices import is_foreign, silent_camera, silent_programs
 from tis.deploy.report.subjects.intrusion import evidence_problems, quarantine_texts
 from tis.deploy.report.subjects.latency import sent_after_arrival
 from tis.deploy.report.subjects.logs import counters_of
@@ -223,6 +223,7 @@ def invalidities(summary: Summary, scenario: Scenario, logs: RunLogs) -> list[st
         *_lives(logs),
         *unused,
         *silent_programs(summary.devices, summary.external_arms),
+        *silent_camera(summary.external_camera),
         *sent_after_arrival(summary.latency_ms, summary.uncertainty_ms),
         *_unrecorded(logs),
         *_starved(summary, scenario, logs, bool(unused)),

@@ -39,7 +39,7 @@ from tis.surgeon_side.screen import build_screen
 
 def refuse_in_virtual_time(scenario: Scenario) -> None:
     """Raise `InputError` for a scenario of which some part exists in real time only."""
-    refused = virtual_time_faults(f"scenario {scenario.name}", scenario.source, scenario.patient, scenario.network)
+    refused = virtual_time_faults(f"scenario {scenario.name}", scenario)
     if refused:
         raise InputError(refused)
 

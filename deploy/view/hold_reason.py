@@ -26,6 +26,8 @@ class RunAbout:
     wall_normal: Sequence[float] | None = None
     has_picture: bool = False
     """Whether a camera's picture crosses the network."""
+    can_steer_in_picture: bool = False
+    """Whether it is known where in the picture the arm is: our camera draws it, others may look anywhere."""
 
 
 def about_of(scenario: Scenario) -> RunAbout:
@@ -48,6 +50,7 @@ def about_of(scenario: Scenario) -> RunAbout:
         None if surface_m is None else [MM_PER_M * value for value in surface_m],
         None if surface_m is None else environment.normal,
         scenario.sight is not None,
+        scenario.sight is not None and not scenario.sight.is_external,
     )
 
 

@@ -271,7 +271,7 @@ def pages(
     alone: NetemAlone,
 ) -> Callable[[Document], None]:
     """Return the function that fills a new document for each browser."""
-    template = (_HERE / "page.html").read_text(encoding="utf-8")
+    template, about = (_HERE / "page.html").read_text(encoding="utf-8"), context.about
     styles = [shell.HERE / "tones.css", *(_HERE / name for name in _STYLES)]
     scripts = [*(_HERE / name for name in _SCRIPTS), shell.HERE / "page.js", shell.HERE / "camera.js"]
     resources = Resources(
@@ -282,9 +282,9 @@ def pages(
         "script": "".join(path.read_text(encoding="utf-8") for path in scripts),
         "tones": _tones(),
         "driven": context.is_driven,
-        "about": context.about,
-        "may_see": context.about is None or context.about.has_picture,
-        "px_per_mm": f"{PIXELS_PER_M / MM_PER_M:g}",
+        "about": about,
+        "may_see": about is None or about.has_picture,
+        "px_per_mm": f"{PIXELS_PER_M / MM_PER_M:g}" if about is not None and about.can_steer_in_picture else "",
         "profiles": profiles,
         "ranges": RANGES,
         "judged_s": f"{JUDGED_S:g}",

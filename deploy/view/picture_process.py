@@ -14,6 +14,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,29 +23,16 @@ from pydantic import ValidationError
 
 from tis.common.channels import VIDEO
 from tis.common.errors import EXIT_OK
-from tis.common.runtime.control import ControlKeys
 from tis.common.runtime.meeting import MAX_BYTES
 from tis.common.runtime.memory import share_arenas
 from tis.common.runtime.zenoh_session import ZenohOptions, open_client, visitor
-from tis.common.scenario.reading import checked_fields
+from tis.common.scenario.control import STATE, EmulatorState, control_prefix
 from tis.common.scenario.sight import SightPart
 from tis.deploy.watch.spectator import Shown, Spectator
 
 _MAX_WAITING: Final = 20_000
 _ASK_S: Final = 1.0
 _QUALITY: Final = 85
-_SIGHT: Final = "sight."
-
-
-def sight_of(fields: Mapping[str, str]) -> SightPart | None:
-    """Return the video of a run by the fields of its scenario, as netem tells them; None for a run without."""
-    found = {
-        name.removeprefix(_SIGHT): json.loads(value) for name, value in fields.items() if name.startswith(_SIGHT)
-    }
-    try:
-        return SightPart.model_validate(found) if found else None
-    except ValidationError:
-        return None
 
 
 def described(shown: Shown) -> dict[str, Any]:
@@ -78,15 +66,16 @@ class _Asked:
 
 
 def _sight(session: zenoh.Session, prefix: str, asked: _Asked) -> SightPart | None:
-    """Return netem's answer to the question for the video; waits for it."""
-    key = ControlKeys(prefix).scenario("netem")
+    """Return the video of netem's state, which observers may ask for; waits for a run, None for one without video."""
+    key = f"{control_prefix(prefix)}{STATE}"
     while not asked.is_over:
         for reply in session.get(key, timeout=_ASK_S):
             if reply.ok is None or len(reply.ok.payload) > MAX_BYTES:
                 continue
-            fields = checked_fields(reply.ok.payload.to_bytes())
-            if fields is not None:
-                return sight_of(fields)
+            with suppress(ValidationError):
+                state = EmulatorState.model_validate_json(reply.ok.payload.to_bytes())
+                if state.sight is not None or state.running:
+                    return state.sight
         time.sleep(_ASK_S)
     return None
 

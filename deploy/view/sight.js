@@ -15,7 +15,10 @@
     const told = JSON.parse(answer.headers.get("Tis-Picture")), got = performance.now();
     const image = await createImageBitmap(await answer.blob());
     await painted();
-    if (canvas.width !== image.width || canvas.height !== image.height) { canvas.width = image.width; canvas.height = image.height; }
+    if (canvas.width !== image.width || canvas.height !== image.height) {
+      [canvas.width, canvas.height] = [image.width, image.height];
+      canvas.style.aspectRatio = image.width / image.height;
+    }
     canvas.getContext("2d").drawImage(image, 0, 0);
     image.close();
     [said, came] = [told, got];
@@ -46,12 +49,13 @@
     const since = performance.now() - came, isStill = since > SILENT_MS;
     put(at("seen_age"), said.age_ms == null ? "–" : age(said.age_ms + since));
     const share = `${said.n_whole} of the last ${said.n} frames whole.`;
-    put(at("seen_state"), isStill ? `No newer picture for ${age(since)}.` : `${WORDS[said.state]} ${share}`);
+    const untold = said.is_stamped ? "" : " No stamps: hand to eye and tears are not measured.";
+    put(at("seen_state"), isStill ? `No newer picture for ${age(since)}.` : `${WORDS[said.state]} ${share}${untold}`);
     canvas.parentElement.dataset.state = isStill ? "frozen" : said.state;
   };
   window.live.onClose(() => { over = true; });
   // The camera looks along y: right is x, up is z, and away from it y.
-  window.live.driveOn?.(canvas, () => Number(canvas.dataset.px_per_mm) * canvas.clientWidth / canvas.width, ([right, up, away]) => [right, away, up]);
+  if (canvas.dataset.px_per_mm) window.live.driveOn?.(canvas, () => Number(canvas.dataset.px_per_mm) * canvas.clientWidth / canvas.width, ([right, up, away]) => [right, away, up]);
   setInterval(tell, 100);
   follow();
 })();

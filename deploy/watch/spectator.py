@@ -24,7 +24,11 @@ JUDGED_FRAMES_S: Final = 2
 
 
 class Shown(NamedTuple):
-    """A picture as it was decoded; of the last ``n`` frames ``n_whole`` came whole. ``number`` counts pictures."""
+    """A picture as it was decoded; of the last ``n`` frames ``n_whole`` came whole. ``number`` counts pictures.
+
+    Where no picture so far had a stamp (``is_stamped``), as of a camera of others, none tells which command it shows,
+    nor whether it is torn.
+    """
 
     number: int
     frame: int
@@ -33,6 +37,7 @@ class Shown(NamedTuple):
     picture: Picture
     n_whole: int
     n: int
+    is_stamped: bool
 
 
 @dataclass
@@ -48,6 +53,7 @@ class Spectator:
     """Run time less the spectator's clock, by the newest instant of capture that was believed."""
     _captured_ns: dict[int, int] = field(default_factory=dict)
     _whole: deque[bool] = field(init=False)
+    _is_stamped: bool = False
 
     def __post_init__(self) -> None:
         self._whole = deque(maxlen=JUDGED_FRAMES_S * self.sight.fps)
@@ -81,6 +87,7 @@ class Spectator:
         self._ahead_ns = captured_ns - at_ns
         self._captured_ns.clear()
         self._whole.clear()
+        self._is_stamped = not self.sight.is_external
 
     def _note(self, note: ScreenNote, screen: ScreenNode) -> None:
         self._whole.append(note.state == "complete")
@@ -89,6 +96,8 @@ class Spectator:
             return
         number = 1 if self.shown is None else self.shown.number + 1
         n_whole, n = sum(self._whole), len(self._whole)
-        self.shown = Shown(number, note.frame, note.state, captured_ns, screen.picture, n_whole, n)
+        self._is_stamped |= note.top_frame is not None or note.bottom_frame is not None
+        told = note.frame, note.state, captured_ns, screen.picture, n_whole, n, self._is_stamped
+        self.shown = Shown(number, *told)
         # of frames that were refused nothing is kept
         self._captured_ns = {frame: ns for frame, ns in self._captured_ns.items() if frame > note.frame}

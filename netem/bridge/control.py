@@ -30,6 +30,7 @@ from tis.common.scenario.control import (
     request_schema,
 )
 from tis.common.scenario.reading import Profiles
+from tis.common.scenario.sight import SightPart
 from tis.netem.bridge.audit import AuditTrail
 from tis.netem.bridge.driver import Driver
 from tis.netem.control.control import Control, Snapshot, describe, snapshot
@@ -70,8 +71,9 @@ class BridgeControl:
         adapt: Adapt | None = None,
         audit: AuditTrail | None = None,
         delays: Delays | None = None,
+        sight: SightPart | None = None,
     ) -> None:
-        self._audit = audit
+        self._audit, self._sight = audit, sight
         self._delays = delays
         self.control: Final = Control(bridge.links, library, adapt)
         self.n_flooded = 0
@@ -195,17 +197,19 @@ class BridgeControl:
         counters = self._bridge.counters() if seen else {}
         own = {name: n for name, n in counters.items() if not name.startswith(("forward.", "feedback."))}
         delays = None if self._delays is None or now_ns is None else self._delays(now_ns)
-        return describe(seen, now_ns, own, delays).model_dump_json(exclude_none=True)
+        state = describe(seen, now_ns, own, delays)
+        return state.model_copy(update={"sight": self._sight}).model_dump_json(exclude_none=True)
 
 
 def attach(
     bridge: Driver, sessions: Mapping[Network, zenoh.Session], prefix: str = "tis", library: Profiles | None = None,
     adapt: Adapt | None = None, audit: AuditTrail | None = None, delays: Delays | None = None,
+    sight: SightPart | None = None,
 ) -> Callable[[], None]:  # fmt: skip
     """Open control of an emulator over its networks; return the function that closes it, before the sessions.
 
-    ``delays`` tells what left lately, and is given by an emulator that runs by itself.
+    ``delays`` tells what left lately, and is given by an emulator that runs by itself; ``sight`` is that of a run.
     """
-    control = BridgeControl(bridge, sessions, prefix, library, adapt, audit, delays)
+    control = BridgeControl(bridge, sessions, prefix, library, adapt, audit, delays, sight)
     control.open()
     return control.close

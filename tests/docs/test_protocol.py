@@ -14,7 +14,7 @@ import pytest
 from msgspec import DecodeError
 from msgspec.structs import fields as struct_fields
 
-from tis.common.channels import VIDEO, Hand, arm_key, hand_channels, release_key, stop_key, stopped_key
+from tis.common.channels import VIDEO, Hand, arm_key, camera_key, hand_channels, release_key, stop_key, stopped_key
 from tis.common.clocks import Exchanges
 from tis.common.device import MAX_BUTTONS, MAX_DEVICE_BYTES, MAX_PER_TICK, DevicePose, decode_pose_stamped
 from tis.common.device_records import Refusal
@@ -53,6 +53,7 @@ from tis.common.stop_messages import (
 from tis.common.units import sample_instant_ns
 from tis.deploy.run.resolve import resolve
 from tis.netem import __main__ as netem_main
+from tis.patient_side.external_camera import ForeignFrame
 from tis.patient_side.safety.emergency_stop import MAX_ANSWERS_PER_S, MAX_RELEASES_PER_S
 from tis.patient_side.safety.gate import Kind, limits_of
 
@@ -135,6 +136,7 @@ def test_sample_instants_clock_exchanges_and_runs() -> None:
     ("model", "fields"),
     [
         (DevicePose, ("stamp_ns", "position_m", "orientation", "gripper_rad", "clutch", "buttons")),
+        (ForeignFrame, ("timestamp", "frame_id", "format", "data")),
         (SetPoint, ("sample_ns", "position_m", "orientation", "gripper_rad", "hand", "tick", "mode", "age_ns")),
         (SampledPose, ("sample_ns", "position_m", "orientation", "gripper_rad")),
         (FeedbackPose, ("sample_ns", "position_m", "orientation", "gripper_rad", "tick", "command_sample_ns")),
@@ -183,7 +185,7 @@ def test_keys() -> None:
         row = hand_channels(hand, arm)
         channels = (row.command, row.arm, row.estimated, row.measured, row.driven, row.force, row.motion, row.shown)
         expected |= {channel.key("tis") for channel in channels} | {arm_key("tis", arm), source.keys.of(hand)}
-    expected.add(VIDEO.key("tis"))
+    expected |= {VIDEO.key("tis"), camera_key("tis")}
     assert on_page == expected
 
 

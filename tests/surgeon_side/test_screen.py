@@ -194,3 +194,22 @@ def test_a_screen_of_a_signed_run_uses_what_the_patient_has_signed() -> None:
     receive(b"patient's next key", _payloads(1)[0])
     receive(b"patient's key", _payloads(1)[1])
     assert (screen.counters()["video_received"], screen.counters()["video_forged"]) == (3, 3)
+
+
+def test_an_external_camera_counts_by_itself_and_may_be_late() -> None:
+    """Its stamps need only agree with each other; a frame's number is bounded by its arrival at twice the rate."""
+    screen = ScreenNode(
+        "tis",
+        SightPart(camera="external", fps=10, display_hz=100),
+        Plain([_picture(70), _torn(_picture(1), _picture(2))]),
+    )
+    _take(screen, 200 * MS, [payload for payload, _ in cut(0, 0, bytes(150), 100)])
+    _take(screen, 201 * MS, [payload for payload, _ in cut(1, 0, bytes([1]) * 150, 100)])
+    notes = _notes(screen.wake(210 * MS))
+    assert [(one.state, one.top_frame) for one in notes] == [("complete", 70), ("torn", 1)]
+    (early,) = _take(screen, 220 * MS, [payload for payload, _ in cut(26, 0, bytes(50), 100)])
+    assert isinstance(early, Record)
+    assert early.topic == REJECTED
+    (taken,) = _take(screen, 220 * MS, [payload for payload, _ in cut(25, 0, bytes(50), 100)])
+    assert isinstance(taken, Record)
+    assert taken.topic != REJECTED

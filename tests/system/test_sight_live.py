@@ -1,10 +1,18 @@
 """Sight between real processes: the stamps of undamaged pictures are those of their frames, and the books balance."""
 
+import json
+import subprocess
+import sys
+import time
+from base64 import b64encode
+from io import BytesIO
 from pathlib import Path
 
 import pytest
+import zenoh
 
 from tests.system.conftest import StartHere, is_right_but_for_the_machine
+from tests.system.test_foreign_doors import a_patient_client, await_run
 from tis.common.records import COUNTERS
 from tis.common.sight_records import CAMERA, SCREEN
 from tis.deploy.logs.read.load import load_run
@@ -38,3 +46,55 @@ def test_stamps_are_those_of_the_frames_in_a_live_run_that_signs_them(run_here: 
     video = summary["links"]["feedback"]["keys"]["tis/ECM/video"]
     assert counts["video_received"] == video["received"] > 0
     assert counts["video_corrupted"] == counts["video_forged"] == 0
+
+
+CAMERA_PROGRAM = Path(__file__).resolve().parents[2] / "examples" / "camera.py"
+
+
+def _bomb() -> bytes:
+    image = pytest.importorskip("PIL.Image")
+    out = BytesIO()
+    image.new("RGB", (4096, 4096)).save(out, "JPEG")
+    return out.getvalue()
+
+
+def _lie(east: str) -> None:
+    """Publish on the camera's key what is no frame, what is too long, and images with too many pixels."""
+    bomb = json.dumps({"format": "jpeg", "data": b64encode(_bomb()).decode()})
+    with zenoh.open(a_patient_client(east)) as session:
+        await_run(session)
+        for lie in [b"junk", b"x" * (7 << 19), b'{"format": "h264", "data": "AAAA"}', bomb] * 4:
+            session.put("tis/ECM/camera", lie, congestion_control=zenoh.CongestionControl.BLOCK)
+            time.sleep(0.05)
+
+
+def test_a_camera_of_others_joins_and_what_is_no_frame_of_it_is_counted(
+    run_here: StartHere, endpoints: tuple[str, str]
+) -> None:
+    west, east = endpoints
+    settings = (
+        "sight.camera=external",
+        "network.feedback.loss.p_loss=0",
+        "estimators=[hold]",
+        "active_estimator=hold",
+    )
+    hosts = ("--set", f"hosts={json.dumps({'west': west, 'east': east})}")
+    words = ("run", "sight", "--duration-s", "5", *hosts, *(word for one in settings for word in ("--set", one)))
+    program = subprocess.Popen([sys.executable, str(CAMERA_PROGRAM), east, "stamped"], stdout=subprocess.PIPE)
+    try:
+        tis = run_here(*words, meanwhile=lambda _: _lie(east))
+        code, _, err = tis.wait()
+        program.communicate(timeout=30)
+    finally:
+        program.kill()
+    summary = tis.summary()
+    assert is_right_but_for_the_machine(code, summary, "nobody planned"), (err, summary["problems"])
+    camera, sight = summary["external_camera"], summary["sight"]
+    refused = camera["refused"]
+    assert (refused["undecodable"], refused["other_format"], refused["unread"]) == (4, 4, 4)
+    assert camera["unreadable"] <= 4
+    assert sight["frames"]["undecodable"] >= camera["unreadable"] > 0
+    assert sight["frames"]["complete"] > 5
+    assert sight["frames"]["torn"] == 0
+    assert sight["hand_to_eye_ms"]["p50"] > sight["glass_to_glass_ms"]["p50"] > 0
+    assert sight["quality"] is None

@@ -40,13 +40,14 @@ def sight_figure(run: RunView, x_range: Range1d) -> style.Figure | None:
     frozen = np.argsort(-found.freezes.lasted_ns)[:_MAX_FREEZES]
     for begin_ns, lasted_ns in zip(found.freezes.begin_ns[frozen], found.freezes.lasted_ns[frozen], strict=True):
         style.shade(ages, begin_ns / NS_PER_S, (begin_ns + lasted_ns) / NS_PER_S, OUTAGE.light)
-    keys = [style.Key(state, _TONES[state], "bar") for state in STATES if summary.frames[state]]
+    keys = [style.Key(state, _TONES[state], "bar") for state in STATES if summary.frames.get(state)]
+    dated = "the time that the camera's program tells" if found.is_external else "the stamps in it"
     keys += [style.Key("glass to glass", BLUE, "dot")] + [style.Key("freeze", OUTAGE, "bar")] * bool(len(frozen))
     return style.Figure(
         plots=(style.stacked([strip, ages]),),
         title="What the surgeon saw",
         caption="Above: of the frames captured in each second, what the screen made of them. Below: how old each "
-        f"picture was when it was shown, by the stamps in it. In a freeze the screen shows the same picture: "
+        f"picture was when it was shown, by {dated}. In a freeze the screen shows the same picture: "
         f"{number(summary.freezes)} here.",
         alt=f"Bars of frames by second, and the age of pictures over run time. Sight: {sight_text(summary)}.",
         keys=tuple(keys),
@@ -69,7 +70,7 @@ def _width_s(found: Pictures) -> int:
 
 def _ages(found: Pictures, x_range: Range1d) -> figure:
     panel = style.time_figure(x_range, "age, ms", 190)
-    shown_ns = found.shown_ns[found.stamped]
+    shown_ns = found.shown_ns[found.dated]
     age_ms = (shown_ns - found.captured_ns) / NS_PER_MS
     kept = evenly_and_largest(age_ms, MAX_TICKS)
     panel.y_range = Range1d(start=0, end=1.1 * float(age_ms.max(initial=1.0)))

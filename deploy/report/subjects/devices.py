@@ -7,6 +7,7 @@ from tis.common.channels import Hand, Side
 from tis.common.device_records import DEVICES, FOREIGN_SURGEON, Refusal
 from tis.common.errors import problem
 from tis.common.scenario import Scenario
+from tis.common.sight_records import CameraRefusal
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.report.section import Section, means
@@ -28,6 +29,18 @@ class DeviceFigures(Section):
     )
 
 
+class CameraFigures(Section):
+    """What an external camera sent."""
+
+    frames: int = means("Frames that were sent on.")
+    undated: int = means("Those without a timestamp, or with one that cannot be true: their arrival counted.")
+    unreadable: int = means("Those that reached the screen whole, refer to no other frame, and were no picture.")
+    refused: dict[str, int] = means(
+        "Messages that were not used, by reason: undecodable (no CompressedImage or CompressedVideo), other_format "
+        "(than `sight.codec`), flooded (more than twice `sight.fps`), unread (over 3 MiB, or while 8 waited)."
+    )
+
+
 ByHand = Mapping[Hand, DeviceFigures]
 MEANING: Final[Mapping[Refusal, str]] = {
     "undecodable": "that were no pose or beyond its limits",
@@ -38,6 +51,12 @@ MEANING: Final[Mapping[Refusal, str]] = {
     "jump": "that jumped, which were not followed",
 }
 """Words for each reason of a refusal."""
+_OF_CAMERAS: Final[Mapping[str, str]] = {
+    "undecodable": "that were no frame",
+    "other_format": "of another format than sight.codec",
+    "flooded": "that came faster than twice sight.fps",
+    "unread": "that were too long or too many at once",
+}
 
 
 def devices_summary(logs: RunLogs, scenario: Scenario) -> dict[str, dict[Hand, DeviceFigures]]:
@@ -51,6 +70,39 @@ def devices_summary(logs: RunLogs, scenario: Scenario) -> dict[str, dict[Hand, D
     if scenario.patient.plant.kind == "external" and "patient" in logs.sides:
         found["external_arms"] = _by_hand(logs, scenario, "patient", "arm")
     return found
+
+
+def camera_summary(logs: RunLogs, scenario: Scenario, unreadable: int) -> dict[str, CameraFigures]:
+    """Return what an external camera sent; nothing where the scenario has none. Oracle: as above."""
+    if scenario.sight is None or not scenario.sight.is_external or "patient" not in logs.sides:
+        return {}
+    counts = counters_of(logs, "patient")
+    refused = {reason: counts.get(f"camera_{reason}", 0) for reason in get_args(CameraRefusal)}
+    figures = CameraFigures(
+        frames=counts.get("video_frames", 0),
+        undated=counts.get("camera_undated", 0),
+        unreadable=unreadable,
+        refused={**refused, "unread": counts.get("unread", 0)},
+    )
+    return {"external_camera": figures}
+
+
+def camera_texts(camera: CameraFigures | None) -> list[str]:
+    """Return a sentence on what of an external camera was not used, and on what was used as it was."""
+    if camera is None:
+        return []
+    texts = []
+    refused = [f"{n} {_OF_CAMERAS[reason]}" for reason, n in camera.refused.items() if n]
+    if refused:
+        texts.append(f"not used of the messages of the external camera: {', '.join(refused)}")
+    if camera.unreadable:
+        texts.append(f"{camera.unreadable} frames of the external camera came whole and were no picture")
+    if camera.undated:
+        texts.append(
+            f"{camera.undated} frames of the external camera had no usable timestamp: glass to glass begins with "
+            "their arrival at the patient's host"
+        )
+    return texts
 
 
 def is_foreign(logs: RunLogs) -> bool:
@@ -94,6 +146,14 @@ def _by_hand(logs: RunLogs, scenario: Scenario, side: Side, head: str) -> dict[H
             refused={reason: counts.get(f"{head}_{reason}.{hand}", 0) for reason in get_args(Refusal)},
         )
     return found
+
+
+def silent_camera(camera: CameraFigures | None) -> list[str]:
+    """Return a problem where no frame of an external camera was used."""
+    if camera is None or camera.frames:
+        return []
+    cure = "start the camera's program, or see external_camera in summary.json for why not"
+    return [problem("external_camera: no frame came that could be used", cure)]
 
 
 def silent_programs(devices: ByHand, external_arms: ByHand) -> list[str]:

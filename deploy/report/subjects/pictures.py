@@ -23,14 +23,15 @@ STATES: Final = ("complete", "concealed", "torn", "undecodable", "lost")
 class Pictures:
     """The frames of a run: (N,) as the camera sent them, and what the screen made of each.
 
-    Without a value ``shown_ns`` and ``command`` are -1, and ``state`` is ``lost``. ``stamped`` marks frames whose two
-    stamps agree; ``frame_seen`` is what they say.
+    Of an external camera (``is_external``) the stamps, if it draws any, tell the command alone: it counts its frames
+    by itself.
     """
 
     camera: Frame
     screen: Frame
     rate_hz: int
     until_ns: int
+    is_external: bool = False
 
     @classmethod
     def of(cls, logs: RunLogs, scenario: Scenario) -> Self | None:
@@ -42,7 +43,8 @@ class Pictures:
             return None
         screen = logs.of("surgeon", SCREEN).first_of_each("frame")
         screen = screen.at(np.isin(screen.frame, camera.frame))
-        return cls(camera, screen, scenario.rate_hz, round(active_duration_s(logs, "surgeon", scenario) * NS_PER_S))
+        until_ns = round(active_duration_s(logs, "surgeon", scenario) * NS_PER_S)
+        return cls(camera, screen, scenario.rate_hz, until_ns, scenario.sight.is_external)
 
     @cached_property
     def seen(self) -> Frame:
@@ -57,16 +59,36 @@ class Pictures:
 
     @cached_property
     def stamped(self) -> NDArray[np.bool_]:
-        """Mark those of `seen` whose stamps agree with each other and name a frame that was sent."""
+        """Mark those of `seen` whose stamps agree with each other, and of our camera name a frame that was sent."""
         one = self.seen
         agree = (one.top_frame == one.bottom_frame) & (one.top_command == one.bottom_command)
-        return np.asarray(agree & np.isin(one.top_frame, self.camera.frame))
+        return np.asarray(agree & (self.is_external | np.isin(one.top_frame, self.camera.frame)))
+
+    @cached_property
+    def has_stamps(self) -> bool:
+        """Tell whether any picture had a stamp; that of our camera always has."""
+        read = np.isfinite(self.screen.top_frame) | np.isfinite(self.screen.bottom_frame)
+        return not self.is_external or bool(read.any())
+
+    @cached_property
+    def dated(self) -> NDArray[np.bool_]:
+        """Mark those of `seen` of which it is known which frame they show: by stamps, or since all of it came."""
+        return np.asarray(self.seen.state == "complete") if self.is_external else self.stamped
 
     @cached_property
     def captured_ns(self) -> Ints:
-        """Return when what is in each of the stamped pictures was captured, by the frame that their stamps name."""
-        place = np.searchsorted(self.camera.frame, self.seen.top_frame[self.stamped].astype(np.int64))
-        return np.asarray(self.camera.captured_ns[place])
+        """Return when what is in each of the dated pictures was captured."""
+        frame = self.seen.frame if self.is_external else self.seen.top_frame
+        return np.asarray(
+            self.camera.captured_ns[np.searchsorted(self.camera.frame, frame[self.dated].astype(np.int64))]
+        )
+
+    @cached_property
+    def n_unreadable(self) -> int:
+        """Return the number of frames that refer to no other, arrived whole, and were no picture."""
+        camera = self.camera
+        is_whole = (self.arrived == camera.n_fragments) & camera.is_key.astype(bool)
+        return int(np.count_nonzero((self.states == "undecodable") & is_whole))
 
     @cached_property
     def states(self) -> NDArray[np.str_]:

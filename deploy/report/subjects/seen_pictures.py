@@ -1,7 +1,8 @@
 """The pictures that the screen showed, decoded again from the log, beside those that the camera drew."""
 
 from base64 import b64decode
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from math import isnan
 from pathlib import Path
 from typing import Final, NamedTuple, get_args
@@ -38,17 +39,22 @@ _FAR: Final = 1 << 14
 
 
 class SeenPicture(NamedTuple):
-    """A picture as the screen decoded it, and the one that the camera drew for its frame."""
+    """A picture as the screen decoded it; `original` is the one that our camera drew for its frame."""
 
     frame: int
     state: str
     seen: Picture
-    original: Picture
+    draw: Callable[[], Picture]
+
+    @property
+    def original(self) -> Picture:
+        """Return the picture that our camera drew, which nobody can draw of an external one."""
+        return self.draw()
 
 
 def quality(run_dir: Path, scenario: Scenario, found: Pictures) -> Quality | None:
     """Return how well the pictures were seen; None where the log lacks the frames, or the codec is not installed."""
-    if run_dir == Path():  # logs in memory, which keep no frames
+    if run_dir == Path() or found.is_external:  # logs in memory keep no frames; nobody can draw those of others again
         return None
     rows = seen_rows(scene_of(scenario))
     pairs = [(one.seen[rows], one.original[rows]) for one in seen_pictures(run_dir, scenario, found, _MOST)]
@@ -89,8 +95,8 @@ def seen_pictures(
             parts = received(data, row["missing"], n_parts, sight.fragment_bytes) if row and row["fragments"] else []
             picture = decoder.decode(parts, len(data))
             if is_wanted and row and picture is not None:
-                original = _original(scenario, found.camera, drawn[frame])
-                yield SeenPicture(frame, row["state"], picture, original)
+                draw_again = partial(_original, scenario, found.camera, drawn[frame])
+                yield SeenPicture(frame, row["state"], picture, draw_again)
             keep.discard(frame)
     except (*UNREADABLE, DataError, ImportError):  # what the log has cannot be decoded here
         return

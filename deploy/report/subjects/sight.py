@@ -27,6 +27,9 @@ from tis.netem.expected.frames import FrameShares, frame_shares, transmission_ns
 
 GLASS: Final = "sight.glass_to_glass_ms"
 """The place of the figure that spans two clocks."""
+HAND_TO_EYE: Final = "hand to eye"
+TORN: Final = "torn frames"
+LIKENESS: Final = "likeness to what the camera saw (PSNR, SSIM)"
 NOTICED_MS: Final = (-15.0, 50.0)
 """Touch so long before and after sight goes unnoticed (Di Luca and Mahnan 2019)."""
 
@@ -62,9 +65,15 @@ class Quality(Section):
 class SightFigures(Section):
     """What the surgeon saw."""
 
+    not_measured: list[str] = means(
+        "What the picture of an external camera does not tell: hand to eye, torn frames and the likeness of pictures "
+        "need stamps, or a camera of ours; absent for ours.",
+        default=[],
+    )
     frames: dict[str, int] = means(
         "Frames by what became of them: `sent`; `complete`, with all that they refer to; `concealed`, the decoder "
-        "filled gaps; `torn`, stamps contradict each other; `undecodable`; `lost`, nothing arrived."
+        "filled gaps; `torn`, stamps contradict each other (absent without stamps); `undecodable`; `lost`, nothing "
+        "arrived."
     )
     pictures: int = means("Frames that the screen showed; of those of one refresh the newest.")
     incomplete_pct: float | None = means("Frames of which not all messages arrived.")
@@ -75,11 +84,14 @@ class SightFigures(Section):
     expected_decodable_pct: float | None = means("The same in theory; `null` as above, and with an intra refresh.")
     hand_to_eye_ms: Statistics = statistics(
         "From the sample of a command to the first picture that shows it, by the stamps in the picture and the "
-        "surgeon's clock alone; of each command that is the newest one of a picture whose two stamps agree.",
+        "surgeon's clock alone; of each command that is the newest one of a picture whose two stamps agree. `null` "
+        "without stamps.",
         LATE,
     )
     glass_to_glass_ms: Statistics = statistics(
-        "From the capture of a frame to the refresh that showed it; between two clocks.", LATE
+        "From the capture of a frame to the refresh that showed it; between two clocks. Of an external camera from "
+        "the time that it tells, for frames that came whole.",
+        LATE,
     )
     freezes: int = means("Freezes as W3C's webrtc-stats has them, and the time from the last picture to the end.")
     freeze_pct: float | None = means("Share of the time from the first picture on in freezes; `null` without any.")
@@ -90,7 +102,9 @@ class SightFigures(Section):
         "Messages of the picture that the screen could not use: `duplicated`, `reordered`, `corrupted`, `forged`, "
         "`late`; reordered ones are used."
     )
-    quality: Quality | None = means("Pictures beside those drawn; `null` where the log has no frames.", default=None)
+    quality: Quality | None = means(
+        "Pictures beside those drawn; `null` where the log has no frames, or the camera was external.", default=None
+    )
     asynchrony: Asynchrony | None = means("Touch beside sight; absent without touch.", default=None)
     force_waits: ForceWaits | None = means("Forces behind the picture; absent without touch.", default=None)
 
@@ -110,14 +124,14 @@ def _figures(found: Pictures, logs: RunLogs, scenario: Scenario, arms: Mapping[H
     watched_s = found.freezes.watched_ns / NS_PER_S
     refreshed = scenario.sight is not None and scenario.sight.codec == "h264" and scenario.sight.intra_refresh
     figures: dict[str, Any] = {
-        "frames": {"sent": n, **counts},
+        "frames": {"sent": n, **{state: k for state, k in counts.items() if state != "torn" or found.has_stamps}},
         "pictures": len(found.seen),
         "incomplete_pct": 100.0 * float(np.mean(found.arrived < camera.n_fragments)),
         "decodable_pct": 100.0 * counts["complete"] / n,
         "expected_incomplete_pct": None if theory is None else 100.0 * theory.lost,
         "expected_decodable_pct": None if theory is None or refreshed else 100.0 * theory.decodable,
         "hand_to_eye_ms": summarise(found.hand_to_eye_ns / NS_PER_MS),
-        "glass_to_glass_ms": summarise((found.shown_ns[found.stamped] - found.captured_ns) / NS_PER_MS),
+        "glass_to_glass_ms": summarise((found.shown_ns[found.dated] - found.captured_ns) / NS_PER_MS),
         "freezes": len(lasted_ns),
         "freeze_pct": found.freezes.share_pct,
         "longest_freeze_ms": float(lasted_ns.max()) / NS_PER_MS if len(lasted_ns) else None,
@@ -125,10 +139,16 @@ def _figures(found: Pictures, logs: RunLogs, scenario: Scenario, arms: Mapping[H
         "kbit_s": _kbit_s(camera),
         "fragments": {name: counted.get(f"video_{name}", 0) for name in FRAGMENT_COUNTERS},
     }
+    if found.is_external:
+        figures |= {"not_measured": _not_measured(found)}
     if scenario.touch is not None:
         figures |= {"asynchrony": _asynchrony(found, logs, scenario, arms)}
         figures |= {"force_waits": _force_waits(logs, scenario, arms, camera)}
     return SightFigures(**figures)
+
+
+def _not_measured(found: Pictures) -> list[str]:
+    return [*([] if found.has_stamps else [HAND_TO_EYE, TORN]), LIKENESS]
 
 
 def _kbit_s(camera: Frame) -> float | None:
@@ -140,7 +160,7 @@ def glass_bounds(found: Pictures, logs: RunLogs) -> Summary | None:
     """Return what the clocks leave open of the figures of glass to glass, in ms; None where all share one clock."""
     if logs.clocks.all_shared and logs.clocks.all_known:
         return None
-    shown_ns = found.shown_ns[found.stamped]
+    shown_ns = found.shown_ns[found.dated]
     open_ns = logs.clocks.uncertainty_ns("patient", found.captured_ns, "surgeon", shown_ns)
     took_ns = shown_ns - found.captured_ns
     if open_ns is None:
@@ -174,7 +194,7 @@ def _asynchrony(found: Pictures, logs: RunLogs, scenario: Scenario, arms: Mappin
         place = np.searchsorted(tick_ns, arrived.log_ns)
         felt = place < len(tick_ns) - 1
         begun = onsets(contacts.t_ns, np.linalg.norm(contacts.force_n, axis=1) > 0.0)
-        shown_ns = found.shown_ns[found.stamped]
+        shown_ns = found.shown_ns[found.dated]
         felt_ns = tick_ns[place[felt]]
         parts.append(asynchrony_ns(begun, arrived.sample_ns[felt], felt_ns, found.captured_ns, shown_ns))
     late_ms = joined(parts) / NS_PER_MS

@@ -8,7 +8,7 @@ from tis.deploy.present.page import nonbreaking_units
 from tis.deploy.present.table import Column, Table
 from tis.deploy.report.section import Statistics, with_uncertainty
 from tis.deploy.report.subjects.pictures import STATES
-from tis.deploy.report.subjects.sight import ForceWaits, SightFigures
+from tis.deploy.report.subjects.sight import HAND_TO_EYE, ForceWaits, SightFigures
 
 _NOTE: Final = (
     "Complete: with all frames that it refers to. Concealed: the decoder filled gaps. Hand to eye: from a command's "
@@ -18,12 +18,19 @@ _NOTE: Final = (
 
 def sight_text(sight: SightFigures) -> str:
     """Return hand to eye, the share of whole frames and the time in freezes in a line."""
-    eye = sight.hand_to_eye_ms
     frozen = "" if not sight.freezes else f", frozen {number(sight.freeze_pct, ' %')} of the time"
     return (
-        f"hand to eye median {number(eye['p50'], ' ms')}, p99 {number(eye['p99'], ' ms')}; "
+        f"{_age_text(sight)}; "
         f"{number(sight.decodable_pct, ' %')} of {number(sight.frames['sent'])} frames whole{frozen}"
     )
+
+
+def _age_text(sight: SightFigures) -> str:
+    """Return hand to eye, or of pictures without stamps glass to glass."""
+    is_known = HAND_TO_EYE not in sight.not_measured
+    name, age = (HAND_TO_EYE, sight.hand_to_eye_ms) if is_known else ("glass to glass", sight.glass_to_glass_ms)
+    text = f"{name} median {number(age['p50'], ' ms')}, p99 {number(age['p99'], ' ms')}"
+    return text if is_known else f"{text} ({HAND_TO_EYE} is not measured: the picture has no stamps)"
 
 
 def answer_text(sight: SightFigures) -> str:
@@ -32,8 +39,14 @@ def answer_text(sight: SightFigures) -> str:
     text = f"Of {number(sent)} frames {number(sight.decodable_pct, ' %')} came whole"
     if sight.expected_decodable_pct is not None:
         text += f" (in theory {number(sight.expected_decodable_pct, ' %')})"
-    text += f". The surgeon saw the effect of a movement {number(eye['p50'], ' ms')} later in the median"
+    if HAND_TO_EYE in sight.not_measured:
+        eye = sight.glass_to_glass_ms
+        text += f". A picture was {number(eye['p50'], ' ms')} old in the median when it was shown"
+    else:
+        text += f". The surgeon saw the effect of a movement {number(eye['p50'], ' ms')} later in the median"
     text += f", and {number(eye['p99'], ' ms')} in 99 of 100 cases (p99). "
+    if sight.not_measured:
+        text += f"Not measured: {', '.join(sight.not_measured)}. "
     if not sight.freezes:
         return f"{text}The picture never froze."
     times = "once" if sight.freezes == 1 else f"{number(sight.freezes)} times"
@@ -59,22 +72,24 @@ def sight_markup(sight: SightFigures | None, bounds: Statistics) -> tuple[str, s
     if sight is None:
         return "", ""
     text = f'<p class="answer">{escape(nonbreaking_units(answer_text(sight)))}</p>'
-    return "".join(table.html() for table in sight_tables(sight, bounds)), text
+    tables = (nonbreaking_units(table.html()) for table in sight_tables(sight, bounds))
+    return "".join(tables), text
 
 
 def _rows(sight: SightFigures, bounds: Statistics) -> list[tuple[str, str]]:
-    frames = ", ".join(f"{number(sight.frames[name])} {name}" for name in STATES if sight.frames[name])
+    frames = ", ".join(f"{number(sight.frames[name])} {name}" for name in STATES if sight.frames.get(name))
     used = ", ".join(f"{number(n)} {name}" for name, n in sight.fragments.items() if n)
     rows = [
         ("frames", f"{number(sight.frames['sent'])} sent: {frames}; {number(sight.pictures)} shown"),
         ("whole, all they refer to", _beside(sight.decodable_pct, sight.expected_decodable_pct)),
         ("not all of them arrived", _beside(sight.incomplete_pct, sight.expected_incomplete_pct)),
-        ("hand to eye", _spread(sight.hand_to_eye_ms)),
+        *([] if HAND_TO_EYE in sight.not_measured else [("hand to eye", _spread(sight.hand_to_eye_ms))]),
         ("glass to glass", _spread(sight.glass_to_glass_ms, bounds)),
         ("freezes", _freezes(sight)),
         ("pictures per s", number(sight.pictures_per_s)),
         ("bit rate", number(sight.kbit_s, " kbit/s")),
         *([("messages of the picture", used)] if used else []),
+        *([("not measured", "; ".join(sight.not_measured))] if sight.not_measured else []),
     ]
     if (like := sight.quality) is not None:
         ratio, alike = like.psnr_db, like.ssim

@@ -1,5 +1,6 @@
 """Encoders that repeat bit for bit, and decoders that make the best of what arrives."""
 
+from io import BytesIO
 from random import Random
 from typing import Any
 
@@ -9,7 +10,7 @@ import pytest
 from tis.common.errors import InputError
 from tis.common.scenario.sight import SightPart
 from tis.common.sight import codec
-from tis.common.sight.codec import Encoded, check_codec, codec_versions, decoder_of, encoder_of, whole_units
+from tis.common.sight.codec import Encoded, check_codec, codec_versions, decoder_of, encoder_of, is_key, whole_units
 from tis.common.sight.picture import Scene, draw, seen_rows
 from tis.common.sight.stamp import Picture, Stamp, read_stamps
 from tis.deploy.run.resolve import resolve
@@ -79,6 +80,50 @@ def test_hostile_bytes_make_no_picture_or_one_of_the_agreed_size(sight: SightPar
         begin = rng.randrange(len(data))
         found = decoder.decode([(begin, bytes(data[begin : begin + rng.randrange(len(data))]))], len(data))
         assert found is None or found.shape == (240, 320, 3)
+
+
+def _jpeg(width: int, height: int, **options: Any) -> bytes:
+    image = pytest.importorskip("PIL.Image", reason="the extra is not installed")
+    out = BytesIO()
+    image.new("RGB", (width, height), "red").save(out, "JPEG", **options)
+    return out.getvalue()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (801, 603), (1920, 1088), (1088, 1920)])
+def test_of_an_external_camera_any_size_is_decoded_up_to_the_largest(size: tuple[int, int]) -> None:
+    decoder = decoder_of(SightPart(camera="external"))
+    data = _jpeg(*size)
+    picture = decoder.decode([(0, data)], len(data))
+    assert picture is not None
+    assert picture.shape == (size[1], size[0], 3)
+    assert read_stamps(picture) == (None, None)
+
+
+def test_a_bomb_is_no_picture() -> None:
+    """Too many pixels, whatever the head says of them, and too many scans of one picture."""
+    decoder = decoder_of(SightPart(camera="external"))
+    wide = _jpeg(2048, 1088)
+    claimed = bytearray(_jpeg(64, 64))
+    at = claimed.index(b"\xff\xc0") + 5
+    claimed[at : at + 4] = b"\xff\xff\xff\xff"
+    one = _jpeg(64, 64, progressive=True)
+    scan = one.rindex(b"\xff\xda")
+    scans = one[:-2] + one[scan:-2] * 20 + one[-2:]
+    for data in (wide, bytes(claimed), scans):
+        assert decoder.decode([(0, data)], len(data)) is None
+    assert decoder.decode([(0, one)], len(one)) is not None
+
+
+def test_h264_of_an_external_camera_may_change_its_size() -> None:
+    pytest.importorskip("av", reason="the extra is not installed")
+    decoder = decoder_of(SightPart(camera="external", codec="h264"))
+    for width, height in ((320, 240), (400, 304)):
+        encoder = encoder_of(SightPart(codec="h264", width=width, height=height))
+        data = encoder.encode(np.full((height, width, 3), 90, dtype=np.uint8)).data
+        assert is_key(data)
+        picture = decoder.decode([(0, data)], len(data))
+        assert picture is not None
+        assert picture.shape == (height, width, 3)
 
 
 def test_units_that_are_cut_are_left_out() -> None:

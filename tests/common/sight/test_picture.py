@@ -22,6 +22,21 @@ def test_stamps_are_read_as_they_were_drawn(frame: int, command: int, width: int
     assert band_rows(width) % CELL == 0
 
 
+@pytest.mark.parametrize("size", [(641, 480), (810, 601), (16, 2816)])
+def test_stamps_are_drawn_and_read_in_pictures_of_any_width(size: tuple[int, int]) -> None:
+    picture = np.zeros((size[1], size[0], 3), dtype=np.uint8)
+    draw_stamps(picture, Stamp(3, 4))
+    assert read_stamps(picture) == (Stamp(3, 4),) * 2
+
+
+@pytest.mark.parametrize("size", [(15, 900), (640, 90), (16, 2815)])
+def test_a_picture_without_room_has_no_stamps(size: tuple[int, int]) -> None:
+    picture = np.zeros((size[1], size[0], 3), dtype=np.uint8)
+    assert read_stamps(picture) == (None, None)
+    with pytest.raises(ValueError, match="has at least 16 columns"):
+        draw_stamps(picture, Stamp(3, 4))
+
+
 def test_a_damaged_stamp_and_one_in_the_others_place_are_unreadable() -> None:
     picture = draw(SCENE, Stamp(7, 3), [HERE])
     rows = band_rows(320)

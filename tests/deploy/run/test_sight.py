@@ -17,7 +17,7 @@ from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.replay import replay
 from tis.deploy.run.replay_sight import replay_screen
 from tis.deploy.run.resolve import resolve
-from tis.deploy.run.twin import build_sides, run_twin
+from tis.deploy.run.twin import build_sides, refuse_in_virtual_time, run_twin
 from tis.deploy.shell import run_dir as folder
 from tis.patient_side.identification.model_file import dump_models
 
@@ -147,6 +147,10 @@ def test_sight_that_cannot_be_is_refused() -> None:
     found = " ".join(map(str, refused.value.faults))
     assert "width" in found
     assert "fragment_bytes" in found
+    with pytest.raises(InputError, match=r"quality must be left out with camera external, .* \(80\)"):
+        resolve("sight", ("sight={camera: external, quality: 80}",), None, None)
+    with pytest.raises(InputError, match=r"sight\.camera: must be drawn in virtual time"):
+        refuse_in_virtual_time(resolve("sight", ("sight.camera=external",), None, None))
     with pytest.raises(InputError, match="camera_phase_ms must be less than one period"):
         _scenario("sight.camera_phase_ms=40")
     assert "sight" not in dump_scenario(resolve("default", (), None, None))

@@ -4,18 +4,24 @@ import asyncio
 import json
 import time
 from collections.abc import Callable, Coroutine
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from bokeh.application import Application
 from tornado.httpclient import AsyncHTTPClient, HTTPResponse
 from tornado.ioloop import IOLoop
+from zenoh import ZBytes
 
+from tis.common.scenario.control import EmulatorState
+from tis.common.scenario.security import Password
+from tis.common.scenario.sight import SightPart
 from tis.common.units import NS_PER_MS
 from tis.deploy.view.access import Access
-from tis.deploy.view.picture_process import sight_of
+from tis.deploy.view.picture_process import _sight as sight_asked
 from tis.deploy.view.pictures import SAYS, PictureDoor
 from tis.deploy.view.server import listen
+from tis.netem.bridge.access import access_control
 
 pytestmark = pytest.mark.live
 
@@ -75,9 +81,28 @@ def test_a_run_without_a_picture_says_so_at_once() -> None:
     _served(_HAS_NONE, ask)
 
 
-def test_the_video_of_a_run_is_read_from_what_netem_tells_of_its_scenario() -> None:
-    found = sight_of({"sight.codec": '"h264"', "sight.fps": "15", "rate_hz": "30"})
-    assert found is not None
-    assert (found.codec, found.fps, found.width) == ("h264", 15, 640)
-    assert sight_of({"sight": "null", "rate_hz": "30"}) is None
-    assert sight_of({"sight.width": "123456"}) is None
+class _Netem:
+    """Answers the question for its state: junk, then that there is no run yet, then the state of a run."""
+
+    def __init__(self, sight: SightPart | None) -> None:
+        self.asked: list[str] = []
+        states = [EmulatorState(running=False), EmulatorState(running=True, sight=sight)]
+        self._answers = ["{}", *(state.model_dump_json() for state in states)]
+
+    def get(self, key: str, **_: Any) -> list[SimpleNamespace]:
+        self.asked.append(key)
+        payload = ZBytes(self._answers[len(self.asked) - 1].encode())
+        return [SimpleNamespace(ok=None), SimpleNamespace(ok=SimpleNamespace(payload=payload))]
+
+
+@pytest.mark.parametrize("sight", [None, SightPart(codec="h264", fps=15)])
+def test_the_video_of_a_run_is_read_from_netems_state_which_observers_may_ask_for(
+    sight: SightPart | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("time.sleep", lambda _: None)
+    netem = _Netem(sight)
+    assert sight_asked(netem, "tis", SimpleNamespace(is_over=False)) == sight  # type: ignore[arg-type]
+    password = {"kind": "password", "file": "users.txt", "observers": ["eve"]}
+    rights = access_control(Password.model_validate(password), "tis", "west")
+    (ask,) = [rule for rule in rights["rules"] if rule["id"] == "observers says query"]
+    assert set(netem.asked) <= set(ask["key_exprs"])

@@ -63,3 +63,16 @@ def test_it_begins_anew_where_it_could_not_keep_up() -> None:
     _take(spectator, 9)
     assert spectator.shown is not None
     assert (spectator.shown.frame, spectator.shown.n, spectator.shown.n_whole) == (9, 1, 1)
+
+
+def test_a_camera_of_others_has_stamps_once_one_was_read() -> None:
+    plain = np.zeros((240, 320, 3), dtype=np.uint8)
+    pictures = [plain, plain, _picture(2), plain]
+    external = SIGHT.model_copy(update={"camera": "external"})
+    for sight, expected in ((SIGHT, [True] * 4), (external, [False, False, True, True])):
+        spectator, found = Spectator("tis", sight, lambda _: Plain(pictures)), []
+        for frame in range(4):
+            _take(spectator, frame)
+            assert spectator.shown is not None
+            found.append(spectator.shown.is_stamped)
+        assert found == expected

@@ -4,7 +4,14 @@ from typing import Any
 from tests.deploy.report.hand_made import MS, a_scenario, counter, write_run
 from tis.common.device_records import DEVICES, DeviceNote
 from tis.common.node import Record
-from tis.deploy.report.subjects.devices import device_texts, devices_summary, is_foreign
+from tis.deploy.report.subjects.devices import (
+    camera_summary,
+    camera_texts,
+    device_texts,
+    devices_summary,
+    is_foreign,
+    silent_camera,
+)
 from tis.deploy.report.subjects.identification import source_label
 
 LIVE: dict[str, Any] = {
@@ -53,3 +60,20 @@ def test_a_foreign_surgeon_has_its_device_to_itself(tmp_path: Path) -> None:
     assert devices_summary(logs, a_scenario(**LIVE))["devices"] == {}
     assert source_label(a_scenario(**LIVE), is_foreign(logs)) == "foreign surgeon, left and right hand"
     assert not is_foreign(write_run(tmp_path, surgeon=[]))
+
+
+def test_what_an_external_camera_sent_and_what_was_not_used_of_it(tmp_path: Path) -> None:
+    counted = {"video_frames": 90, "camera_undated": 4, "camera_undecodable": 2, "camera_flooded": 7, "unread": 1}
+    patient = [counter(name, n) for name, n in counted.items()]
+    scenario = a_scenario(sight={"camera": "external"})
+    found = camera_summary(write_run(tmp_path, surgeon=[], patient=patient), scenario, 3)["external_camera"]
+    assert (found.frames, found.undated, found.unreadable) == (90, 4, 3)
+    assert found.refused == {"undecodable": 2, "other_format": 0, "flooded": 7, "unread": 1}
+    refused, unreadable, undated = camera_texts(found)
+    assert "2 that were no frame, 7 that came faster" in refused
+    assert unreadable.startswith("3 frames of the external camera came whole")
+    assert undated.startswith("4 frames of the external camera had no usable timestamp")
+    assert silent_camera(found) == silent_camera(None) == camera_texts(None) == []
+    (problem,) = silent_camera(found.model_copy(update={"frames": 0}))
+    assert problem.startswith("external_camera: no frame came that could be used")
+    assert camera_summary(write_run(tmp_path, surgeon=[], patient=patient), a_scenario(sight={}), 0) == {}

@@ -219,3 +219,43 @@ def test_limits_of_sight_are_judged() -> None:
 def test_one_freeze_is_once() -> None:
     run = logs([camera(n) for n in range(40)], [screen(n) for n in range(21)])
     assert "froze once" in answer_text(figures(run, scenario()))
+
+
+EXTERNAL = "sight.camera=external"
+UNREAD: dict[str, Any] = {"top_frame": None, "top_command": None, "bottom_frame": None, "bottom_command": None}
+
+
+def test_what_a_picture_without_stamps_does_not_tell_is_named() -> None:
+    """Glass to glass is that of frames that came whole, by the instants that the camera's program tells."""
+    screens = [screen(n, **UNREAD) for n in range(4)]
+    screens[2] = screen(2, "concealed", fragments=1, missing="1", **UNREAD)
+    found = figures(logs([camera(n, command=-1) for n in range(4)], screens), scenario(EXTERNAL))
+    assert found.not_measured[:2] == ["hand to eye", "torn frames"]
+    assert found.frames == {"sent": 4, "complete": 3, "concealed": 1, "undecodable": 0, "lost": 0}
+    assert set(found.hand_to_eye_ms.values()) == {None}
+    assert found.glass_to_glass_ms["max"] == 40.0
+    (table,) = [dict(one.texts()) for one in sight_tables(found, {})]
+    assert "hand to eye" not in table
+    assert table["not measured"].startswith("hand to eye; torn frames; ")
+    assert "hand to eye is not measured" in sight_text(found)
+    assert "Not measured: hand to eye, torn frames" in answer_text(found)
+
+
+def test_stamps_of_an_external_camera_tell_the_command_whatever_frame_they_name() -> None:
+    screens = [screen(n, top_frame=n + 70, bottom_frame=n + 70) for n in range(4)]
+    screens[3] |= {"state": "torn", "bottom_frame": 3}
+    found = figures(logs([camera(n, command=-1) for n in range(4)], screens), scenario(EXTERNAL))
+    assert found.hand_to_eye_ms["p50"] == 145.0
+    assert found.frames["torn"] == 1
+    assert len(found.not_measured) == 1
+    assert "hand to eye" in sight_text(found)
+
+
+def test_a_frame_that_came_whole_and_was_no_picture_is_the_cameras_fault() -> None:
+    screens = [screen(0, **UNREAD), screen(1, "undecodable"), screen(2, "undecodable", fragments=1)]
+    screens.append(screen(3, "undecodable"))  # it refers to others, which may be lost
+    pictures = Pictures.of(
+        logs([*(camera(n) for n in range(3)), camera(3, is_key=False)], screens), scenario(EXTERNAL)
+    )
+    assert pictures is not None
+    assert pictures.n_unreadable == 1
