@@ -175,7 +175,7 @@ def _runs(runs: Mapping[str, RunView]) -> str:
     rows = []
     for name, run in runs.items():
         s = run.summary
-        about = (s.scenario, s.mode, s.source, f"{s.seed}", f"{s.duration_s:g}", s.active_estimator)
+        about = (s.scenario, s.mode, s.source, f"{s.seed}", f"{s.duration_s:.4g}", s.active_estimator)
         rows.append((name, str(run.logs.run_dir), *about, s.command or "-"))
     columns: tuple[Column | str, ...] = ("run", *(Column(fact, words=fact not in _NUMBERS) for fact in facts))
     return Table("Where the figures come from", columns, rows).html()

@@ -299,4 +299,4 @@ def _tags(run: RunView) -> list[tuple[str, str]]:
     if run.synthetic:
         tags.append(("synthetic movement, not a recording of a person", "open"))
     tags += [(summary.source, ""), (kinds.get(summary.mode, summary.mode), "")]
-    return [*tags, (f"seed {summary.seed}", ""), (f"{summary.duration_s:g} s", "")]
+    return [*tags, (f"seed {summary.seed}", ""), (f"{summary.duration_s:.4g} s", "")]

@@ -87,7 +87,7 @@ def _measured(run: MeasuredRun, mode: str, exit_code: int | None, command: str) 
         run_id=run_id_in(logs),
         exit=exit_code,
         command=command,
-        duration_s=scenario.duration_s,
+        duration_s=_over_s(logs, scenario) or scenario.duration_s,
         source=identification.source_label(scenario, devices.is_foreign(logs), played["recording"]),
         active_estimator=scenario.active_estimator,
         active_orientation=scenario.patient.orientation.active,

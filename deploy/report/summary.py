@@ -55,7 +55,9 @@ class Summary(Section):
     run_id: int | None = means("Number of the run, which all its logs carry; `null` for a twin.")
     exit: int | None = means("Exit code that the sides gave the run; `null` in a summary that was computed again.")
     command: str = means("Command line that began the run.")
-    duration_s: float = means("Length of the surgeon's movement; the drain is not included.")
+    duration_s: float = means(
+        "Length of the surgeon's movement, up to Ctrl-C where that ended it; the drain is not included."
+    )
     source: str = means("Origin of the movement, in words.")
     active_estimator: str = means("Estimator that the patient acts on.")
     active_orientation: str = means("Orientation method whose orientation and gripper the answers carry.")

@@ -19,6 +19,7 @@ from tis.deploy.report.subjects.sight_tables import sight_text
 from tis.deploy.report.subjects.touch_tables import touch_text
 from tis.deploy.report.summary import Summary
 from tis.deploy.report.validity import validity_text
+from tis.netem.control.replay import weightiest
 
 FIDELITY_STYLES: Final = {True: "green", False: "red", None: "yellow"}
 """Terminal style of each value of a verdict's ``faithful``."""
@@ -166,7 +167,7 @@ def _networks(summary: Summary) -> Iterator[Row]:
         name = "network" if len(ways) == len(texts) else ways[0]
         yield Row(name, text, FIDELITY_STYLES[verdicts[ways[0]].faithful])
     if changes := summary.changes:
-        shown, more = changes[:_MAX_CHANGES], len(changes) - _MAX_CHANGES
+        shown, more = weightiest(changes, _MAX_CHANGES), len(changes) - _MAX_CHANGES
         texts_of = "; ".join([*shown, *([f"and {more} more"] if more > 0 else [])])
         times = "once" if len(changes) == 1 else f"{len(changes)} times"
         yield Row("changed", f"{times} while it ran, which all figures include: {texts_of}", "yellow")

@@ -245,7 +245,7 @@ def validity_text(summary: Summary, since: str | None = None) -> str:
     is_one = f"Before {since} this run was a valid measurement" if since else "This run is a valid measurement"
     count = summary.ticks.count or 0
     if summary.exit == EXIT_INTERRUPTED and count < summary.ticks.planned:  # only a drive is valid then
-        is_one += f" of the {count / summary.ticks.rate_hz:.1f} s until Ctrl-C ended it, as it may end a drive"
+        is_one += f" of the {summary.duration_s:.1f} s until Ctrl-C ended it, as it may end a drive"
     if not unlike:
         return f"{is_one}."
     return (

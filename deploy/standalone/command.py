@@ -36,7 +36,7 @@ from tis.deploy.shell.guard import OUT, print_json
 from tis.deploy.standalone.standalone_run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
 from tis.deploy.tools.info import log_states, print_damage, print_files, states_as_data
 from tis.netem.bridge.standalone_log import network_yaml
-from tis.netem.control.replay import made_changes
+from tis.netem.control.replay import made_changes, weightiest
 from tis.netem.expected.figures import direction_label
 
 if TYPE_CHECKING:
@@ -105,9 +105,9 @@ def netem_summary(run: StandaloneRun, exit_code: int | None) -> NetemSummary:
 
 
 def named_changes(changes: Sequence[str]) -> list[str]:
-    """Return a line for each of the first changes made while running, then how many more there were."""
+    """Return a line for each of the weightiest changes made while running, then how many more there were."""
     left = len(changes) - _MAX_CHANGES
-    named = [f"changed while running: {text}" for text in changes[:_MAX_CHANGES]]
+    named = [f"changed while running: {text}" for text in weightiest(changes, _MAX_CHANGES)]
     return [*named, f"and {left} more changes while running"] if left > 0 else named
 
 

@@ -140,17 +140,14 @@
     return drives ? told : `${told} If somebody pressed Stop the arms, Release ends it.`;
   };
   const isStopped = () => ["safe", "slow_stop"].includes(seen.mode);
-  // One of a picture's own messages may not have been seen: then the part of the last two seconds stays, if it can.
-  let part = { ms: null, at_ms: -Infinity };
-  const lasting = (network_ms, late_ms) => {
-    if (network_ms != null) part = { ms: network_ms, at_ms: performance.now() };
-    return performance.now() - part.at_ms < 2000 && part.ms <= late_ms ? part.ms : null;
-  };
+  // The network's part is a median, the whole that of the newest picture: after a change the part may be the longer one.
   const parts = ({ late_ms, network_ms, silent_s, outage }) => (late_ms == null || outage ? "" :
-    silent_s != null ? ` Nothing newer arrived for ${silent_s.toFixed(1)} s.` : lasting(network_ms, late_ms) == null ? "" :
-    ` Of that the network takes ${lateness(lasting(network_ms, late_ms))} both ways; the rest is waiting for the next tick, at the arm and at the display, and computing. This rest is there even without a network.`);
-  const ENDED = "The run has ended.", LAST_S = 1;
-  const ends = (left_s) => (window.live.isOver() ? ENDED : left_s == null ? "" : left_s > 0
+    silent_s != null ? ` Nothing newer arrived for ${silent_s.toFixed(1)} s.` : network_ms == null ? "" :
+    network_ms > late_ms && lateness(network_ms) !== lateness(late_ms) ? ` The network took ${lateness(network_ms)} both ways (medians of the last ${at("late_parts").dataset.judged_s} s).` :
+    ` Of that the network takes ${lateness(network_ms)} both ways (medians of the last ${at("late_parts").dataset.judged_s} s); the rest is waiting for the next tick, at the arm and at the display, and computing. This rest is there even without a network.`);
+  const LAST_S = 1;
+  const ended = () => `The run has ended.${seen?.moved === false ? " Nobody moved the hand." : ""}`;
+  const ends = (left_s) => (window.live.isOver() ? ended() : left_s == null ? "" : left_s > 0
     ? `The drive ends in ${Math.floor(left_s / 60)}:${String(Math.floor(left_s % 60)).padStart(2, "0")} min, or with Ctrl-C in the terminal; then the report is written.`
     : "The drive is over.");
   const say = () => {
@@ -158,7 +155,7 @@
     const line = at("driver"), isEnded = window.live.isOver() || (over && seen?.left_s != null && seen.left_s < LAST_S);
     if (at("left") && seen) at("left").textContent = ends(seen.left_s);
     line.classList.toggle("refused", Boolean(refused) && !isEnded);
-    if (isEnded) line.textContent = ENDED;
+    if (isEnded) line.textContent = ended();
     else if (refused) line.textContent = `Not taken: ${refused}.`;
     else if (over) line.textContent = "The page's server does not answer any more: the run may have ended.";
     else if (!drives) line.textContent = "";

@@ -23,7 +23,6 @@ from tis.deploy.watch.book import LiveBook
 from tis.deploy.watch.forces import MJ_PER_J, FeltRow
 from tis.deploy.watch.live_figures import LiveFigures
 from tis.deploy.watch.observer import Observer
-from tis.deploy.watch.streams import there_and_back_ns
 
 MAX_MESSAGE_CHARS: Final = 400
 """Longest message of a page; the page's own have 120."""
@@ -168,7 +167,7 @@ class DriveHub:
         self._asked_s = self._judged_s = -inf
         self._is_outage = False
         self._figures = LiveFigures()
-        self._delays: dict[str, float | None] = {}
+        self._late_ms: float | None = None
         self._stability: Stability | None = None
 
     def drive(self, page: Hashable, move: HandMove, now_s: float) -> str:
@@ -198,11 +197,12 @@ class DriveHub:
         if now_s - self._asked_s >= _STATE_S:
             self._asked_s = now_s
             self._is_outage = self._sees_outage()
-            self._delays = self._observer.read(lambda book: delays(book, seen["arm"]))
-        errors = figures.display
+            self._late_ms = self._observer.read(lambda book: late_ms(book, seen["arm"]))
+        errors, part_ms = figures.display, figures.there_and_back_ms
         return {
             **seen,
-            **self._delays,
+            "late_ms": self._late_ms,
+            "network_ms": None if part_ms is None else round(part_ms, 1),
             "silent_s": figures.display_silent_s,
             "feedback_error_mm": errors and round(errors.feedback_mm, 2),
             "ghost_error_mm": errors and round(errors.predicted_mm, 2),
@@ -210,6 +210,7 @@ class DriveHub:
             "outage": self._is_outage,
             "network": self._answers(seen["now_s"]),
             "stability": self._stability,
+            "moved": None if self._door is None else self.seat.last_s > 0 or self._door.is_rivalled(inf),
             "operator_n_m": about and about.operator_n_m,
             "wall": about and about.wall_mm and {"place_mm": about.wall_mm, "normal": about.wall_normal},
             "left_s": None if about is None else max(0.0, about.duration_s - seen["now_s"]),
@@ -292,18 +293,11 @@ def stability_of(rows: Sequence[FeltRow]) -> Stability | None:
     return stability(shown, max(round(NS_PER_S / step_ns), 1))
 
 
-def delays(book: LiveBook, arm: str | None) -> dict[str, float | None]:
-    """Return how late the newest display of an arm is, and the network's part of that, by the same messages."""
+def late_ms(book: LiveBook, arm: str | None) -> float | None:
+    """Return how late the newest display of an arm is; None before the first."""
     rows = None if arm is None else book.displays.rows[arm]
     display = None if rows is None else next(iter(rows.since(rows.n - 1)), None)
-    if display is None:
-        return {"late_ms": None, "network_ms": None}
-    there, back = book.crossed["master"].all(), book.crossed["answers"].all()
-    part_ns = there_and_back_ns(display.command_ns, display.t_ns, there, back)
-    return {
-        "late_ms": display.late_ns / NS_PER_MS,
-        "network_ms": None if part_ns is None else round(part_ns / NS_PER_MS, 1),
-    }
+    return None if display is None else display.late_ns / NS_PER_MS
 
 
 def _mm(place_m: Place | None) -> list[float] | None:

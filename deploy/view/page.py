@@ -168,6 +168,7 @@ class Page:
         self.pace: Final = Pace()
         self.words: Final = Words()
         self._known: EmulatorState | None = None
+        self._modes: dict[str, str] = {}
         self._plots = Plots()
         self.words.on_change("chosen", lambda _attr, _old, new: self._select_arm(new))
         roots: dict[str, Model] = {**self._plots.roots(), "words": self.words, "pace": self.pace}
@@ -178,10 +179,17 @@ class Page:
         self.pace.attach(doc)
 
     def refresh(self) -> None:
-        """Draw the new rows; text changes less often than lines, and after the run only text changes."""
+        """Draw the new rows; text changes less often than lines, and after the run only text changes.
+
+        A change of what an arm does is told at once, also to a slow browser: the driven picture tells it, too.
+        """
         attendance = self._observer.attendance()
         over = "netem" in attendance.left or self._alone.is_over
+        modes = self._observer.read(lambda book: book.safety.modes())
+        is_news, self._modes = modes != self._modes, modes
         if self.pace.is_drawing and not over:
+            if is_news:
+                self._refresh_text(attendance)
             return
         words = self.words
         if not (over and words.is_over):
@@ -189,7 +197,7 @@ class Page:
             self._plots.show(frame)
             if list(frame.arms) != words.arms:
                 words.update(shown=frame.arm or "", arms=list(frame.arms))
-        if over or self._n_frames % _TEXT_EVERY == 0:
+        if over or is_news or self._n_frames % _TEXT_EVERY == 0:
             self._refresh_text(attendance)
         if over:
             self._known = None

@@ -44,10 +44,13 @@ class SafetyStates:
         if not changes or changes[-1][1] != point.mode:
             changes.append((point.sample_ns, point.mode))
 
+    def modes(self) -> dict[str, str]:
+        """Return the newest state of each arm that had a set point."""
+        return {arm: changes[-1][1] for arm, changes in self._changes.items() if changes}
+
     def mode(self, arm: str) -> str | None:
         """Return the newest state of an arm; None before its first set point."""
-        changes = self._changes.get(arm)
-        return changes[-1][1] if changes else None
+        return self.modes().get(arm)
 
     def stretches(self, window_s: float) -> dict[str, list[Stretch]]:
         """Return by arm the stretches of the last ``window_s``, the last one up to its newest set point."""

@@ -5,7 +5,6 @@ stamps both instants, so no clocks need to be synchronised.
 """
 
 from collections import OrderedDict
-from collections.abc import Iterable
 from typing import Final, Literal, NamedTuple, TypeVar, get_args
 
 from tis.common.channels import Arm, Channel, Direction, Hand, hand_channels
@@ -126,29 +125,6 @@ class Crossings:
     def _crossed(self, sent_ns: int, delay_ns: int) -> Crossing:
         self._longest_ns = max(self._longest_ns * _DECAY, delay_ns)
         return Crossing(sent_ns, delay_ns)
-
-
-def there_and_back_ns(
-    command_ns: int, shown_ns: int, there: Iterable[Crossing], back: Iterable[Crossing]
-) -> int | None:
-    """Return the network's part of the time from a command to the display of an answer to it.
-
-    It is the command's delay, and that of the last answer sent after its arrival that was there when the display was
-    made: so it never exceeds the whole. None where one of them was not seen. Oracle: instants worked by hand,
-    tests/deploy/watch/test_streams.
-    """
-    gone = (row for row in there if row.delay_ns is not None and row.sent_ns >= command_ns)
-    command = min(gone, key=lambda row: row.sent_ns, default=None)
-    if command is None or command.delay_ns is None:
-        return None
-    came_ns = command.sent_ns + command.delay_ns
-    answers = (
-        (row.sent_ns, row.delay_ns)
-        for row in back
-        if row.delay_ns is not None and row.sent_ns >= came_ns and row.sent_ns + row.delay_ns <= shown_ns
-    )
-    answer = max(answers, default=None)
-    return None if answer is None else command.delay_ns + answer[1]
 
 
 def _put(table: OrderedDict[int, T], seq: int, value: T) -> None:

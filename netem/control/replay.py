@@ -12,7 +12,7 @@ from tis.common.channels import Direction
 from tis.common.errors import DataError, Fault
 from tis.common.node import Arrival, Output, Record
 from tis.common.records import CONTROL, ControlNote
-from tis.common.scenario.control import CLEARING
+from tis.common.scenario.control import CLEARING, OutageRequest, SetRequest
 from tis.common.scenario.network import NetworkPart
 from tis.common.scenario.network.conditions import BothOr, TimelineEntry
 from tis.common.units import NS_PER_S
@@ -20,6 +20,7 @@ from tis.netem.conditions.conditions import Condition, Conditions, Span, joined
 from tis.netem.link.link import Link
 from tis.netem.node import NetemNode
 
+_RESET: Final = "reset to what was asked for at the start"
 _PROFILE: Final = re.compile(r'"profile"\s*:\s*"([^"]*)"')  # the request is logged truncated
 
 
@@ -77,13 +78,41 @@ def made_changes(notes: Iterable[ControlNote]) -> list[MadeChange]:
             continue
         named = _PROFILE.search(note.request) if note.operation == "profile" else None
         if note.operation in CLEARING:
-            what = "reset to what was asked for at the start" if named is None else f"profile {named[1]}, and no more"
+            what = _RESET if named is None else f"profile {named[1]}, and no more"
             found.append(MadeChange("both", note.applied_ns, f"from {note.applied_ns / NS_PER_S:.3f} s", what))
         else:
-            for entry in _entries(note.added or "[]"):
-                begin_ns = max(note.applied_ns, round(entry.at_s * NS_PER_S))
-                found.append(MadeChange(entry.direction, begin_ns, _during(entry), _set_in_words(entry)))
+            found += [_made(entry, note.applied_ns) for entry in _entries(note.added or "[]")]
     return found
+
+
+def _made(entry: TimelineEntry, applied_ns: int) -> MadeChange:
+    begin_ns = max(applied_ns, round(entry.at_s * NS_PER_S))
+    return MadeChange(entry.direction, begin_ns, _during(entry), _set_in_words(entry))
+
+
+def request_in_words(operation: str, text: str, at_s: float) -> str:
+    """Return an accepted request as `made_changes` tells it; the text where it was cut and tells no profile.
+
+    Oracle: requests in words, tests/netem/control/test_notes.
+    """
+    if operation in CLEARING:
+        named = _PROFILE.search(text)
+        return _RESET if named is None else f"profile {named[1]}"
+    try:
+        raw = from_json(text)
+        if operation == "outage":
+            sets = [OutageRequest.model_validate(raw).as_set()]
+        else:
+            sets = [SetRequest.model_validate(one) for one in (raw if isinstance(raw, list) else [raw])]
+        return "; ".join(str(_made(one.entry(at_s), 0)) for one in sets)
+    except ValueError:
+        return text
+
+
+def weightiest(changes: Sequence[str], most: int) -> list[str]:
+    """Return at most ``most`` changes in words, in their order; an outage is kept before any other change."""
+    by_weight = sorted(range(len(changes)), key=lambda k: "outage" not in changes[k].rpartition(": ")[2])
+    return [changes[k] for k in sorted(by_weight[:most])]
 
 
 def entry_in_words(entry: TimelineEntry) -> str:

@@ -14,6 +14,7 @@ from tis.deploy.logs.log_paths import log_file
 from tis.deploy.logs.read.load import RunLogs, load_side
 from tis.deploy.present.page import note
 from tis.deploy.present.table import Column, Table
+from tis.netem.control.replay import request_in_words
 
 _MAX_BYTES: Final = 200_000_000
 _MAX_ROWS: Final = 40
@@ -103,7 +104,7 @@ def action_table(found: Verified) -> Table:
         (
             "" if one.run_s is None else f"{one.run_s:.1f}",
             one.event,
-            one.what,
+            _request(one),
             one.name,
             one.network,
             "; ".join(one.among),
@@ -113,6 +114,12 @@ def action_table(found: Verified) -> Table:
     ][:_MAX_ROWS]
     return Table("Stops, releases, changes", ("at, s", "what", Column("request", words=True), "signed by", "network",
                                              Column("by one of", words=True)), rows)  # fmt: skip
+
+
+def _request(entry: AuditEntry) -> str:
+    if entry.event != "network" or entry.what == "refused":
+        return entry.what
+    return request_in_words(entry.key.rpartition("/")[2], entry.what, entry.run_s or 0.0)
 
 
 def audit_markup(logs: RunLogs) -> str:

@@ -158,10 +158,19 @@ def silent_camera(camera: CameraFigures | None) -> list[str]:
 
 def silent_programs(devices: ByHand, external_arms: ByHand) -> list[str]:
     """Return a problem for each device and external arm of which no pose was used: nothing was measured."""
-    names = {"devices": (devices, "the device"), "external_arms": (external_arms, "the external arm")}
+    names = {
+        "devices": (devices, "the device", "nobody moved the hand: no pose came", _MOVE_IT),
+        "external_arms": (external_arms, "the external arm", "no pose came from the external arm", _START_IT),
+    }
     return [
         problem(f"{key}.{hand}: no pose came from {name} that could be used", f"{key} in summary.json says why not")
-        for key, (found, name) in names.items()
+        if any(row.refused.values())
+        else problem(f"{key}.{hand}: {nothing}", cure)
+        for key, (found, name, nothing, cure) in names.items()
         for hand, row in found.items()
         if not row.poses
     ]
+
+
+_MOVE_IT: Final = "drag in the picture of tis run --view, or start tis device in time"
+_START_IT: Final = "start it before the run, on netem's east endpoint"

@@ -114,10 +114,15 @@ def test_samples_that_were_refused_as_their_unit_is_wrong_name_the_likely_one() 
 
 
 def test_a_program_of_which_no_pose_was_used_is_a_problem() -> None:
-    used, unused = (part(DeviceFigures, {"poses": n}) for n in (1, 0))
+    used, unused = (part(DeviceFigures, {"poses": n, "refused": {"jump": 1 - n}}) for n in (1, 0))
     assert causes(silent_programs({"left": unused, "right": used}, {"left": unused})) == [
         "devices.left: no pose came from the device that could be used",
         "external_arms.left: no pose came from the external arm that could be used",
+    ]
+    silent = part(DeviceFigures, {"poses": 0, "refused": {"jump": 0}})
+    assert causes(silent_programs({"left": silent}, {"left": silent})) == [
+        "devices.left: nobody moved the hand: no pose came",
+        "external_arms.left: no pose came from the external arm",
     ]
     assert silent_programs({}, {}) == []
 

@@ -20,7 +20,7 @@ def _list(links: dict[str, Any], *request: str) -> str:
 
 
 def test_a_drive_that_was_ended_is_valid_for_its_time() -> None:
-    ended = {"valid": True, "links": {}, "exit": 130, "ticks": {"count": 1230, "planned": 18000, "rate_hz": 30}}
+    ended = {"valid": True, "links": {}, "exit": 130, "duration_s": 41.0, "ticks": {"count": 1230, "planned": 18000}}
     assert "valid measurement of the 41.0 s until Ctrl-C ended it" in validity_text(summary_of(ended))
 
 

@@ -15,7 +15,7 @@ from tests.deploy.watch.test_forces import _shown, _wrench
 from tis.common.device import DevicePose
 from tis.common.messages import SafetyMode
 from tis.common.scenario.control import EmulatorState
-from tis.common.units import NS_PER_S
+from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.deploy.run.resolve import resolve
 from tis.deploy.view.device import Device
 from tis.deploy.view.drive import (
@@ -40,6 +40,7 @@ from tis.deploy.watch.book import LiveBook
 from tis.deploy.watch.forces import FeltRow
 from tis.deploy.watch.observer import Attendance
 from tis.deploy.watch.safety import Stretch
+from tis.deploy.watch.streams import Crossing
 
 
 class _Door:
@@ -96,7 +97,9 @@ def test_a_move_is_published_as_the_pose_of_a_device() -> None:
 def test_who_may_not_drive_is_told_why_and_moves_nothing() -> None:
     door, move = _Door(), HandMove(moved_mm=[1.0, 1.0, 1.0])
     hub = _hub(door)
+    assert hub.frame(0.9)["moved"] is False
     assert hub.drive("one", move, 1.0) == ""
+    assert hub.frame(1.1)["moved"] is True
     assert hub.drive("two", move, 1.1) == OTHER_DRIVES
     hub.leave("one")
     assert hub.drive("two", move, 1.2) == ""
@@ -141,11 +144,26 @@ def test_the_picture_tells_what_the_arm_does_in_the_words_of_the_page(
     assert f"<strong>{found['doing']}</strong>" in _safety_html({"PSM2": [Stretch(mode, 0.0, 1.0)]})
 
 
+def test_the_networks_part_is_of_the_last_seconds_and_follows_a_change() -> None:
+    """100 ms each way, then 150 ms, though single messages were stamped wrongly."""
+    book = LiveBook("tis")
+    book.take(sighting("west", LEFT.predicted, 0, 0, 0, _display(1000, 0.010, 0.014, 240)))
+    hub, parts = _hub(_Door(), book), []
+    for k in range(300):
+        book.now_ns = k * NS_PER_S // 30
+        delay_ms = 30 if k % 5 == 0 else 100 if k < 150 else 150
+        for name in ("master", "answers"):
+            book.crossed[name].append(Crossing(book.now_ns, delay_ms * NS_PER_MS))
+        parts.append(hub.frame(k / 30)["network_ms"])
+    assert set(parts[30:151]) == {200.0}
+    assert set(parts[150 + 75 :]) == {300.0}, "two and a half seconds later"
+
+
 def test_before_anything_is_seen_the_picture_is_empty() -> None:
     assert _hub(None).frame(1.0) == {
         "now_s": 0.0, "arm": None, "feedback_error_mm": None, "ghost_error_mm": None, "late_ms": None,
         "network_ms": None, "silent_s": None, "why": "", "outage": False, "network": False, "left_s": None,
-        "stability": None, "operator_n_m": None, "wall": None,
+        "stability": None, "operator_n_m": None, "wall": None, "moved": None,
     }  # fmt: skip
     found = _hub(_Door()).frame(1.0)
     assert {found[name] for name in ("hand_mm", "shown_mm", "ghost_mm", "arm_mm", "late_ms")} == {None}

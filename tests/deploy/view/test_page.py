@@ -1,9 +1,13 @@
 """The page's pace: a browser gets the next frame when it has drawn the last one."""
 
+import pytest
 from bokeh.document import Document
 
 from tests.deploy.watch.making import a_run
+from tests.deploy.watch.test_safety import _point
+from tis.common.messages import SafetyMode
 from tis.common.runtime.emulator_client import EmulatorAddress
+from tis.common.units import NS_PER_S
 from tis.deploy.view.page import Page
 from tis.deploy.view.page_text import PageContext
 from tis.deploy.view.steering import Steering
@@ -82,3 +86,16 @@ def test_the_end_is_told_to_a_browser_that_still_draws() -> None:
     observer.met = Attendance(connected=True, left=frozenset({"netem"}))
     page.refresh()
     assert "ended" in doc.title
+
+
+@pytest.mark.parametrize("is_drawing", [False, True])
+def test_what_an_arm_does_is_told_at_once(is_drawing: bool) -> None:
+    observer = _Watched()
+    observer.see(list(a_run(100)))
+    page, _ = _page(observer)
+    modes: tuple[tuple[SafetyMode, str], ...] = (("safe", "stopped"), ("resuming", "resuming"), ("hold", "holding"))
+    for at_s, (mode, word) in enumerate(modes, 1):
+        observer.read(lambda book: book.safety.take("PSM2", _point(at_s, mode), NS_PER_S))  # noqa: B023
+        page.pace.drawn = page.pace.sent - is_drawing
+        page.refresh()
+        assert f"<strong>{word}</strong>" in page.words.figures

@@ -3,7 +3,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tis.deploy.watch.streams import Crossing, Crossings, there_and_back_ns
+from tis.deploy.watch.streams import Crossing, Crossings
 
 MS = 1_000_000
 S = 1000 * MS
@@ -72,26 +72,3 @@ def test_every_packet_is_told_exactly_once(fates: list[int | None]) -> None:
     told += crossings.expire(100 * S)
     expected = [Crossing(i, None if delay is None else delay * MS) for i, delay in enumerate(fates)]
     assert sorted(told, key=lambda row: row.sent_ns) == expected
-
-
-def test_the_networks_part_is_of_the_messages_that_a_display_goes_by() -> None:
-    there = [Crossing(950, 250), Crossing(1001, 100), Crossing(1034, 0), Crossing(1067, None)]
-    back = [Crossing(1090, 5), Crossing(1115, 95), Crossing(1148, 90), Crossing(1181, 0)]  # the last came too late
-    assert there_and_back_ns(1000, 1240, there[:2], back[:3]) == 100 + 90
-    assert there_and_back_ns(1000, 1215, there[:2], back[:3]) == 100 + 95
-    assert there_and_back_ns(1000, 1205, there[:2], back[:3]) is None, "no answer to it had come"
-    assert there_and_back_ns(1060, 1240, there, back) is None, "the command was not seen to arrive"
-
-
-@given(
-    there=st.lists(st.tuples(st.integers(0, 500), st.integers(0, 300)), max_size=20),
-    back=st.lists(st.tuples(st.integers(0, 900), st.integers(0, 300)), max_size=20),
-    command_ns=st.integers(0, 500),
-    late_ns=st.integers(0, 900),
-)
-def test_the_networks_part_never_exceeds_the_whole(
-    there: list[tuple[int, int]], back: list[tuple[int, int]], command_ns: int, late_ns: int
-) -> None:
-    rows = [[Crossing(*row) for row in way] for way in (there, back)]
-    part_ns = there_and_back_ns(command_ns, command_ns + late_ns, *rows)
-    assert part_ns is None or part_ns <= late_ns

@@ -96,12 +96,9 @@ def _disturbance(
 def disturbances_text(name: str, found: Sequence[Disturbance]) -> str:
     """Return a sentence on a run's live changes and one each on its planned outages and stalls; "" without any."""
     live = [one for one in found if one.live and one.side is None]
-    parts = [
-        f"The {one.side} of {name} was away for {one.end_s - one.begin_s:.3g} s at {one.begin_s:.2f} s, and was "
-        f"started anew."
-        for one in found
-        if one.side is not None
-    ][:_MAX_NAMED]
+    parts = []
+    if away := [one for one in found if one.side is not None]:
+        parts.append(f"Of {name} a side was away until it was started anew: {_listed(away)}.")
     if live:
         parts.append(f"Somebody changed the network of {name} while it ran: {_listed(live)}.")
     for kind in ("outage", "stall"):
@@ -115,5 +112,7 @@ def disturbances_text(name: str, found: Sequence[Disturbance]) -> str:
 
 
 def _listed(found: Sequence[Disturbance]) -> str:
-    left = len(found) - _MAX_NAMED
-    return "; ".join(map(str, found[:_MAX_NAMED])) + (f"; and {left} more" if left > 0 else "")
+    """Return the weightiest in order of time, outages before others, longer ones first; then how many more."""
+    kept = sorted(found, key=lambda one: (one.kind != "outage", one.begin_s - one.end_s))[:_MAX_NAMED]
+    left = len(found) - len(kept)
+    return "; ".join(str(one) for one in found if one in kept) + (f"; and {left} more" if left > 0 else "")

@@ -19,6 +19,7 @@ def test_what_was_sent_in_8_of_20_s_is_60_a_second(tmp_path: Path) -> None:
     scenario = a_scenario(duration_s=20.0)
     assert active_duration_s(logs, "surgeon", scenario) == 8.0
     summary = build_summary(logs, scenario, (), "live", 0, "")
+    assert summary["duration_s"] == 8.0
     rates = summary["surgeon_traffic"][COMMAND]
     assert (rates["packets_per_s"], rates["bytes_per_s"]) == pytest.approx((60.0, 6000.0))
     assert (summary["surgeon_ticks"]["count"], summary["surgeon_ticks"]["planned"]) == (240, 600)

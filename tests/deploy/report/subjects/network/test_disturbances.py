@@ -13,6 +13,7 @@ from tis.deploy.report.summarise import summary_of
 from tis.deploy.report.terminal import brief
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
+from tis.netem.control.replay import weightiest
 
 _TIMELINE = (
     "network.timeline=[{at_s: 0.5, for_s: 0.25, direction: both, set: {outage: true}}, "
@@ -76,6 +77,25 @@ def test_the_summary_says_what_was_changed_and_how_many_messages_are_judged(logs
 def test_many_are_counted() -> None:
     found = [Disturbance(float(k), k + 0.5, "outage", "forward", live=True) for k in range(5)]
     assert disturbances_text("mine", found).endswith("at 2.00 s, forward; and 2 more.")
+
+
+def test_the_weightiest_are_named_in_order_of_time() -> None:
+    changes = [Disturbance(float(k), k + 0.5 + k % 2, "change", "both", live=True, what=f"no {k}") for k in range(5)]
+    outage = Disturbance(5.0, 5.1, "outage", "both", live=True)
+    absent = Disturbance(6.0, 7.0, "absence", "both", True, "patient")
+    text = disturbances_text("mine", [*changes, outage, absent])
+    assert [f"no {k}" in text for k in range(5)] == [False, True, False, True, False]
+    assert text.index("no 3") < text.index("outage of 0.1 s at 5.00 s, both directions; and 3 more.")
+    assert "absence of 1 s at 6.00 s, patient." in text
+    many = [absent._replace(begin_s=float(k), end_s=k + 1.0) for k in range(5)]
+    assert disturbances_text("mine", many).endswith("and 2 more.")
+
+
+def test_of_many_changes_in_words_an_outage_is_kept() -> None:
+    changes = [f"forward, from {k}.000 s: delay {k} ms" for k in range(5)]
+    outage = "both directions, from 9.000 s for 0.5 s: outage"
+    assert weightiest([*changes, outage], 3) == [*changes[:2], outage]
+    assert weightiest(changes[:2], 3) == changes[:2]
 
 
 def test_without_netems_log_nothing_is_known(tmp_path: Path) -> None:
