@@ -62,6 +62,7 @@ class SourceBuffer:
     uneven: dict[int, Taken] = field(default_factory=dict, repr=False)
     _at: NDArray[np.int64] = field(init=False, repr=False, compare=False)
     _wrists: Array = field(init=False, repr=False, compare=False)
+    _wrist_rows: list[tuple[float, ...]] = field(init=False, repr=False, compare=False)
     _mask: int = field(init=False, repr=False, compare=False)
     _indices: list[int] = field(default_factory=list, repr=False)
     _arrivals: deque[int] = field(init=False, repr=False)
@@ -72,6 +73,7 @@ class SourceBuffer:
         n_places = 1 << (self.depth - 1).bit_length()  # so that a mask finds the place
         self._mask = n_places - 1
         self._at, self._wrists = np.full(n_places, _NEVER), np.full((n_places, 5), nan)
+        self._wrist_rows = [(*_NOWHERE, nan)] * n_places
 
     def add(
         self,
@@ -87,10 +89,9 @@ class SourceBuffer:
         self._samples[index] = position_m
         place = index & self._mask
         self._at[place] = index
-        self._wrists[place] = (
-            *(_NOWHERE if orientation is None else orientation),
-            nan if gripper_rad is None else gripper_rad,
-        )
+        turn = orientation.tolist() if isinstance(orientation, np.ndarray) else orientation
+        row = *(_NOWHERE if turn is None else turn), nan if gripper_rad is None else gripper_rad
+        self._wrists[place] = self._wrist_rows[place] = row
         insort(self._indices, index)
         self.last_arrived = index
         self.n_added += 1
@@ -150,6 +151,7 @@ class SourceBuffer:
         wrist = np.where(np.isnan(wrist), own.wrist, wrist)
         wrist[:4] /= max(float(np.linalg.norm(wrist[:4])), 1e-9)
         self._wrists[index & self._mask] = wrist
+        self._wrist_rows[index & self._mask] = tuple(wrist.tolist())
 
     def __contains__(self, index: int) -> bool:
         """Return whether sample ``index`` has arrived and is still stored."""
@@ -158,6 +160,15 @@ class SourceBuffer:
     def wrists(self, indices: NDArray[np.int64]) -> Array:
         """Return orientation and gripper (N, 5) at indices (N,) that have arrived, NaN where there is none."""
         return self._wrists.take(indices & self._mask, axis=0)
+
+    def wrists_before(self, index: int, lags: Sequence[int]) -> list[tuple[float, ...]]:
+        """Return the wrists (5,) at rising lags before an arrived sample, of a missing one the next newer one's."""
+        samples, rows, mask = self._samples, self._wrist_rows, self._mask
+        found = [rows[(index - lag) & mask] if index - lag in samples else () for lag in lags]
+        if () in found:
+            for i, each in enumerate(found):
+                found[i] = each or (found[i - 1] if i else rows[index & mask])
+        return found
 
     def all_arrived(self, indices: NDArray[np.int64]) -> bool:
         """Tell whether all of the falling indices (N,) have arrived and are still stored."""

@@ -153,11 +153,11 @@ def fade(increment: Array, largest: float) -> Array:
 
 
 class Seen(NamedTuple):
-    """What the heads make of the newest sample: features (M,) of both, the movement's axes (3, 3), and s in m."""
+    """What the heads make of the newest sample: features (M,) of both, and s, also times the movement's axes (9,)."""
 
     of_movement: NDArray[np.float32]
     of_base: NDArray[np.float32]
-    axes: Array
+    axes_m: tuple[float, ...]
     size_m: float
 
 
@@ -207,23 +207,30 @@ class LagCorrection(NamedTuple):
         if square > allowed:
             coefficients = of.linear + (coefficients - of.linear) * (allowed / square)
         position = coefficients.dot(vectors[:_FAST].reshape(N_PARTS + 1, AXES))
-        if seen is not None:
-            of_movement, of_base = self.heads
-            added = of_movement.dot(seen.of_movement).dot(seen.axes)
-            added += of_base.dot(seen.of_base)
-            position += added * seen.size_m
-        if self.fourier is None:
-            return np.asarray(position)
-        # The Fourier features.
-        ways = vectors[_SCALED:] * (1.0 / scale)
-        inputs = np.empty(len(ways) + 3)
-        np.tanh(ways, out=inputs[:-3])
-        inputs[-3] = x
-        inputs[-2] = g
-        inputs[-1] = 1.0
-        features = of.projections.dot(inputs)
-        position += self.fourier.dot(np.cos(features, out=features)) * scale
-        return np.asarray(position)
+        if self.fourier is not None:
+            # The Fourier features.
+            ways = vectors[_SCALED:] * (1.0 / scale)
+            inputs = np.empty(len(ways) + 3)
+            np.tanh(ways, out=inputs[:-3])
+            inputs[-3] = x
+            inputs[-2] = g
+            inputs[-1] = 1.0
+            features = of.projections.dot(inputs)
+            position += self.fourier.dot(np.cos(features, out=features)) * scale
+        return np.asarray(position if seen is None else self._with_heads(position.tolist(), seen))
+
+    def _with_heads(self, position: list[float], seen: Seen) -> list[float]:
+        of_movement, of_base = self.heads
+        u, v, w = of_movement.dot(seen.of_movement).tolist()
+        ux, uy, uz, vx, vy, vz, wx, wy, wz = seen.axes_m
+        px, py, pz = position
+        x, y, z = of_base.dot(seen.of_base).tolist()
+        s = seen.size_m
+        return [
+            px + u * ux + v * vx + w * wx + x * s,
+            py + u * uy + v * vy + w * wy + y * s,
+            pz + u * uz + v * vz + w * wz + z * s,
+        ]
 
 
 _VELOCITY = 2 * AXES

@@ -78,17 +78,6 @@ def looked_back(values: Array, first: int, lags_: NDArray[np.int64]) -> Array:
     return np.asarray(values[np.maximum(np.arange(first, len(values))[:, None] - lags_, 0)])
 
 
-def looked_back_in(buffer: SourceBuffer, index: int, lags_: NDArray[np.int64]) -> list[list[float]]:
-    """Return the wrists (L, 5) at the lags of an arrived sample; one that is missing is the next newer one."""
-    indices = index - lags_
-    if buffer.all_arrived(indices):
-        found: list[list[float]] = buffer.wrists(indices).tolist()
-        return found
-    known = np.maximum.accumulate(np.where(buffer.arrived(indices), np.arange(len(lags_)), 0))
-    nearest: list[list[float]] = buffer.wrists(indices[known]).tolist()
-    return nearest
-
-
 @dataclass(frozen=True)
 class Surroundings:
     """Wrists and the other arm at M rows: what heads look back on beside the path.
@@ -203,7 +192,7 @@ class Heads:
 
     sizes: _Sizes
     usual_m: float
-    near: NDArray[np.int64]
+    near: tuple[int, ...]
     far: tuple[int, ...]
     rows: Array
     centre: NDArray[np.float32]
@@ -224,7 +213,7 @@ class Heads:
         return cls(
             sizes,
             model.usual_m,
-            lags(_LAGS_S, rate_hz),
+            tuple(lags(_LAGS_S, rate_hz).tolist()),
             tuple(lags(_WAYS_S, rate_hz).tolist()),
             movement_rows(filter_, model.span)[d : d * (1 + _N_VECTORS)] * np.repeat(sizes.ways, d, axis=0),
             np.concatenate([base.centre, movement.centre[_TURNED - _BOTH :]]).astype(np.float32),
@@ -242,26 +231,31 @@ class Heads:
         path *= 1.0 / scale
         (ax, ay, az), (bx, by, bz), (cx, cy, cz) = path[:N_USED_INCREMENTS].tolist()
         velocity = ax + bx + cx, ay + by + cy, az + bz + cz
-        numbers = _axes_of(*velocity)
-        axes = np.array(numbers).reshape(AXES, AXES)
+        axes = _axes_of(*velocity)
         others = self.sizes.others(self._around(playout, index))
         others.append(_speed(*velocity))
-        inputs = np.concatenate((path.ravel(), others, path.dot(axes.T).ravel(), (numbers[2], numbers[5])))
+        inputs = np.empty(_UP + 2)
+        inputs[:_OTHERS] = path.ravel()
+        inputs[_OTHERS:_TURNED] = others
+        inputs[_TURNED:_UP] = path.dot(np.array(axes).reshape(AXES, AXES).T).ravel()
+        inputs[_UP:] = axes[2], axes[5]
         limited = np.tanh(inputs, dtype=np.float32, casting="same_kind")
         if isnan(limited.dot(limited)):
             limited = np.where(np.isnan(limited), self.centre, limited)
         of_movement, of_base = self.frequencies
         n = len(of_movement)
-        angles = self.phases.copy()
-        angles[:n] += of_movement.dot(limited[_OF_FRAME[0]])
-        angles[n:] += of_base.dot(limited[_OF_FRAME[1]])
+        angles = np.empty_like(self.phases)
+        of_movement.dot(limited[_OF_FRAME[0]], angles[:n])
+        of_base.dot(limited[_OF_FRAME[1]], angles[n:])
+        angles += self.phases
         np.cos(angles, out=angles)
-        return Seen(angles[:n], angles[n:], axes, self.usual_m * scale)
+        size = self.usual_m * scale
+        return Seen(angles[:n], angles[n:], tuple(size * each for each in axes), size)
 
     def _around(self, playout: Playout, index: int) -> Surroundings:
         """Return what the heads look back on at an arrived sample, and at the other arm's last one by then."""
         arm, other = playout.arm, playout.other_arm
-        wrists = looked_back_in(arm, index, self.near)
+        wrists = arm.wrists_before(index, self.near)
         if other is None or (at := index if index in other else other.newest_before(index)) < 0:
             return Surroundings(wrists, (nan,) * len(self.near), (_UNKNOWN,) * len(self.far))
         ways_m, last = [], _UNKNOWN
@@ -271,7 +265,7 @@ class Heads:
                 (x, y, z), (a, b, c) = here_m.tolist(), there_m.tolist()
                 last = a - x, b - y, c - z
             ways_m.append(last)
-        return Surroundings(wrists, [each[4] for each in looked_back_in(other, at, self.near)], ways_m)
+        return Surroundings(wrists, [each[4] for each in other.wrists_before(at, self.near)], ways_m)
 
 
 _UNKNOWN: Final = (nan, nan, nan)

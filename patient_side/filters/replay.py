@@ -87,7 +87,8 @@ class Checkpoint(NamedTuple):
     Without an uncertainty the samples so far count as an unbroken row of ``length``; with one, ``length`` counts the
     samples of the arm since the row was broken. ``error`` (3, 3) is the covariance of a sample that entered the
     filter as if it were certain, ``activity`` the one after the innovations up to here, ``phasor`` that of the clock
-    behind the rows.
+    behind the rows. ``as_movement`` (M, 3/d) is the mean where the last sample was taken for a jump and may have been
+    none: the mean if it was movement.
     """
 
     source_index: int
@@ -97,6 +98,7 @@ class Checkpoint(NamedTuple):
     error: Array | None
     activity: Activity
     phasor: Phasor = NO_PHASE
+    as_movement: Array | None = None
 
 
 Ring = tuple[Checkpoint, ...]
