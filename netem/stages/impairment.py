@@ -161,7 +161,7 @@ def _terms(pipeline: Pipeline, traces: Mapping[str, Trace]) -> Terms | None:
     mean_ns = round(latency_of(pipeline, traces).mean_ns)
     rtt_ns = 2 * mean_ns if recovery.rtt_ms is None else ms_to_ns(recovery.rtt_ms)
     rto_ns, max_rto_ns = ms_to_ns(recovery.rto_ms), ms_to_ns(recovery.max_ms)
-    return Terms(rtt_ns, max(0, rtt_ns - mean_ns), rto_ns, max_rto_ns, recovery.tail_probe)
+    return Terms(rtt_ns, max(0, rtt_ns - mean_ns), rto_ns, max_rto_ns, recovery.tail_probe, recovery.congestion)
 
 
 def _modulated(draw: Draw, condition: Condition, is_lost: bool = False) -> Draw:

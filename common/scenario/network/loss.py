@@ -19,7 +19,7 @@ class Recovery(Part):
     """Repeats of lost messages by a reliable transport: none is lost, but it and all behind it arrive later.
 
     Linux's TCP: RACK and tail loss probe (RFC 8985), retransmission timeout with doubling (RFC 6298). All keys of a
-    direction that have a recovery share one connection. Without congestion control.
+    direction that have a recovery share one connection, and its congestion window.
     """
 
     rto_ms: Annotated[float, Field(ge=1, le=60_000)] = Field(
@@ -31,6 +31,11 @@ class Recovery(Part):
     tail_probe: bool = Field(True, description="true: the last packet is repeated early, two round trips after it.")
     max_ms: Annotated[float, Field(ge=1, le=3_600_000)] = Field(
         120_000.0, description="Longest retransmission timeout after doubling, in ms."
+    )
+    congestion: Literal["cubic", "reno", "none"] = Field(
+        "cubic",
+        description="Congestion window: cubic (Linux's default) or reno; beyond it messages wait and leave in full "
+        "segments. none: all are sent at once.",
     )
 
 

@@ -66,7 +66,7 @@ def against_recovery(stages: Stages, ordering: Ordering | None) -> list[str]:
         "duplicate": "a reliable transport delivers once",
         "corrupt": "a reliable transport repeats what is damaged",
         "reorder": "a reliable transport delivers in order",
-        "rate": "a full queue drops, which congestion control would answer",
+        "rate": "what a full queue drops is not repeated",
     }
     found = [f"{name} and loss.recovery exclude each other: {why[name]}" for name in why if getattr(stages, name)]
     if ordering not in (None, "fifo"):

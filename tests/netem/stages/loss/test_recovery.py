@@ -12,7 +12,7 @@ from tis.netem.stages.loss.recovery import Connection, Terms
 
 MS = 1_000_000
 RTT, RTO = 20, 200
-TERMS = Terms(RTT * MS, RTT * MS // 2, RTO * MS, 120_000 * MS, True)
+TERMS = Terms(RTT * MS, RTT * MS // 2, RTO * MS, 120_000 * MS, True, "none")
 END_NS = 10**15
 
 
@@ -200,5 +200,5 @@ def test_a_sender_that_scans_its_scoreboard_each_millisecond_agrees(gap_ms: int)
     late = np.array(ours) - np.arange(n) * gap_ms - 10
     other = np.array(theirs) - np.arange(n) * gap_ms - 10
     assert late.max() > 0
-    assert np.mean(np.abs(late - other) > 1) < 0.01
+    assert np.mean(np.abs(late - other) > 1) < 0.02
     assert np.quantile(late, [0.5, 0.9, 0.99]) == pytest.approx(np.quantile(other, [0.5, 0.9, 0.99]), abs=1.5)
