@@ -46,15 +46,15 @@ _OWN_CAUSES: Final = {
 _UNPLANNED: Final = "Zenoh dropped them outside netem, where a queue was full: send less, or make its queues larger"
 _NOT_USED: Final = "these are the messages that the patient did not use"
 _UNITS: Final = {
-    "": "the positions are likely in mm and taken for m",
-    "table": "the positions are likely in mm and taken for m: set source.units.position: mm",
+    "": "positions in mm that were taken for m would be as far",
+    "table": "positions in mm that were taken for m would be as far: if they are, set source.units.position: mm",
 }
 _AGAIN: Final = "its last words say why; then run it again"
 _MAX_NOTICED: Final = 200
 _SAME_NS: Final = 2 * NS_PER_S
 _MAX_MISSED_TICKS: Final = 0.01
 _MAX_UNPLANNED: Final = 0.01
-_MAX_UNUSED: Final = 0.01
+MAX_UNUSED: Final = 0.01
 
 
 def _unused(summary: Summary, source: str = "") -> list[str]:
@@ -63,7 +63,7 @@ def _unused(summary: Summary, source: str = "") -> list[str]:
     Junk of strangers beside a whole stream does no harm, and is none. ``source`` is the kind of the movement.
     """
     link = summary.links["forward"]
-    few = _MAX_UNUSED * (link.sent or 0)
+    few = MAX_UNUSED * (link.sent or 0)
     if is_scored(summary.accuracy) and (link.unplanned_loss or 0) <= few:
         return []
     problems = []

@@ -8,9 +8,9 @@ Three = tuple[float, float, float]
 
 def limits_from(given: tuple[float | None, float | None, float | None], usual: Three, trained: Three | None) -> Three:
     """Return the limits: as ``given``, else ``usual`` or what follows from training rows. Oracle: test_gate."""
-    if trained is not None and TIMES_TRAINED * trained[0] <= MOST_TRAINED_M:
+    if trained is not None and trained[0] <= MOST_TRAINED_M:
         reach, speed, acceleration = (max(u, TIMES_TRAINED * t) for u, t in zip(usual, trained, strict=True))
-        usual = reach, speed, acceleration
+        usual = min(reach, MOST_TRAINED_M), speed, acceleration
     reach, speed, acceleration = (u if g is None else g for u, g in zip(usual, given, strict=True))
     return reach, speed, acceleration
 
@@ -22,7 +22,7 @@ def resumed_from(given: tuple[float | None, float | None], trained: Three | None
     usual one, so are these. Oracle: a fast arm, test_safety_state.
     """
     speed, acceleration = USUAL_RESUMED
-    follows = trained is not None and TIMES_TRAINED * trained[0] <= MOST_TRAINED_M
+    follows = trained is not None and trained[0] <= MOST_TRAINED_M
     if trained is not None and follows and TIMES_TRAINED * trained[1] > USUAL_SET_POINT[1]:
         times = max(1.0, TIMES_RESUMED * trained[1] / speed)
         speed, acceleration = times * speed, times * acceleration

@@ -22,10 +22,11 @@ from tis.deploy.compare.cells.sums import hand_sums, histogram, wrist_sums
 from tis.deploy.compare.cells.unlogged import Scored, is_plain, run_unlogged
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.side_log import MemoryLog
+from tis.deploy.report.subjects.intrusion import quarantine_texts
 from tis.deploy.report.subjects.pictures import Pictures
 from tis.deploy.report.subjects.touch import felt_extremes, shown_forces, stability
 from tis.deploy.report.subjects.tracking import track_of_hand
-from tis.deploy.report.validity import why_unscored
+from tis.deploy.report.validity import MAX_UNUSED, why_unscored
 from tis.deploy.run.twin import build_sides, drive
 from tis.netem.build import build_netem
 from tis.patient_side.build import build_patient
@@ -70,7 +71,7 @@ def unlogged_scores(scenario: Scenario, recording: Recording) -> Scores:
     with without_collector():  # as in a live run: collections must not count as time of a step
         found = run_unlogged(scenario, recording, samples, link, patient)
     hands = watch.sums(found.scored)
-    unscored = None if _is_scored(hands) else "no tick is scored"
+    unscored = _unused(patient, found.traffic) or (None if _is_scored(hands) else "no tick is scored")
     return Scores(hands, found.traffic, unscored, warnings_at_start(scenario, recording, models), watch.estimators)
 
 
@@ -85,10 +86,11 @@ def logged_scores(scenario: Scenario, recording: Recording) -> Scores:
     logs = RunLogs(Path(), {side: memory.log for side, memory in memories.items()})
     tracks = {model.hand: track_of_hand(logs, scenario, model.hand) for model in models}
     hands = watch.sums({hand: Scored(track, _ages_ns(logs, hand, track.t_ns)) for hand, track in tracks.items()})
-    unscored = None if _is_scored(hands) else why_unscored(logs, scenario)
+    traffic = _traffic(logs)
+    unscored = _unused(patient, traffic) or (None if _is_scored(hands) else why_unscored(logs, scenario))
     felt = [_felt(logs, scenario, hand) for hand in hands] if scenario.touch else []
     told = [one for one in felt if one is not None]
-    return Scores(hands, _traffic(logs), unscored, warnings, watch.estimators, _seen(logs, scenario), told)
+    return Scores(hands, traffic, unscored, warnings, watch.estimators, _seen(logs, scenario), told)
 
 
 def _seen(logs: RunLogs, scenario: Scenario) -> dict[str, Any] | None:
@@ -166,6 +168,14 @@ class KeptLog(MemoryLog):
 
 def _is_scored(hands: Mapping[Hand, Mapping[str, Any]]) -> bool:
     return any(sums["n_scored"] for sums in hands.values())
+
+
+def _unused(patient: PatientNode, traffic: Mapping[str, int]) -> str | None:
+    """Return why a twin is no measurement whose patient did not use more than 1 % of the samples; None if it did."""
+    found = patient.gated.n_quarantined
+    if found.total() <= MAX_UNUSED * traffic[SENT_PACKETS]:
+        return None
+    return quarantine_texts({str(kind): n for kind, n in found.items()})[0]
 
 
 def _traffic(logs: RunLogs) -> dict[str, int]:

@@ -101,6 +101,7 @@ def _network(plan: Plan) -> list[str]:
 def _setting(plan: Plan, outcome: Outcome, point: Point, cells: Sequence[Cell]) -> dict[str, Any]:
     value, at = point.label, {"at": point.values} if point.values else {}
     found = [(cell, outcome.cells[cell.digest]) for cell in cells if cell.digest in outcome.cells]
+    found = [(cell, result) for cell, result in found if not _is_set_aside(result)]
     if not found:
         nothing = {"setting": value, **at, "n_cells": 0}
         return {"rows": [], "by_trial": [], "orientation": [], "touch_and_sight": None, "about": nothing}
@@ -210,11 +211,17 @@ def _scaled(value: float | None, unit: int) -> float | None:
     return None if value is None else value / unit
 
 
+def _is_set_aside(result: dict[str, Any]) -> bool:
+    """Tell whether a cell has scored ticks that are no measurement: its patient left samples unused."""
+    return result.get("unscored") is not None and any(hand["n_scored"] for hand in result["hands"].values())
+
+
 def _unscored(plan: Plan, outcome: Outcome) -> list[str]:
-    """Return the cells without a scored tick, each with the reason."""
+    """Return the cells without a valid score, each with the reason."""
     found = {cell.label: outcome.cells[cell.digest] for cell in plan.cells if cell.digest in outcome.cells}
     return [
-        f"{label}: no tick could be scored: {result['unscored']}"
+        f"{label}: {'not a valid measurement' if _is_set_aside(result) else 'no tick could be scored'}: "
+        f"{result['unscored']}"
         for label, result in found.items()
         if result.get("unscored") is not None
     ]

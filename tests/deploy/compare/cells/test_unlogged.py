@@ -135,6 +135,16 @@ def test_a_moving_arm_and_flipped_bits_need_the_whole_twin(model_file: Path) -> 
     assert "plant" in run_cell(Cell("d", None, "T", moving, None), None)["hands"]["left"]["estimators"]
 
 
+def test_a_twin_whose_patient_leaves_samples_unused_is_no_measurement(model_file: Path) -> None:
+    """Half of the movement is out of a reach of 5 mm: `tis twin` calls that not valid, and so does a cell."""
+    scenario = scenario_of(model_file, "{}", ("patient.gate.reach_m=0.005",))
+    recording = load_recording(scenario)
+    for scores in (unlogged_scores(scenario, recording), logged_scores(scenario, recording)):
+        assert scores.unscored is not None
+        assert "out of the arm's reach" in scores.unscored
+        assert "patient.gate.reach_m" in scores.unscored
+
+
 def test_a_twin_without_a_scored_tick_says_why(model_file: Path) -> None:
     scenario = scenario_of(model_file, "{forward: {loss: {kind: bernoulli, p_loss: 1}}}", ())
     result = run_cell(Cell("d", None, "T", scenario, None), None)
