@@ -37,7 +37,7 @@ from tis.common.header import Header
 from tis.common.host_records import CLOCK, PROCESSORS, ClockNote, ProcessorNote
 from tis.common.intake import Intake
 from tis.common.messages import FeedbackPose, Quaternion, Sampled, SampledPose, Vector3, encode
-from tis.common.node import Arrival, Record
+from tis.common.node import Arrival, Emission, Record
 from tis.common.records import (
     CONTROL,
     COUNTERS,
@@ -92,6 +92,7 @@ from tis.deploy.tools.certificates import certificates, new_authority
 from tis.deploy.tools.runs import Wanted, list_runs
 from tis.netem.bridge.handshake import Opening
 from tis.netem.control.control import Control
+from tis.patient_side.external_camera import ExternalCamera
 from tis.patient_side.identification.model_file import dump_models, parse_models
 from tis.patient_side.safety.emergency_stop import EmergencyStops
 from tis.surgeon_side.live import DeviceMapping
@@ -194,6 +195,13 @@ def _device(data: bytes) -> None:
         if samples:
             mapping.move(samples, 2, 1)
         mapping.poses()
+
+
+def _camera(data: bytes) -> None:
+    camera = ExternalCamera("tis", SightPart(camera="external"), 10**9)
+    for output in camera.receive(Arrival("east", "tis/ECM/camera", data, b"", 10**8)):
+        assert isinstance(output, Emission)
+        output.on_sent(10**8)
 
 
 def _trial(data: bytes) -> None:
@@ -395,6 +403,7 @@ DECODERS: dict[str, Decoder] = {
     "packet header": Decoder(_attached, [Header(7, 9).pack()]),
     "pose and feedback": Decoder(_taken, [_SAMPLED, _FEEDBACK]),
     "device, JSON and ROS 2": Decoder(_device, [_DEVICE, POSE_STAMPED]),
+    "camera": Decoder(_camera, [b'{"timestamp":{"sec":1,"nsec":2},"format":"jpeg","data":"/9j/4AAQ"}']),
     "opening of a connection": Decoder(lambda data: Opening().take(data), [OFFER]),
     "emergency stop": Decoder(_stopped, [_STOP, _RELEASE, _IN_FORCE]),
     "control request": Decoder(_controlled, [_REQUEST, b"[" + _REQUEST + b"]", b'{"for_s":3}']),

@@ -97,10 +97,10 @@ class HostileScreen:
             if note.state == "complete":
                 assert not note.missing
                 assert note.fragments == note.expected
-                assert {note.top_frame, note.bottom_frame} <= {note.frame, None}
+                assert self._sight.is_external or {note.top_frame, note.bottom_frame} <= {note.frame, None}
 
 
-def damaged(decoder: Decoder, frames: Sequence[bytes], rng: Random) -> str:
+def damaged(sight: SightPart, decoder: Decoder, frames: Sequence[bytes], rng: Random) -> str:
     """Give a decoder a frame with bytes changed and parts missing; return what came out."""
     data = bytearray(rng.choice(frames))
     for _ in range(rng.choice((0, 1, 5, 50))):
@@ -111,7 +111,7 @@ def damaged(decoder: Decoder, frames: Sequence[bytes], rng: Random) -> str:
     if end + 9 < len(data):
         stretches.append((end + 9, bytes(data[end + 9 :])))
     found = decoder.decode(stretches, len(data))
-    assert found is None or (found.shape == (240, 320, 3) and found.dtype == np.uint8)
+    assert found is None or (sight.is_of_size(*found.shape[1::-1]) and found.dtype == np.uint8)
     return "no picture" if found is None else "picture"
 
 
@@ -119,18 +119,23 @@ def fuzz(n: int, seed: int) -> Counter[str]:
     """Do ``n`` executions; return how often what came out."""
     found: Counter[str] = Counter()
     rng = Random(seed)
-    kinds = [SightPart(codec=codec, **SIZE) for codec in ("jpeg", "h264")]
-    each = [(sight, encoded(sight)) for sight in kinds]
+    drawn = [SightPart(codec=codec, **SIZE) for codec in ("jpeg", "h264")]
+    foreign = [
+        SightPart(camera="external", codec=sight.codec, fragment_bytes=sight.fragment_bytes) for sight in drawn
+    ]
+    kinds = [*drawn, *foreign]
+    each = [(sight, encoded(source)) for sight, source in zip(kinds, [*drawn, *drawn], strict=True)]
     screens = [HostileScreen(sight, frames, rng) for sight, frames in each]
     decoders = [decoder_of(sight) for sight in kinds]
+    names = [f"external {sight.codec}" if sight.is_external else sight.codec for sight in kinds]
     for k in range(n):
-        which = k // 2 % 2
+        which = k // 2 % len(kinds)
         if k % 2:
             screens[which].step()
         else:
-            found[f"{kinds[which].codec}: {damaged(decoders[which], each[which][1], rng)}"] += 1
-    for sight, screen in zip(kinds, screens, strict=True):
-        found += Counter({f"{sight.codec} screen: {name}": value for name, value in screen.found.items()})
+            found[f"{names[which]}: {damaged(kinds[which], decoders[which], each[which][1], rng)}"] += 1
+    for name, screen in zip(names, screens, strict=True):
+        found += Counter({f"{name} screen: {what}": value for what, value in screen.found.items()})
     return found
 
 

@@ -10,5 +10,6 @@ def test_no_fragment_and_no_frame_ends_the_screen() -> None:
 
     found = fuzz(1500, seed=2)
     assert found["h264: picture"] > 20
+    assert found["external jpeg: picture"] > 20
     assert found["jpeg screen: complete"] > 0
     assert found["jpeg screen: video_forged"] > 0
