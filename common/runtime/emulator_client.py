@@ -64,6 +64,10 @@ def running_here(where: str, options: Sequence[str], prefix: str | None) -> Runn
     return found[0] if found else None
 
 
+class OtherPrefixError(PeerError):
+    """An emulator answers there, but on keys with another prefix."""
+
+
 class Remote:
     """Control connection to an emulator. Raises `PeerError` without an answer."""
 
@@ -91,13 +95,13 @@ class Remote:
         ]
         if not replies:
             prefixes = self._prefixes()
-            instead = "there is no emulator"
+            instead, kind = "there is no emulator", PeerError
             if self._address.prefix in prefixes:
                 instead = "this client may not ask that; see control in the scenario's security"
             elif prefixes:
-                instead = f"use --prefix {' or '.join(prefixes)}"
+                instead, kind = f"use --prefix {' or '.join(prefixes)}", OtherPrefixError
             rule = f"connected, but nothing answers on {key}: {instead}"
-            raise PeerError(Fault(_WHERE, self._address.endpoint, rule))
+            raise kind(Fault(_WHERE, self._address.endpoint, rule))
         answers = [self._answer(reply, model, key) for reply in replies]
         if len(answers) > 1:
             rule = (

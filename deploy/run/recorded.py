@@ -13,6 +13,7 @@ from tis.common.channels import DESTINATION, VIDEO, Direction, direction_of
 from tis.common.header import Header
 from tis.common.messages import Pose, Quaternion, Vector3, decode, encode
 from tis.common.node import Arrival, Emission
+from tis.common.records import TICKS, TickNote
 from tis.common.runtime.loop import Delivery
 from tis.common.safety_records import QUARANTINE, STOPS, QuarantineNote, StopNote
 from tis.deploy.logs.log_file import LogFile
@@ -48,6 +49,13 @@ class RecordedStop(NamedTuple):
     is_stopped: bool
 
 
+class LateArrival(NamedTuple):
+    """A recorded arrival of the instant of a tick, that came when this tick had ended."""
+
+    recv_ns: int
+    arrival: Arrival
+
+
 @dataclass
 class RecordedBus:
     """Bus that delivers the recorded arrivals by their effective stamps and drops sent messages.
@@ -56,7 +64,7 @@ class RecordedBus:
     from the log, as it holds no secrets, by which a patient would decide again.
     """
 
-    arrivals: deque[Arrival | RecordedStop]
+    arrivals: deque[Arrival | LateArrival | RecordedStop]
     clock: RecordedClock
     stop: Callable[[bool], None]
 
@@ -65,12 +73,17 @@ class RecordedBus:
         return self.clock.now_ns()
 
     def wait(self, deadline_ns: int) -> Delivery | None:
-        """Return the next arrival stamped at or before the deadline."""
+        """Return the next arrival stamped at or before the deadline; one that came after its tick, not yet then."""
         while self.arrivals and self.arrivals[0].recv_ns <= deadline_ns:
-            arrival = self.arrivals.popleft()
-            if isinstance(arrival, Arrival):
-                return Delivery(0, arrival)
-            self.stop(arrival.is_stopped)
+            if isinstance(self.arrivals[0], LateArrival) and self.arrivals[0].recv_ns == deadline_ns:
+                break
+            match self.arrivals.popleft():
+                case Arrival() as arrival:
+                    return Delivery(0, arrival)
+                case LateArrival() as late:
+                    return Delivery(0, late.arrival)
+                case RecordedStop() as stop:
+                    self.stop(stop.is_stopped)
         self.clock.pass_to(deadline_ns)
         return None
 
@@ -92,9 +105,13 @@ def _contradiction(payload: bytes) -> Iterator[Arrival]:
     yield Arrival("east", note.key, encode(pose), Header(note.seq).pack(), note.recv_ns)
 
 
-def recorded_arrivals(path: Path, session: str, direction: Direction) -> deque[Arrival | RecordedStop]:
-    """Return the arrivals of a side's log from ``direction``, in the order in which they came from the bus."""
-    file, found = LogFile(path), deque[Arrival | RecordedStop]()
+def recorded_arrivals(path: Path, session: str, direction: Direction) -> deque[Arrival | LateArrival | RecordedStop]:
+    """Return the arrivals of a side's log from ``direction``, in the order in which they came from the bus.
+
+    An arrival may have the instant of a tick that ended before it: in virtual time a message without a delay answers
+    the tick of another side, at the same instant.
+    """
+    file, found, ended_ns = LogFile(path), deque[Arrival | LateArrival | RecordedStop](), -1
     for block in file.blocks():
         columns = (block.channel, block.seq, block.publish_ns, block.log_ns)
         payloads = block.payloads(slice(None))
@@ -107,8 +124,14 @@ def recorded_arrivals(path: Path, session: str, direction: Direction) -> deque[A
                     raise other_version(STOPS) from None
                 if not note.refused:
                     found.append(RecordedStop(log_ns, note.leaves_stopped))
+            elif key == TICKS:
+                try:
+                    ended_ns = decode(payload, TickNote).due_ns
+                except DecodeError:
+                    raise other_version(TICKS) from None
             elif key == QUARANTINE:
                 found.extend(_contradiction(payload))
             elif direction_of(key, session) == direction and key != VIDEO.key(session):  # the screen's own
-                found.append(Arrival(DESTINATION[direction], key, payload, Header(seq, sent_ns).pack(), log_ns))
+                arrival = Arrival(DESTINATION[direction], key, payload, Header(seq, sent_ns).pack(), log_ns)
+                found.append(LateArrival(log_ns, arrival) if log_ns == ended_ns else arrival)
     return found

@@ -120,7 +120,9 @@ def drive(
     ``on_time`` is told the run time about once for each second of it.
     """
     clock = VirtualClock()  # advanced by the bus from event to event
-    seated = [*nodes.items(), *sight_of(scenario, nodes)]
+    # netem first: what it releases at an instant is there for the ticks of that instant, as live
+    in_order = sorted(nodes.items(), key=lambda one: one[0] != "netem")
+    seated = [*in_order, *sight_of(scenario, nodes)]
     seats = [Seat(node, logs[side]) for side, node in seated]
     with without_collector():
         bus = VirtualBus([node for _, node in seated], clock)

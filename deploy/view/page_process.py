@@ -173,7 +173,7 @@ def attach_page(
             page_process("tis view", at, (here.west, here.east), here.session, wait_s, zenoh=zenoh, secret=secret)
         )
         announce(page.url, err)
-        waits = ", for which it waits" if given != (None, None) else ""
+        waits = f" with prefix {here.session}, for which it waits" if given != (None, None) else ""
         err.print(f"of netem at {here.west} and {here.east}{waits}", style="dim", soft_wrap=True)
         while page.process.poll() is None and not interrupt.requested:
             try:

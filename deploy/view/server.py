@@ -175,7 +175,7 @@ def serve(
     if observer.error is not None:
         raise observer.error
     if watch.gave_up:
-        raise PeerError(Fault("tis view", options.west, f"no answer from a run within {options.wait_s} s"))
+        raise PeerError(Fault("tis view", options.west, watch.gave_up))
 
 
 class _Watch:
@@ -186,7 +186,8 @@ class _Watch:
         alone: NetemAlone, steering: Steering,
     ) -> None:  # fmt: skip
         self.is_over = False
-        self.gave_up = False
+        self.gave_up = ""
+        """Why no netem was found, in words; "" while one is there or awaited."""
         self._loop, self._observer, self._stopped, self._options = loop, observer, stopped, options
         self.awaits: Callable[[], bool] = lambda: False
         self._alone, self._steering = alone, steering
@@ -200,14 +201,18 @@ class _Watch:
         if attendance.connected and "netem" not in attendance.present and not self._options.beside:
             self._look_for_netem_alone()
         self.is_over = "netem" in attendance.left or self._alone.is_over
-        waited_s = self._loop.time() - self._begun_s
-        limit_s = self._options.wait_s
-        self.gave_up = not attendance.connected and limit_s is not None and waited_s > limit_s
+        if not self._alone.is_there and "netem" not in attendance.present | attendance.left:
+            self.gave_up = self._steering.other_prefix or self._timed_out()
         over = self.is_over and not self._options.beside
         if over or self.gave_up or self._stopped() or self._observer.error is not None:
             self._ending = True
             # pages show the end, and take the report, before the connection closes
             self._loop.call_later(_FINAL_UPDATE_S if self.is_over else 0, self._stop, self._loop.time() + _HANDOVER_S)
+
+    def _timed_out(self) -> str:
+        limit_s = self._options.wait_s
+        is_late = limit_s is not None and self._loop.time() - self._begun_s > limit_s
+        return f"no answer from a run with prefix {self._options.session} within {limit_s} s" if is_late else ""
 
     def _look_for_netem_alone(self) -> None:
         """Ask for its state once a second: a netem that runs by itself has no other sign of life."""

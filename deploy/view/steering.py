@@ -9,7 +9,7 @@ from typing import Final
 import zenoh
 
 from tis.common.errors import InputError, TisError
-from tis.common.runtime.emulator_client import EmulatorAddress, Remote, connected
+from tis.common.runtime.emulator_client import EmulatorAddress, OtherPrefixError, Remote, connected
 from tis.common.scenario.control import Acknowledgement, EmulatorState
 from tis.deploy.net.control import change_requests, profile_request
 from tis.deploy.net.emergency import release_all, stop_arms
@@ -47,6 +47,8 @@ class Steering:
         self._lock: Final = threading.Lock()
         self._state: EmulatorState | None = None
         self._refreshing = False
+        self.other_prefix = ""
+        """In words which prefix the netem there has, if it is not this one; "" else."""
         self._secrets: Final[dict[int, str]] = {}
         self._stops: list[threading.Thread] = []
 
@@ -151,8 +153,9 @@ class Steering:
     def _refresh(self) -> None:
         try:
             found: EmulatorState | None = self._connected().state()
-        except (TisError, zenoh.ZError):
+        except (TisError, zenoh.ZError) as error:
             found = None
+            self.other_prefix = error.faults[0].rule if isinstance(error, OtherPrefixError) else ""
         with self._lock:
             self._state, self._refreshing = found, False
 

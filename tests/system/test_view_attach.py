@@ -155,7 +155,13 @@ def test_nobody_there_is_exit_code_3_when_that_is_not_waited_for(
     page, awaited, said = err.splitlines()
     assert page.startswith("live page: http://")
     assert west in awaited
-    assert said == f"tis: tis view: {west}: no answer from a run within 0.5 s"
+    assert said == f"tis: tis view: {west}: no answer from a run with prefix tis within 0.5 s"
+
+
+def test_a_netem_with_another_prefix_is_named_and_not_waited_for() -> None:
+    with between() as net:
+        code, _, err = call("view", "--west", net.west, "--east", net.east, "--prefix", "lab")
+    assert (code, "use --prefix tis" in err) == (3, True), err
 
 
 def test_an_address_that_is_not_ours_is_a_line(endpoints: tuple[str, str], monkeypatch: pytest.MonkeyPatch) -> None:

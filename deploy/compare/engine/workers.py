@@ -118,6 +118,7 @@ class Processes:
         self._environment: dict[str, str | None] = {}
         self._others: set[Any] = set()
         self._started: set[Any] = set()
+        self._on_term: Any = None
 
     def __enter__(self) -> Self:
         if getattr(multiprocessing.current_process(), "_inheriting", False):  # the script is being imported
@@ -125,6 +126,8 @@ class Processes:
         self._others = set(multiprocessing.active_children())
         self._environment = {name: os.environ.get(name) for name in _ONE_THREAD}
         os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # read when the workers load numpy
+        if threading.current_thread() is threading.main_thread():
+            self._on_term = signal.signal(signal.SIGTERM, _exit_on_term)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, /, *_: object) -> None:
@@ -132,6 +135,8 @@ class Processes:
             for child in set(multiprocessing.active_children()) - self._others:
                 child.terminate()
         self._end_pool()
+        if self._on_term is not None:
+            signal.signal(signal.SIGTERM, self._on_term)
         for name, value in self._environment.items():
             os.environ.pop(name, None) if value is None else os.environ.update({name: value})
 
@@ -189,6 +194,11 @@ class Processes:
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
             self._pool = None
+
+
+def _exit_on_term(number: int, _: object) -> None:
+    """Leave as after Ctrl-C: killed at once, this process would leave the semaphores of its queue behind."""
+    sys.exit(128 + number)
 
 
 def begin_worker() -> None:

@@ -77,11 +77,24 @@ def test_what_concerns_some_keys_only_names_them_behind_what_was_judged() -> Non
         "faithful": True, "judged": 713, "keys": 2, "undecided": {"loss": 13}, "undecided_keys": {"loss": "reply"},
         "violations": [], "warnings": [], "not_decidable": [],
     }  # fmt: skip
-    words = "713 messages of 2 keys judged (loss of reply: not decidable with 13 messages)"
-    assert part(LinkVerdict, verdict).text("the scenario") == f"faithful to the scenario: {words}"
+    words = "judged by 713 messages of 2 keys (loss of reply: not decidable with 13 messages)"
+    assert part(LinkVerdict, verdict).text("the scenario") == f"faithful to the scenario, {words}"
     markup = _list({"forward": {"verdict": verdict}})
     assert '<strong class="good">faithful</strong>' in markup
     assert "judged by 713 messages of 2 keys" in markup
+
+
+@pytest.mark.parametrize("keys", [{}, {"loss": "reply"}])
+def test_what_was_judged_is_counted_once_where_the_network_was_changed(keys: dict[str, str]) -> None:
+    verdict = {
+        "faithful": True, "judged": 713, "set_aside": 287, "keys": 2, "undecided": {"loss": 13},
+        "undecided_keys": keys, "violations": [], "warnings": [], "not_decidable": [],
+    }  # fmt: skip
+    of_keys = " of 2 keys" if keys else ""
+    words = f"judged by 713 of 1000 messages{of_keys}, as the network was changed while it ran"
+    for text in (part(LinkVerdict, verdict).text("the scenario"), _list({"forward": {"verdict": verdict}})):
+        assert words in text
+        assert text.count("713") == 1
 
 
 def test_without_a_scenario_none_is_named() -> None:

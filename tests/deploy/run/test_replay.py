@@ -1,14 +1,21 @@
 """What a replay comes to, in words: a difference and a lack are not the same."""
 
 from collections import deque
+from pathlib import Path
 
 import pytest
 from msgspec import convert
 
-from tis.common.node import Arrival
+from tests.nodes import a_pose
+from tis.common.channels import hand_channels
+from tis.common.header import Header
+from tis.common.messages import Pose, encode
+from tis.common.node import Arrival, Record
+from tis.common.records import TICKS, TickNote
+from tis.common.runtime.mcap_log import McapLog
 from tis.common.safety_records import STOPS, StopNote
 from tis.deploy.logs.read.side_log import check_rows
-from tis.deploy.run.recorded import RecordedBus, RecordedClock, RecordedStop
+from tis.deploy.run.recorded import LateArrival, RecordedBus, RecordedClock, RecordedStop, recorded_arrivals
 from tis.deploy.run.replay import Comparison
 
 _PART = "the readable part is identical, bit for bit, but the log does not hold the whole run"
@@ -37,7 +44,7 @@ def test_each_outcome_has_its_words(found: Comparison, words: str, identical: bo
 def test_recorded_stops_act_in_the_order_of_the_arrivals() -> None:
     """A stop at 10 ns acts before the tick at 20 ns, one at 30 ns after the arrival at 25 ns."""
     told: list[bool] = []
-    arrivals: deque[Arrival | RecordedStop] = deque(
+    arrivals: deque[Arrival | LateArrival | RecordedStop] = deque(
         [RecordedStop(10, True), Arrival("east", "k", b"", b"", 25), RecordedStop(30, False)]
     )
     bus = RecordedBus(arrivals, RecordedClock([(20, 20), (40, 40)]), told.append)
@@ -48,6 +55,25 @@ def test_recorded_stops_act_in_the_order_of_the_arrivals() -> None:
     assert (found.arrival.recv_ns, told) == (25, [True])
     assert bus.wait(40) is None
     assert told == [True, False]
+
+
+def test_at_equal_instants_an_arrival_comes_before_the_tick_or_after_it_as_the_log_says(tmp_path: Path) -> None:
+    """Ticks at 20 and 40 ns; arrivals at 20 ns before and after the first, and at 40 ns before the second."""
+    key = hand_channels("left", "PSM2").arm.key("tis")
+    tick = (Record(TICKS, at_ns, TickNote(tick=k, due_ns=at_ns, begin_ns=at_ns)) for k, at_ns in enumerate((20, 40)))
+    heard = (Record(key, at_ns, encode(a_pose(seq)), Pose, 5, seq) for seq, at_ns in enumerate((20, 20, 40)))
+    with McapLog(tmp_path / "patient.mcap", {"side": "patient"}) as log:
+        for record in (next(heard), next(tick), next(heard), next(heard), next(tick)):
+            log.record(record)
+    arrivals = recorded_arrivals(tmp_path / "patient.mcap", "tis", "forward")
+    bus, order = RecordedBus(arrivals, RecordedClock([(20, 20), (40, 40)]), lambda _: None), []
+    for deadline_ns in (20, 40):
+        while (found := bus.wait(deadline_ns)) is not None:
+            header = Header.unpack(found.arrival.attachment)
+            assert header is not None
+            order.append(f"arrival {header.seq}")
+        order.append(f"tick {deadline_ns}")
+    assert order == ["arrival 0", "tick 20", "arrival 1", "arrival 2", "tick 40"]
 
 
 @pytest.mark.parametrize("stop", [True, False])

@@ -70,19 +70,19 @@ class LinkVerdict(Section):
             return f"not faithful to {request}"
         left_open = self.undecided_text
         if self.undecided_keys:
-            return f"faithful to {request}: {self.judged} messages of {self.keys} keys judged ({left_open})" + (
-                self.set_aside_text
-            )
+            return f"faithful to {request}, {self.judged_text} ({left_open})"
         judged = f" in all that could be judged ({left_open})" if left_open else ""
-        return f"faithful to {request}{judged}{self.set_aside_text}"
+        return ", ".join(part for part in (f"faithful to {request}{judged}", self.judged_text) if part)
 
     @property
-    def set_aside_text(self) -> str:
-        """Return how many messages were judged where a change made during the run leaves some out; "" without any."""
-        if not self.set_aside:
+    def judged_text(self) -> str:
+        """Return by how many messages it was judged where not by all, of how many keys, and why; "" where by all."""
+        if not self.set_aside and not self.undecided_keys:
             return ""
-        n = self.judged + self.set_aside
-        return f", judged by {self.judged} of {n} messages, as the network was changed while it ran"
+        whole = f" of {self.judged + self.set_aside}" if self.set_aside else ""
+        keys = f" of {self.keys} keys" if self.undecided_keys else ""
+        because = ", as the network was changed while it ran" if self.set_aside else ""
+        return f"judged by {self.judged}{whole} messages{keys}{because}"
 
     @property
     def undecided_text(self) -> str:

@@ -74,13 +74,9 @@ def fidelity_list(links: Links, request: str = "the scenario requests") -> str:
         sentence = sentence.format(request)
         if verdict.faithful and (left_open := verdict.undecided_text):
             word += "" if verdict.undecided_keys else " in what could be judged"
-            if verdict.undecided_keys:
-                sentence = (
-                    f"{sentence.removesuffix('.')}, judged by {verdict.judged} messages of {verdict.keys} keys."
-                )
             sentence = f"{sentence.removesuffix('.')}, as far as this run can show ({left_open})."
-        if verdict.faithful and (aside := verdict.set_aside_text):
-            sentence = f"{sentence.removesuffix('.')}{aside}."
+        if verdict.faithful and (judged := verdict.judged_text):
+            sentence = f"{sentence.removesuffix('.')}, {judged}."
         items.append((look, word, f"{direction}: {sentence}"))
         items += [("bad", "violated", text) for text in verdict.violations]
         items += [("open", "warning", text) for text in verdict.warnings]

@@ -1,5 +1,7 @@
 """Processes that die while they compute: nothing but the unit that ends its own process is lost."""
 
+import os
+import signal
 import subprocess
 import sys
 import time
@@ -160,3 +162,12 @@ def test_what_another_comparison_has_stored_is_not_computed_again(
         outcome = compute(plan.cells, plan.trainings, store, workers, PhaseProgress(Console(quiet=True)))
     assert len(outcome.cells) == len(plan.cells) == 6
     assert len(made) < 6
+
+
+def test_sigterm_ends_the_workers_before_this_process() -> None:
+    """The default would leave their semaphores to be complained of."""
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(SystemExit) as left, Processes(1):
+        os.kill(os.getpid(), signal.SIGTERM)
+    assert left.value.code == 128 + signal.SIGTERM
+    assert signal.getsignal(signal.SIGTERM) == before
