@@ -14,7 +14,7 @@ from tis.netem.conditions.conditions import Conditions
 from tis.netem.draws.blocks import Floats
 from tis.netem.expected.simulate import simulate
 from tis.netem.fit.backlogs import MESSAGE_BYTES
-from tis.netem.fit.prediction import half_widths, interval, resampled, scaled
+from tis.netem.fit.prediction import between_shares, half_widths, interval, resampled, scaled
 from tis.netem.fit.statistics import CENTRES, NAMES, statistics_of
 
 _TOLERANCE: Final = 0.1
@@ -117,11 +117,14 @@ def closures(trace: Trace, replayed: Floats) -> tuple[Closure, ...]:
     found = []
     of_record = statistics_of(trace.sent_ns, trace.delay_ns)
     reaches = half_widths(of_record, resampled(trace), replayed, len(trace.sent_ns))
+    shares = between_shares(trace)
     for number, (name, record, values) in enumerate(zip(NAMES, of_record, replayed.T, strict=True)):
         of = values[~np.isnan(values)]
         if np.isnan(record) or not len(of):
             continue
         low, high = interval(name, float(record), float(reaches[number]))
+        lower, upper = shares.get(name, (low, high))
+        low, high = min(low, lower), max(high, upper)
         away = np.abs(scaled(name, of) - scaled(name, record))
         severity = _ratio(float(np.quantile(away, _WITHIN)), float(reaches[number]))
         mean = float(of.mean())

@@ -6,6 +6,10 @@ jackknife and the bootstrap for general stationary observations", 1989), and fro
 network. The larger counts; of the replays at most twice the other, since a model may spread too far. Extremes, such
 as the longest run of losses, are not seen in tenths: there the replays count in full. One record may itself be an
 unusual one: for 95 of 100 further records of it, too, the distance that 98 of 100 pairs do not exceed is taken.
+
+Where few events decide about a quantile, or it lies between two regimes, the record's parts may agree by chance. So
+its interval also has the quantiles at the shares that smaller delays are expected to have (Woodruff, "Confidence
+intervals for medians and other position measures", 1952).
 """
 
 from math import ceil, floor, sqrt
@@ -28,6 +32,7 @@ from tis.netem.fit.statistics import (
     LOSS,
     NAMES,
     PERCENTS,
+    QUANTILES,
     beside_losses,
     pairs_apart,
     seconds_of_loss,
@@ -89,6 +94,31 @@ def half_widths(record: Floats, drawn: Floats, replayed: Floats, n: int) -> Floa
     return found
 
 
+def between_shares(trace: Trace) -> dict[str, tuple[float, float]]:
+    """Return for each quantile the delays, in ms, at the shares that further records may have below it.
+
+    Oracle: shares by hand, tests/netem/fit/test_prediction.
+    """
+    arrived = trace.delay_ns >= 0
+    if not arrived.any():
+        return {}
+    part, delay_ms = _parts(trace)[arrived], trace.delay_ns[arrived] / NS_PER_MS
+    found = {}
+    for name, percent in zip(QUANTILES, PERCENTS, strict=True):
+        below = delay_ms <= np.quantile(delay_ms, percent / 100)
+        away = np.bincount(part, below - below.mean(), _PARTS)
+        reach = _T * sqrt(2 * _PARTS / (_PARTS - 1) * float(np.sum(away**2))) / len(delay_ms)
+        low, high = np.quantile(delay_ms, np.clip((percent / 100 - reach, percent / 100 + reach), 0.0, 1.0))
+        found[name] = (float(low), float(high))
+    return found
+
+
+def _parts(trace: Trace) -> NDArray[np.int64]:
+    """Return the tenth of the record in which each message, (N,), was sent."""
+    sent_ns = trace.sent_ns - trace.sent_ns[0]
+    return np.asarray(np.minimum(sent_ns * _PARTS // max(int(sent_ns[-1]), 1), _PARTS - 1))
+
+
 def _never(name: str, n: int) -> float:
     """Return how far what never occurred among n messages may still be: three losses, one run, one second."""
     return sqrt(100 * _NONE_OF / n) if name == LOSS else 1.0 if name in _EXTREMES else 0.0
@@ -109,7 +139,7 @@ def resampled(trace: Trace, n: int = _DRAWS) -> Floats:
     Oracle: the tenths put together message by message, tests/netem/fit/test_prediction.
     """
     sent_ns, lost = trace.sent_ns - trace.sent_ns[0], trace.delay_ns < 0
-    part = np.minimum(sent_ns * _PARTS // max(int(sent_ns[-1]), 1), _PARTS - 1)
+    part = _parts(trace)
     drawn = (Stream.named(0, "fit/tenths").uniforms(0, n * _PARTS) * _PARTS).astype(np.int64).reshape(n, _PARTS)
     times = (drawn[:, :, None] == np.arange(_PARTS)).sum(axis=1).astype(np.float64)
     delay_ms = np.where(lost, np.nan, trace.delay_ns / NS_PER_MS)

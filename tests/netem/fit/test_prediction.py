@@ -7,7 +7,7 @@ from tests.netem.fit.synthetic_records import Parameters, record
 from tis.common.streams import Stream
 from tis.common.trace import Trace
 from tis.netem.fit.candidates import fit_closing
-from tis.netem.fit.prediction import half_widths, interval, resampled, scaled
+from tis.netem.fit.prediction import between_shares, half_widths, interval, resampled, scaled
 from tis.netem.fit.record import DirectionRecord
 from tis.netem.fit.statistics import AUTOCORRELATIONS, HIGH, LONGEST, LOSS, NAMES, statistics_of
 
@@ -83,6 +83,19 @@ def test_a_model_that_spreads_too_far_counts_twice_the_record_at_most_but_for_ex
     median, longest = NAMES.index("p50, ms"), NAMES.index(LONGEST)
     assert wide[median] == pytest.approx(2 * narrow[median])
     assert wide[longest] > 20 * narrow[longest]
+
+
+def test_a_median_between_two_regimes_may_be_in_either() -> None:
+    """Of ten tenths six are all at 10 ms, and four at 20: the share below is 0.6 +- 0.65, by Student's t."""
+    delay_ms = np.repeat([10, 20, 10, 20, 10, 10, 20, 10, 20, 10], 100)
+    trace = Trace("t", np.arange(1000) * 20_000_000, delay_ms * 1_000_000)
+    assert between_shares(trace)["p50, ms"] == (10.0, 20.0)
+    assert between_shares(trace)["p5, ms"] == (10.0, 20.0)
+
+
+def test_a_quantile_that_all_tenths_share_is_not_widened() -> None:
+    trace = Trace("t", np.arange(1000) * 20_000_000, np.tile(np.arange(1, 101), 10) * 1_000_000)
+    assert between_shares(trace)["p50, ms"] == pytest.approx((50.5, 50.5), abs=1.0)
 
 
 def test_a_record_without_a_loss_does_not_exclude_a_run_of_one() -> None:
