@@ -168,7 +168,13 @@ def admissible(
         check_outputs_in(store.path, *_ALWAYS, *_FIGURES, _PAGE)
         with resumable(store, err), PhaseProgress(err, in_rounds=True) as progress:
             evaluation = Evaluation(order.estimators, order.limits, store, workers, progress)
-            report = Study(order, evaluation).run(command_line())
+            study = Study(order, evaluation)
+            try:
+                report = study.run(command_line())
+            except KeyboardInterrupt:
+                if study.points:
+                    progress.tell(study.so_far())
+                raise
     print_warnings(err, *tables.warnings(report))
     written = _write(report, store.path, err)
     out.print(tables.view(report))

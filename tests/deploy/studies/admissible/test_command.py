@@ -2,12 +2,14 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.deploy.commands import call_in_one_line
+from tis.deploy.studies.admissible.evaluation import Evaluation, Judged
 
 SMALL = """version: 1
 name: small
@@ -121,6 +123,27 @@ def test_a_figure_of_the_summary_is_a_limit_as_well(without_figure: None) -> Non
     assert code == 2
     assert "--limit: must be one of the fast figures or a key of summary.json; did you mean" in err
     assert "links.forward.loss_pct" in err
+
+
+def test_each_round_and_an_interrupt_tell_the_bracket_of_the_border(monkeypatch: pytest.MonkeyPatch) -> None:
+    judge, n_rounds = Evaluation.judge, 0
+
+    def interrupted(self: Evaluation, *about: Any) -> list[Judged]:
+        nonlocal n_rounds
+        n_rounds += 1
+        if n_rounds == 4:
+            raise KeyboardInterrupt
+        return judge(self, *about)
+
+    monkeypatch.setattr(Evaluation, "judge", interrupted)
+    words = ("--limit", "age_mean_ms=45", "--over", f"{DELAY}=0..100", "--estimators", "hold", "--profiles", "none")
+    code, _, err = tis(*QUICK, *words)
+    assert code == 130
+    assert f"2 networks decided: hold admissible up to {DELAY} = 0, no longer at 100" in err
+    assert f"3 networks decided: hold admissible up to {DELAY} = 0, no longer at 50" in err
+    *_, last, _ = re.findall(r"(\d+ networks decided|interrupted): ", err)
+    assert err.count("4 networks decided") == 2
+    assert last == "4 networks decided"
 
 
 def test_whole_numbers_and_a_bound_inside_the_range(without_figure: None) -> None:
