@@ -75,6 +75,12 @@ _MAX_RATE_RATIO: Final = 2.0
 RATES_HZ: Final = (3.0, 5000.0)
 """Usual rates of recorders."""
 _MAX_SHOWN: Final = 3
+_NOISY_SHARE: Final = 0.05
+"""Share of the rows from which on bends of the path are the sensor's noise. Rare ones are jumps."""
+_TIMES_NOISE: Final = 6.0
+_MEDIAN_TO_SIGMA: Final = 1.4826
+_SIGMA_OF_BENDS: Final = 6.0**0.5
+"""Standard deviation of the second difference of white noise, over that of the noise."""
 
 
 def anomalies(position_m: Array, rate_hz: float, device: str, hand_held: bool) -> tuple[str, ...]:
@@ -123,17 +129,30 @@ def _jumps(position_m: Array, rate_hz: float, device: str) -> list[str]:
     sizes_m = np.linalg.norm(steps_m, axis=1)
     # A jump accelerates the path where it begins and where it ends; of neighbouring steps it is the longest.
     largest_m = _MAX_ACCELERATION_M_S2 / rate_hz**2 + _MOST_ROUNDED * _resolution_m(steps_m)
-    bends = np.linalg.norm(np.diff(steps_m, axis=0), axis=1) > largest_m
+    sizes_of_bends_m = np.linalg.norm(np.diff(steps_m, axis=0), axis=1)
+    bends = sizes_of_bends_m > largest_m
+    noise_m = _noise_m(steps_m)
+    of_noise_m = _TIMES_NOISE * _SIGMA_OF_BENDS * noise_m
+    said = []
+    if of_noise_m > largest_m and bends.mean() > _NOISY_SHARE:
+        said = [f"{device} has noise of {1000 * noise_m:.2g} mm between rows: is this the sensor's?"]
+        bends = sizes_of_bends_m > of_noise_m
     bent = [(first, last + 1) for first, last in runs_of(bends)]
     fast = [first + int(np.argmax(sizes_m[first : last + 1])) for first, last in bent]
     # Smaller ones stand out from this recording's own movement.
     alone = [row - 1 for row in jumps(position_m, rate_hz)]
     places = sorted({*fast, *(step for step in alone if not any(first <= step <= last for first, last in bent))})
     if not places:
-        return []
+        return said
     shown = ", ".join(f"{place} to {place + 1} ({1000 * sizes_m[place]:.0f} mm)" for place in places[:_MAX_SHOWN])
     rest = f" and {len(places) - _MAX_SHOWN} more times" if len(places) > _MAX_SHOWN else ""
-    return [f"{device} jumps as no hand moves it, from row {shown}{rest}: are rows missing?"]
+    return [*said, f"{device} jumps as no hand moves it, from row {shown}{rest}: are rows missing?"]
+
+
+def _noise_m(steps_m: Array) -> float:
+    """Return the standard deviation of the noise of the noisiest axis, by the median of the path's bends."""
+    bends_m = np.abs(np.diff(steps_m, axis=0))
+    return float(np.median(bends_m, axis=0).max()) * _MEDIAN_TO_SIGMA / _SIGMA_OF_BENDS if len(bends_m) else 0.0
 
 
 def _resolution_m(steps_m: Array) -> float:

@@ -84,6 +84,11 @@ class PhaseProgress:
             counts = ", ".join(f"{phase} {self._done[phase]}/{total}" for phase, total in self._totals.items())
             self._console.print(f"{passed_s:4.0f} s  {counts}{self._left()}", highlight=False, soft_wrap=True)
 
+    def tell(self, text: str) -> None:
+        """Print at once what is known so far."""
+        passed_s = self._now_s() - self._begun_s
+        self._console.print(f"{passed_s:4.0f} s  {text}", highlight=False, markup=False, soft_wrap=True)
+
     def _left(self) -> str:
         """Return about how long the last phase takes on; empty before its rate is known."""
         phase = next(reversed(self._totals), None)
@@ -96,7 +101,7 @@ class PhaseProgress:
             return ""
         left_s = n_left * passed_s / n_done
         left = f"{left_s:.0f} s" if left_s < 100 else f"{left_s / 60:.0f} min"
-        return f", at least {left} left: more rounds may follow" if self._in_rounds else f", about {left} left"
+        return f", about {left} left of this round: more may follow" if self._in_rounds else f", about {left} left"
 
 
 class RunTime:

@@ -33,7 +33,7 @@ def answer(report: Report) -> str:
     sentences = [
         _won(name, own, _where([names[rows[0]["setting"]] for rows in own], len(ranked))) for name, own in each
     ]
-    return " ".join([*sentences, *_close(ranked, names), *_overconfident(ranked)])
+    return " ".join([*sentences, *_close(ranked, names, len(report["trials"])), *_overconfident(ranked)])
 
 
 def ranking(rows: Rows, setting: str | None) -> Rows:
@@ -62,11 +62,13 @@ def _gain(pct: float) -> str:
     return f"{pct:.0f}" if pct < 99 else f"{100 - float(f'{100 - pct:.1g}'):.6g}"
 
 
-def _close(ranked: Sequence[Rows], names: Mapping[str | None, str]) -> Iterable[str]:
+def _close(ranked: Sequence[Rows], names: Mapping[str | None, str], n_trials: int) -> Iterable[str]:
     """Yield which rivals are not told apart from the best, by rival, or that the people are too few to tell."""
     n_people = ranked[0][0]["n_people"]
     if n_people < 2:
-        yield "This holds for one person's movements: nothing can be claimed about other people."
+        # Not only people make recordings: a rover and a drone do, too.
+        these = "this recording" if n_trials == 1 else "these recordings"
+        yield f"This holds for {these} alone: nothing can be claimed about others."
         return
     if n_people < ENOUGH_PEOPLE:
         yield f"With {n_people} people no estimator is told apart from another: that takes {ENOUGH_PEOPLE}."

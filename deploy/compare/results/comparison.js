@@ -170,7 +170,7 @@
     if (!found?.n_scored) return "Nothing is chosen that has a scored tick.";
     const count = found.n_people, who = about.synthetic ? ", one for each seed" : "";
     const least = `${found.n_scored.toLocaleString("en")} scored ticks`;
-    if (count < 2) return `${least} of one person. No bands: intervals are over people.`;
+    if (count < 2) return `${least} of one person or device. No bands: intervals are over several.`;
     const few = count < ENOUGH_PEOPLE ? ` So few cover less than 95 %: at most ${Math.round(100 * (1 - 2 ** (1 - count)))} %.` : "";
     return `${least}. Bands: 95 % bootstrap intervals over ${count} people${who}.${few}`;
   };

@@ -36,7 +36,7 @@ def interval_note(rows: Sequence[Mapping[str, Any]]) -> str:
     if n_people >= ENOUGH_PEOPLE:
         return ""
     if n_people < 2:
-        return "There is no interval, since intervals are over people and this is a single one."
+        return "There is no interval, since intervals are over people or devices and this is a single one."
     return (
         f"The 95 % intervals rest on {n_people} people only. They cannot be wider than the range of these people's "
         "own figures, which holds the median of all people with a probability of "
@@ -54,7 +54,7 @@ def band_words(report: Mapping[str, Any]) -> str:
     """Return what the bands of a report's figures are, with the number of people and what so few of them mean."""
     n_people, made = fewest(report["rows"]), f"{origin(report)} movement. ".capitalize() * bool(origin(report))
     if n_people < 2:
-        return f"{made}No bands: intervals are over people, and this is a single one."
+        return f"{made}No bands: intervals are over people or devices, and this is a single one."
     who = f"{n_people} people{', one for each seed' * (report['source'] == 'synthetic')}"
     few = f". So few cover less than 95 %: at most {range_holds_median_pct(n_people):.0f} %"
     return f"{made}Bands: 95 % bootstrap intervals over {who}{few * (n_people < ENOUGH_PEOPLE)}."

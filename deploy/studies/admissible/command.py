@@ -1,6 +1,7 @@
 """Command `tis admissible`: reads its options, runs the study and writes its report, tables and figure."""
 
 import json
+import shlex
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -31,7 +32,7 @@ from tis.deploy.shell.guard import print_json, print_warnings
 from tis.deploy.shell.progress import PhaseProgress
 from tis.deploy.studies.admissible import tables
 from tis.deploy.studies.admissible.criterion import COMMAND, MIN_PERSONS, parse_limit
-from tis.deploy.studies.admissible.evaluation import Evaluation, check_persons
+from tis.deploy.studies.admissible.evaluation import Evaluation, Network, check_persons, fault_of
 from tis.deploy.studies.admissible.profiles import profile_names, redundancies
 from tis.deploy.studies.admissible.region import Axis, axis_faults, parse_axis, whole_fault
 from tis.deploy.studies.admissible.study import Effort, Order, Study
@@ -39,6 +40,8 @@ from tis.deploy.studies.admissible.study import Effort, Order, Study
 DEFAULT_SYNTHETIC_SEEDS = 16
 """With fewer people the bound of skewed figures lies far above their mean, and the region is too small."""
 DEFAULT_RECORDED_SEEDS = 4
+_N_SWEPT: Final = 5
+"""Values of each axis in the comparison that a refusal offers for one person."""
 
 
 def order_of(given: dict[str, Any]) -> Order:
@@ -62,21 +65,21 @@ def order_of(given: dict[str, Any]) -> Order:
     if faults:
         # The scenario's own faults come at the same time.
         raise InputError([*faults, *_faults_of(request)])
-    scenario, trials = _scenario(request, axes)
+    scenario, trials, corner = _scenario(request, axes)
+    placed = tuple(replace(axis, whole=_is_whole(scenario, axis.path)) for axis in axes)
     source = scenario.source
     recorded = isinstance(source, RecordedSource)
     n_seeds = request.n_seeds or (DEFAULT_RECORDED_SEEDS if recorded else DEFAULT_SYNTHETIC_SEEDS)
-    request = replace(request, n_seeds=n_seeds)
+    asked, request = request, replace(request, n_seeds=n_seeds)
     if isinstance(source, RecordedSource):
         people = people_of(source, trials)
         others = [one for one in list_trials(source) if person_of(source, one) not in people]
         # Columns are looked at for a refusal alone, as each table must be read.
         others = [one for one in others if has_columns(source, one)] if len(people) < MIN_PERSONS else []
         option = "--people" if request.people else "--trials" if request.trials else "source"
-        check_persons(people, True, others, option)
+        check_persons(people, True, others, option, _for_one_person(asked, placed, corner))
     else:
         check_persons(trials * n_seeds, False)
-    placed = tuple(replace(axis, whole=_is_whole(scenario, axis.path)) for axis in axes)
     if found := [fault for fault in map(whole_fault, placed) if fault is not None]:
         raise InputError(found)
     return Order(
@@ -94,8 +97,28 @@ def order_of(given: dict[str, Any]) -> Order:
     )
 
 
-def _scenario(request: Request, axes: Sequence[Axis]) -> tuple[Scenario, tuple[str, ...]]:
-    """Return the scenario at the first valid corner, and the trials; raises `InputError` and `DataError`.
+def _for_one_person(request: Request, axes: Sequence[Axis], corner: Network) -> str:
+    """Return the command that answers the question for one person's recordings: a comparison along the axes."""
+    words = ["tis", "compare", request.scenario]
+    for setting in request.settings:
+        words += ["--set", setting]
+    for option, names in (
+        ("--estimators", request.estimators), ("--trials", request.trials), ("--people", request.people),
+    ):  # fmt: skip
+        words += [option, ",".join(names)] if names else []
+    for axis in axes:
+        values = dict.fromkeys(axis.text(i / (_N_SWEPT - 1)) for i in range(_N_SWEPT))
+        valid = [value for value in values if fault_of(request, {**corner, axis.path: value}) is None]
+        words += ["--sweep", f"{axis.path}={','.join(valid)}"]
+    for option, number in (
+        ("--seeds", request.n_seeds), ("--seed", request.seed), ("--duration-s", request.duration_s),
+    ):  # fmt: skip
+        words += [option, f"{number:.15g}"] if number is not None else []
+    return shlex.join(words)
+
+
+def _scenario(request: Request, axes: Sequence[Axis]) -> tuple[Scenario, tuple[str, ...], Network]:
+    """Return the scenario at the first valid corner, the trials, that corner; raises `InputError` and `DataError`.
 
     The plan of that corner finds the faults of estimators, trials and people.
     """
@@ -109,7 +132,7 @@ def _scenario(request: Request, axes: Sequence[Axis]) -> tuple[Scenario, tuple[s
         except InputError as error:
             refused.append(error)
             continue
-        return scenario, plan.trials
+        return scenario, plan.trials, {sweep.path: sweep.values[0] for sweep in sweeps}
     raise InputError([_renamed(fault) for fault in refused[0].faults])
 
 
@@ -168,7 +191,13 @@ def admissible(
         check_outputs_in(store.path, *_ALWAYS, *_FIGURES, _PAGE)
         with resumable(store, err), PhaseProgress(err, in_rounds=True) as progress:
             evaluation = Evaluation(order.estimators, order.limits, store, workers, progress)
-            report = Study(order, evaluation).run(command_line())
+            study = Study(order, evaluation)
+            try:
+                report = study.run(command_line())
+            except KeyboardInterrupt:
+                if study.points:
+                    progress.tell(study.so_far())
+                raise
     print_warnings(err, *tables.warnings(report))
     written = _write(report, store.path, err)
     out.print(tables.view(report))

@@ -188,11 +188,16 @@ class Evaluation:
 
 
 def check_persons(
-    persons: Sequence[str], are_recorded: bool, others: Sequence[str] = (), option: str = "--people"
+    persons: Sequence[str],
+    are_recorded: bool,
+    others: Sequence[str] = (),
+    option: str = "--people",
+    instead: str = "",
 ) -> None:
     """Raise `InputError` unless there are at least two persons.
 
-    ``others`` are trials of other people, ``option`` is what chose the persons.
+    ``others`` are trials of other people, ``option`` is what chose the persons, ``instead`` a command
+    for a single one.
     """
     if len(persons) >= MIN_PERSONS:
         return
@@ -200,8 +205,11 @@ def check_persons(
     if are_recorded:
         rule += ": seeds of one person's trials tell of no other; "
         rule += f"--trials takes those of others, too: {in_few(others)}" if others else "the folder has no others"
+        rule += f"; the errors of {persons[0]} alone, network by network: {instead}" if instead else ""
     else:
         rule += ", and each seed is one"
+    if instead:  # which ends the line, to be copied
+        raise InputError(Fault(COMMAND, option, rule))
     raise InputError(Fault(COMMAND, option if are_recorded else "--seeds", rule, ", ".join(persons)))
 
 

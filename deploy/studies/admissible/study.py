@@ -136,6 +136,29 @@ class Study:
             "warnings": self._warnings(border, checks),
         }
 
+    def so_far(self) -> str:
+        """Return how many networks of the search are decided, and what is known of each border."""
+        n_decided = sum(one["kind"] == _SEARCH for one in self.points)
+        known = "; ".join(f"{name} {self._known(name)}" for name in self.order.estimators)
+        return f"{n_decided} networks decided: {known}"
+
+    def _known(self, name: str) -> str:
+        """Return the bracket of an estimator's border on a single axis; on several the number of places inside."""
+        searched = self._searched(name)
+        if len(self.order.axes) > 1:
+            return f"admissible at {sum(found['inside'] for _, found in searched)}"
+        path = self.order.axes[0].path
+        inside_at = sorted((at[path], found["inside"]) for at, found in searched)
+        way = "up to"
+        if not inside_at[0][1]:
+            inside_at.reverse()
+            way = "down to"
+        n_inside = next((i for i, (_, inside) in enumerate(inside_at) if not inside), len(inside_at))
+        if not n_inside:
+            return f"admissible at neither end of {path}"
+        beyond = f", no longer at {inside_at[n_inside][0]:g}" if n_inside < len(inside_at) else ""
+        return f"admissible {way} {path} = {inside_at[n_inside - 1][0]:g}{beyond}"
+
     def _network(self, place: Place) -> Network:
         return {axis.path: axis.text(share) for axis, share in zip(self.order.axes, place, strict=True)}
 
@@ -145,6 +168,7 @@ class Study:
     def _margins(self, places: Sequence[Place]) -> list[Margins]:
         """Judge places for the border's search."""
         judged = self._judged(self.order.request, places, _SEARCH)
+        self.evaluation.progress.tell(self.so_far())
         return [list(one.margins.values()) for one in judged]
 
     def _judged(self, request: Request, places: Sequence[Place], kind: str) -> list[Judged]:

@@ -77,6 +77,13 @@ def test_the_current_folder_counts_and_what_lies_beside_is_known_too(own_folder:
     assert sys.path.index(str(own_folder)) < sys.path.index(PACKAGES)  # a package `common` beside is the user's
 
 
+def test_a_folder_below_is_named_before_its_module_without_being_a_package(own_folder: Path) -> None:
+    write(own_folder / "below" / "own_below.py", "class F: pass\n")
+    assert (
+        load_user_code(("below.own_below:F",), "estimators")["below.own_below:F"].origin.file == "below/own_below.py"
+    )
+
+
 def test_of_a_package_the_defining_file_counts_and_the_rest_lies_beside(own_folder: Path) -> None:
     top = write(own_folder / "lab_own" / "__init__.py", "from lab_own.filters import F\n")
     sha256 = write(own_folder / "lab_own" / "filters.py", "class F: pass\n")

@@ -150,6 +150,23 @@ def test_more_jumps_than_are_shown_are_counted() -> None:
     assert text.endswith(") and 3 more times: are rows missing?")
 
 
+def test_noise_of_all_rows_is_no_jump_and_a_jump_within_it_is_named() -> None:
+    noisy = swing(6000, 200) + 3e-4 * np.random.default_rng(1).normal(size=(6000, 3))
+    [noise] = anomalies(noisy, 200, "MTML", True)
+    assert noise.startswith("MTML has noise of 0.3 mm between rows")
+    noisy[3000:] += 0.05
+    again, jump = anomalies(noisy, 200, "MTML", True)
+    assert again == noise
+    assert "from row 2999 to 3000 (" in jump
+    assert "more times" not in jump
+
+
+def test_rows_that_are_often_missing_are_no_noise() -> None:
+    kept = np.delete(swing(4000, 200), [row for k in range(100, 3900, 60) for row in range(k, k + 40)], axis=0)
+    [text] = anomalies(kept, 200, "MTML", True)
+    assert "jumps as no hand moves it" in text
+
+
 def test_zeros_are_named_and_so_are_the_jumps_to_them() -> None:
     filled = swing() + 0.5
     filled[400:460] = 0.0

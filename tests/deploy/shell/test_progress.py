@@ -33,14 +33,14 @@ def test_without_a_terminal_a_plain_line_says_the_phases_every_10_s() -> None:
     ]
 
 
-def test_of_rounds_the_time_left_is_a_least_one() -> None:
+def test_of_rounds_the_time_left_is_that_of_the_present_one() -> None:
     out, clock = io.StringIO(), _Clock()
     with PhaseProgress(Console(file=out, width=80), clock, in_rounds=True) as progress:
         progress.total("twins", 8)
         for _ in range(7):
             clock.now_s += 2
             progress.advance("twins")
-    assert out.getvalue() == "  10 s  twins 5/8, at least 6 s left: more rounds may follow\n"
+    assert out.getvalue() == "  10 s  twins 5/8, about 6 s left of this round: more may follow\n"
 
 
 def test_a_part_that_is_done_says_so_without_being_waited_for() -> None:

@@ -22,7 +22,7 @@ def report(settings: Mapping[str | None, Ratios], n_people: int = 6) -> dict[str
         for name, (ratio, to_best, low) in ratios.items()
     ]  # fmt: skip
     abouts = [{"setting": one, "n_cells": 1, "at": {} if one is None else {"a.delay_ms": one}} for one in settings]
-    return {"rows": rows, "settings": abouts}
+    return {"rows": rows, "settings": abouts, "trials": ["one"] * n_people}
 
 
 FAR: Ratios = {"hold": (1.0, 2.0, 1.8), "one": (0.5, 1.0, 1.0), "two": (0.8, 1.6, 1.3)}
@@ -74,10 +74,10 @@ def test_of_few_people_nothing_is_told_apart(n_people: int) -> None:
     assert "Each is" not in found
 
 
-def test_of_one_person_nothing_is_claimed_about_others() -> None:
+def test_of_one_recording_nothing_is_claimed_about_others() -> None:
     alone = {name: (ratio, best, None) for name, (ratio, best, _) in FAR.items()}
     found = answer(report({None: alone}, n_people=1))
-    assert found.endswith("nothing can be claimed about other people.")
+    assert found.endswith("This holds for this recording alone: nothing can be claimed about others.")
     assert "told apart" not in found
 
 

@@ -71,7 +71,7 @@ def test_what_curves_say_is_said_once() -> None:
 
 def test_the_figure_says_how_many_people_and_what_few_of_them_mean() -> None:
     for n_people, words in (
-        (1, "No bands: intervals are over people, and this is a single one."),
+        (1, "No bands: intervals are over people or devices, and this is a single one."),
         (4, "Bands: 95 % bootstrap intervals over 4 people. So few cover less than 95 %: at most 88 %."),
         (6, "Bands: 95 % bootstrap intervals over 6 people."),
     ):

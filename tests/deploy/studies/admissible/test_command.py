@@ -2,12 +2,16 @@
 
 import csv
 import json
+import re
+import shlex
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.deploy.commands import call_in_one_line
+from tis.deploy.studies.admissible.evaluation import Evaluation, Judged
 
 SMALL = """version: 1
 name: small
@@ -123,6 +127,27 @@ def test_a_figure_of_the_summary_is_a_limit_as_well(without_figure: None) -> Non
     assert "links.forward.loss_pct" in err
 
 
+def test_each_round_and_an_interrupt_tell_the_bracket_of_the_border(monkeypatch: pytest.MonkeyPatch) -> None:
+    judge, n_rounds = Evaluation.judge, 0
+
+    def interrupted(self: Evaluation, *about: Any) -> list[Judged]:
+        nonlocal n_rounds
+        n_rounds += 1
+        if n_rounds == 4:
+            raise KeyboardInterrupt
+        return judge(self, *about)
+
+    monkeypatch.setattr(Evaluation, "judge", interrupted)
+    words = ("--limit", "age_mean_ms=45", "--over", f"{DELAY}=0..100", "--estimators", "hold", "--profiles", "none")
+    code, _, err = tis(*QUICK, *words)
+    assert code == 130
+    assert f"2 networks decided: hold admissible up to {DELAY} = 0, no longer at 100" in err
+    assert f"3 networks decided: hold admissible up to {DELAY} = 0, no longer at 50" in err
+    *_, last, _ = re.findall(r"(\d+ networks decided|interrupted): ", err)
+    assert err.count("4 networks decided") == 2
+    assert last == "4 networks decided"
+
+
 def test_whole_numbers_and_a_bound_inside_the_range(without_figure: None) -> None:
     words = [*QUICK, "--limit", "age_mean_ms=70", "--set", f"{DELAY}=20", "--estimators", "hold", "--checks", "0"]
     words += ["--profiles", "none", "--points", "10"]
@@ -149,7 +174,8 @@ def test_recorded_people_are_the_persons(written_people: Path, without_figure: N
 
 
 def test_a_table_alone_is_refused_and_told_of_tables_with_its_columns() -> None:
-    rows = "\n".join(f"{k / 30:.4f},{k % 7},0,{k % 5}" for k in range(400))
+    drawn = np.random.default_rng(1).normal(size=(400, 3)).cumsum(axis=0) / 1000
+    rows = "\n".join(f"{k / 30:.4f},{x},{y},{z}" for k, (x, y, z) in enumerate(drawn))
     for name in ("ann_1.csv", "bob_1.csv"):
         Path(name).write_text(f"t,x,y,z\n{rows}\n")
     Path("rover.csv").write_text("stamp,volt\n1,2\n2,3\n")
@@ -158,7 +184,12 @@ def test_a_table_alone_is_refused_and_told_of_tables_with_its_columns() -> None:
     code, _, err = tis(*words, "--limit", "age_mean_ms=60", "--over", f"{DELAY}=0..90", "--profiles", "none")
     assert code == 2
     assert "tis admissible: source: must be of at least two people" in err
-    assert "--trials takes those of others, too: bob_1.csv (got 'ann')" in err
+    assert "--trials takes those of others, too: bob_1.csv; " in err
+    [offered] = re.findall(r"errors of ann alone, network by network: tis (compare .*)", err)
+    assert f"--sweep {DELAY}=0,22.5,45,67.5,90 " in offered
+    code, out, err = call_in_one_line(*shlex.split(offered), "--jobs", "1", "--out", "compared")
+    assert code == 0, err
+    assert "nothing can be claimed about others" in out
 
 
 @pytest.fixture

@@ -184,7 +184,7 @@ def test_nothing_chosen_and_one_person_are_said(page: "Page") -> None:
     assert page.locator("#words").inner_text() == "Nothing is chosen that has a scored tick."
     page.locator("[data-chip=people]").nth(2).click()
     page.evaluate(_DRAWN)
-    assert "of one person. No bands: intervals are over people." in page.locator("#words").inner_text()
+    assert "of one person or device. No bands: intervals are over several." in page.locator("#words").inner_text()
 
 
 def test_the_page_holds_all_that_it_needs_and_no_markup_of_others(plan: Plan, outcome: Outcome) -> None:
