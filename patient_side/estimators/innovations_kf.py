@@ -68,9 +68,7 @@ _CHECK_EVERY = 4
 """Samples between two checks whether a broken row counts as unbroken again."""
 
 _JUMP = 500.0
-"""Squared innovation over its expectation, and over the hand's activity, from which on it may be a jump ..."""
-_FARTHEST = 100.0
-"""... and over the square of a usual move of the hand in one sample, as rows without noise hardly ever surprise."""
+"""Squared innovation over its expectation, and over the hand's activity, that is no movement but a jump."""
 
 _NEGLIGIBLE = 0.05
 """Share of the innovations' variance below which the filter ignores a command's error; the estimate includes it."""
@@ -120,7 +118,6 @@ class InnovationsKf:
     _negligible_error: bool = field(init=False, repr=False)
     _gain: Array | None = field(init=False, repr=False)
     _usual: int = field(init=False, repr=False)
-    _move_m2: float = field(init=False, repr=False)
     _shown: tuple[slice, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -152,8 +149,6 @@ class InnovationsKf:
         object.__setattr__(self, "_usual", filter_.usual)
         object.__setattr__(self, "_shown", tuple(map(filter_.shown, (ARM, COMMAND, BOTH))))
         object.__setattr__(self, "_negligible_error", bool(small))
-        # After one sample nothing is known of the movement: the second is as far off as a usual move.
-        object.__setattr__(self, "_move_m2", unbroken.variances[unbroken.stage(2)])
         if self.window < 0:
             object.__setattr__(self, "window", replay_window(filter_, unbroken))
 
@@ -354,16 +349,17 @@ class InnovationsKf:
             activity = self._activity.initial() if before is None else before.activity
             uncertainty = None if error is None and what == self._usual else Uncertainty(covariance)
             return Checkpoint(index, mean, uncertainty, 1, ignored, activity)
-        last, mean, start, length, _, activity, phasor, _ = before
+        last, mean, start, length, _, activity, phasor = before
         gap = index - last
         # Unbroken row: the gain is precomputed. The row breaks with a gap or an uncertain sample.
         if start is None:
             if gap == 1 and error is None and what == self._usual:
                 stage = unbroken.stage(length + 1)
+                mean = filter_.onward[1].dot(mean)
                 gain = unbroken.gains[stage], unbroken.variances[stage]
-                mean, activity, doubt = self._corrected(before, 1, *gain, sample, what)
+                activity = self._corrected(mean, *gain, sample, what, activity)
                 phasor = self._phasor(phasor, 1, mean, activity[0])
-                return Checkpoint(index, mean, None, length + 1, ignored, activity, phasor, doubt)
+                return Checkpoint(index, mean, None, length + 1, ignored, activity, phasor)
             stage = unbroken.stage(length)
             start = self._tree.root(stage, unbroken.covariances[stage])
         # Uncertain sample: the full update, as the cache below holds those of certain samples only.
@@ -374,41 +370,30 @@ class InnovationsKf:
             return Checkpoint(index, updated.mean, Uncertainty(updated.covariance), 0, ignored, activity, phasor)
         # Certain sample in a broken row: the covariance is cached by its gaps.
         left = self._tree.take(start, gap, what)
-        mean, activity, doubt = self._corrected(before, gap, left.weights, left.variance, sample, what)
+        mean = filter_.onward[gap].dot(mean)
+        activity = self._corrected(mean, left.weights, left.variance, sample, what, activity)
         # The last increments are evidence of the clock's phase where their samples have all arrived.
         phasor = self._phasor(phasor, gap, mean if gap == 1 and length >= N_INCREMENTS else None, activity[0])
         if gap > 1 or what != self._usual:
-            return Checkpoint(index, mean, left, 0, ignored, activity, phasor, doubt)
+            return Checkpoint(index, mean, left, 0, ignored, activity, phasor)
         # The row counts as unbroken again once its covariance matches that of an unbroken one.
         length += 1
         if length % _CHECK_EVERY == 0:
             matching = unbroken.length_like(left.covariance)
             if matching:
-                return Checkpoint(index, mean, None, matching, ignored, activity, phasor, doubt)
-        return Checkpoint(index, mean, left, length, ignored, activity, phasor, doubt)
+                return Checkpoint(index, mean, None, matching, ignored, activity, phasor)
+        return Checkpoint(index, mean, left, length, ignored, activity, phasor)
 
     def _corrected(
-        self, before: Checkpoint, gap: int, gain: Array, variance: float, sample: Array, what: int
-    ) -> tuple[Array, Activity, Array | None]:
-        """Return mean and activity after a certain sample, and where it was taken for a jump the mean if it was none.
-
-        What moves on as before from a new place has jumped. Where the sample after a jump is a surprise as well, both
-        were movement: taken for jumps, a hand that is livelier than its model would never correct the velocity.
-        """
-        step, shown = self._filter.onward[gap], self._shown[what]
-        mean = step.dot(before.mean)
+        self, mean: Array, gain: Array, variance: float, sample: Array, what: int, activity: Activity
+    ) -> Activity:
+        """Correct a predicted mean by a certain sample, or let it follow a jump, in place; return the activity."""
+        shown = self._shown[what]
         innovation = correct(mean, gain, sample, shown)
         surprise = square_of(innovation) / variance
-        limit = max(_JUMP * variance, _FARTHEST * self._move_m2) * max(before.activity[0], 1.0)
-        doubt = None
-        if surprise * variance > limit:
-            if before.as_movement is None:
-                doubt = mean.copy()
-                follow_jump(mean, gain, innovation, shown)
-            else:
-                mean = step.dot(before.as_movement)
-                surprise = square_of(correct(mean, gain, sample, shown)) / variance
-        return mean, self._activity.after(before.activity, surprise), doubt
+        if surprise > _JUMP * max(activity[0], 1.0):
+            follow_jump(mean, gain, innovation, shown)
+        return self._activity.after(activity, surprise)
 
     def _phasor(self, before: Phasor, gap: int, mean: Array | None, activity: float) -> Phasor:
         """Return the phasor of the clock behind the rows ``gap`` rows later, with evidence from a mean if any."""
@@ -428,9 +413,6 @@ def _moved(before: Checkpoint, position_m: Array | None) -> Checkpoint:
     """Return a checkpoint whose arm is at the position, as a grid through another stamp sees it."""
     if position_m is None:
         return before
-    moved = [None if mean is None else mean.copy() for mean in (before.mean, before.as_movement)]
-    for mean in moved:
-        if mean is not None:
-            mean[-(position_m.size // mean.shape[1]) :] = position_m.reshape(-1, mean.shape[1])
-    assert moved[0] is not None
-    return before._replace(mean=moved[0], as_movement=moved[1])
+    mean = before.mean.copy()
+    mean[-(position_m.size // mean.shape[1]) :] = position_m.reshape(-1, mean.shape[1])
+    return before._replace(mean=mean)

@@ -87,8 +87,7 @@ class Checkpoint(NamedTuple):
     Without an uncertainty the samples so far count as an unbroken row of ``length``; with one, ``length`` counts the
     samples of the arm since the row was broken. ``error`` (3, 3) is the covariance of a sample that entered the
     filter as if it were certain, ``activity`` the one after the innovations up to here, ``phasor`` that of the clock
-    behind the rows. ``as_movement`` (M, 3/d) is the mean where the last sample was taken for a jump and may have been
-    none: the mean if it was movement.
+    behind the rows.
     """
 
     source_index: int
@@ -98,7 +97,6 @@ class Checkpoint(NamedTuple):
     error: Array | None
     activity: Activity
     phasor: Phasor = NO_PHASE
-    as_movement: Array | None = None
 
 
 Ring = tuple[Checkpoint, ...]
