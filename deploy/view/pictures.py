@@ -27,7 +27,7 @@ MAX_WAITING: Final = 32
 _MODULE: Final = ("-m", "tis.deploy.view.picture_process")
 _WAIT_S: Final = 1.0
 _GRACE_S: Final = 3.0
-_NO_CONTENT, _BAD, _NOT_FOUND, _BUSY = 204, 400, 404, 503
+_NO_CONTENT, _BAD, _BUSY = 204, 400, 503
 
 
 class PictureDoor:
@@ -139,7 +139,7 @@ class PictureDoor:
 
 
 class _PictureHandler(AuthRequestHandler):
-    """Answers a page with the newest picture, or that there is none yet (204), or never will be (404)."""
+    """Answers a page with the newest picture, or that there is none yet (204), or never will be (204, said so)."""
 
     def initialize(self, door: PictureDoor) -> None:
         self._door = door
@@ -153,8 +153,8 @@ class _PictureHandler(AuthRequestHandler):
             raise HTTPError(_BUSY)
         found = await self._door.after(number)
         if found is None:
-            self.set_status(_NOT_FOUND if self._door.is_blind else _NO_CONTENT)
-            if self._door.needs:
+            self.set_status(_NO_CONTENT)
+            if self._door.is_blind:
                 self.set_header(SAYS, json.dumps({"needs": self._door.needs}))
             return
         said, data = found

@@ -29,16 +29,17 @@
     while (!over) {
       try {
         const answer = await fetch(`picture?after=${said?.number ?? 0}`);
-        if (answer.status === 404) return tellNone(answer.headers.get("Tis-Picture"));
+        const never = answer.status === 204 && answer.headers.get("Tis-Picture");
+        if (never) return tellNone(JSON.parse(never).needs);
         if (answer.status === 200) await draw(answer);
         else if (!answer.ok) await pause(AGAIN_MS);
       } catch { await pause(AGAIN_MS); }  // the server is gone, as the page says
     }
   };
-  const tellNone = (why) => {
+  const tellNone = (needs) => {
     over = true;
-    if (why) at("sight").hidden = false;
-    at("seen_state").textContent = why ? `No picture here: the package ${JSON.parse(why).needs} is not installed.` : "";
+    if (needs) at("sight").hidden = false;
+    at("seen_state").textContent = needs ? `No picture here: the package ${needs} is not installed.` : "";
   };
 
   const age = (ms) => (ms < 1000 ? `${Math.round(ms)} ms` : `${(ms / 1000).toFixed(1)} s`);

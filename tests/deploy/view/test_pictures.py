@@ -75,7 +75,7 @@ def test_a_page_gets_the_newest_picture_and_its_age_and_nothing_is_decoded_for_n
 def test_a_run_without_a_picture_says_so_at_once() -> None:
     async def ask(get: _Get, door: PictureDoor) -> None:
         answer = await get("?token=secret&after=0")
-        assert (answer.code, json.loads(answer.headers[SAYS])) == (404, {"needs": "av"})
+        assert (answer.code, json.loads(answer.headers[SAYS])) == (204, {"needs": "av"})
         assert door.is_blind
 
     _served(_HAS_NONE, ask)
