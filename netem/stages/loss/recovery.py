@@ -67,7 +67,7 @@ class _Segment(Struct, eq=False):
     terms: Terms
     sent_ns: int = 0
     n_sent: int = 0
-    n_after: int = 0
+    is_overtaken: bool = False
     is_marked: bool = False
     is_acked: bool = False
 
@@ -93,6 +93,7 @@ class Connection:
         self._acks: list[tuple[int, int, int, _Segment]] = []  # (arrival, number, sent_ns, segment)
         self._pipe = 0  # packets under way, as the sender knows
         self._n_out = 0  # packets of `_unacked`
+        self._n_sacked = 0  # those of them that have arrived behind a gap
         self._backoff = 0
         self._advanced_ns = 0
         self._last_ns = 0
@@ -190,7 +191,7 @@ class Connection:
                 leaves_ns = None
         segment.n_sent += 1
         segment.sent_ns = self._last_ns = at_ns
-        segment.n_after, segment.is_marked = 0, False
+        segment.is_overtaken = segment.is_marked = False
         self._pipe += segment.n_packets
         self._window.left(segment.n_packets)
         if leaves_ns is None:
@@ -228,9 +229,12 @@ class Connection:
         assert window is not None, "something was sent"
         segment.is_acked = True
         self._pipe -= segment.n_packets
+        self._n_sacked += segment.n_packets
         moved = self._unacked[0] is segment
         while self._unacked and self._unacked[0].is_acked:
-            self._n_out -= self._unacked.popleft().n_packets
+            n_packets = self._unacked.popleft().n_packets
+            self._n_out -= n_packets
+            self._n_sacked -= n_packets
         first = self._unacked[0].number if self._unacked else self._n + 1
         if moved:
             self._advanced_ns, self._backoff = at_ns, 0
@@ -243,7 +247,7 @@ class Connection:
             window.end()
         for missing in self._missing.values():
             if (missing.sent_ns, missing.number) < (sent_ns, number):
-                missing.n_after += 1
+                missing.is_overtaken = True
         self._found_lost(at_ns, self._detect(at_ns), segment.n_packets, moved)
 
     def _found_lost(self, at_ns: int, found: bool, n: int = 1, moved: bool = False) -> None:
@@ -261,10 +265,10 @@ class Connection:
         self._reordering_ns = None
         if not self._missing:
             return False
-        patient = not (self._recovers_upto or self._head().n_after >= _N_DUPLICATES)
+        patient = not (self._recovers_upto or self._n_sacked >= _N_DUPLICATES)
         found = False
         for segment in self._missing.values():
-            if not segment.n_after or segment.is_marked:
+            if not segment.is_overtaken or segment.is_marked:
                 continue
             reordering_ns = segment.terms.rtt_ns // _REORDERING_SHARE if patient else 0
             due_ns = segment.sent_ns + segment.terms.rtt_ns + reordering_ns

@@ -172,8 +172,9 @@ def ticked_ms(gap_ms: int, lost: np.ndarray, n_ticks: int) -> list[int]:
             n_sacked = sum(one.acked for one in sent[first:])
             slack = 0 if in_recovery or n_sacked >= 3 else RTT // 4
             for k, one in enumerate(sent):
-                if not one.acked and one.sent_ms + slack <= at and one.sent_ms < at:
-                    recovers_upto = max(recovers_upto, len(sent) - 1)
+                if not one.acked and one.sent_ms + slack <= at and (one.sent_ms, k) < (at, i):
+                    if not in_recovery:  # RFC 6675: the recovery point stays until it is acknowledged
+                        recovers_upto = len(sent) - 1
                     send(k, now)
         first = next((k for k, one in enumerate(sent) if not one.acked), len(sent))
         sacked = any(one.acked for one in sent[first:])
@@ -200,5 +201,7 @@ def test_a_sender_that_scans_its_scoreboard_each_millisecond_agrees(gap_ms: int)
     late = np.array(ours) - np.arange(n) * gap_ms - 10
     other = np.array(theirs) - np.arange(n) * gap_ms - 10
     assert late.max() > 0
-    assert np.mean(np.abs(late - other) > 1) < 0.02
+    if gap_ms < RTT:
+        assert ours == theirs
+    assert np.mean(np.abs(late - other) > 1) < 0.01  # at 100 ms a tail may be probed, which the other sender does not
     assert np.quantile(late, [0.5, 0.9, 0.99]) == pytest.approx(np.quantile(other, [0.5, 0.9, 0.99]), abs=1.5)
