@@ -24,7 +24,7 @@ from tis.deploy.logs.read.load import load_run
 from tis.surgeon_side.screen import build_screen
 
 
-class _Logged(NamedTuple):
+class Logged(NamedTuple):
     """What a log holds of a screen: its fragments as they arrived, and what it made of the frames."""
 
     fragments: list[tuple[int, Header, Fragment]]
@@ -41,8 +41,8 @@ def replay_screen(run_dir: Path, scenario: Scenario) -> tuple[int, int, int]:
     sent = {row["frame"]: (row["captured_ns"], b64decode(row["data"])) for row in pictures}
     n_compared = n_different = n_absent = 0
     for path in (*log_files(run_dir).get("surgeon", ()), *companion_logs(run_dir, "surgeon")):
-        logged = _read(path, scenario)
-        found = {note.frame: _timeless(note) for note in _replayed(logged, scenario, sent)}
+        logged = read_logged(path, scenario)
+        found = {note.frame: _timeless(note) for note in replayed_notes(logged, scenario, sent)}
         known = {note.frame: _timeless(note) for note in logged.notes}
         both = found.keys() & known.keys()
         n_compared += len(both)
@@ -55,8 +55,9 @@ def _timeless(note: ScreenNote) -> ScreenNote:
     return note if note.shown_ns is None else replace(note, shown_ns=0)
 
 
-def _read(path: Path, scenario: Scenario) -> _Logged:
-    file, found, key = LogFile(path), _Logged([], [], 0), VIDEO.key(scenario.session)
+def read_logged(path: Path, scenario: Scenario) -> Logged:
+    """Return what a log holds of a screen."""
+    file, found, key = LogFile(path), Logged([], [], 0), VIDEO.key(scenario.session)
     try:
         for block in file.blocks():
             columns = (block.channel, block.seq, block.publish_ns, block.log_ns)
@@ -72,7 +73,7 @@ def _read(path: Path, scenario: Scenario) -> _Logged:
     return found._replace(joined_ns=0 if clock is None else clock.joined_ns or 0)
 
 
-def _replayed(logged: _Logged, scenario: Scenario, sent: dict[int, tuple[int, bytes]]) -> Iterator[ScreenNote]:
+def replayed_notes(logged: Logged, scenario: Scenario, sent: dict[int, tuple[int, bytes]]) -> Iterator[ScreenNote]:
     """Yield what a screen makes of the fragments; one that the camera did not send stays away."""
     assert scenario.sight is not None
     size, node, key = scenario.sight.fragment_bytes, build_screen(scenario), VIDEO.key(scenario.session)
@@ -91,6 +92,8 @@ def _replayed(logged: _Logged, scenario: Scenario, sent: dict[int, tuple[int, by
         parts = payloads(said.frame)
         if said.index < len(parts) and parts[said.index][1] == said:
             yield from notes([*node.receive(Arrival("west", key, parts[said.index][0], header.pack(), recv_ns))])
-    while (due_ns := node.next_wake_ns()) is not None and due_ns < scenario.end_ns:
+    # The last refresh of a run that Ctrl-C ended is known by what it showed: one that was due may not have come.
+    last_ns = max((note.shown_ns for note in logged.notes if note.shown_ns is not None), default=0)
+    while (due_ns := node.next_wake_ns()) is not None and due_ns <= last_ns:
         yield from notes([*node.wake(due_ns)])
     yield from notes([*node.finish(scenario.end_ns)])

@@ -125,9 +125,6 @@ def find_border(
     max_points : int
         Budget; without enough of it the regions stay smaller, and ``n_open`` counts the rays it was missing for.
     """
-    if n_axes == 1:
-        # Half of the tolerance is for a border that bends between rays, of which an axis has one.
-        tolerance *= 2
     corners = list(product((0.0, 1.0), repeat=n_axes))
     known = dict(zip(corners, map(_outside_if_unknown, evaluate(corners)), strict=True))
     start = _best_corner(known)

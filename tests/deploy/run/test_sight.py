@@ -1,10 +1,12 @@
 """Sight as a whole, in virtual time: hand to eye to the nanosecond, bit-equal, books that balance."""
 
+from base64 import b64decode
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from tis.common.errors import InputError
 from tis.common.records import COUNTERS
@@ -15,7 +17,7 @@ from tis.common.sight_records import CAMERA, PICTURES, SCREEN
 from tis.deploy.logs.read.load import RunLogs, load_run
 from tis.deploy.report.summarise import build_summary
 from tis.deploy.run.replay import replay
-from tis.deploy.run.replay_sight import replay_screen
+from tis.deploy.run.replay_sight import read_logged, replay_screen, replayed_notes
 from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, refuse_in_virtual_time, run_twin
 from tis.deploy.shell import run_dir as folder
@@ -139,6 +141,20 @@ def test_what_the_network_does_to_fragments_is_counted_and_no_torn_frame_passes(
         if row["state"] == "complete":
             assert row["top_frame"] == row["bottom_frame"] == row["frame"]
             assert row["missing"] == ""
+
+
+def test_a_refresh_that_ctrl_c_prevented_is_not_replayed(tmp_path: Path) -> None:
+    """The last frame of a live run was decoded, and its refresh due, when the loop ended without it."""
+    scenario = _scenario("sight.codec=jpeg", duration_s=1)
+    _twin(tmp_path / "one", scenario)
+    pictures = load_run(tmp_path / "one", {PICTURES}).of("patient", PICTURES)
+    sent = {row["frame"]: (row["captured_ns"], b64decode(row["data"])) for row in pictures}
+    logged = read_logged(tmp_path / "one" / "surgeon.mcap", scenario)
+    *others, last = logged.notes
+    for known in (last, replace(last, shown_ns=None)):
+        *_, found = replayed_notes(logged._replace(notes=[*others, known]), scenario, sent)
+        assert found == known
+    assert last.shown_ns is not None
 
 
 def test_sight_that_cannot_be_is_refused() -> None:
