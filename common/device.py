@@ -16,7 +16,7 @@ from typing import Annotated, Final, NamedTuple
 
 from msgspec import DecodeError, Meta
 
-from tis.common.device_records import Refusal
+from tis.common.device_records import Refusal, TargetRun
 from tis.common.messages import MAX_SIZE, Instant, Message, Quaternion, Vector3, decode
 from tis.common.units import NS_PER_S
 
@@ -62,6 +62,9 @@ class DevicePose(Message, frozen=True, kw_only=True):
     force_n: Annotated[
         ToolForce | None,
         Meta(description="Of an arm: force on its tool at this pose, CRTK's measured_cf, in N; null: not measured."),
+    ] = None
+    target_run: Annotated[
+        TargetRun | None, Meta(description="Of the live page: a run at its targets that has just ended, for the log.")
     ] = None
 
 
@@ -125,6 +128,7 @@ class DeviceSample(NamedTuple):
     gripper_rad: float
     clutch: bool
     force_n: tuple[float, float, float] | None = None
+    target_run: TargetRun | None = None
 
 
 class Refused(Exception):  # noqa: N818  (it never leaves this module)
@@ -195,7 +199,9 @@ def from_json(payload: bytes) -> DeviceSample:
     p, q, f = pose.position_m, pose.orientation, pose.force_n
     turn = _unit((q.x, q.y, q.z, q.w))
     force_n = None if f is None else (f.x, f.y, f.z)
-    return DeviceSample(0, pose.stamp_ns, (p.x, p.y, p.z), turn, pose.gripper_rad, pose.clutch, force_n)
+    return DeviceSample(
+        0, pose.stamp_ns, (p.x, p.y, p.z), turn, pose.gripper_rad, pose.clutch, force_n, pose.target_run
+    )
 
 
 def from_ros2(payload: bytes) -> DeviceSample:

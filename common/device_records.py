@@ -34,3 +34,23 @@ class DeviceNote(Message, frozen=True):
 
 
 DEVICES: Final = Topic("/tis/devices", DeviceNote, stamps=("at_ns",))
+
+
+class TargetRun(Message, frozen=True, kw_only=True):
+    """How the arm was brought to the targets of the live page, from the first to the last."""
+
+    delay_ms: Annotated[float, Meta(ge=0, le=1e6, description="Delay there and back that it was played with, in ms.")]
+    with_ghost: Annotated[bool, Meta(description="true: the ghost was shown beside the late picture.")]
+    time_s: Annotated[float, Meta(ge=0, le=1e6, description="Time from the first target to the last, in s.")]
+    path_mm: Annotated[float, Meta(ge=0, le=1e9, description="Path of the arm in that time, in mm.")]
+    n_misses: Annotated[int, Meta(ge=0, le=10**6, description="How often the arm left a target too soon.")]
+
+
+class TargetRunNote(TargetRun, frozen=True, kw_only=True):
+    """A run at the targets of the live page that was played to the end, as the device's program tells it."""
+
+    at_ns: Annotated[int, Meta(description="Run time at which the surgeon's side heard of it, in ns.")]
+    hand: Annotated[Hand, Meta(description="Hand that played.")]
+
+
+TARGET_RUNS: Final = Topic("/tis/target_runs", TargetRunNote, stamps=("at_ns",))

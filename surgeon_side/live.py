@@ -10,9 +10,11 @@ from dataclasses import dataclass, field
 from math import cos, dist, radians, sin, sqrt
 from typing import Final, get_args
 
+from msgspec.structs import asdict
+
 from tis.common.channels import FOLLOWER, Hand, HandChannels, hand_channels
 from tis.common.device import DeviceGate, DeviceSample, from_json, from_ros2
-from tis.common.device_records import DEVICES, DeviceEvent, DeviceNote, Refusal
+from tis.common.device_records import DEVICES, TARGET_RUNS, DeviceEvent, DeviceNote, Refusal, TargetRunNote
 from tis.common.node import Arrival, Record
 from tis.common.scenario.live_source import LiveSource
 from tis.common.units import MM_PER_M, NS_PER_S, ms_to_ns
@@ -23,6 +25,7 @@ from tis.surgeon_side.motion import HandPoses, Placed
 Turn = tuple[float, float, float, float]
 
 _UNTURNED: Final[Turn] = (0.0, 0.0, 0.0, 1.0)
+_MAX_TARGET_RUNS: Final = 1000
 _MAX_M: Final = 1e6
 """Distance beyond which no hand moves: far beyond any room, and far below what a message can hold (`MAX_SIZE`)."""
 
@@ -140,6 +143,7 @@ class _Device:
     is_silent: bool = False
     n_silences: int = 0
     n_silent_ticks: int = 0
+    n_target_runs: int = 0
 
 
 class LiveMotion:
@@ -202,6 +206,7 @@ class LiveMotion:
 
     def _follow(self, device: _Device, t_ns: int) -> Iterator[Record]:
         samples = device.gate.drain()
+        yield from _target_runs(device, samples)
         had_begun, n_jumps = device.mapping.has_begun, device.mapping.n_jumps
         if samples:
             device.mapping.move(samples, t_ns, self._period_ns)
@@ -222,6 +227,14 @@ class LiveMotion:
             if reason in reasons and (device.hand, reason) not in self._told:
                 self._told.add((device.hand, reason))
                 yield _note(device, t_ns, "refused", 0, reason)
+
+
+def _target_runs(device: _Device, samples: Sequence[DeviceSample]) -> Iterator[Record]:
+    for sample in samples:
+        if sample.target_run is not None and device.n_target_runs < _MAX_TARGET_RUNS:
+            device.n_target_runs += 1
+            told = asdict(sample.target_run)
+            yield Record(TARGET_RUNS, sample.recv_ns, TargetRunNote(at_ns=sample.recv_ns, hand=device.hand, **told))
 
 
 def _note(device: _Device, t_ns: int, event: DeviceEvent, for_ns: int, reason: str = "") -> Record:

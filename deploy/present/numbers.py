@@ -15,15 +15,20 @@ _DIVERGED: Final = 1e4
 
 
 def number(value: float | None, unit: str = "") -> str:
-    """Return a number with three or four significant digits, a dash for none."""
+    """Return a number with three or four significant digits, a dash for none; nothing but 0 is 0."""
     if value is None:
         return NONE
-    if isinstance(value, int):
-        return f"{value}{unit}"
+    if isinstance(value, int) or value == 0.0:
+        return f"{value or 0}{unit}"
     digits = 0 if abs(value) >= 1000 else 1 if abs(value) >= 100 else 2 if abs(value) >= 1 else 3
     if 99.9 <= value < 100 and not unit:
         digits, value = 3, math.floor(1000 * value) / 1000  # only a full 100 is shown as 100
     return f"{value:.{digits}f}{unit}"
+
+
+def counted(n: int | None, noun: str) -> str:
+    """Return a number with its noun, in the plural unless it is one: ``1 run``, ``0 runs``."""
+    return f"{number(n)} {noun}{'s' * (n != 1)}"
 
 
 def with_margin(value: float | None, margin: float | None) -> str:

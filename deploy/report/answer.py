@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from html import escape
+from typing import Final
 
 from tis.common.scenario import Scenario
 from tis.deploy.present.numbers import number, percent
@@ -98,6 +99,12 @@ def _share(loss_pct: float | None) -> str:
     return f"{number(loss_pct)} %" if loss_pct else "none"
 
 
+_POOLED: Final = (
+    " The figures of the whole run pool these networks, and the time at rest; "
+    '<a href="#stretches">each network of the run</a> has its own.'
+)
+
+
 def answer_section(run: RunView, warnings: Sequence[str]) -> Section:
     """Return the answer: words and figures, validity with problems and warnings, and the verdicts in short.
 
@@ -109,7 +116,7 @@ def answer_section(run: RunView, warnings: Sequence[str]) -> Section:
     observer = " Here, in topology observer, commands cross unimpaired, so it is mostly theirs."
     definition = f"{END_TO_END}.{observer if run.scenario.topology == 'observer' else ''}"
     markup = (
-        (f"<p>{escape(nonbreaking_units(disturbed))}</p>" if disturbed else "")
+        (f"<p>{escape(nonbreaking_units(disturbed))}{_POOLED * bool(summary.stretches)}</p>" if disturbed else "")
         + f'<p class="answer">{escape(nonbreaking_units(answer(summary, run.scenario)))}</p>'
         + tiles(summary, run.scenario)
         + '<div class="sidebyside"><div>'

@@ -31,6 +31,7 @@ from tis.deploy.report.subjects import (
     seen_strip,
     sight,
     sight_tables,
+    stretches,
     ticks,
     touch_tables,
 )
@@ -75,6 +76,7 @@ def tables(summary: Summary) -> list[Table]:
         *display.display_tables(summary.display),
         *touch_tables.touch_tables(summary.touch),
         *sight_tables.sight_tables(summary.sight, summary.uncertainty_ms.get(sight.GLASS, {})),
+        *stretches.stretch_tables(summary.stretches),
         redundancy.redundancy_table(summary.redundancy),
         link_tables.packet_table(summary.links),
         link_tables.delay_table(summary.links),
@@ -108,6 +110,7 @@ def sections(run: RunView) -> list[Section]:
     strip = seen_strip.strip_markup(run.measured.logs.run_dir, run.scenario, run.measured.pictures)
     found = [
         answer_section(run, run_warnings(summary)),
+        Section("stretches", "Each network of the run", markup=_stretches(run), mark=run.mark),
         Section("touch", "Touch", drawn["touch"], _touch_figures(summary), _touch(summary), run.mark),
         Section("sight", "Sight", drawn["sight"], seen_tables, seen_text + strip, run.mark),
         Section("error", "Error", drawn["error"], mark=run.mark),
@@ -140,7 +143,7 @@ def sections(run: RunView) -> list[Section]:
         Section("repeat", "Repeat this run", markup=_repeat(run)),
     ]
     # most runs have nothing to say there; the sections of others say that it lacks
-    spare = ("touch", "sight", "safety", "clocks", "audit")
+    spare = ("stretches", "touch", "sight", "safety", "clocks", "audit")
     return [one for one in found if one.anchor not in spare or one.before or one.markup or any(one.figures)]
 
 
@@ -149,6 +152,13 @@ def _requirements(summary: Summary) -> str:
     lead = note("p99: 99 of 100 are at or below it. Forward: to the patient; feedback: back.")
     found = requirement_tables.verdict_tables(summary.verdicts, summary.ticks.rate_hz)
     return folded("Each verdict, and why", lead + found) if found else ""
+
+
+def _stretches(run: RunView) -> str:
+    """Return the arm in each network of the run, and the runs at targets."""
+    tables = stretches.stretch_tables(run.summary.stretches)
+    each = zip(run.summary.stretches, tables, strict=True)
+    return "".join(part(hand, _filled(table)) for hand, table in each) + _filled(stretches.target_table(run.logs))
 
 
 def _touch(summary: Summary) -> str:

@@ -28,6 +28,7 @@ from tis.deploy.report.subjects import (
     safety,
     seen_pictures,
     sight,
+    stretches,
     touch,
     tracking,
 )
@@ -108,6 +109,7 @@ def _measured(run: MeasuredRun, mode: str, exit_code: int | None, command: str) 
         safety=safety.safety_summary(logs, scenario, run.tracks, run.models),
         display=display.display_summary(logs, run.tracks),
         **touch.touch_summary(logs, scenario, run.arms),
+        **stretches.stretches(logs, scenario, run.requests, run.tracks, run.arms),
         **seen,
         ticks=tick_figures(logs, "patient", scenario),
         surgeon_ticks=tick_figures(logs, "surgeon", scenario),

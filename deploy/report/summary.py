@@ -41,6 +41,7 @@ from tis.deploy.report.subjects.redundancy import KeyTraffic, Redundancy
 from tis.deploy.report.subjects.requirements import SetVerdict
 from tis.deploy.report.subjects.safety import SafetyFigures
 from tis.deploy.report.subjects.sight import SightFigures
+from tis.deploy.report.subjects.stretches import Stretch
 from tis.deploy.report.subjects.ticks import Ticks
 from tis.deploy.report.subjects.touch import TouchFigures
 from tis.deploy.report.subjects.tracking import AgeBins, TurnAgeBins
@@ -64,6 +65,10 @@ class Summary(Section):
     links: dict[DirectionName, Link] = means("The two directions of the network.")
     changes: list[str] = means(
         "Changes of the network made while it ran, in words, each with its direction and time.", default=[]
+    )
+    stretches: dict[HandName, list[Stretch]] = means(
+        "The arm in each stretch of constant network, of 0.5 s at least; absent where nobody changed the network.",
+        default={},
     )
     latency_ms: Latency = means("Latency of the samples that estimates used.")
     age_ms: Statistics = statistics("Age of the freshest sample at the ticks.")

@@ -55,12 +55,13 @@
     home: () => centre,
     say: () => say(),
     take: () => take(),
+    send: (more) => send(more),
   });
-  const send = () => {
+  const send = (more) => {
     if (!engaged || socket?.readyState !== WebSocket.OPEN) return;
     const release = !drag && performance.now() - touched > IDLE_MS;
     sent = performance.now();
-    socket.send(JSON.stringify({ moved_mm: moved, gripper_rad: gripper, clutch, release }));
+    socket.send(JSON.stringify({ moved_mm: moved, gripper_rad: gripper, clutch, release, ...more }));
     if (release) letGo();
   };
   const letGo = () => { engaged = false; drag = null; moved = [0, 0, 0]; local = null; for (const one of document.querySelectorAll(".dragged")) one.classList.remove("dragged"); };

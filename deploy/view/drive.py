@@ -6,9 +6,20 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import Annotated, Any, Final
 
+import msgspec
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, TypeAdapter, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    PlainValidator,
+    Tag,
+    TypeAdapter,
+    ValidationError,
+)
 
+from tis.common.device_records import TargetRun
 from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S
 from tis.deploy.logs.read.frame import Frame
 from tis.deploy.report.subjects.touch import Stability, stability
@@ -33,8 +44,18 @@ _MAX_GRIPPER_RAD: Final = 1.5
 Move = Annotated[float, Field(allow_inf_nan=False, ge=-MAX_MOVE_MM, le=MAX_MOVE_MM)]
 
 
+def _target_run(content: object) -> TargetRun:
+    try:
+        return msgspec.convert(content, TargetRun)
+    except msgspec.ValidationError as error:
+        raise ValueError(str(error)) from None
+
+
 class HandMove(BaseModel):
-    """The hand of a page that drives, ``moved_mm`` from where it was when the page took it, in the arm's axes."""
+    """The hand of a page that drives, ``moved_mm`` from where it was when the page took it, in the arm's axes.
+
+    ``target_run`` is the run at the page's targets that has just ended.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
@@ -42,6 +63,7 @@ class HandMove(BaseModel):
     gripper_rad: Annotated[float, Field(allow_inf_nan=False, ge=0.0, le=_MAX_GRIPPER_RAD)] = 0.0
     clutch: bool = False
     release: bool = False
+    target_run: Annotated[TargetRun, PlainValidator(_target_run)] | None = None
 
 
 def _kind(content: object) -> str:
@@ -180,6 +202,7 @@ class DriveHub:
             return OTHER_DRIVES
         seat, device = self.seat, self._door.device
         pose = device_pose(device, seat.hand_mm, seat.gripper_rad, move.clutch, time.monotonic_ns())
+        pose = msgspec.structs.replace(pose, target_run=move.target_run)
         return "" if self._door.publish(pose) else NOT_CONNECTED
 
     def leave(self, page: Hashable) -> None:

@@ -57,7 +57,8 @@
     if (isOver(task)) {
       rows = [...rows, rowOf(task)].slice(-MAX_ROWS);
       try { sessionStorage.setItem(KEY, JSON.stringify(rows)); } catch { /* as above */ }
-      const { time_s, path_mm, n_misses } = rows.at(-1);
+      const { delay_ms, ghost, time_s, path_mm, n_misses } = rows.at(-1);
+      if (window.live.take()) window.live.send({ target_run: { delay_ms, with_ghost: ghost, time_s, path_mm, n_misses } });
       show();
       leave(`Done with ${rows.at(-1).delay_ms} ms: ${time_s.toFixed(1)} s, ${path_mm.toFixed(0)} mm, ${n_misses} misses.`);
     } else if (before !== task.next || !at("touching").textContent.startsWith("Bring")) {

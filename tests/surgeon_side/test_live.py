@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tis.common.device import DeviceSample
-from tis.common.device_records import DEVICES, DeviceNote
+from tis.common.device_records import DEVICES, TARGET_RUNS, DeviceNote, TargetRunNote
 from tis.common.header import Header
 from tis.common.messages import Pose, decode
 from tis.common.node import Arrival, Emission, Record
@@ -237,6 +237,19 @@ def test_each_hand_has_its_device_and_its_arm() -> None:
     assert found["tis/MTML/measured_cp"] == 0.1
     assert found["tis/MTMR/measured_cp"] == pytest.approx(0.25)
     assert found["tis/PSM1/setpoint_cp"] == pytest.approx(0.025)
+
+
+def test_a_run_at_targets_is_logged_with_its_hand_and_a_flood_of_them_is_not() -> None:
+    node, found = a_node(), []
+    told: dict[str, Any] = {"delay_ms": 300, "with_ghost": False, "time_s": 9.5, "path_mm": 400.0, "n_misses": 2}
+    for k in range(12):
+        for ms in range(100 * k + 1, 100 * k + 100):
+            node.receive(pose(ms, 0.0, target_run=told))
+        outputs = node.wake((k + 1) * 100 * MS)
+        found += [one.data for one in outputs if isinstance(one, Record) and one.topic == TARGET_RUNS]
+    assert found[0] == TargetRunNote(at_ns=MS, hand="left", **told)
+    assert len(found) == 1000
+    assert node.counters()["device_poses.left"] == 12 * 99
 
 
 def test_answers_of_the_patient_are_no_device() -> None:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from tis.common.channels import Direction
 from tis.deploy.present import plot_style as style
-from tis.deploy.present.numbers import number
+from tis.deploy.present.numbers import counted, number
 from tis.deploy.present.palette import AXIS, BLUE, DIRECTIONS, INK, PALE, PAPER, RED, VERMILION, Tone
 from tis.deploy.present.thinning import distribution
 from tis.deploy.report.subjects.network.key_figures import Array, LinkColumns
@@ -167,7 +167,7 @@ def loss_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | None:
         colour = DIRECTIONS[direction].light
         bars = fig.quad("left", "right", _GROUND, "runs", source=source, fill_color=colour, line_color=None)
         style.hover(fig, bars, ("lost in a row", "@length"), ("runs", "@runs"))
-    counts_of = ", ".join(f"{d} {len(r)} runs, the longest of {r.max()}" for d, r in used.items())
+    counts_of = ", ".join(f"{d} {counted(len(r), 'run')}, the longest of {r.max()}" for d, r in used.items())
     return style.Figure(
         plots=(fig,),
         title="How losses are bunched",

@@ -6,7 +6,7 @@ from bokeh.models.ranges import Range1d
 from tis.common.records import CONTACTS, PLANT
 from tis.common.units import NS_PER_S
 from tis.deploy.present import plot_style as style
-from tis.deploy.present.numbers import number
+from tis.deploy.present.numbers import counted
 from tis.deploy.present.palette import BLUE, VERMILION
 from tis.deploy.present.thinning import evenly_and_largest
 from tis.deploy.report.run_view import MAX_TICKS, HandView, RunView
@@ -27,7 +27,7 @@ def touch_figure(run: RunView, view: HandView, x_range: Range1d) -> style.Figure
     largest_j = max(float(np.abs(each).max(initial=0.0)) for each in (hand_j, tool_j))
     unit, per_j = ("J", 1.0) if largest_j >= 1.0 else ("mJ", MJ_PER_J)
     forces = style.time_figure(x_range, "force, N", 220, with_axis=False)
-    energies = style.time_figure(x_range, f"energy, {unit}", 190)
+    energies = style.time_figure(x_range, f"energy put in, {unit}", 190)
     ends = (
         ("at the tool", VERMILION, contacts.t_ns, contacts.force_n, tool_j, 2.0),
         ("at the hand", BLUE, shown.sample_ns, shown.force_n, hand_j, 1.2),
@@ -57,9 +57,9 @@ def _work_j(force_n: Array, position_m: Array) -> Array:
 
 def _caption(hand_j: Array, limited: Array) -> str:
     text = "Above: the force on the tool, and the force shown to the hand, which comes a network later. Below: the "
-    text += "energy that the hand has put into the coupling, and the work of the tool on what it touches. "
-    text += "Where the hand's line is below zero, the coupling has given it energy"
+    text += "energy that the hand has put into the coupling (positive: from the hand), and the work of the tool on "
+    text += "what it touches. Below zero the coupling has given the hand more than the hand had put in"
     least_j = float(hand_j.min(initial=0.0))
-    text += f", here up to {energy_text(-MJ_PER_J * least_j)}. " if least_j < 0 else "; here it never is. "
+    text += f", here up to {energy_text(-MJ_PER_J * least_j)}. " if least_j < 0 else "; here it never has. "
     cut = int(np.count_nonzero(limited == "force"))
-    return text + (f"At {number(cut)} ticks the largest force allowed cut the one shown. " if cut else "")
+    return text + (f"At {counted(cut, 'tick')} the largest force allowed cut the one shown. " if cut else "")

@@ -17,7 +17,7 @@ from tis.deploy.logs.coverage import FOREVER, WRITTEN_WITHIN_NS, lies_in
 from tis.deploy.logs.read.columns import joined
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.logs.read.packets import begun_ticks, place_in
-from tis.deploy.present.numbers import heads, number
+from tis.deploy.present.numbers import counted, heads, number
 from tis.deploy.present.table import Table
 from tis.deploy.report.section import MEAN_LATE, Section, Statistics, means, statistics
 
@@ -165,7 +165,7 @@ def _line(mode: str, shifts: int, entries: Mapping[str, TickMode]) -> str:
     free, locked, prompt = (entries[name] for name in ("free", "phase_locked", "on_arrival"))
     if free.saves_ms is None:
         return f"Ticks: {mode}; nothing arrived."
-    this = f"{mode}, moved {shifts} times" if mode == "phase_locked" else mode
+    this = f"{mode}, moved {counted(shifts, 'time')}" if mode == "phase_locked" else mode
     return (
         f"Ticks: {this}. On these arrivals the mean age of a sample is {free.age_when_used_ms['mean']:.1f} ms "
         f"when a free tick at {free.phase_ms:.3g} ms uses it; the best fixed phase, {locked.phase_ms:.3g} ms, "

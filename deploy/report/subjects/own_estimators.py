@@ -9,6 +9,7 @@ from tis.common.scenario import Scenario
 from tis.common.scenario.estimator_names import is_user_defined
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.read.load import RunLogs, origins_in
+from tis.deploy.present.numbers import counted
 from tis.deploy.report.section import Section, means
 from tis.deploy.report.subjects.logs import counters_of
 
@@ -79,7 +80,7 @@ def estimator_fault_texts(own: Mapping[str, OwnEstimator]) -> list[str]:
         first, n_steps = about.first_fault, about.faulty_steps
         if not about.failed:
             continue
-        times = "at times" if n_steps is None else f"in {n_steps} step{'s' if n_steps > 1 else ''}"
+        times = "at times" if n_steps is None else f"in {counted(n_steps, 'step')}"
         text = f"* {name} failed {times}: no estimate there, where hold's is scored in its place"
         if first is not None:
             text += f"; first at {first.at_s:.3f} s, {first.hand} hand: {first.reason}"

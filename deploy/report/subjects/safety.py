@@ -52,6 +52,9 @@ class LimitedFigures(Section):
     of_ticks: int = means("Ticks of the run.")
     off_mm: float | None = means("Longest distance between them at these ticks; `null` without any.")
     field: LimitField | None = means("Field of patient.safety that was in the way at most of them.")
+    by_movement: bool = means(
+        "Whether the true movement itself goes beyond that limit; else only the estimate does.", default=False
+    )
 
 
 class SafetyFigures(Section):
@@ -187,7 +190,7 @@ def _figures(
     limits = limits_of(scenario.patient.safety, scenario.rate_hz, movement)
     limited = None
     if estimate_m is not None and model is not None:
-        limited = _limited(limits, driven, track.t_ns, estimate_m, model.output_offset_m)
+        limited = _limited(limits, driven, track, estimate_m, model.output_offset_m)
     both = track.scored & np.isfinite(driven.position_m).all(axis=1)
     if estimate_m is not None:
         both &= np.isfinite(estimate_m).all(axis=1)
@@ -206,9 +209,10 @@ def _figures(
 
 
 def _limited(
-    limits: Limits, driven: SetPoints, t_ns: NDArray[np.int64], estimate_m: Array, centre_m: Array
+    limits: Limits, driven: SetPoints, track: HandTrack, estimate_m: Array, centre_m: Array
 ) -> LimitedFigures:
     """Return what the limits of tracking shaped. Within ``cautious_ms`` after a break only the workspace counts."""
+    t_ns, truth_m = track.t_ns, track.truth_m
     off_m = np.linalg.norm(driven.position_m - estimate_m, axis=1)
     beyond = np.linalg.norm(estimate_m - centre_m, axis=1) > limits.workspace_m
     resumed_ns = np.maximum.accumulate(np.where(driven.mode == "resuming", t_ns, t_ns[:1] - limits.cautious_ns))
@@ -221,11 +225,18 @@ def _limited(
         "speed_m_s": int((which & ~beyond & fast).sum()),
         "acceleration_m_s2": int((which & ~beyond & ~fast).sum()),
     }
+    field = max(by_field, key=lambda name: by_field[name])
+    reached_m, most_m = {
+        "workspace_m": (truth_m - centre_m, limits.workspace_m),
+        "speed_m_s": (np.diff(truth_m, axis=0), limits.usual.step),
+        "acceleration_m_s2": (np.diff(truth_m, n=2, axis=0), limits.usual.change),
+    }[field]
     return LimitedFigures(
         ticks=int(which.sum()),
         of_ticks=t_ns.size,
         off_mm=MM_PER_M * float(off_m[which].max()) if which.any() else None,
-        field=max(by_field, key=lambda name: by_field[name]) if which.any() else None,
+        field=field if which.any() else None,
+        by_movement=bool(which.any() and (np.linalg.norm(reached_m, axis=1) > most_m).any()),
     )
 
 
@@ -265,10 +276,19 @@ def limit_texts(safety: Mapping[Hand, SafetyFigures | None], unstable: Collectio
     ]
 
 
+_MAY: Final[Mapping[LimitField | None, str]] = {
+    "workspace_m": "go that far", "speed_m_s": "move that fast", "acceleration_m_s2": "speed up and brake that hard",
+}  # fmt: skip
+
+
 def _advice(found: LimitedFigures, swings: bool) -> str:
     if swings:
         return ": its loop of touch swings, and the limit holds that"
-    return f": if the arm may follow it, raise patient.safety.{found.field}"
+    limit = f"patient.safety.{found.field}"
+    if found.by_movement:
+        may = _MAY[found.field]
+        return f": the movement itself goes beyond {limit}, which did its work; raise it only if the arm may {may}"
+    return f": the estimate, not the movement, jumps beyond {limit}, which did its work; see the estimator, and gaps"
 
 
 def stop_texts(safety: Mapping[Hand, SafetyFigures | None]) -> list[str]:

@@ -222,7 +222,7 @@ def offsets(tracks: Sequence[HandTrack], name: str, rate_hz: int) -> Offset:
     ``time_ms`` is positive for a late estimate, ``value_mm`` the error that remains after the shift in time, and
     ``delay_derivative_ms_per_s`` the rate of change of the delay. Missing estimates are left out.
     """
-    found = [_aligned(track, track.estimates[name], track.truth_m, rate_hz) for track in tracks]
+    found = [aligned(track, track.estimates[name], track.truth_m, rate_hz) for track in tracks]
     rates = [(one.delay_derivative, len(one.time_s) - 1) for one in found]
     known = [(rate, n) for rate, n in rates if rate is not None]
     mean_rate = sum(rate * n for rate, n in known) / sum(n for _, n in known) if known else None
@@ -235,17 +235,20 @@ def actuation_ms(track: HandTrack, active: str, rate_hz: int) -> Array:
     """Return the delay (T,) in ms of the plant's arm behind the active estimate; empty where it executes nothing."""
     if "plant" not in track.estimates or active not in track.estimates:
         return np.empty(0)
-    found = _aligned(track, track.estimates["plant"], track.estimates[active], rate_hz)
+    found = aligned(track, track.estimates["plant"], track.estimates[active], rate_hz)
     return found.time_s * _MS_PER_S
 
 
-def _aligned(track: HandTrack, reproduced_m: Array, original_m: Array, rate_hz: int) -> Etvo:
+def aligned(
+    track: HandTrack, reproduced_m: Array, original_m: Array, rate_hz: int, latest_s: float = _MAX_OFFSET_S
+) -> Etvo:
+    """Return the offsets of a movement (T, 3) to another at the first `MAX_ALIGNED` scored ticks that have both."""
     known = track.scored & np.isfinite(reproduced_m).all(axis=1) & np.isfinite(original_m).all(axis=1)
     which = np.flatnonzero(known)[:MAX_ALIGNED]
     if (original_m[which] == original_m[which[:1]]).all():
         which = which[:0]  # at rest every offset fits
     # four candidate offsets per tick resolve a quarter of the period
-    grid_s = offset_grid_s(_MIN_OFFSET_S, _MAX_OFFSET_S, 1.0 / (_STEPS_A_TICK * rate_hz))
+    grid_s = offset_grid_s(_MIN_OFFSET_S, latest_s, 1.0 / (_STEPS_A_TICK * rate_hz))
     return etvo(track.t_ns[which] / NS_PER_S, reproduced_m[which], original_m[which], grid_s)
 
 

@@ -10,6 +10,9 @@ from tis.deploy.present import numbers
     [
         (None, "-"),
         (7, "7"),
+        (0.0, "0"),
+        (-0.0, "0"),
+        (0.0001, "0.000"),
         (0.12345, "0.123"),
         (1.2345, "1.23"),
         (123.4, "123.4"),
@@ -19,6 +22,10 @@ from tis.deploy.present import numbers
 )
 def test_significant_digits(value: float | None, text: str) -> None:
     assert numbers.number(value) == text
+
+
+def test_a_noun_is_in_the_plural_unless_it_is_one() -> None:
+    assert [numbers.counted(n, "run") for n in (0, 1, 2)] == ["0 runs", "1 run", "2 runs"]
 
 
 def test_values_of_cells() -> None:

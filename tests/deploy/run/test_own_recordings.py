@@ -235,7 +235,8 @@ def test_a_table_of_a_larger_arm_is_valid_as_it_is(tis: Call) -> None:
     assert summary["valid"]
     assert limited["field"] == "workspace_m"
     assert limited["ticks"] > 0.01 * 200
-    off = f"by up to {number(limited['off_mm'])} mm: if the arm may follow it, raise patient.safety.workspace_m"
+    assert limited["by_movement"]
+    off = f"by up to {number(limited['off_mm'])} mm: the movement itself goes beyond patient.safety.workspace_m"
     assert off in " ".join((out + err).split())
     code, out, _ = tis("twin", "own.yaml", "--run-dir", "x", "--no-report", "--no-merge", *(
         f"--set={one}" for one in (*settings, "patient.gate={reach_m: 0.5}")

@@ -13,6 +13,7 @@ from tests.deploy.watch.making import LEFT, a_book, sighting
 from tests.deploy.watch.test_arms import _arm, _display
 from tests.deploy.watch.test_forces import _shown, _wrench
 from tis.common.device import DevicePose
+from tis.common.device_records import TargetRun
 from tis.common.messages import SafetyMode
 from tis.common.scenario.control import EmulatorState
 from tis.common.units import NS_PER_MS, NS_PER_S
@@ -92,6 +93,19 @@ def test_a_move_is_published_as_the_pose_of_a_device() -> None:
     assert (pose.position_m.x, pose.position_m.y, pose.position_m.z) == (0.01, 0.0, -0.002)
     assert (pose.gripper_rad, pose.clutch) == (0.3, True)
     assert pose.stamp_ns is not None
+
+
+def test_a_run_at_targets_goes_with_a_move_and_is_checked() -> None:
+    told = '{"delay_ms": 300, "with_ghost": true, "time_s": %s, "path_mm": 402.5, "n_misses": 1}'
+    move = read_message('{"moved_mm": [0.0, 0.0, 0.0], "target_run": ' + told % "12.3" + "}")
+    assert isinstance(move, HandMove)
+    door = _Door()
+    assert _hub(door).drive("page", move, 1.0) == ""
+    assert door.sent[0].target_run == TargetRun(delay_ms=300, with_ghost=True, time_s=12.3, path_mm=402.5, n_misses=1)
+    for wrong in ("-1", '"x"', "NaN", "Infinity", "null"):
+        refused = read_message('{"moved_mm": [0.0, 0.0, 0.0], "target_run": ' + told % wrong + "}")
+        assert isinstance(refused, str)
+        assert refused.startswith("target_run")
 
 
 def test_who_may_not_drive_is_told_why_and_moves_nothing() -> None:

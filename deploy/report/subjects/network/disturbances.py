@@ -9,6 +9,7 @@ from tis.common.channels import Direction, Side
 from tis.common.records import CONTROL, ControlNote
 from tis.common.units import NS_PER_S
 from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.present.numbers import counted
 from tis.deploy.report.subjects.network.requested import NetworkRequest, Requested
 from tis.netem.control.replay import MadeChange, made_changes
 
@@ -18,7 +19,7 @@ _MAX_NAMED: Final = 3
 class Disturbance(NamedTuple):
     """An outage, a stall or another change of the network, or the absence of a ``side`` until it was started anew.
 
-    ``live``: somebody caused it while the run went on. ``what`` a change set, in words.
+    ``live``: somebody caused it while the run went on. ``what`` a change set, in words; ``lasts``: to the run's end.
     """
 
     begin_s: float
@@ -28,12 +29,16 @@ class Disturbance(NamedTuple):
     live: bool
     side: Side | None = None
     what: str = ""
+    lasts: bool = False
 
     def __str__(self) -> str:
         """Return the disturbance in words, with its begin and length in run time."""
         where = self.side or ("both directions" if self.direction == "both" else self.direction)
-        what = f": {self.what}" if self.what else ""
-        return f"{self.kind} of {self.end_s - self.begin_s:.3g} s at {self.begin_s:.2f} s, {where}{what}"
+        length = f"{self.end_s - self.begin_s:.3g} s"
+        if self.kind == "change":
+            during = "to the end" if self.lasts else f"for {length}"
+            return f"from {self.begin_s:.2f} s {during}, {where}: {self.what}"
+        return f"{self.kind} of {length} at {self.begin_s:.2f} s, {where}"
 
 
 def disturbances(logs: RunLogs, scenario: NetworkRequest) -> list[Disturbance]:
@@ -83,7 +88,8 @@ def _of_direction(
     for begin_ns, end_ns in stretches:
         if (begin_ns, end_ns) not in outages:
             what = "; then ".join(one.what for one in made if begin_ns <= one.begin_ns < end_ns)
-            found.append(_disturbance(begin_ns, end_ns, "change", direction, True)._replace(what=what))
+            changed = _disturbance(begin_ns, end_ns, "change", direction, True)
+            found.append(changed._replace(what=what, lasts=end_ns == last_ns))
     return found
 
 
@@ -105,9 +111,7 @@ def disturbances_text(name: str, found: Sequence[Disturbance]) -> str:
         planned = [one for one in found if not one.live and one.kind == kind]
         total_s = sum(one.end_s - one.begin_s for one in planned)
         if planned:
-            parts.append(
-                f"{name} had {len(planned)} planned {kind}{'s'[: len(planned) > 1]}, {total_s:.3g} s in all."
-            )
+            parts.append(f"{name} had {counted(len(planned), f'planned {kind}')}, {total_s:.3g} s in all.")
     return " ".join(parts)
 
 

@@ -17,6 +17,7 @@ from tis.deploy.logs.read.columns import Ints
 from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.packets import DELIVER, in_order_of_leaving, place_in
 from tis.deploy.logs.read.side_log import DEPARTURES, OUTCOMES
+from tis.deploy.present.numbers import counted
 from tis.deploy.report.subjects.network.key_figures import KeyBooks, KeyFigures
 from tis.deploy.report.subjects.network.link_figures import LinkVerdict
 from tis.deploy.report.subjects.network.requested import Expected, Requested, Stretch
@@ -55,7 +56,7 @@ class Verdict:
     def add_undecided(self, what: str, n: int, of: str = "") -> None:
         """Note that ``n`` messages are too few to judge the criterion ``what``."""
         self.undecided[what] = n
-        self.not_decidable.append(f"{what}{of}: not decidable with {n} message{'s' if n != 1 else ''}")
+        self.not_decidable.append(f"{what}{of}: not decidable with {counted(n, 'message')}")
 
     def as_summary(self) -> LinkVerdict:
         """Return the summary's ``verdict``; ``faithful`` is None when no criterion could be decided."""

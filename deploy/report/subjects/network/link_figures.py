@@ -1,5 +1,6 @@
 """Figures of a link in the summary: each direction as requested, as decided and as realised."""
 
+from tis.deploy.present.numbers import counted
 from tis.deploy.report.section import (
     DELAYS,
     LATE,
@@ -88,8 +89,7 @@ class LinkVerdict(Section):
     def undecided_text(self) -> str:
         """Return the criteria that could not be judged, all keys together."""
         return "; ".join(
-            f"{what}{self._of(what)}: not decidable"
-            + ("" if n is None else f" with {n} message{'s' if n != 1 else ''}")
+            f"{what}{self._of(what)}: not decidable" + ("" if n is None else f" with {counted(n, 'message')}")
             for what, n in self.undecided.items()
         )
 

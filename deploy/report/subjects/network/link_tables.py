@@ -5,7 +5,7 @@ from html import escape
 from typing import Any, Final
 
 from tis.common.channels import Direction
-from tis.deploy.present.numbers import heads, interval, number
+from tis.deploy.present.numbers import counted, heads, interval, number
 from tis.deploy.present.page import folded, note
 from tis.deploy.present.table import Column, Table
 from tis.deploy.report.subjects.network.link_figures import KeyOfLink, Link
@@ -96,8 +96,8 @@ def key_tables(links: Links) -> str:
     listed = [(d, title, key) for d, link in links.items() for title, key in link.keys.items()]
     tables = [key_table(f"{title}, {direction}", key).html() for direction, title, key in listed[:_MAX_KEYS]]
     n_more = len(listed) - _MAX_KEYS + sum(link.keys_not_listed for link in links.values())
-    more = note(f"{n_more} more keys are in summary.json.") if n_more > 0 else ""
-    return folded(f"Each of the {min(len(listed), _MAX_KEYS)} keys in numbers", "".join(tables) + more)
+    more = note(f"In summary.json: {counted(n_more, 'more key')}.") if n_more > 0 else ""
+    return folded(f"{counted(min(len(listed), _MAX_KEYS), 'key')} in numbers", "".join(tables) + more)
 
 
 def key_table(caption: str, key: KeyOfLink) -> Table:
@@ -119,7 +119,8 @@ def key_table(caption: str, key: KeyOfLink) -> Table:
     line = (
         f"Lost: {number(key.loss_pct)} % of {number(key.offered)} (95 % interval "
         f"{interval(key.loss_pct_interval_95)}), requested{base}: {number(key.requested.loss_pct)} %; "
-        f"{key.loss_runs.count} runs, mean length {number(key.loss_runs.mean)}, the longest {key.loss_runs.longest}. "
+        f"{counted(key.loss_runs.count, 'run')}, mean length {number(key.loss_runs.mean)}, the longest "
+        f"{key.loss_runs.longest}. "
         f"Copied: {number(key.copied)}, corrupted: {number(key.corrupted)}. Reordered: "
         f"{number(key.reordered_in_netem)} in netem, {number(key.reordered)} on arrival. "
         f"Unplanned loss: {number(key.unplanned_loss)}."
@@ -163,7 +164,7 @@ def delay_table(links: Links, requested: str = "by the scenario") -> Table:
             end = name if len(name) <= _MAX_KEY_CHARS else f"...{name[3 - _MAX_KEY_CHARS :]}"
             rows += [(f"{direction}, {end}", *[None] * len(_STATISTICS), *_NOTHING), *_rows("  ", keys[name])]
         if n_more := len(keys) - len(shown) + link.keys_not_listed:
-            notes.append(f"{n_more} more key{'s' if n_more > 1 else ''} {direction}: see summary.json")
+            notes.append(f"{counted(n_more, 'more key')} {direction}: see summary.json")
     words = (
         f"requested: {requested}; decided: drawn by its models, both without waits in a queue; realised: measured in "
         "netem, with them, but not what waited before netem; release error: left later than decided by; in a row: "

@@ -1,10 +1,12 @@
 """The summary's figures of set points, against the messages of the log read one by one."""
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 from math import dist
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 from msgspec import to_builtins
@@ -103,9 +105,27 @@ def test_no_limit_is_to_be_raised_for_a_loop_of_touch_that_swings(run_dir: Path)
     assert left is not None
     limited = LimitedFigures(ticks=60, of_ticks=270, off_mm=10.99, field="acceleration_m_s2")
     limited_hand = left.model_copy(update={"limited": limited})
-    assert limit_texts({"left": limited_hand})[0].endswith("raise patient.safety.acceleration_m_s2")
     (text,) = limit_texts({"left": limited_hand}, ["left"])
     assert "60 of 270 ticks" in text
+    assert "raise" not in text
+
+
+def test_a_limit_is_to_be_raised_only_for_a_movement_and_only_if_the_arm_may_follow(tmp_path: Path) -> None:
+    slow = "patient.safety={speed_m_s: 0.03, resume_speed_m_s: 0.03}"
+    scenario = resolve("default", (slow, "estimators=[hold, innovations_kf]"), seed=11, duration_s=6.0)
+    nodes, models, _ = build_sides(scenario)
+    run_twin(scenario, nodes, models, tmp_path)
+    logs = load_run(tmp_path)
+    track = track_of_hand(logs, scenario, "left")
+    too_fast = safety_summary(logs, scenario, {"left": track}, models)
+    assert too_fast["left"] is not None
+    assert too_fast["left"].limited is not None
+    assert (too_fast["left"].limited.field, too_fast["left"].limited.by_movement) == ("speed_m_s", True)
+    (text,) = limit_texts(too_fast)
+    assert text.endswith("which did its work; raise it only if the arm may move that fast")
+    still = replace(track, truth_m=np.broadcast_to(track.truth_m[-1], track.truth_m.shape))
+    (text,) = limit_texts(safety_summary(logs, scenario, {"left": still}, models))
+    assert "the estimate, not the movement, jumps beyond patient.safety.speed_m_s" in text
     assert "raise" not in text
 
 

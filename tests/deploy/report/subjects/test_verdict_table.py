@@ -36,7 +36,7 @@ def test_a_row_says_who_requires_it_whether_it_was_met_and_why() -> None:
     assert rows[1] == ["a <b>", "missed", "end-to-end latency 68.7 instead of 50 ms"]
     assert rows[3] == ["end-to-end latency, p99, ms", "missed", "50", "68.70 ± 0.250", "18.70", "1900", "-"]
     assert rows[4] == [
-        "loss, forward, % (strict end, not binding)", "not decidable", "0.00001", "0.000", "-", "3600",
+        "loss, forward, % (strict end, not binding)", "not decidable", "0.00001", "0", "-", "3600",
         "about 30 million",
     ]  # fmt: skip
 

@@ -53,10 +53,12 @@ def test_each_is_found_once_with_its_time_direction_and_cause(logs: RunLogs) -> 
 def test_in_words_the_live_ones_come_first(logs: RunLogs) -> None:
     assert disturbances_text("mine", disturbances(logs, SCENARIO)) == (
         "Somebody changed the network of mine while it ran: outage of 0.5 s at 1.50 s, both directions; "
-        "change of 0.75 s at 2.50 s, forward: delay 90 ms. mine had 1 planned outage, 0.25 s in all. "
+        "from 2.50 s for 0.75 s, forward: delay 90 ms. mine had 1 planned outage, 0.25 s in all. "
         "mine had 1 planned stall, 0.2 s in all."
     )
     assert disturbances_text("calm", []) == ""
+    lasting = Disturbance(2.5, 308.5, "change", "both", live=True, what="delay 90 ms", lasts=True)
+    assert str(lasting) == "from 2.50 s to the end, both directions: delay 90 ms"
 
 
 def test_the_summary_says_what_was_changed_and_how_many_messages_are_judged(logs: RunLogs) -> None:

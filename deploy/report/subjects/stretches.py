@@ -1,0 +1,188 @@
+"""Stretches of constant network in a run whose network was changed, and the runs at the live page's targets in it."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+from msgspec import convert
+from numpy.typing import NDArray
+
+from tis.common.channels import Arm, Channel, Direction, Hand, hand_channels
+from tis.common.device_records import TARGET_RUNS
+from tis.common.records import CONTROL, ControlNote
+from tis.common.scenario import Scenario
+from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S, s_to_ns
+from tis.deploy.logs.read.load import RunLogs
+from tis.deploy.logs.read.packets import fates_by_key
+from tis.deploy.present.numbers import number, significant
+from tis.deploy.present.table import Column, Table
+from tis.deploy.report.section import DirectionName, Section, means
+from tis.deploy.report.subjects.network.requested import Requested
+from tis.deploy.report.subjects.tracking import Array, HandTrack, aligned
+from tis.netem.control.replay import changes_from_notes
+
+_SHORTEST_S: Final = 0.5
+"""A shorter stretch is left out, as between the reset and the delay that a task of the live page asks for."""
+_MOVES_M_S: Final = 1e-3
+_LATEST_S: Final = 1.0
+"""How much later than the delays that are set an arm is looked for."""
+_NOTE: Final = (
+    "Network: what was set, mean delay and loss one way. Moved: hand or arm were faster than 1 mm/s; late and error "
+    "are of that time alone. Late: the shift in time by which the arm follows the hand (effective time offset). "
+    "Error: distance of the arm to where the hand has put it at that moment, RMS"
+)
+_SEEN: Final = {True: "picture and ghost", False: "late picture"}
+_TARGETS_NOTE: Final = (
+    "From the first of nine targets to the last, in the plane of the picture. A miss: the arm left a target too soon"
+)
+
+
+class Stretch(Section):
+    """A stretch of constant network, and how a hand's arm followed in it, over the scored ticks."""
+
+    begin_s: float = means("Run time of its begin.")
+    end_s: float = means("Run time of its end.")
+    delay_ms: dict[DirectionName, float | None] = means("Mean delay asked for, one way; `null` in a stall.")
+    loss_pct: dict[DirectionName, float | None] = means("Loss asked for; 100 in an outage.")
+    moved_s: float = means("Time in which hand or arm moved, faster than 1 mm/s.")
+    late_ms: float | None = means(
+        "Effective time offset of the arm (`plant`, else the active estimate) to the hand in that time, median."
+    )
+    rmse_3d_mm: float | None = means("RMSE in that time.")
+
+
+def stretches(
+    logs: RunLogs, scenario: Scenario, requests: Mapping[Direction, Requested], tracks: Mapping[Hand, HandTrack],
+    arms: Mapping[Hand, Arm],
+) -> dict[str, dict[Hand, list[Stretch]]]:  # fmt: skip
+    """Return by hand the stretches under ``stretches``; nothing where nobody changed the network of the run.
+
+    Oracle: a run in virtual time with two changes, test_stretches.
+    """
+    edges_ns = _edges_ns(logs)
+    found = {
+        hand: [
+            _stretch(begin_ns, end_ns, scenario, asked, track)
+            for begin_ns, end_ns in pairwise(edges_ns)
+            if end_ns - begin_ns >= s_to_ns(_SHORTEST_S)
+        ]
+        for hand, track in tracks.items()
+        if len(edges_ns) > 2
+        for asked in [_asked(logs, scenario, requests, hand, arms[hand])]
+    }
+    return {"stretches": found} if any(len(one) > 1 for one in found.values()) else {}
+
+
+def _edges_ns(logs: RunLogs) -> list[int]:
+    """Return the instants at which accepted requests changed the network, between the run's begin and end."""
+    log = logs.sides.get("netem")
+    if log is None:
+        return []
+    found = {0, log.last_ns}
+    for change in changes_from_notes(convert(row, ControlNote) for row in logs.of("netem", CONTROL)):
+        found |= {change.at_ns} if change.cleared else set()
+        for entry in change.entries:
+            begin_ns = s_to_ns(entry.at_s)
+            found |= {begin_ns, begin_ns + s_to_ns(entry.for_s or 0.0)}
+    return sorted(ns for ns in found if ns <= log.last_ns)
+
+
+Asked = dict[Direction, tuple[NDArray[np.int64], Array, Array]]
+
+
+def _asked(logs: RunLogs, scenario: Scenario, requests: Mapping[Direction, Requested], hand: Hand, arm: Arm) -> Asked:
+    """Return by direction of the hand's messages when each was offered in ns, and its delay in ms and loss in %."""
+    channels, found = hand_channels(hand, arm), Asked()
+    ways: dict[Direction, Channel[Any]] = {"forward": channels.arm, "feedback": channels.estimated}
+    for way, channel in ways.items():
+        key = channel.key(scenario.session)
+        fates = fates_by_key(logs, way).get(key)
+        expected = None if fates is None or not len(fates) else requests[way].of_packets(key, fates)
+        if fates is not None and expected is not None:
+            stalls = requests[way].in_force(fates.offered_ns).column("stall")
+            delay_ms = np.where(stalls, np.nan, expected.delay_ns / NS_PER_MS)
+            found[way] = fates.offered_ns, delay_ms, 100.0 * np.where(expected.outage, 1.0, expected.p_loss)
+    return found
+
+
+def _stretch(begin_ns: int, end_ns: int, scenario: Scenario, asked: Asked, track: HandTrack) -> Stretch:
+    set_ms: dict[DirectionName, float | None] = {}
+    lost_pct: dict[DirectionName, float | None] = {}
+    for way, (offered_ns, delay_ms, loss_pct) in asked.items():
+        within = (offered_ns >= begin_ns) & (offered_ns < end_ns)
+        set_ms[way], lost_pct[way] = _mean(delay_ms[within]), _mean(loss_pct[within])
+    hand_m, rate_hz = track.truth_m, scenario.rate_hz
+    nowhere = np.full_like(hand_m, np.nan)
+    arm_m = track.estimates.get("plant", track.estimates.get(scenario.active_estimator, nowhere))
+    steps_m = (np.linalg.norm(np.diff(one, axis=0, prepend=one[:1]), axis=1) for one in (hand_m, arm_m))
+    within = track.scored & (track.t_ns >= begin_ns) & (track.t_ns < end_ns)
+    moving = within & (np.fmax(*steps_m) * rate_hz > _MOVES_M_S)
+    latest_s = _LATEST_S + sum(ms or 0.0 for ms in set_ms.values()) / 1000.0
+    late_s = aligned(replace(track, scored=moving), arm_m, hand_m, rate_hz, latest_s).time_s
+    squares = _mean(np.sum((arm_m - hand_m)[moving] ** 2, axis=1))
+    return Stretch(
+        begin_s=begin_ns / NS_PER_S,
+        end_s=end_ns / NS_PER_S,
+        delay_ms=set_ms,
+        loss_pct=lost_pct,
+        moved_s=np.count_nonzero(moving) / rate_hz,
+        late_ms=1000.0 * float(np.median(late_s)) if len(late_s) else None,
+        rmse_3d_mm=None if squares is None else MM_PER_M * squares**0.5,
+    )
+
+
+def _mean(values: Array) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else None
+
+
+def stretch_tables(found: Mapping[Hand, list[Stretch]]) -> list[Table]:
+    """Return a table for each hand: its arm in each network."""
+    columns = (
+        "run time", Column("network", words=True), Column("length", "s"), Column("moved", "s"),
+        Column("late, median", "ms"), Column("error", "mm"),
+    )  # fmt: skip
+    tables = []
+    for hand, each in found.items():
+        rows = [
+            (f"{one.begin_s:.1f} to {one.end_s:.1f} s", _network(one), f"{one.end_s - one.begin_s:.1f}",
+             f"{one.moved_s:.1f}", one.late_ms, one.rmse_3d_mm)
+            for one in each
+        ]  # fmt: skip
+        tables.append(Table(f"The arm in each network, {hand} hand", columns, rows, _NOTE))
+    return tables
+
+
+def _network(one: Stretch) -> str:
+    there, back = (_way(one.delay_ms.get(way), one.loss_pct.get(way)) for way in ("forward", "feedback"))
+    return f"{there} each way" if there == back else f"{there} there, {back} back"
+
+
+def _way(delay_ms: float | None, loss_pct: float | None) -> str:
+    if loss_pct is None:
+        return "not known"
+    if loss_pct == 100.0 or delay_ms is None:
+        return "stall" if delay_ms is None else "outage"
+    return f"{significant(delay_ms)} ms" + (f" with {number(loss_pct)} % lost" if loss_pct else "")
+
+
+def target_table(logs: RunLogs) -> Table:
+    """Return the runs at the live page's targets; without rows where none was played to the end."""
+    rows = [
+        (
+            f"{row['at_ns'] / NS_PER_S:.1f} s",
+            f"{row['delay_ms']:g} ms",
+            _SEEN[row["with_ghost"]],
+            f"{row['time_s']:.1f}",
+            f"{row['path_mm']:.0f}",
+            row["n_misses"],
+        )
+        for row in logs.of("surgeon", TARGET_RUNS)
+    ]
+    columns = (
+        "ended at", "delay there and back", Column("seen", words=True), Column("time", "s"),
+        Column("path of the arm", "mm"), "misses",
+    )  # fmt: skip
+    return Table("Runs at targets", columns, rows, _TARGETS_NOTE)
