@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 HERE: Final = Path(__file__).parent
 SCRIPTS: Final = ("page.js", "camera.js")
 _STYLES: Final = ("tones.css", "page.css")
-_UNITS: Final = r"(?:%|ms|mm|\u00b5s|s|Hz|KB|MB|kB/s)"
+_UNITS: Final = r"(?:%|ms|mm|\u00b5s|s|Hz|KB|MB|kB/s|N/m|N|mJ|J)"
 _GAP: Final = re.compile(rf"(?<=\d) (?={_UNITS}(?!\w))")
 
 

@@ -119,12 +119,11 @@ def answer_section(run: RunView, warnings: Sequence[str]) -> Section:
         (f"<p>{escape(nonbreaking_units(disturbed))}{_POOLED * bool(summary.stretches)}</p>" if disturbed else "")
         + f'<p class="answer">{escape(nonbreaking_units(answer(summary, run.scenario)))}</p>'
         + tiles(summary, run.scenario)
+        + f"<p>{escape(validity_text(summary))}</p>{problem_list(summary.problems, warnings)}"
         + '<div class="sidebyside"><div>'
         + network_picture({d: _direction(link) for d, link in summary.links.items()}, {})
         + f'<p class="note">{escape(nonbreaking_units(definition))}</p></div>'
-        + f"<div><p>{escape(validity_text(summary))}</p>"
-        + problem_list(summary.problems, warnings)
-        + f"{outcome_list(summary.verdicts, summary.ticks.rate_hz)}</div></div>"
+        + f"<div>{outcome_list(summary.verdicts, summary.ticks.rate_hz)}</div></div>"
     )
     return Section("answer", "The answer", markup=markup, mark=run.mark)
 
@@ -158,7 +157,8 @@ def _late(summary: Summary) -> tuple[str, str, str, str]:
 def _lossy(summary: Summary) -> tuple[str, str, str, str]:
     forward, feedback = (summary.links[direction].loss_pct for direction in ("forward", "feedback"))
     longest = summary.links["forward"].loss_runs.longest
-    beside = f"of the packets to the patient, up to {number(longest)} in a row; {number(feedback)} % of those back"
+    in_a_row = f", up to {longest} in a row" if longest else ""
+    beside = f"of the packets to the patient{in_a_row}; {number(feedback)} % of those back"
     samples = summary.redundancy.loss_text
     return "How lossy", number(forward), "%", beside if samples is None else f"{beside}; {samples}"
 

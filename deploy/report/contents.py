@@ -113,7 +113,7 @@ def sections(run: RunView) -> list[Section]:
         Section("stretches", "Each network of the run", markup=_stretches(run), mark=run.mark),
         Section("touch", "Touch", drawn["touch"], _touch_figures(summary), _touch(summary), run.mark),
         Section("sight", "Sight", drawn["sight"], seen_tables, seen_text + strip, run.mark),
-        Section("error", "Error", drawn["error"], mark=run.mark),
+        Section("error", "Error", drawn["error"], mark=run.mark, beside=True),
         Section("requirements", "Requirements of applications", markup=_requirements(summary)),
         Section("accuracy", "The estimators compared", markup=_accuracy(run), mark=run.mark),
         Section("safety", "What drove the arm", drawn["safety"], mark=run.mark),
@@ -195,6 +195,8 @@ def _accuracy(run: RunView) -> str:
         + note(
             f"The patient acted on {active}, marked above. RMSE in 3D: root mean square of the distance to the arm's "
             "true position. R\u00b2: the share of the movement that the estimates follow; 100 % is all of it."
+            + " plant: the arm itself, which executes the set points."
+            * ("plant" in summary.accuracy)
         )
         + turned
         + accuracy.more_accuracy(summary.scores_by_hand, active)
@@ -235,8 +237,13 @@ def _models(run: RunView) -> str:
 
 
 def _network(links: Mapping[Direction, Link]) -> str:
-    """Return the requested and the realised network: both directions, and each key."""
-    return link_tables.fidelity_list(links) + link_tables.delay_table(links).html() + link_tables.key_tables(links)
+    """Return whether the realised network was the requested one, and both in numbers, of directions and keys."""
+    in_numbers = link_tables.delay_table(links).html()
+    return (
+        link_tables.fidelity_list(links)
+        + folded("Delay and loss, requested, decided and realised", in_numbers)
+        + link_tables.key_tables(links)
+    )
 
 
 def _books(summary: Summary) -> str:
@@ -274,8 +281,7 @@ def _repeat(run: RunView) -> str:
         again = ("and the one that computes its estimates again from what arrived, in its folder", "tis replay .")
     return (
         f"<p>The command of this run, {again[0]}:</p>"
-        f"<pre><code>{escape(repeatable(run.summary.command) or NONE)}</code></pre>"
-        f"<pre><code>{again[1]}</code></pre>"
+        f"<pre><code>{escape(repeatable(run.summary.command) or NONE)}\n{again[1]}</code></pre>"
         f"<p>The seed {run.summary.seed} determines every random number of the run. In its folder, "
         f"beside this page: {listed}.</p>" + folded("Versions", versions_table(run.versions).html())
     )

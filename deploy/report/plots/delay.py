@@ -37,8 +37,7 @@ def delay_figure(
     used = {direction: link for direction, link in links.items() if len(link.sent_s) or len(link.lost_s)}
     if not used:
         return None
-    *_, last = used
-    panels = [_panel(link, d, titles[d], x_range, d == last, spans.get(d, ())) for d, link in used.items()]
+    panels = [_panel(link, d, titles[d], x_range, spans.get(d, ())) for d, link in used.items()]
     shades = _shades([span for d in used for span in spans.get(d, ())])
     keys = [style.Key("decided", PALE, "dot", toggles=True)]
     keys += [style.Key(f"realised, {direction}", DIRECTIONS[direction], "dot", toggles=True) for direction in used]
@@ -47,7 +46,7 @@ def delay_figure(
     keys += [style.Key(name, tone, "bar") for name, tone in shades.items()]
     counts = ", ".join(f"{d}: {len(link.sent_s)} delivered, {len(link.lost_s)} lost" for d, link in used.items())
     return style.Figure(
-        plots=(style.stacked(panels),),
+        plots=tuple(panels),
         title="Delay over time",
         caption=_caption(used, bool(shades)),
         alt=f"Scatter charts of each message's delay in netem over run time. {counts}.",
@@ -104,10 +103,8 @@ def _shade(panel: figure, spans: Sequence[Span], low: float, high: float) -> Non
         )
 
 
-def _panel(
-    link: LinkColumns, direction: Direction, title: str, x_range: Range1d, with_axis: bool, spans: Sequence[Span]
-) -> figure:
-    panel = style.time_figure(x_range, "delay, ms", 240, with_axis)
+def _panel(link: LinkColumns, direction: Direction, title: str, x_range: Range1d, spans: Sequence[Span]) -> figure:
+    panel = style.time_figure(x_range, "delay, ms", 240)
     panel.title = title
     highest_ms = max((float(ms.max()) for ms in (link.decided_ms, link.realised_ms) if len(ms)), default=0.0) or 1.0
     low, high = -0.08 * highest_ms, 1.08 * highest_ms

@@ -109,7 +109,7 @@ def error_figure(errors: Errors, x_range: Range1d) -> style.Figure | None:
     styles = style.line_styles(list(errors.by_name), errors.active)
     of_positions, what = not errors.mark, errors.title.lower()
     has_age = of_positions and bool(np.isfinite(view.age_ms).any())
-    fig = style.time_figure(x_range, f"{what}, {unit}", 240 if of_positions else 200, with_axis=not has_age)
+    fig = style.time_figure(x_range, f"{what}, {unit}", 240, with_axis=not has_age)
     fig.y_range = DataRange1d(only_visible=True, start=0)
     tip = f"{{0.{'0' * errors.digits}}} {unit}"
     style.lines_over_time(fig, view.source, styles, errors.column, tip, errors.mark, _AGE_TIP)

@@ -80,9 +80,9 @@ def path_figure(view: HandView) -> style.Figure | None:
 
 
 def _box(truth_mm: Array) -> dict[str, Range1d]:
-    """Return the range of the truth (T, 3) along each axis, at least `_MIN_SPAN_MM` wide."""
+    """Return the range of the truth (T, 3) along each axis, at least a quarter of the widest, and `_MIN_SPAN_MM`."""
     low, high = np.nanmin(truth_mm, axis=0), np.nanmax(truth_mm, axis=0)
-    half = np.maximum(high - low, _MIN_SPAN_MM) / 2
+    half = np.maximum(high - low, max(_MIN_SPAN_MM, float((high - low).max()) / 4)) / 2
     middle = (low + high) / 2
     return {
         axis: Range1d(start=float(m - h), end=float(m + h)) for axis, m, h in zip("xyz", middle, half, strict=True)

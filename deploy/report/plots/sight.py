@@ -23,7 +23,7 @@ def sight_figure(run: RunView, x_range: Range1d) -> style.Figure | None:
     found, summary = run.measured.pictures, run.summary.sight
     if found is None or summary is None:
         return None
-    strip = style.time_figure(x_range, "frames, %", 130, with_axis=False)
+    strip = style.time_figure(x_range, "frames, %", 190)
     strip.y_range = Range1d(start=0, end=100)
     seconds, shares = by_second(found)
     bottom = np.zeros(len(seconds))
@@ -44,9 +44,9 @@ def sight_figure(run: RunView, x_range: Range1d) -> style.Figure | None:
     dated = "the time that the camera's program tells" if found.is_external else "the stamps in it"
     keys += [style.Key("glass to glass", BLUE, "dot")] + [style.Key("freeze", OUTAGE, "bar")] * bool(len(frozen))
     return style.Figure(
-        plots=(style.stacked([strip, ages]),),
+        plots=(strip, ages),
         title="What the surgeon saw",
-        caption="Above: of the frames captured in each second, what the screen made of them. Below: how old each "
+        caption="Of the frames captured in each second, what the screen made of them; and how old each "
         f"picture was when it was shown, by {dated}. In a freeze the screen shows the same picture: "
         f"{number(summary.freezes)} here.",
         alt=f"Bars of frames by second, and the age of pictures over run time. Sight: {sight_text(summary)}.",

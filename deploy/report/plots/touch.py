@@ -26,8 +26,8 @@ def touch_figure(run: RunView, view: HandView, x_range: Range1d) -> style.Figure
     tool_j = _work_j(contacts.force_n, at_ticks(contacts.tick, arm, "position_m"))
     largest_j = max(float(np.abs(each).max(initial=0.0)) for each in (hand_j, tool_j))
     unit, per_j = ("J", 1.0) if largest_j >= 1.0 else ("mJ", MJ_PER_J)
-    forces = style.time_figure(x_range, "force, N", 220, with_axis=False)
-    energies = style.time_figure(x_range, f"energy put in, {unit}", 190)
+    forces = style.time_figure(x_range, "force, N", 220)
+    energies = style.time_figure(x_range, f"energy put in, {unit}", 220)
     ends = (
         ("at the tool", VERMILION, contacts.t_ns, contacts.force_n, tool_j, 2.0),
         ("at the hand", BLUE, shown.sample_ns, shown.force_n, hand_j, 1.2),
@@ -41,7 +41,7 @@ def touch_figure(run: RunView, view: HandView, x_range: Range1d) -> style.Figure
             style.named(name, [line])
             style.hover(panel, line, ("run time", "@t{0.000} s"), (name, f"@{column}{tip}"))
     return style.Figure(
-        plots=(style.stacked([forces, energies]),),
+        plots=(forces, energies),
         title=f"Force and energy over time: {view.title}",
         caption=_caption(hand_j, shown.limited),
         alt=f"Line charts over run time: forces at tool and hand, and energies. The loop: {stability_text(found)}.",
@@ -56,9 +56,9 @@ def _work_j(force_n: Array, position_m: Array) -> Array:
 
 
 def _caption(hand_j: Array, limited: Array) -> str:
-    text = "Above: the force on the tool, and the force shown to the hand, which comes a network later. Below: the "
-    text += "energy that the hand has put into the coupling (positive: from the hand), and the work of the tool on "
-    text += "what it touches. Below zero the coupling has given the hand more than the hand had put in"
+    text = "Force: on the tool, and shown to the hand, which is a network later. Energy: what the hand "
+    text += "has put into the coupling (positive: from the hand), and the work of the tool on what it touches. "
+    text += "Below zero the coupling has given the hand more than the hand had put in"
     least_j = float(hand_j.min(initial=0.0))
     text += f", here up to {energy_text(-MJ_PER_J * least_j)}. " if least_j < 0 else "; here it never has. "
     cut = int(np.count_nonzero(limited == "force"))

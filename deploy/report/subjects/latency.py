@@ -233,4 +233,4 @@ def budget_bar(means_ms: dict[str, float]) -> str:
 
 
 def _ms(value: float) -> str:
-    return f"{value:.1f} ms" if value >= 10 else f"{number(value)} ms" if value else "0 ms"
+    return f"{value:.1f} ms" if value >= 10 else number(value, " ms")

@@ -49,7 +49,8 @@ class AngleScores(Section):
 
 
 Methods = Mapping[str, AngleScores]
-_NOTE: Final = "\u00b0: angle to the true orientation; in 95 %: share within the stated 95 % region"
+_NOTE: Final = "\u00b0: angle to the true orientation"
+_REGION_NOTE: Final = "; in 95 %: share within the stated 95 % region"
 
 
 @dataclass(frozen=True)
@@ -193,4 +194,5 @@ def orientation_table(turning: Methods, gripper: Methods, which: str, active: st
     # in virtual time no step takes any, and a recording may lack one of the two
     some = [k for k in range(len(columns)) if not rows or any(row[k] not in (None, NONE) for row in rows)]
     columns, rows = tuple(columns[k] for k in some), [tuple(row[k] for k in some) for row in rows]
-    return Table(f"Orientation and gripper at the tick, {which}", columns, rows, _NOTE, active)
+    note = _NOTE + _REGION_NOTE * any(entry.region_pct is not None for entry in turning.values())
+    return Table(f"Orientation and gripper at the tick, {which}", columns, rows, note, active)

@@ -4,7 +4,7 @@ from html import escape
 from typing import Final
 
 from tis.deploy.present.numbers import number, percent
-from tis.deploy.present.page import nonbreaking_units
+from tis.deploy.present.page import folded, nonbreaking_units
 from tis.deploy.present.table import Column, Table
 from tis.deploy.report.section import Statistics, with_uncertainty
 from tis.deploy.report.subjects.pictures import STATES
@@ -73,7 +73,7 @@ def sight_markup(sight: SightFigures | None, bounds: Statistics) -> tuple[str, s
         return "", ""
     text = f'<p class="answer">{escape(nonbreaking_units(answer_text(sight)))}</p>'
     tables = (nonbreaking_units(table.html()) for table in sight_tables(sight, bounds))
-    return "".join(tables), text
+    return folded("Each figure of sight", "".join(tables)), text
 
 
 def _rows(sight: SightFigures, bounds: Statistics) -> list[tuple[str, str]]:

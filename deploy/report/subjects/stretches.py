@@ -20,6 +20,7 @@ from tis.deploy.present.numbers import number, significant
 from tis.deploy.present.table import Column, Table
 from tis.deploy.report.section import DirectionName, Section, means
 from tis.deploy.report.subjects.network.requested import Requested
+from tis.deploy.report.subjects.ticks import active_duration_s
 from tis.deploy.report.subjects.tracking import Array, HandTrack, aligned
 from tis.netem.control.replay import changes_from_notes
 
@@ -29,9 +30,9 @@ _MOVES_M_S: Final = 1e-3
 _LATEST_S: Final = 1.0
 """How much later than the delays that are set an arm is looked for."""
 _NOTE: Final = (
-    "Network: what was set, mean delay and loss one way. Moved: hand or arm were faster than 1 mm/s; late and error "
-    "are of that time alone. Late: the shift in time by which the arm follows the hand (effective time offset). "
-    "Error: distance of the arm to where the hand has put it at that moment, RMS"
+    "Network: what was set, mean delay with its jitter, and loss, one way. Moved: hand or arm faster than 1 mm/s; "
+    "late and error are of that time alone. Late: the shift in time by which the arm follows the hand (effective "
+    "time offset). Error: distance of the arm to where the hand has put it at that moment, RMS"
 )
 _SEEN: Final = {True: "picture and ghost", False: "late picture"}
 _TARGETS_NOTE: Final = (
@@ -61,7 +62,7 @@ def stretches(
 
     Oracle: a run in virtual time with two changes, test_stretches.
     """
-    edges_ns = _edges_ns(logs)
+    edges_ns = _edges_ns(logs, s_to_ns(active_duration_s(logs, "surgeon", scenario)))
     found = {
         hand: [
             _stretch(begin_ns, end_ns, scenario, asked, track)
@@ -75,18 +76,15 @@ def stretches(
     return {"stretches": found} if any(len(one) > 1 for one in found.values()) else {}
 
 
-def _edges_ns(logs: RunLogs) -> list[int]:
+def _edges_ns(logs: RunLogs, end_ns: int) -> list[int]:
     """Return the instants at which accepted requests changed the network, between the run's begin and end."""
-    log = logs.sides.get("netem")
-    if log is None:
-        return []
-    found = {0, log.last_ns}
+    found = {0, end_ns}
     for change in changes_from_notes(convert(row, ControlNote) for row in logs.of("netem", CONTROL)):
         found |= {change.at_ns} if change.cleared else set()
         for entry in change.entries:
             begin_ns = s_to_ns(entry.at_s)
             found |= {begin_ns, begin_ns + s_to_ns(entry.for_s or 0.0)}
-    return sorted(ns for ns in found if ns <= log.last_ns)
+    return sorted(ns for ns in found if ns <= end_ns)
 
 
 Asked = dict[Direction, tuple[NDArray[np.int64], Array, Array]]

@@ -1,7 +1,9 @@
-"""The report of the default scenario on paper and on a phone, in a browser."""
+"""The reports of scenarios on paper, on a phone and on a desk, in a browser."""
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 import pytest
 from rich.console import Console
@@ -22,15 +24,35 @@ _ORDER = """() => [...document.querySelectorAll("section")]
   .filter(([box]) => box.height > 0).sort(([a], [b]) => a.top - b.top).map(([, id]) => id)"""
 
 
-@pytest.fixture(scope="module")
-def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("default")
-    scenario = resolve("default", (), None, None)
+_HIGHEST_PX: Final = 7000
+
+
+def _report(path: Path, name: str, settings: Sequence[str] = (), duration_s: float | None = None) -> Path:
+    scenario = resolve(name, settings, None, duration_s)
     nodes, models, _ = build_sides(scenario)
     folder.write(path / folder.SCENARIO_FILE, "")
     run_twin(scenario, nodes, models, path)
-    conclude(path, scenario, Ending("twin", "tis twin default", 0, {}), Console(quiet=True), Outputs(merge=False))
+    conclude(path, scenario, Ending("twin", f"tis twin {name}", 0, {}), Console(quiet=True), Outputs(merge=False))
     return path / folder.REPORT_FILE
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return _report(tmp_path_factory.mktemp("default"), "default")
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [("default", ("source.hands=[left, right]",)), ("touch", ("rate_hz=200",)), ("sight", ())],
+)
+def test_on_a_desk_the_page_opens_at_a_bounded_height(name: str, settings: Sequence[str], tmp_path: Path) -> None:
+    path = _report(tmp_path, name, settings, 10.0)
+    with chromium() as browser:
+        page, found = watched_page(browser, width=1400)
+        page.goto(path.as_uri())
+        page.wait_for_function(_DRAWN)
+        assert page.evaluate("document.documentElement.scrollHeight") <= _HIGHEST_PX
+        assert found == []
 
 
 @pytest.mark.slow

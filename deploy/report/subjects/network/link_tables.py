@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from tis.common.channels import Direction
 from tis.deploy.present.numbers import counted, heads, interval, number
-from tis.deploy.present.page import folded, note
+from tis.deploy.present.page import folded, nonbreaking_units, note
 from tis.deploy.present.table import Column, Table
 from tis.deploy.report.subjects.network.link_figures import KeyOfLink, Link
 
@@ -86,7 +86,7 @@ def fidelity_list(links: Links, request: str = "the scenario requests") -> str:
         f'<strong class="{look}">{word}</strong> {escape(text)}'
         if look
         else f'<span class="note">{escape(text)}</span>'
-        for look, word, text in items
+        for look, word, text in ((look, word, nonbreaking_units(text)) for look, word, text in items)
     ]
     return f'<ul class="problems">{"".join(f"<li>{line}</li>" for line in lines)}</ul>'
 
