@@ -10,17 +10,22 @@ NONE: Final = "-"
 _SCALES: Final = ((1e9, "billion"), (1e6, "million"))
 _SPANS: Final = ((365.25 * 86400.0, "years"), (86400.0, "days"), (3600.0, "h"), (60.0, "min"), (1.0, "s"))
 _EXACT_BELOW: Final = 1000
+_SMALL: Final = 5e-4
+"""What would be shown as 0.000; below `_LEAST`, which rounding of floating-point numbers causes, it is."""
+_LEAST: Final = 1e-6
 _DIVERGED: Final = 1e4
 """Figures of a filter that has diverged, whose digits say nothing."""
 
 
 def number(value: float | None, unit: str = "") -> str:
-    """Return a number with three or four significant digits, a dash for none; nothing but 0 is 0."""
+    """Return a number with three or four significant digits, one if it is small, a dash for none; only 0 is 0."""
     if value is None:
         return NONE
     if isinstance(value, int) or value == 0.0:
         return f"{value or 0}{unit}"
     digits = 0 if abs(value) >= 1000 else 1 if abs(value) >= 100 else 2 if abs(value) >= 1 else 3
+    if _LEAST <= abs(value) < _SMALL:
+        digits = -math.floor(math.log10(abs(value)))
     if 99.9 <= value < 100 and not unit:
         digits, value = 3, math.floor(1000 * value) / 1000  # only a full 100 is shown as 100
     return f"{value:.{digits}f}{unit}"

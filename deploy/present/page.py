@@ -130,5 +130,8 @@ def note(text: str) -> str:
 def problem_list(problems: Sequence[str], warnings: Sequence[str] = ()) -> str:
     """Return a list of problems, then warnings; "" without any."""
     marked = [("bad", "problem", text) for text in problems] + [("open", "warning", text) for text in warnings]
-    items = "".join(f'<li><strong class="{look}">{word}</strong> {escape(text)}</li>' for look, word, text in marked)
+    items = "".join(
+        f'<li><strong class="{look}">{word}</strong> {escape(nonbreaking_units(text))}</li>'
+        for look, word, text in marked
+    )
     return f'<ul class="problems">{items}</ul>' if items else ""

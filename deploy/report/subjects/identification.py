@@ -132,7 +132,7 @@ def model_table(models: Mapping[Hand, IdentifiedModel]) -> Table:
             model.method,
             model.order,
             *(fit_text(value, 3) for value in model.fit_pct),
-            f"{model.spectral_radius:.4f}",
+            f"{model.spectral_radius:.4f}" if model.order else None,
             model.block_rows,
             model.source,
         )
@@ -143,4 +143,6 @@ def model_table(models: Mapping[Hand, IdentifiedModel]) -> Table:
         "block rows", Column("trained on", words=True),
     )  # fmt: skip
     note = "Fit: the share of variance on validation rows that a simulation explains"
+    if not all(model.order for model in models.values()):
+        note += ". Order 0: the arm follows its command at once"
     return Table("The arm's model", columns, rows, note)
