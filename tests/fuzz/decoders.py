@@ -296,7 +296,10 @@ def _whole_log() -> bytes:
     return path.read_bytes()
 
 
-_DEVICE = b'{"stamp_ns": 5, "position_m": {"x": 0.1, "y": 0, "z": -1}, "gripper_rad": 0.3, "clutch": true}'
+_DEVICE = (
+    b'{"stamp_ns": 5, "position_m": {"x": 0.1, "y": 0, "z": -1}, "gripper_rad": 0.3, "clutch": true, '
+    b'"target_run": {"delay_ms": 300, "with_ghost": true, "time_s": 12.5, "path_mm": 402.5, "n_misses": 1}}'
+)
 _SAMPLED = encode(SampledPose(**_pose()))
 _TWO_POSES = [(k, json.loads(_SAMPLED) | {"sample_ns": k}) for k in (1, 2)]
 _FEEDBACK = encode(FeedbackPose(**_pose(tick=3, command_sample_ns=4)))

@@ -11,6 +11,7 @@ import pytest
 from tests.system.browser import chromium, live_page
 from tests.system.conftest import HOLD, Start
 from tests.system.test_view_page import url_of
+from tis.common.device_records import TARGET_RUNS
 from tis.common.records import COUNTERS, PLANT
 from tis.deploy.logs.read.load import load_run
 from tis.deploy.report.subjects.display import displayed
@@ -26,6 +27,7 @@ _IS_SEEN = """() => document.getElementById('seen').width === 320
 _STATUS = "text => document.getElementById('driver').textContent.includes(text)"
 _ENDED = "id => document.getElementById(id).textContent === 'The run has ended.'"
 _STEP_MS = 25
+_TARGET_RUN = {"delay_ms": 300.0, "with_ghost": True, "time_s": 12.5, "path_mm": 402.25, "n_misses": 1}
 
 
 def _centre(page: "Page") -> tuple[float, float]:
@@ -98,6 +100,9 @@ def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture
         page.locator("#seen").press("ArrowUp")
         assert float(depth.input_value()) == before + 1.5
 
+        # a run at targets goes with the next move into the surgeon's log
+        page.evaluate("(one) => window.live.take() && window.live.send({ target_run: one })", _TARGET_RUN)
+
         # a stop is told where one drives
         page.get_by_role("button", name="Stop the arms").click()
         page.get_by_text("You pressed Stop the arms").wait_for()
@@ -146,6 +151,8 @@ def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture
     assert counters["device_poses.left"] > 150
     assert counters["device_undecodable.left"] == counters["device_backwards.left"] == 0
     assert counters["device_silences.left"] >= 1, "a hand that nobody moves is silent, and that is logged"
+    (told,) = logs.of("surgeon", TARGET_RUNS)
+    assert {name: told[name] for name in _TARGET_RUN} == _TARGET_RUN
     arm_mm = 1e3 * logs.of("patient", PLANT).column("position_m")
     assert np.ptp(arm_mm, axis=0)[:2].min() > 8.0, "the arm went along the eight"
     display = summary["display"]["left"]
