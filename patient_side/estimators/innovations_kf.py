@@ -398,7 +398,8 @@ class InnovationsKf:
         surprise = square_of(innovation) / variance
         activity, jump = before.activity, before.jump
         is_jump = surprise > _JUMP * max(activity[0], 1.0)
-        if is_jump and jump is not None and float(np.vdot(jump, innovation)) > 0.0:
+        # The first three numbers are comparable, of whatever the two samples show.
+        if is_jump and jump is not None and jump.ravel()[:AXES].dot(innovation.ravel()[:AXES]) > 0.0:
             mean[:], _ = self._filter.start(self._complete(sample, what), None, what)
             is_jump = False
         elif is_jump:
