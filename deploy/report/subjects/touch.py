@@ -1,7 +1,7 @@
 """Touch: whether the loop of force and hand is stable, what the hand feels of what the arm touches, and its price."""
 
 from collections.abc import Mapping
-from math import isfinite
+from math import inf, isfinite
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -39,7 +39,8 @@ class TouchFigures(Section):
 
     stability: Stability = means(
         "`stable`, `unstable` (the hand swings ever wider, or far faster than it intends), or `not_decidable` "
-        "(too little contact). An unstable run is a valid measurement."
+        "(too little contact, or a device that does not tell what its hand intends). An unstable run is a valid "
+        "measurement."
     )
     stable: bool | None = means("The same for limits and comparisons; `null` for `not_decidable`.")
     stiffness_n_m: float | None = means(
@@ -151,12 +152,17 @@ def _errors(error_n: Array) -> dict[str, float | None]:
 
 def predicted_limit(scenario: Scenario, delay_s: float) -> float | None:
     """Return the stiffness (N/m) at which theory expects instability; None for what it does not cover."""
-    part, plant = scenario.touch, scenario.patient.plant
-    if part is None or part.coupling != "position_force" or plant.kind != "servo" or scenario.source.kind == "live":
-        return None
-    arm = Arm(plant.bandwidth_hz, plant.damping, plant.moved_mass_kg)
-    found = loop_limit(Limb(*part.operator.with_device), arm, delay_s, 1.0 / scenario.rate_hz)
+    loop = loop_of(scenario)
+    found = inf if loop is None else loop_limit(*loop, delay_s, 1.0 / scenario.rate_hz)
     return found if isfinite(found) else None
+
+
+def loop_of(scenario: Scenario) -> tuple[Limb, Arm] | None:
+    """Return the hand and the arm of a loop that theory covers; None for another one."""
+    part, plant = scenario.touch, scenario.patient.plant
+    if part is None or part.coupling != "position_force" or plant.kind != "servo" or not scenario.simulates_hand:
+        return None
+    return Limb(*part.operator.with_device), Arm(plant.bandwidth_hz, plant.damping, plant.moved_mass_kg)
 
 
 def stability(shown: Frame, rate_hz: int) -> Stability:
@@ -166,9 +172,11 @@ def stability(shown: Frame, rate_hz: int) -> Stability:
     is unstable where the speed of the last third is three times that of the first and exceeds what the hand intends,
     where it lasts and is three times what the hand intends, or where the force is cut by its limit for long. Oracle:
     swings of known growth, test_touch.
+
+    A hand that is never off what it intends is that of a device, which tells no intention: nothing is decided.
     """
     felt = np.linalg.norm(shown.force_n, axis=1) > 0.0
-    if not felt.any():
+    if not felt.any() or np.array_equal(shown.position_m, shown.intended_m):
         return "not_decidable"
     first, n = int(np.argmax(felt)), max(round(_WINDOW_S * rate_hz), 2)
     if np.mean((shown.limited == "force")[first:][felt[first:]]) > _LIMITED:

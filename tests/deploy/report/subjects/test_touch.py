@@ -58,6 +58,11 @@ def test_without_contact_or_with_little_of_it_nothing_is_decided() -> None:
     assert stability(_shown(off, short), RATE_HZ) == "not_decidable"
 
 
+def test_of_a_device_that_tells_no_intention_nothing_is_decided() -> None:
+    moves = _swing(0.8)
+    assert stability(_shown(np.zeros(len(moves)), np.full(len(moves), 1.0), moves), RATE_HZ) == "not_decidable"
+
+
 def test_a_hand_that_moves_as_fast_as_it_intends_is_stable() -> None:
     t = np.arange(6 * RATE_HZ) / RATE_HZ
     moves = 0.01 * np.sin(2 * pi * t)
@@ -81,6 +86,11 @@ def test_theory_is_asked_where_it_holds() -> None:
 
     assert predicted_limit(without("touch.coupling=wave"), 0.012) is None
     assert predicted_limit(without("patient.plant={kind: mujoco}"), 0.012) is None
+
+
+def test_theory_knows_the_simulated_hand_of_a_pointer_and_no_persons() -> None:
+    assert predicted_limit(resolve("drive_touch", (), None, None), 0.12) is not None
+    assert predicted_limit(resolve("drive_touch", ("touch.live_hand=own",), None, None), 0.12) is None
 
 
 def _figures(**changed: object) -> TouchFigures:
