@@ -106,6 +106,7 @@ def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture
         page.locator("#no_ghost").wait_for()
         page.get_by_role("button", name="Release").click()
         page.locator("#halted").wait_for(state="hidden")
+        page.locator("#no_ghost").wait_for(state="hidden")
 
         # one click sets the delay of a task, and shows its first target
         page.get_by_role("button", name="Reset").click()
