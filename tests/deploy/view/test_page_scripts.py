@@ -59,6 +59,20 @@ def test_a_lost_connection_says_that_the_run_may_have_ended_unless_it_is_known_t
         assert errors == []
 
 
+def test_a_page_that_is_drawn_late_does_not_go_on_saying_that_nobody_answers() -> None:
+    with chromium() as browser:
+        page, errors = watched_page(browser)
+        page.clock.install()
+        page.set_content('<p id="opening">Opening …</p><select id="arm"></select>')
+        page.add_script_tag(path=_HERE / "page.js")
+        page.clock.run_for(11_000)
+        assert "does not answer" in page.locator("#opening").inner_text()
+        page.evaluate("() => { window.Bokeh = { documents: [1] } }")
+        page.clock.run_for(1_000)
+        assert page.locator("#opening").count() == 0
+        assert errors == []
+
+
 def _targets(page: "Page") -> list[list[float]]:
     found: list[list[float]] = page.evaluate("() => window.touchTask.begin([10, 20], {}).targets")
     return found

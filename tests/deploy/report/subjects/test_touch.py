@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from tis.common.coupling.stability import Arm, Limb, loop_limit
 from tis.common.scenario import Scenario
+from tis.common.units import NS_PER_S
 from tis.deploy.logs.read.frame import Frame
-from tis.deploy.report.subjects.touch import Stability, TouchFigures, energy_j, predicted_limit, stability
+from tis.deploy.report.subjects.touch import Stability, TouchFigures, energy_j, judged, predicted_limit, stability
 from tis.deploy.report.subjects.touch_tables import answer_text, stability_text, touch_tables, touch_text
 from tis.deploy.run.resolve import resolve
 
@@ -27,6 +28,7 @@ def _shown(off_m: Array, force_n: Array, intended_m: Array | None = None, limite
 
     return Frame.of_arrays(
         tick=np.arange(n),
+        sample_ns=np.arange(n) * (NS_PER_S // RATE_HZ),
         position_m=along_z(intended + off_m),
         intended_m=along_z(intended),
         force_n=along_z(force_n),
@@ -43,6 +45,16 @@ def _swing(growth_per_s: float, seconds: float = 6.0) -> Array:
 def test_a_swing_that_grows_is_unstable_and_one_that_decays_is_not(growth_per_s: float, found: Stability) -> None:
     off = _swing(growth_per_s)
     assert stability(_shown(off, np.full(len(off), 1.0)), RATE_HZ) == found
+
+
+def test_where_the_network_was_changed_the_worst_stretch_decides() -> None:
+    parts = [_swing(-0.8), _swing(0.8), _swing(-0.8)]
+    off, n = np.concatenate(parts), len(parts[0])
+    shown = _shown(off, np.full(len(off), 1.0))
+    found, stretch = judged(shown, [n * NS_PER_S // RATE_HZ, 2 * n * NS_PER_S // RATE_HZ], RATE_HZ)
+    assert (found, stretch.tick[0], len(stretch)) == ("unstable", n, n)
+    found, stretch = judged(shown.at(slice(n)), [], RATE_HZ)
+    assert (found, len(stretch)) == ("stable", n)
 
 
 def test_a_force_that_its_limit_cuts_for_long_is_instability() -> None:
