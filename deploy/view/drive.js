@@ -120,7 +120,7 @@
     if (felt) for (const node of document.querySelectorAll(".touched")) node.hidden = false;
     if (at("felt").hidden) return;
     at("felt_words").textContent = felt ? window.pictureLayout.feltWords(felt) : "no force is told.";
-    const loop = felt ? window.pictureLayout.loopWords(seen) : "";
+    const loop = felt && !seen.outage && !stands() ? window.pictureLayout.loopWords(seen) : "";  // where nothing follows there is none
     if (at("loop").textContent !== loop) at("loop").textContent = loop;
     at("loop").className = seen.stability ?? "";
     at("felt_energy").textContent = felt ? (felt.most_given_mj < 1000 ? `${felt.most_given_mj.toFixed(1)} mJ` : `${(felt.most_given_mj / 1000).toFixed(1)} J`) : "–";

@@ -117,6 +117,17 @@ def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture
         page.wait_for_function(_DELAY_IS, arg="300")
         page.get_by_text("Reset: done").wait_for(state="detached")  # it is true no more
         page.get_by_role("button", name="Give up").click()
+
+        # a task whose delay is changed is over, and what is told of it goes with a stop
+        page.get_by_role("button", name="300 ms").click()
+        page.get_by_text("Bring the arm to target 1 of 9").wait_for()
+        page.wait_for_function(_DELAY_IS, arg="150")
+        page.get_by_label("Delay, ms").fill("120")
+        page.get_by_label("Delay, ms").press("Enter")
+        page.get_by_text("Ended: the delay is no longer that of these targets").wait_for()
+        page.get_by_role("button", name="Stop the arms").click()
+        page.locator("#touching").wait_for(state="hidden")
+        page.get_by_role("button", name="Release").click()
         page.get_by_label("Delay, ms").fill("250")
         page.get_by_text("each way: 250 there and 250 back").wait_for()
         page.get_by_label("Which way").select_option("back")
