@@ -17,8 +17,8 @@ from tis.deploy.watch.book import LiveBook
 from tis.deploy.watch.forces import MJ_PER_J, FeltRow
 
 _NEW_NS: Final = NS_PER_S
-_STEP_MS: Final = 10.0
-"""Resolution of the round trip for which theory is asked; a mean of some hundred forces moves by less."""
+_STEP_MS: Final = 5.0
+"""Resolution of the round trip for which theory is asked."""
 
 
 class LoopLimit:

@@ -61,7 +61,7 @@ window.pictureLayout = (() => {
   const LIMITS = { force: "cut at the largest force that may be shown", stale: "fading, as nothing newer came back",
     inactive: "fading, as the arm does not follow" };
   const LOOPS = { stable: "The loop is stable.", unstable: "The loop is unstable: the hand swings.",
-    not_decidable: "Whether the loop is stable is not decidable: too little contact, or a device that tells no intention." };
+    not_decidable: "The last seconds do not tell whether the loop is stable." };
   const feltWords = ({ hand_n, late_ms, limited }) => [
     `${Math.hypot(...hand_n).toFixed(1)} N on the hand`,
     late_ms == null ? "; none has come back yet" : `, as it was on the tool ${late_ms.toFixed(0)} ms ago`,

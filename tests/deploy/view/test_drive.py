@@ -319,7 +319,7 @@ def test_the_loop_is_judged_as_the_report_does_and_not_where_no_intention_is_tol
 def test_theorys_limit_is_that_of_the_summary_and_is_not_waited_for() -> None:
     scenario = resolve("drive_touch", [], None)
     limit = LoopLimit(about_of(scenario))
-    assert limit.at(None) is limit.at(364.0) is None
+    assert limit.at(None) is limit.at(362.0) is None
     until_s = time.monotonic() + 20
     while (found := limit.at(361.0)) is None:
         assert time.monotonic() < until_s
