@@ -21,7 +21,7 @@ def build_surgeon(scenario: Scenario, recording: Recording) -> SurgeonNode:
     source = scenario.source
     motion: Motion = LiveMotion(source, scenario.rate_hz) if source.kind == "live" else RecordedMotion(recording)
     noise, servo, touch = sensor_noise(scenario), known_servo(scenario), build_touch(scenario, recording)
-    if touch is not None and source.kind != "live":
+    if touch is not None and scenario.simulates_hand:
         motion = YieldingMotion(motion, touch.hands)
     is_forged = not scenario.network.corrupts("feedback")
     return SurgeonNode(

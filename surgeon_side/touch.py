@@ -285,18 +285,19 @@ def _emission(key: str, k: int, shown: ShownForce) -> Emission:
 
 
 def build_touch(scenario: Scenario, recording: Recording) -> Touch | None:
-    """Return the touch of a scenario; None without. The hands of a live source have no operator."""
-    part = scenario.touch
+    """Return the touch of a scenario; None without."""
+    part, source, period_ns = scenario.touch, scenario.source, NS_PER_S // scenario.rate_hz
     if part is None:
         return None
-    period_ns, is_live = NS_PER_S // scenario.rate_hz, scenario.source.kind == "live"
     hands = [
         HandTouch(
             hand.channels,
             part,
             period_ns,
-            None if is_live else Operator(Limb(*part.operator.with_device), period_ns / NS_PER_S),
-            np.eye(3) if is_live else _master_by_arm(hand.command.position_m, hand.follower.position_m),
+            Operator(Limb(*part.operator.with_device), period_ns / NS_PER_S) if scenario.simulates_hand else None,
+            np.eye(3) / source.scale
+            if source.kind == "live"
+            else _master_by_arm(hand.command.position_m, hand.follower.position_m),
         )
         for hand in recording.hands
     ]

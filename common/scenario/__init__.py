@@ -224,6 +224,11 @@ class Scenario(Part):
         return "warn" if is_one_machine or self.network.corrupts("forward") else "hold"
 
     @property
+    def simulates_hand(self) -> bool:
+        """Whether `touch.operator` feels the forces: the source then tells what it intends."""
+        return self.touch is not None and (self.source.kind != "live" or self.touch.live_hand == "simulated")
+
+    @property
     def impaired_keys(self) -> tuple[str, ...]:
         """Key expressions of the run's messages and of the caches of advanced publishers; both are impaired."""
         return (f"{self.session}/**", f"{self.session}/**/@adv/**")

@@ -121,7 +121,12 @@ class TouchPart(Part):
     environment: Environment = Field(
         WallEnvironment(kind="wall"), description="What the arms touch; an external arm tells its force itself."
     )
-    operator: OperatorPart = Field(OperatorPart(), description="The hand that feels; a live device's is its own.")
+    operator: OperatorPart = Field(OperatorPart(), description="The simulated hand that feels.")
+    live_hand: Literal["own", "simulated"] = Field(
+        "own",
+        description="Hand that feels with a live source. own: that of the person at a device which shows forces; "
+        "simulated: operator, and the device, such as a pointer, tells what it intends.",
+    )
     coupling: CouplingKind = Field(
         "position_force",
         description="position_force: the measured force is shown as it arrives, the estimate drives the arm; wave: "

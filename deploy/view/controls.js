@@ -7,6 +7,7 @@
   const forms = [...document.querySelectorAll("form[data-ask]")];
   const way = document.getElementById("way");
   const profile = document.getElementById("profile");
+  const asking = {};  // the form that asked, by what it asked for
   const title = () => { document.getElementById("profile_title").textContent = profile.selectedOptions[0]?.dataset.title ?? ""; };
 
   // The number in a field, or in words why there is none.
@@ -22,9 +23,20 @@
   const ways = (value, way) => (value === undefined ? "" : {
     both: `each way: ${value} there and ${value} back`, forward: `${value} there, back as it is`, feedback: `there as it is, ${value} back`,
   }[way]);
-  const delay = document.getElementById("delay");
-  const tellWays = () => {
-    document.getElementById("delay_ways").textContent = ways(number(delay.value, delay.dataset.low, delay.dataset.high).value, way.value);
+  // Delay and loss show what netem is set to, until a value is typed: from then on that, until it is set or given up.
+  const shown = ["delay", "loss"].map((ask) => document.getElementById(ask)), typed = new Set();
+  const ENDS = { delay: [shown[0]], loss: [shown[1]], reset: shown, profile: shown, task: shown };
+  let set = { delay: [null, null], loss: [null, null] };
+  const follow = () => {
+    for (const input of shown.filter((one) => !typed.has(one))) {
+      const [there, back] = set[input.id];
+      input.value = { forward: there, feedback: back, both: there === back ? there : null }[way.value] ?? "";
+    }
+    const [delay] = shown, [there, back] = set.delay, isKnown = there !== null && back !== null;
+    const asked = typed.has(delay) ? ways(number(delay.value, delay.dataset.low, delay.dataset.high).value, way.value) : "";
+    const now = !isKnown ? "" : there === back ? ways(there, "both") : `${there} there and ${back} back`;
+    const line = document.getElementById("delay_ways"), words = [asked, now && `now ${now}`].filter(Boolean).join("; ");
+    if (line.textContent !== words) line.textContent = words;
   };
   const check = (input) => {
     const found = number(input.value, Number(input.dataset.low), Number(input.dataset.high));
@@ -34,10 +46,11 @@
 
   for (const form of forms) {
     const input = form.querySelector("input"), { ask } = form.dataset;
-    input?.addEventListener("input", () => { check(input); tellWays(); });
+    input?.addEventListener("input", () => { typed.add(input); check(input); follow(); });
     form.addEventListener("submit", (event) => {
       event.preventDefault();
       const request = { ask };
+      if (form.dataset.value) request.value = Number(form.dataset.value);
       if (input) {
         request.value = check(input);
         if (request.value === undefined) return input.focus();
@@ -46,23 +59,30 @@
       if (ask === "profile") request.profile = profile.value;
       if (ask === "reset") {
         for (const one of forms) { one.reset(); const field = one.querySelector("input"); if (field) tell(field, ""); }
+        typed.clear();
         way.value = "both";
         title();
-        tellWays();
+        follow();
       }
+      asking[ask] = form;
       tellAnswer(form, window.live.ask(request) ? "sent …" : "not sent, the connection is lost");
     });
   }
   profile.addEventListener("change", title);
   title();
-  way.addEventListener("change", tellWays);
-  tellWays();
+  way.addEventListener("change", follow);
 
   const usable = (on) => { for (const one of document.querySelectorAll(".asks :is(button, input, select)")) one.disabled = !on; };
   usable(false);
   window.live.on((message) => {
-    if ("network" in message) usable(message.network);
-    const form = forms.find((one) => one.dataset.ask === message.asked);
+    if ("network" in message) {
+      usable(message.network);
+      set = message.set;
+      follow();
+    }
+    const form = asking[message.asked];
+    delete asking[message.asked];
+    if (message.answer?.startsWith("done")) for (const input of ENDS[message.asked] ?? []) { typed.delete(input); tell(input, ""); }
     if (form) tellAnswer(form, message.answer);
     else if (message.asked) way.closest("section").querySelector(".answer").textContent = "";  // a task's delay ended what it tells
   });

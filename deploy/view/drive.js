@@ -41,7 +41,8 @@
   const heard = [], closed = [];
   let stops = false;  // whether this page was the last one here to stop the arms
   let task = null;  // what it shows: its targets, and what it hides
-  const hand = () => local ?? seen?.hand_mm;
+  // Where the pointer has put the hand; a simulated hand is then off it, by the force that it feels.
+  const hand = () => local ?? (seen?.yields ? seen.felt?.meant_mm : null) ?? seen?.hand_mm;
   Object.assign(window.live, {
     ask: (request) => {
       if (socket?.readyState !== WebSocket.OPEN) return false;
@@ -68,7 +69,7 @@
 
   const take = (surface = canvas) => {
     if (!drives || over || !seen?.hand_mm) return false;
-    if (!engaged) { engaged = true; moved = [0, 0, 0]; local = [...seen.hand_mm]; refused = ""; }
+    if (!engaged) { engaged = true; moved = [0, 0, 0]; local = [...hand()]; refused = ""; }
     surface.focus({ preventScroll: true });
     return true;
   };
@@ -85,8 +86,6 @@
     if (touched - sent >= SEND_MS) send();  // else with the next tick of the timer: a mouse moves 1000 times a second
   };
 
-  // A time in words; of two times the longer one never reads as the shorter.
-  const lateness = (ms) => (ms == null ? "–" : ms < 95 ? `${Math.round(ms)} ms` : ms < 950 ? `${Math.round(ms / 10) * 10} ms` : `${(ms / 1000).toFixed(1)} s`);
   // What was seen, for the trails and the words.
   const follow = () => {
     if (!seen.arm) return;
@@ -95,14 +94,14 @@
     if (engaged && seen.driver === "other" && now - touched > 1000) letGo();
     if (!drag && now - touched > SETTLED_MS && !engaged) local = null;
     const places = { hand: hand(), shown: seen.shown_mm, ghost: seen.ghost_mm };
-    if (task) { trails.hand = []; if (!task.ghost) trails.ghost = []; }
     for (const [name, place] of Object.entries(places)) {
-      if (name !== "shown" && hides(name)) continue;
+      if (hides(name)) { trails[name] = []; continue; }
       if (place) trails[name].push([now, place[0], place[1]]);
       while (trails[name].length && now - trails[name][0][0] > TRAIL_MS) trails[name].shift();
     }
     const words = (value, unit, digits) => (value == null ? "–" : `${value.toFixed(digits)} ${unit}`);
-    at("late").textContent = lateness(seen.late_ms);
+    at("late").textContent = seen.late_ms == null ? "–" : window.pictureLayout.sharesOf(seen.late_ms, 0).whole;
+    at("no_ghost").hidden = !stands();
     at("late_mm").textContent = words(seen.feedback_error_mm, "mm", 1);
     at("ghost_mm").textContent = words(seen.ghost_error_mm, "mm", 1);
     at("late_parts").textContent = parts(seen);
@@ -121,10 +120,14 @@
     const { felt, operator_n_m: stiffness } = seen;
     if (felt) for (const node of document.querySelectorAll(".touched")) node.hidden = false;
     if (at("felt").hidden) return;
-    at("felt_words").textContent = felt ? window.pictureLayout.feltWords(felt, seen.stability) : "no force is told.";
+    at("felt_words").textContent = felt ? window.pictureLayout.feltWords(felt) : "no force is told.";
+    const loop = felt && !seen.outage && !stands() ? window.pictureLayout.loopWords(seen) : "";  // where nothing follows there is none
+    if (at("loop").textContent !== loop) at("loop").textContent = loop;
+    at("loop").className = seen.stability ?? "";
     at("felt_energy").textContent = felt ? (felt.most_given_mj < 1000 ? `${felt.most_given_mj.toFixed(1)} mJ` : `${(felt.most_given_mj / 1000).toFixed(1)} J`) : "–";
-    at("yields").textContent = !drives || !stiffness ? "" :
-      `A pointer cannot push back. The dashed circle shows where a hand of ${stiffness.toFixed(0)} N/m would be pushed.`;
+    at("yields").textContent = !drives || !stiffness ? "" : `A pointer cannot push back. ${seen.yields
+      ? `A simulated hand, held to it by ${stiffness.toFixed(0)} N/m, yields to the force: the dashed circle, which the arm follows.`
+      : `The dashed circle shows where a hand of ${stiffness.toFixed(0)} N/m would be pushed.`}`;
   };
   // Of each state why; what the arm does in it is said in the same words everywhere, which come with the picture.
   const WHY = {
@@ -137,15 +140,21 @@
   const haltOf = ({ mode, doing, stopped }) => {
     const told = mode in WHY ? `The arm is ${doing}: ${WHY[mode]}` : "";
     if (mode !== "safe" || stopped === false) return told;
-    if (stopped) return `${stops ? "You" : "Somebody"} pressed Stop the arms: the arm does not follow until Release.`;
+    if (stopped) return `${stops ? "You" : "Somebody"} pressed Stop the arms: the arm does not follow until Release, so there is no ghost.`;
     return drives ? told : `${told} If somebody pressed Stop the arms, Release ends it.`;
   };
   const isStopped = () => ["safe", "slow_stop"].includes(seen.mode);
-  // The network's part is a median, the whole that of the newest picture: after a change the part may be the longer one.
-  const parts = ({ late_ms, network_ms, silent_s, outage }) => (late_ms == null || outage ? "" :
-    silent_s != null ? ` Nothing newer arrived for ${silent_s.toFixed(1)} s.` : network_ms == null ? "" :
-    network_ms > late_ms && lateness(network_ms) !== lateness(late_ms) ? ` The network took ${lateness(network_ms)} both ways (medians of the last ${at("late_parts").dataset.judged_s} s).` :
-    ` Of that the network takes ${lateness(network_ms)} both ways (medians of the last ${at("late_parts").dataset.judged_s} s); the rest is waiting for the next tick, at the arm and at the display, and computing. This rest is there even without a network.`);
+  // An arm that was stopped goes nowhere, whatever the hand does; in an outage the hand's moves may still reach it.
+  const stands = () => Boolean(seen.stopped) || (isStopped() && !seen.outage);
+  // After a change the part may be the longer one for a moment.
+  const parts = ({ late_ms, network_ms, silent_s, outage }) => {
+    if (late_ms == null || outage) return "";
+    if (silent_s != null) return ` Nothing newer arrived for ${silent_s.toFixed(1)} s.`;
+    if (network_ms == null) return "";
+    const { part, rest, rest_ms } = window.pictureLayout.sharesOf(late_ms, network_ms), over = `(medians of the last ${at("late_parts").dataset.judged_s} s)`;
+    return rest_ms <= 0 ? ` The network took ${part} both ways ${over}.` :
+      ` Of that the network takes ${part} both ways ${over}; the rest, ${rest}, is waiting for the next tick, at the arm and at the display, and computing. This rest is there even without a network.`;
+  };
   const LAST_S = 1;
   const ended = () => `The run has ended.${seen?.moved === false ? " Nobody moved the hand." : ""}`;
   const ends = (left_s) => (window.live.isOver() ? ended() : left_s == null ? "" : left_s > 0
@@ -169,7 +178,7 @@
   let scale = 1, view = null, inks = {};
   const x = (place) => canvas.clientWidth / 2 + (place[0] - view.centre[0]) * scale;
   const y = (place) => canvas.clientHeight / 2 - (place[1] - view.centre[1]) * scale;
-  const hides = (name) => task !== null && (name === "hand" || (name === "ghost" && !task.ghost));
+  const hides = (name) => (name === "ghost" && stands()) || (task !== null && (name === "hand" || (name === "ghost" && !task.ghost)));
   const near = (place) => Math.min(Math.max(1 + (place[2] - centre[2]) / 60, 0.5), 1.6);
 
   const paint = () => {
@@ -205,16 +214,20 @@
     if (seen.shown_mm) tool(pen, seen.shown_mm, inks.shown, false, gripper);
     if (estimate) diamond(pen, estimate, inks.estimate);
     if (reached) disc(pen, reached, inks.hand);
-    const pushed = reached && drives && seen.felt ? window.pictureLayout.yielded(reached, seen.felt.hand_n, seen.operator_n_m) : null;
+    const pushed = reached && drives && seen.felt ? pushedTo(reached, seen.felt) : null;
     if (pushed) {
       pen.strokeStyle = inks.hand; pen.lineWidth = 2.5; pen.setLineDash([5, 4]);
       pen.beginPath(); pen.arc(x(pushed), y(pushed), 13 * near(pushed), 0, 7); pen.stroke(); pen.setLineDash([]);
     }
-    const forces = [[seen.shown_mm, seen.felt?.tool_n, inks.shown, "on the tool"], [reached, seen.felt?.hand_n, inks.hand, "on the hand"]]
+    const forces = [[seen.shown_mm, seen.felt?.tool_n, inks.shown, "on the tool"], [seen.yields && pushed ? pushed : reached, seen.felt?.hand_n, inks.hand, "on the hand"]]
       .map((one) => force(pen, ...one)).filter(Boolean);
-    labels(pen, { hand: reached, ghost, estimate, really }, [...forces, ...pushed ? [["pushed back", pushed, inks.hand]] : [], ...behind(pen, reached, style)], [wide, high]);
+    labels(pen, { hand: reached, ghost, estimate, really }, [...forces, ...pushed ? [[seen.yields ? "the hand, pushed off" : "pushed back", pushed, inks.hand]] : [], ...behind(pen, reached, style)], [wide, high]);
     depth(pen, reached, ghost, wide, high);
   };
+  // Where the force pushes a hand that is to be at a place: where a simulated one is, or where another would be.
+  const pushedTo = (place, { hand_n, place_mm, meant_mm }) => (seen.yields
+    ? (window.pictureLayout.arrowOf(hand_n, 1) ? place.map((value, axis) => value + place_mm[axis] - meant_mm[axis]) : null)
+    : window.pictureLayout.yielded(place, hand_n, seen.operator_n_m));
   const grid = (pen, wide, high, dark) => {
     pen.strokeStyle = dark ? "#262e37" : "#e0e5ea"; pen.lineWidth = 1;
     const step = 10 * scale, left = ((x(centre) % step) + step) % step, top = ((y(centre) % step) + step) % step;
@@ -323,7 +336,7 @@
     return [[`${far_mm.toFixed(0)} mm behind`, middle, style.color]];
   };
   const labels = (pen, { hand, ghost, estimate, really }, more, size) => {
-    const named = [["your hand", hand, inks.hand], [seen.outage ? "frozen picture" : "as you see it", seen.shown_mm, inks.shown],
+    const named = [[seen.yields && drives ? "your pointer" : "your hand", hand, inks.hand], [seen.outage ? "frozen picture" : "as you see it", seen.shown_mm, inks.shown],
       ["ghost", ghost, inks.ghost], ["the arm itself", really, inks.arm], ["estimate", estimate, inks.estimate], ...more];
     const names = named.filter(([, place]) => place).map(([text, place, ink]) =>
       ({ text, ink, x: x(place), y: y(place) + 5, width: pen.measureText(text).width }));

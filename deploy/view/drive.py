@@ -1,8 +1,9 @@
 """Driving from pages: their messages, checked like all from outside, the driver's seat and the surgeon's picture."""
 
 import time
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
+from itertools import pairwise
 from math import inf
 from typing import Annotated, Any, Final
 
@@ -20,10 +21,11 @@ from pydantic import (
 )
 
 from tis.common.device_records import TargetRun
-from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S
-from tis.deploy.logs.read.frame import Frame
-from tis.deploy.report.subjects.touch import Stability, stability
+from tis.common.scenario.control import DirectionState, EmulatorState
+from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.deploy.report.subjects.touch import Stability
 from tis.deploy.view.device import DeviceDoor, device_pose
+from tis.deploy.view.felt import LoopLimit, felt_of, felt_rows, rounded_mm, stability_of
 from tis.deploy.view.hold_reason import RunAbout, why_hold
 from tis.deploy.view.netem_alone import NetemAlone
 from tis.deploy.view.page_text import MODES_IN_WORDS
@@ -31,7 +33,6 @@ from tis.deploy.view.requests import PageRequest, ask
 from tis.deploy.view.steering import Steering
 from tis.deploy.watch.arms import Place
 from tis.deploy.watch.book import LiveBook
-from tis.deploy.watch.forces import MJ_PER_J, FeltRow
 from tis.deploy.watch.live_figures import LiveFigures
 from tis.deploy.watch.observer import Observer
 
@@ -169,7 +170,7 @@ _RIVAL_S: Final = 3.0
 _STATE_S: Final = 0.2
 _JUDGE_S: Final = 0.5
 JUDGED_S: Final = 3.0
-_FELT_NS: Final = NS_PER_S
+_FROZEN_NS: Final = 300 * NS_PER_MS
 
 
 class DriveHub:
@@ -187,9 +188,11 @@ class DriveHub:
         self._about = about
         self._observer, self._steering, self._door = observer, steering, door
         self._asked_s = self._judged_s = -inf
-        self._is_outage = False
+        self._state: EmulatorState | None = None
+        self._limit = LoopLimit(about)
         self._figures = LiveFigures()
         self._late_ms: float | None = None
+        self._is_frozen = True
         self._stability: Stability | None = None
 
     def drive(self, page: Hashable, move: HandMove, now_s: float) -> str:
@@ -219,8 +222,10 @@ class DriveHub:
         seen, figures, about = self._observer.read(lambda book: picture(book, arm)), self._figures, self._about
         if now_s - self._asked_s >= _STATE_S:
             self._asked_s = now_s
-            self._is_outage = self._sees_outage()
-            self._late_ms = self._observer.read(lambda book: late_ms(book, seen["arm"]))
+            self._state = self._steering.state()
+            self._late_ms, self._is_frozen = self._observer.read(
+                lambda book: (late_ms(book, seen["arm"]), is_frozen(book))
+            )
         errors, part_ms = figures.display, figures.there_and_back_ms
         return {
             **seen,
@@ -230,11 +235,15 @@ class DriveHub:
             "feedback_error_mm": errors and round(errors.feedback_mm, 2),
             "ghost_error_mm": errors and round(errors.predicted_mm, 2),
             "why": why_hold(figures, about),
-            "outage": self._is_outage,
+            "outage": self._sees_outage(),
+            "set": set_now(self._state),
             "network": self._answers(seen["now_s"]),
             "stability": self._stability,
+            "limit_n_m": self._limit.at(None if self._is_frozen else self._late_ms),
+            "wall_n_m": about and about.wall_n_m,
             "moved": None if self._door is None else self.seat.last_s > 0 or self._door.is_rivalled(inf),
             "operator_n_m": about and about.operator_n_m,
+            "yields": about is not None and about.is_live and about.simulates_hand,
             "wall": about and about.wall_mm and {"place_mm": about.wall_mm, "normal": about.wall_normal},
             "left_s": None if about is None else max(0.0, about.duration_s - seen["now_s"]),
         }
@@ -250,8 +259,7 @@ class DriveHub:
         ask(self._steering, request, on_answer)
 
     def _sees_outage(self) -> bool:
-        state = self._steering.state()
-        ways = () if state is None else (state.forward, state.feedback)
+        ways = () if self._state is None else (self._state.forward, self._state.feedback)
         return any(way is not None and way.outage for way in ways)
 
 
@@ -271,57 +279,53 @@ def picture(book: LiveBook, arm: str | None) -> dict[str, Any]:
     return {
         "now_s": book.now_ns / NS_PER_S,
         "arm": arm,
-        "hand_mm": _mm(newest.get("hand")),
-        "estimate_mm": _mm(newest.get("estimate")),
-        "shown_mm": _mm(display and display.shown_m),
-        "ghost_mm": _mm(display and display.predicted_m),
-        "arm_mm": _mm(really and really.arm_m),
+        "hand_mm": rounded_mm(newest.get("hand")),
+        "estimate_mm": rounded_mm(newest.get("estimate")),
+        "shown_mm": rounded_mm(display and display.shown_m),
+        "ghost_mm": rounded_mm(display and display.predicted_m),
+        "arm_mm": rounded_mm(really and really.arm_m),
         "mode": book.safety.mode(arm),
-        "felt": _felt(book.forces.newest.get(arm), book.now_ns),
+        "felt": felt_of(book.forces.newest.get(arm), book.now_ns),
         "doing": MODES_IN_WORDS.get(book.safety.mode(arm) or ""),
         "stopped": book.is_stopped,
     }
 
 
-def _felt(row: FeltRow | None, now_ns: int) -> dict[str, Any] | None:
-    """Return what a hand feels, on the arm's axes; None without touch, and where nothing newer is known."""
-    if row is None or now_ns - row.t_ns > _FELT_NS:
-        return None
-    return {
-        "hand_n": [round(value, 3) for value in row.hand_n],
-        "tool_n": row.tool_n and [round(value, 3) for value in row.tool_n],
-        "late_ms": None if row.late_ns is None else round(row.late_ns / NS_PER_MS, 1),
-        "limited": row.limited,
-        "given_mj": round(MJ_PER_J * row.given_j, 2),
-        "most_given_mj": round(MJ_PER_J * row.most_given_j, 2),
-    }
-
-
-def felt_rows(book: LiveBook) -> list[FeltRow]:
-    """Return what the first hand that feels anything felt over the last seconds."""
-    return next((trail.all() for trail in book.forces.rows.values() if trail.n), [])
-
-
-def stability_of(rows: Sequence[FeltRow]) -> Stability | None:
-    """Return how the loop of the last rows stands; None for a device, which tells no intention, and without touch."""
-    if len(rows) < 2 or all(row.position_m == row.intended_m for row in rows if any(row.hand_n)):
-        return None
-    step_ns = float(np.median(np.diff([row.t_ns for row in rows])))
-    shown = Frame.of_arrays(
-        force_n=np.array([row.hand_n for row in rows]),
-        position_m=np.array([row.position_m for row in rows]),
-        intended_m=np.array([row.intended_m for row in rows]),
-        limited=np.array([row.limited for row in rows]),
-    )
-    return stability(shown, max(round(NS_PER_S / step_ns), 1))
+def is_frozen(book: LiveBook) -> bool:
+    """Tell whether no new picture has come lately."""
+    return book.now_ns - book.displays.fresh_ns > _FROZEN_NS
 
 
 def late_ms(book: LiveBook, arm: str | None) -> float | None:
-    """Return how late the newest display of an arm is; None before the first."""
-    rows = None if arm is None else book.displays.rows[arm]
-    display = None if rows is None else next(iter(rows.since(rows.n - 1)), None)
-    return None if display is None else display.late_ns / NS_PER_MS
+    """Return how late an arm's picture is; None before the first.
+
+    The median of the new pictures of the last seconds, as is the network's part of it; of a frozen one its age.
+    """
+    rows = [] if arm is None else book.displays.rows[arm].all()
+    if not rows:
+        return None
+    if is_frozen(book):
+        return rows[-1].late_ns / NS_PER_MS
+    begin_ns = rows[-1].t_ns - int(JUDGED_S * NS_PER_S)
+    new = [row for before, row in pairwise(rows) if before.command_ns < row.command_ns and row.t_ns >= begin_ns]
+    return float(np.median([row.late_ns for row in new or rows[-1:]])) / NS_PER_MS
 
 
-def _mm(place_m: Place | None) -> list[float] | None:
-    return None if place_m is None else [round(MM_PER_M * value, 3) for value in place_m]
+def set_now(state: EmulatorState | None) -> dict[str, list[float | None]]:
+    """Return what netem is set to, there and back, in the units of the page's fields: delay in ms, loss in percent.
+
+    None is what no single number tells, and what is not known. Oracle: states by hand, tests/deploy/view/test_drive.
+    """
+    ways = (None, None) if state is None else (state.forward, state.feedback)
+
+    def of(way: DirectionState | None, stage: str, name: str, per_unit: float) -> float | None:
+        if way is None:
+            return None
+        found = getattr(way.now, stage)
+        value = 0.0 if found is None else getattr(found, name, None)
+        return None if value is None else round(per_unit * value, 6)
+
+    return {
+        "delay": [of(way, "delay", "delay_ms", 1.0) for way in ways],
+        "loss": [of(way, "loss", "p_loss", 100.0) for way in ways],
+    }

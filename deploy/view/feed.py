@@ -28,7 +28,7 @@ TRACK_COLUMNS: Final = (
     "t", "tx", "ty", "tz", "ex", "ey", "ez", "hx", "hy", "hz", "error", "hold_error", "turn", "hold_turn",
 )  # fmt: skip
 MASTER_COLUMNS: Final = ("t", "mx", "my", "mz")
-FELT_COLUMNS: Final = ("t", "hand", "tool", "given")
+FELT_COLUMNS: Final = ("t", "hand", "tool", "put_in")
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Frame:
     master_track: Columns
     age: Columns
     felt: Columns
-    """Sizes of the forces in N, and the energy given to the hand in mJ."""
+    """Sizes of the forces in N, and the energy that the hand put in, in mJ."""
     delays: dict[StreamName, Columns] = field(default_factory=dict)
     losses: dict[StreamName, Columns] = field(default_factory=dict)
 
@@ -114,7 +114,7 @@ class Feed:
                         row.t_ns / NS_PER_S,
                         hypot(*row.hand_n),
                         nan if row.tool_n is None else hypot(*row.tool_n),
-                        MJ_PER_J * row.given_j,
+                        MJ_PER_J * row.put_in_j,
                     )
                     for row in felt
                 ],

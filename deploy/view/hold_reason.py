@@ -6,6 +6,7 @@ from typing import Final
 
 from tis.common.scenario import Scenario
 from tis.common.units import MM_PER_M
+from tis.deploy.report.subjects.touch import loop_of
 from tis.deploy.watch.live_figures import LiveFigures
 from tis.patient_side.plant.environment import environment_of
 
@@ -24,6 +25,12 @@ class RunAbout:
     wall_mm: Sequence[float] | None = None
     """A point of the surface that the arm touches, where the scenario alone tells it, and its normal."""
     wall_normal: Sequence[float] | None = None
+    wall_n_m: float | None = None
+    """Stiffness of what is touched, in N/m; None: it has no single one, or is not known here."""
+    simulates_hand: bool = False
+    """Whether a simulated hand yields to the forces."""
+    loop: Sequence[Sequence[float]] | None = None
+    """The fields of its `Limb` and of the `Arm`, where theory covers the loop."""
     has_picture: bool = False
     """Whether a camera's picture crosses the network."""
     can_steer_in_picture: bool = False
@@ -33,9 +40,10 @@ class RunAbout:
 def about_of(scenario: Scenario) -> RunAbout:
     """Return what a page is told about a run's scenario."""
     touch, source = scenario.touch, scenario.source
-    surface_m = None
+    surface_m = wall_n_m = None
     if touch is not None and scenario.patient.plant.kind != "external":
         environment = environment_of(touch.environment)
+        wall_n_m = touch.environment.stiffness_n_m if touch.environment.kind == "wall" else None
         if source.kind == "live":
             surface_m = environment.surface_m(source.arm_at_mm.of_m(source.hands[0]))
         else:
@@ -49,6 +57,9 @@ def about_of(scenario: Scenario) -> RunAbout:
         None if touch is None else touch.operator.stiffness_n_m,
         None if surface_m is None else [MM_PER_M * value for value in surface_m],
         None if surface_m is None else environment.normal,
+        wall_n_m,
+        scenario.simulates_hand,
+        loop_of(scenario),
         scenario.sight is not None,
         scenario.sight is not None and not scenario.sight.is_external,
     )
@@ -68,7 +79,10 @@ def why_hold(found: LiveFigures, about: RunAbout | None) -> str:
         return "The patient's estimate is hold in this run: it repeats the newest position, and predicts nothing."
     if found.rmse_mm is None or found.hold_rmse_mm is None or found.rmse_mm <= found.hold_rmse_mm:
         return ""
-    begin = f"Hold errs less now ({found.hold_rmse_mm:.2f} mm, the estimate {found.rmse_mm:.2f} mm)"
+    hold, estimate = f"{found.hold_rmse_mm:.2f} mm", f"{found.rmse_mm:.2f} mm"
+    if hold == estimate:  # what is not seen needs no reason
+        return ""
+    begin = f"Hold errs less now ({hold}, the estimate {estimate})"
     if found.extent_mm is not None and found.extent_mm < _STILL_MM:
         return f"{begin}: the hand rests, so the newest position is right however old it is."
     if found.age_max_ms is not None and found.age_max_ms > _GAP_MS:

@@ -4,14 +4,16 @@ window.live = {};
 (() => {
   const LONG_MS = 10_000;
   const at = (id) => document.getElementById(id);
+  const put = (id, markup) => { if (at(id).dataset.shown !== markup) at(id).innerHTML = at(id).dataset.shown = markup; };
+  // a busy machine may draw late: what was said then goes again
   const wait = () => {
-    if (window.Bokeh?.documents.length) at("opening").remove();
-    else if (performance.now() < LONG_MS) setTimeout(wait, 50);
-    else at("opening").textContent = "The page's server does not answer. The run may have ended; if not, load the page again.";
+    if (window.Bokeh?.documents.length) return at("opening").remove();
+    const isLong = performance.now() >= LONG_MS;
+    if (isLong) put("opening", "The page's server does not answer. The run may have ended; if not, load the page again.");
+    setTimeout(wait, isLong ? 500 : 50);
   };
   wait();
 
-  const put = (id, markup) => { if (at(id).dataset.shown !== markup) at(id).innerHTML = at(id).dataset.shown = markup; };
   let words = null, isOver = false, isFetched = false;
   at("arm").addEventListener("change", () => { words.chosen = at("arm").value; });
 

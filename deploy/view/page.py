@@ -244,6 +244,9 @@ class Page:
             self._feed.arm = arm
 
 
+_SWINGS_MS: Final = (0, 300)
+"""Delays there and back, in ms, at which the loop of `drive_touch` is stable and swings."""
+
 _STYLES: Final = ("page.css", "words.css", "controls.css", "drive.css")
 _SCRIPTS: Final = (
     "page.js",
@@ -311,6 +314,7 @@ def pages(
         ),
         "pairs": json.dumps([[tone.light, tone.dark] for tone in TONES]),
         "window_s": WINDOW_S,
+        "swings_ms": _SWINGS_MS,
         "camera": live_camera_controls(SCENE, SHOWN_S),
     }
 

@@ -150,8 +150,9 @@ def _safety_html(safety: Mapping[str, Sequence[Stretch]]) -> str:
             f'<strong>{name}{_spoken(now.mode)}</strong><span class="strip" aria-hidden="true">{parts}</span>'
         )
     return (
-        f"<li><span>Safety state</span>{''.join(arms)}<small>following: the estimate drives the arm; "
-        "holding, stopping, stopped: it does not. The strip shows the last seconds</small></li>"
+        f"<li><span>Safety state</span>{''.join(arms)}<small>following: the estimate drives the arm; resuming: the "
+        "arm comes slowly back to it; holding, stopping, stopped: it does not. The strip shows the last seconds"
+        "</small></li>"
     )
 
 

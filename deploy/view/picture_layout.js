@@ -62,10 +62,21 @@ window.pictureLayout = (() => {
     inactive: "fading, as the arm does not follow" };
   const LOOPS = { stable: "The loop is stable.", unstable: "The loop is unstable: the hand swings.",
     not_decidable: "The last seconds do not tell whether the loop is stable." };
-  const feltWords = ({ hand_n, late_ms, limited }, stability) => [
+  const feltWords = ({ hand_n, late_ms, limited }) => [
     `${Math.hypot(...hand_n).toFixed(1)} N on the hand`,
     late_ms == null ? "; none has come back yet" : `, as it was on the tool ${late_ms.toFixed(0)} ms ago`,
-    Object.hasOwn(LIMITS, limited) ? `; ${LIMITS[limited]}` : "", ". ", Object.hasOwn(LOOPS, stability) ? LOOPS[stability] : ""].join("").trim();
+    Object.hasOwn(LIMITS, limited) ? `; ${LIMITS[limited]}` : "", "."].join("");
+  // Whether the loop is stable, and from which stiffness on theory expects it to swing at the round trip of now.
+  const loopWords = ({ stability, wall_n_m, limit_n_m }) => (!Object.hasOwn(LOOPS, stability) ? "" : [LOOPS[stability],
+    wall_n_m == null ? "" : `What it touches has ${wall_n_m.toFixed(0)} N/m.`,
+    limit_n_m == null ? "" : `In theory it swings from ${limit_n_m.toFixed(0)} N/m on, at the round trip of now.`].filter(Boolean).join(" "));
 
-  return { follow, placed, arrowOf, yielded, feltWords };
+  // A whole and a part of it in words, in one resolution, with the rest: what is read adds up. Times in ms.
+  const sharesOf = (whole_ms, part_ms) => {
+    const step = whole_ms < 95 ? 1 : 10, [whole, part] = [whole_ms, part_ms].map((ms) => step * Math.round(ms / step));
+    return { whole: lateness(whole), part: lateness(part), rest: lateness(whole - part), rest_ms: whole - part };
+  };
+  const lateness = (ms) => (Math.abs(ms) < 950 ? `${ms} ms` : `${(ms / 1000).toFixed(2)} s`);
+
+  return { follow, placed, arrowOf, yielded, feltWords, loopWords, sharesOf };
 })();

@@ -154,7 +154,7 @@ class Plots:
                 if not all(window.fits(*found, span) for window, found in pair):
                     for window, found in pair:
                         window.show(*found, span)
-        self._fit_energy(extent(self.felt, "given"))
+        self._fit_energy(extent(self.felt, "put_in"))
         # axes that begin at 0 follow the largest value of all their sources
         growing = [
             ("delay", [found for source in self.delays.values() if (found := extent(source, "delay"))]),
@@ -168,9 +168,9 @@ class Plots:
             if extents:
                 self.windows[key].fit(0, max(high for _, high in extents))
 
-    def _fit_energy(self, given: tuple[float, float] | None) -> None:
-        if given is not None:
-            self.windows["energy"].fit(min(given[0], 0.0), max(given[1], 0.0))
+    def _fit_energy(self, put_in: tuple[float, float] | None) -> None:
+        if put_in is not None:
+            self.windows["energy"].fit(min(put_in[0], 0.0), max(put_in[1], 0.0))
 
     def _window(self, key: str, min_width: float, from_zero: bool = False) -> Range1d:
         self.windows[key] = Window(min_width, from_zero)
@@ -257,8 +257,8 @@ class Plots:
     def _energy(self) -> figure:
         fig = self._over_time("energy, mJ", self._window("energy", 1))
         fig.hspan(y=0, line_color=TRUTH.light, line_width=1)
-        fig.varea("t", "given", 0, source=self.felt, fill_color=STREAM_TONES["master"].light, fill_alpha=0.3)
-        fig.line("t", "given", source=self.felt, line_color=STREAM_TONES["master"].light, line_width=2)
+        fig.varea("t", "put_in", 0, source=self.felt, fill_color=STREAM_TONES["master"].light, fill_alpha=0.3)
+        fig.line("t", "put_in", source=self.felt, line_color=STREAM_TONES["master"].light, line_width=2)
         return fig
 
     def _over_time(self, y_label: str, y_range: Range1d, with_axis: bool = True) -> figure:

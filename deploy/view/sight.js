@@ -50,6 +50,7 @@
     const since = performance.now() - came, isStill = since > SILENT_MS;
     put(at("seen_age"), said.age_ms == null ? "–" : age(said.age_ms + since));
     const share = `${said.n_whole} of the last ${said.n} frames whole.`;
+    at("seen_stamps").hidden = !said.is_stamped;
     const untold = said.is_stamped ? "" : " No stamps: hand to eye and tears are not measured.";
     put(at("seen_state"), isStill ? `No newer picture for ${age(since)}.` : `${WORDS[said.state]} ${share}${untold}`);
     canvas.parentElement.dataset.state = isStill ? "frozen" : said.state;

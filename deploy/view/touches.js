@@ -49,8 +49,13 @@
       task = begin(window.live.home(), waits);
       waits = null;
     }
+    // what was told of a task that is over is of the past once the arm is stopped, or something is asked
+    if (!task && !waits && (message.stopped || message.asked)) say("");
     if (!task || !message.arm_mm) return;
     if (message.driver === "other") return leave("Another page drives the arm.");
+    const [there, back] = message.set.delay, isSet = there + back === task.label.delay_ms;
+    if (task.isSet && !isSet) return leave("Ended: the delay is no longer that of these targets.");
+    task.isSet = isSet;
     const before = task.next;
     task = step(task, 1000 * message.now_s, message.arm_mm);
     window.live.setTask({ targets: task.targets, next: task.next, inside: task.inside_ms !== null, ghost: task.label.ghost });
@@ -60,7 +65,7 @@
       const { delay_ms, ghost, time_s, path_mm, n_misses } = rows.at(-1);
       if (window.live.take()) window.live.send({ target_run: { delay_ms, with_ghost: ghost, time_s, path_mm, n_misses } });
       show();
-      leave(`Done with ${rows.at(-1).delay_ms} ms: ${time_s.toFixed(1)} s, ${path_mm.toFixed(0)} mm, ${n_misses} misses.`);
+      leave(`Done with ${delay_ms} ms: ${time_s.toFixed(1)} s, ${path_mm.toFixed(0)} mm, ${n_misses} ${n_misses === 1 ? "miss" : "misses"}.`);
     } else if (before !== task.next || !at("touching").textContent.startsWith("Bring")) {
       say(`Bring the arm to target ${task.next + 1} of ${N_TARGETS}, and keep it there: drag, or use the arrow keys.`);
     }

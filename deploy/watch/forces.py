@@ -24,8 +24,8 @@ _MAX_STEP_M: Final = 1.0
 class FeltRow(NamedTuple):
     """What a hand feels at a tick of the surgeon, on the arm's axes; ``tool_n`` is the newest force that came back.
 
-    ``late_ns`` is the time since that force acted on the tool, ``given_j`` the energy that the hand got so far, less
-    what it put in, as far as the observer saw it.
+    ``late_ns`` is the time since that force acted on the tool, ``put_in_j`` the energy that the hand has put into the
+    coupling so far, less what it got, as far as the observer saw it: the report's sign.
     """
 
     t_ns: int
@@ -35,7 +35,7 @@ class FeltRow(NamedTuple):
     limited: str
     position_m: Place
     intended_m: Place
-    given_j: float
+    put_in_j: float
     most_given_j: float
 
 
@@ -80,14 +80,14 @@ class Forces:
             return
         if t_ns > now_ns + _MAX_AHEAD_NS or FOLLOWER[shown.hand] != arm or _size(shown.force_n) > _MAX_SHOWN_N:
             return
-        here, given_j = _of(shown.position_m), 0.0 if before is None else before.given_j
+        here, put_in_j = _of(shown.position_m), 0.0 if before is None else before.put_in_j
         if before is not None and dist(here, before.position_m) <= _MAX_STEP_M:
             # the force is held from tick to tick
-            given_j += sum(f * (b - a) for f, a, b in zip(before.hand_n, before.position_m, here, strict=True))
+            put_in_j -= sum(f * (b - a) for f, a, b in zip(before.hand_n, before.position_m, here, strict=True))
         row = FeltRow(
             t_ns, _of(shown.force_n), None if tool is None else _of(tool.force_n),
-            None if tool is None else t_ns - tool.sample_ns, shown.limited, here, _of(shown.intended_m), given_j,
-            max(given_j, 0.0 if before is None else before.most_given_j),
+            None if tool is None else t_ns - tool.sample_ns, shown.limited, here, _of(shown.intended_m), put_in_j,
+            max(0.0 if before is None else before.most_given_j, -put_in_j),
         )  # fmt: skip
         self.newest[arm] = row
         last = self.rows[arm].since(self.rows[arm].n - 1)

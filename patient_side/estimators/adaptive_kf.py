@@ -1,9 +1,13 @@
-"""`innovations_kf`: the filter, and while it runs two scales, of velocity and noise, tracked on its own errors.
+"""`innovations_kf`: the filter, and while it runs three factors, of trust, velocity and noise, tracked on its errors.
 
-A model is fitted to other hands. This hand may go on for longer than they do, or err more: each forecast is kept
-until the arm's samples around its instant have arrived, and compared with them. Two factors follow, for lags within
-each octave:
+A model is fitted to other hands. This one may go on for longer than they do or err more, or its device may be much
+noisier than the training rows, as a mouse whose events stand still and jump. Each forecast is kept until the arm's
+samples around its instant have arrived, and compared with them. Three factors follow, for lags within each octave:
 
+- *trust*, on the way from the forecast of `damped_velocity` v to the filter's f. w is the least squares of y - v on
+  f - v, with exponential forgetting by what has been learned and a prior of `_PRIOR_DOUBT` that f was right. Where
+  w < 1/2 the filter errs by more than v, and the factor is (2 w)^4, else 1. Squares count in units of the
+  covariance and up to `_MOST_DOUBT` of them: a single jump of the arm changes little;
 - the *velocity's*, on the forecast move d: least squares of the true moves on the forecast ones, with exponential
   forgetting (Ljung 1999, *System Identification*, 11.2), and a prior of `_PRIOR_TICKS` forecasts that were right;
 - the *noise's*, on the covariance: raised after an error outside the 95 % ellipsoid and lowered a little after one
@@ -11,9 +15,9 @@ each octave:
   "Adaptive conformal inference under distribution shift").
 
 Lags longer than all that have been checked, as those of an outage whose samples never arrive, have half of the
-logarithm of the noise's factor at the longest that has been: part of it is the hand's at every lag.
+logarithm of the noise's factor at the longest that has been, as part of it is the hand's at every lag, and its trust.
 
-The memory is bounded: 55 forecasts, 10 of each second, and six numbers an octave. A forecast waits a second for
+The memory is bounded: 55 forecasts, 10 of each second, and nine numbers an octave. A forecast waits a second for
 samples around it that are late, and is dropped then. Oracles in test_adaptation: least squares with weights, and the
 share within.
 """
@@ -27,6 +31,7 @@ from tis.common.metrics.consistency import CHI2_3_95
 from tis.common.units import NS_PER_S, sample_instant_ns
 from tis.patient_side.estimators.innovations_kf import InnovationsKf, InnovationsState
 from tis.patient_side.estimators.protocol import Estimate
+from tis.patient_side.filters.input_path import continued
 from tis.patient_side.horizon import HORIZON_S, horizon_samples
 from tis.patient_side.linear_system import Array
 from tis.patient_side.playout import Playout
@@ -42,8 +47,11 @@ _LATE_S = 1
 """Time for which a forecast waits for samples around its instant while later ones have arrived."""
 _LARGEST_VELOCITY = 1.5
 """The velocity's factor lies between 1/1.5 and 1.5."""
+_PRIOR_DOUBT = 10.0
+_MOST_DOUBT = 10.0
+_REMEMBERED_DOUBT = 1000.0
 _NOISE_STEP = 0.06
-_LARGEST_LOG_NOISE = 4.0
+_LARGEST_LOG_NOISE = 8.0
 _OUTSIDE = 0.05
 _TINY = 1e-200
 _INHERITED = 0.5
@@ -51,35 +59,48 @@ _INHERITED = 0.5
 
 
 class Scales(NamedTuple):
-    """Knowledge of the forecasts over the lags of one octave; the first three are sums, with forgetting.
+    """Knowledge of the forecasts over the lags of one octave; but for ``log_noise`` these are sums, with forgetting.
 
     ``product``: the forecast move times the true one, m^2. ``square``: the forecast move's square, m^2. ``weight``: 1
-    for each forecast. ``log_noise``: the logarithm of the noise's factor. ``velocity`` and ``noise`` are the factors
-    on forecast move and covariance that follow.
+    for each forecast. ``log_noise``: the logarithm of the noise's factor. ``agreed``: y - v times f - v, in units of
+    the covariance, and ``apart`` the square of f - v. ``velocity``, ``noise`` and ``trust`` are the factors that
+    follow.
     """
 
     product: float = 0.0
     square: float = 0.0
     weight: float = 0.0
     log_noise: float = 0.0
+    agreed: float = 0.0
+    apart: float = 0.0
     velocity: float = 1.0
     noise: float = 1.0
+    trust: float = 1.0
 
     @classmethod
-    def of(cls, product: float = 0.0, square: float = 0.0, weight: float = 0.0, log_noise: float = 0.0) -> "Scales":
+    def of(
+        cls,
+        product: float = 0.0,
+        square: float = 0.0,
+        weight: float = 0.0,
+        log_noise: float = 0.0,
+        agreed: float = 0.0,
+        apart: float = 0.0,
+    ) -> "Scales":
         """Return what is known, with the factors."""
         velocity = 1.0
         if square > 0.0:
             velocity = (weight * product / square + _PRIOR_TICKS) / (weight + _PRIOR_TICKS)
             velocity = min(_LARGEST_VELOCITY, max(1.0 / _LARGEST_VELOCITY, velocity))
-        return cls(product, square, weight, log_noise, velocity, exp(log_noise))
+        share = 2.0 * max(0.0, _PRIOR_DOUBT + agreed) / (_PRIOR_DOUBT + apart)
+        return cls(product, square, weight, log_noise, agreed, apart, velocity, exp(log_noise), min(1.0, share**4))
 
 
 class Forecast(NamedTuple):
     """A forecast that awaits the truth, between ``sample`` and the next, at ``fraction`` of the way.
 
-    ``from_m`` (3,) is where the arm was last seen, ``move_m`` the model's forecast of its move since, ``position_m``
-    the estimate and ``covariance_m2`` (3, 3) its covariance, as issued.
+    ``from_m`` (3,) is where the arm was last seen, ``move_m`` the trusted forecast of its move since, ``position_m``
+    the estimate and ``covariance_m2`` (3, 3) its covariance, as issued. ``plain_m`` (3,) is v and ``apart_m`` f - v.
     """
 
     sample: int
@@ -89,6 +110,8 @@ class Forecast(NamedTuple):
     move_m: Array
     position_m: Array
     covariance_m2: Array
+    plain_m: Array
+    apart_m: Array
 
 
 class Adaptation(NamedTuple):
@@ -102,7 +125,10 @@ class Adaptation(NamedTuple):
         """Return the scales of an octave of lags, of which nothing may be known yet."""
         if octave < len(self.scales):
             return self.scales[octave]
-        return Scales.of(log_noise=_INHERITED * self.scales[-1].log_noise) if self.scales else Scales()
+        if not self.scales:
+            return Scales()
+        longest = self.scales[-1]
+        return Scales.of(log_noise=_INHERITED * longest.log_noise, agreed=longest.agreed, apart=longest.apart)
 
 
 def octave_of(lag_ns: int, rate_hz: int) -> int:
@@ -149,13 +175,20 @@ class Adapter:
         x, y, z = bx + share * (ax - bx), by + share * (ay - by), bz + share * (az - bz)
         (fx, fy, fz), (mx, my, mz) = forecast.from_m.tolist(), forecast.move_m.tolist()
         px, py, pz = forecast.position_m.tolist()
-        is_outside = _distance((x - px, y - py, z - pz), forecast.covariance_m2.tolist()) > CHI2_3_95
+        covariance = forecast.covariance_m2.tolist()
+        is_outside = _distance((x - px, y - py, z - pz), covariance) > CHI2_3_95
         step = _NOISE_STEP * ((1.0 if is_outside else 0.0) - _OUTSIDE)
+        (vx, vy, vz), (dx, dy, dz) = forecast.plain_m.tolist(), forecast.apart_m.tolist()
+        apart = dx * dx + dy * dy + dz * dz
+        unit = max(covariance[0][0] + covariance[1][1] + covariance[2][2], apart / _MOST_DOUBT, _TINY)
+        left = 1.0 - apart / unit / _REMEMBERED_DOUBT
         return Scales.of(
             kept * scales.product + mx * (x - fx) + my * (y - fy) + mz * (z - fz),
             kept * scales.square + mx * mx + my * my + mz * mz,
             kept * scales.weight + 1.0,
             min(_LARGEST_LOG_NOISE, max(-_LARGEST_LOG_NOISE, scales.log_noise + step)),
+            left * scales.agreed + ((x - vx) * dx + (y - vy) * dy + (z - vz) * dz) / unit,
+            left * scales.apart + apart / unit,
         )
 
     def kept(self, state: Adaptation, forecast: Forecast, now_ns: int) -> Adaptation:
@@ -230,8 +263,13 @@ class AdaptiveKf:
         except IndexError:  # nothing is known of it yet
             scales = adaptation.scales_of(octave)
         from_m = newest.mean[self._filter.place]
-        position_m -= from_m
         is_due = now_ns >= adaptation.next_ns
+        plain_m = apart_m = from_m
+        if is_due or scales.trust < 1.0:
+            plain_m = position_m if playout.arm.newest < 0 else self._plain(playout, now_ns)
+            apart_m = position_m - plain_m
+            position_m -= (1.0 - scales.trust) * apart_m
+        position_m -= from_m
         move_m = position_m.copy() if is_due else position_m
         position_m *= scales.velocity
         position_m += from_m
@@ -240,6 +278,12 @@ class AdaptiveKf:
             # Kept until the truth is known.
             index, rest = divmod(now_ns * rate_hz, NS_PER_S)
             at = index, rest / NS_PER_S, octave
-            forecast = Forecast(*at, from_m, move_m, position_m, covariance_m2)
+            forecast = Forecast(*at, from_m, move_m, position_m, covariance_m2, plain_m, apart_m)
             adaptation = self._adapter.kept(adaptation, forecast, now_ns)
         return (filtered, adaptation), estimate
+
+    def _plain(self, playout: Playout, now_ns: int) -> Array:
+        """Return the forecast of `damped_velocity` for ``now_ns``, a sample of the arm having arrived."""
+        arm = playout.arm
+        age = playout.age_samples(arm.newest, now_ns)
+        return continued(arm, self.model.forecast, min(age, float(horizon_samples(playout.rate_hz))))

@@ -349,7 +349,7 @@ class InnovationsKf:
             activity = self._activity.initial() if before is None else before.activity
             uncertainty = None if error is None and what == self._usual else Uncertainty(covariance)
             return Checkpoint(index, mean, uncertainty, 1, ignored, activity)
-        last, mean, start, length, _, activity, phasor = before
+        last, mean, start, length, _, activity, phasor, _ = before
         gap = index - last
         # Unbroken row: the gain is precomputed. The row breaks with a gap or an uncertain sample.
         if start is None:
@@ -357,9 +357,9 @@ class InnovationsKf:
                 stage = unbroken.stage(length + 1)
                 mean = filter_.onward[1].dot(mean)
                 gain = unbroken.gains[stage], unbroken.variances[stage]
-                activity = self._corrected(mean, *gain, sample, what, activity)
+                activity, jump = self._corrected(mean, *gain, sample, what, before)
                 phasor = self._phasor(phasor, 1, mean, activity[0])
-                return Checkpoint(index, mean, None, length + 1, ignored, activity, phasor)
+                return Checkpoint(index, mean, None, length + 1, ignored, activity, phasor, jump)
             stage = unbroken.stage(length)
             start = self._tree.root(stage, unbroken.covariances[stage])
         # Uncertain sample: the full update, as the cache below holds those of certain samples only.
@@ -371,29 +371,40 @@ class InnovationsKf:
         # Certain sample in a broken row: the covariance is cached by its gaps.
         left = self._tree.take(start, gap, what)
         mean = filter_.onward[gap].dot(mean)
-        activity = self._corrected(mean, left.weights, left.variance, sample, what, activity)
+        activity, jump = self._corrected(mean, left.weights, left.variance, sample, what, before)
         # The last increments are evidence of the clock's phase where their samples have all arrived.
         phasor = self._phasor(phasor, gap, mean if gap == 1 and length >= N_INCREMENTS else None, activity[0])
         if gap > 1 or what != self._usual:
-            return Checkpoint(index, mean, left, 0, ignored, activity, phasor)
+            return Checkpoint(index, mean, left, 0, ignored, activity, phasor, jump)
         # The row counts as unbroken again once its covariance matches that of an unbroken one.
         length += 1
         if length % _CHECK_EVERY == 0:
             matching = unbroken.length_like(left.covariance)
             if matching:
-                return Checkpoint(index, mean, None, matching, ignored, activity, phasor)
-        return Checkpoint(index, mean, left, length, ignored, activity, phasor)
+                return Checkpoint(index, mean, None, matching, ignored, activity, phasor, jump)
+        return Checkpoint(index, mean, left, length, ignored, activity, phasor, jump)
 
     def _corrected(
-        self, mean: Array, gain: Array, variance: float, sample: Array, what: int, activity: Activity
-    ) -> Activity:
-        """Correct a predicted mean by a certain sample, or let it follow a jump, in place; return the activity."""
+        self, mean: Array, gain: Array, variance: float, sample: Array, what: int, before: Checkpoint
+    ) -> tuple[Activity, Array | None]:
+        """Correct a predicted mean by a certain sample, or let it follow a jump, in place.
+
+        Return the activity, and the innovation of a jump, if it is one. After a jump a second one in about the
+        same direction shows that the movement has changed, as of a hand that stopped at once: followed, it would seem
+        to jump for ever, and the mean comes to rest. One in the opposite direction is the end of an outlier.
+        """
         shown = self._shown[what]
         innovation = correct(mean, gain, sample, shown)
         surprise = square_of(innovation) / variance
-        if surprise > _JUMP * max(activity[0], 1.0):
+        activity, jump = before.activity, before.jump
+        is_jump = surprise > _JUMP * max(activity[0], 1.0)
+        # The first three numbers are comparable, of whatever the two samples show.
+        if is_jump and jump is not None and jump.ravel()[:AXES].dot(innovation.ravel()[:AXES]) > 0.0:
+            mean[:], _ = self._filter.start(self._complete(sample, what), None, what)
+            is_jump = False
+        elif is_jump:
             follow_jump(mean, gain, innovation, shown)
-        return self._activity.after(activity, surprise)
+        return self._activity.after(activity, surprise), innovation if is_jump else None
 
     def _phasor(self, before: Phasor, gap: int, mean: Array | None, activity: float) -> Phasor:
         """Return the phasor of the clock behind the rows ``gap`` rows later, with evidence from a mean if any."""

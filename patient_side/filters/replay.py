@@ -87,7 +87,7 @@ class Checkpoint(NamedTuple):
     Without an uncertainty the samples so far count as an unbroken row of ``length``; with one, ``length`` counts the
     samples of the arm since the row was broken. ``error`` (3, 3) is the covariance of a sample that entered the
     filter as if it were certain, ``activity`` the one after the innovations up to here, ``phasor`` that of the clock
-    behind the rows.
+    behind the rows, ``jump`` the innovation of the sample where it was a jump.
     """
 
     source_index: int
@@ -97,6 +97,7 @@ class Checkpoint(NamedTuple):
     error: Array | None
     activity: Activity
     phasor: Phasor = NO_PHASE
+    jump: Array | None = None
 
 
 Ring = tuple[Checkpoint, ...]

@@ -6,9 +6,10 @@ import pytest
 from tests.common.coupling.test_stability import HOGAN
 from tests.patient_side.arm_models import static_model
 from tis.common.channels import hand_channels
+from tis.common.device import DevicePose
 from tis.common.header import Header
-from tis.common.messages import ShownForce, Twist, Wrench, encode
-from tis.common.node import Arrival
+from tis.common.messages import Pose, ShownForce, Twist, Vector3, Wrench, decode, encode
+from tis.common.node import Arrival, Emission
 from tis.common.runtime.recordings import load_movement
 from tis.common.runtime.signing import SharedSecret
 from tis.common.scenario.touch import TouchPart
@@ -115,6 +116,30 @@ def test_what_cannot_be_true_gives_neither_force_nor_energy(coupling: str) -> No
     counters = touch.counters()
     assert counters["forces_rejected"] == 1
     assert counters["force_refused_energy.left"] == 2
+
+
+def test_a_simulated_hand_is_pushed_off_where_a_pointer_puts_it() -> None:
+    """2 N for long at 568 N/m are 3.5 mm; the pointer moves 10 mm along x, at half scale 5 mm of the arm."""
+    settings = ("source.scale=0.5", "touch.operator={damping_ns_m: 60}")
+    scenario = resolve("drive_touch", settings, None)
+    surgeon = build_surgeon(scenario, load_movement(scenario))
+    period_ns, said = 10 * MS, []
+    for k in range(300):
+        force = encode(_wrench(k, (0.0, 2.0, 0.0)))
+        pose = encode(DevicePose(stamp_ns=k, position_m=Vector3(x=0.01 * (k > 0), y=0.0, z=0.0)))
+        surgeon.receive(Arrival("west", ROW.force.key("tis"), force, Header(k, k * period_ns).pack(), k * period_ns))
+        surgeon.receive(Arrival("west", "device/MTML/measured_cp", pose, b"", k * period_ns))
+        said += [one for one in surgeon.wake(k * period_ns) if isinstance(one, Emission)]
+    arm, master = (
+        [one for one in said if one.key == key] for key in ("tis/PSM2/setpoint_cp", "tis/MTML/measured_cp")
+    )
+    ends = [[decode(one.payload, Pose).position_m for one in (rows[0], rows[-1])] for rows in (arm, master)]
+    moved_mm = [tuple(1e3 * (b - a) for a, b in zip(of(first), of(last), strict=True)) for first, last in ends]
+    off_mm = 1e3 * 2.0 / 568.0
+    assert moved_mm[0] == pytest.approx((5.0, off_mm, 0.0), abs=0.01)
+    assert moved_mm[1] == pytest.approx((10.0, 2.0 * off_mm, 0.0), abs=0.02)
+    shown = decode([one for one in said if one.key == "tis/MTML/servo_cf"][-1].payload, ShownForce)
+    assert shown.position_m.y - shown.intended_m.y == pytest.approx(off_mm / 1e3, abs=1e-5)
 
 
 def test_a_duplicate_of_a_wave_is_not_used_again() -> None:

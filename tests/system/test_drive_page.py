@@ -26,6 +26,7 @@ _IS_SEEN = """() => document.getElementById('seen').width === 320
   && /\\d m?s$/.test(document.getElementById('seen_age').textContent)"""
 _STATUS = "text => document.getElementById('driver').textContent.includes(text)"
 _ENDED = "id => document.getElementById(id).textContent === 'The run has ended.'"
+_DELAY_IS = "value => document.getElementById('delay').value === value"
 _STEP_MS = 25
 _TARGET_RUN = {"delay_ms": 300.0, "with_ghost": True, "time_s": 12.5, "path_mm": 402.25, "n_misses": 1}
 
@@ -59,6 +60,7 @@ def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture
         page.goto(url)
         page.wait_for_function(_IS_DRAWN)
         page.wait_for_function(_STATUS, arg="Nobody drives")
+        page.wait_for_function(_DELAY_IS, arg="100")
         _drag(page, 160)
         page.wait_for_function(_STATUS, arg="You drive the arm")
 
@@ -106,8 +108,10 @@ def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture
         # a stop is told where one drives
         page.get_by_role("button", name="Stop the arms").click()
         page.get_by_text("You pressed Stop the arms").wait_for()
+        page.locator("#no_ghost").wait_for()
         page.get_by_role("button", name="Release").click()
         page.locator("#halted").wait_for(state="hidden")
+        page.locator("#no_ghost").wait_for(state="hidden")
 
         # one click sets the delay of a task, and shows its first target
         page.get_by_role("button", name="Reset").click()
@@ -115,8 +119,20 @@ def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture
         page.get_by_role("button", name="600 ms").click()
         page.get_by_text("Bring the arm to target 1 of 9").wait_for()
         page.get_by_text("delay 300 ms").first.wait_for()
+        page.wait_for_function(_DELAY_IS, arg="300")
         page.get_by_text("Reset: done").wait_for(state="detached")  # it is true no more
         page.get_by_role("button", name="Give up").click()
+
+        # a task whose delay is changed is over, and what is told of it goes with a stop
+        page.get_by_role("button", name="300 ms").click()
+        page.get_by_text("Bring the arm to target 1 of 9").wait_for()
+        page.wait_for_function(_DELAY_IS, arg="150")
+        page.get_by_label("Delay, ms").fill("120")
+        page.get_by_label("Delay, ms").press("Enter")
+        page.get_by_text("Ended: the delay is no longer that of these targets").wait_for()
+        page.get_by_role("button", name="Stop the arms").click()
+        page.locator("#touching").wait_for(state="hidden")
+        page.get_by_role("button", name="Release").click()
         page.get_by_label("Delay, ms").fill("250")
         page.get_by_text("each way: 250 there and 250 back").wait_for()
         page.get_by_label("Which way").select_option("back")
@@ -124,6 +140,7 @@ def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture
         outage.fill("7")
         page.get_by_role("button", name="Reset").click()
         page.wait_for_function("() => document.getElementById('outage').value === '1000'")
+        page.wait_for_function(_DELAY_IS, arg="100")
         page.get_by_text("each way: 100 there and 100 back").wait_for()
         for width in (1280, 500):
             page.set_viewport_size({"width": width, "height": 900})

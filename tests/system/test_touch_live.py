@@ -98,7 +98,7 @@ def test_the_force_fades_when_a_side_is_killed_in_contact(tmp_path: Path, withou
     assert not size[ages_ns >= 200_000_000].any()
 
 
-def test_who_presses_by_mouse_sees_the_force_and_is_told_that_a_pointer_does_not_yield(start: Start) -> None:
+def test_who_presses_by_mouse_drives_a_loop_that_is_stable_and_makes_it_swing_by_a_click(start: Start) -> None:
     tis = start("run", "drive_touch", "--view", "--duration-s", "600", *HOLD, identified=True)
     url = url_of(tis)
     with chromium() as browser:
@@ -116,6 +116,11 @@ def test_who_presses_by_mouse_sees_the_force_and_is_told_that_a_pointer_does_not
         page.wait_for_function("() => parseFloat(document.getElementById('felt_words').textContent) > 1")
         page.get_by_text("A pointer cannot push back").wait_for()
         page.mouse.up()
+        page.locator("#loop.stable").get_by_text("In theory it swings from").wait_for()
+        page.get_by_role("button", name="at 300 ms there and back").click()
+        page.locator("#loop.unstable").wait_for()
+        page.get_by_role("button", name="at 0 ms there and back").click()
+        page.locator("#loop.stable").wait_for()
         assert found == []
     tis.process.send_signal(signal.SIGINT)
     assert tis.wait()[0] == 130

@@ -1,7 +1,8 @@
 """Touch: whether the loop of force and hand is stable, what the hand feels of what the arm touches, and its price."""
 
-from collections.abc import Mapping
-from math import isfinite
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from math import inf, isfinite
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -12,7 +13,7 @@ from tis.common.channels import Hand, hand_channels, is_set_point, is_shown_forc
 from tis.common.coupling.stability import Arm, Limb, loop_limit
 from tis.common.metrics.percentiles import summarise
 from tis.common.metrics.tracking import truth_at
-from tis.common.records import CONTACTS, FRESH
+from tis.common.records import CONTACTS, CONTROL, FRESH
 from tis.common.scenario import Scenario
 from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S
 from tis.deploy.logs.read.frame import Frame
@@ -24,6 +25,7 @@ from tis.deploy.report.subjects.tracking import at_ticks
 Array = NDArray[np.float64]
 Stability = Literal["stable", "unstable", "not_decidable"]
 
+_WORST_FIRST: Final[Sequence[Stability]] = ("unstable", "stable", "not_decidable")
 _WINDOW_S: Final = 0.25
 _FEWEST: Final = 6
 _GROWS: Final = 3.0
@@ -39,14 +41,15 @@ class TouchFigures(Section):
 
     stability: Stability = means(
         "`stable`, `unstable` (the hand swings ever wider, or far faster than it intends), or `not_decidable` "
-        "(too little contact). An unstable run is a valid measurement."
+        "(too little contact, or a device that does not tell what its hand intends). An unstable run is a valid "
+        "measurement."
     )
     stable: bool | None = means("The same for limits and comparisons; `null` for `not_decidable`.")
     stiffness_n_m: float | None = means(
         "Stiffness of the wall; `null` for tissue, and where an external arm tells the force."
     )
     limit_n_m: float | None = means(
-        "Stiffness at which this loop becomes unstable in theory: with its mean round trip, its ticks, the operator "
+        "Stiffness at which this loop becomes unstable in theory: with the mean round trip, its ticks, the operator "
         "and the servo, where the newest sample drives the arm; `null` where there is no theory."
     )
     shown_over_true: float | None = means(
@@ -115,11 +118,13 @@ def _figures(logs: RunLogs, scenario: Scenario, hand: Hand, arm: ArmName) -> Tou
         return None
     is_ours = scenario.patient.plant.kind != "external"  # what such an arm touches is not known here
     wall = part.environment if part.environment.kind == "wall" and is_ours else None
-    trip_ns = shown.sample_ns - shown.command_ns
-    trip_ns = trip_ns[np.isfinite(trip_ns)]
+    changes = logs.of("netem", CONTROL)
+    looped, decides = judged(shown, changes.applied_ns[changes.accepted] if len(changes) else [], scenario.rate_hz)
+    trip_ns, its_trip_ns = (trip[np.isfinite(trip)] for trip in (
+        shown.sample_ns - shown.command_ns, decides.sample_ns - decides.command_ns,
+    ))  # fmt: skip
     error_n = np.linalg.norm(shown.force_n - truth_at(shown.sample_ns, contacts.t_ns, contacts.force_n), axis=1)
     beyond_n = np.maximum(error_n - part.deadband.force * np.linalg.norm(shown.force_n, axis=1), 0.0)
-    looped = stability(shown, scenario.rate_hz)
     force = logs.messages("surgeon", "feedback", scenario.session).get(
         hand_channels(hand, arm).force.key(scenario.session)
     )
@@ -129,7 +134,7 @@ def _figures(logs: RunLogs, scenario: Scenario, hand: Hand, arm: ArmName) -> Tou
         stability=looped,
         stable=None if looped == "not_decidable" else looped == "stable",
         stiffness_n_m=None if wall is None else wall.stiffness_n_m,
-        limit_n_m=predicted_limit(scenario, float(trip_ns.mean()) / NS_PER_S) if len(trip_ns) else None,
+        limit_n_m=predicted_limit(scenario, float(its_trip_ns.mean()) / NS_PER_S) if len(its_trip_ns) else None,
         shown_over_true=None if wall is None else _shown_over(shown, wall.stiffness_n_m, _normal(part.environment)),
         energy_mj=MJ_PER_J * max(0.0, -float(energy_j(shown).min())),
         force_error_n=_errors(error_n),
@@ -151,12 +156,28 @@ def _errors(error_n: Array) -> dict[str, float | None]:
 
 def predicted_limit(scenario: Scenario, delay_s: float) -> float | None:
     """Return the stiffness (N/m) at which theory expects instability; None for what it does not cover."""
-    part, plant = scenario.touch, scenario.patient.plant
-    if part is None or part.coupling != "position_force" or plant.kind != "servo" or scenario.source.kind == "live":
-        return None
-    arm = Arm(plant.bandwidth_hz, plant.damping, plant.moved_mass_kg)
-    found = loop_limit(Limb(*part.operator.with_device), arm, delay_s, 1.0 / scenario.rate_hz)
+    loop = loop_of(scenario)
+    found = inf if loop is None else loop_limit(*loop, delay_s, 1.0 / scenario.rate_hz)
     return found if isfinite(found) else None
+
+
+def loop_of(scenario: Scenario) -> tuple[Limb, Arm] | None:
+    """Return the hand and the arm of a loop that theory covers; None for another one."""
+    part, plant = scenario.touch, scenario.patient.plant
+    if part is None or part.coupling != "position_force" or plant.kind != "servo" or not scenario.simulates_hand:
+        return None
+    return Limb(*part.operator.with_device), Arm(plant.bandwidth_hz, plant.damping, plant.moved_mass_kg)
+
+
+def judged(shown: Frame, changed_ns: Sequence[int] | Array, rate_hz: int) -> tuple[Stability, Frame]:
+    """Return the verdict on a loop, and the stretch that decides it.
+
+    Between the changes of its network that were made while it ran each stretch is judged; the worst one decides.
+    Oracle: stretches that swing and do not, test_touch.
+    """
+    edges = [0, *np.unique(np.searchsorted(shown.sample_ns, changed_ns)).tolist(), len(shown)]
+    parts = [shown.at(slice(begin, end)) for begin, end in pairwise(edges) if begin < end] or [shown]
+    return min(((stability(part, rate_hz), part) for part in parts), key=lambda one: _WORST_FIRST.index(one[0]))
 
 
 def stability(shown: Frame, rate_hz: int) -> Stability:
@@ -166,9 +187,11 @@ def stability(shown: Frame, rate_hz: int) -> Stability:
     is unstable where the speed of the last third is three times that of the first and exceeds what the hand intends,
     where it lasts and is three times what the hand intends, or where the force is cut by its limit for long. Oracle:
     swings of known growth, test_touch.
+
+    A hand that is never off what it intends is that of a device, which tells no intention: nothing is decided.
     """
     felt = np.linalg.norm(shown.force_n, axis=1) > 0.0
-    if not felt.any():
+    if not felt.any() or np.array_equal(shown.position_m, shown.intended_m):
         return "not_decidable"
     first, n = int(np.argmax(felt)), max(round(_WINDOW_S * rate_hz), 2)
     if np.mean((shown.limited == "force")[first:][felt[first:]]) > _LIMITED:

@@ -10,12 +10,14 @@ from tis.deploy.report.section import Statistics
 from tis.deploy.report.subjects.touch import MJ_PER_J, Stability, TouchFigures
 
 STABILITY_WORDS: Final[Mapping[Stability, str]] = {
-    "stable": "stable", "unstable": "unstable", "not_decidable": "not decidable (too little contact)",
+    "stable": "stable", "unstable": "unstable",
+    "not_decidable": "not decidable (too little contact, or no intention told)",
 }  # fmt: skip
 _MEANINGS: Final[Mapping[Stability, str]] = {
     "stable": "The loop of hand, network and arm was stable",
     "unstable": "The loop of hand, network and arm was unstable: the hand swung wider and wider, or far too fast",
-    "not_decidable": "Whether the loop of hand, network and arm is stable is not decidable: it touched too little",
+    "not_decidable": "Whether the loop of hand, network and arm is stable is not decidable: it touched too little, "
+    "or its device does not tell what the hand intends",
 }
 _NOTE: Final = (
     "Energy given: beyond what the hand had put in; 0 where the coupling was passive. Felt: slope of the hand's "

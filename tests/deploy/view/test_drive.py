@@ -1,6 +1,7 @@
 """What all pages share: the picture of known rows, and who moves the hand."""
 
 import json
+import time
 from collections.abc import Callable
 from math import sin
 from typing import Any, get_args
@@ -15,8 +16,10 @@ from tests.deploy.watch.test_forces import _shown, _wrench
 from tis.common.device import DevicePose
 from tis.common.device_records import TargetRun
 from tis.common.messages import SafetyMode
-from tis.common.scenario.control import EmulatorState
+from tis.common.scenario.control import DirectionState, EmulatorState
+from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.deploy.report.subjects.touch import loop_of, predicted_limit
 from tis.deploy.run.resolve import resolve
 from tis.deploy.view.device import Device
 from tis.deploy.view.drive import (
@@ -30,10 +33,12 @@ from tis.deploy.view.drive import (
     HandMove,
     Rate,
     Seat,
+    late_ms,
     picture,
     read_message,
-    stability_of,
+    set_now,
 )
+from tis.deploy.view.felt import LoopLimit, stability_of
 from tis.deploy.view.hold_reason import about_of
 from tis.deploy.view.page_text import MODES_IN_WORDS, _safety_html
 from tis.deploy.view.requests import PageRequest
@@ -177,7 +182,8 @@ def test_before_anything_is_seen_the_picture_is_empty() -> None:
     assert _hub(None).frame(1.0) == {
         "now_s": 0.0, "arm": None, "feedback_error_mm": None, "ghost_error_mm": None, "late_ms": None,
         "network_ms": None, "silent_s": None, "why": "", "outage": False, "network": False, "left_s": None,
-        "stability": None, "operator_n_m": None, "wall": None, "moved": None,
+        "stability": None, "operator_n_m": None, "wall": None, "moved": None, "limit_n_m": None, "wall_n_m": None,
+        "yields": False, "set": {"delay": [None, None], "loss": [None, None]},
     }  # fmt: skip
     found = _hub(_Door()).frame(1.0)
     assert {found[name] for name in ("hand_mm", "shown_mm", "ghost_mm", "arm_mm", "late_ms")} == {None}
@@ -297,8 +303,8 @@ def test_the_picture_has_what_the_hand_feels_while_that_is_new() -> None:
     book.forces.take("tis/PSM2/measured_cf", _wrench(960, 3.0), book.now_ns)
     book.forces.take("tis/MTML/servo_cf", _shown(990, 2.0, 0.0), book.now_ns)
     assert picture(book, "PSM2")["felt"] == {
-        "hand_n": [0.0, 2.0, 0.0], "tool_n": [0.0, 3.0, 0.0], "late_ms": 30.0, "limited": "", "given_mj": 0.0,
-        "most_given_mj": 0.0,
+        "hand_n": [0.0, 2.0, 0.0], "tool_n": [0.0, 3.0, 0.0], "late_ms": 30.0, "limited": "", "most_given_mj": 0.0,
+        "place_mm": [0.0, 0.0, 0.0], "meant_mm": [0.0, 0.0, 0.0],
     }  # fmt: skip
     book.now_ns += 2 * NS_PER_S
     assert picture(book, "PSM2")["felt"] is None
@@ -316,17 +322,61 @@ def _swinging(growth: float) -> list[FeltRow]:
     ]  # fmt: skip
 
 
-def test_the_loop_is_judged_as_the_report_does_and_not_where_no_hand_yields() -> None:
+def test_the_loop_is_judged_as_the_report_does_and_not_where_no_intention_is_told() -> None:
     assert stability_of([]) is None
     assert stability_of(_swinging(2.5)) == "unstable"
     assert stability_of(_swinging(0.5)) == "stable"
-    assert stability_of([row._replace(position_m=row.intended_m) for row in _swinging(2.0)]) is None
+    told_none = [row._replace(position_m=row.intended_m) for row in _swinging(2.0)]
+    assert stability_of(told_none) == "not_decidable"
+
+
+def test_theorys_limit_is_that_of_the_summary_and_is_not_waited_for() -> None:
+    scenario = resolve("drive_touch", [], None)
+    limit = LoopLimit(about_of(scenario))
+    assert limit.at(None) is limit.at(362.0) is None
+    until_s = time.monotonic() + 20
+    while (found := limit.at(361.0)) is None:
+        assert time.monotonic() < until_s
+        time.sleep(0.01)
+    assert found == pytest.approx(predicted_limit(scenario, 0.36), abs=0.5)
+    assert LoopLimit(about_of(resolve("drive", [], None))).at(361.0) is None
+
+
+def test_lateness_is_the_median_of_new_pictures_and_of_a_frozen_one_its_age() -> None:
+    book = LiveBook("tis")
+    for k, late in enumerate([210, 240, 210, 500, 210, 240, 210]):
+        book.take(sighting("west", LEFT.predicted, 0, 0, 0, _display(1000 + 33 * k, 0.0, 0.0, late)))
+    book.now_ns = 1200 * NS_PER_MS
+    assert late_ms(book, "PSM2") == 210.0
+    for k in range(7, 30):  # nothing new: the same command grows older
+        book.take(sighting("west", LEFT.predicted, 0, 0, 0, _display(1000 + 33 * k, 0.0, 0.0, 210 + 33 * (k - 6))))
+    assert late_ms(book, "PSM2") == 210.0
+    book.now_ns = 1957 * NS_PER_MS
+    assert late_ms(book, "PSM2") == 210.0 + 33 * 23
+
+
+def _way(stages: dict[str, Any]) -> DirectionState:
+    now = Pipeline.model_validate(stages)
+    return DirectionState(
+        outage=False, scale_delay=1.0, add_delay_ms=0.0, add_p_loss=0.0, pipeline=now, now=now, rules=(), added=(),
+        counters={},
+    )  # fmt: skip
+
+
+def test_a_page_is_told_what_netem_is_set_to_where_one_number_tells_it() -> None:
+    plain = _way({"delay": {"kind": "constant", "delay_ms": 50}, "loss": {"kind": "bernoulli", "p_loss": 0.07}})
+    other = _way({"delay": {"kind": "uniform", "low_ms": 1, "high_ms": 9}})
+    assert set_now(EmulatorState(running=True, forward=plain, feedback=other)) == {
+        "delay": [50.0, None], "loss": [7.0, 0.0],
+    }  # fmt: skip
+    assert set_now(None) == {"delay": [None, None], "loss": [None, None]}
 
 
 def test_a_page_is_told_of_the_surface_where_the_scenario_tells_where_it_is() -> None:
-    about = about_of(resolve("drive_touch", [], None))
+    drive_touch = resolve("drive_touch", [], None)
+    about = about_of(drive_touch)
     assert about.wall_mm == pytest.approx([50.0, 13.0, 25.0])
     assert about.wall_normal == (0.0, 1.0, 0.0)
-    assert about.operator_n_m == 568.0
+    assert (about.operator_n_m, about.simulates_hand, about.loop) == (568.0, True, loop_of(drive_touch))
     assert about_of(resolve("touch", [], None)).wall_mm is None
     assert about_of(resolve("drive", [], None)).operator_n_m is None

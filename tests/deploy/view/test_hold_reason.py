@@ -34,6 +34,7 @@ def test_each_cause_is_told_by_what_is_known(found: LiveFigures, about: RunAbout
 def test_where_the_estimate_errs_less_or_nothing_is_known_nothing_is_said() -> None:
     assert why_hold(_figures(rmse_mm=0.5), LIVE) == ""
     assert why_hold(LiveFigures(), LIVE) == ""
+    assert why_hold(_figures(rmse_mm=0.004, hold_rmse_mm=0.001, extent_mm=0.0), LIVE) == "", "both are shown as 0.00"
 
 
 def test_a_drive_says_that_its_estimate_is_hold() -> None:

@@ -59,6 +59,20 @@ def test_a_lost_connection_says_that_the_run_may_have_ended_unless_it_is_known_t
         assert errors == []
 
 
+def test_a_page_that_is_drawn_late_does_not_go_on_saying_that_nobody_answers() -> None:
+    with chromium() as browser:
+        page, errors = watched_page(browser)
+        page.clock.install()
+        page.set_content('<p id="opening">Opening …</p><select id="arm"></select>')
+        page.add_script_tag(path=_HERE / "page.js")
+        page.clock.run_for(11_000)
+        assert "does not answer" in page.locator("#opening").inner_text()
+        page.evaluate("() => { window.Bokeh = { documents: [1] } }")
+        page.clock.run_for(1_000)
+        assert page.locator("#opening").count() == 0
+        assert errors == []
+
+
 def _targets(page: "Page") -> list[list[float]]:
     found: list[list[float]] = page.evaluate("() => window.touchTask.begin([10, 20], {}).targets")
     return found
@@ -188,12 +202,37 @@ def test_a_hand_is_pushed_by_force_over_stiffness(page: "Page") -> None:
     assert page.evaluate("() => window.pictureLayout.yielded([1, 2, 3], [0, 5, -1], null)") is None
 
 
-def test_a_force_is_told_with_its_age_its_limit_and_the_loop(page: "Page") -> None:
-    words = "([felt, loop]) => window.pictureLayout.feltWords(felt, loop)"
+def test_a_force_is_told_with_its_age_and_its_limit(page: "Page") -> None:
+    words = "(felt) => window.pictureLayout.feltWords(felt)"
     felt = {"hand_n": [3.0, 4.0, 0.0], "late_ms": 52.4, "limited": ""}
-    assert "5.0 N" in page.evaluate(words, [felt, None])
-    assert "52 ms" in page.evaluate(words, [felt, None])
-    plain, limited = (page.evaluate(words, [{**felt, "limited": why}, "unstable"]) for why in ("", "force"))
-    assert "unstable" in plain
-    assert len(limited) > len(plain)
-    assert "undefined" not in page.evaluate(words, [{**felt, "late_ms": None, "limited": "toString"}, "constructor"])
+    assert "5.0 N" in page.evaluate(words, felt)
+    assert "52 ms" in page.evaluate(words, felt)
+    assert len(page.evaluate(words, {**felt, "limited": "force"})) > len(page.evaluate(words, felt))
+    assert "undefined" not in page.evaluate(words, {**felt, "late_ms": None, "limited": "toString"})
+
+
+def test_a_loop_is_told_with_its_stiffness_and_theorys_limit(page: "Page") -> None:
+    words = "(seen) => window.pictureLayout.loopWords(seen)"
+    found = page.evaluate(words, {"stability": "unstable", "wall_n_m": 400, "limit_n_m": 188})
+    assert all(part in found for part in ("unstable", "400 N/m", "188 N/m"))
+    alone = page.evaluate(words, {"stability": "not_decidable", "wall_n_m": None, "limit_n_m": None})
+    assert "do not tell" in alone
+    assert "N/m" not in alone
+    assert page.evaluate(words, {"stability": None, "wall_n_m": 400}) == ""
+    assert page.evaluate(words, {"stability": "constructor"}) == ""
+
+
+@pytest.mark.parametrize(
+    ("late_ms", "network_ms", "shares"),
+    [
+        (233.0, 200.1, ("230 ms", "200 ms", "30 ms")),
+        (666.0, 600.2, ("670 ms", "600 ms", "70 ms")),
+        (71.4, 0.3, ("71 ms", "0 ms", "71 ms")),
+        (1266.0, 1200.0, ("1.27 s", "1.20 s", "70 ms")),
+    ],
+)
+def test_the_parts_of_the_lateness_add_up_as_they_are_read(
+    page: "Page", late_ms: float, network_ms: float, shares: tuple[str, str, str]
+) -> None:
+    found = page.evaluate("([a, b]) => window.pictureLayout.sharesOf(a, b)", [late_ms, network_ms])
+    assert (found["whole"], found["part"], found["rest"]) == shares

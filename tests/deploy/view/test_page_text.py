@@ -9,6 +9,7 @@ from tis.common.scenario.network.conditions import Change, TimelineEntry
 from tis.common.scenario.network.pipeline import Pipeline
 from tis.deploy.view.page import network_html
 from tis.deploy.view.page_text import (
+    MODES_IN_WORDS,
     PageContext,
     RunOutput,
     figures_html,
@@ -19,6 +20,7 @@ from tis.deploy.view.page_text import (
 )
 from tis.deploy.watch.live_figures import CrossingFigures, LiveFigures
 from tis.deploy.watch.observer import Attendance, Vantage
+from tis.deploy.watch.safety import Stretch
 
 ALL: frozenset[Side] = frozenset(get_args(Side))
 BESIDE = PageContext(True, "tcp/127.0.0.1:1", "tcp/127.0.0.1:2")
@@ -137,3 +139,9 @@ def test_where_nothing_arrives_a_tile_says_since_when() -> None:
     text = _plain(figures_html(LiveFigures(silent_s=5.81, display_silent_s=4.0), 0))
     assert "End to end – nothing arrived for 5.8 s" in text
     assert "The surgeon sees – nothing arrived for 4.0 s" in text
+
+
+def test_the_tile_of_the_safety_state_explains_each_state() -> None:
+    meaning = _plain(figures_html(LiveFigures(), 0, safety={"PSM2": [Stretch("tracking", 0.0, 1.0)]}))
+    explained = meaning.rpartition("Safety state following ")[2]
+    assert all(word in explained for word in MODES_IN_WORDS.values())

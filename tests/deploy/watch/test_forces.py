@@ -44,7 +44,7 @@ def test_a_row_has_both_forces_how_late_the_one_on_the_tool_is_and_the_energy_so
     assert [row.hand_n[1] for row in rows] == [2.0, 1.0, 0.0]
     assert [row.late_ns for row in rows] == [10 * NS_PER_MS, 20 * NS_PER_MS, 30 * NS_PER_MS]
     assert rows[-1].tool_n == (0.0, 3.0, 0.0)
-    assert [row.given_j for row in rows] == pytest.approx([0.0, 0.020, -0.010])
+    assert [row.put_in_j for row in rows] == pytest.approx([0.0, -0.020, 0.010])
     assert rows[-1].most_given_j == pytest.approx(0.020)
 
 
@@ -53,7 +53,7 @@ def test_at_1_khz_every_message_counts_and_every_tenth_is_kept() -> None:
     for t_ms in range(1000, 2000):
         forces.take(_SHOWN, _shown(t_ms, 1.0, 1e-5 * (t_ms - 1000)), NS_PER_S)
     assert forces.rows["PSM2"].n == 100
-    assert forces.newest["PSM2"].given_j == pytest.approx(999e-5)
+    assert forces.newest["PSM2"].put_in_j == pytest.approx(-999e-5)
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def test_a_force_of_the_tool_beyond_belief_is_ignored_and_a_leap_gives_no_energy
     forces.take(_SHOWN, _shown(1010, 1.0, 0.0), NS_PER_S)
     forces.take(_SHOWN, _shown(1020, 1.0, 1e9), NS_PER_S)
     assert forces.newest["PSM2"].tool_n == (0.0, 3.0, 0.0)
-    assert forces.newest["PSM2"].given_j == 0.0
+    assert forces.newest["PSM2"].put_in_j == 0.0
 
 
 def test_the_book_hears_forces_in_the_west_only() -> None:

@@ -25,8 +25,8 @@ def arrived(y: Array) -> Playout:
 
 
 def forecast(sample: int, move_m: Array, *, covariance_m2: Array = UNIT, octave: int = 2) -> Forecast:
-    """A forecast of the move since the origin, exactly at a sample."""
-    return Forecast(sample, 0.0, octave, np.zeros(3), move_m, move_m, covariance_m2)
+    """A forecast of the move since the origin, exactly at a sample, where v stays at the origin."""
+    return Forecast(sample, 0.0, octave, np.zeros(3), move_m, move_m, covariance_m2, np.zeros(3), move_m)
 
 
 def adapted(moves: Array, truths: Array) -> Adaptation:
@@ -53,6 +53,33 @@ def test_velocity_is_weighted_least_squares_with_a_prior(seed: int, share: float
     (expected,) = np.linalg.lstsq(rows[:, None], values, rcond=None)[0]
     assert state.scales_of(2).velocity == pytest.approx(expected, rel=1e-9)
     assert state.scales_of(1) == Scales()
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 99), share=st.floats(-0.5, 1.5))
+def test_trust_is_weighted_least_squares_with_a_prior(seed: int, share: float) -> None:
+    rng = np.random.default_rng(seed)
+    apart = rng.normal(size=(60, 3))
+    truths = share * apart + 0.3 * rng.normal(size=apart.shape)
+    state = adapted(apart, np.vstack([truths, np.zeros(3)]))
+    # What has been learned since, of 1000 in all, is what a row has lost; 10 are the prior's, that v is wrong.
+    learned = np.sum(apart**2, axis=1) / 3
+    rows_left = np.append(np.cumprod((1 - learned / 1000)[:0:-1])[::-1], 1.0)
+    scale = np.sqrt(rows_left / 3)[:, None]
+    rows = np.append((scale * apart).ravel(), np.sqrt(10))
+    values = np.append((scale * truths).ravel(), np.sqrt(10))
+    (w,) = np.linalg.lstsq(rows[:, None], values, rcond=None)[0]
+    assert state.scales_of(2).trust == pytest.approx(min(1.0, (2 * max(w, 0.0)) ** 4), rel=1e-6)
+
+
+def test_one_wild_forecast_changes_little_and_many_leave_no_trust() -> None:
+    apart = np.ones((40, 3))
+    wild = np.concatenate([apart, 1e6 * np.ones((1, 3))])
+    assert adapted(wild, np.ones((42, 3))).scales_of(2).trust == 1.0
+    assert adapted(np.concatenate([apart, 1e6 * np.ones((20, 3))]), np.ones((61, 3))).scales_of(2).trust < 0.1
+    # lags that were never checked are trusted as the longest that was
+    known = Adaptation((), (Scales.of(agreed=1.0, apart=99.0),))
+    assert known.scales_of(4).trust == known.scales_of(0).trust < 0.1
 
 
 def test_longer_lags_than_all_that_were_checked_have_half_of_the_longests_widening() -> None:
@@ -91,7 +118,7 @@ def test_95_per_cent_come_to_lie_within_whatever_the_errors(size: float, heavy: 
 
 
 def test_a_forecast_awaits_both_samples_around_its_instant() -> None:
-    waiting = (Forecast(4, 0.25, 1, np.zeros(3), UNIT[0], UNIT[0], UNIT),)
+    waiting = (Forecast(4, 0.25, 1, np.zeros(3), UNIT[0], UNIT[0], UNIT, np.zeros(3), UNIT[0]),)
     y = np.arange(18.0).reshape(6, 3)
     state = Adaptation(waiting)
     assert ADAPTER.checked(state, arrived(y[:5])) is state

@@ -20,6 +20,7 @@ from tis.common.metrics.consistency import CHI2_3_95
 from tis.common.units import sample_instant_ns
 from tis.patient_side.estimators.adaptive_kf import AdaptiveKf
 from tis.patient_side.estimators.innovations_kf import InnovationsKf
+from tis.patient_side.estimators.simple import DampedVelocity
 from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import InnovationsModel
 from tis.patient_side.playout import Playout
@@ -92,3 +93,24 @@ def test_without_a_lag_there_is_nothing_to_adapt() -> None:
         state, estimate = estimator.step(state, playout, sample_instant_ns(k, RATE_HZ))
         assert np.asarray(estimate.position_m) == pytest.approx(position_m, abs=1e-12)
     assert state[1].waiting == ()
+
+
+def test_of_a_device_that_the_model_does_not_fit_the_forecast_comes_down_to_the_damped_velocity() -> None:
+    """Noise that training rows did not have, in a model that goes on at the last acceleration."""
+    axis = np.array([[1.8, -0.81], [1.0, 0.0]])
+    model = replace(
+        slow_movement(),
+        A=np.kron(axis, np.eye(3)),
+        C=np.kron(axis[:1], np.eye(3)),
+        K=np.kron([[1.0], [0.0]], np.eye(3)),
+        integrated=True,
+    )
+    t_s = np.arange(N)[:, None] / RATE_HZ
+    y = 0.03 * np.sin(t_s * (1.0, 1.3, 0.7)) + 0.001 * np.random.default_rng(6).normal(size=(N, 3))
+    arm, streams = moving_arm(model), arm_only(y)
+    plain, adaptive, velocity = (
+        np.sqrt(np.mean((positions(play(build(arm), streams)) - truth_at_ticks(y))[N // 2 : -1] ** 2))
+        for build in (InnovationsKf, AdaptiveKf, DampedVelocity)
+    )
+    assert plain > 2 * velocity
+    assert adaptive < 1.02 * velocity

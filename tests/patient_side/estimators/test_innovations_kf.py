@@ -386,3 +386,24 @@ def test_after_a_jump_the_movement_goes_on_from_the_new_place(alike: bool, lost:
         positions(play(InnovationsKf(moving_arm(model)), only_arm(each, arrivals)))[64:70] for each in (y, jumped)
     )
     assert np.max(np.abs(moved - still - (0.024, -0.01, 0.005))) < 1e-3
+
+
+def test_a_single_sample_far_away_leaves_the_movement_as_it_was() -> None:
+    model = slow_movement()
+    y = drawn(model, 100, np.random.default_rng(4))
+    far = y.copy()
+    far[60] += (0.024, -0.01, 0.005)
+    as_it_was, moved = (
+        positions(play(InnovationsKf(moving_arm(model)), only_arm(each, delayed(100, 100 * NS))))[65:70]
+        for each in (y, far)
+    )
+    assert np.max(np.abs(moved - as_it_was)) < 1e-3
+
+
+def test_a_fast_hand_that_stops_at_once_is_not_one_that_jumps_back_for_ever() -> None:
+    model = replace(slow_movement(), A=0.95 * np.eye(3), C=np.eye(3), K=0.95 * np.eye(3), integrated=True)
+    speeds_m = np.concatenate([np.zeros(40), 0.002 * np.arange(20), np.zeros(40)])
+    y = np.cumsum(speeds_m)[:, None] * (1.0, 0.0, 0.0)
+    estimates = positions(play(InnovationsKf(moving_arm(model)), only_arm(y, delayed(100, 100 * NS))))
+    # two samples tell that it has stopped, and arrive 100 ms later
+    assert np.max(np.abs(estimates[66:] - y[-1])) < 1e-3

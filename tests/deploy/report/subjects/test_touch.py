@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from tis.common.coupling.stability import Arm, Limb, loop_limit
 from tis.common.scenario import Scenario
+from tis.common.units import NS_PER_S
 from tis.deploy.logs.read.frame import Frame
-from tis.deploy.report.subjects.touch import Stability, TouchFigures, energy_j, predicted_limit, stability
+from tis.deploy.report.subjects.touch import Stability, TouchFigures, energy_j, judged, predicted_limit, stability
 from tis.deploy.report.subjects.touch_tables import answer_text, stability_text, touch_tables, touch_text
 from tis.deploy.run.resolve import resolve
 
@@ -27,6 +28,7 @@ def _shown(off_m: Array, force_n: Array, intended_m: Array | None = None, limite
 
     return Frame.of_arrays(
         tick=np.arange(n),
+        sample_ns=np.arange(n) * (NS_PER_S // RATE_HZ),
         position_m=along_z(intended + off_m),
         intended_m=along_z(intended),
         force_n=along_z(force_n),
@@ -45,6 +47,16 @@ def test_a_swing_that_grows_is_unstable_and_one_that_decays_is_not(growth_per_s:
     assert stability(_shown(off, np.full(len(off), 1.0)), RATE_HZ) == found
 
 
+def test_where_the_network_was_changed_the_worst_stretch_decides() -> None:
+    parts = [_swing(-0.8), _swing(0.8), _swing(-0.8)]
+    off, n = np.concatenate(parts), len(parts[0])
+    shown = _shown(off, np.full(len(off), 1.0))
+    found, stretch = judged(shown, [n * NS_PER_S // RATE_HZ, 2 * n * NS_PER_S // RATE_HZ], RATE_HZ)
+    assert (found, stretch.tick[0], len(stretch)) == ("unstable", n, n)
+    found, stretch = judged(shown.at(slice(n)), [], RATE_HZ)
+    assert (found, len(stretch)) == ("stable", n)
+
+
 def test_a_force_that_its_limit_cuts_for_long_is_instability() -> None:
     off = _swing(0.0)
     assert stability(_shown(off, np.full(len(off), 20.0), limited="force"), RATE_HZ) == "unstable"
@@ -56,6 +68,11 @@ def test_without_contact_or_with_little_of_it_nothing_is_decided() -> None:
     short = np.zeros(len(off))
     short[:100] = 1.0
     assert stability(_shown(off, short), RATE_HZ) == "not_decidable"
+
+
+def test_of_a_device_that_tells_no_intention_nothing_is_decided() -> None:
+    moves = _swing(0.8)
+    assert stability(_shown(np.zeros(len(moves)), np.full(len(moves), 1.0), moves), RATE_HZ) == "not_decidable"
 
 
 def test_a_hand_that_moves_as_fast_as_it_intends_is_stable() -> None:
@@ -81,6 +98,11 @@ def test_theory_is_asked_where_it_holds() -> None:
 
     assert predicted_limit(without("touch.coupling=wave"), 0.012) is None
     assert predicted_limit(without("patient.plant={kind: mujoco}"), 0.012) is None
+
+
+def test_theory_knows_the_simulated_hand_of_a_pointer_and_no_persons() -> None:
+    assert predicted_limit(resolve("drive_touch", (), None, None), 0.12) is not None
+    assert predicted_limit(resolve("drive_touch", ("touch.live_hand=own",), None, None), 0.12) is None
 
 
 def _figures(**changed: object) -> TouchFigures:
