@@ -102,7 +102,7 @@ def test_of_a_device_that_the_model_does_not_fit_the_forecast_comes_down_to_the_
         slow_movement(),
         A=np.kron(axis, np.eye(3)),
         C=np.kron(axis[:1], np.eye(3)),
-        K=np.kron([[1.0], [0.0]], np.eye(3)),
+        K=np.kron(np.array([[1.0], [0.0]]), np.eye(3)),
         integrated=True,
     )
     t_s = np.arange(N)[:, None] / RATE_HZ
