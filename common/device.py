@@ -12,11 +12,10 @@ from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import isfinite, sqrt
-from typing import Annotated, Final, NamedTuple
+from typing import Annotated, Final, Literal, NamedTuple
 
 from msgspec import DecodeError, Meta
 
-from tis.common.device_records import Refusal, TargetRun
 from tis.common.messages import MAX_SIZE, Instant, Message, Quaternion, Vector3, decode
 from tis.common.units import NS_PER_S
 
@@ -24,6 +23,9 @@ MAX_DEVICE_BYTES: Final = 2048
 """Largest payload of a device; a pose has some 300 bytes."""
 
 MAX_BUTTONS: Final = 32
+
+Refusal = Literal["undecodable", "not_finite", "no_rotation", "backwards", "flooded", "jump"]
+"""Reason why a message of a device is not used."""
 
 Angle = Annotated[float, Meta(ge=-6.3, le=6.3)]
 """An angle in rad, at most a turn."""
@@ -38,6 +40,16 @@ class ToolForce(Message, frozen=True):
     x: Annotated[Newtons, Meta(description="Component along x, in N.")]
     y: Annotated[Newtons, Meta(description="Component along y, in N.")]
     z: Annotated[Newtons, Meta(description="Component along z, in N.")]
+
+
+class TargetRun(Message, frozen=True, kw_only=True):
+    """How the arm was brought to the targets of the live page, from the first to the last."""
+
+    delay_ms: Annotated[float, Meta(ge=0, le=1e6, description="Delay there and back that it was played with, in ms.")]
+    with_ghost: Annotated[bool, Meta(description="true: the ghost was shown beside the late picture.")]
+    time_s: Annotated[float, Meta(ge=0, le=1e6, description="Time from the first target to the last, in s.")]
+    path_mm: Annotated[float, Meta(ge=0, le=1e9, description="Path of the arm in that time, in mm.")]
+    n_misses: Annotated[int, Meta(ge=0, le=10**6, description="How often the arm left a target too soon.")]
 
 
 class DevicePose(Message, frozen=True, kw_only=True):

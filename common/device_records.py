@@ -5,14 +5,12 @@ from typing import Annotated, Final, Literal
 from msgspec import Meta
 
 from tis.common.channels import Hand
+from tis.common.device import TargetRun
 from tis.common.messages import Message
 from tis.common.topic import Topic
 
 FOREIGN_SURGEON: Final = "foreign_surgeon"
 """Counter in the log of a surgeon that another program was: 1."""
-
-Refusal = Literal["undecodable", "not_finite", "no_rotation", "backwards", "flooded", "jump"]
-"""Reason why a message of a device is not used."""
 
 DeviceEvent = Literal["first", "silent", "back", "refused"]
 
@@ -34,16 +32,6 @@ class DeviceNote(Message, frozen=True):
 
 
 DEVICES: Final = Topic("/tis/devices", DeviceNote, stamps=("at_ns",))
-
-
-class TargetRun(Message, frozen=True, kw_only=True):
-    """How the arm was brought to the targets of the live page, from the first to the last."""
-
-    delay_ms: Annotated[float, Meta(ge=0, le=1e6, description="Delay there and back that it was played with, in ms.")]
-    with_ghost: Annotated[bool, Meta(description="true: the ghost was shown beside the late picture.")]
-    time_s: Annotated[float, Meta(ge=0, le=1e6, description="Time from the first target to the last, in s.")]
-    path_mm: Annotated[float, Meta(ge=0, le=1e9, description="Path of the arm in that time, in mm.")]
-    n_misses: Annotated[int, Meta(ge=0, le=10**6, description="How often the arm left a target too soon.")]
 
 
 class TargetRunNote(TargetRun, frozen=True, kw_only=True):

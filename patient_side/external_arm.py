@@ -7,8 +7,8 @@ from typing import Any, Final, get_args
 import numpy as np
 
 from tis.common.channels import Arm, Hand, arm_key
-from tis.common.device import DeviceGate, DeviceSample, from_json
-from tis.common.device_records import DEVICES, DeviceEvent, DeviceNote, Refusal
+from tis.common.device import DeviceGate, DeviceSample, Refusal, from_json
+from tis.common.device_records import DEVICES, DeviceEvent, DeviceNote
 from tis.common.node import Arrival, Record
 from tis.common.vector import ZERO
 from tis.patient_side.hand import PatientHand

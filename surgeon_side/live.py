@@ -13,8 +13,8 @@ from typing import Final, get_args
 from msgspec.structs import asdict
 
 from tis.common.channels import FOLLOWER, Hand, HandChannels, hand_channels
-from tis.common.device import DeviceGate, DeviceSample, from_json, from_ros2
-from tis.common.device_records import DEVICES, TARGET_RUNS, DeviceEvent, DeviceNote, Refusal, TargetRunNote
+from tis.common.device import DeviceGate, DeviceSample, Refusal, from_json, from_ros2
+from tis.common.device_records import DEVICES, TARGET_RUNS, DeviceEvent, DeviceNote, TargetRunNote
 from tis.common.node import Arrival, Record
 from tis.common.scenario.live_source import LiveSource
 from tis.common.units import MM_PER_M, NS_PER_S, ms_to_ns

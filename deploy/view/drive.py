@@ -20,7 +20,7 @@ from pydantic import (
     ValidationError,
 )
 
-from tis.common.device_records import TargetRun
+from tis.common.device import TargetRun
 from tis.common.scenario.control import DirectionState, EmulatorState
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.deploy.report.subjects.touch import Stability

@@ -229,11 +229,13 @@ class AdaptiveKf:
     name: str = "innovations_kf"
     _filter: InnovationsKf = field(init=False, repr=False)
     _adapter: Adapter = field(init=False, repr=False)
+    _horizon: float = field(init=False, repr=False)
     _horizon_ns: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_filter", InnovationsKf(self.model))
         object.__setattr__(self, "_adapter", Adapter(self.model.rate_hz))
+        object.__setattr__(self, "_horizon", float(horizon_samples(self.model.rate_hz)))
         horizon_ns = sample_instant_ns(horizon_samples(self.model.rate_hz), self.model.rate_hz)
         object.__setattr__(self, "_horizon_ns", horizon_ns)
 
@@ -286,4 +288,4 @@ class AdaptiveKf:
         """Return the forecast of `damped_velocity` for ``now_ns``, a sample of the arm having arrived."""
         arm = playout.arm
         age = playout.age_samples(arm.newest, now_ns)
-        return continued(arm, self.model.forecast, min(age, float(horizon_samples(playout.rate_hz))))
+        return continued(arm, self.model.forecast, age if age < self._horizon else self._horizon)

@@ -397,7 +397,7 @@ class InnovationsKf:
         innovation = correct(mean, gain, sample, shown)
         surprise = square_of(innovation) / variance
         activity, jump = before.activity, before.jump
-        is_jump = surprise > _JUMP * max(activity[0], 1.0)
+        is_jump = surprise > (_JUMP * activity[0] if activity[0] > 1.0 else _JUMP)  # no call, as at each sample
         # The first three numbers are comparable, of whatever the two samples show.
         if is_jump and jump is not None and jump.ravel()[:AXES].dot(innovation.ravel()[:AXES]) > 0.0:
             mean[:], _ = self._filter.start(self._complete(sample, what), None, what)

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from typing import Final, get_args
 
 from tis.common.channels import Hand, Side
-from tis.common.device_records import DEVICES, FOREIGN_SURGEON, Refusal
+from tis.common.device import Refusal
+from tis.common.device_records import DEVICES, FOREIGN_SURGEON
 from tis.common.errors import problem
 from tis.common.scenario import Scenario
 from tis.common.sight_records import CameraRefusal

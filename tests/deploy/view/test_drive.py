@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from tests.deploy.watch.making import LEFT, a_book, sighting
 from tests.deploy.watch.test_arms import _arm, _display
 from tests.deploy.watch.test_forces import _shown, _wrench
-from tis.common.device import DevicePose
-from tis.common.device_records import TargetRun
+from tis.common.device import DevicePose, TargetRun
 from tis.common.messages import SafetyMode
 from tis.common.scenario.control import DirectionState, EmulatorState
 from tis.common.scenario.network.pipeline import Pipeline
