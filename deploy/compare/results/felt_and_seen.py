@@ -1,4 +1,4 @@
-"""What the surgeon felt and saw at each setting of a comparison: rows of the report, and their table."""
+"""Touch and sight at each setting of a comparison: rows of the report, and their table."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, get_args

@@ -62,7 +62,7 @@ def stretches(
 
     Oracle: a run in virtual time with two changes, test_stretches.
     """
-    edges_ns = _edges_ns(logs, s_to_ns(active_duration_s(logs, "surgeon", scenario)))
+    edges_ns = network_edges_ns(logs, scenario)
     found = {
         hand: [
             _stretch(begin_ns, end_ns, scenario, asked, track)
@@ -76,8 +76,9 @@ def stretches(
     return {"stretches": found} if any(len(one) > 1 for one in found.values()) else {}
 
 
-def _edges_ns(logs: RunLogs, end_ns: int) -> list[int]:
-    """Return the instants at which accepted requests changed the network, between the run's begin and end."""
+def network_edges_ns(logs: RunLogs, scenario: Scenario) -> list[int]:
+    """Return the run's begin and end, and the instants between at which accepted requests changed the network."""
+    end_ns = s_to_ns(active_duration_s(logs, "surgeon", scenario))
     found = {0, end_ns}
     for change in changes_from_notes(convert(row, ControlNote) for row in logs.of("netem", CONTROL)):
         found |= {change.at_ns} if change.cleared else set()

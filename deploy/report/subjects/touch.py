@@ -13,13 +13,14 @@ from tis.common.channels import Hand, hand_channels, is_set_point, is_shown_forc
 from tis.common.coupling.stability import Arm, Limb, loop_limit
 from tis.common.metrics.percentiles import summarise
 from tis.common.metrics.tracking import truth_at
-from tis.common.records import CONTACTS, CONTROL, FRESH
+from tis.common.records import CONTACTS, FRESH
 from tis.common.scenario import Scenario
 from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S
 from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.report.section import Section, Statistics, means, statistics
 from tis.deploy.report.subjects.logs import counters_of
+from tis.deploy.report.subjects.stretches import network_edges_ns
 from tis.deploy.report.subjects.tracking import at_ticks
 
 Array = NDArray[np.float64]
@@ -118,8 +119,7 @@ def _figures(logs: RunLogs, scenario: Scenario, hand: Hand, arm: ArmName) -> Tou
         return None
     is_ours = scenario.patient.plant.kind != "external"  # what such an arm touches is not known here
     wall = part.environment if part.environment.kind == "wall" and is_ours else None
-    changes = logs.of("netem", CONTROL)
-    looped, decides = judged(shown, changes.applied_ns[changes.accepted] if len(changes) else [], scenario.rate_hz)
+    looped, decides = judged(shown, network_edges_ns(logs, scenario), scenario.rate_hz)
     trip_ns, its_trip_ns = (trip[np.isfinite(trip)] for trip in (
         shown.sample_ns - shown.command_ns, decides.sample_ns - decides.command_ns,
     ))  # fmt: skip
