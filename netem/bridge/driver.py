@@ -112,15 +112,17 @@ class Driver:
                 if self.gates[direction].must_wait(visit, door, now_ns):
                     return HELD_BACK
             fate = link.offer(name, attachment, n_bytes, now_ns, item, priority)
-            if fate.outcome != "deliver":
-                return fate
             release_ns = fate.release_ns
             if release_ns is not None and release_ns > now_ns and link.is_plain and not fate.n_copies:
                 wakes = release_ns < self._sleeps_until_ns  # the usual case: it only waits
-            else:
+            elif fate.outcome == "deliver":
                 due, wakes = self._due_now(link, first_ns, now_ns)
                 self._n_leaving += bool(due)
-        # Stage 2, without the lock: sending, which may block, or waking the release thread.
+            else:
+                wakes = self._sleeps_too_long(link)  # others may have been evicted for it
+        # Stage 2, without the lock: waking the release thread, and sending, which may block.
+        if wakes:
+            self.wake()
         if due:
             left_ns = [self._forward(direction, one) for one in due]
             # Stage 3: the record, after the packet has left.
@@ -128,10 +130,8 @@ class Driver:
                 for one, released_ns in zip(due, left_ns, strict=True):
                     link.left(one, released_ns)
                 self._n_leaving -= 1
-            return fate
-        if wakes:
-            self.wake()
-        self._kept(direction, item)
+        elif fate.outcome == "deliver":
+            self._kept(direction, item)
         return fate
 
     def _due_now(self, link: Link, first_ns: int | None, now_ns: int) -> tuple[list[Packet], bool]:
@@ -144,8 +144,14 @@ class Driver:
         # overdue packets are left to the release thread: with two senders, packets could change places
         overdue = first_ns is not None and first_ns <= now_ns
         if next_ns is None or next_ns > now_ns or self._busy or overdue:
-            return [], next_ns is not None and next_ns < self._sleeps_until_ns
-        return link.release(now_ns), False
+            return [], self._sleeps_too_long(link)
+        # what has just passed a queue, a copy or what took an evicted packet's place may be due next
+        return link.release(now_ns), self._sleeps_too_long(link)
+
+    def _sleeps_too_long(self, link: Link) -> bool:
+        """Tell whether a link has something to do before the release thread wakes by itself."""
+        next_ns = link.next_release_ns()
+        return next_ns is not None and next_ns < self._sleeps_until_ns
 
     @property
     def is_running(self) -> bool:
@@ -165,7 +171,10 @@ class Driver:
                 return None
             answer, records = act(now_ns)
             self._records.extend(records)
-            return answer
+            wakes = any(map(self._sleeps_too_long, self.links.values()))
+        if wakes:  # a queue is served faster, or a stall ends
+            self.wake()
+        return answer
 
     def in_outage(self, direction: Direction) -> bool:
         """Tell whether the link has an outage now; False before `start`."""
