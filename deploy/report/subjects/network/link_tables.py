@@ -136,8 +136,12 @@ _LOSSES: Final = ("lost, %", "its 95 % interval, %", "in a row")
 _NOTHING: Final = [None] * len(_LOSSES)
 _MAX_NAMED: Final = 4
 _MAX_KEY_CHARS: Final = 26
-_SEEN_WAITING_MS: Final = 0.1
-_WAITING: Final = "realised exceeds decided: messages waited for earlier ones, in their order (fifo) or in a queue"
+_SEEN_MS: Final = 0.1
+_US_PER_MS: Final = 1000
+_SHARES_ABOVE: Final = (0.45, 0.04, 0.01, 0.0)  # from the 50th, 95th and 99th percentile and the maximum upwards
+_SHARES_BELOW: Final = (0.5, 0.45, 0.04, 0.01)
+_LATE: Final = "left later than decided, by the release error"
+_WAITING: Final = "waited for earlier ones, in their order (fifo) or in a queue"
 _WITHOUT_CHANGES: Final = "*: without the changes by states, timeline or while running, which the others have"
 
 
@@ -175,15 +179,29 @@ def delay_table(links: Links, requested: str = "by the scenario") -> Table:
         for name, head in zip(_STATISTICS, heads(_STATISTICS), strict=True)
     ]
     columns += [Column(head, on_page_only="interval" in head) for head in _LOSSES]
-    waited = [_WAITING] if any(map(_has_waited, links.values())) else []
+    causes = dict.fromkeys(cause for link in links.values() for cause in _excess(link))
+    waited = [f"realised exceeds decided: messages {', and '.join(sorted(causes))}"] if causes else []
     note = "; ".join([words, *waited, *([_WITHOUT_CHANGES] if varies else []), *notes])
     title = "The network requested, decided and realised: delay one way, and loss"
     return Table(title, ("direction", *columns), rows, note)
 
 
-def _has_waited(link: Link) -> bool:
+def _excess(link: Link) -> Iterator[str]:
+    """Yield the causes for which realised delays exceed the decided ones, as far as they show in the means.
+
+    The summary has percentiles of the release error, which bound its mean from below and above.
+    """
     decided_ms, realised_ms = (found["mean"] for found in (link.delay_ms.decided, link.delay_ms.realised))
-    return decided_ms is not None and realised_ms is not None and realised_ms - decided_ms > _SEEN_WAITING_MS
+    if decided_ms is None or realised_ms is None or realised_ms - decided_ms <= _SEEN_MS:
+        return
+    ends_ms = [(link.release_error_us.get(name) or 0.0) / _US_PER_MS for name in ("p50", "p95", "p99", "max")]
+    least_ms = sum(share * ms for share, ms in zip(_SHARES_ABOVE, ends_ms, strict=True))
+    most_ms = sum(share * ms for share, ms in zip(_SHARES_BELOW, ends_ms, strict=True))
+    is_late = least_ms > _SEEN_MS
+    if is_late:
+        yield _LATE
+    if not is_late or realised_ms - decided_ms - most_ms > _SEEN_MS:
+        yield _WAITING
 
 
 def _differing_keys(link: Link) -> dict[str, KeyOfLink]:

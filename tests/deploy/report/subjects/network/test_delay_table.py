@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import pytest
+
 from tests.deploy.report.partial import part
 from tis.deploy.report.subjects.network.link_figures import Link
 from tis.deploy.report.subjects.network.link_tables import delay_table, packet_table
@@ -70,6 +72,29 @@ def test_a_long_key_keeps_its_end_and_strangers_are_left_out() -> None:
     heads = [row[0] for row in rows if set(row[1:]) == {None}]
     assert heads == ["forward, ...the/patient/measured_cp", "forward, b"]
     assert max(map(len, heads)) <= len("feedback, ") + 26
+
+
+@pytest.mark.parametrize(
+    ("realised_ms", "late_us", "causes"),
+    [
+        (480.0, 449_950.0, ["left later than decided, by the release error"]),
+        (480.0, 0.0, ["waited for earlier ones, in their order (fifo) or in a queue"]),
+        (480.0, 200_000.0, [
+            "left later than decided, by the release error",
+            "waited for earlier ones, in their order (fifo) or in a queue",
+        ]),
+        (30.05, 50.0, []),
+    ],
+)  # fmt: skip
+def test_what_realised_has_more_than_decided_is_told_by_its_cause(
+    realised_ms: float, late_us: float, causes: list[str]
+) -> None:
+    link = _link(_part(30, 30), {})
+    link["delay_ms"]["realised"] = dict.fromkeys(link["delay_ms"]["realised"], realised_ms)
+    link["release_error_us"] = dict.fromkeys(("p50", "p95", "p99", "max"), late_us)
+    _, notes = _rows(forward=link)
+    found = [part for part in notes.split("; ") if part.startswith("realised exceeds decided")]
+    assert found == ([f"realised exceeds decided: messages {', and '.join(causes)}"] if causes else [])
 
 
 def test_what_changes_came_upon_is_marked_and_said_once() -> None:

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -113,6 +114,24 @@ def test_few_packets_decide_nothing_and_say_so(tmp_path: Path) -> None:
     ]
     left_open = {"loss": 20, "corruption": 20, "duplication": 20, "mean delay": 20, "release error": 21}
     assert verdict["undecided"] == left_open
+
+
+@pytest.mark.parametrize(
+    ("n", "n_late", "is_decided"), [(39, 39, True), (39, 6, True), (39, 5, False), (2, 2, False)]
+)
+def test_few_packets_decide_on_a_release_error_that_chance_does_not_explain(
+    tmp_path: Path, n: int, n_late: int, is_decided: bool
+) -> None:
+    """Oracle: P(at least k of n late), each with 1 %: 5.8e-5 for 5 of 39, 3.3e-6 for 6; 3.2e-5 decides."""
+    scenario = _scenario({"delay": {"kind": "constant", "delay_ms": 40}})
+    fates, releases = _logged(_drawn(scenario, n))
+    late_ns = [0] * (n - n_late) + [452 * MS] * n_late
+    left_ns = tuple(at_ns + error_ns for at_ns, error_ns in zip(releases.data.released_ns, late_ns, strict=True))
+    releases = Record(RELEASES, 0, msgspec.structs.replace(releases.data, released_ns=left_ns))
+    verdict = _verdict(tmp_path, scenario, [fates, releases], n)
+    late = f"release error: {n_late} of {n} messages left more than 2 ms after their instant, up to 452 ms"
+    assert verdict["violations"] == ([f"{late}; allowed is 1 %"] if is_decided else [])
+    assert ("release error" in verdict["undecided"]) != is_decided
 
 
 def test_correlated_delays_are_fewer_draws(tmp_path: Path) -> None:
