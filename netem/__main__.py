@@ -40,6 +40,7 @@ from tis.netem.bridge.command import netem_command
 from tis.netem.bridge.control import attach
 from tis.netem.bridge.emergency import EmergencyLine
 from tis.netem.bridge.gate import gates_for, without_gates
+from tis.netem.bridge.gossip import Gossip
 from tis.netem.bridge.keys import crossing_keys
 from tis.netem.bridge.overhead import warn_of_overhead
 from tis.netem.bridge.renewal import RenewedListeners, with_spares
@@ -77,7 +78,8 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         deadline = Deadline(lambda text: status.failed(PeerError.exit_code, [text]))
         stack.enter_context(deadline.installed())
         endpoints: dict[Network, str] = dict(zip(("west", "east"), listen, strict=True))
-        audit = AuditTrail.opened(stack, endpoints.items(), status.warning)
+        gossip = Gossip()
+        audit = AuditTrail.opened(stack, endpoints.items(), status.warning, gossip)
         sessions = _open_routers(stack, scenario, zenoh_options, endpoints, status.warning)
         earlier = earlier_part(options, scenario, "netem")
         log = stack.enter_context(open_log(options, scenario, "netem", earlier))
@@ -91,7 +93,9 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
             meeting.rosters[network].watch(session)
         meeting.exchange = stack.enter_context(ScenarioExchange(sessions, meeting.keys, "netem", scenario))
         _serve(stack, bridge, sessions, meeting, audit, status)
-        applications = Applications(bridge, sessions, crossing_keys(["**"]), lease_s(options.zenoh), status.warning)
+        applications = Applications(
+            bridge, sessions, crossing_keys(["**"]), lease_s(options.zenoh), status.warning, gossip=gossip
+        )
         stack.callback(applications.close)
         applications.open()
         bridge.base_overhead_ns = warn_of_overhead(

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 
     Start = Callable[..., Between]
 
+_CURE: Final = (
+    "let programs be clients (mode: client) or switch their scouting off, and connect each to one network; "
+    "tis_netem(..., may_bypass=True) accepts it"
+)
 _JUDGED: Final = {True: "as requested", False: "not as requested", None: "not decidable"}
 
 
@@ -45,13 +49,16 @@ def tis_netem_shared(request: pytest.FixtureRequest, tmp_path_factory: pytest.Te
     started: dict[str, Between] = {}
     with ExitStack() as stack:
 
-        def start(profile: str | None = None, **arguments: Any) -> "Between":
+        def start(profile: str | None = None, may_bypass: bool = False, **arguments: Any) -> "Between":
             asked = repr((profile, sorted(arguments.items())))
             if asked not in started:
                 started[asked] = stack.enter_context(between(profile, run_dir=_free(base), **arguments))
+            started[asked].may_bypass |= may_bypass
             return started[asked]
 
         yield start
+    if found := [text for net in started.values() for text in _bypassed(net)]:
+        pytest.fail("\n".join(found), pytrace=False)
 
 
 @pytest.fixture
@@ -59,7 +66,8 @@ def tis_netem(request: pytest.FixtureRequest, tmp_path: Path) -> "Iterator[Start
     """Return a function that starts a network: ``west, east = tis_netem("wifi_bad", seed=3)``.
 
     It takes the arguments of `tis.netem.bridge.between.between` but ``run_dir``, and may be called several times. The
-    networks end with the test; the test's report then has a section on what each one did.
+    networks end with the test; the test's report then has a section on what each one did. A network that programs got
+    round fails the test when it ends, unless it was asked for with ``may_bypass=True``.
 
     With ``shared=True`` the network is that of all tests of the session that ask for it by the same arguments: it
     starts once, ``counts()`` begins at zero with each test, and what a test has changed ends with the test.
@@ -69,15 +77,19 @@ def tis_netem(request: pytest.FixtureRequest, tmp_path: Path) -> "Iterator[Start
     parent: Path | None = request.config.getoption("--tis-netem-dir")
     base = tmp_path if parent is None else parent / _folder_name(request.node.nodeid)
     started: list[Between] = []
+    found: list[str] = []
     with ExitStack() as stack:
 
-        def start(profile: str | None = None, shared: bool = False, **arguments: Any) -> "Between":
+        def start(
+            profile: str | None = None, shared: bool = False, may_bypass: bool = False, **arguments: Any
+        ) -> "Between":
             if shared:
-                net: Between = request.getfixturevalue("tis_netem_shared")(profile, **arguments)
+                net: Between = request.getfixturevalue("tis_netem_shared")(profile, may_bypass, **arguments)
                 net.count_anew()
-                stack.callback(_leave, net, request.node)
+                stack.callback(_leave, net, request.node, found)
             else:
                 net = stack.enter_context(between(profile, run_dir=_free(base), **arguments))
+                net.may_bypass = may_bypass
                 started.append(net)
             request.node.user_properties.append(("tis_netem", str(net.run_dir)))
             return net
@@ -85,16 +97,27 @@ def tis_netem(request: pytest.FixtureRequest, tmp_path: Path) -> "Iterator[Start
         yield start
     for net in started:
         request.node.add_report_section("teardown", "tis_netem", _proof(net))
+        found += _bypassed(net)
+    if found:
+        pytest.fail("\n".join(found), pytrace=False)
 
 
-def _leave(net: "Between", test: pytest.Item) -> None:
-    """Report what a shared network did in a test, and end the test's changes."""
+def _leave(net: "Between", test: pytest.Item, found: list[str]) -> None:
+    """Report what a shared network did in a test, add the ways past it to ``found``, and end the test's changes."""
     lines = [f"log, of all tests: {net.run_dir}"]
     for direction, counts in net.counts().items():
         causes = {name.removeprefix("dropped."): n for name, n in counts.items() if name.startswith("dropped.")}
         lines.append(f"{direction}: {_offered(counts['offered'], causes)}")
     test.add_report_section("teardown", "tis_netem", "\n".join(lines))
+    if net.n_bypasses():
+        found += _bypassed(net)
+        net.may_bypass = True  # one test tells it
     net.reset()
+
+
+def _bypassed(net: "Between") -> list[str]:
+    """Return the ways past a network and their cure, unless they are accepted."""
+    return [] if net.may_bypass else [f"{text} -- {_CURE}" for text in net.bypasses]
 
 
 def _folder_name(node_id: str) -> str:

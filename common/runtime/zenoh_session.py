@@ -1,4 +1,4 @@
-"""Zenoh sessions of the testbed: no scouting, no gossip, dead peers detected within seconds.
+"""Zenoh sessions of the testbed: no scouting, no word to gossip, dead peers detected within seconds.
 
 Multicast and gossip are off, since two sides that discover each other would bypass the emulator.
 """
@@ -43,6 +43,15 @@ _DEFAULTS: Final[dict[str, Any]] = {
     "listen/exit_on_failure": True,
 }
 
+_GOSSIP: Final = "scouting/gossip"
+_NOBODY: Final = {"router": [], "peer": []}
+_HEARS: Final = {
+    "scouting/gossip/enabled": True,
+    "scouting/gossip/target": _NOBODY,
+    "scouting/gossip/autoconnect": _NOBODY,
+}
+"""A router hears what peers tell of their links, tells nobody anything and connects to nobody for it."""
+
 
 @dataclass(frozen=True)
 class ZenohOptions:
@@ -74,7 +83,8 @@ def configure(mode: Literal["client", "peer", "router"], options: ZenohOptions) 
     # The testbed's defaults, only where the user's file has not changed Zenoh's.
     untouched = zenoh.Config()
     bounds = {} if options.receive_bytes is None else dict.fromkeys(_RECEIVE_BYTES, options.receive_bytes)
-    for key, value in (_DEFAULTS | {_LEASE: options.lease_ms} | bounds).items():
+    hears = _HEARS if mode == "router" and not _sets_gossip(config, untouched, options) else {}
+    for key, value in (_DEFAULTS | hears | {_LEASE: options.lease_ms} | bounds).items():
         if config.get_json(key) == untouched.get_json(key):
             config.insert_json5(key, json.dumps(value))
     config.insert_json5("mode", json.dumps(mode))
@@ -91,6 +101,12 @@ def configure(mode: Literal["client", "peer", "router"], options: ZenohOptions) 
     if faults:
         raise InputError(faults)
     return config
+
+
+def _sets_gossip(config: zenoh.Config, untouched: zenoh.Config, options: ZenohOptions) -> bool:
+    """Tell whether the user has said anything of gossip, by file or option."""
+    of_file = config.get_json(_GOSSIP) != untouched.get_json(_GOSSIP)
+    return of_file or any(item.startswith((_GOSSIP, "scouting:")) for item in options.cfg)
 
 
 def _exposed(config: zenoh.Config) -> list[Fault]:

@@ -11,6 +11,7 @@ from tis.common.channels import Direction, Network
 from tis.common.errors import Fault
 from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.bypass import Scouting, Watch
+from tis.netem.bridge.gossip import Gossip
 from tis.netem.bridge.keys import CrossingKeys
 from tis.netem.bridge.mirrors.queries import TIME_OUT_S, Queries, QueryTargetName
 from tis.netem.bridge.mirrors.queryables import Queryables
@@ -26,9 +27,9 @@ class Applications:
     """Messages, queries and liveliness of a bridge's two networks.
 
     One thread does the periodic work: it mirrors queryables, expires queries and looks for a bypass, with ``scouts``
-    also by multicast, which is needed for applications other than ours. A network with a configuration in ``listers``
-    has its queryables mirrored one by one (`Queryables`). Nothing passes before the bridge's `start`; close this
-    before the sessions.
+    also by multicast, which is needed for applications other than ours, and with ``gossip`` by what peers tell of
+    their links. A network with a configuration in ``listers`` has its queryables mirrored one by one (`Queryables`).
+    Nothing passes before the bridge's `start`; close this before the sessions.
     """
 
     def __init__(
@@ -42,13 +43,16 @@ class Applications:
         scouts: zenoh.Config | None = None,
         listers: Mapping[Network, zenoh.Config] | None = None,
         query_target: QueryTargetName = "best_matching",
+        gossip: Gossip | None = None,
     ) -> None:
         self.queries: Final = Queries(bridge, sessions, query_time_out_s, on_leak, query_target)
         self.queryables: Final = Queryables(bridge, sessions, self.queries, keys.messages, listers or {}, on_leak)
         self.tokens: Final = Tokens(bridge, sessions, lease_s)
         self.n_leaks = 0
         self._on_leak = on_leak
-        self._watch = Watch(sessions, keys.messages, self._leak)
+        self._gossip = gossip or Gossip()
+        self._n_news = 0
+        self._watch = Watch(sessions, keys.messages, self._leak, self._gossip)
         self._scouting = None if scouts is None else Scouting(sessions, scouts, self._leak, on_leak)
         self._bridge = bridge
         self._keys = keys
@@ -117,6 +121,9 @@ class Applications:
         self.queryables.step(now_s, self.tokens.is_cut)
         if n_steps % _STEPS_PER_EXPIRY == 0:
             self.queries.expire(now_s)
+        if (n_news := self._gossip.n_news) != self._n_news:
+            self._n_news = n_news
+            self._watch.look()
         if n_steps % _STEPS_PER_PROBE == _STEPS_PER_PROBE - 1:
             self._watch.probe()
         if self._scouting is not None:

@@ -39,6 +39,7 @@ from tis.common.runtime.zenoh_log import ROUTER_LEVELS, RefusalCounter, ZenohLog
 from tis.common.stop_messages import EmergencyStop
 from tis.common.units import NS_PER_S
 from tis.common.zenoh_syntax import port_of
+from tis.netem.bridge.gossip import GOSSIP_LEVEL, Gossip
 from tis.netem.bridge.tcp_ends import hear_tcp_ends, tcp_ends_socket
 
 _FLUSH_S: Final = 1.0
@@ -85,12 +86,21 @@ class AuditTrail:
         stack: ExitStack,
         listen: Iterable[tuple[Network, str]],
         tell: Callable[[str], None],
-        reads_log: bool = True,
+        gossip: Gossip,
+        refusals: bool = True,
     ) -> Self:
-        """Return one that ends with ``stack``; ``reads_log``: Zenoh's own log, too, which takes standard output."""
+        """Return one that ends with ``stack``, and read Zenoh's own log, which takes standard output.
+
+        ``refusals``: also what Zenoh refuses, which has many lines where somebody tries again and again.
+        """
         audit = cls(listen, tell)
-        if reads_log:
-            stack.enter_context(ZenohLog(ROUTER_LEVELS, audit.refusals.take))
+
+        def take(line: bytes) -> None:
+            gossip.take(line)
+            audit.refusals.take(line)
+
+        levels = f"{ROUTER_LEVELS if refusals else 'warn'},{GOSSIP_LEVEL}"
+        stack.enter_context(ZenohLog(levels, take))
         return audit
 
     def __init__(self, listen: Iterable[tuple[Network, str]], tell: Callable[[str], None]) -> None:

@@ -27,12 +27,14 @@ from tis.common.errors import Fault, InputError, PeerError
 from tis.common.runtime.emulator_client import EmulatorAddress, connected
 from tis.common.runtime.process import child_environment, free_endpoints
 from tis.common.units import NS_PER_S
+from tis.netem.bridge.bypass import is_leak
 
 Ways = Literal["forward", "feedback", "both"]
 
 # Summarized in netem's process: another one would take as long again to load.
 _COMMAND: Final = (sys.executable, "-m", "tis.deploy.cli.main", "netem", "--summarize")
 _RUNNING: Final = "netem: running"
+_WARNING: Final = "netem: warning: "
 _START_S: Final = 60.0
 _END_S: Final = 300.0  # netem ends itself within seconds; then it reads its log
 _MAX_LINES: Final = 200
@@ -51,11 +53,20 @@ class Between:
     summary
         What was requested, decided and realised, with a verdict for each direction, as in ``summary.json``; empty
         before the end.
+    warnings
+        What netem warned of, as it said it; complete after the end.
+    may_bypass
+        Whether the fixture ``tis_netem`` accepts ways past it.
+    exit_code
+        That of netem after the end; 5 means not valid.
     """
 
     def __init__(self, west: str, east: str, run_dir: Path) -> None:
         self.west, self.east, self.run_dir = west, east, run_dir
         self.summary: dict[str, Any] = {}
+        self.warnings: list[str] = []
+        self.may_bypass = False
+        self.exit_code: int | None = None
         self._counted: dict[str, dict[str, int]] = {}
 
     def __iter__(self) -> Iterator[str]:
@@ -101,6 +112,16 @@ class Between:
     def count_anew(self) -> None:
         """Let `counts` begin at zero."""
         self._counted = self._counters()
+
+    def n_bypasses(self) -> int:
+        """Return while it runs the number of ways past netem that it has found."""
+        with connected(EmulatorAddress(self.west)) as remote:
+            return remote.state().counters.get("leaks", 0)
+
+    @property
+    def bypasses(self) -> list[str]:
+        """Return the ways past it that netem has told of so far, each in a sentence."""
+        return list(dict.fromkeys(text for text in tuple(self.warnings) if is_leak(text)))
 
     @property
     def faithful(self) -> dict[str, bool | None]:
@@ -178,7 +199,7 @@ def between(
     process = subprocess.Popen(  # noqa: S603  (its own: netem asks for real-time scheduling, and collects no garbage)
         [*words, *options], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=child_environment()
     )
-    said = _Said(process)
+    said = _Said(process, net.warnings)
     try:
         said.await_running()
         yield net
@@ -187,14 +208,16 @@ def between(
         said.close()
     if process.returncode not in (0, 5, 130):
         raise PeerError(Fault("netem", "", said.text()))
+    net.exit_code = process.returncode
     net.summary = _summary(folder)
 
 
 class _Said:
     """Reads what netem says, so that it never waits for its reader."""
 
-    def __init__(self, process: "subprocess.Popen[str]") -> None:
+    def __init__(self, process: "subprocess.Popen[str]", warnings: list[str]) -> None:
         assert process.stderr is not None
+        self._warnings = warnings
         self._process, self._lines = process, list[str]()
         self._running = threading.Event()
         self._thread = threading.Thread(target=self._read, args=(process.stderr,), name="netem says", daemon=True)
@@ -223,6 +246,8 @@ class _Said:
         with stream:
             for line in stream:
                 self._lines = [*self._lines[-_MAX_LINES:], line]
+                if line.startswith(_WARNING) and len(self._warnings) < _MAX_LINES:
+                    self._warnings.append(line.removeprefix(_WARNING).strip())
                 if line.startswith(_RUNNING):
                     self._running.set()
         self._running.set()  # it has ended

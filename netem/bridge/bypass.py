@@ -2,7 +2,8 @@
 
 A ``past`` probe is forwarded by nobody: if it arrives on the other network, it came by a bypass. A ``round`` probe is
 forwarded by every netem: if it arrives, it came through another netem, and messages would circulate forever. A peer
-of both networks forwards no probe, but what it sends reaches both past netem: its identity is in both.
+of both networks forwards no probe, but what it sends reaches both past netem: its identity is in both. Neither do two
+peers, one of each network, that are connected to each other: they tell it to netem's routers if they gossip.
 
 An application with Zenoh's default settings is a peer. It scouts by multicast and connects to all that answer,
 in addition to its configured endpoints. That traffic does not cross netem, and probes do not detect it.
@@ -19,6 +20,7 @@ import zenoh
 
 from tis.common.channels import Network
 from tis.common.errors import Fault, PeerError
+from tis.netem.bridge.gossip import Gossip
 from tis.netem.bridge.keys import PROBES
 
 Leak = Literal["past", "round"]
@@ -32,7 +34,13 @@ _REMOTE: Final = zenoh.Locality.REMOTE
 _PERIOD_S: Final = 5.0
 _LISTEN_S: Final = 1.0
 _REMINDER_S: Final = 60.0
+_DANGER: Final = "the routers of both networks"
 _REMEDY: Final = "let them be clients (mode: client), or set scouting/multicast/enabled to false"
+
+
+def is_leak(warning: str) -> bool:
+    """Tell whether a warning of netem's tells of a way past it, or of a loop, and not only of the danger of one."""
+    return (" past netem" in warning or " in circles" in warning) and not warning.startswith(_DANGER)
 
 
 class Watch:
@@ -42,7 +50,11 @@ class Watch:
     """
 
     def __init__(
-        self, sessions: Mapping[Network, zenoh.Session], keys: Sequence[str], on_leak: Callable[[str], None]
+        self,
+        sessions: Mapping[Network, zenoh.Session],
+        keys: Sequence[str],
+        on_leak: Callable[[str], None],
+        gossip: Gossip | None = None,
     ) -> None:
         self._sessions = sessions
         self._keys = [zenoh.KeyExpr(key) for key in keys]
@@ -51,7 +63,10 @@ class Watch:
         self._on_leak = on_leak
         self._leaks: dict[tuple[Leak, Network], bool] = {}
         self._unreported: list[Network] = []
+        self._gossip = gossip or Gossip()
+        self._own = {str(session.zid()) for session in sessions.values()}
         self._joined: set[str] = set()
+        self._linked: set[tuple[str, str]] = set()
         self._forwards = False
         self._held = ExitStack()
         for network in sessions:
@@ -75,10 +90,7 @@ class Watch:
 
         Loops are reported one call late: a new bypass may first appear as one.
         """
-        peers = [{str(zid) for zid in session.info.peers_zid()} for session in self._sessions.values()]
-        for zid in sorted(set.intersection(*peers) - self._joined):
-            self._joined.add(zid)
-            self._on_leak(f"the peer {zid} is connected to both networks: what it sends reaches both past netem")
+        self.look()
         while self._unreported:
             origin = self._unreported.pop()
             if ("past", origin) not in self._leaks:
@@ -86,6 +98,23 @@ class Watch:
         for network, session in self._sessions.items():
             for leak in ("past", "round"):
                 session.put(f"{PROBES}/{leak}/{self._id}/{network}", self._body, allowed_destination=_REMOTE)
+
+    def look(self) -> None:
+        """Report peers of both networks, and peers of one that are connected to a member of the other."""
+        peers = [{str(zid) for zid in session.info.peers_zid()} - self._own for session in self._sessions.values()]
+        both = set.intersection(*peers)
+        for zid in sorted(both - self._joined):
+            self._joined.add(zid)
+            self._on_leak(f"the peer {zid} is connected to both networks: what it sends reaches both past netem")
+        for pair in self._gossip.between(
+            *(_members(session) - both - self._own for session in self._sessions.values())
+        ):
+            if pair not in self._linked:
+                self._linked.add(pair)
+                self._on_leak(
+                    f"the peers {pair[0]} in the west and {pair[1]} in the east are connected to each other: "
+                    "what they send reaches the other past netem"
+                )
 
     def close(self) -> None:
         """Stop listening."""
@@ -213,7 +242,7 @@ class Scouting:
             self._report(text, now_s, self._on_leak)
         else:
             text = (
-                "the routers of both networks answer to multicast scouting: applications with Zenoh's default "
+                f"{_DANGER} answer to multicast scouting: applications with Zenoh's default "
                 f"settings would join both, past netem; {_REMEDY}"
             )
             self._report(text, now_s, self._on_danger)

@@ -3,6 +3,7 @@
 In new environments, with all that they install, `python -m tests.deploy.fresh_environment` runs them.
 """
 
+import os
 import re
 import subprocess
 import sys
@@ -54,6 +55,22 @@ def test_the_action_runs_the_commands_behind_a_bad_network_and_prints_the_table(
     assert "crossing: demo/**, other/*" in done.stdout
     assert re.search(r"^ *forward \(west to east\) +0 +0", done.stdout, re.MULTILINE)
     assert "not reached" not in done.stdout
+
+
+@pytest.mark.parametrize(("profile", "code"), [("wifi_sad", 1), ("wifi_bad", 0)])
+def test_the_lines_for_any_ci_end_also_where_netem_does_not_start(runner: Path, profile: str, code: int) -> None:
+    lines = blocks("in_ci.md", "sh")[0]
+    for port, free in zip(("7447", "7448"), free_endpoints(), strict=True):
+        lines = lines.replace(f"tcp/127.0.0.1:{port}", free)
+    lines = lines.replace("uvx --from git+ADDRESS tis", str(runner / "tis" / "bin" / "tis"))
+    script = lines.replace("wifi_bad", profile) + "kill $netem; wait $netem || true; echo ended"
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONSAFEPATH": "1"}
+    done = subprocess.run(
+        ["bash", "-c", script], cwd=runner, env=environment, capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == code, done.stdout + done.stderr
+    assert ("wifi_sad" in done.stdout) == (code == 1)
+    assert done.stdout.endswith("ended\n") == (code == 0)
 
 
 def test_the_action_says_why_there_is_no_network(runner: Path) -> None:

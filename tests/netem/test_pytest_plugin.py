@@ -79,6 +79,32 @@ def test_after_it(robot, operator):
     assert net.counts()["forward"]["dropped.outage"] == 0
 """
 
+_BYPASSED = """
+import json, time, zenoh, pytest
+
+def a_bypass(net):
+    config = zenoh.Config()
+    config.insert_json5("mode", '"peer"')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("connect/endpoints", json.dumps([net.west, net.east]))
+    with zenoh.open(config):
+        until_s = time.monotonic() + 30
+        while not net.n_bypasses() and time.monotonic() < until_s:
+            time.sleep(0.05)
+
+def test_own(tis_netem):
+    a_bypass(tis_netem())
+
+def test_own_on_purpose(tis_netem):
+    a_bypass(tis_netem(may_bypass=True))
+
+def test_of_all(tis_netem):
+    a_bypass(tis_netem(shared=True))
+
+def test_of_all_later(tis_netem):
+    assert tis_netem(shared=True).n_bypasses()
+"""
+
 
 def _pytest(folder: Path, *words: str) -> "subprocess.CompletedProcess[str]":
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
@@ -110,3 +136,15 @@ def test_tests_share_a_network_and_each_has_its_own_conditions_and_counts(tmp_pa
     assert "forward: 3 messages offered, 3 dropped (outage 3)" in done.stdout
     (summary,) = (tmp_path / "proofs").glob("**/summary.json")  # one network for both
     assert json.loads(summary.read_text())["links"]["forward"]["offered"] == 8
+
+
+def test_a_network_that_programs_bypass_fails_the_test_unless_it_says_otherwise(tmp_path: Path) -> None:
+    (tmp_path / "test_bypassed.py").write_text(_BYPASSED)
+    done = _pytest(tmp_path, "-rpE")
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert "4 passed, 2 errors" in done.stdout, done.stdout + done.stderr
+    failed = [line.partition(" - ")[0] for line in done.stdout.splitlines() if line.startswith("ERROR ")]
+    assert failed == ["ERROR test_bypassed.py::test_own", "ERROR test_bypassed.py::test_of_all"]
+    assert done.stdout.count("is connected to both networks: what it sends reaches both past netem") >= 2
+    assert "let programs be clients (mode: client)" in done.stdout
+    assert "may_bypass=True" in done.stdout

@@ -35,6 +35,20 @@ def test_by_default_nobody_is_found_who_was_not_named() -> None:
     assert _value(config, "connect/endpoints") == ["tcp/127.0.0.1:7447"]
 
 
+def test_a_router_hears_gossip_and_tells_none_unless_the_user_says_otherwise(tmp_path: Path) -> None:
+    listening = ZenohOptions(listen=["tcp/127.0.0.1:7447"])
+    config = configure("router", listening)
+    assert _value(config, "scouting/gossip/enabled") is True
+    nobody = {"router": [], "peer": []}
+    assert _value(config, "scouting/gossip/target") == _value(config, "scouting/gossip/autoconnect") == nobody
+    path = tmp_path / "zenoh.json5"
+    path.write_text("{scouting: {gossip: {enabled: false}}}")
+    assert _value(configure("router", replace(listening, config=path)), "scouting/gossip/enabled") is False
+    config = configure("router", replace(listening, cfg=["scouting/gossip/enabled:true"]))
+    assert _value(config, "scouting/gossip/enabled") is True
+    assert _value(config, "scouting/gossip/target") is None
+
+
 def test_settings_override_the_defaults_and_the_endpoints() -> None:
     options = ZenohOptions(
         connect=["tcp/127.0.0.1:7447"],

@@ -2,18 +2,21 @@
 
 import time
 from contextlib import ExitStack
+from pathlib import Path
 
 import pytest
 import zenoh
 
 from tests.common.runtime.live_zenoh import a_client, a_router, soon
 from tests.netem.bridge.live_bridge import bridging, two_routers
-from tis.common.errors import PeerError
+from tis.common.errors import EXIT_INVALID_RUN, PeerError
 from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
+from tis.netem.bridge.between import between
 from tis.netem.bridge.bypass import Watch, refuse_one_router
 
 pytestmark = pytest.mark.live
+_GOSSIPS = ("scouting/gossip/enabled:true",)  # Zenoh's default
 
 
 def _ignore(text: str) -> None:
@@ -115,3 +118,27 @@ def test_both_sides_on_one_router_are_refused() -> None:
             refuse_one_router({"west": one, "east": three})
         with pytest.raises(PeerError, match="it would be one network"):
             refuse_one_router({"west": one, "east": two})
+
+
+def test_peers_of_the_two_networks_that_are_connected_to_each_other_are_told(tmp_path: Path) -> None:
+    """Neither listens where the other would find it by itself: one is given the endpoint of the other."""
+    third, _ = free_endpoints()
+    with between(run_dir=tmp_path / "run") as net:
+        one = configure("peer", ZenohOptions(connect=(net.east,), listen=(third,), cfg=_GOSSIPS))
+        other = configure("peer", ZenohOptions(connect=(net.west, third), listen=("tcp/127.0.0.1:0",), cfg=_GOSSIPS))
+        with zenoh.open(one) as east, zenoh.open(other) as west:
+            assert soon(lambda: bool(net.n_bypasses()))
+            pair = f"the peers {west.zid()} in the west and {east.zid()} in the east are connected to each other"
+    assert net.warnings == net.bypasses == [f"{pair}: what they send reaches the other past netem"]
+    assert net.exit_code == EXIT_INVALID_RUN
+
+
+def test_peers_of_one_network_may_be_connected_to_each_other(tmp_path: Path) -> None:
+    third, _ = free_endpoints()
+    with between(run_dir=tmp_path / "run") as net:
+        one = configure("peer", ZenohOptions(connect=(net.west,), listen=(third,), cfg=_GOSSIPS))
+        other = configure("peer", ZenohOptions(connect=(net.west, third), listen=("tcp/127.0.0.1:0",), cfg=_GOSSIPS))
+        with zenoh.open(one), zenoh.open(other) as west, a_client(net.east):
+            assert soon(lambda: len(list(west.info.peers_zid())) == 1)
+            time.sleep(0.3)
+    assert (net.warnings, net.exit_code) == ([], 0)

@@ -11,7 +11,7 @@ from tests.common.runtime.live_zenoh import a_client, soon
 from tests.netem.bridge.live_bridge import two_routers
 from tis.common.channels import Network
 from tis.common.runtime.zenoh_session import ZenohOptions
-from tis.netem.bridge.bypass import Scouting
+from tis.netem.bridge.bypass import Scouting, is_leak
 from tis.netem.bridge.sides import scout_config
 
 pytestmark = pytest.mark.live
@@ -68,6 +68,7 @@ def test_peers_of_both_networks_that_scout_are_a_bypass_and_one_is_none() -> Non
             told.look(20, west, east)
             assert len(told.leaks) == 1
             assert "find each other past netem by multicast scouting: let them be clients" in told.leaks[0]
+            assert is_leak(told.leaks[0])
             assert told.dangers == []
             told.look(100, west, east)
             assert told.dangers == told.leaks  # said again, counted once
