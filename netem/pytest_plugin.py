@@ -117,7 +117,9 @@ def _leave(net: "Between", test: pytest.Item, found: list[str]) -> None:
 
 def _bypassed(net: "Between") -> list[str]:
     """Return the ways past a network and their cure, unless they are accepted."""
-    return [] if net.may_bypass else [f"{text} -- {_CURE}" for text in net.bypasses]
+    from tis.common.errors import problem
+
+    return [] if net.may_bypass else [problem(text, _CURE) for text in net.bypasses]
 
 
 def _folder_name(node_id: str) -> str:

@@ -14,7 +14,7 @@ from tis.deploy.shell.guard import ERR, OUT, print_json, print_warnings
 app = Commands("Scenarios and data")
 
 
-@app.command(example="tis new my_network")
+@app.command(example="tis new my_scenario")
 def new(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the scenario, and of its file without .yaml.")],
 ) -> int:
@@ -40,7 +40,7 @@ def estimators(as_json: JsonOption = False) -> int:
     return list_estimators(OUT, as_json)
 
 
-@app.command(example="tis validate my_network.yaml --set seed=2")
+@app.command(example="tis validate my_scenario.yaml --set seed=2")
 def validate(
     scenario: OptionalScenarioArg = None,
     schema: Annotated[bool, typer.Option("--schema", help="Print the JSON Schema of scenarios.")] = False,
@@ -49,10 +49,14 @@ def validate(
     duration_s: Annotated[float | None, typer.Option(help="Override the duration, in s.")] = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Check a scenario and the traces it names, and print it with all defaults."""
+    """Check a scenario and the traces it names, and print it with all defaults.
+
+    A file that holds a network of its own, or a profile, is checked as such, and
+    its network printed.
+    """
     # imported late, here and below: a command that fails or helps need not wait for numpy
     from tis.common.scenario import reading
-    from tis.deploy.run.resolve import resolve
+    from tis.deploy.run.resolve import resolve, scenario_path
     from tis.deploy.shell.shipped_scenarios import shipped_names
 
     if schema:
@@ -64,6 +68,12 @@ def validate(
     if scenario is None:
         names = ", ".join(shipped_names())
         raise InputError(Fault("tis validate", "SCENARIO", f"is required: a file, or one of {names}"))
+    if seed is None and duration_s is None:
+        from tis.deploy.tools.check_network import check_network
+
+        code = check_network(scenario_path(scenario), settings or (), ERR, as_json)
+        if code is not None:
+            return code
     resolved = resolve(scenario, settings or (), seed, duration_s)
     # as a run would: faults of traces and of rules that tie show only when the links are built
     build_netem(resolved, load_traces(resolved.network), scenario)

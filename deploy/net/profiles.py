@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from tis.common.errors import Fault, InputError
 from tis.common.runtime.scenario_files import lines_told, read_scenario
 from tis.common.scenario.faults import faults
+from tis.common.scenario.file_kind import refuse_network
 from tis.common.scenario.profile import Profile
 
 SUFFIXES: Final = (".yaml", ".yml")
@@ -34,7 +35,9 @@ def build_profile(raw: Mapping[str, Any], where: str) -> Profile:
 def read_profile(path: Path) -> Profile:
     """Read a profile's file; raises `InputError` with all its faults."""
     with lines_told(path):
-        return build_profile(read_scenario(path), str(path))
+        raw = read_scenario(path)
+        refuse_network(raw, str(path), "profile")
+        return build_profile(raw, str(path))
 
 
 def profile_path(name: str) -> Path:

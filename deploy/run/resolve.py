@@ -11,6 +11,7 @@ from tis.common.runtime.recordings import located, plays_all, whole_run, without
 from tis.common.runtime.scenario_files import lines_told, read_scenario
 from tis.common.scenario import Scenario
 from tis.common.scenario import reading as scenario_io
+from tis.common.scenario.file_kind import refuse_network
 from tis.common.scenario.overrides import Override, apply_overrides, blamed
 from tis.deploy.net.profiles import library
 from tis.deploy.shell.shipped_scenarios import SHIPPED, shipped_names
@@ -62,6 +63,7 @@ def resolve(
     """
     path = scenario_path(name)
     raw, where = read_scenario(path), str(path)
+    refuse_network(raw, where, "scenario")
     overrides = [Override("--set", setting) for setting in settings]
     repeated = [name for name, n in Counter(one.path for one in overrides).items() if n > 1]
     overrides += [Override("--sweep", setting) for setting in swept]

@@ -178,3 +178,15 @@ def test_one_emulator_serves_robots_by_a_rule_for_each(run: Run, ports: dict[str
                 operator.put(f"{name}/cmd", "go", congestion_control=zenoh.CongestionControl.BLOCK)
         assert soon(lambda: heard == {"robot1": 20, "robot3": 20})
         assert counters(west)["dropped.loss"] == 20
+
+
+def test_the_profile_and_the_networks_of_the_page_are_valid(tmp_path: Path) -> None:
+    found = []
+    for text in blocks("describe_network.md", "yaml"):
+        file = tmp_path / "my_link.yaml"
+        file.write_text(text.replace("cell.up", str(tmp_path / "cell.up")))
+        (tmp_path / "cell.up").write_text("1\n2\n")
+        code, _, err = call("validate", str(file))
+        assert code == 0, err
+        found.append("a profile" if "a profile" in err else "a network")
+    assert found.count("a profile") == 1

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.deploy.commands import call
+from tis.deploy.net.profiles import SHIPPED
 
 GOOD = "sent_s,delay_ms\n0,10\n1,12\n"
 
@@ -65,3 +66,68 @@ def test_rules_that_tie_are_refused(tmp_path: Path) -> None:
     code, out, err = _validate(f"network.rules=[{rules}]")
     assert (code, out) == (2, "")
     assert "rules" in err[0]
+
+
+def test_a_network_of_its_own_is_checked_as_netem_reads_it(tmp_path: Path) -> None:
+    file = tmp_path / "net.yaml"
+    file.write_text("forward: {delay: {kind: constant, delay_ms: 40}}\n")
+    code, out, err = call("validate", str(file), "--set", "feedback.delay.delay_ms=soon")
+    assert (code, out) == (2, "")
+    assert "--set: feedback.delay.delay_ms" in " ".join(err.split())
+    code, out, err = call("validate", str(file), "--set", "forward.delay.delay_ms=50")
+    assert code == 0, err
+    assert out == "forward:\n  delay:\n    kind: constant\n    delay_ms: 50.0\n"
+    assert err.split() == f"{file}: a network: valid; tis netem --scenario-network {file} uses it".split()
+
+
+@pytest.mark.parametrize(
+    ("content", "code", "words"),
+    [
+        ("forward: {delay: {kind: constnt}}\n", 2, "line 1: forward.delay.kind"),
+        ("forward: {delay: {kind: trace, path: none.csv}}\n", 4, "none.csv: does not exist"),
+        ("forward: {}\noutages: [{kind: periodic, every_s: 1}]\n", 2, "line 2: outages.0.for_s: is required"),
+    ],
+)
+def test_the_faults_of_a_network_are_told_with_their_lines(
+    tmp_path: Path, content: str, code: int, words: str
+) -> None:
+    file = tmp_path / "net.yaml"
+    file.write_text(content)
+    found, out, err = call("validate", str(file))
+    assert (found, out) == (code, "")
+    assert words in " ".join(err.split())
+    assert "version" not in err
+
+
+def test_a_profile_is_checked_as_one(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text((SHIPPED / "wifi_bad.yaml").read_text())
+    code, out, err = call("validate", str(file))
+    assert code == 0, err
+    assert out.startswith("forward:\n")
+    assert err.split() == f"{file}: a profile: valid; tis netem --profile {file} uses it".split()
+    file.write_text("title: t\nnetwork: {}\n")
+    code, _, err = call("validate", str(file))
+    assert code == 2
+    assert "name: is required" in err
+    assert "version" not in err
+
+
+@pytest.mark.parametrize(
+    ("command", "wanted"),
+    [
+        (("net", "profiles", "FILE"), "profile"),
+        (("netem", "--profile", "FILE", "--west", "tcp/127.0.0.1:1", "--east", "tcp/127.0.0.1:2"), "profile"),
+        (("twin", "FILE"), "scenario"),
+        (("run", "default", "--set", "network.profile=FILE"), "profile"),
+    ],
+)
+def test_a_network_that_stands_for_something_else_is_told_by_its_use(
+    tmp_path: Path, command: tuple[str, ...], wanted: str
+) -> None:
+    file = tmp_path / "net.yaml"
+    file.write_text("forward: {delay: {kind: constant, delay_ms: 40}}\n")
+    code, _, err = call(*(word.replace("FILE", str(file)) for word in command))
+    assert code == 2
+    assert f"is a network, not a {wanted}: `tis validate` checks it" in " ".join(err.split())
+    assert "is required" not in err
