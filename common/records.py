@@ -37,7 +37,7 @@ _STEP: Final = "Computation time of the estimator's step, in ns; 0 in virtual ti
 _SEQ_SAMPLE: Final = "Sequence number of the packet that brought the sample."
 _OFFERED: Final = "Run time at which each packet was offered to netem, in ns."
 _KEY: Final = "Zenoh key of the packets."
-_DIRECTION: Final = "forward: surgeon to patient; feedback: patient to surgeon."
+_DIRECTION: Final = "forward: west to east, in a run surgeon to patient; feedback: back."
 _FOREIGN: Final = "true: the packets have no header of the testbed, so netem numbered them itself."
 
 

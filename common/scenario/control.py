@@ -224,7 +224,10 @@ def profile_requests(name: str, network: Mapping[str, Any], request_id: str | No
                 SetRequest(id=request_id, direction=direction, change=_whole(pipeline))
                 for direction, pipeline in both
             )
-        rule = f"must be a static network to apply it during a run; this one has {' and '.join(dynamic)}"
+        rule = (
+            f"must be a static network to apply it during a run; this one has {' and '.join(dynamic)}: start netem "
+            "or the run with it, by --profile"
+        )
         found = [Fault("profile", "", rule, name)]
     raise InputError(found)
 

@@ -116,6 +116,12 @@ _SAME: Final = {"west": "forward", "east": "feedback", "west_to_east": "forward"
 """Other names of a direction: by the origin of its messages, or by both ends."""
 
 _QUOTED: Final = re.compile(r"'([^']*)'")
+_TIMES_OF_A_QUEUE: Final = tuple(
+    ("queue", name) for name in ("max_ms", "max_delay_ms", "limit_ms", "max_s", "latency_ms")
+)
+_AS_BYTES: Final = (
+    ", did you mean max_bytes? A queue of so many ms has ms x kbit_s / 8 (250 ms at 5000 kbit/s: 156250)"
+)
 _MAX_NAMED: Final = 200  # of faults; each takes a search for the key that was meant
 _BAD_KIND: Final = ("union_tag_invalid", "union_tag_not_found")
 
@@ -150,6 +156,7 @@ def _faults(detail: ErrorDetails, model: type[BaseModel], where: str) -> list[Fa
     # Faults about keys and kinds, which need hints.
     if kind == "extra_forbidden":
         hint = _hint(str(detail["loc"][-1]), place.siblings) or misplaced_key_hint(place.path, model)
+        hint = _AS_BYTES if place.path[-2:] in _TIMES_OF_A_QUEUE else hint
         return [Fault(where, field, f"unknown key{hint}", got)]
     if kind in _BAD_KIND:
         field = ".".join((*place.path, "kind"))

@@ -24,13 +24,16 @@ from tis.common.scenario.control import (
 )
 from tis.common.scenario.faults import faults
 from tis.common.scenario.network.conditions import Change
+from tis.common.scenario.network.delay import QuantileDelay
 from tis.common.scenario.network.pipeline import Pipeline
 from tis.common.scenario.overrides import KINDS, complete_stage
 from tis.common.scenario.reading import apply_settings, parse_yaml
+from tis.common.units import NS_PER_MS
 from tis.deploy.net.profiles import profile_path, read_profile
 from tis.deploy.present.table import PLAIN, Column, Table
 from tis.netem.control.replay import entry_in_words, value_in_words
 from tis.netem.expected.figures import direction_label
+from tis.netem.stages.delay import latency_of
 
 _NONE: Final = "-"
 _CHANGED: Final = " *"
@@ -107,7 +110,15 @@ def _dropped(counters: Mapping[str, int]) -> str:
 
 def _stage(scenario: Pipeline, now: Pipeline, name: str) -> str:
     before, after = getattr(scenario, name), getattr(now, name)
-    return value_in_words(_plain(now).get(name)) + ("" if before == after else _CHANGED)
+    told = f" ({_figures(after)})" if isinstance(after, QuantileDelay) else ""
+    return value_in_words(_plain(now).get(name)) + told + ("" if before == after else _CHANGED)
+
+
+def _figures(delay: QuantileDelay) -> str:
+    """Return what the points of a delay come to, before jitter."""
+    latency = latency_of(Pipeline(delay=delay), {})
+    mean_ms, p50_ms, p99_ms = (ns / NS_PER_MS for ns in (latency.mean_ns, *latency.quantiles_ns((0.5, 0.99))))
+    return f"mean {mean_ms:.3g}, p50 {p50_ms:.3g}, p99 {p99_ms:.3g} ms"
 
 
 def _rule(rule: RuleState) -> str:

@@ -131,6 +131,10 @@ def _csv(text: str, where: str) -> list[Row] | None:
     number = next((name for name in _NUMBERS if name in names), None)
     sent = next((name for name in (*_SENT, *_DATES) if name in names and name != trip), None)
     if number is None and sent is None:
+        if trip == "time":  # rather that of sending, without a delay beside it
+            trips = ", ".join(name for name in _ROUND_TRIPS if name != trip)
+            rule = f"must have a column of delays: delay_ms (one way), or of round trips: {trips}"
+            raise DataError(Fault(where, "", rule, found[0].strip()))
         rule = f"must have a column {', '.join(_NUMBERS)} or {', '.join((*_SENT, *_DATES))} beside {trip}"
         raise DataError(Fault(where, "", rule))
     rows: list[Row] = []

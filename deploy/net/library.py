@@ -1,7 +1,7 @@
 """Commands ``tis net profiles`` and ``tis net stages``: the library, one profile, and the reference of all stages."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple, get_args
 
@@ -13,7 +13,7 @@ from tis.common.errors import EXIT_OK, Fault, InputError
 from tis.common.runtime.scenario_files import load_traces
 from tis.common.scenario.profile import Number, Profile, numeric_paths
 from tis.deploy.net.profiles import find_profile, shipped_names
-from tis.deploy.net.stage_reference import Kind, network_page, sections
+from tis.deploy.net.stage_reference import Kind, Parameter, network_page, sections
 from tis.deploy.present.numbers import known
 from tis.deploy.present.table import PLAIN, Column, Table
 from tis.deploy.shell import run_dir as folder
@@ -21,6 +21,7 @@ from tis.netem.expected.figures import DirectionFigures, direction_figures
 
 Figures = dict[Direction, DirectionFigures]
 
+_MANY: Final = 5
 _ROOMY: Final = 110
 _POINTS: Final = "points"
 _WAYS: Final = ("forward", "feedback")
@@ -193,13 +194,25 @@ def print_stages(name: str | None, out: Console) -> int:
     if name not in found:
         raise InputError(Fault("tis net stages", "NAME", f"must be one of {', '.join(found)}", name))
     out.print(escape(f"{name}: {found[name].meaning}"), soft_wrap=True)
-    explained = [
-        (kind.name if place == 0 else "", one.name, one.values, one.default_words, one.meaning)
-        for kind in found[name].kinds
-        for place, one in enumerate(kind.parameters)
-    ]
-    out.print(Table("", _wrapping("kind", "parameter", "values", "default", "meaning"), explained).terminal(PLAIN))
+    rows = list(_explained(found[name].kinds))
+    out.print(Table("", _wrapping("kind", "parameter", "values", "default", "meaning"), rows).terminal(PLAIN))
     return EXIT_OK
+
+
+def _explained(kinds: Sequence[Kind]) -> Iterator[tuple[str, ...]]:
+    """Yield a row for each parameter; many that an earlier kind has alike are named in one row."""
+    above: set[Parameter] = set()
+    for kind in kinds:
+        repeated = [one for one in kind.parameters if one in above]
+        if len(repeated) < _MANY:
+            repeated = []
+        own = [one for one in kind.parameters if one not in repeated]
+        for place, one in enumerate(own):
+            yield kind.name if place == 0 else "", one.name, one.values, one.default_words, one.meaning
+        if repeated:
+            names = dict.fromkeys(one.name.partition(".")[0] for one in repeated)
+            yield "" if own else kind.name, ", ".join(names), "as above", "", ""
+        above |= set(kind.parameters)
 
 
 def write_page(target: Path, out: Console) -> int:

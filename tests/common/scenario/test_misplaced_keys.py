@@ -1,10 +1,12 @@
 """Keys in a wrong place: where they belong."""
 
 import pytest
+from pydantic import ValidationError
 
 from tis.common.errors import InputError
 from tis.common.scenario import Scenario
-from tis.common.scenario.faults import misplaced_key_hint
+from tis.common.scenario.faults import faults, misplaced_key_hint
+from tis.common.scenario.network import NetworkPart
 from tis.common.scenario.reading import build_scenario
 
 
@@ -50,3 +52,15 @@ def test_every_place_that_is_named_is_a_key() -> None:
     ]
     found = build_scenario(raw | {"identification": {"train_samples": 90}, "surgeon": {"copies": 2}}, "s.yaml")
     assert (found.identification.train_samples, found.surgeon.copies) == (90, 2)
+
+
+@pytest.mark.parametrize("name", ["max_ms", "max_delay_ms", "limit_ms"])
+def test_a_queue_of_so_many_ms_is_told_in_bytes(name: str) -> None:
+    """Oracle: 250 ms at 5000 kbit/s are 1 250 000 bit."""
+    rate = {"kbit_s": 5000, "queue": {"kind": "tail_drop", name: 250}}
+    with pytest.raises(ValidationError) as caught:
+        NetworkPart.model_validate({"forward": {"rate": rate}})
+    (fault,) = faults(caught.value, NetworkPart, "x")
+    assert "did you mean max_bytes? A queue of so many ms has ms x kbit_s / 8" in str(fault)
+    assert 250 * 5000 // 8 == 156_250
+    assert "(250 ms at 5000 kbit/s: 156250)" in str(fault)

@@ -16,7 +16,7 @@ from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from tis.common.scenario.control import Acknowledgement, EmulatorState
 from tis.common.scenario.network.pipeline import Pipeline
-from tis.deploy.net.control import read_change, seconds
+from tis.deploy.net.control import read_change, seconds, state_table
 
 NORMAL = {"delay": {"kind": "normal", "mean_ms": 30, "std_ms": 2}}
 LOSSY = {"loss": {"kind": "bernoulli", "p_loss": 0.1}}
@@ -153,7 +153,7 @@ def test_a_profile_is_looked_up_here(bridge: Running, tis: Tis) -> None:
     assert forward["scale_delay"] == 1
     code, _, err = tis("set", "--profile", "starlink_2022_eu", *where)
     assert code == 2
-    assert "profile: must be a static network to apply it during a run; this one has states" in err
+    assert "profile: must be a static network to apply it during a run; this one has states: start netem" in err
     assert tis("set", "--profile", "nowhere", *where)[0] == 2
 
 
@@ -238,3 +238,14 @@ def test_zenoh_s_own_options_lead_to_a_network_that_asks_for_a_password(tis: Tis
             code, _, err = tis("show", *words)
             assert code == 3
             assert f"{endpoint}: connected, but nothing answers" in err
+
+
+def test_a_delay_by_points_is_shown_with_what_they_come_to() -> None:
+    """Oracle: between the points the quantiles are straight lines, so the mean is 0.9 x 10 + 0.1 x 30."""
+    points = [{"p": 0, "delay_ms": 0}, {"p": 0.9, "delay_ms": 20}, {"p": 1, "delay_ms": 40}]
+    delay = {"delay": {"kind": "quantiles", "points": points}}
+    way = {"pipeline": delay, "now": delay, "counters": {}, "outage": False, "rules": [], "added": []}
+    way |= {"scale_delay": 1, "add_delay_ms": 0, "add_p_loss": 0}
+    state = EmulatorState.model_validate({"running": True, "forward": way, "feedback": way})
+    rows = {row[0]: row[1] for row in state_table(state).rows}
+    assert rows["delay"] == "quantiles points (3 points) (mean 12, p50 11.1, p99 38 ms)"

@@ -98,6 +98,10 @@ def test_a_trace_of_our_own_is_none_of_them() -> None:
             "row 1: seq must be a whole number; rtt_ms must be a number, empty",
         ),
         ("rtt_ms\n1\n", "must have a column seq"),
+        (
+            "time,latency\n0,0.1\n",
+            r"must have a column of delays: delay_ms \(one way\), or of round trips: rtt_ms, time_ms",
+        ),
         ("time,rtt_ms\n2026-02-30T00:00:00,1\n", "row 1: time must be a number or a time in ISO 8601"),
         ("seq,rtt_ms\n1,5\n999999999,5\n", "must not leave out more than a million numbers"),
         ("seq,rtt_ms\n1,timeout\n", "rtt_ms must be a number, empty where lost"),

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from tests.deploy.commands import call
 from tis.common.scenario.profile import Profile, numeric_paths
 from tis.deploy.net.library import number_rows
 from tis.deploy.net.profiles import build_profile, find_profile, shipped_names
@@ -60,3 +61,11 @@ def test_no_number_of_the_library_is_left_out(name: str) -> None:
         n_numbers = 2 * int(n[1]) if n else 2 if row.value.startswith("p ") else 1
         n_shown += n_numbers * (2 if row.of.startswith("both.") else 1)
     assert n_shown == sum(1 for _ in numeric_paths(profile.partial()))
+
+
+def test_a_stage_s_second_kind_does_not_repeat_what_the_first_has_alike() -> None:
+    code, out, _ = call("net", "stages", "rate")
+    assert code == 0
+    assert out.count("queue.target_ms") == 1
+    assert out.count("as above") == 1
+    assert out.index("opportunity_bytes") < out.index("as above")
