@@ -97,7 +97,8 @@ class AuditTrail:
 
         def take(line: bytes) -> None:
             gossip.take(line)
-            audit.refusals.take(line)
+            if refusals:
+                audit.refusals.take(line)
 
         levels = f"{ROUTER_LEVELS if refusals else 'warn'},{GOSSIP_LEVEL}"
         stack.enter_context(ZenohLog(levels, take))

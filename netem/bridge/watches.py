@@ -35,6 +35,24 @@ class BufferWatch:
                 self._warn(f"{direction_label(direction)}: {full}: {rule}")
 
 
+class LengthWatch:
+    """A warning for each direction, once, of messages that no queue of their rate takes; any thread may `look`."""
+
+    def __init__(self, links: Mapping[Direction, Link], warn: Callable[[str], None]) -> None:
+        self._left: dict[Direction, Link] = dict(links)
+        self._warn = warn
+
+    def look(self) -> None:
+        """Warn of the directions in which such a message has come."""
+        for direction, link in list(self._left.items()):
+            if link.n_too_long:
+                del self._left[direction]
+                self._warn(
+                    f"{direction_label(direction)}: a message is longer than its queue's max_bytes: such messages "
+                    "never pass"
+                )
+
+
 class NamesWatch:
     """A warning for each direction, once, when its names near a bound; any thread may call `look`."""
 
@@ -54,7 +72,7 @@ def watches(
     links: Mapping[Direction, Link], buffer: Buffer, warn: Callable[[str], None]
 ) -> tuple[Callable[[], None], ...]:
     """Return the watches over links, each to be called twice a second."""
-    return BufferWatch(links, buffer, warn).look, NamesWatch(links, warn).look
+    return BufferWatch(links, buffer, warn).look, NamesWatch(links, warn).look, LengthWatch(links, warn).look
 
 
 def names_near_bounds(counters: Mapping[str, int], head: str = "") -> list[str]:

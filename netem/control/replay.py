@@ -78,7 +78,7 @@ def made_changes(notes: Iterable[ControlNote]) -> list[MadeChange]:
             continue
         named = _PROFILE.search(note.request) if note.operation == "profile" else None
         if note.operation in CLEARING:
-            what = _RESET if named is None else f"profile {named[1]}, and no more"
+            what = _RESET if named is None else f"profile {named[1]}, in place of what was set before"
             found.append(MadeChange("both", note.applied_ns, f"from {note.applied_ns / NS_PER_S:.3f} s", what))
         else:
             found += [_made(entry, note.applied_ns) for entry in _entries(note.added or "[]")]

@@ -302,6 +302,11 @@ class Link:
         """Return the packets and bytes that wait in the queues of rates."""
         return self._queues.depth()
 
+    @property
+    def n_too_long(self) -> int:
+        """Return the messages so far that were longer than the queue of their rate."""
+        return self._queues.n_too_long
+
     def note_queue_depth(self, now_ns: int) -> None:
         """Record the depth of the queues of rates, if there are any."""
         if self._servers:

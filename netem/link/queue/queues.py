@@ -83,6 +83,11 @@ class Queues:
         servers = self.servers.values()
         return sum(server.n_packets for server in servers), sum(server.n_bytes for server in servers)
 
+    @property
+    def n_too_long(self) -> int:
+        """Return the messages so far that were longer than the queue they came to."""
+        return sum(server.n_too_long for server in tuple(self.servers.values()))
+
     def look_again(self, now_ns: int) -> None:
         """Forget how long the present condition holds, since a change was added at ``now_ns``."""
         self._until_ns = min(self._until_ns, now_ns)

@@ -69,6 +69,8 @@ class Server:
         """Messages in the queue, including the one being sent, without those of others."""
         self.n_bytes = 0
         """Their bytes, including the overhead of each."""
+        self.n_too_long = 0
+        """Messages so far that no empty queue would take."""
         self._address: Final = address
         self._traces: Final = traces or {}
         self._transmission = transmission_of(service, self._traces)
@@ -194,6 +196,7 @@ class Server:
         if not self._admits(n_bytes):
             n_below, bytes_below = self._waiting.below(priority)
             if not self._bounds.admits(self._n_all - n_below, self._all_bytes - bytes_below, n_bytes):
+                self.n_too_long += item is not None and not self._bounds.admits(0, 0, n_bytes)
                 return False
             while not self._admits(n_bytes):
                 self._leave(self._waiting.pop_last(), now_ns, dropped=True, gives_way=True)

@@ -269,7 +269,7 @@ def test_each_change_made_while_it_ran_stands_in_words_and_is_not_repeated(tmp_p
     page = (run_dir / "report.html").read_text()
     for words in (
         "changed while running: forward, from 10.000 s for 0.5 s: delay 200 ms",
-        "changed while running: both directions, from 11.000 s: profile wifi_bad, and no more",
+        "changed while running: both directions, from 11.000 s: profile wifi_bad, in place of what was set before",
         "changed while running: both directions, from 12.000 s: reset to what was asked for at the start",
     ):
         assert words in out

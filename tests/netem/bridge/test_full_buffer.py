@@ -4,7 +4,7 @@ import pytest
 
 from tests.netem.making import KEY, link, offer, packet
 from tis.common.scenario.network import Buffer
-from tis.netem.bridge.watches import BufferWatch
+from tis.netem.bridge.watches import BufferWatch, LengthWatch
 
 MS = 1_000_000
 SLOW = {"delay": {"kind": "constant", "delay_ms": 1000}}
@@ -38,3 +38,18 @@ def test_what_loss_and_queues_drop_is_not_said() -> None:
     BufferWatch({"forward": made}, Buffer(), said.append).look()
     assert made.dropped["queue_full"] == 9
     assert said == []
+
+
+@pytest.mark.parametrize(("n_bytes", "is_said"), [(60, False), (61, True)])
+def test_a_message_longer_than_its_queue_is_said_once(n_bytes: int, is_said: bool) -> None:
+    """A queue of 100 bytes takes 60 and 40 of overhead; one byte more never passes. A full queue is not said."""
+    queue = {"kind": "tail_drop", "max_bytes": 100}
+    made, said = link(forward={"rate": {"kbit_s": 8, "overhead_bytes": 40, "queue": queue}}), list[str]()
+    watch = LengthWatch({"forward": made}, said.append)
+    for k in range(3):
+        made.offer(KEY, b"", n_bytes, k * MS, "message")
+        watch.look()
+    assert made.dropped["queue_full"] == (3 if is_said else 2)
+    assert said == is_said * [
+        "forward (west to east): a message is longer than its queue's max_bytes: such messages never pass"
+    ]
