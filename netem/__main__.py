@@ -40,7 +40,6 @@ from tis.netem.bridge.command import netem_command
 from tis.netem.bridge.control import attach
 from tis.netem.bridge.emergency import EmergencyLine
 from tis.netem.bridge.gate import gates_for, without_gates
-from tis.netem.bridge.gossip import Gossip
 from tis.netem.bridge.keys import crossing_keys
 from tis.netem.bridge.overhead import warn_of_overhead
 from tis.netem.bridge.renewal import RenewedListeners, with_spares
@@ -78,8 +77,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         deadline = Deadline(lambda text: status.failed(PeerError.exit_code, [text]))
         stack.enter_context(deadline.installed())
         endpoints: dict[Network, str] = dict(zip(("west", "east"), listen, strict=True))
-        gossip = Gossip()
-        audit = AuditTrail.opened(stack, endpoints.items(), status.warning, gossip)
+        audit = AuditTrail.opened(stack, endpoints.items(), status.warning)
         sessions = _open_routers(stack, scenario, zenoh_options, endpoints, status.warning)
         earlier = earlier_part(options, scenario, "netem")
         log = stack.enter_context(open_log(options, scenario, "netem", earlier))
@@ -93,11 +91,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
             meeting.rosters[network].watch(session)
         meeting.exchange = stack.enter_context(ScenarioExchange(sessions, meeting.keys, "netem", scenario))
         _serve(stack, bridge, sessions, meeting, audit, status)
-        applications = Applications(
-            bridge, sessions, crossing_keys(["**"]), lease_s(options.zenoh), status.warning, gossip=gossip
-        )
-        stack.callback(applications.close)
-        applications.open()
+        applications = _applications(stack, bridge, sessions, lease_s(options.zenoh), status, audit)
         bridge.base_overhead_ns = warn_of_overhead(
             sessions, endpoints, zenoh_options.credentials, scenario.network, traces, status
         )
@@ -125,6 +119,17 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         except PeerError as error:
             _announce_end(sessions, meeting.keys, _reason(error.faults[0]))
             raise
+
+
+def _applications(
+    stack: ExitStack, bridge: Bridge, sessions: Sessions, lease_s: float, status: Status, audit: AuditTrail
+) -> Applications:
+    """Return what makes other programs' traffic cross, at work until ``stack`` closes."""
+    keys = crossing_keys(["**"])
+    applications = Applications(bridge, sessions, keys, lease_s, status.warning, gossip=audit.gossip)
+    stack.callback(applications.close)
+    applications.open()
+    return applications
 
 
 def _listening(scenario: Scenario, options: SideOptions, status: Status) -> tuple[str, ...]:

@@ -44,8 +44,8 @@ _DEFAULTS: Final[dict[str, Any]] = {
 }
 
 _GOSSIP: Final = "scouting/gossip"
-_NOBODY: Final = {"router": [], "peer": []}
-_HEARS: Final = {
+_NOBODY: Final[dict[str, list[str]]] = {"router": [], "peer": []}
+_HEARS: Final[dict[str, Any]] = {
     "scouting/gossip/enabled": True,
     "scouting/gossip/target": _NOBODY,
     "scouting/gossip/autoconnect": _NOBODY,

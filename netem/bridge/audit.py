@@ -86,7 +86,6 @@ class AuditTrail:
         stack: ExitStack,
         listen: Iterable[tuple[Network, str]],
         tell: Callable[[str], None],
-        gossip: Gossip,
         refusals: bool = True,
     ) -> Self:
         """Return one that ends with ``stack``, and read Zenoh's own log, which takes standard output.
@@ -96,7 +95,7 @@ class AuditTrail:
         audit = cls(listen, tell)
 
         def take(line: bytes) -> None:
-            gossip.take(line)
+            audit.gossip.take(line)
             if refusals:
                 audit.refusals.take(line)
 
@@ -106,6 +105,7 @@ class AuditTrail:
 
     def __init__(self, listen: Iterable[tuple[Network, str]], tell: Callable[[str], None]) -> None:
         self.refusals: Final = RefusalCounter(self.refused)
+        self.gossip: Final = Gossip()
         ports = {port_of(endpoint): network for network, endpoint in listen}
         self._ports, self._warn = {port: network for port, network in ports.items() if port}, tell
         self._told: set[tuple[str, str]] = set()

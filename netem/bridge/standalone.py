@@ -33,7 +33,6 @@ from tis.netem.bridge.bypass import refuse_one_router
 from tis.netem.bridge.control import attach
 from tis.netem.bridge.driver import Driver
 from tis.netem.bridge.gate import gates_for, without_gates
-from tis.netem.bridge.gossip import Gossip
 from tis.netem.bridge.keys import CrossingKeys, crossing_keys
 from tis.netem.bridge.mirrors.queries import TIME_OUT_S, QueryTargetName
 from tis.netem.bridge.overhead import warn_of_overhead
@@ -111,8 +110,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         def stopped() -> bool:
             return interrupt.requested or (until_s is not None and time.monotonic() > until_s)
 
-        gossip = Gossip()
-        audit = _audit(stack, options, status, gossip)
+        audit = _audit(stack, options, status)
         private = open_private_endpoints(stack, options.places, options.zenoh)
         # Stage 2: the sessions, then every listener, closed in the reverse order.
         sessions = open_sides(stack, options.places, zenoh_options, options.mode, stopped, status.waiting, private)
@@ -128,7 +126,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         listers = lister_configs(options.places, options.zenoh, private, sessions)
         applications = Applications(
             bridge, sessions, listening, lease_s(options.zenoh), status.warning, options.query_time_out_s,
-            scout_config(options.zenoh), listers, options.query_target, gossip,
+            scout_config(options.zenoh), listers, options.query_target, audit.gossip,
         )  # fmt: skip
         stack.callback(applications.close)
         applications.refuse_leaks()
@@ -156,9 +154,9 @@ def _links(options: Standalone, keys: Sequence[str], traces: Mapping[str, Trace]
     return links
 
 
-def _audit(stack: ExitStack, options: Standalone, status: Status, gossip: Gossip) -> AuditTrail:
+def _audit(stack: ExitStack, options: Standalone, status: Status) -> AuditTrail:
     listen = [(network, one) for network, place in options.places.items() for one in place.listen]
-    return AuditTrail.opened(stack, listen, status.warning, gossip, refusals=options.log_dir is not None)
+    return AuditTrail.opened(stack, listen, status.warning, refusals=options.log_dir is not None)
 
 
 def _tally(options: Standalone, links: Mapping[Direction, Link], status: Status, audit: AuditTrail) -> Tally:
