@@ -69,7 +69,7 @@ def validate(
         names = ", ".join(shipped_names())
         raise InputError(Fault("tis validate", "SCENARIO", f"is required: a file, or one of {names}"))
     if seed is None and duration_s is None:
-        from tis.deploy.tools.check_network import check_network
+        from tis.deploy.net.check_network import check_network
 
         code = check_network(scenario_path(scenario), settings or (), ERR, as_json)
         if code is not None:

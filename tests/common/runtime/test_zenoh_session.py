@@ -39,7 +39,7 @@ def test_a_router_hears_gossip_and_tells_none_unless_the_user_says_otherwise(tmp
     listening = ZenohOptions(listen=["tcp/127.0.0.1:7447"])
     config = configure("router", listening)
     assert _value(config, "scouting/gossip/enabled") is True
-    nobody = {"router": [], "peer": []}
+    nobody: dict[str, list[str]] = {"router": [], "peer": []}
     assert _value(config, "scouting/gossip/target") == _value(config, "scouting/gossip/autoconnect") == nobody
     path = tmp_path / "zenoh.json5"
     path.write_text("{scouting: {gossip: {enabled: false}}}")

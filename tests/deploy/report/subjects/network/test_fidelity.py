@@ -125,9 +125,11 @@ def test_few_packets_decide_on_a_release_error_that_chance_does_not_explain(
     """Oracle: P(at least k of n late), each with 1 %: 5.8e-5 for 5 of 39, 3.3e-6 for 6; 3.2e-5 decides."""
     scenario = _scenario({"delay": {"kind": "constant", "delay_ms": 40}})
     fates, releases = _logged(_drawn(scenario, n))
+    batch = releases.data
+    assert isinstance(batch, ReleaseBatch)
     late_ns = [0] * (n - n_late) + [452 * MS] * n_late
-    left_ns = tuple(at_ns + error_ns for at_ns, error_ns in zip(releases.data.released_ns, late_ns, strict=True))
-    releases = Record(RELEASES, 0, msgspec.structs.replace(releases.data, released_ns=left_ns))
+    left_ns = tuple(at_ns + error_ns for at_ns, error_ns in zip(batch.released_ns, late_ns, strict=True))
+    releases = Record(RELEASES, 0, msgspec.structs.replace(batch, released_ns=left_ns))
     verdict = _verdict(tmp_path, scenario, [fates, releases], n)
     late = f"release error: {n_late} of {n} messages left more than 2 ms after their instant, up to 452 ms"
     assert verdict["violations"] == ([f"{late}; allowed is 1 %"] if is_decided else [])
