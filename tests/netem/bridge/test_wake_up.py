@@ -121,7 +121,8 @@ def _late_ns(
 @pytest.mark.parametrize("direction", ["forward", "feedback"])
 def test_a_message_without_bytes_behind_a_rate_leaves_after_its_delay(direction: Direction) -> None:
     """A query without parameters, the end of its replies and a token have none: they pass the queue in no time."""
-    (late_ns,) = _late_ns([(5, 0)], direction, **{direction: _NETWORKS["rate"]})
+    network: dict[str, Any] = {direction: _NETWORKS["rate"]}
+    (late_ns,) = _late_ns([(5, 0)], direction, **network)
     assert late_ns < _MAX_LATE_NS
 
 
