@@ -345,10 +345,8 @@ class InnovationsKf:
             ignored, error = error, None
         # First sample, or first after a gap beyond the horizon: start.
         if before is None or index - before.source_index > filter_.horizon:
-            mean, covariance = filter_.start(self._complete(sample, what), error, what)
             activity = self._activity.initial() if before is None else before.activity
-            uncertainty = None if error is None and what == self._usual else Uncertainty(covariance)
-            return Checkpoint(index, mean, uncertainty, 1, ignored, activity)
+            return self._begun(index, sample, what, error, ignored, activity)
         last, mean, start, length, _, activity, phasor, _ = before
         gap = index - last
         # Unbroken row: the gain is precomputed. The row breaks with a gap or an uncertain sample.
@@ -359,7 +357,7 @@ class InnovationsKf:
                 gain = unbroken.gains[stage], unbroken.variances[stage]
                 activity, jump = self._corrected(mean, *gain, sample, what, before)
                 if jump is before.jump is not None:
-                    return self._begun_anew(before, index, sample, what, ignored, activity)
+                    return self._begun(index, sample, what, None, ignored, activity)
                 phasor = self._phasor(phasor, 1, mean, activity[0])
                 return Checkpoint(index, mean, None, length + 1, ignored, activity, phasor, jump)
             stage = unbroken.stage(length)
@@ -375,27 +373,25 @@ class InnovationsKf:
         mean = filter_.onward[gap].dot(mean)
         activity, jump = self._corrected(mean, left.weights, left.variance, sample, what, before)
         if jump is before.jump is not None:
-            return self._begun_anew(before, index, sample, what, ignored, activity)
+            return self._begun(index, sample, what, None, ignored, activity)
         # The last increments are evidence of the clock's phase where their samples have all arrived.
         phasor = self._phasor(phasor, gap, mean if gap == 1 and length >= N_INCREMENTS else None, activity[0])
         if gap > 1 or what != self._usual:
             return Checkpoint(index, mean, left, 0, ignored, activity, phasor, jump)
         # The row counts as unbroken again once its covariance matches that of an unbroken one.
         length += 1
-        if length % _CHECK_EVERY == 0:
-            matching = unbroken.length_like(left.covariance)
-            if matching:
-                return Checkpoint(index, mean, None, matching, ignored, activity, phasor, jump)
+        matching = unbroken.length_like(left.covariance) if length % _CHECK_EVERY == 0 else 0
+        if matching:
+            return Checkpoint(index, mean, None, matching, ignored, activity, phasor, jump)
         return Checkpoint(index, mean, left, length, ignored, activity, phasor, jump)
 
-    def _begun_anew(
-        self, before: Checkpoint, index: int, sample: Array, what: int, ignored: Array | None, activity: Activity
+    def _begun(
+        self, index: int, sample: Array, what: int, error: Array | None, ignored: Array | None, activity: Activity
     ) -> Checkpoint:
-        """Return the checkpoint of a row that begins with this sample: of what came before the activity is kept."""
-        mean, covariance = self._filter.start(self._complete(sample, what), None, what)
-        phasor = self._phasor(before.phasor, index - before.source_index, None, 0.0)
-        uncertainty = None if what == self._usual else Uncertainty(covariance)
-        return Checkpoint(index, mean, uncertainty, 1, ignored, activity, phasor)
+        """Return the checkpoint of a row that begins with this sample."""
+        mean, covariance = self._filter.start(self._complete(sample, what), error, what)
+        uncertainty = None if error is None and what == self._usual else Uncertainty(covariance)
+        return Checkpoint(index, mean, uncertainty, 1, ignored, activity)
 
     def _corrected(
         self, mean: Array, gain: Array, variance: float, sample: Array, what: int, before: Checkpoint
