@@ -133,6 +133,8 @@ def import_recording(
         escape(f"{out_file}: {len(rows.t_s)} rows of {devices}, {rows.t_s[-1]:.3f} s at {rows.rate_hz:g} a second"),
         soft_wrap=True,
     )
+    if not {device.name for device in rows.devices} - set(MASTERS):
+        out.print("no arm was recorded: it is taken to follow the hand exactly", highlight=False)
     for line in next_commands(out_file, columns):
         out.print(escape(line), soft_wrap=True, highlight=False)
     return EXIT_OK
@@ -180,7 +182,8 @@ def _doubts(rows: Rows) -> list[str]:
     _, question = other_unit(rows.rate_hz, float(rows.t_s[-1]), "s")
     found = [f"{rows.rate_hz:g} rows a second: {question}"] if question else []
     for device in rows.devices:
-        found += anomalies(device.track.position_m, rows.rate_hz, device.name, hand_held=device.name in MASTERS)
+        held = device.name in MASTERS
+        found += anomalies(device.track.position_m, rows.rate_hz, device.name, hand_held=held, unit_named=True)
         found += [] if device.turns else [f"{device.name} has no orientation: it does not turn"]
         found += [] if device.grips else [f"{device.name} has no gripper: its angle is 0"]
     return found
