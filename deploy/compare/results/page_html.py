@@ -18,8 +18,16 @@ from tis.deploy.compare.results.felt_and_seen import CAPTION as FELT_AND_SEEN
 from tis.deploy.compare.results.felt_and_seen import felt_and_seen_table
 from tis.deploy.compare.results.page_sums import PageSums
 from tis.deploy.compare.results.pooled import origin
-from tis.deploy.compare.results.tables import SENT, TURN_CAPTION, headline, setting_title, turn_table, warnings
-from tis.deploy.present.page import Page, Section, nonbreaking_units, note, page_html, problem_list
+from tis.deploy.compare.results.tables import (
+    SENT,
+    TURN_CAPTION,
+    headline,
+    setting_title,
+    table_by_setting,
+    turn_table,
+    warnings,
+)
+from tis.deploy.present.page import Page, Section, folded, nonbreaking_units, note, page_html, problem_list
 from tis.deploy.present.palette import AXIS, SOFT, look_of
 from tis.deploy.present.plot_style import Figure, Key, LineStyle, line_keys, plain_figure
 
@@ -146,7 +154,7 @@ def comparison_html(report: dict[str, Any], sums: PageSums) -> str:
         sections.append(Section("map", "Map", [heat_figure()], before=f'<div class="choices">{choice}</div>'))
     sections += [
         Section("age", "Age", [age_figure(sums.estimators)]),
-        Section("table", "Table", markup=_table()),
+        Section("table", "Table", markup=_tables(report)),
         *([Section("orientation", "Orientation", markup=_orientation(report))] * bool(report["orientation"])),
         *([Section("felt", "Touch and sight", markup=_felt(report))] * bool(report["touch_and_sight"])),
         Section("repeat", "How to repeat it", markup=f"<pre><code>{escape(report['command'])}</code></pre>"),
@@ -218,6 +226,15 @@ def _select(name: str, title: str, options: Sequence[str], chosen: int = 0) -> s
 
 def _others(sums: PageSums) -> Sequence[str]:
     return [name for name in sums.estimators if name != "hold"] or list(sums.estimators)
+
+
+def _tables(report: dict[str, Any]) -> str:
+    """Return the table by setting, and below it, folded, the one that pools what is chosen; that alone without."""
+    axis = "".join(axis_words(path) for path in report["axes"][:1])
+    found = table_by_setting(report, f"3D RMSE in mm (over hold's), by {axis}")
+    if found is None:
+        return _table()
+    return f'<div class="wide">{found.html()}</div>' + folded("Pooled over what is chosen above", _table())
 
 
 def _table() -> str:
