@@ -116,11 +116,8 @@ def account(key: str, packets: KeyPackets) -> KeyAccount:
     }
     repeated = {name: len(entries) - counts[name] for name, entries in stations.items()}
     twice = (f"{n} packets appear more than once in {name}: {key}" for name, n in repeated.items() if n > 0)
-    found = (
-        f"{len(seq)} packets: {what}; the first is {key} seq {seq.min()}"
-        for what, seq in impossible.items()
-        if len(seq)
-    )
+    first = ((what, len(seq), seq.min()) for what, seq in impossible.items() if len(seq))
+    found = (f"{n} packets: {what}; the first is {key} seq {seq}" for what, n, seq in first)
     return KeyAccount(counts, lost, (*twice, *found))
 
 

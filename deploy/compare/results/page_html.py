@@ -234,6 +234,7 @@ def _tables(report: dict[str, Any]) -> str:
     found = table_by_setting(report, f"3D RMSE in mm (over hold's), by {axis}")
     if found is None:
         return _table()
+    found = replace(found, note="All people and hands, whatever is chosen above")
     return f'<div class="wide">{found.html()}</div>' + folded("Pooled over what is chosen above", _table())
 
 
