@@ -3,12 +3,15 @@
 from collections.abc import Sequence
 from typing import Final
 
+from tis.common.estimators import ESTIMATORS, short_name, users_of_fit
 from tis.common.scenario import Scenario
 from tis.common.scenario.identification import Identification, is_model_file
 from tis.common.sources.provenance import RecordedRows, played_rows
 from tis.common.sources.trajectory import Recording
 from tis.patient_side.statespace import ArmModel
 
+_NO_MODEL: Final = "no model for "
+"""Beginning of a model's warning that it serves an estimator not, or an orientation method, which it names."""
 IN_SAMPLE: Final = "in sample"
 """Beginning of a warning that a model is scored on its own training rows."""
 
@@ -16,10 +19,24 @@ IN_SAMPLE: Final = "in sample"
 def warnings_at_start(scenario: Scenario, recording: Recording, models: Sequence[ArmModel]) -> tuple[str, ...]:
     """Return the warnings before a run, each once: about recording, models and settings without effect."""
     played = played_rows(recording, scenario.n_samples)
-    of_models = (text for model in models for text in model.warnings)
+    of_models = (text for model in models for text in model.warnings if _concerns(text, scenario))
     warnings = (*recording.warnings, *recording.anomalies, *of_models, *in_sample(scenario, models, played))
     warnings += _held_orientations(scenario, models)
     return tuple(dict.fromkeys((*warnings, *without_effect(scenario.identification, models))))
+
+
+def _concerns(text: str, scenario: Scenario) -> bool:
+    """Tell whether a model's warning concerns a run: not where it is of an estimator that nobody asked for."""
+    name, colon, _ = text.removeprefix(_NO_MODEL).partition(": ")
+    if not text.startswith(_NO_MODEL) or not colon or name not in ESTIMATORS:
+        return True
+    return not {*map(short_name, scenario.estimators)}.isdisjoint(users_of_fit(ESTIMATORS[name].fitted_with or name))
+
+
+def models_lacking(models: Sequence[ArmModel]) -> list[str]:
+    """Return the estimators, each once, for which the training rows allow no model."""
+    texts = (text for model in models for text in model.warnings if text.startswith(_NO_MODEL))
+    return list(dict.fromkeys(text.removeprefix(_NO_MODEL).partition(": ")[0] for text in texts))
 
 
 def _held_orientations(scenario: Scenario, models: Sequence[ArmModel]) -> tuple[str, ...]:

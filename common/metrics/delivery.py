@@ -37,7 +37,8 @@ class KeyPackets(NamedTuple):
 
     ``sent`` is from the sender's log; ``offered`` (N,), ``copied`` (N,), the number of copies of each, ``corrupted``
     (N,), true where bits were flipped, ``released`` and ``dropped`` are from netem's; ``received`` is from the
-    receiver's, which rejected ``n_rejected`` messages of the key as undecodable.
+    receiver's, whose gate refused all that came of the messages ``unused``, and which rejected ``n_rejected``
+    messages of the key as undecodable.
     """
 
     sent: Ints
@@ -47,6 +48,7 @@ class KeyPackets(NamedTuple):
     released: Transmissions
     dropped: Transmissions
     received: Ints
+    unused: Ints = _NONE
     n_rejected: int = 0
 
 
@@ -96,6 +98,7 @@ def account(key: str, packets: KeyPackets) -> KeyAccount:
         "held_at_end": len(held),
         "lost": int(np.count_nonzero(lost)),
         "received": len(n_received.value),
+        "not_used": len(packets.unused),
         "duplicated": len(packets.received) - len(n_received.value),
         "duplicated_by_netem": int(n_repeated.sum()),
         "corrupted": int(np.count_nonzero(packets.corrupted)),
@@ -113,11 +116,8 @@ def account(key: str, packets: KeyPackets) -> KeyAccount:
     }
     repeated = {name: len(entries) - counts[name] for name, entries in stations.items()}
     twice = (f"{n} packets appear more than once in {name}: {key}" for name, n in repeated.items() if n > 0)
-    found = (
-        f"{len(seq)} packets: {what}; the first is {key} seq {seq.min()}"
-        for what, seq in impossible.items()
-        if len(seq)
-    )
+    first = ((what, len(seq), seq.min()) for what, seq in impossible.items() if len(seq))
+    found = (f"{n} packets: {what}; the first is {key} seq {seq}" for what, n, seq in first)
     return KeyAccount(counts, lost, (*twice, *found))
 
 

@@ -1,7 +1,7 @@
 """Identification of the arm's model before a run, training of learned methods, and the estimators of a run."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Final, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -73,6 +73,10 @@ else:
     _Method = Literal[LinearMethod, LearnedName]
 
 
+MIN_TRAIN_SAMPLES: Final = 60
+"""Fewest training rows of own_head."""
+
+
 class Identification(Part):
     """Identification of the arm's model before the run."""
 
@@ -99,7 +103,10 @@ class Identification(Part):
         "hand in the places of a live source, no data needed; or the path of a model file written by `tis identify`.",
     )
     train_samples: int = Field(
-        1240, strict=True, ge=60, description="Number of training rows at the trial's beginning, for own_head."
+        1240,
+        strict=True,
+        ge=MIN_TRAIN_SAMPLES,
+        description="Number of training rows at the trial's beginning, for own_head.",
     )
     block_rows: int = Field(
         10,

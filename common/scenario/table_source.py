@@ -43,7 +43,7 @@ Resampled = Annotated[
 class PoseUnits(Part):
     """Units of a device's columns."""
 
-    position: Literal["m", "cm", "mm"] = Field("m", description="Unit of positions.")
+    position: Literal["m", "cm", "mm"] | None = Field(None, description="Unit of positions; not given: m.")
     angle: Literal["rad", "deg"] = Field("rad", description="Unit of Euler angles.")
     gripper: Literal["rad", "deg"] = Field("rad", description="Unit of gripper angles.")
 

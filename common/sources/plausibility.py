@@ -74,6 +74,13 @@ _MAX_STANDSTILL_S: Final = 2.0
 _MAX_RATE_RATIO: Final = 2.0
 RATES_HZ: Final = (3.0, 5000.0)
 """Usual rates of recorders."""
+_CALM_HZ: Final = 10.0
+_MAX_VEHICLE_M_S2: Final = 15.0
+"""One and a half times gravity; millimetres of a hand that are taken for m have a hundred times as much."""
+_WIDE_M: Final = 1.0
+_BACK_WITHIN: Final = 4
+_BACK_SHARE: Final = 0.25
+"""A spike is back within so many rows, at so small a share of its size from where it began."""
 _MAX_SHOWN: Final = 3
 _NOISY_SHARE: Final = 0.05
 """Share of the rows from which on bends of the path are the sensor's noise. Rare ones are jumps."""
@@ -83,19 +90,46 @@ _SIGMA_OF_BENDS: Final = 6.0**0.5
 """Standard deviation of the second difference of white noise, over that of the noise."""
 
 
-def anomalies(position_m: Array, rate_hz: float, device: str, hand_held: bool) -> tuple[str, ...]:
+def anomalies(
+    position_m: Array, rate_hz: float, device: str, hand_held: bool, unit_named: bool = False
+) -> tuple[str, ...]:
     """Return sentences on the implausibilities of positions (N, 3) in m, at ``rate_hz`` rows per second.
 
-    ``hand_held``: the device is a master, which a hand moves; an arm may stand still. Rows count from 0. With wrong
-    units, jumps are not searched for. Oracle: movements with known damage, test_plausibility.
+    ``hand_held``: the device is a master, which a hand moves; an arm may stand still. ``unit_named``: somebody says
+    that the unit is this one; a far movement is then in doubt only where no vehicle would move like that. Rows count
+    from 0. With wrong units, jumps are not searched for. Oracle: movements with known damage, test_plausibility.
     """
     reach_m = float(np.ptp(position_m, axis=0).max())
-    if reach_m > MAX_REACH_M:
+    if reach_m > MAX_REACH_M and not (unit_named and _is_of_a_vehicle(position_m, rate_hz)):
         return (f"{device} moves over {reach_m:.3g} m, {FAR}",)
-    found = [*_zeros(position_m, device), *_jumps(position_m, rate_hz, device)]
+    found = [*_wide(position_m, rate_hz, device)] if hand_held else []
+    found += [*_zeros(position_m, device), *_jumps(position_m, rate_hz, device)]
     if hand_held:
         found += _standstills(position_m, rate_hz, device)
     return tuple(found)
+
+
+def _is_of_a_vehicle(position_m: Array, rate_hz: float) -> bool:
+    """Tell whether accelerations are those of drones and rovers, by ten rows a second, so that no noise counts."""
+    every = max(1, round(rate_hz / _CALM_HZ))
+    steps_m = np.diff(position_m[::every], axis=0)
+    bends_m_s2 = np.linalg.norm(np.diff(steps_m, axis=0), axis=1) * (rate_hz / every) ** 2
+    return not len(bends_m_s2) or float(np.quantile(bends_m_s2, _LARGE_SHARE)) <= _MAX_VEHICLE_M_S2
+
+
+def _wide(position_m: Array, rate_hz: float, device: str) -> list[str]:
+    """Return a sentence where a master's range is that of a stretched arm, and it crosses it within a second.
+
+    A hand's movement in a unit of ten times its size does; drones and rovers take longer for as much.
+    """
+    reach_m = float(np.ptp(position_m, axis=0).max())
+    if not _WIDE_M < reach_m <= MAX_REACH_M:
+        return []
+    every = max(1, round(rate_hz / _CALM_HZ))
+    speeds_m_s = np.linalg.norm(np.diff(position_m[::every], axis=0), axis=1) * rate_hz / every
+    if not len(speeds_m_s) or float(np.quantile(speeds_m_s, _LARGE_SHARE)) <= reach_m:
+        return []
+    return [f"{device} moves over {reach_m:.3g} m, and fast: does a hand, or is the unit ten times too large?"]
 
 
 def rate_doubts(position_m: Array, velocity_m_s: Array, rate_hz: float, device: str) -> tuple[str, ...]:
@@ -142,11 +176,35 @@ def _jumps(position_m: Array, rate_hz: float, device: str) -> list[str]:
     # Smaller ones stand out from this recording's own movement.
     alone = [row - 1 for row in jumps(position_m, rate_hz)]
     places = sorted({*fast, *(step for step in alone if not any(first <= step <= last for first, last in bent))})
-    if not places:
-        return said
+    spikes = [place for place in places if _is_back(position_m, place)]
+    gone = [place for place in places if place not in spikes]
+    if gone:
+        shown = _steps(gone, sizes_m)
+        said.append(f"{device} jumps as no hand moves it, from row {shown}: are rows missing? If so, cut it there")
+    if spikes:
+        shown = _steps(spikes, sizes_m)
+        said.append(
+            f"{device} leaves its path and is back within {_BACK_WITHIN} rows, from row {shown}: are these wrong "
+            "readings? If so, put what lies between their neighbours there"
+        )
+    return said
+
+
+def _steps(places: list[int], sizes_m: Array) -> str:
+    """Return steps as their rows and sizes."""
     shown = ", ".join(f"{place} to {place + 1} ({1000 * sizes_m[place]:.0f} mm)" for place in places[:_MAX_SHOWN])
-    rest = f" and {len(places) - _MAX_SHOWN} more times" if len(places) > _MAX_SHOWN else ""
-    return [*said, f"{device} jumps as no hand moves it, from row {shown}{rest}: are rows missing?"]
+    return shown + (f" and {len(places) - _MAX_SHOWN} more times" if len(places) > _MAX_SHOWN else "")
+
+
+def _is_back(position_m: Array, place: int) -> bool:
+    """Tell whether the rows around the step behind row ``place`` lie where the path was before."""
+    near_m = _BACK_SHARE * float(np.linalg.norm(position_m[place + 1] - position_m[place]))
+    before = range(max(0, place + 1 - _BACK_WITHIN), place + 1)
+    return any(
+        float(np.linalg.norm(position_m[last] - position_m[first])) < near_m
+        for first in before
+        for last in range(place + 1, min(first + _BACK_WITHIN + 1, len(position_m)))
+    )
 
 
 def _noise_m(steps_m: Array) -> float:

@@ -148,7 +148,7 @@ def _device(source: TableSource, given: HandColumns, name: str, there: frozenset
     pose = PoseColumns(
         position=(x, y, z), quaternion=(qx, qy, qz, qw) if turns else None, gripper=gripper if grips else None
     )
-    return DeviceLayout(name, pose, PoseUnits())
+    return DeviceLayout(name, pose, PoseUnits(position="m"))
 
 
 _MAX_LINE_CHARS: Final = 200_000

@@ -84,7 +84,10 @@ def played(
     """
     faults, warnings = [], []
     if clock.gaps and gaps == "refuse":
-        rule = "set source.gaps: bridge to play over them, or cut the table"
+        rule = (
+            "cut the table at them into files of one folder, and compare on these: tis compare --trials "
+            "me_1.csv,me_2.csv; or set source.gaps: bridge to play over them"
+        )
         faults.append(Fault(where, "", f"has {clock.gaps_in_words()}: {rule}"))
     elif clock.gaps:
         done = "interpolated" if resample else "played without the time that is missing"
@@ -181,7 +184,7 @@ def pose_track(columns: Columns, device: DeviceLayout, where: str) -> tuple[Pose
     the nearest rotation. Oracle: the same rotation in every form, test_table_poses.
     """
     pose, units = device.columns, device.units
-    position_m = _M_PER[units.position] * _stacked(columns, pose.position)
+    position_m = _M_PER[units.position or "m"] * _stacked(columns, pose.position)
     n_rows = len(position_m)
     gripper = np.zeros(n_rows) if pose.gripper is None else _RAD_PER[units.gripper] * columns[pose.gripper]
     orientation, faults = np.tile([0.0, 0.0, 0.0, 1.0], (n_rows, 1)), list[Fault]()
@@ -212,15 +215,14 @@ def unit_doubts(columns: Columns, device: DeviceLayout) -> list[str]:
     Positions that span more than an arm are found by `tis.common.sources.plausibility`.
     """
     pose, units, found = device.columns, device.units, []
-    reach_m = _M_PER[units.position] * float(np.ptp(_stacked(columns, pose.position), axis=0).max())
+    unit = units.position or "m"
+    reach_m = _M_PER[unit] * float(np.ptp(_stacked(columns, pose.position), axis=0).max())
     if 0.0 < reach_m < _MIN_REACH_M:
-        found.append(
-            f"{device.name} moves within {1e3 * reach_m:.2g} mm, taken for {units.position}: are these other units?"
-        )
+        found.append(f"{device.name} moves within {1e3 * reach_m:.2g} mm, taken for {unit}: are these other units?")
     angles = [(name, units.angle) for name in pose.euler or ()]
     angles += [] if pose.gripper is None else [(pose.gripper, units.gripper)]
-    for name, unit in angles:
-        largest_rad = _RAD_PER[unit] * float(np.abs(columns[name]).max())
+    for name, unit_of_angle in angles:
+        largest_rad = _RAD_PER[unit_of_angle] * float(np.abs(columns[name]).max())
         if largest_rad > _MAX_ANGLE_RAD:
             found.append(f"{device.name} has angles up to {largest_rad:.3g} rad in column {name}: are these degrees?")
     return found

@@ -23,7 +23,7 @@ from tis.common.runtime.recordings.jigsaws import rows_in
 from tis.common.runtime.recordings.table_file import METADATA, open_table
 from tis.common.runtime.run_folders import RUNS
 from tis.common.runtime.scenario_files import read_scenario
-from tis.common.scenario.identification import Identification
+from tis.common.scenario.identification import MIN_TRAIN_SAMPLES, Identification
 from tis.common.scenario.patient import PatientPart
 from tis.common.scenario.reading import apply_settings, setting
 from tis.common.scenario.source import is_synthetic
@@ -33,6 +33,7 @@ from tis.common.sources.plausibility import anomalies
 from tis.common.sources.table_columns import TIME, canonical_names, in_few
 from tis.common.sources.table_poses import other_unit, played, row_clock
 from tis.common.units import NS_PER_S
+from tis.common.yaml_text import load_yaml
 from tis.deploy.recordings_import.files import read_bag, read_mcap
 from tis.deploy.recordings_import.found import DEVICES, MASTERS, Array, Found, Stream, Wanted
 from tis.deploy.recordings_import.lerobot import INFO, read_lerobot
@@ -51,6 +52,7 @@ _NOISE: Final = "identification.sensor_noise_mm=0.01"
 _DELAYS: Final = "network.forward.delay.delay_ms=30,100,200"
 """One delay would not show how far ahead an estimator carries; those of the manual."""
 _MAX_HZ: Final = 10_000
+_MAX_NAME_CHARS: Final = 40
 _SCORED_S: Final = 3  # ticks are scored from 2 s after the first arrival on
 _HANDS: Final[tuple[Hand, ...]] = ("left", "right")
 
@@ -61,7 +63,14 @@ def next_commands(file: Path, columns: Mapping[str, Array]) -> list[str]:
     The settings are tried, up to the identification of the arm's model, before they are printed. Oracle: the printed
     commands run, test_next_commands.
     """
-    settings = _settings(file, columns)
+    rate_hz, n_rows, settings = _settings(file, columns)
+    needed = MIN_TRAIN_SAMPLES + _SCORED_S * rate_hz
+    if n_rows < needed:
+        there = f"{file} has {len(columns[TIME])} rows"
+        there += "" if n_rows == len(columns[TIME]) else f", {n_rows} after resampling to {rate_hz} a second"
+        rule = f"a run needs {needed} at {rate_hz} a second, {needed / rate_hz:.1f} s"
+        parts = f"{MIN_TRAIN_SAMPLES} to learn from, and {_SCORED_S} s to be scored"
+        return [f"it cannot be played, as the recording is too short: {there}; {rule}: {parts}"]
     for tried in (settings, [*settings, _NOISE]):
         whole = [*tried, "duration_s=auto"]
         try:
@@ -71,10 +80,11 @@ def next_commands(file: Path, columns: Mapping[str, Array]) -> list[str]:
             faults = error.faults
             continue
         own = [*tried, "identification.train=own_head"]  # the folder's other tables may have other columns
+        name = f"name={_run_name(file)}"
         more = ("--sweep", _DELAYS, "--out", str(RUNS / "compare" / file.stem))
         return [
-            f"play it with: {_command('twin', whole)}",
-            f"compare estimators on it with: {_command('compare', own, *more)}",
+            f"play it with: {_command('twin', [name, *whole])}",
+            f"compare estimators on it with: {_command('compare', [name, *own], *more)}",
         ]
     return [f"it cannot be played yet: {fault}" for fault in faults]
 
@@ -94,8 +104,14 @@ def _command(name: str, settings: list[str], *more: str) -> str:
     return command_line([name, _SCENARIO.stem, *(word for each in settings for word in ("--set", each)), *more])
 
 
-def _settings(file: Path, columns: Mapping[str, Array]) -> list[str]:
-    """Return settings for the rows.
+def _run_name(file: Path) -> str:
+    """Return the file's name as a scenario may have it, and as YAML takes it for a text."""
+    name = re.sub(r"[^A-Za-z0-9_-]+", "_", file.stem).strip("_-")[:_MAX_NAME_CHARS]
+    return name if isinstance(load_yaml(name, "name"), str) else f"recording_{name}".strip("_")
+
+
+def _settings(file: Path, columns: Mapping[str, Array]) -> tuple[int, int, list[str]]:
+    """Return the rows a second, their number, and settings for them.
 
     Gaps and uneven rows are interpolated, at the nearest rate of whole Hz. At most half of the rows train.
     """
@@ -108,7 +124,7 @@ def _settings(file: Path, columns: Mapping[str, Array]) -> list[str]:
     is_resampled = bool(faults or play.warnings)
     n_rows = int(t_s[-1] * rate_hz) + 1 if is_resampled else len(t_s)
     usual = Identification().train_samples
-    n_training = max(60, min(usual, n_rows // 2, n_rows - _SCORED_S * rate_hz))
+    n_training = max(MIN_TRAIN_SAMPLES, min(usual, n_rows // 2, n_rows - _SCORED_S * rate_hz))
     axes = [name for device in DEVICES for name in canonical_names(device)[:3] if name in columns]
     hands = [
         h for h in _HANDS if not {canonical_names(MASTER[h])[0], canonical_names(FOLLOWER[h])[0]}.isdisjoint(axes)
@@ -119,7 +135,7 @@ def _settings(file: Path, columns: Mapping[str, Array]) -> list[str]:
     rate = [] if rate_hz == 30 else [f"rate_hz={rate_hz}"]
     training = [] if n_training == usual else [f"identification.train_samples={n_training}"]
     phase = [f"patient.tick_phase_ms={500 / rate_hz:g}"] if PatientPart().tick_phase_ms * rate_hz >= 1000 else []
-    return [setting("source", source), *rate, *phase, *training]
+    return rate_hz, n_rows, [setting("source", source), *rate, *phase, *training]
 
 
 # Tables of imported recordings: canonical columns, as CSV or Parquet, and their metadata.
@@ -221,6 +237,8 @@ def import_recording(
         escape(f"{out_file}: {len(rows.t_s)} rows of {devices}, {rows.t_s[-1]:.3f} s at {rows.rate_hz:g} a second"),
         soft_wrap=True,
     )
+    if not {device.name for device in rows.devices} - set(MASTERS):
+        out.print("no arm was recorded: it is taken to follow the hand exactly", highlight=False)
     for line in next_commands(out_file, columns):
         out.print(escape(line), soft_wrap=True, highlight=False)
     return EXIT_OK
@@ -268,7 +286,8 @@ def _doubts(rows: Rows) -> list[str]:
     _, question = other_unit(rows.rate_hz, float(rows.t_s[-1]), "s")
     found = [f"{rows.rate_hz:g} rows a second: {question}"] if question else []
     for device in rows.devices:
-        found += anomalies(device.track.position_m, rows.rate_hz, device.name, hand_held=device.name in MASTERS)
+        held = device.name in MASTERS
+        found += anomalies(device.track.position_m, rows.rate_hz, device.name, hand_held=held, unit_named=True)
         found += [] if device.turns else [f"{device.name} has no orientation: it does not turn"]
         found += [] if device.grips else [f"{device.name} has no gripper: its angle is 0"]
     return found

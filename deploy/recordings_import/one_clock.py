@@ -113,10 +113,10 @@ def _grid(all_ns: Sequence[Ints], rate_hz: float, where: str) -> Ints:
 
 def _rate_of(origin: str, t_ns: Ints) -> str:
     steps_ns = np.diff(t_ns)
-    median_hz = NS_PER_S / float(np.median(steps_ns))
     _, words = _gaps(t_ns, origin)
-    about = f"{origin}: {len(t_ns)} poses in {(t_ns[-1] - t_ns[0]) / NS_PER_S:.3f} s, {median_hz:.6g} a second"
-    return f"{about}{'; no gap' if not words else ''}"
+    mean_hz = NS_PER_S / float(steps_ns[steps_ns <= _GAP_PERIODS * float(np.median(steps_ns))].mean())
+    about = f"{origin}: {len(t_ns)} poses in {(t_ns[-1] - t_ns[0]) / NS_PER_S:.3f} s, {mean_hz:.6g} a second"
+    return f"{about}{' outside of gaps' if words else '; no gap'}"
 
 
 def _gaps(t_ns: Ints, origin: str) -> tuple[list[tuple[int, int]], list[str]]:

@@ -64,7 +64,7 @@ def _unused(summary: Summary, source: str = "") -> list[str]:
     """
     link = summary.links["forward"]
     few = MAX_UNUSED * (link.sent or 0)
-    if is_scored(summary.accuracy) and (link.unplanned_loss or 0) <= few:
+    if is_scored(summary.accuracy) and (link.unplanned_loss or 0) + (link.not_used or 0) <= few:
         return []
     problems = []
     rejected = summary.rejected.get("patient") or 0

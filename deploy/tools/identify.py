@@ -32,7 +32,7 @@ from tis.patient_side.learned_model import LearnedModel
 from tis.patient_side.learning.fit_network import Epoch
 from tis.patient_side.learning.train import check_extra, with_learned
 from tis.patient_side.models import models_for
-from tis.patient_side.provenance import warnings_at_start, without_effect
+from tis.patient_side.provenance import models_lacking, warnings_at_start, without_effect
 from tis.patient_side.statespace import ArmModel, order_text
 
 # NARX study of `tis identify`: a polynomial model beside the linear ones, simulated on the held-back rows.
@@ -146,13 +146,20 @@ def identify_and_print(
     if out_file is not None:
         folder.write(out_file, dump_models(models))
         out.print(
-            f"written to {out_file}; use it with --set identification.train={out_file} {_start_hint(scenario)}",
+            f"written to {out_file}{_without(models)}; use it with --set identification.train={out_file} "
+            f"{_start_hint(scenario)}",
             soft_wrap=True,
         )
     if figure_file is not None:
         folder.write(figure_file, _figure(found, figure_file.suffix[1:]))
         out.print(f"figure written to {figure_file}")
     return EXIT_OK
+
+
+def _without(models: Sequence[ArmModel]) -> str:
+    """Return which estimators a model file does not serve; "" where it serves all."""
+    lacking = models_lacking(models)
+    return f", without a model for {' and '.join(lacking)}" if lacking else ""
 
 
 def _print_rows(trainings: Sequence[Recording], scenario: Scenario, out: Console) -> None:

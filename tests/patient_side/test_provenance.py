@@ -1,11 +1,14 @@
 from dataclasses import replace
 
+import numpy as np
+
 from tests.patient_side.arm_models import static_model
 from tis.common.scenario import Scenario
 from tis.common.scenario.identification import Identification
 from tis.common.scenario.reading import build_scenario
 from tis.common.sources.provenance import RecordedRows
-from tis.patient_side.provenance import in_sample, without_effect
+from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
+from tis.patient_side.provenance import in_sample, models_lacking, warnings_at_start, without_effect
 from tis.patient_side.statespace import ArmModel
 
 D002 = RecordedRows("Suturing_D002", "d2", 0, 1240, 30)
@@ -35,6 +38,18 @@ def test_rows_behind_the_training_and_other_recordings_are_a_test() -> None:
     # another recording that goes by the same name
     assert in_sample(scenario("m.json"), [model(replace(E003, label="Suturing_D002"))], D002) == ()
     assert in_sample(scenario("m.json"), [model()], D002) == ()  # a file that does not tell
+
+
+def test_a_model_that_is_lacking_concerns_only_runs_with_its_estimators() -> None:
+    texts = ("no model for paper: moesp_paper finds no state", "no model for tangent_ls: few rows", "something else")
+    models = [replace(static_model(), warnings=texts)]
+    assert models_lacking(models) == ["paper", "tangent_ls"]
+    track = PoseTrack(np.zeros((900, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (900, 1)), np.zeros(900))
+    recording = Recording("T", 30, (HandRecording("left", "PSM2", track, track),), 0, "")
+    plain = scenario("own_head")
+    asked = plain.model_copy(update={"estimators": ("hold", "tis.patient_side.estimators:paper")})
+    assert warnings_at_start(plain, recording, models) == texts[1:]
+    assert warnings_at_start(asked, recording, models) == texts
 
 
 def test_what_changes_nothing_beside_a_model_file_is_said() -> None:

@@ -15,6 +15,7 @@ import tis.common.runtime.recordings.jigsaws as jigsaws
 import tis.common.runtime.recordings.table as table
 from tis.common.errors import DataError, Fault, InputError
 from tis.common.scenario import AUTO, Scenario, reading
+from tis.common.scenario.identification import MIN_TRAIN_SAMPLES
 from tis.common.scenario.live_source import LiveSource
 from tis.common.scenario.source import RecordedSource, SyntheticSource
 from tis.common.sources.provenance import digest_of_synthetic
@@ -171,7 +172,10 @@ def _fewer(scenario: Scenario) -> str:
     """Return how fewer training rows leave more to play; "" where the run has none of its own."""
     if scenario.identification.train != "own_head":
         return ""
-    return f"; set identification.train_samples, now {scenario.identification.train_samples}, to fewer"
+    now = scenario.identification.train_samples
+    if now <= MIN_TRAIN_SAMPLES:
+        return f": the recording is too short, as identification.train_samples is at least {MIN_TRAIN_SAMPLES}"
+    return f"; set identification.train_samples, now {now}, to fewer"
 
 
 def check_recording(scenario: Scenario) -> None:
@@ -270,7 +274,8 @@ def whole_run(scenario: Scenario, where: str) -> Scenario:
         raise DataError([*error.faults, Fault(where, "duration_s", rule)]) from None
     longest = len(recording) - start - 1
     if longest < 1:
-        rows = f"{recording.file} has {len(recording)} rows, and the run begins at row {start}"
+        at = f" at the scenario's {scenario.rate_hz} a second" if getattr(source, "resample", False) else ""
+        rows = f"{recording.file} has {len(recording)} rows{at}, and the run begins at row {start}"
         rule = f"auto finds no row to play: {rows}{_fewer(scenario)}"
         raise InputError(Fault(f"scenario {scenario.name}", "duration_s", rule))
     raw = scenario.model_dump(mode="json", exclude_none=True)

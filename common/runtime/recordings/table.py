@@ -240,27 +240,37 @@ def _pairing(layout: HandLayout, hand: HandRecording, head_rows: int) -> tuple[s
     """Return the pairing in words, and warnings where the arm does not follow."""
     named = f"{MASTER[hand.hand]} -> {hand.arm}"
     if layout.master is None or layout.follower is None:
-        return f"{named} (by gain {layout.gain:g})", []
+        return f"{named} ({_by_gain(layout)})", []
     fit = fit_arm(hand.command.position_m[:head_rows], hand.follower.position_m[:head_rows], hand.arm)
     text = f"a static gain leaves {fit}"
     warnings = [f"{hand.arm} does not follow {MASTER[hand.hand]}: {text}"] if fit.ratio > FOLLOWS_BELOW else []
     return f"{named} (by the table; {text})", warnings
 
 
+def _by_gain(layout: HandLayout) -> str:
+    """Return how the device without columns follows the other one."""
+    if layout.master is None:
+        return f"by gain {layout.gain:g}"
+    scaled = "" if layout.gain == 1 else f", positions times {layout.gain:g}"
+    return f"the table has the hand alone: the arm is taken to follow it exactly{scaled}"
+
+
 def _lacking(layout: HandLayout) -> list[str]:
-    """Return warnings of what a table lacks, and of what stands in its place."""
+    """Return a warning where a table lacks the command, and of what stands in its place.
+
+    A table of the hand alone is no fault; the pairing tells it.
+    """
     master, arm = MASTER[layout.hand], layout.arm
     if layout.master is None:
         return [
             f"it has no columns of {master}: the command is the pose of {arm}, positions times {1 / layout.gain:g}"
         ]
-    if layout.follower is None:
-        return [f"it has no columns of {arm}: the arm's pose is the command, positions times {layout.gain:g}"]
     return []
 
 
 def _implausible(device: DeviceLayout, track: PoseTrack, rate_hz: int) -> Sequence[str]:
-    return anomalies(track.position_m, rate_hz, device.name, hand_held=device.name in MASTER.values())
+    held, named = device.name in MASTER.values(), device.units.position is not None
+    return anomalies(track.position_m, rate_hz, device.name, hand_held=held, unit_named=named)
 
 
 def _digest(file: Path, rate_hz: int | None) -> str:

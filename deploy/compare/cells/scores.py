@@ -72,7 +72,8 @@ def unlogged_scores(scenario: Scenario, recording: Recording) -> Scores:
         found = run_unlogged(scenario, recording, samples, link, patient)
     hands = watch.sums(found.scored)
     unscored = _unused(patient, found.traffic) or (None if _is_scored(hands) else "no tick is scored")
-    return Scores(hands, found.traffic, unscored, warnings_at_start(scenario, recording, models), watch.estimators)
+    warnings = (*warnings_at_start(scenario, recording, models), *_few_unused(patient, recording, found.traffic))
+    return Scores(hands, found.traffic, unscored, warnings, watch.estimators)
 
 
 def logged_scores(scenario: Scenario, recording: Recording) -> Scores:
@@ -88,6 +89,7 @@ def logged_scores(scenario: Scenario, recording: Recording) -> Scores:
     hands = watch.sums({hand: Scored(track, _ages_ns(logs, hand, track.t_ns)) for hand, track in tracks.items()})
     traffic = _traffic(logs)
     unscored = _unused(patient, traffic) or (None if _is_scored(hands) else why_unscored(logs, scenario))
+    warnings = (*warnings, *_few_unused(patient, recording, traffic))
     felt = [_felt(logs, scenario, hand) for hand in hands] if scenario.touch else []
     told = [one for one in felt if one is not None]
     return Scores(hands, traffic, unscored, warnings, watch.estimators, _seen(logs, scenario), told)
@@ -176,6 +178,15 @@ def _unused(patient: PatientNode, traffic: Mapping[str, int]) -> str | None:
     if found.total() <= MAX_UNUSED * traffic[SENT_PACKETS]:
         return None
     return quarantine_texts({str(kind): n for kind, n in found.items()})[0]
+
+
+def _few_unused(patient: PatientNode, recording: Recording, traffic: Mapping[str, int]) -> list[str]:
+    """Return a warning of the samples that the patient did not use; in other delays it differs in numbers alone."""
+    n, n_sent = patient.gated.n_quarantined.total(), traffic[SENT_PACKETS]
+    if not n or n > MAX_UNUSED * n_sent:
+        return []
+    text = f"{recording.label}: the patient did not use {n} of {n_sent} samples, as beyond what its arm can do"
+    return [f"{text}: if they are right, raise the limits of patient.gate (tis twin says which)"]
 
 
 def _traffic(logs: RunLogs) -> dict[str, int]:

@@ -18,8 +18,16 @@ from tis.deploy.compare.results.felt_and_seen import CAPTION as FELT_AND_SEEN
 from tis.deploy.compare.results.felt_and_seen import felt_and_seen_table
 from tis.deploy.compare.results.page_sums import PageSums
 from tis.deploy.compare.results.pooled import origin
-from tis.deploy.compare.results.tables import SENT, TURN_CAPTION, headline, setting_title, turn_table, warnings
-from tis.deploy.present.page import Page, Section, nonbreaking_units, note, page_html, problem_list
+from tis.deploy.compare.results.tables import (
+    SENT,
+    TURN_CAPTION,
+    headline,
+    setting_title,
+    table_by_setting,
+    turn_table,
+    warnings,
+)
+from tis.deploy.present.page import Page, Section, folded, nonbreaking_units, note, page_html, problem_list
 from tis.deploy.present.palette import AXIS, SOFT, look_of
 from tis.deploy.present.plot_style import Figure, Key, LineStyle, line_keys, plain_figure
 
@@ -147,7 +155,7 @@ def comparison_html(report: dict[str, Any], sums: PageSums) -> str:
         choice += _select("of", "Estimator", others)
         sections.append(Section("map", "Map", [heat_figure()], before=f'<div class="choices">{choice}</div>'))
     sections.append(Section("age", "Age", [age_figure(sums.estimators)]))
-    sections.append(Section("table", "Table", markup=_table()))
+    sections.append(Section("table", "Table", markup=_tables(report)))
     if report["orientation"]:
         turns = turn_table(report["orientation"], "Orientation and gripper", settings=True).html()
         found = turns + note(f"{TURN_CAPTION}. {_WHATEVER}")
@@ -221,6 +229,16 @@ def _select(name: str, title: str, options: Sequence[str], chosen: int = 0) -> s
         for i, (text, shown) in enumerate(zip(options, words, strict=True))
     )
     return f'<label class="choice">{title} <select id="{name}">{each}</select></label>'
+
+
+def _tables(report: dict[str, Any]) -> str:
+    """Return the table by setting, and below it, folded, the one that pools what is chosen; that alone without."""
+    axis = "".join(axis_words(path) for path in report["axes"][:1])
+    found = table_by_setting(report, f"3D RMSE in mm (over hold's), by {axis}")
+    if found is None:
+        return _table()
+    found = replace(found, note=_WHATEVER)
+    return f'<div class="wide">{found.html()}</div>' + folded("Pooled over what is chosen above", _table())
 
 
 def _table() -> str:

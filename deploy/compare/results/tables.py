@@ -166,6 +166,20 @@ def ratio_table(report: Report, intervals: bool = True) -> Table:
     return Table("", ["estimator", *heads], [[name, *(known.get((name, s)) for s in settings)] for name in names])
 
 
+def table_by_setting(report: Report, title: str = "") -> Table | None:
+    """Return error and ratio to hold, estimators against settings; None where a line has no room for these."""
+    abouts = [about for about in report["settings"] if about["n_cells"]]
+    if len(report["axes"]) != 1 or not 1 < len(abouts) <= _MAX_COLUMNS:
+        return None
+    known = {(row["estimator"], row["setting"]): f"{_short(row['rmse_3d_mm'])} ({_ratio(row, False)})"
+             for row in report["rows"] if row["rmse_3d_mm"] is not None}  # fmt: skip
+    known |= {(name, about["setting"]): "failed" for about in abouts for name in about.get("failed", ())}
+    settings = [about["setting"] for about in abouts]
+    names = dict.fromkeys(name for name, _ in known)
+    rows = [[name, *(known.get((name, setting)) for setting in settings)] for name in names]
+    return Table(title, ["estimator", *map(str, settings)], rows)
+
+
 def turn_ratio_table(report: Report, degrees: bool = True) -> Table:
     """Return the ratios to hold of the orientation methods, and ``degrees``: methods against settings."""
     settings = [about["setting"] for about in report["settings"] if about["n_cells"]]

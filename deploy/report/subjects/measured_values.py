@@ -18,7 +18,7 @@ from tis.deploy.logs.read.load import RunLogs
 from tis.deploy.report.subjects.clocks import worst_age_ns
 from tis.deploy.report.subjects.latency import UsedSamples
 from tis.deploy.report.subjects.logs import LogGaps
-from tis.deploy.report.subjects.network.link_books import ENDS, both_ends
+from tis.deploy.report.subjects.network.link_ends import ENDS, all_arrivals, both_ends, refused_arrivals
 from tis.deploy.report.subjects.requirements import Measured
 from tis.deploy.report.subjects.touch import felt_extremes
 from tis.deploy.report.subjects.tracking import HandTrack
@@ -42,16 +42,18 @@ class OneWay(NamedTuple):
     def of(cls, logs: RunLogs, direction: Direction, session: str) -> Self | None:
         """Return one direction's columns; None where a log is missing (oracle: a few messages, test_one_way).
 
-        Messages in the gaps of damaged logs are left out (`LogGaps`).
+        Messages in the gaps of damaged logs are left out (`LogGaps`). What the receiver's gate refused arrived.
         """
         sender, receiver = ENDS[direction]
         if logs.coverage(sender) is None or logs.coverage(receiver) is None:
             return None
         gaps = LogGaps.of(logs, direction, session, (sender, receiver))
+        refused = refused_arrivals(logs, direction, session)
         left_ns, delays_ns, variations_ns, lost, sent_ns = [], [], [], [], []
-        for out, back in both_ends(logs, direction, session).values():
+        for key, (out, back) in both_ends(logs, direction, session).items():
             logged = out.at(~gaps.affect(out.sent_ns))
-            arrived = back.first_of_each("seq")  # duplicates: the first arrival counts (RFC 7679)
+            # duplicates: the first arrival counts (RFC 7679)
+            arrived = all_arrivals(out, back, refused.get(key)).first_of_each("seq")
             arrived = arrived.at(np.isin(arrived.seq, logged.seq))
             left_ns.append(arrived.sent_ns)
             delays_ns.append(arrived.log_ns - arrived.sent_ns)

@@ -22,7 +22,7 @@ from tis.deploy.present.table import Table
 from tis.deploy.report.section import MEAN_LATE, Section, Statistics, means, statistics
 from tis.deploy.report.subjects.age import near_gap_of_patient
 from tis.deploy.report.subjects.logs import LogGaps, counters_of
-from tis.deploy.report.subjects.network.link_books import ENDS, both_ends
+from tis.deploy.report.subjects.network.link_ends import ENDS, all_arrivals, both_ends, refused_arrivals
 
 
 class KeyTraffic(Section):
@@ -179,19 +179,21 @@ def _keys(logs: RunLogs, scenario: Scenario, arms: Mapping[Hand, Arm]) -> Sequen
         return ()
     gaps = LogGaps.of(logs, "forward", scenario.session, (sender, receiver))
     ends, history = both_ends(logs, "forward", scenario.session), scenario.surgeon.history
+    refused = refused_arrivals(logs, "forward", scenario.session)
     found = []
     for hand, arm in arms.items():
         channels = hand_channels(hand, arm)
         keys = [channel.key(scenario.session) for channel in (channels.command, channels.arm)]
-        found.append([_key(*ends[key], gaps, history) for key in keys if key in ends and len(ends[key][0])])
+        sent = [key for key in keys if key in ends and len(ends[key][0])]
+        found.append([_key(*ends[key], refused.get(key), gaps, history) for key in sent])
     return found
 
 
-def _key(out: Frame, received: Frame, gaps: LogGaps, history: int) -> _Key:
+def _key(out: Frame, received: Frame, refused: Frame | None, gaps: LogGaps, history: int) -> _Key:
     sent = out.first_of_each("seq")
     planned = PlannedSamples.of(sent.seq, sent.sample_ns)
     logged = ~gaps.affect(sent.sent_ns)
-    arrived = np.isin(sent.seq, received.seq)
+    arrived = np.isin(sent.seq, all_arrivals(out, received, refused).seq)
     # a packet in a gap may have brought its sample and the history before it: neither counts
     known = ~planned.carried(~logged, history)
     # a sample arrives in its own packet, a copy, or the history of a later one

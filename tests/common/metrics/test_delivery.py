@@ -46,8 +46,8 @@ def test_a_key_with_every_kind_of_loss() -> None:
     assert np.flatnonzero(lost).tolist() == [2, 5]
     assert counts == {
         "sent": 10, "offered": 9, "copied": 0, "released": 6, "dropped": 2, "held_at_end": 1, "lost": 2,
-        "received": 5, "duplicated": 2, "duplicated_by_netem": 0, "corrupted": 0, "corrupted_rejected": 0,
-        "lost_before_netem": 1, "lost_after_netem": 1, "unplanned_loss": 2,
+        "received": 5, "not_used": 0, "duplicated": 2, "duplicated_by_netem": 0, "corrupted": 0,
+        "corrupted_rejected": 0, "lost_before_netem": 1, "lost_after_netem": 1, "unplanned_loss": 2,
     }  # fmt: skip
 
 

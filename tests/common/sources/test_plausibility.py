@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 from tis.common.channels import MASTER
 from tis.common.scenario.source import SyntheticSource
 from tis.common.sources.jigsaws import RATE_HZ, parse_trial, position_m
-from tis.common.sources.plausibility import anomalies, jumps, rate_doubts, stretches
+from tis.common.sources.plausibility import FAR, anomalies, jumps, rate_doubts, stretches
 from tis.common.sources.synthetic import synthesise
 from tis.common.sources.trajectory import Array, HandRecording, PoseTrack, Recording
 
+MISSING = "are rows missing? If so, cut it there"
 DEVICES = (*MASTER.values(), "PSM1", "PSM2")
 
 
@@ -44,7 +45,7 @@ def test_a_jump_below_any_absolute_bound_is_found_by_the_movement_around_it() ->
     jumped[457:] += 0.014 * np.array([1.0, 0.0, 0.0])
     assert jumps(jumped, 30) == [457]
     [text] = anomalies(jumped, 30, "PSM1", False)
-    assert text == "PSM1 jumps as no hand moves it, from row 456 to 457 (14 mm): are rows missing?"
+    assert text == f"PSM1 jumps as no hand moves it, from row 456 to 457 (14 mm): {MISSING}"
 
 
 def test_one_wrong_row_is_two_jumps_and_three_are_two_places() -> None:
@@ -134,10 +135,43 @@ def test_rows_that_were_cut_out_are_named() -> None:
     jumped_mm = 1000 * float(np.linalg.norm(whole[361] - whole[299]))
     assert jumped_mm > 100
     [text] = anomalies(cut, 30, "MTML", True)
-    expected = f"MTML jumps as no hand moves it, from row 299 to 300 ({jumped_mm:.0f} mm): are rows missing?"
+    expected = f"MTML jumps as no hand moves it, from row 299 to 300 ({jumped_mm:.0f} mm): {MISSING}"
     assert text == expected
     # the same rows, of a recorder a hundred times slower, are no jump
     assert anomalies(cut, 0.3, "MTML", False) == ()
+
+
+@pytest.mark.parametrize("n_rows", [1, 2, 3])
+def test_a_spike_is_told_from_a_step_and_each_has_its_cure(n_rows: int) -> None:
+    positions = swing()
+    positions[300 : 300 + n_rows] += [0.4, -0.2, 0.1]
+    found = anomalies(positions, 30, "MTML", True)
+    assert all("leaves its path and is back within 4 rows, from row " in text for text in found)
+    assert all("put what lies between their neighbours there" in text for text in found)
+    assert len(found) == 1
+    positions[600:] += 0.1
+    step, spike = anomalies(positions, 30, "MTML", True)
+    assert "jumps as no hand moves it, from row 599 to 600 (17" in step
+    assert step.endswith(MISSING)
+    assert spike == found[0]
+
+
+def test_a_hand_in_ten_times_too_large_a_unit_is_asked_about() -> None:
+    hand = wander()
+    hand *= 0.14 / np.ptp(hand, axis=0).max()
+    assert not any("a unit" in text or "the unit" in text for text in anomalies(hand, 30, "MTML", True))
+    asked = anomalies(10 * hand, 30, "MTML", True, unit_named=True)
+    assert asked[0] == "MTML moves over 1.4 m, and fast: does a hand, or is the unit ten times too large?"
+    # a drone in a room takes seconds for as much, and so does a rover
+    slow = 0.7 * np.sin(0.6 * np.arange(3000)[:, np.newaxis] / 30 + np.arange(3))
+    assert not any("the unit" in text for text in anomalies(slow, 30, "MTML", True))
+
+
+def test_a_far_movement_in_a_named_unit_is_in_doubt_only_where_no_vehicle_moves_so() -> None:
+    flight = 3.8 * np.sin(0.8 * np.arange(3600)[:, np.newaxis] / 30 + np.arange(3))
+    assert any(FAR in text for text in anomalies(flight, 30, "MTML", True))
+    assert anomalies(flight, 30, "MTML", True, unit_named=True) == ()
+    assert any(FAR in text for text in anomalies(1000 * wander(), 30, "MTML", True, unit_named=True))
 
 
 def test_more_jumps_than_are_shown_are_counted() -> None:
@@ -147,7 +181,7 @@ def test_more_jumps_than_are_shown_are_counted() -> None:
     [text] = anomalies(steps, 30, "MTML", True)
     assert "from row 99 to 100 (" in text
     assert "299 to 300 (" in text
-    assert text.endswith(") and 3 more times: are rows missing?")
+    assert text.endswith(") and 3 more times: are rows missing? If so, cut it there")
 
 
 def test_noise_of_all_rows_is_no_jump_and_a_jump_within_it_is_named() -> None:

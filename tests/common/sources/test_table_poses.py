@@ -210,7 +210,8 @@ def test_gaps_are_refused_or_told() -> None:
     words = "2 gaps, after 1.300 s (row 39; 133 ms), 2.300 s (row 66; 67 ms)"
     _, faults = played(clock, 30, resample=False, gaps="refuse", where="t.csv")
     assert [str(f) for f in faults] == [
-        f"t.csv: has {words}: set source.gaps: bridge to play over them, or cut the table"
+        f"t.csv: has {words}: cut the table at them into files of one folder, and compare on these: tis compare "
+        "--trials me_1.csv,me_2.csv; or set source.gaps: bridge to play over them"
     ]
     play, faults = played(clock, 30, resample=False, gaps="bridge", where="t.csv")
     assert (play.at_s, faults) == (None, [])

@@ -58,4 +58,21 @@ def test_settings_fit_the_rows(
 def test_a_table_that_is_too_short_is_said_instead(tmp_path: Path) -> None:
     columns = movement(50)
     lines = next_commands(write_csv(tmp_path / "t.csv", columns), columns)
-    assert [line.startswith("it cannot be played yet: ") for line in lines] == [True]
+    [line] = lines
+    assert line == (
+        f"it cannot be played, as the recording is too short: {tmp_path / 't.csv'} has 50 rows; a run needs 150 at "
+        "30 a second, 5.0 s: 60 to learn from, and 3 s to be scored"
+    )
+
+
+def test_of_a_short_table_at_another_rate_both_counts_are_told(tmp_path: Path) -> None:
+    columns = movement(29, rate_hz=30.303)
+    [line] = next_commands(write_csv(tmp_path / "t.csv", columns), columns)
+    assert " has 29 rows, 28 after resampling to 30 a second; a run needs 150 at 30 a second" in line
+
+
+@pytest.mark.parametrize(("stem", "name"), [("flight 3", "flight_3"), ("2024", "recording_2024"), ("ü", "recording")])
+def test_the_run_is_called_after_the_file(tmp_path: Path, stem: str, name: str) -> None:
+    columns = movement(3000, tremor_m=1e-4)
+    for line in next_commands(write_csv(tmp_path / f"{stem}.csv", columns), columns):
+        assert f"name={name}" in _printed(line)

@@ -30,6 +30,14 @@ def test_streams_of_one_clock_keep_their_rows() -> None:
     assert np.array_equal(rows.devices[0].track.position_m[:, 0], 3.0 * (every(20, 50) / 1e9))
 
 
+def test_the_rate_that_is_told_is_that_of_the_poses_in_that_time_also_with_jitter() -> None:
+    jittered = np.append(0, np.cumsum(np.tile([19, 19, 22], 300))).astype(np.int64) * MS
+    [note, *_] = on_one_clock(Found((stream("MTML", jittered),)), None, "f").notes
+    assert note == "/MTML: 901 poses in 18.000 s, 50 a second; no gap"
+    [note, *_] = on_one_clock(Found((stream("MTML", np.delete(every(20, 50), [10, 11])),)), None, "f").notes
+    assert note == "/MTML: 48 poses in 0.980 s, 50 a second outside of gaps"
+
+
 def test_gaps_of_rows_that_are_kept_are_told() -> None:
     rows = on_one_clock(Found((stream("MTML", np.delete(every(20, 50), [10, 11])),)), None, "f")
     assert "/MTML: 1 gap, after 0.180 s (60 ms)" in rows.notes

@@ -95,6 +95,9 @@ def test_messages_that_were_not_used_are_named_as_the_cause() -> None:
     assert validity._unused(_summary(**lost)) == []
     assert validity._unused(_summary(**lost, rejected={"patient": 7}, quarantined={"ahead": 7})) == []
     assert validity._unused(_summary(**unused, **lost)) == validity._unused(_summary(**unused, **unscored))
+    gated = {"links": {"forward": {"sent": 720, "unplanned_loss": 0, "not_used": 8}}}
+    [quarantined] = causes(validity._unused(_summary(**gated, quarantined={"ahead": 8})))
+    assert quarantined == "quarantined: the patient did not use 8 samples (8 stamped later than now)"
     assert causes(validity._unused(_summary(**unused, **lost))) == [
         "rejected: the patient rejected 720 messages: no header of the testbed, another run's number, or no such "
         "pose",

@@ -104,6 +104,7 @@ class KeyBooks(NamedTuple):
     fates: Frame
     releases: Frame
     received: Ints
+    unused: Ints
     n_rejected: int
 
 
@@ -218,7 +219,7 @@ def statistics(figures: Sequence[KeyFigures]) -> dict[str, Any]:
 
 
 _NOTHING = np.empty(0, dtype=np.int64)
-_NO_BOOKS = KeyBooks("", False, _NOTHING, NO_FATES, NO_RELEASES, _NOTHING, 0)
+_NO_BOOKS = KeyBooks("", False, _NOTHING, NO_FATES, NO_RELEASES, _NOTHING, _NOTHING, 0)
 
 
 def _packets(books: KeyBooks, out: NDArray[np.bool_], delivered: NDArray[np.bool_]) -> KeyPackets:
@@ -235,6 +236,7 @@ def _packets(books: KeyBooks, out: NDArray[np.bool_], delivered: NDArray[np.bool
             np.concatenate([lost, gone.seq]), np.concatenate([np.zeros_like(lost), gone.copy_index])
         ),
         received=releases.seq[out] if books.foreign else books.received,
+        unused=books.unused,
         n_rejected=books.n_rejected,
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from tis.common.channels import VIDEO, Direction, Side
 from tis.common.errors import problem
-from tis.common.metrics.delivery import without
+from tis.common.metrics.delivery import distinct, without
 from tis.common.records import REJECTED
 from tis.common.safety_records import QUARANTINE
 from tis.common.units import NS_PER_S
@@ -28,18 +28,7 @@ from tis.deploy.logs.read.packets import (
 from tis.deploy.logs.read.side_log import no_messages
 from tis.deploy.report.subjects.logs import LogGaps, count_of
 from tis.deploy.report.subjects.network.key_figures import KeyBooks
-
-ENDS: Final[dict[Direction, tuple[Side, Side]]] = {
-    "forward": ("surgeon", "patient"),
-    "feedback": ("patient", "surgeon"),
-}
-
-
-def both_ends(logs: RunLogs, direction: Direction, session: str) -> dict[str, tuple[Frame, Frame]]:
-    """Return by key the messages of a direction as sent and as received, in the order of each log."""
-    sent, received = (logs.messages(side, direction, session) for side in ENDS[direction])
-    nothing = no_messages()
-    return {key: (sent.get(key, nothing), received.get(key, nothing)) for key in dict.fromkeys((*sent, *received))}
+from tis.deploy.report.subjects.network.link_ends import ENDS, all_arrivals, both_ends, refused_arrivals
 
 
 class LinkBooks(NamedTuple):
@@ -72,6 +61,7 @@ def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
         refused[row["key"]].append(row["seq"])
     covered = logs.coverage(sender)
     complete = covered is not None and covered.whole
+    unused_by_key = refused_arrivals(logs, direction, session)
     gaps = LogGaps.of(logs, direction, session, get_args(Side))
     n_unlogged = n_unlogged_offered = 0
     counts = counted(offered.values(), left.values())
@@ -82,11 +72,12 @@ def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
         # popped, as the columns of a long run are large
         fates, releases = offered.pop(key, NO_FATES), left.pop(key, NO_RELEASES)
         out, back = ends.get(key, (nothing, nothing))
-        sent_seq, received_seq = out.seq, back.seq
+        arrived = all_arrivals(out, back, unused_by_key.get(key))
+        sent_seq, received_seq = out.seq, arrived.seq
         # foreign messages have no sequence number of ours: books of their own, without sender and receiver
         if fates.foreign.any():
             foreign = fates.at(fates.foreign), releases.at(releases.foreign)
-            books.append(KeyBooks(key, True, nothing.seq, *foreign, nothing.seq, 0))
+            books.append(KeyBooks(key, True, nothing.seq, *foreign, nothing.seq, nothing.seq, 0))
         fates, releases = fates.at(~fates.foreign), releases.at(~releases.foreign)
         # a message that one log may lack is taken out of all, or it would count as lost there
         if gaps.any:
@@ -94,7 +85,7 @@ def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
                 (sent_seq, out.sent_ns),
                 (fates.seq, fates.offered_ns),
                 (releases.seq, releases.offered_ns),
-                (received_seq, back.sent_ns),
+                (received_seq, arrived.sent_ns),
             )
             n_unlogged += len(left_out)
             n_unlogged_offered += int(np.isin(fates.seq, left_out).sum())
@@ -105,9 +96,11 @@ def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
             fates, releases = _without(fates, strangers), _without(releases, strangers)
             received_seq = received_seq[~np.isin(received_seq, strangers)]
         if any(len(seq) for seq in (fates.seq, releases.seq, sent_seq, received_seq)):
+            unused = without(distinct(received_seq), back.seq)
             # what the patient's gate refuses of a flipped message arrived all the same
             n_refused = int(np.isin(refused[key], fates.seq[fates.flipped > 0]).sum())
-            books.append(KeyBooks(key, False, sent_seq, fates, releases, received_seq, rejected[key] + n_refused))
+            n_refused += rejected[key]
+            books.append(KeyBooks(key, False, sent_seq, fates, releases, received_seq, unused, n_refused))
     return LinkBooks(counts, error_ns, books, n_unlogged, n_unlogged_offered)
 
 

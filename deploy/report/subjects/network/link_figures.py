@@ -108,6 +108,10 @@ class PacketFigures(Section):
     held_at_end: int | None = means("Packets that netem still held at the end of the drain.")
     lost: int | None = means("Packets of which no copy left netem, although it was offered.")
     received: int | None = means("Packets that reached the destination. released = received + lost_after_netem.")
+    not_used: int | None = means(
+        "Of these, packets that its gate refused (`quarantined`): delivered, and unknown to the estimator.",
+        default=None,
+    )
     duplicated: int | None = means("Packets that arrived more than once.")
     duplicated_by_netem: int | None = means("Of these, copies that netem made.")
     corrupted: int | None = means("Packets whose payload netem changed.")

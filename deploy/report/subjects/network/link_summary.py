@@ -16,7 +16,6 @@ from tis.deploy.report.subjects.logs import count_of
 from tis.deploy.report.subjects.network.fidelity import Verdict, key_verdict, starvation
 from tis.deploy.report.subjects.network.key_figures import KeyBooks, KeyFigures, statistics
 from tis.deploy.report.subjects.network.link_books import (
-    ENDS,
     OF_TIS,
     LinkBooks,
     against_counters,
@@ -24,6 +23,7 @@ from tis.deploy.report.subjects.network.link_books import (
     unsent,
     unsent_problem,
 )
+from tis.deploy.report.subjects.network.link_ends import ENDS
 from tis.deploy.report.subjects.network.link_figures import (
     ConditionFigures,
     Delays,
@@ -79,7 +79,7 @@ _KEPT_BY_SENDER: Final = ("sent", "lost_before_netem")
 _KEPT_BY_RECEIVER: Final = (
     "received", "duplicated", "duplicated_by_netem", "corrupted_rejected", "reordered",
 )  # fmt: skip
-_KEPT_BY_ALL: Final = ("unplanned_loss", "lost_before_netem", "lost_after_netem")
+_KEPT_BY_ALL: Final = ("not_used", "unplanned_loss", "lost_before_netem", "lost_after_netem")
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ _COUNTS: Final = {
     "recovered": "sent again by the recovery",
     "released": "released",
     "received": "received",
+    "not_used": "of these refused by its gate",
     "unplanned_loss": "unplanned loss",
     "held_at_end": "in flight at the end",
     "reordered": "reordered",

@@ -254,7 +254,8 @@ def test_of_the_real_trials_only_d001_raises_a_doubt_its_known_jump(jigsaws_dir:
     known = doubts.pop("Suturing_D001", None)  # its recorder lost rows of all devices
     of_each = (("MTML", 21), ("MTMR", 49), ("PSM2", 11), ("PSM1", 24))
     assert known is None or known == tuple(
-        f"Suturing_D001: {device} jumps as no hand moves it, from row 856 to 857 ({size} mm): are rows missing?"
+        f"Suturing_D001: {device} jumps as no hand moves it, from row 856 to 857 ({size} mm): are rows missing? "
+        "If so, cut it there"
         for device, size in of_each
     )
     assert set(doubts.values()) <= {()}

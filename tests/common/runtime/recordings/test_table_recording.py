@@ -59,6 +59,32 @@ def test_a_table_of_other_names_units_and_times(tmp_path: Path) -> None:
     assert recording.pairing == "MTML -> PSM2 (by gain 0.5)"
 
 
+def test_a_table_of_the_hand_alone_is_no_fault_and_the_pairing_tells_it(tmp_path: Path) -> None:
+    alone = {name: values for name, values in movement(161).items() if "PSM" not in name}
+    recording = load_recording(scenario_of(write_csv(tmp_path / "t.csv", alone)))
+    assert recording.warnings == ()
+    words = "the table has the hand alone: the arm is taken to follow it exactly"
+    assert recording.pairing == f"MTML -> PSM2 ({words})"
+    columns = {"left": {"master": "MTML", "gain": 0.5}}
+    scaled = load_recording(scenario_of(tmp_path / "t.csv", columns=columns))
+    assert scaled.pairing == f"MTML -> PSM2 ({words}, positions times 0.5)"
+
+
+@pytest.mark.parametrize(("units", "asks"), [({}, True), ({"position": "m"}, False)])
+def test_a_flight_in_a_unit_that_is_named_raises_no_question(tmp_path: Path, units: Any, asks: bool) -> None:
+    columns = movement(900)
+    for device in ("MTML", "PSM2"):
+        columns |= {f"{device}_{axis}_m": 3.8 * np.sin(0.8 * columns["time_s"] + k) for k, axis in enumerate("xyz")}
+    own = {name.removesuffix("_m"): values for name, values in columns.items()}
+    named = {device: [f"{device}_{axis}" for axis in "xyz"] for device in ("MTML", "PSM2")}
+    left = {"master": {"position": named["MTML"]}, "arm": {"position": named["PSM2"]}}
+    file = write_csv(tmp_path / "t.csv", own)
+    mapped = load_recording(scenario_of(file, columns={"time": "time_s", "left": left}, units=units))
+    assert any("further than any arm" in text for text in mapped.anomalies) == asks
+    canonical = load_recording(scenario_of(write_csv(tmp_path / "c.csv", columns)))
+    assert canonical.anomalies == ()  # its columns' names carry the unit
+
+
 def test_instants_of_nanoseconds_since_1970_keep_their_differences(tmp_path: Path) -> None:
     columns = movement(161, rate_hz=1000.0)
     ticks = 1_763_990_000_123_456_789 + 1_000_000 * np.arange(161)

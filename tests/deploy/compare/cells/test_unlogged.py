@@ -150,3 +150,16 @@ def test_a_twin_without_a_scored_tick_says_why(model_file: Path) -> None:
     result = run_cell(Cell("d", None, "T", scenario, None), None)
     assert result["hands"]["left"]["n_scored"] == 0
     assert result["unscored"] == "no message is known to have reached the patient"
+
+
+def test_a_twin_with_few_unused_samples_is_scored_and_warns(
+    model_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tis.deploy.compare.cells.scores.MAX_UNUSED", 0.9)
+    scenario = scenario_of(model_file, "{}", ("patient.gate.reach_m=0.07",))
+    recording = load_recording(scenario)
+    for scores in (unlogged_scores(scenario, recording), logged_scores(scenario, recording)):
+        assert scores.unscored is None
+        [text] = [text for text in scores.warnings if "did not use" in text]
+        assert text.startswith(f"{recording.label}: the patient did not use ")
+        assert "raise the limits of patient.gate" in text

@@ -196,6 +196,20 @@ def test_the_page_holds_all_that_it_needs_and_no_markup_of_others(plan: Plan, ou
     assert json.loads(about[0])["people"] == [f"synthetic {seed}" for seed in range(7, 14)]
 
 
+def test_along_one_axis_the_table_is_by_setting_and_the_pooled_one_is_folded() -> None:
+    plan = planned(axes={DELAY: [10, 20, 1000]}, seeds=2)
+    results = results_of(plan, outcome_of(plan), "tis compare")
+    [table] = re.findall(
+        r'<section id="table".*?</section>', comparison_html(results.report, results.sums), re.DOTALL
+    )
+    by_setting, _, pooled_one = table.partition("<details>")
+    assert re.findall(r'<th scope="col"[^>]*>([^<]*)</th>', by_setting) == ["estimator", "10", "20", "1000"]
+    row = next(row for row in results.report["rows"] if (row["estimator"], row["setting"]) == ("moesp_kf", "20"))
+    assert f"{row['rmse_3d_mm']:.2f} ({row['ratio_to_hold']:.3f})" in by_setting
+    assert 'id="rows"' in pooled_one
+    assert 'id="rows"' not in by_setting
+
+
 def test_a_comparison_without_a_sweep_has_table_and_age_alone(tmp_path: Path) -> None:
     plan = planned(seeds=2)
     results = results_of(plan, outcome_of(plan, ("left",)), "tis compare")
