@@ -221,7 +221,7 @@ class Page:
             return
         now_s, figures, n_missed, safety, alarms = self._observer.read(
             lambda book: (
-                book.now_ns / NS_PER_S, book.figures(), book.n_ticks_missed, book.safety.stretches(SHOWN_S),
+                book.now_ns / NS_PER_S, book.figures(), dict(book.ticks_missed), book.safety.stretches(SHOWN_S),
                 book.alarms,
             )
         )  # fmt: skip

@@ -11,6 +11,7 @@ from tis.common.peer_life import NO_ALARMS, TEXTS, Alarm
 from tis.common.scenario.control import DirectionState, EmulatorState
 from tis.common.units import NS_PER_S
 from tis.deploy.view.hold_reason import RunAbout
+from tis.deploy.watch.book import MISSING
 from tis.deploy.watch.live_figures import LiveFigures
 from tis.deploy.watch.observer import Attendance, Vantage
 from tis.deploy.watch.safety import Stretch
@@ -90,7 +91,7 @@ def _end_html(context: PageContext, output: RunOutput | None) -> str:
 
 def figures_html(
     found: LiveFigures,
-    n_ticks_missed: int,
+    ticks_missed: Mapping[Side, int],
     picture: str = "",
     note: str = "",
     safety: Mapping[str, Sequence[Stretch]] = MappingProxyType({}),
@@ -119,7 +120,7 @@ def figures_html(
          _silence(found.display_silent_s)
          or "error of the delayed picture, root mean square, against the arm when the newest command acts; the "
          f"predicted arm errs by {_number(found.display and found.display.predicted_mm, 'mm')}"),
-        ("Ticks missed", str(n_ticks_missed), "ticks at which the patient sent no estimate, since the page began"),
+        ("Ticks missed", str(sum(ticks_missed.values())) if ticks_missed else _NO_VALUE, _missed(ticks_missed)),
     )  # fmt: skip
     items = "".join(
         f"<li><span>{name}</span><strong>{value}</strong><small>{meaning}</small></li>"
@@ -128,6 +129,12 @@ def figures_html(
     items += _safety_html(safety)
     below = f'<p class="note">{escape(f"{found.limit_text} {_END_TO_END} {note}".strip())}</p>'
     return f'<div class="seconds">{picture}<ul class="tiles">{items}</ul></div>{below}'
+
+
+def _missed(ticks: Mapping[Side, int]) -> str:
+    """Return whose ticks were missed: the terminal adds them up, the summary lists each side."""
+    each = " and ".join(f"{side} {ticks[side]}" for side in MISSING if side in ticks)
+    return f"{each}{': ' if each else ''}ticks that had not begun when the next one was due, since the run began"
 
 
 def _silence(silent_s: float | None) -> str:
