@@ -9,7 +9,7 @@ from typing import Final, NamedTuple, TypeVar
 import numpy as np
 from msgspec import DecodeError
 
-from tis.common.channels import ORIGIN, SIDE_ON, Network, Side, is_set_point, local_keys, stopped_key
+from tis.common.channels import DESTINATION, ORIGIN, SIDE_ON, Network, Side, is_set_point, local_keys, stopped_key
 from tis.common.header import Header
 from tis.common.messages import FeedbackPose, Pose, components, decode, position_m
 from tis.common.peer_life import Alarm, Beat
@@ -102,11 +102,13 @@ class LiveBook:
         self._newest_command_ns: dict[str, int] = {}
         self._fresh_ns = -1
         self._skipped: Trail[UnseenRow] = Trail(_MAX_ROWS)
+        self._first_ns: dict[Network, int] = {}
         self._offered_seq: dict[str, int] = {}
         self._unseen: Trail[UnseenRow] = Trail(_MAX_ROWS)
 
     def take(self, seen: Sighting) -> None:
         """Add a message; messages that are not of the session's streams are ignored."""
+        self._first_ns.setdefault(seen.network, seen.at_ns)
         if self._told(seen):
             return
         stream, is_displayed = self._table.get(seen.key), self.displays.knows(seen.network, seen.key)
@@ -164,7 +166,8 @@ class LiveBook:
         """Record the packets lost by now, on the observer's clock, and the ticks whose truth is known."""
         for key, crossings in self._crossings.items():
             trail = self.crossed[STREAM_OF[self._table[key].role]]
-            for lost in crossings.expire(now_ns):
+            heard_ns = self._first_ns.get(DESTINATION[self._table[key].direction], now_ns)
+            for lost in crossings.expire(now_ns, heard_ns):
                 trail.append(lost)
         for arm, motion in self._motion.items():
             for row in motion.rows():
@@ -176,9 +179,11 @@ class LiveBook:
         return max(self._patient_ahead_ns, default=None)
 
     @property
-    def loss_timeout_ns(self) -> int:
-        """Return the longest time after which a missing packet counts as lost."""
-        return max((crossings.loss_timeout_ns for crossings in self._crossings.values()), default=0)
+    def decided_ns(self) -> int:
+        """Return up to which sending time it is decided which packets are lost."""
+        timeout_ns = max((crossings.loss_timeout_ns for crossings in self._crossings.values()), default=0)
+        undecided_ns = [one.undecided_ns for one in self._crossings.values() if one.undecided_ns is not None]
+        return min([self.now_ns - timeout_ns, *undecided_ns])
 
     def figures(self, window_s: float = WINDOW_S) -> LiveFigures:
         """Return the figures of the newest ``window_s`` of run time, of all arms together."""
