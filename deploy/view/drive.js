@@ -123,7 +123,7 @@
     at("felt_words").textContent = felt ? window.pictureLayout.feltWords(felt) : "no force is told.";
     const loop = felt && !seen.outage && !stands() ? window.pictureLayout.loopWords(seen) : "";  // where nothing follows there is none
     if (at("loop").textContent !== loop) at("loop").textContent = loop;
-    at("loop").className = seen.stability ?? "";
+    at("loop").className = seen.loop?.state ?? "";
     at("felt_energy").textContent = felt ? (felt.most_given_mj < 1000 ? `${felt.most_given_mj.toFixed(1)} mJ` : `${(felt.most_given_mj / 1000).toFixed(1)} J`) : "–";
     at("yields").textContent = !drives || !stiffness ? "" : `A pointer cannot push back. ${seen.yields
       ? `A simulated hand, held to it by ${stiffness.toFixed(0)} N/m, yields to the force: the dashed circle, which the arm follows.`
@@ -151,9 +151,8 @@
     if (late_ms == null || outage) return "";
     if (silent_s != null) return ` Nothing newer arrived for ${silent_s.toFixed(1)} s.`;
     if (network_ms == null) return "";
-    const { part, rest, rest_ms } = window.pictureLayout.sharesOf(late_ms, network_ms), over = `(medians of the last ${at("late_parts").dataset.judged_s} s)`;
-    return rest_ms <= 0 ? ` The network took ${part} both ways ${over}.` :
-      ` Of that the network takes ${part} both ways ${over}; the rest, ${rest}, is waiting for the next tick, at the arm and at the display, and computing. This rest is there even without a network.`;
+    const { judged_s, rate_hz } = at("late_parts").dataset;
+    return window.pictureLayout.partsWords(late_ms, network_ms, Number(judged_s), Number(rate_hz));
   };
   const LAST_S = 1;
   const ended = () => `The run has ended.${seen?.moved === false ? " Nobody moved the hand." : ""}`;

@@ -212,7 +212,7 @@ class LiveBook:
             self._skipped.append(UnseenRow(self.now_ns, n * n_keys))
 
     def _n_unseen(self, begin_ns: int) -> int:
-        """Return how many packets since ``begin_ns`` did not come here: free numbers but for those of missed ticks."""
+        """Return how many packets since ``begin_ns`` did not come here: free numbers but those of missed ticks."""
         free, skipped = (
             sum(row.n for row in _since(trail, begin_ns, lambda row: row.sent_ns))
             for trail in (self._unseen, self._skipped)

@@ -68,9 +68,9 @@ class Crossing(NamedTuple):
 class Crossings:
     """Pairs the packets of one stream by sequence number. Bounded: with too many pending, the oldest are dropped.
 
-    A packet counts as lost after 0.3 s plus twice the longest recent delay, at least 0.5 s and at most 5 s, if a later
-    one has arrived: what a busy emulator holds up comes in order, and is not lost. Where none has, it counts after 2 s
-    at the earliest. One that arrives after all is reported again, with its delay.
+    A packet counts as lost after 0.3 s plus twice the longest recent delay, at least 0.5 s and at most 5 s, if a
+    later one has arrived: what a busy emulator holds up comes in order, and is not lost. Where none has, it counts
+    after 2 s at the earliest. One that arrives after all is reported again, with its delay.
     """
 
     def __init__(self) -> None:
