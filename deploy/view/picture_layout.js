@@ -92,6 +92,15 @@ window.pictureLayout = (() => {
     return rest_ms <= 0 ? ` The network took ${part} both ways ${over}.`
       : ` Of that the network takes ${part} both ways ${over}; the rest, ${rest}, is waiting for the next tick, at the arm and at the display, and computing. It depends on how the delay falls between the ticks; without a network it is nearly ${ticks}.`;
   };
+  // Why a page's picture is `since_ms` old: none is newer, or the page, which last knew that `unlooked_ms` ago, is late.
+  const SILENT_MS = 500, LATE_MS = 1200;
+  const age = (ms) => (ms < 1000 ? `${Math.round(ms)} ms` : `${(ms / 1000).toFixed(1)} s`);
+  const silence = (since_ms, unlooked_ms) => {
+    if (since_ms <= SILENT_MS) return null;
+    return unlooked_ms !== null && unlooked_ms > LATE_MS
+      ? { state: "late", text: `This page is ${age(unlooked_ms)} late, as the machine is busy: the surgeon's screen may show newer pictures. The report tells what it showed.` }
+      : { state: "frozen", text: `No newer picture for ${age(since_ms)}.` };
+  };
 
-  return { follow, placed, arrowOf, yielded, feltWords, loopWords, sharesOf, partsWords };
+  return { follow, placed, arrowOf, yielded, feltWords, loopWords, sharesOf, partsWords, age, silence };
 })();

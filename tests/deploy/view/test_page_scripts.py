@@ -260,3 +260,14 @@ def test_what_waits_for_the_ticks_depends_on_the_delay_and_is_there_without_a_ne
     assert "without a network it is nearly two ticks, 67 ms at 30 Hz." in found
     assert "nearly two ticks." in page.evaluate(words, [330, 300, 3, 0])
     assert page.evaluate(words, [90, 100, 3, 30]) == " The network took 100 ms both ways (medians of the last 3 s)."
+
+
+def test_a_page_that_is_late_does_not_blame_the_picture(page: "Page") -> None:
+    words = "([...each]) => window.pictureLayout.silence(...each)"
+    assert page.evaluate(words, [400, 300]) is None
+    still = page.evaluate(words, [3500, 600])
+    assert (still["state"], still["text"]) == ("frozen", "No newer picture for 3.5 s.")
+    late = page.evaluate(words, [3500, 2900])
+    assert late["state"] == "late"
+    assert late["text"].startswith("This page is 2.9 s late")
+    assert page.evaluate(words, [3500, None])["state"] == "frozen"

@@ -57,9 +57,6 @@ def test_every_button_reaches_the_links() -> None:
             assert found is not None
             assert found.forward is not None
             assert found.forward.now.loss == found.forward.pipeline.loss, "all else is the scenario's own"
-            assert found.forward.now.jitter == NormalJitter(kind="normal", std_ms=0), (
-                "the delay is that of the button"
-            )
             assert _ask(lambda tell: steering.profile("paper_1", tell)).startswith("done")
             assert _ask(lambda tell: steering.outage("both", -1, tell)).startswith("refused: for_ms")
             assert _ask(lambda tell: steering.set_stage("both", "delay.nonsense=1", tell)).startswith("not done: ")
