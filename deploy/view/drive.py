@@ -246,6 +246,7 @@ class DriveHub:
             "ghost_error_mm": errors and round(errors.predicted_mm, 2),
             "why": why_hold(figures, about),
             "outage": self._sees_outage(),
+            "unreached": self._is_cut(),
             "set": set_now(self._state),
             "network": self._answers(seen["now_s"]),
             "loop": None if self._loop is None else told(self._loop),
@@ -267,6 +268,10 @@ class DriveHub:
     def ask(self, request: PageRequest, on_answer: Callable[[str], None]) -> None:
         """Do what a page asks of network and arms; ``on_answer`` is called in another thread."""
         ask(self._steering, request, on_answer)
+
+    def _is_cut(self) -> bool:
+        """Tell whether the hand's moves do not reach the arm now."""
+        return self._state is not None and self._state.forward is not None and self._state.forward.outage
 
     def _sees_outage(self) -> bool:
         ways = () if self._state is None else (self._state.forward, self._state.feedback)

@@ -75,9 +75,9 @@ window.pictureLayout = (() => {
     late_ms == null ? "; none has come back yet" : `, as it was on the tool ${late_ms.toFixed(0)} ms ago`,
     Object.hasOwn(LIMITS, limited) ? `; ${LIMITS[limited]}` : "", "."].join("");
   // Whether the loop is stable, over which time, and from which stiffness on theory expects it to swing at the round trip of now.
-  const loopWords = ({ loop, wall_n_m, limit_n_m }) => (!Object.hasOwn(LOOPS, loop?.state) ? "" : [LOOPS[loop.state](loop),
+  const loopWords = ({ loop, wall_n_m, limit_n_m, late_ms }) => (!Object.hasOwn(LOOPS, loop?.state) ? "" : [LOOPS[loop.state](loop),
     wall_n_m == null ? "" : `What it touches has ${wall_n_m.toFixed(0)} N/m.`,
-    limit_n_m == null ? "" : `In theory it swings from ${limit_n_m.toFixed(0)} N/m on, at the round trip of now.`].filter(Boolean).join(" "));
+    limit_n_m == null ? "" : `In theory it swings from ${limit_n_m.toFixed(0)} N/m on, at the round trip of now${late_ms > 0 ? `, ${Math.round(late_ms)} ms` : ""}.`].filter(Boolean).join(" "));
 
   // A whole and a part of it in words, in one resolution, with the rest: what is read adds up. Times in ms.
   const sharesOf = (whole_ms, part_ms) => {

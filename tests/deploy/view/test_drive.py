@@ -178,7 +178,8 @@ def test_the_networks_part_is_of_the_last_seconds_and_follows_a_change() -> None
 def test_before_anything_is_seen_the_picture_is_empty() -> None:
     assert _hub(None).frame(1.0) == {
         "now_s": 0.0, "arm": None, "feedback_error_mm": None, "ghost_error_mm": None, "late_ms": None,
-        "network_ms": None, "silent_s": None, "why": "", "outage": False, "network": False, "left_s": None,
+        "network_ms": None, "silent_s": None, "why": "", "outage": False, "unreached": False, "network": False,
+        "left_s": None,
         "loop": None, "operator_n_m": None, "wall": None, "moved": None, "limit_n_m": None, "wall_n_m": None,
         "yields": False, "set": {"delay": [None, None], "loss": [None, None]},
     }  # fmt: skip

@@ -214,8 +214,8 @@ def test_a_force_is_told_with_its_age_and_its_limit(page: "Page") -> None:
 def test_a_loop_is_told_with_its_stiffness_and_theorys_limit(page: "Page") -> None:
     words = "(seen) => window.pictureLayout.loopWords(seen)"
     loop = {"state": "unstable", "over_s": 15.0, "young_s": 5.0, "swing": None}
-    found = page.evaluate(words, {"loop": loop, "wall_n_m": 400, "limit_n_m": 188})
-    assert all(part in found for part in ("unstable", "last 15 s", "400 N/m", "188 N/m"))
+    found = page.evaluate(words, {"loop": loop, "wall_n_m": 400, "limit_n_m": 188, "late_ms": 352.4})
+    assert all(part in found for part in ("unstable", "last 15 s", "400 N/m", "188 N/m", "of now, 352 ms"))
     alone = page.evaluate(words, {"loop": {**loop, "state": "not_decidable"}, "wall_n_m": None, "limit_n_m": None})
     assert "do not tell" in alone
     assert "N/m" not in alone

@@ -58,6 +58,7 @@ def test_before_the_end_it_names_no_report_and_what_is_told_is_no_markup() -> No
 def test_when_it_has_ended_it_says_where_the_run_lies() -> None:
     over = Attendance(True, frozenset(), ALL)
     assert "Its report is being written." in _plain(run_html(over, 3, BESIDE))
+    assert "Its summary is being written." in _plain(run_html(over, 3, BESIDE._replace(is_reported=False)))
     assert "Its report lies where the run was started" in _plain(run_html(over, 3, ATTACHED))
     told = run_html(over, 3, BESIDE, RunOutput("report", "/runs/<a>/report.html"))
     assert "Its report: /runs/&lt;a&gt;/report.html" in _plain(told)
