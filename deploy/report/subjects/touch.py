@@ -54,7 +54,7 @@ class TouchFigures(Section):
         "and the servo, where the newest sample drives the arm; `null` where there is no theory."
     )
     limit_round_trip_ms: float | None = means(
-        "That mean round trip, of the stretch of constant network that decides the stability; `null` without a force.",
+        "That mean round trip, of the stretch of constant network that decides stability; `null` without a force.",
         default=None,
     )
     shown_over_true: float | None = means(
