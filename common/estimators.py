@@ -61,6 +61,14 @@ class EstimatorRow:
     benched: bool = False
 
 
+_LEARNED_HUES: Final[dict[str, Hue]] = {
+    "gpr": "GREEN",
+    "srlsmf": "PINK",
+    "srlsmf_l1": "VERMILION",
+    "transformer": "VIOLET",
+    "informer": "AMBER",
+    "cnn": "BLUE",
+}
 ESTIMATORS: Final[Mapping[str, EstimatorRow]] = MappingProxyType(
     {
         "hold": EstimatorRow(
@@ -171,54 +179,17 @@ ESTIMATORS: Final[Mapping[str, EstimatorRow]] = MappingProxyType(
             fitted_with="paper",
             judged_by=OF_PAPER,
         ),
-        "gpr": EstimatorRow(
-            code="learned_forecast:learned_forecast",
-            hue="GREEN",
-            dash="dashdot",
-            fitted_with="innovations_kf",
-            learned=True,
-            judged_by=OF_METHODS,
-        ),
-        "srlsmf": EstimatorRow(
-            code="learned_forecast:learned_forecast",
-            hue="PINK",
-            dash="dashdot",
-            fitted_with="innovations_kf",
-            learned=True,
-            judged_by=OF_METHODS,
-        ),
-        "srlsmf_l1": EstimatorRow(
-            code="learned_forecast:learned_forecast",
-            hue="VERMILION",
-            dash="dashdot",
-            fitted_with="innovations_kf",
-            learned=True,
-            judged_by=OF_METHODS,
-        ),
-        "transformer": EstimatorRow(
-            code="learned_forecast:learned_forecast",
-            hue="VIOLET",
-            dash="dashdot",
-            fitted_with="innovations_kf",
-            learned=True,
-            judged_by=OF_METHODS,
-        ),
-        "informer": EstimatorRow(
-            code="learned_forecast:learned_forecast",
-            hue="AMBER",
-            dash="dashdot",
-            fitted_with="innovations_kf",
-            learned=True,
-            judged_by=OF_METHODS,
-        ),
-        "cnn": EstimatorRow(
-            code="learned_forecast:learned_forecast",
-            hue="BLUE",
-            dash="dashdot",
-            fitted_with="innovations_kf",
-            learned=True,
-            judged_by=OF_METHODS,
-        ),
+        **{
+            name: EstimatorRow(
+                code="learned_forecast:learned_forecast",
+                hue=hue,
+                dash="dashdot",
+                fitted_with="innovations_kf",
+                learned=True,
+                judged_by=OF_METHODS,
+            )
+            for name, hue in _LEARNED_HUES.items()
+        },
     }
 )
 NAMES: Final = tuple(name for name, row in ESTIMATORS.items() if not row.judged_by)

@@ -9,8 +9,7 @@ from typing import Any, Final, Generic, NamedTuple, TypeVar, get_args
 from msgspec import DecodeError
 
 from tis.common.channels import Channel
-from tis.common.header import Header
-from tis.common.messages import Sampled, decode
+from tis.common.messages import Header, Sampled, decode
 from tis.common.node import Arrival, Record
 from tis.common.records import REJECTED, Rejected
 from tis.common.signing import CodeFault, RunKeys

@@ -6,8 +6,7 @@ from typing import NamedTuple, Protocol
 from msgspec import Struct
 
 from tis.common.channels import Network
-from tis.common.header import Header
-from tis.common.messages import Message
+from tis.common.messages import Header, Message
 from tis.common.peer_life import Alarm
 from tis.common.signing import Identity, RunKeys
 

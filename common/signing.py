@@ -13,8 +13,7 @@ from typing import Annotated, Final, Literal, NamedTuple, Protocol
 from msgspec import DecodeError, Meta
 
 from tis.common.channels import CONTROL, Side
-from tis.common.header import CODE_BYTES, HEADER_BYTES
-from tis.common.messages import Message, decode, encode
+from tis.common.messages import CODE_BYTES, HEADER_BYTES, Message, decode, encode
 from tis.common.units import NS_PER_S
 
 MIN_SECRET_BYTES: Final = 16

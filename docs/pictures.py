@@ -18,7 +18,7 @@ import numpy as np
 from PIL import Image
 from playwright.sync_api import Browser, FloatRect, Page, ViewportSize, sync_playwright
 
-from tis.common.metrics.picture_quality import psnr_db
+from tis.common.metrics.sight import psnr_db
 from tis.deploy.logs.read.load import load_run, scenario_in
 from tis.deploy.report.subjects.pictures import Pictures
 from tis.deploy.report.subjects.seen_pictures import seen_pictures

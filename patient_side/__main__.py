@@ -19,7 +19,7 @@ from tis.common.sight.codec import check_codec
 from tis.common.sources.provenance import RECORDING_FILE, dump_played
 from tis.patient_side.build import build_patient
 from tis.patient_side.models import factories, model_attachment, models_for, origins, own_estimators
-from tis.patient_side.plant.extra import check_plant
+from tis.patient_side.plant.physics import check_plant
 from tis.patient_side.provenance import warnings_at_start
 
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from tis.common.channels import Channel, Hand
-from tis.common.header import Header
-from tis.common.messages import FeedbackPose, Vector3, encode
+from tis.common.messages import FeedbackPose, Header, Vector3, encode
 from tis.common.node import Emission, Record
 from tis.common.records import ESTIMATOR_FAULTS, FAULTY_STEPS, EstimateNote, EstimatorFault
 from tis.patient_side.estimators.guarded import Guarded

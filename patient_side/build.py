@@ -17,8 +17,8 @@ from tis.patient_side.estimators.protocol import Estimator
 from tis.patient_side.external_arm import ExternalArm
 from tis.patient_side.hand import PatientHand
 from tis.patient_side.identification.companions import Stage, untimed
+from tis.patient_side.identification.dataset import trained
 from tis.patient_side.identification.identify import identify_hands
-from tis.patient_side.identification.movement import trained
 from tis.patient_side.learning.train import with_learned
 from tis.patient_side.linear_system import Array
 from tis.patient_side.node import PatientNode

@@ -12,9 +12,8 @@ from typing import Final
 from msgspec.structs import replace as replaced
 
 from tis.common.channels import VIDEO, Hand, HandChannels, Network
-from tis.common.header import Header
 from tis.common.intake import Intake
-from tis.common.messages import FeedbackPose, Fragment, encode, position_m
+from tis.common.messages import FeedbackPose, Fragment, Header, encode, position_m
 from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.records import COUNTERS, CounterNote
 from tis.common.scenario import Scenario

@@ -5,15 +5,14 @@ from math import inf
 
 from msgspec import DecodeError
 
-from tis.common.header import Header
-from tis.common.messages import SafetyMode, SetPoint, Vector3, components, decode, encode, position_m
+from tis.common.messages import Header, SafetyMode, SetPoint, Vector3, components, decode, encode, position_m
 from tis.common.node import Arrival, Emission, Record
 from tis.common.records import REJECTED, Rejected
 from tis.common.safety_records import QUARANTINE, SAFETY, QuarantineNote, SafetyNote
 from tis.patient_side.hand import Driven, PatientHand
 from tis.patient_side.orientation.wrist import Wrist, quaternion
 from tis.patient_side.rotations import is_orientation
-from tis.patient_side.safety import wrist_point as point
+from tis.patient_side.safety import set_point as point
 from tis.patient_side.safety.safety_state import Left, Seen
 from tis.patient_side.safety.set_point import Place
 

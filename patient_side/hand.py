@@ -14,7 +14,7 @@ from tis.patient_side.linear_system import Array
 from tis.patient_side.orientation.wrist import NOTHING, Stated, Wrist, WristEstimate, WristMethod
 from tis.patient_side.plant.protocol import Plant, PlantOutput
 from tis.patient_side.playout import Playout
-from tis.patient_side.safety.evidence import Evidence
+from tis.patient_side.safety.gated_intake import Evidence
 from tis.patient_side.safety.safety_state import SafetyFilter, SafetyState
 from tis.patient_side.safety.set_point import Place
 from tis.patient_side.touch import ArmTouch

@@ -43,9 +43,8 @@ from tis.patient_side.phase_lock import PhaseLock
 from tis.patient_side.playout import Playout, SourceBuffer
 from tis.patient_side.rotations import unit
 from tis.patient_side.safety.emergency_stop import EmergencyStops
-from tis.patient_side.safety.evidence import Evidence
 from tis.patient_side.safety.gate import StreamGate
-from tis.patient_side.safety.gated_intake import GatedIntake
+from tis.patient_side.safety.gated_intake import Evidence, GatedIntake
 from tis.patient_side.touch import MotionIntake
 
 _LEAST_BETWEEN_NS: Final = 25_000

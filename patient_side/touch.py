@@ -7,12 +7,10 @@ from typing import Literal, get_args
 
 from tis.common.channels import HandChannels
 from tis.common.coupling.deadband import Deadband
-from tis.common.coupling.energy import ReceivedEnergy
-from tis.common.coupling.tdpa import PassiveArm
+from tis.common.coupling.tdpa import PassiveArm, ReceivedEnergy
 from tis.common.coupling.wave import WaveArm, WaveQueue, is_too_strong
-from tis.common.header import Header
 from tis.common.intake import Accepted, Intake
-from tis.common.messages import SafetyMode, Twist, Wrench, encode
+from tis.common.messages import Header, SafetyMode, Twist, Wrench, encode
 from tis.common.node import Arrival, Emission, Record
 from tis.common.records import CONTACTS, ContactNote
 from tis.common.scenario.touch import TouchPart

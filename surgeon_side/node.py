@@ -6,9 +6,8 @@ from math import atan2, sqrt
 from typing import Any, Final, NamedTuple
 
 from tis.common.channels import Network
-from tis.common.header import CODE_BYTES, HEADER_BYTES, Header
 from tis.common.intake import Intake
-from tis.common.messages import FeedbackPose, Sampled, Twist, Vector3, encode
+from tis.common.messages import CODE_BYTES, HEADER_BYTES, FeedbackPose, Header, Sampled, Twist, Vector3, encode
 from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.peer_life import NO_ALARMS, Alarm
 from tis.common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH, CounterNote, TickNote, TruthRow

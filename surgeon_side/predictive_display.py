@@ -11,8 +11,7 @@ from math import exp, inf
 from typing import Final, NamedTuple
 
 from tis.common.channels import Channel, Hand, HandChannels
-from tis.common.header import Header
-from tis.common.messages import MAX_SIZE, FeedbackPose, Pose, PredictedPose, Vector3, encode, position_m
+from tis.common.messages import MAX_SIZE, FeedbackPose, Header, Pose, PredictedPose, Vector3, encode, position_m
 from tis.common.node import Emission, Record
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.surgeon_side.commanded_arm import CommandedArm, Place, Servo

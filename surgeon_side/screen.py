@@ -12,8 +12,7 @@ from typing import Final
 from msgspec.structs import replace as replaced
 
 from tis.common.channels import VIDEO, HandChannels, Network
-from tis.common.header import Header
-from tis.common.messages import Fragment, encode
+from tis.common.messages import Fragment, Header, encode
 from tis.common.node import Arrival, Output, Record
 from tis.common.records import COUNTERS, REJECTED, CounterNote, Rejected
 from tis.common.scenario import Scenario

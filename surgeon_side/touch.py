@@ -14,13 +14,11 @@ from numpy.typing import NDArray
 
 from tis.common.channels import HandChannels
 from tis.common.coupling.deadband import Deadband
-from tis.common.coupling.energy import ReceivedEnergy
 from tis.common.coupling.stability import Limb
-from tis.common.coupling.tdpa import PassiveHand
+from tis.common.coupling.tdpa import PassiveHand, ReceivedEnergy
 from tis.common.coupling.wave import WaveHand, WaveQueue, is_too_strong
-from tis.common.header import Header
 from tis.common.intake import Accepted, Intake
-from tis.common.messages import ShownForce, Twist, Wrench, encode
+from tis.common.messages import Header, ShownForce, Twist, Wrench, encode
 from tis.common.node import Arrival, Emission, Record
 from tis.common.scenario import Scenario
 from tis.common.scenario.touch import TouchPart

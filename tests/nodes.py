@@ -8,8 +8,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from tis.common.channels import Network, hand_channels
-from tis.common.header import Header
-from tis.common.messages import Pose, Quaternion, Vector3, encode
+from tis.common.messages import Header, Pose, Quaternion, Vector3, encode
 from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 

@@ -17,7 +17,6 @@ from tis.common.runtime.clock_watch import ClockWatch
 from tis.common.runtime.companion import Companion
 from tis.common.runtime.control import Epoch, Presence
 from tis.common.runtime.credentials import credentials, expiry_warnings, refuse_plain
-from tis.common.runtime.inbox import Inbox
 from tis.common.runtime.log_parts import EarlierPart
 from tis.common.runtime.mcap_log import McapLog
 from tis.common.runtime.meeting import Meeting, ScenarioExchange, new_meeting
@@ -30,7 +29,7 @@ from tis.common.runtime.side_log import SideOptions, continued, earlier_part, op
 from tis.common.runtime.signing import Agreement, identity
 from tis.common.runtime.status import Status
 from tis.common.runtime.tls_links import CertifiedLink, false_names
-from tis.common.runtime.zenoh_bus import ZenohBus
+from tis.common.runtime.zenoh_bus import Inbox, ZenohBus
 from tis.common.runtime.zenoh_log import CLIENT_LEVELS, ConnectionTrouble, ZenohLog
 from tis.common.runtime.zenoh_session import bypasses, configure, lease_ms, open_client
 from tis.common.scenario import Scenario

@@ -25,7 +25,6 @@ from tis.common.node import Node, Record
 from tis.common.records import COUNTERS, CounterNote
 from tis.common.runtime.clock import WallClock
 from tis.common.runtime.credentials import credentials
-from tis.common.runtime.inbox import Inbox
 from tis.common.runtime.log_parts import CLOCK_FILE, PartClock, companion_name
 from tis.common.runtime.loop import Seat, run
 from tis.common.runtime.mcap_log import McapLog
@@ -34,7 +33,7 @@ from tis.common.runtime.process import child_environment, end_by_input, guarded_
 from tis.common.runtime.recorder import recorder_for
 from tis.common.runtime.scheduling import precede_ordinary, settle
 from tis.common.runtime.tls_links import of_netem_only
-from tis.common.runtime.zenoh_bus import ForeignBound, ZenohBus
+from tis.common.runtime.zenoh_bus import ForeignBound, Inbox, ZenohBus
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, lease_ms, open_client
 from tis.common.scenario import Scenario
 from tis.common.scenario.reading import digest

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Final, get_args
 
 from tis.common.channels import Side
 from tis.common.errors import Fault, InputError
-from tis.common.revocation import MAX_BYTES as MAX_REVOKED_BYTES
-from tis.common.revocation import NONE_REVOKED, REVOKED_FILE, Revoked, read_revoked
+from tis.common.refusal import MAX_BYTES as MAX_REVOKED_BYTES
+from tis.common.refusal import NONE_REVOKED, REVOKED_FILE, Revoked, read_revoked
 from tis.common.scenario.security import Mtls, NoSecurity, Password
 from tis.common.zenoh_syntax import is_tls
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 from tis.common.channels import Network
-from tis.common.header import Header
+from tis.common.messages import Header
 from tis.common.node import Arrival, Emission, Node, Output, Record
 from tis.common.runtime.clock import Clock, VirtualClock
 from tis.common.zenoh_syntax import key_matches

@@ -6,20 +6,24 @@ from its beginning; the merged file has one.
 """
 
 import errno
+import json
 import os
 from collections.abc import Mapping
 from contextlib import suppress
 from fcntl import LOCK_EX, LOCK_NB, LOCK_SH, flock
+from functools import cache
+from inspect import cleandoc
 from pathlib import Path
-from typing import Final, Self
+from types import ModuleType
+from typing import Any, Final, Self
 
+import msgspec
 import numpy as np
 
 from tis.common.errors import DataError, Fault, file_faults
 from tis.common.messages import Message, encode
 from tis.common.node import Record
 from tis.common.runtime.chunk_writer import MESSAGE_HEAD_BYTES, QUICK, THOROUGH, ChunkWriter, encode_message
-from tis.common.runtime.json_schema import flat_schema
 from tis.common.units import NS_PER_S
 
 _CHUNK_BYTES: Final = 128 * 1024
@@ -148,3 +152,40 @@ class McapLog:
             schema_id = self._schemas[schema]
         self._channels[topic] = self._writer.register_channel(topic, "json" if schema else "", schema_id, {})
         return self._channels[topic]
+
+
+# JSON Schemas that viewers understand: no references, no ``anyOf``.
+
+
+@cache
+def flat_schema(model: type[Message]) -> bytes:
+    """Return the model's JSON Schema with definitions inlined and ``X | None`` written as ``X``."""
+    (schema,), definitions = msgspec.json.schema_components([model], ref_template="{name}")
+    return json.dumps(_inline(schema, definitions)).encode()
+
+
+def prepare_schemas(module: ModuleType) -> None:
+    """Compute the schemas of all models of a module in advance: each takes milliseconds, too long for a tick."""
+    for value in vars(module).values():
+        if isinstance(value, type) and issubclass(value, Message) and value is not Message:
+            flat_schema(value)
+
+
+def _inline(node: Any, definitions: dict[str, Any]) -> Any:
+    if isinstance(node, list):
+        return [_inline(item, definitions) for item in node]
+    if not isinstance(node, dict):
+        return node
+    if "$ref" in node:  # what a field says of itself stands before what its model says
+        own = {key: value for key, value in node.items() if key != "$ref"}
+        return _inline(definitions[node["$ref"]] | own, definitions)
+    # X | None becomes X; its description and other keywords stay, a default null goes.
+    if "anyOf" in node:
+        chosen = next(branch for branch in node["anyOf"] if branch.get("type") != "null")
+        rest = {key: value for key, value in node.items() if key not in ("anyOf", "default")}
+        return _inline(chosen | rest, definitions)
+    if "enum" in node and "type" not in node:  # Foxglove reads no field without a type; all of ours are words
+        node = {"type": "string"} | node
+    if isinstance(node.get("description"), str):  # a docstring as it stands in the code
+        node = node | {"description": cleandoc(node["description"])}
+    return {key: _inline(value, definitions) for key, value in node.items()}

@@ -15,8 +15,7 @@ import zenoh
 from msgspec import DecodeError
 
 from tis.common.channels import SIDE_ON, Network, Side
-from tis.common.header import Header
-from tis.common.messages import decode, encode
+from tis.common.messages import Header, decode, encode
 from tis.common.node import Record
 from tis.common.peer_life import BEAT_EVERY_NS, MAX_RUN_ID, NO_ALARMS, Alarm, Beat, Change, PeerLife, View, described
 from tis.common.records import PEERS, PeerNote

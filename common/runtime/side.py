@@ -19,7 +19,6 @@ from tis.common.runtime.clock import Clock, WallClock
 from tis.common.runtime.clock_watch import ClockWatch, read_discipline
 from tis.common.runtime.companion import Beside
 from tis.common.runtime.control import Epoch, boot_digest
-from tis.common.runtime.inbox import Inbox
 from tis.common.runtime.log_parts import CLOCK_FILE, PartClock
 from tis.common.runtime.loop import LateRecorder, Recorder, Seat, run
 from tis.common.runtime.meeting import Meeting
@@ -27,7 +26,7 @@ from tis.common.runtime.peer_watch import BEAT_EVERY_S, PeerWatch, tell
 from tis.common.runtime.processor_watch import ProcessorWatch
 from tis.common.runtime.recorder import MAX_WAITING_BYTES, FileLog, ThreadedRecorder, TicksOnly, recorder_for
 from tis.common.runtime.status import Status
-from tis.common.runtime.zenoh_bus import ZenohBus
+from tis.common.runtime.zenoh_bus import Inbox, ZenohBus
 from tis.common.scenario import Scenario
 
 _LOOKS_PER_PROGRESS: Final = 3

@@ -11,9 +11,8 @@ from tis.common import messages
 from tis.common.channels import Side
 from tis.common.errors import DataError, Fault, PeerError
 from tis.common.runtime.control import boot_digest
-from tis.common.runtime.json_schema import prepare_schemas
 from tis.common.runtime.log_parts import EarlierPart, last_part, n_parts, part_name
-from tis.common.runtime.mcap_log import McapLog
+from tis.common.runtime.mcap_log import McapLog, prepare_schemas
 from tis.common.runtime.run_folders import RUNS, latest_folders, run_folder
 from tis.common.runtime.zenoh_session import ZenohOptions
 from tis.common.scenario import Scenario

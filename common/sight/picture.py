@@ -1,6 +1,7 @@
 """The camera's picture, drawn in integers so that it is the same on every machine: tissue, path and tool of each arm.
 
-Columns are x, rows are z downwards. The camera stands still; it is centred on where each arm was first.
+The camera looks along the surface of what is touched: down the rows is into it. It stands still, centred on where
+each arm was first, or, where a point of the surface is given, on that height.
 """
 
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from tis.common.scenario import Scenario
 from tis.common.sight.stamp import Picture, Stamp, band_rows, draw_stamps
+from tis.common.vector import Vector, dot, minus
 
 Pixel = tuple[int, int]
 """Column and row of a tool's tip."""
@@ -33,27 +35,36 @@ _TOOLS: Final = ((214, 218, 224), (150, 186, 226))
 _PATHS: Final = ((240, 200, 90), (110, 220, 170))
 _DENT: Final = 48
 _FAR: Final = 1 << 14
+_ACROSS_X: Final = 0.9
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What stands still: the picture's size, and the row of the tissue's surface; ``yields``: it is touched."""
+    """What stands still: the picture's size, and the row of the tissue's surface; ``yields``: it is touched.
+
+    ``right`` and ``up`` are the picture's directions in the frame of the arm's positions. ``at_m`` is a point of the
+    surface; None: the surface is as far from each arm's first position as its row from the `horizon`.
+    """
 
     width: int
     height: int
     surface: int
     yields: bool
+    right: Vector = (1.0, 0.0, 0.0)
+    up: Vector = (0.0, 0.0, 1.0)
+    at_m: Vector | None = None
 
     @property
     def horizon(self) -> int:
         """Return the row at which arms begin."""
         return self.height * 2 // 5
 
-    def pixel(self, at_m: Sequence[float], first_m: Sequence[float], column: int) -> Pixel:
+    def pixel(self, at_m: Vector, first_m: Vector, column: int) -> Pixel:
         """Return where a position is seen, of an arm that was at ``first_m`` first, in that ``column``."""
-        right, down = at_m[0] - first_m[0], first_m[2] - at_m[2]
-        x, y = (round(PIXELS_PER_M * each) for each in (right, down))
-        return min(max(column + x, -_FAR), _FAR), min(max(self.horizon + y, -_FAR), _FAR)
+        row, begun_m = (self.horizon, first_m) if self.at_m is None else (self.surface, self.at_m)
+        x = round(PIXELS_PER_M * dot(self.right, minus(at_m, first_m)))
+        y = round(PIXELS_PER_M * dot(self.up, minus(begun_m, at_m)))
+        return min(max(column + x, -_FAR), _FAR), min(max(row + y, -_FAR), _FAR)
 
 
 def scene_of(scenario: Scenario) -> Scene:
@@ -62,8 +73,25 @@ def scene_of(scenario: Scenario) -> Scene:
     width, height = scenario.sight.width, scenario.sight.height
     if scenario.touch is None:
         return Scene(width, height, height * 4 // 5, yields=False)
-    down = round(PIXELS_PER_M * scenario.touch.environment.distance_m)
-    return Scene(width, height, min(max(height * 2 // 5 + down, 0), height), yields=True)
+    environment = scenario.touch.environment
+    right, up = _axes(environment.normal)
+    if environment.position_mm is not None:
+        x, y, z = (each / 1000.0 for each in environment.position_mm)
+        return Scene(width, height, height * 3 // 5, True, right, up, (x, y, z))
+    down = round(PIXELS_PER_M * environment.distance_m)
+    return Scene(width, height, min(max(height * 2 // 5 + down, 0), height), True, right, up)
+
+
+def _axes(normal: Vector) -> tuple[Vector, Vector]:
+    """Return the directions right and up of a camera that looks along a plane with this normal.
+
+    Right is x where that lies in the plane, and what is left of it where it nearly does; of a plane across x it is y.
+    """
+    up = np.array(normal) / np.linalg.norm(normal)
+    right = np.eye(3)[0 if abs(up[0]) < _ACROSS_X else 1]
+    right = right - right.dot(up) * up
+    (a, b, c), (x, y, z) = (right / np.linalg.norm(right)).tolist(), up.tolist()
+    return (a, b, c), (x, y, z)
 
 
 def draw(scene: Scene, stamp: Stamp, path: Sequence[Tools]) -> Picture:

@@ -143,17 +143,7 @@ def bench_models() -> tuple[ArmModel, ArmModel, Samples]:
     recording = synthesise(source, 1, RATE_HZ, _N_TRAIN + _N_TICKS, 0)
     (hand,) = recording.hands
     u, y = hand.command.position_m, hand.follower.position_m
-    head = tuple(
-        replace(
-            track,
-            position_m=track.position_m[:_N_TRAIN],
-            orientation=track.orientation[:_N_TRAIN],
-            gripper_rad=track.gripper_rad[:_N_TRAIN],
-        )
-        for track in (hand.command, hand.follower)
-    )
-    training = replace(recording, hands=(replace(hand, command=head[0], follower=head[1]),))
-    model = identify_arm([training], "left", Identification(), "cross", wanted=None)
+    model = identify_arm([recording.head(_N_TRAIN)], "left", Identification(), "cross", wanted=None)
     of_order = fit_innovations([(u[:_N_TRAIN], y[:_N_TRAIN])], RATE_HZ, 10, order=ORDER)
     samples = Samples(u[_N_TRAIN:], y[_N_TRAIN:], hand.follower.gripper_rad[_N_TRAIN:])
     return replace(model, innovations=of_order.model), model, samples

@@ -206,7 +206,10 @@ def _keep_instants(pipe: Connection, rate_hz: float, poll_s: float | None) -> No
     settle(privileged=False)
     alarm = Alarm()
     alarm.lead_ns = measure_lead_ns()
-    due_ns = _instants(rate_hz).tolist()
+    # as the releases of two directions whose messages have a jitter of 1 ms
+    n = int(rate_hz / 2 * _LONGEST_S)
+    sent_s = np.tile(np.arange(n) * 2 / rate_hz, 2)
+    due_ns = np.sort((sent_s + _late_s(2 * n)) * NS_PER_S).astype(np.int64).tolist()
     clock, errors_ns = WallClock(time.monotonic_ns()), []
     stopped = _stop_of(pipe, alarm.ring)
     for instant_ns in due_ns:
@@ -223,13 +226,6 @@ def _keep_instants(pipe: Connection, rate_hz: float, poll_s: float | None) -> No
 
 def _quantiles_us(errors_ns: list[int]) -> dict[str, float]:
     return {name: float(np.quantile(errors_ns or [0], p)) * 1e-3 for name, p in _QUANTILES}
-
-
-def _instants(rate_hz: float) -> NDArray[np.int64]:
-    """Return instants, in ns, as the releases of two directions whose messages have a jitter of 1 ms."""
-    n = int(rate_hz / 2 * _LONGEST_S)
-    sent_s = np.tile(np.arange(n) * 2 / rate_hz, 2)
-    return np.sort((sent_s + _late_s(2 * n)) * NS_PER_S).astype(np.int64)
 
 
 def _late_s(n: int) -> NDArray[np.float64]:

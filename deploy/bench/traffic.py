@@ -12,7 +12,7 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
-from tis.common.header import Header
+from tis.common.messages import Header
 from tis.common.runtime.scheduling import sharpen_timers
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 

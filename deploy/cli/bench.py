@@ -10,8 +10,7 @@ import typer
 from tis.common.errors import EXIT_OK, Fault, InputError
 from tis.common.extras import GET_HOSTS
 from tis.deploy.cli.group import Commands
-from tis.deploy.shell.early_checks import can_certify, check_outputs
-from tis.deploy.shell.guard import OUT
+from tis.deploy.shell.guard import OUT, can_certify, check_outputs
 
 app = Commands(no_args_is_help=True, help="Measure speed and punctuality on this machine.")
 

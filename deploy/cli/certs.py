@@ -11,8 +11,7 @@ from tis.common.errors import EXIT_OK, DataError, Fault, InputError
 from tis.common.extras import GET_HOSTS
 from tis.deploy.cli.group import Commands, JsonOption, ScenarioArg
 from tis.deploy.present.table import Column, Table
-from tis.deploy.shell.early_checks import can_certify
-from tis.deploy.shell.guard import ERR, OUT, print_json, print_warnings, words_to
+from tis.deploy.shell.guard import ERR, OUT, can_certify, print_json, print_warnings, words_to
 
 if TYPE_CHECKING:
     from tis.deploy.tools.certificates import Certificate

@@ -289,7 +289,7 @@ class CommandGroup(TyperGroup):
         for name in self.list_commands(ctx):
             command = self.get_command(ctx, name)
             if command is not None and not command.hidden:
-                row = name, _first_paragraph(command.help)
+                row = name, " ".join((command.help or "").split("\n\n")[0].split())
                 sections.setdefault(_panel_of(command) or "Commands", []).append(row)
         for heading in sorted(sections, key=lambda one: SECTIONS.index(one) if one in SECTIONS else len(SECTIONS)):
             with formatter.section(heading):
@@ -336,7 +336,3 @@ def _plain(name: str) -> str:
         return f" {kind}..." if found["many"] else f" {kind}"
 
     return re.sub(r" <(?:list\[(?P<many>\w+)\]|(?P<one>\w+)(?: range)?)>", word, name)
-
-
-def _first_paragraph(text: str | None) -> str:
-    return " ".join((text or "").split("\n\n")[0].split())

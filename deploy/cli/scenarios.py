@@ -19,7 +19,7 @@ def new(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the scenario, and of its file without .yaml.")],
 ) -> int:
     """Write a commented scenario to start from, NAME.yaml, with the schema by which editors check it."""
-    from tis.deploy.tools.new import write_new
+    from tis.deploy.tools.shipped import write_new
 
     return write_new(name, OUT)
 

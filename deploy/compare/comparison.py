@@ -142,16 +142,12 @@ def compare(
     with workers_of(n_jobs, scheduler, console.print) as workers, PhaseProgress(console) as shown:
         store = Store(Path("runs") / "compare" / plan.name if out_dir is None else Path(out_dir))
         outcome = compute(plan.cells, plan.trainings, store, workers, shown)
-    results = results_of(plan, outcome, _call(study))
+    fields = study.model_dump(mode="json", exclude_unset=True)
+    call = f"compare(Study({', '.join(f'{name}={value!r}' for name, value in fields.items())}))"
+    results = results_of(plan, outcome, call)
     if not outcome.cells:
         raise DataError([Fault("", "", text) for text in results.report["failed"]])
     return Comparison(study, store.path, results)
-
-
-def _call(study: Study) -> str:
-    """Return the expression that makes the same comparison."""
-    fields = study.model_dump(mode="json", exclude_unset=True)
-    return f"compare(Study({', '.join(f'{name}={value!r}' for name, value in fields.items())}))"
 
 
 def _require(package: str, method: str, command: Extra) -> None:

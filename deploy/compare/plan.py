@@ -128,7 +128,7 @@ def make_plan(request: Request) -> Plan:
     return Plan(
         name=base.name,
         source=base.source.kind,
-        estimators=_with_hold(base.estimators),
+        estimators=(*base.estimators, *(() if "hold" in base.estimators else ("hold",))),
         trials=trials,
         synthetic=trials if files is None else synthetic_trials(files, trials),
         n_seeds=seeds,
@@ -238,10 +238,6 @@ def _trained_on(cells: Sequence[Cell]) -> str:
     named = {cell.scenario.identification.train for cell in cells}
     words = {"others": "the same task by all other subjects", "own_head": "the rows of each trial before its start"}
     return " / ".join(sorted(words.get(train, train) for train in named))
-
-
-def _with_hold(names: Sequence[str]) -> tuple[str, ...]:
-    return (*names, *(() if "hold" in names else ("hold",)))
 
 
 def names_given(command: str, given: Mapping[str, Any], faults: list[Fault]) -> dict[str, Any]:

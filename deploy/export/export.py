@@ -15,9 +15,8 @@ from rich.markup import escape
 
 from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, Fault, InputError, file_faults
 from tis.common.extras import GET_PARQUET
-from tis.deploy.export.columns import readme
 from tis.deploy.export.jigsaws import jigsaws_files
-from tis.deploy.export.tables import Columns, Pieces, tables
+from tis.deploy.export.tables import Columns, Pieces, readme, tables
 from tis.deploy.logs.read.load import models_in
 from tis.deploy.logs.viewer.drawn import RunTopics
 from tis.deploy.report.run_data import Run, load

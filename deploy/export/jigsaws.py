@@ -23,8 +23,7 @@ from tis.common.scenario import Scenario
 from tis.common.sources.jigsaws import MIN_ROWS, RATE_HZ, trial_text
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
 from tis.common.units import NS_PER_S
-from tis.deploy.logs.blocks import Block
-from tis.deploy.logs.limits import MAX_NUMBER
+from tis.deploy.logs.blocks import MAX_NUMBER, Block
 from tis.deploy.logs.log_file import LogFile, truncated_start
 from tis.deploy.logs.log_paths import log_files
 from tis.deploy.logs.payloads import other_version

@@ -19,8 +19,7 @@ from tis.common.scenario import reading
 from tis.deploy.hosts.host import Host, RemoteProcess, SideHost
 from tis.deploy.hosts.hosts_file import LocalHost, NamespaceHost, Plan
 from tis.deploy.hosts.protocol import CheckAnswer, CheckRequest, printable
-from tis.deploy.shell.early_checks import can_ssh
-from tis.deploy.shell.guard import version_text
+from tis.deploy.shell.guard import can_ssh, version_text
 
 # Hosts on this machine: a network namespace, or the machine itself.
 

@@ -15,7 +15,7 @@ from tis.common.runtime.scenario_files import load_traces
 from tis.common.scenario import Hosts, reading
 from tis.common.scenario.identification import is_model_file
 from tis.patient_side.models import own_estimators, read_models
-from tis.patient_side.plant.extra import check_plant
+from tis.patient_side.plant.physics import check_plant
 
 
 def input_faults(side: Side, text: str) -> list[Fault]:

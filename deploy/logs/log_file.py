@@ -16,6 +16,12 @@ from mcap.writer import MCAP0_MAGIC
 from tis.common.errors import DataError, Fault
 from tis.common.runtime.chunk_writer import RECORD_HEAD
 from tis.deploy.logs.blocks import (
+    MAX_ATTACHMENTS,
+    MAX_CHANNELS,
+    MAX_METADATA,
+    MAX_METADATA_BYTES,
+    MAX_RECORD_BYTES,
+    MAX_SCHEMAS,
     Block,
     Parsed,
     ReadingBudget,
@@ -24,14 +30,6 @@ from tis.deploy.logs.blocks import (
     parse_records,
     read_head,
     unpack_chunk,
-)
-from tis.deploy.logs.limits import (
-    MAX_ATTACHMENTS,
-    MAX_CHANNELS,
-    MAX_METADATA,
-    MAX_METADATA_BYTES,
-    MAX_RECORD_BYTES,
-    MAX_SCHEMAS,
 )
 
 # Search for the next chunk behind damage.
@@ -87,7 +85,7 @@ _FOOTER_BYTES: Final = RECORD_HEAD.size + 20 + len(MCAP0_MAGIC)
 class LogFile:
     """Reads the MCAP file of any program once, chunk by chunk; it stops at damage without an error.
 
-    Damage includes whatever exceeds `tis.deploy.logs.limits`, so that reading takes bounded memory.
+    Damage includes whatever exceeds `tis.deploy.logs.blocks`, so that reading takes bounded memory.
 
     With ``search`` it continues at the next intact chunk instead. Afterwards ``damage`` describes the first damage,
     or is None; ``n_gaps`` and ``gap_bytes`` count what was skipped, the other fields hold what was found. Messages

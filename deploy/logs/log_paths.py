@@ -12,9 +12,8 @@ from mcap.writer import MCAP0_MAGIC
 
 from tis.common.channels import Side
 from tis.common.runtime.log_parts import part_name
-from tis.deploy.logs.blocks import RecordContent, record_heads
+from tis.deploy.logs.blocks import MAX_METADATA_BYTES, RecordContent, record_heads
 from tis.deploy.logs.coverage import RECOVERED
-from tis.deploy.logs.limits import MAX_METADATA_BYTES
 
 
 def log_file(run_dir: Path, side: Side, part: int = 1) -> Path:

@@ -17,11 +17,11 @@ from mcap.records import Channel, Schema
 from tis.common.channels import Side
 from tis.common.errors import DataError, Fault
 from tis.common.runtime.chunk_writer import QUICK, THOROUGH, ChunkWriter, by_channel, encode_message
-from tis.common.runtime.json_schema import flat_schema
+from tis.common.runtime.mcap_log import flat_schema
 from tis.common.sources.provenance import MODEL_FILES
 from tis.common.units import NS_PER_S
-from tis.deploy.logs.coverage import damage_text
-from tis.deploy.logs.merge_source import FOREVER, MergeSource, Piece
+from tis.deploy.logs.coverage import FOREVER, damage_text
+from tis.deploy.logs.merge_source import MergeSource, Piece
 from tis.deploy.logs.read.clocks import Clocks
 from tis.deploy.logs.viewer import foxglove
 from tis.deploy.logs.viewer.drawn import DRAWN_HZ, Drawn, Payloads, Records, RunTopics, merged_topic

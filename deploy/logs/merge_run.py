@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple, get_args
 from rich.console import Console
 from rich.markup import escape
 
-from tis.common.channels import Arm, Hand, Side
+from tis.common.channels import Side
 from tis.common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
 from tis.common.runtime.log_parts import companion_logs
 from tis.common.scenario import Scenario
@@ -63,7 +63,9 @@ def merge_run(
             attachments, tuple(_last_lines(folder.read_json(run_dir / folder.SUMMARY_FILE) or {}, end_ns))
         )
 
-    topics = RunTopics.of(scenario, _arms(run_dir))
+    models = folder.model_file(run_dir)
+    arms = {model.hand: model.arm for model in read_models(models)} if models.is_file() else {}
+    topics = RunTopics.of(scenario, arms)
     lines = _first_lines(scenario, opening)
     merged = merge_logs(logs, run_dir / folder.MERGED_FILE, topics, clocks, lines, conclude, end_ns)
     absent = [f"{side}.mcap is missing or empty" for side in get_args(Side) if side not in logs]
@@ -108,13 +110,6 @@ def print_merged(run_dir: Path, merged: Merged, out: Console) -> None:
     text = f"Merged: {path}, {size_mb:.1f} MB: {n_messages} records, "
     text += f"and {merged.n_drawn} messages for viewers to draw (poses, errors, delays)"
     out.print(escape(text), soft_wrap=True)
-
-
-def _arms(run_dir: Path) -> dict[Hand, Arm]:
-    path = folder.model_file(run_dir)
-    if not path.is_file():
-        return {}
-    return {model.hand: model.arm for model in read_models(path)}
 
 
 def _first_lines(scenario: Scenario, opening: Opening) -> Iterator[Drawn]:

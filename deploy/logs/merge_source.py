@@ -12,17 +12,16 @@ from mcap.records import Channel, Schema
 
 from tis.common.channels import Direction, Side, direction_of
 from tis.common.clocks import SHARED, ClockModel
-from tis.common.errors import DataError, Fault
 from tis.common.runtime.chunk_writer import Ints
 from tis.deploy.logs.blocks import FIELDS, OF_FIELDS, Block, record_heads
+from tis.deploy.logs.coverage import FOREVER
 from tis.deploy.logs.log_file import LogFile
 from tis.deploy.logs.read.clocks import Clocks
+from tis.deploy.logs.read.load import check_written_by_tis
 
 Register = Callable[[Side, Channel, Schema | None], int]
 
-WRITTEN_BY: Final = "tis"
 _STAMP: Final = struct.Struct("<Q")
-FOREVER: Final = int(np.iinfo(np.int64).max)
 _SENDER: Final[dict[Direction, Side]] = {"forward": "surgeon", "feedback": "patient"}
 
 
@@ -51,7 +50,7 @@ class MergeSource:
         self._ids: dict[int, int] = {}
         self._clock: ClockModel = clocks.get(side, SHARED)
         self._publish_clocks: dict[int, ClockModel] = {}
-        self._starts_ns = _no_earlier_than(self._clock.to_reference_ns(_chunk_starts_ns(path)))
+        self._starts_ns = _no_earlier_than(self._clock.to_reference_ns(np.fromiter(_heads(path), dtype=np.int64)))
         self._ended = False
 
     @property
@@ -64,10 +63,7 @@ class MergeSource:
         """Return the next messages; None at the end or at damage."""
         block = next(self._blocks, None)
         self._ended = block is None
-        # the header is known only once the first block has been read
-        header = self.file.header
-        if header is not None and header.library != WRITTEN_BY:
-            raise DataError(Fault(str(self.file.path), "", f"is no log of tis, but of {header.library!r}"))
+        check_written_by_tis(self.file)  # the header is known only once the first block has been read
         return None if block is None else self._piece(block)
 
     def _piece(self, block: Block) -> Piece:
@@ -105,11 +101,6 @@ class MergeSource:
 def _no_earlier_than(starts_ns: Ints) -> Ints:
     """Return for each chunk the earliest instant in it and in all later chunks."""
     return np.minimum.accumulate(starts_ns[::-1])[::-1]
-
-
-def _chunk_starts_ns(path: Path) -> Ints:
-    """Return the earliest instant of each intact chunk, from the chunks' heads alone."""
-    return np.fromiter(_heads(path), dtype=np.int64)
 
 
 def _heads(path: Path) -> Iterator[int]:

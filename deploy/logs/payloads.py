@@ -11,8 +11,7 @@ from pydantic_core import from_json
 
 from tis.common.errors import DataError, Fault
 from tis.common.runtime.chunk_writer import MESSAGE_HEAD_BYTES
-from tis.deploy.logs.blocks import Block
-from tis.deploy.logs.limits import MAX_JSON_BYTES, MAX_NUMBER
+from tis.deploy.logs.blocks import MAX_JSON_BYTES, MAX_NUMBER, Block
 
 Row = dict[str, Any]
 

@@ -15,7 +15,7 @@ from tis.common.trace import Trace
 from tis.deploy.net.foreign_records import both_ways, captured, parse_round_trips
 from tis.deploy.net.profiles import build_profile
 from tis.deploy.net.run_records import run_records
-from tis.netem.fit.backlogs import MESSAGE_BYTES, Backlogs
+from tis.netem.fit.backlogs import MESSAGE_BYTES
 from tis.netem.fit.candidates import REPLAYS, fit_closing
 from tis.netem.fit.direction import MIN_RECEIVED, DirectionFit
 from tis.netem.fit.marginal import MarginalName
@@ -137,7 +137,10 @@ def profile_of(name: str, of: Records, fits: Fits, unfitted: Sequence[tuple[Dire
             {"of": f"{where}.{stage}", "source": source, "basis": "fitted", "note": note}
             for stage, note in _notes(fit).items()
         ]
-        for note in _notes_of_outages(fit):
+        lengths_s = {} if fit.outages.process is None else {"outages": fit.outages.lengths_s}
+        lengths_s |= {} if fit.stalls is None else {"stalls": fit.stalls.lengths_s}
+        for what, s in lengths_s.items():
+            note = f"{len(s)} {what} of {s.min():.4g} to {s.max():.4g} s"
             numbers.append({"of": f"outages.{n_outages}", "source": source, "basis": "fitted", "note": note})
             n_outages += 1
         if fit.steps is not None:
@@ -189,13 +192,6 @@ def _notes(fit: DirectionFit) -> dict[str, str]:
     return {stage: note for stage, note in notes.items() if stage in fit.stages}
 
 
-def _notes_of_outages(fit: DirectionFit) -> list[str]:
-    """Return a note for each entry of ``outages`` that a fit has, in order."""
-    found = [] if fit.outages.process is None else [("outages", fit.outages.lengths_s)]
-    found += [] if fit.stalls is None else [("stalls", fit.stalls.lengths_s)]
-    return [f"{len(s)} {what} of {s.min():.4g} to {s.max():.4g} s" for what, s in found]
-
-
 def _percent(interval: tuple[float, float]) -> str:
     return f"{100 * interval[0]:.4g} to {100 * interval[1]:.4g} %"
 
@@ -224,12 +220,6 @@ def cautions(fit: DirectionFit) -> list[str]:
     return found
 
 
-def _replayed(fit: DirectionFit) -> str:
-    """Return what the record was, and further ones are expected to be, for the profile."""
-    each = (f"{one.name}: {one.record:.4g} ({one.low:.4g} to {one.high:.4g})" for one in fit.closures)
-    return f"Record, and where 95 of 100 further records of its length are expected: {'; '.join(each)}."
-
-
 def _remarks(fits: Fits, together: bool) -> str:
     remarks = []
     if together and len(fits) > 1:
@@ -248,7 +238,10 @@ def _remarks(fits: Fits, together: bool) -> str:
         if fit.n_lost == 0:
             high = fit.losses.p_loss_interval[1]
             remarks.append(f"{about}no losses in {fit.n} messages: below {100 * high:.2g} % at 95 %.")
-        remarks += [f"{about}{_replayed(fit)}"] if fit.closures else []
+        if fit.closures:
+            each = (f"{one.name}: {one.record:.4g} ({one.low:.4g} to {one.high:.4g})" for one in fit.closures)
+            expected = "Record, and where 95 of 100 further records of its length are expected"
+            remarks.append(f"{about}{expected}: {'; '.join(each)}.")
         if together:
             break
     return " ".join(remarks)
@@ -274,7 +267,9 @@ def plain(fits: Fits) -> dict[str, Any]:
             "outage_lengths_s": fit.outages.lengths_s.tolist(),
             "stalls": None if fit.stalls is None else fit.stalls.process,
             "stall_lengths_s": [] if fit.stalls is None else fit.stalls.lengths_s.tolist(),
-            "backlogs": None if fit.backlogs is None else _backlogs_of(fit.backlogs),
+            "backlogs": None
+            if fit.backlogs is None
+            else {name: value for name, value in fit.backlogs._asdict().items() if name != "within"},
             "steps": None if fit.steps is None else fit.steps.process,
             "states": None if fit.states is None else fit.states.network(direction),
             "n_replays": fit.n_replays,
@@ -282,7 +277,3 @@ def plain(fits: Fits) -> dict[str, Any]:
         }
         for direction, fit in fits.items()
     }
-
-
-def _backlogs_of(backlogs: Backlogs) -> dict[str, Any]:
-    return {name: value for name, value in backlogs._asdict().items() if name != "within"}

@@ -27,8 +27,7 @@ from tis.deploy.net.run_records import RUN_HEADER_FIELDS
 from tis.deploy.present.numbers import known
 from tis.deploy.present.table import PLAIN, Cell, Column, Table
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.early_checks import check_outputs
-from tis.deploy.shell.guard import print_warnings
+from tis.deploy.shell.guard import check_outputs, print_warnings
 from tis.netem.draws.blocks import Floats
 from tis.netem.fit.backlogs import MESSAGE_BYTES, Backlogs
 from tis.netem.fit.direction import DirectionFit, JointStates

@@ -14,7 +14,7 @@ import numpy as np
 import zenoh
 
 from tis.common.errors import Fault, PeerError
-from tis.common.header import Header
+from tis.common.messages import Header
 from tis.common.runtime.clock import monotonic_ns
 from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.scheduling import sharpen_timers

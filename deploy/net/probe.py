@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tis.common.clocks import SHARED, ClockModel, Exchanges
 from tis.common.errors import Fault, PeerError
-from tis.common.header import Header
+from tis.common.messages import Header
 from tis.common.runtime.clock import monotonic_ns
 from tis.common.trace import LOST
 from tis.common.units import NS_PER_S, s_to_ns

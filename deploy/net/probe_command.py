@@ -34,8 +34,7 @@ from tis.deploy.net.idle_relay import open_idle_relay
 from tis.deploy.net.probe import LocalReceivingEnd, Plan, Probed, probe
 from tis.deploy.present.numbers import known
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.early_checks import check_outputs
-from tis.deploy.shell.guard import print_warnings
+from tis.deploy.shell.guard import check_outputs, print_warnings
 from tis.netem.fit.direction import steady_reason
 from tis.netem.fit.half_life import HalfLife, fit_half_life
 from tis.netem.fit.record import MEASURING_ADDS, Spread, measuring_adds

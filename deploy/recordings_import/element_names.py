@@ -91,7 +91,7 @@ def elements_of(names: Sequence[str], is_action: bool) -> list[Elements]:
     parts: dict[Hand, dict[str, int]] = {}
     of_arms = set[Hand]()
     for place, name in enumerate(names):
-        words = [word for word in re.split(r"[^a-z0-9]+", _split_case(name).lower()) if word]
+        words = [word for word in re.split(r"[^a-z0-9]+", re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()) if word]
         hand: Hand = next((_SIDES[word] for word in words if word in _SIDES), "left")
         part = _part(words)
         of_arms |= set() if _OF_ARMS.isdisjoint(words) else {hand}
@@ -111,10 +111,6 @@ def elements_of(names: Sequence[str], is_action: bool) -> list[Elements]:
         position = (places["x"], places["y"], places["z"])
         found.append(Elements(device, position, turns, angles, places.get("gripper"), turned))  # type: ignore[arg-type]
     return found
-
-
-def _split_case(name: str) -> str:
-    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name)
 
 
 def _part(words: Sequence[str]) -> str | None:

@@ -18,7 +18,7 @@ from tis.deploy.report.run_view import RunView
 from tis.deploy.report.summarise import summary_of
 from tis.deploy.report.summary import readable, summary_in
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.early_checks import can_report
+from tis.deploy.shell.guard import can_report
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -26,7 +26,7 @@ from tis.deploy.view.page_process import PageAddress, PageProcess, page_beside
 from tis.deploy.view.page_text import RunOutput
 from tis.deploy.watch.observer import Observer
 from tis.patient_side.models import own_estimators, read_models
-from tis.patient_side.plant.extra import check_plant
+from tis.patient_side.plant.physics import check_plant
 
 if TYPE_CHECKING:
     from tis.deploy.run.conclude import Outputs

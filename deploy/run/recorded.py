@@ -10,8 +10,7 @@ from typing import Final, NamedTuple
 from msgspec import DecodeError
 
 from tis.common.channels import DESTINATION, VIDEO, Direction, direction_of
-from tis.common.header import Header
-from tis.common.messages import Pose, Quaternion, Vector3, decode, encode
+from tis.common.messages import Header, Pose, Quaternion, Vector3, decode, encode
 from tis.common.node import Arrival, Emission
 from tis.common.records import TICKS, TickNote
 from tis.common.runtime.loop import Delivery

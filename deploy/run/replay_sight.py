@@ -10,8 +10,7 @@ from msgspec import DecodeError
 from msgspec.structs import replace
 
 from tis.common.channels import VIDEO
-from tis.common.header import Header
-from tis.common.messages import Fragment, decode
+from tis.common.messages import Fragment, Header, decode
 from tis.common.node import Arrival, Output, Record
 from tis.common.runtime.log_parts import companion_logs, part_clock
 from tis.common.scenario import Scenario

@@ -30,7 +30,7 @@ from tis.patient_side.build import build_patient
 from tis.patient_side.camera import build_camera
 from tis.patient_side.models import factories, model_attachment, models_for, origins, own_estimators
 from tis.patient_side.node import PatientNode
-from tis.patient_side.plant.extra import check_plant
+from tis.patient_side.plant.physics import check_plant
 from tis.patient_side.provenance import warnings_at_start
 from tis.patient_side.statespace import ArmModel
 from tis.surgeon_side.build import build_surgeon

@@ -31,8 +31,7 @@ from tis.deploy.report.subjects.network.link_tables import delay_table, packet_t
 from tis.deploy.report.subjects.processors import ProcessorFigures, processors_summary
 from tis.deploy.report.terminal import HangingIndent, verdict_view
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.early_checks import can_report
-from tis.deploy.shell.guard import OUT, print_json
+from tis.deploy.shell.guard import OUT, can_report, print_json
 from tis.deploy.standalone.standalone_run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
 from tis.deploy.tools.info import log_states, print_damage, print_files, states_as_data
 from tis.netem.bridge.standalone_log import network_yaml

@@ -29,7 +29,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from pydantic import TypeAdapter, ValidationError
 
 from tis.common.errors import DataError, Fault, InputError, file_faults
-from tis.common.revocation import REVOKED_FILE, Revoked
+from tis.common.refusal import REVOKED_FILE, Revoked
 from tis.common.runtime.credentials import (
     CA_FILE,
     CERTIFICATE_FILE,

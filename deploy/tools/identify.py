@@ -20,8 +20,7 @@ from tis.common.sources.trajectory import Recording
 from tis.deploy.present.numbers import NONE
 from tis.deploy.present.table import Column, Table
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.early_checks import check_outputs, unwritable
-from tis.deploy.shell.guard import print_warnings
+from tis.deploy.shell.guard import check_outputs, print_warnings, unwritable
 from tis.patient_side.estimators.simple import dc_gain
 from tis.patient_side.identification.identify import LOOKS_AHEAD, Identified, identify_hands, identify_with_orders
 from tis.patient_side.identification.model_file import dump_models

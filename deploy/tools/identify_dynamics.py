@@ -11,7 +11,7 @@ from tis.common.errors import EXIT_OK, Fault, InputError
 from tis.common.scenario import Scenario
 from tis.deploy.present.table import Cell, Table
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.early_checks import check_outputs
+from tis.deploy.shell.guard import check_outputs
 from tis.patient_side.dynamics.consistent_fit import check_solver
 from tis.patient_side.dynamics.identify import (
     DETERMINED,
@@ -24,7 +24,7 @@ from tis.patient_side.dynamics.identify import (
 from tis.patient_side.dynamics.parameters import NAMES, OF_JOINT, PER_LINK, joints, links, pseudo_inertia
 from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.arm_geometry import JOINTS
-from tis.patient_side.plant.extra import check_simulator
+from tis.patient_side.plant.physics import check_simulator
 
 
 def identify_dynamics_and_print(

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from tis.common.scenario import Scenario
+from tis.common.sight.picture import scene_of
 from tis.common.units import MM_PER_M
 from tis.deploy.report.subjects.touch import loop_of
 from tis.deploy.watch.live_figures import LiveFigures
@@ -33,13 +34,16 @@ class RunAbout:
     """The fields of its `Limb` and of the `Arm`, where theory covers the loop."""
     has_picture: bool = False
     """Whether a camera's picture crosses the network."""
-    can_steer_in_picture: bool = False
-    """Whether it is known where in the picture the arm is: our camera draws it, others may look anywhere."""
+    picture: Sequence[Sequence[float]] | None = None
+    """The directions right and up in the picture; None: unknown, as other cameras than ours may look anywhere."""
 
 
 def about_of(scenario: Scenario) -> RunAbout:
     """Return what a page is told about a run's scenario."""
-    touch, source = scenario.touch, scenario.source
+    touch, source, picture = scenario.touch, scenario.source, None
+    if scenario.sight is not None and not scenario.sight.is_external:
+        scene = scene_of(scenario)
+        picture = scene.right, scene.up
     surface_m = wall_n_m = None
     if touch is not None and scenario.patient.plant.kind != "external":
         environment = environment_of(touch.environment)
@@ -61,7 +65,7 @@ def about_of(scenario: Scenario) -> RunAbout:
         scenario.simulates_hand,
         loop_of(scenario),
         scenario.sight is not None,
-        scenario.sight is not None and not scenario.sight.is_external,
+        picture,
     )
 
 

@@ -1,7 +1,7 @@
 """Page of one browser: figures, numbers and controls, refreshed from the book at the browser's pace."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final, get_args
 
@@ -113,6 +113,7 @@ def _side(side: Side, attendance: Attendance, now_s: float, context: PageContext
 
 
 FRAME_MS: Final = 200
+_IS_AXIS: Final = 1.0 - 1e-9
 _TEXT_EVERY: Final = 2
 _STATE_EVERY: Final = 5
 _HERE: Final = Path(__file__).parent
@@ -273,6 +274,14 @@ def _tones() -> dict[str, str]:
     return {name: shell.css(tone) for name, tone in tones.items()}
 
 
+def _axis_words(vector: Sequence[float]) -> str:
+    """Return a direction in words: an axis by its name."""
+    for axis, value in zip("xyz", vector, strict=True):
+        if abs(value) > _IS_AXIS:
+            return axis if value > 0.0 else f"-{axis}"
+    return f"({', '.join(f'{value:.2g}' for value in vector)})"
+
+
 def pages(
     observer: Observer,
     steering: Steering,
@@ -297,7 +306,9 @@ def pages(
         "about": about,
         "is_reported": context.is_reported,
         "may_see": about is None or about.has_picture,
-        "px_per_mm": f"{PIXELS_PER_M / MM_PER_M:g}" if about is not None and about.can_steer_in_picture else "",
+        "px_per_mm": f"{PIXELS_PER_M / MM_PER_M:g}",
+        "picture": None if about is None else about.picture,
+        "direction": _axis_words,
         "profiles": profiles,
         "ranges": RANGES,
         "judged_s": f"{JUDGED_S:g}",

@@ -23,7 +23,7 @@ from tis.common.runtime.running import EAST, WEST, Running
 from tis.common.runtime.signing import client_identity, secret_of
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario import Scenario
-from tis.deploy.shell.early_checks import can_report
+from tis.deploy.shell.guard import can_report
 from tis.deploy.view.device import device_of
 from tis.deploy.view.hold_reason import about_of
 from tis.deploy.view.page_text import RunOutput

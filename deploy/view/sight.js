@@ -57,8 +57,12 @@
     canvas.parentElement.dataset.state = silent ? silent.state : said.state;
   };
   window.live.onClose(() => { over = true; });
-  // The camera looks along y: right is x, up is z, and away from it y.
-  if (canvas.dataset.px_per_mm) window.live.driveOn?.(canvas, () => Number(canvas.dataset.px_per_mm) * canvas.clientWidth / canvas.width, ([right, up, away]) => [right, away, up]);
+  // Where the camera looks: away from it is upwards times rightwards.
+  if (canvas.dataset.axes) {
+    const [r, u] = JSON.parse(canvas.dataset.axes);
+    const away = [0, 1, 2].map((i) => u[(i + 1) % 3] * r[(i + 2) % 3] - u[(i + 2) % 3] * r[(i + 1) % 3]);
+    window.live.driveOn?.(canvas, () => Number(canvas.dataset.px_per_mm) * canvas.clientWidth / canvas.width, (by) => r.map((_, i) => by[0] * r[i] + by[1] * u[i] + by[2] * away[i]));
+  }
   setInterval(tell, 100);
   follow();
 })();

@@ -10,8 +10,7 @@ import numpy as np
 from msgspec import DecodeError
 
 from tis.common.channels import DESTINATION, ORIGIN, SIDE_ON, Network, Side, is_set_point, local_keys, stopped_key
-from tis.common.header import Header
-from tis.common.messages import FeedbackPose, Pose, components, decode, position_m
+from tis.common.messages import FeedbackPose, Header, Pose, components, decode, position_m
 from tis.common.peer_life import Alarm, Beat
 from tis.common.runtime.control import ControlKeys
 from tis.common.stop_messages import StopState

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from tis.common.channels import VIDEO
-from tis.common.header import Header
+from tis.common.messages import Header
 from tis.common.node import Arrival, Record
 from tis.common.scenario.sight import SightPart
 from tis.common.sight.codec import Decoder, decoder_of

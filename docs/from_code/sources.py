@@ -12,9 +12,9 @@ from tis.common.topics import RECORD_MODULES, TOPICS
 from tis.common.yaml_text import MAX_YAML_BYTES
 from tis.deploy.cli.main import app
 from tis.deploy.compare.study import Study
-from tis.deploy.export.columns import unit_of
+from tis.deploy.export.tables import unit_of
 from tis.deploy.hosts.hosts_file import HostsFile, LocalHost, NamespaceHost, SshHost
-from tis.deploy.logs import limits
+from tis.deploy.logs import blocks as limits
 from tis.deploy.net.stage_reference import network_page as network_page
 from tis.deploy.report.summary import Summary
 from tis.deploy.shell.run_dir import MAX_JSON_BYTES

@@ -14,7 +14,7 @@ import zenoh
 
 from tis.common.audit import Happening
 from tis.common.channels import Network
-from tis.common.revocation import MAX_BYTES, NONE_REVOKED, REVOKED_FILE, read_revoked
+from tis.common.refusal import MAX_BYTES, NONE_REVOKED, REVOKED_FILE, read_revoked
 from tis.common.runtime.tls_links import address_of, cut
 from tis.netem.bridge.audit import AuditTrail
 

@@ -4,7 +4,7 @@ from typing import Any, Final
 
 from msgspec import Struct
 
-from tis.common.header import header_numbers
+from tis.common.messages import header_numbers
 from tis.common.records import Departure, Outcome
 from tis.common.scenario.network.conditions import Change
 from tis.common.scenario.network.pipeline import Ordering as OrderingName

@@ -16,8 +16,20 @@ from numpy.typing import NDArray
 
 from tis.common.streams import Stream
 from tis.patient_side.linear_system import Array
-from tis.patient_side.plant.arm_geometry import GRAVITY_M_S2, HIGH, INSERTION, LOW, N_JOINTS, link_transforms
-from tis.patient_side.plant.arm_links import COM_M, COULOMB, INERTIA_KG_M2, MASS_KG, MOTOR_INERTIA, VISCOUS
+from tis.patient_side.plant.arm_geometry import (
+    COM_M,
+    COULOMB,
+    GRAVITY_M_S2,
+    HIGH,
+    INERTIA_KG_M2,
+    INSERTION,
+    LOW,
+    MASS_KG,
+    MOTOR_INERTIA,
+    N_JOINTS,
+    VISCOUS,
+    link_transforms,
+)
 
 OF_LINK: Final = ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 OF_JOINT: Final = ("motor", "viscous", "coulomb")

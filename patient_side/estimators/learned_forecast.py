@@ -17,9 +17,8 @@ from tis.patient_side.estimators.innovations_kf import InnovationsKf, Innovation
 from tis.patient_side.estimators.protocol import Estimate
 from tis.patient_side.filters.innovations_filter import AXES
 from tis.patient_side.filters.stand_in import StandIn
-from tis.patient_side.learned.inputs import activity_of
+from tis.patient_side.learned.inputs import activity_of, stride_of, window_before
 from tis.patient_side.learned.predictor import MAX_AGE, Predictor, predictor_of
-from tis.patient_side.learned.window import stride_of, window_before
 from tis.patient_side.learned_model import LearnedModel
 from tis.patient_side.linear_system import Array
 from tis.patient_side.playout import Playout

@@ -40,8 +40,7 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import dgemm, dsymm
 from scipy.linalg.lapack import dposv
 
-from tis.patient_side.filters.arm_response import following
-from tis.patient_side.filters.recent_past import RecentPast
+from tis.patient_side.filters.recent_past import RecentPast, following
 from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import N_INCREMENTS, InnovationsModel
 

@@ -14,11 +14,35 @@ from tis.patient_side.identification.dataset import TrainingSet
 from tis.patient_side.identification.direct_ls import fit_direct
 from tis.patient_side.identification.fit_drmf import fit_drmf
 from tis.patient_side.identification.fit_innovations import fit_autoregression, fit_innovations
-from tis.patient_side.identification.fit_wrist import fit_wrist
 from tis.patient_side.identification.moesp_paper import fit_moesp_paper
 from tis.patient_side.identification.order import Fitted
 from tis.patient_side.identification.subspace_methods import SUBSPACE_METHODS, fit_subspace
+from tis.patient_side.movement_models import WristModel
+from tis.patient_side.rotations import turned
 from tis.patient_side.statespace import FilterModel
+
+# Identification of the models of an arm's orientation and gripper.
+
+
+def fit_wrist(
+    training: TrainingSet, wanted: Collection[str] | None, stage: Callable[[str], AbstractContextManager[None]]
+) -> tuple[WristModel | None, tuple[str, ...]]:
+    """Return the models for the orientation methods ``wanted`` (None: all), and warnings; None: none is wanted.
+
+    Trials too short for least squares give no such model and a warning: the answers then hold the orientation.
+    ``stage`` measures each fit.
+    """
+    orientations, rate_hz = training.orientations, training.rate_hz
+    grippers = [angles[:, None] for angles in training.grippers_rad]
+    if wanted is not None and "tangent_ls" not in wanted:
+        return None, ()
+    try:
+        with stage("tangent_ls"):
+            direct = fit_direct(orientations, rate_hz, turned)
+            return WristModel(direct, fit_direct(grippers, rate_hz)), ()
+    except DataError as error:
+        return None, (f"no model for tangent_ls: {'; '.join(map(str, error.faults))}",)
+
 
 Stage = Callable[[str], AbstractContextManager[None]]
 """Context in which the model for an estimator, or an orientation method, is fitted."""

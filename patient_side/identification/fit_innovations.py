@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tis.patient_side.filters.innovations_filter import AXES
 from tis.patient_side.identification.arx import ArxFactor
-from tis.patient_side.identification.fit_response import fit_response
+from tis.patient_side.identification.forecast import fit_response
 from tis.patient_side.identification.level_and_scale import (
     LEVEL_STEPS,
     Calibrated,

@@ -13,10 +13,9 @@ from tis.common.sources.provenance import training_rows
 from tis.common.sources.trajectory import Recording
 from tis.patient_side.identification.arx import fit_arx
 from tis.patient_side.identification.companions import Companions, Stage, fit_companions, untimed
-from tis.patient_side.identification.dataset import TrainingSet, training_set
+from tis.patient_side.identification.dataset import TrainingSet, movement_of, training_set
 from tis.patient_side.identification.forecast import fit_forecast
 from tis.patient_side.identification.moesp_paper import fit_moesp_paper
-from tis.patient_side.identification.movement import movement_of
 from tis.patient_side.identification.order import Fitted, OrderChoice
 from tis.patient_side.identification.subspace_methods import SUBSPACE_METHODS, fit_subspace
 from tis.patient_side.identification.trials import breakdown_as_fault, explain_repeats

@@ -2,7 +2,7 @@
 
 Where to look:
 
-- what they read: `window` (the recent path, with what is missing), `inputs` (in units of the hand's activity);
+- what they read: `inputs` (the recent path, with what is missing, in units of the hand's activity);
 - networks: `transformer`, `informer`, `cnn`, on `layers`; their common end, a normal distribution: `gaussian_head`;
 - all networks by name: `networks`; Gaussian processes: `gaussian_process`.
 

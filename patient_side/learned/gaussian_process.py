@@ -15,8 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from tis.patient_side.learned.inputs import Scaled
-from tis.patient_side.learned.window import LAGS, N_FINE
+from tis.patient_side.learned.inputs import LAGS, N_FINE, Scaled
 from tis.patient_side.learned_model import Weights
 from tis.patient_side.model_fields import Floats
 

@@ -7,9 +7,8 @@ import numpy as np
 
 from tis.common.errors import DataError, Fault
 from tis.patient_side.learned.gaussian_process import N_FEATURES, at_ages, features_of, outputs, shapes_of
-from tis.patient_side.learned.inputs import age_inputs, inputs_of, scaled
+from tis.patient_side.learned.inputs import Window, age_inputs, has_gap, inputs_of, scaled
 from tis.patient_side.learned.networks import NETWORKS
-from tis.patient_side.learned.window import Window, has_gap
 from tis.patient_side.learned_model import VERSION, LearnedModel
 from tis.patient_side.model_fields import Floats
 

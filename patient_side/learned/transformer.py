@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from tis.patient_side.learned.inputs import N_CONTEXT, N_STEP
+from tis.patient_side.learned.inputs import N_CONTEXT, N_FINE, N_STEP
 from tis.patient_side.learned.layers import (
     Array,
     Arrays,
@@ -22,7 +22,6 @@ from tis.patient_side.learned.layers import (
     normalised,
     softmax,
 )
-from tis.patient_side.learned.window import N_FINE
 
 WIDTH: Final = 32
 N_HEADS: Final = 4

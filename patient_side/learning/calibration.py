@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.patient_side.identification.coverage import coverage_factor
-from tis.patient_side.learned.window import has_gap
+from tis.patient_side.learned.inputs import has_gap
 from tis.patient_side.learning.examples import Examples
 from tis.patient_side.model_fields import Floats
 

@@ -16,9 +16,8 @@ from tis.common.streams import Stream
 from tis.common.units import NS_PER_S
 from tis.patient_side.estimators.innovations_kf import InnovationsKf
 from tis.patient_side.filters.innovations_filter import AXES
-from tis.patient_side.learned.inputs import Scaled, activity_of, scaled
+from tis.patient_side.learned.inputs import Scaled, activity_of, scaled, stride_of, window_of_rows
 from tis.patient_side.learned.predictor import MAX_AGE
-from tis.patient_side.learned.window import stride_of, window_of_rows
 from tis.patient_side.learned_model import Singles
 from tis.patient_side.model_fields import Floats
 from tis.patient_side.playout import Playout

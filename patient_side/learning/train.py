@@ -19,8 +19,8 @@ from tis.patient_side.identification.companions import Stage, untimed
 from tis.patient_side.identification.dataset import training_set
 from tis.patient_side.identification.validation import fewest_rows
 from tis.patient_side.learned.gaussian_process import AGES, features_of, outputs
+from tis.patient_side.learned.inputs import stride_of
 from tis.patient_side.learned.networks import NETWORKS
-from tis.patient_side.learned.window import stride_of
 from tis.patient_side.learned_model import VERSION, LearnedModel, Singles, Training
 from tis.patient_side.learning import calibration
 from tis.patient_side.learning.examples import Examples, Track, examples_of

@@ -9,18 +9,24 @@ from tis.patient_side.linear_system import Array
 from tis.patient_side.plant.arm_geometry import (
     A_M,
     ALPHA_RAD,
+    COM_M,
+    COULOMB,
     D_M,
     GRAVITY_M_S2,
     HIGH,
+    INERTIA_KG_M2,
     INSERTION,
     JOINTS,
     LOW,
+    MASS_KG,
+    MAX_FORCE,
+    MOTOR_INERTIA,
     N_JOINTS,
     THETA_RAD,
     TIP,
     TIP_LINK,
+    VISCOUS,
 )
-from tis.patient_side.plant.arm_links import COM_M, COULOMB, INERTIA_KG_M2, MASS_KG, MAX_FORCE, MOTOR_INERTIA, VISCOUS
 
 _MARGIN: Final = np.where(np.arange(N_JOINTS) == INSERTION, 0.01, np.radians(5.0))
 """The joints' hard stops lie this far beyond the limits of the set points."""

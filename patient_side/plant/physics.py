@@ -6,17 +6,33 @@ nothing but its arguments, bit for bit.
 
 from collections.abc import Callable, Sequence
 from functools import cache
+from importlib.util import find_spec
 from math import pi
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from tis.common.errors import Fault, InputError
+from tis.common.extras import GET_SIM
+from tis.common.scenario import Scenario
 from tis.common.scenario.patient import MujocoPlant
 from tis.patient_side.linear_system import Array
-from tis.patient_side.plant.arm_geometry import INSERTION, N_JOINTS
-from tis.patient_side.plant.arm_links import VISCOUS
-from tis.patient_side.plant.extra import check_simulator
+from tis.patient_side.plant.arm_geometry import INSERTION, N_JOINTS, VISCOUS
 from tis.patient_side.plant.mjcf import arm_mjcf
+
+# The optional package that simulates an arm.
+
+
+def check_plant(scenario: Scenario) -> None:
+    """Raise `InputError` where this installation cannot move the scenario's arm."""
+    if scenario.patient.plant.kind == "mujoco":
+        check_simulator()
+
+
+def check_simulator() -> None:
+    """Raise `InputError` where MuJoCo is missing, which simulates the arm."""
+    if find_spec("mujoco") is None:
+        raise InputError(Fault("patient.plant", "kind", f"mujoco needs the package mujoco: {GET_SIM}"))
 
 
 class Moved(NamedTuple):

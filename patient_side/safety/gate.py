@@ -17,8 +17,8 @@ from tis.common.ticker import SendPlan
 from tis.common.units import NS_PER_MS, NS_PER_S, ms_to_ns, sample_index
 from tis.common.vector import Vector, minus
 from tis.patient_side.rotations import Quaternion, is_orientation, turn_to
+from tis.patient_side.safety.limits import Three, limits_from
 from tis.patient_side.safety.set_point import STILL, Place
-from tis.patient_side.safety.trained_limits import Three, limits_from
 
 Kind = Literal[
     "conflicting", "ahead", "number", "place", "speed", "acceleration", "turn_speed", "turn_acceleration", "gripper"

@@ -20,11 +20,15 @@ from tis.patient_side.safety.set_point import (
     Motion,
     Moved,
     Place,
+    WristPoint,
+    WristPose,
+    begin,
     brake,
+    brake_wrist,
     follow,
+    follow_wrist,
     within,
 )
-from tis.patient_side.safety.wrist_point import WristPoint, WristPose, begin, brake_wrist, follow_wrist
 
 _AT_REST_M: Final = 1e-9
 _AT_ONCE: Final = ("emergency_stop", "latched", "contact")

@@ -7,9 +7,8 @@ from msgspec import to_builtins
 from msgspec.structs import asdict
 
 from tests.nodes import LEFT, Stamp, a_pose, an_arrival
-from tis.common.header import Header
 from tis.common.intake import Intake, SeenNumbers
-from tis.common.messages import MAX_HISTORY, SampledPose, encode
+from tis.common.messages import MAX_HISTORY, Header, SampledPose, encode
 from tis.common.node import Arrival
 from tis.common.records import REJECTED, Rejected
 

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from tis.common.messages import decode
 from tis.common.peer_life import Beat, Change, Event, PeerLife, described
 from tis.common.units import NS_PER_MS
-from tis.deploy.logs.limits import MAX_NUMBER
+from tis.deploy.logs.blocks import MAX_NUMBER
 
 _MS = NS_PER_MS
 

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tis.common.revocation import MAX_BYTES, NONE_REVOKED, read_revoked
+from tis.common.refusal import MAX_BYTES, NONE_REVOKED, read_revoked
 
 _NAMES = st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}", fullmatch=True)
 

@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 from tests.nodes import a_pose
 from tis.common.channels import hand_channels
-from tis.common.header import Header
 from tis.common.intake import Intake
-from tis.common.messages import encode
+from tis.common.messages import Header, encode
 from tis.common.node import Arrival
 from tis.common.signing import RunKeys, code, run_keys
 

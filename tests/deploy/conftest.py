@@ -49,5 +49,5 @@ def forked(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Write a comparison without its figures and its page: for tests that look at neither."""
-    monkeypatch.setattr("tis.deploy.compare.results.files._drawn", lambda _: {})
+    monkeypatch.setattr("tis.deploy.compare.results.files.figures_of", lambda _: {})
     monkeypatch.setattr("tis.deploy.compare.results.files.can_report", lambda: False)

@@ -17,10 +17,10 @@ from msgspec.structs import fields as struct_fields
 from tis.common.channels import VIDEO, Hand, arm_key, camera_key, hand_channels, release_key, stop_key, stopped_key
 from tis.common.clocks import Exchanges
 from tis.common.device import MAX_BUTTONS, MAX_DEVICE_BYTES, MAX_PER_TICK, DevicePose, Refusal, decode_pose_stamped
-from tis.common.header import Header
 from tis.common.messages import (
     MAX_SIZE,
     FeedbackPose,
+    Header,
     Message,
     SafetyMode,
     SampledPose,

@@ -56,7 +56,7 @@ def _write_command(path: Path, words: str) -> None:
 @pytest.fixture
 def no_report(there: Path) -> None:
     """Let `tis` take Bokeh for missing: for tests that do not look at the report, which takes longest."""
-    missing = "from tis.deploy.shell import early_checks; early_checks.can_report = lambda: False"
+    missing = "from tis.deploy.shell import guard; guard.can_report = lambda: False"
     _write_command(there / "bin" / "tis", f'-c "{missing}; {_MAIN}"')
 
 

@@ -11,8 +11,7 @@ from tests.fuzz.control_requests import TRACES, WAYS, a_network, a_request
 from tests.fuzz.episode import Episode, Log
 from tests.fuzz.hostile import odd_header
 from tis.common.channels import Direction, Network, keys_of
-from tis.common.header import Header
-from tis.common.messages import decode, encode
+from tis.common.messages import Header, decode, encode
 from tis.common.node import Record
 from tis.common.records import CONTROL, ControlNote
 from tis.common.scenario.control import EVERY_STATE, control_prefix

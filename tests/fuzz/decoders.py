@@ -33,10 +33,9 @@ from tis.common.channels import hand_channels
 from tis.common.clocks import Exchanges, fit_clock
 from tis.common.device import DeviceGate, from_json, from_ros2
 from tis.common.errors import TisError
-from tis.common.header import Header
 from tis.common.host_records import CLOCK, PROCESSORS, ClockNote, ProcessorNote
 from tis.common.intake import Intake
-from tis.common.messages import FeedbackPose, Quaternion, Sampled, SampledPose, Vector3, encode
+from tis.common.messages import FeedbackPose, Header, Quaternion, Sampled, SampledPose, Vector3, encode
 from tis.common.node import Arrival, Emission, Record
 from tis.common.records import (
     CONTROL,

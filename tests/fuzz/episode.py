@@ -9,8 +9,7 @@ from typing import Self
 
 from tests.fuzz.scratch_folder import scratch_folder
 from tis.common.channels import Side
-from tis.common.header import Header
-from tis.common.messages import Message, decode, encode
+from tis.common.messages import Header, Message, decode, encode
 from tis.common.node import Emission, Output, Record
 from tis.common.runtime.mcap_log import McapLog
 from tis.common.runtime.side_log import LOG_VERSION

@@ -5,7 +5,7 @@ from typing import Any, Final, NamedTuple
 
 from tis.common.channels import Hand, hand_channels
 from tis.common.estimators import ESTIMATORS, scenario_name
-from tis.common.header import Header
+from tis.common.messages import Header
 from tis.common.node import Emission
 from tis.common.runtime.recordings import load_recording
 from tis.common.scenario import Scenario

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from tests.fuzz.mutations import mutated
-from tis.common.header import Header
+from tis.common.messages import Header
 
 MAX_TEXT: Final = 3000
 

@@ -15,7 +15,7 @@ from zlib import crc32
 
 import numpy as np
 
-from tis.common.header import Header
+from tis.common.messages import Header
 from tis.common.node import Arrival, Record
 from tis.common.scenario.sight import SightPart
 from tis.common.sight.codec import Decoder, decoder_of, encoder_of

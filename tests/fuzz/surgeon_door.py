@@ -20,8 +20,7 @@ from tests.fuzz.hostile import (
     with_extremes,
 )
 from tis.common.channels import Hand
-from tis.common.header import Header
-from tis.common.messages import decode
+from tis.common.messages import Header, decode
 from tis.common.node import Arrival, Emission, Output
 from tis.common.units import NS_PER_S
 from tis.surgeon_side.build import build_surgeon, build_witness

@@ -5,11 +5,10 @@ from typing import Any, Final
 
 from tests.fuzz.scratch_folder import scratch_folder
 from tis.common.audit import Chain, Happening, verify
-from tis.common.header import Header
-from tis.common.messages import encode
+from tis.common.messages import Header, encode
 from tis.common.node import Arrival
 from tis.common.peer_life import Beat
-from tis.common.revocation import read_revoked
+from tis.common.refusal import read_revoked
 from tis.common.runtime.control import ControlKeys
 from tis.common.runtime.peer_watch import Beats
 from tis.common.runtime.signing import Agreement, SharedSecret, identity

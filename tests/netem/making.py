@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from tis.common.channels import Direction, Network
-from tis.common.header import Header
+from tis.common.messages import Header
 from tis.common.node import Arrival
 from tis.common.scenario import Scenario
 from tis.common.scenario.network.pipeline import Pipeline

@@ -3,8 +3,7 @@ from typing import Any
 
 from tests.netem.making import KEY, packet, scenario
 from tis.common.channels import Network
-from tis.common.header import Header
-from tis.common.messages import encode
+from tis.common.messages import Header, encode
 from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.records import FateBatch, ReleaseBatch
 from tis.netem.build import build_netem

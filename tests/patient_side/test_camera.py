@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from tis.common.channels import HandChannels, hand_channels
-from tis.common.header import Header
-from tis.common.messages import FeedbackPose, Fragment, Quaternion, Vector3, encode
+from tis.common.messages import FeedbackPose, Fragment, Header, Quaternion, Vector3, encode
 from tis.common.node import Arrival, Emission, Record
 from tis.common.scenario.sight import SightPart
 from tis.common.sight.codec import Encoded

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tis.common.header import Header
+from tis.common.messages import Header
 from tis.common.node import Arrival, Emission, Record
 from tis.common.scenario.sight import SightPart
 from tis.common.sight.fragments import parse

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from msgspec.structs import asdict, replace
 
 from tests.nodes import LEFT, Stamp, a_pose, an_arrival
-from tis.common.header import Header
-from tis.common.messages import FeedbackPose, Quaternion, SampledPose, decode, encode
+from tis.common.messages import FeedbackPose, Header, Quaternion, SampledPose, decode, encode
 from tis.common.node import Emission, Output, Record
 from tis.common.records import ESTIMATES, FRESH, TICKS, EstimateNote, FreshNote, PhaseNote, PromptNote, TickNote
 from tis.common.ticker import Ticker

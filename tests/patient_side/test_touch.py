@@ -5,8 +5,7 @@ import pytest
 
 from tests.common.coupling.loop import a_servo
 from tis.common.channels import hand_channels
-from tis.common.header import Header
-from tis.common.messages import Twist, Wrench, decode, encode
+from tis.common.messages import Header, Twist, Wrench, decode, encode
 from tis.common.node import Arrival
 from tis.common.records import ContactNote
 from tis.common.scenario.touch import TouchPart

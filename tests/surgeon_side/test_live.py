@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from tis.common.device import DeviceSample
 from tis.common.device_records import DEVICES, TARGET_RUNS, DeviceNote, TargetRunNote
-from tis.common.header import Header
-from tis.common.messages import Pose, decode
+from tis.common.messages import Header, Pose, decode
 from tis.common.node import Arrival, Emission, Record
 from tis.common.records import TRUTH, TruthRow
 from tis.common.scenario.live_source import LiveSource

@@ -7,8 +7,7 @@ from msgspec.structs import asdict
 from scipy.spatial.transform import Rotation
 
 from tests.nodes import Stamp, a_pose, a_recording, an_arrival
-from tis.common.header import Header
-from tis.common.messages import FeedbackPose, Pose, PredictedPose, SampledPose, Vector3, decode, encode
+from tis.common.messages import FeedbackPose, Header, Pose, PredictedPose, SampledPose, Vector3, decode, encode
 from tis.common.node import Emission, Record
 from tis.common.records import TICKS, TRUTH, TickNote, TruthRow
 from tis.common.ticker import Ticker

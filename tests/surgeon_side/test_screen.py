@@ -5,8 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from msgspec import convert
 
-from tis.common.header import Header
-from tis.common.messages import Fragment
+from tis.common.messages import Fragment, Header
 from tis.common.node import Arrival, Output, Record
 from tis.common.records import REJECTED
 from tis.common.scenario.sight import SightPart

@@ -7,8 +7,7 @@ from tests.common.coupling.test_stability import HOGAN
 from tests.patient_side.arm_models import static_model
 from tis.common.channels import hand_channels
 from tis.common.device import DevicePose
-from tis.common.header import Header
-from tis.common.messages import Pose, ShownForce, Twist, Vector3, Wrench, decode, encode
+from tis.common.messages import Header, Pose, ShownForce, Twist, Vector3, Wrench, decode, encode
 from tis.common.node import Arrival, Emission
 from tis.common.runtime.recordings import load_movement
 from tis.common.runtime.signing import SharedSecret

@@ -6,8 +6,7 @@ from msgspec.structs import asdict
 
 from tests.nodes import a_pose, a_recording
 from tis.common.channels import hand_channels
-from tis.common.header import Header
-from tis.common.messages import FeedbackPose, encode
+from tis.common.messages import FeedbackPose, Header, encode
 from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.records import REJECTED, TICKS, TRUTH
 from tis.common.ticker import Ticker

@@ -21,8 +21,7 @@ import zenoh
 from mcap.reader import make_reader
 
 from tis.common.audit import AUDIT_FILE, verify
-from tis.common.header import CODE_BYTES, HEADER_BYTES, Header
-from tis.common.messages import decode
+from tis.common.messages import CODE_BYTES, HEADER_BYTES, Header, decode
 from tis.common.peer_life import Beat
 from tis.common.runtime.credentials import credentials
 from tis.common.runtime.process import free_endpoints

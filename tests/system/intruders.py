@@ -9,8 +9,7 @@ from typing import Any
 import zenoh
 
 from tests.nodes import a_pose
-from tis.common.header import Header
-from tis.common.messages import encode
+from tis.common.messages import Header, encode
 from tis.common.runtime.control import ControlKeys, Epoch
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario.control import control_prefix

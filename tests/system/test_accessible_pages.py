@@ -14,7 +14,7 @@ from tests.system.conftest import HOLD, Start
 from tests.system.test_view_page import url_of
 from tis.deploy.compare.results.files import results_of
 from tis.deploy.compare.results.page_html import comparison_html
-from tis.deploy.studies.admissible.page import admissible_html
+from tis.deploy.studies.admissible.plots import admissible_html
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

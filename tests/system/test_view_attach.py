@@ -20,8 +20,7 @@ from tests.deploy.commands import call
 from tests.nodes import a_pose
 from tests.system.browser import chromium, live_page
 from tests.system.conftest import RunHere, StartHere, is_right_but_for_the_machine
-from tis.common.header import Header
-from tis.common.messages import encode
+from tis.common.messages import Header, encode
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.netem.bridge.between import between
 

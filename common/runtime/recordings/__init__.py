@@ -17,10 +17,9 @@ from tis.common.errors import DataError, Fault, InputError
 from tis.common.scenario import AUTO, Scenario, reading
 from tis.common.scenario.live_source import LiveSource
 from tis.common.scenario.source import RecordedSource, SyntheticSource
-from tis.common.sources.live import synthetic_training, unmade_movement
 from tis.common.sources.provenance import digest_of_synthetic
 from tis.common.sources.sensor_noise import with_noise
-from tis.common.sources.synthetic import synthesise
+from tis.common.sources.synthetic import synthesise, synthetic_training, unmade_movement
 from tis.common.sources.table_columns import in_few
 from tis.common.sources.trajectory import Recording
 

@@ -15,7 +15,7 @@ from rich.markup import escape
 from tis.common.errors import DataError, Fault
 from tis.deploy.compare.cells.identity import content_digest
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.early_checks import unwritable
+from tis.deploy.shell.guard import unwritable
 from tis.patient_side.identification.model_file import is_tensor_file
 
 _MODELS: Final = "models_digest"

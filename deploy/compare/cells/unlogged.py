@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.channels import Hand, Network
-from tis.common.header import HEADER_BYTES, Header
 from tis.common.intake import Accepted
+from tis.common.messages import HEADER_BYTES, Header
 from tis.common.metrics.tracking import scored_ticks, truth_at
 from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.records import SENT_BYTES, SENT_PACKETS
@@ -89,7 +89,8 @@ def run_unlogged(
     for hand, its in zip(patient.hands, estimating.watched, strict=True):
         of_hand, names = hand.channels.hand, [estimator.name for estimator in hand.estimators]
         track = _track(its, names, scenario, recording, recorded[of_hand], first_ns)
-        scored[of_hand] = Scored(track, _ages_ns(its))
+        fresh_ns = np.array(its.fresh_ns, dtype=np.int64)
+        scored[of_hand] = Scored(track, np.where(fresh_ns >= 0, track.t_ns - fresh_ns, 0))
     arrived = [(recv_ns, key, seq) for (key, seq), recv_ns in estimating.seen.items()]
     return Unlogged(scored, sending.traffic, arrived)
 
@@ -253,8 +254,3 @@ def _track(
     estimates = {name: np.array(by_name[name]) for name in in_order}
     scored = scored_ticks(t_ns, truth_m, estimates["hold"], first_ns)
     return HandTrack(t_ns, np.arange(len(t_ns)), truth_m, estimates, scored, {})
-
-
-def _ages_ns(watched: _Watched) -> Ints:
-    t_ns, fresh_ns = np.array(watched.t_ns, dtype=np.int64), np.array(watched.fresh_ns, dtype=np.int64)
-    return np.where(fresh_ns >= 0, t_ns - fresh_ns, 0)

@@ -21,8 +21,9 @@ from tis.common.errors import Fault, InputError, PeerError, file_faults
 from tis.common.extras import GET_CLUSTER
 from tis.deploy.compare.cells.cell import Cell
 from tis.deploy.compare.cells.identity import file_digest, software_digest
-from tis.deploy.compare.engine.shipment import own_code, perform_away, shipment_of, shipped_files
+from tis.deploy.compare.engine.shipment import perform_away, shipment_of, shipped_files
 from tis.deploy.compare.engine.workers import AHEAD, Failure, Result, Unit, first_done
+from tis.patient_side.models import own_estimators
 
 # Connection of a client to a Dask scheduler.
 
@@ -230,7 +231,7 @@ class Cluster:
         return results
 
     def _submit(self, unit: Unit, model_file: Path | None, n_before: int) -> None:
-        own = own_code(unit.scenario)
+        own = own_estimators(unit.scenario)
         paths = shipped_files(unit, model_file, own)
         digests = {name: file_digest(path) for name, path in paths.items()}
         contents = {name: self._content(path, digests[name]) for name, path in paths.items()}

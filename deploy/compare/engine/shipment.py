@@ -19,15 +19,15 @@ from typing import Any, Final
 from tis.common.errors import InputError
 from tis.common.runtime.recordings import list_trials, own_trial, trial_file
 from tis.common.runtime.scenario_files import trace_paths
-from tis.common.runtime.user_code import Origin, UserCode, load_user_code
+from tis.common.runtime.user_code import Origin, UserCode
 from tis.common.scenario import Scenario
-from tis.common.scenario.estimator_names import is_user_defined
 from tis.common.scenario.identification import is_model_file
 from tis.common.scenario.reading import build_scenario
 from tis.common.scenario.source import RecordedSource
 from tis.deploy.compare.cells.cell import Cell
 from tis.deploy.compare.cells.identity import dump, value_digest
 from tis.deploy.compare.engine.workers import Computed, Failure, Result, Unit, perform
+from tis.patient_side.models import own_estimators
 
 _MODEL: Final = "model.json"
 _TRIALS: Final = "trials"
@@ -52,16 +52,11 @@ class Shipment:
     home: str
 
 
-def own_code(scenario: Scenario) -> dict[str, UserCode]:
-    """Return the code of a scenario's own estimators; raises `InputError`."""
-    return load_user_code([name for name in scenario.estimators if is_user_defined(name)], "estimators")
-
-
 def shipped_files(unit: Unit, model_file: Path | None, own: Mapping[str, UserCode]) -> dict[str, Path]:
     """Return the files that a unit reads, by their names on the worker.
 
     A training on other people reads all trials of the task; a cell reads its own trial, its models and its traces.
-    ``model_file`` holds the models of a cell's training, ``own`` the unit's `own_code`.
+    ``model_file`` holds the models of a cell's training, ``own`` the unit's `own_estimators`.
     """
     scenario = unit.scenario
     source, train = scenario.source, scenario.identification.train
@@ -106,7 +101,8 @@ def perform_away(packed: bytes, contents: Mapping[str, bytes], folder: str) -> R
         _offer_code(root, there / _CODE)
         if shipment.origins and (fault := _foreign_code(unit.scenario, shipment.origins)) is not None:
             return Failure(unit.label, fault)
-        result = perform(_placed(unit, there), _trained_models(unit, there))
+        is_trained = isinstance(unit, Cell) and unit.training is not None
+        result = perform(_placed(unit, there), there / _MODEL if is_trained else None)
     return _as_at_home(result, str(there / _TRIALS), shipment.home)
 
 
@@ -184,11 +180,6 @@ def _renamed(value: Any, names: Mapping[str, str], field: str = "") -> Any:
     return names.get(value, value) if field in _FILE_FIELDS else value
 
 
-def _trained_models(unit: Unit, there: Path) -> Path | None:
-    is_trained = isinstance(unit, Cell) and unit.training is not None
-    return there / _MODEL if is_trained else None
-
-
 def _offer_code(root: Path, folder: Path) -> None:
     """Let Python import the code of this unit; what an earlier unit had imported from another folder is forgotten."""
     sys.path[:] = [path for path in sys.path if not Path(path).is_relative_to(root)]
@@ -203,7 +194,7 @@ def _offer_code(root: Path, folder: Path) -> None:
 def _foreign_code(scenario: Scenario, origins: Mapping[str, Origin]) -> str | None:
     """Return in how far the own estimators found here differ from the client's; None if they do not."""
     try:
-        found = own_code(scenario)
+        found = own_estimators(scenario)
     except InputError as error:
         return "; ".join(f"{fault} on the worker" for fault in error.faults)
     for name, code in found.items():

@@ -22,7 +22,10 @@ def answer(report: Report) -> str:
     people, lies above 1 (`tis.deploy.compare.results.pooled.rivalries`); of fewer than `ENOUGH_PEOPLE` none is, as
     their intervals cover less. "" without a scored row. Oracle: literal reports, test_answer.
     """
-    names = {about["setting"]: _named(about) for about in report["settings"]}
+    names = {
+        about["setting"]: ", ".join(f"{path.split('.')[-1]} = {value}" for path, value in about.get("at", {}).items())
+        for about in report["settings"]
+    }
     ranked = [rows for setting in names if (rows := ranking(report["rows"], setting))]
     if not ranked:
         return ""
@@ -40,10 +43,6 @@ def ranking(rows: Rows, setting: str | None) -> Rows:
     """Return the scored rows of a setting, the smallest error first."""
     own = [row for row in rows if row["setting"] == setting and row["rmse_3d_mm"] is not None]
     return sorted(own, key=lambda row: float(row["rmse_3d_mm"]))
-
-
-def _named(about: Mapping[str, Any]) -> str:
-    return ", ".join(f"{path.split('.')[-1]} = {value}" for path, value in about.get("at", {}).items())
 
 
 def _won(name: str, settings: Sequence[Rows], where: str) -> str:

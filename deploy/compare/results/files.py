@@ -19,7 +19,7 @@ from tis.deploy.compare.results.pooled import person, pooled
 from tis.deploy.compare.results.report import numbers_of
 from tis.deploy.compare.results.report import report as build_report
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.early_checks import can_report, check_outputs_in
+from tis.deploy.shell.guard import can_report, check_outputs_in
 
 # The tidy table of a comparison: a row for each cell, hand and estimator, and a column for each swept field.
 #
@@ -138,7 +138,11 @@ def files_of(results: Results) -> Files:
     if find_spec("matplotlib") is None:
         left_out.append(f"no figures without matplotlib: {GET_REPORT}")
     else:
-        files |= _drawn(report)
+        from tis.deploy.report.publication.matplotlib_figures import rendered
+
+        files |= {
+            f"{name}.{form}": rendered(one, form) for name, one in figures_of(report).items() for form in _FORMATS
+        }
     if can_report():
         from tis.deploy.compare.results.page_html import comparison_html  # loads Bokeh
 
@@ -172,10 +176,3 @@ def figures_of(report: dict[str, Any]) -> "dict[str, Figure]":
 
     drawn = zip(_FIGURES, (curves_figure(report), ratio_figure(report), age_figure(report)), strict=True)
     return {name: figure for name, figure in drawn if figure is not None}
-
-
-def _drawn(report: dict[str, Any]) -> dict[str, bytes]:
-    from tis.deploy.report.publication.matplotlib_figures import rendered
-
-    figures = figures_of(report)
-    return {f"{name}.{form}": rendered(figure, form) for name, figure in figures.items() for form in _FORMATS}

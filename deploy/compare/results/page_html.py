@@ -122,6 +122,7 @@ _COLUMNS: Final = ("estimator", "R\u00b2 x, %", "y", "z", "3D RMSE, mm", "95 %",
 _COUNTS: Final = ("ticks", "people")
 _POOLED: Final = '<p class="pooled"></p>'
 """Where the script tells which values the figures pool."""
+_WHATEVER: Final = "All people and hands, whatever is chosen above."
 _MARKS: Final = {"solid": "", "dashed": "dashed", "dotted": "dotted", "dashdot": "dashdot"}
 
 
@@ -142,16 +143,22 @@ def comparison_html(report: dict[str, Any], sums: PageSums) -> str:
     if len(sums.axes) > 1 and not report["zipped"]:
         paths = list(sums.axes)
         choice = _select("across", "Across", paths, 1) + _select("up", "Up", paths)
-        choice += _select("of", "Estimator", _others(sums))
+        others = [name for name in sums.estimators if name != "hold"] or list(sums.estimators)
+        choice += _select("of", "Estimator", others)
         sections.append(Section("map", "Map", [heat_figure()], before=f'<div class="choices">{choice}</div>'))
-    sections += [
-        Section("age", "Age", [age_figure(sums.estimators)]),
-        Section("table", "Table", markup=_table()),
-        *([Section("orientation", "Orientation", markup=_orientation(report))] * bool(report["orientation"])),
-        *([Section("felt", "Touch and sight", markup=_felt(report))] * bool(report["touch_and_sight"])),
-        Section("repeat", "How to repeat it", markup=f"<pre><code>{escape(report['command'])}</code></pre>"),
-    ]
-    about = _json(sums.about() | {"synthetic": report["source"] == "synthetic"})
+    sections.append(Section("age", "Age", [age_figure(sums.estimators)]))
+    sections.append(Section("table", "Table", markup=_table()))
+    if report["orientation"]:
+        turns = turn_table(report["orientation"], "Orientation and gripper", settings=True).html()
+        found = turns + note(f"{TURN_CAPTION}. {_WHATEVER}")
+        sections.append(Section("orientation", "Orientation", markup=found))
+    if report["touch_and_sight"]:
+        felt = felt_and_seen_table(report["touch_and_sight"], "Touch and sight").html()
+        sections.append(Section("felt", "Touch and sight", markup=felt + note(f"{FELT_AND_SEEN}. {_WHATEVER}")))
+    command = f"<pre><code>{escape(report['command'])}</code></pre>"
+    sections.append(Section("repeat", "How to repeat it", markup=command))
+    about = json.dumps(sums.about() | {"synthetic": report["source"] == "synthetic"}, allow_nan=False)
+    about = about.replace("<", "\\u003c")  # no text may end the element that holds it
     data = f'<script type="application/json" id="about">{about}</script>'
     data += f'<script type="text/plain" id="sums">{sums.packed()}</script>'
     scripts = "".join(script.read_text(encoding="utf-8") for script in _SCRIPTS)
@@ -216,10 +223,6 @@ def _select(name: str, title: str, options: Sequence[str], chosen: int = 0) -> s
     return f'<label class="choice">{title} <select id="{name}">{each}</select></label>'
 
 
-def _others(sums: PageSums) -> Sequence[str]:
-    return [name for name in sums.estimators if name != "hold"] or list(sums.estimators)
-
-
 def _table() -> str:
     head = "".join(f'<th scope="col">{text}</th>' for text in (*_COLUMNS, *_COUNTS))
     note = (
@@ -228,20 +231,3 @@ def _table() -> str:
     )
     found = f'<table><thead><tr>{head}</tr></thead><tbody id="rows"></tbody></table>'
     return f'{_POOLED}<div class="wide">{found}</div><p class="note">{note}</p>'
-
-
-def _orientation(report: dict[str, Any]) -> str:
-    """Return the table of the orientation methods, all that is compared."""
-    note = f'<p class="note">{TURN_CAPTION}. All people and hands, whatever is chosen above.</p>'
-    return turn_table(report["orientation"], "Orientation and gripper", settings=True).html() + note
-
-
-def _felt(report: dict[str, Any]) -> str:
-    """Return the table of what was felt and seen, all that is compared."""
-    note = f'<p class="note">{FELT_AND_SEEN}. All people and hands, whatever is chosen above.</p>'
-    return felt_and_seen_table(report["touch_and_sight"], "Touch and sight").html() + note
-
-
-def _json(value: Any) -> str:
-    """Return JSON that no text in it can end the element that holds it."""
-    return json.dumps(value, allow_nan=False).replace("<", "\\u003c")

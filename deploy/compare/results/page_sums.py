@@ -103,7 +103,8 @@ def page_sums(plan: Plan, outcome: Outcome) -> PageSums:
     each = [_added(entries, plan.estimators) for entries in groups.values()]
     shapes: list[tuple[int, ...]] = [(), (3,), (_N_BINS,), (_N_BINS,)]
     shapes += [(len(plan.estimators), size) for size in (3, 3, _N_BINS)]
-    arrays = [np.array(part).reshape(len(each), *shape) for part, shape in zip(_columns(each), shapes, strict=True)]
+    columns = list(zip(*each, strict=True)) or [()] * len(shapes)
+    arrays = [np.array(part).reshape(len(each), *shape) for part, shape in zip(columns, shapes, strict=True)]
     return PageSums(
         axes,
         list(people),
@@ -113,10 +114,6 @@ def page_sums(plan: Plan, outcome: Outcome) -> PageSums:
         np.array(list(groups), dtype=np.int32).reshape(-1, 3),
         *arrays,
     )
-
-
-def _columns(rows: Sequence[Sequence[Any]]) -> Sequence[Sequence[Any]]:
-    return list(zip(*rows, strict=True)) or [()] * 7
 
 
 def _added(entries: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[Any]:

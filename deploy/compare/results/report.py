@@ -51,6 +51,7 @@ def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
     for cell in plan.cells:
         cells.setdefault(cell.setting, []).append(cell)
     settings = [_setting(plan, outcome, point, cells.get(point.label, [])) for point in plan.points]
+    results = [*outcome.trainings.values(), *outcome.cells.values()]
     scored = {row["trial"] for setting in settings for row in setting["by_trial"] if row["n_scored"]}
     return {
         "scenario": plan.name,
@@ -78,7 +79,7 @@ def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
         + [str(fault) for fault in plan.refused],
         "unscored": _unscored(plan, outcome),
         "topologies": sorted({cell.scenario.topology for cell in plan.cells}),
-        "warnings": _warnings(outcome),
+        "warnings": list(dict.fromkeys(text for result in results for text in result["warnings"])),
         "own_faults": _own_faults(outcome),
     }
 
@@ -117,7 +118,9 @@ def _setting(plan: Plan, outcome: Outcome, point: Point, cells: Sequence[Cell]) 
         for hand, entry in result["hands"].items():
             by_hand.setdefault(hand, []).append(entry)
     everything = [entry for entries in by_trial.values() for entry in entries]
-    train_s = _train_s(plan, outcome)
+    train_s: dict[str, float] = {}
+    for digest in plan.trainings:
+        train_s |= outcome.trainings.get(digest, {}).get("train_s", {})
     rows = []
     for name in names:
         entries = [entry["estimators"][name] for entry in everything]
@@ -187,14 +190,6 @@ def _by_age(hands: Hands, name: str) -> list[dict[str, Any]]:
     return rows
 
 
-def _train_s(plan: Plan, outcome: Outcome) -> dict[str, float]:
-    """Return the identification time by estimator, from the timed training."""
-    times: dict[str, float] = {}
-    for digest in plan.trainings:
-        times |= outcome.trainings.get(digest, {}).get("train_s", {})
-    return times
-
-
 def _has(result: Mapping[str, Any], name: str) -> bool:
     return all(name in hand["estimators"] for hand in result["hands"].values())
 
@@ -225,11 +220,6 @@ def _unscored(plan: Plan, outcome: Outcome) -> list[str]:
         for label, result in found.items()
         if result.get("unscored") is not None
     ]
-
-
-def _warnings(outcome: Outcome) -> list[str]:
-    results = [*outcome.trainings.values(), *outcome.cells.values()]
-    return list(dict.fromkeys(text for result in results for text in result["warnings"]))
 
 
 def _own_faults(outcome: Outcome) -> list[str]:

@@ -10,7 +10,7 @@ from typing import Any, Final, Literal, Protocol, get_args, get_origin
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from tis.deploy.logs.limits import MAX_NUMBER, MAX_WORD_CHARS, MAX_WORDS
+from tis.deploy.logs.blocks import MAX_NUMBER, MAX_WORD_CHARS, MAX_WORDS
 
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]

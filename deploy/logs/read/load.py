@@ -16,9 +16,8 @@ from tis.common.runtime.user_code import USER_CODE_FILE, Origin, parse_origins
 from tis.common.sight_records import PICTURES
 from tis.common.sources.provenance import MODEL_FILES
 from tis.common.units import NS_PER_MS
-from tis.deploy.logs.blocks import Block
+from tis.deploy.logs.blocks import MAX_NUMBER, Block
 from tis.deploy.logs.coverage import FOREVER, Coverage, Span
-from tis.deploy.logs.limits import MAX_NUMBER
 from tis.deploy.logs.log_file import LogFile, truncated_start
 from tis.deploy.logs.log_paths import log_files
 from tis.deploy.logs.read.clocks import CLOCK_TOPICS, RunClocks, run_clocks

@@ -19,9 +19,8 @@ from tis.common.runtime.chunk_writer import MESSAGE_HEAD_BYTES
 from tis.common.sight_records import PICTURES
 from tis.common.topic import Topic
 from tis.common.topics import topic_of
-from tis.deploy.logs.blocks import Block
+from tis.deploy.logs.blocks import MAX_CHANNELS, Block
 from tis.deploy.logs.coverage import WHOLE, Coverage
-from tis.deploy.logs.limits import MAX_CHANNELS
 from tis.deploy.logs.payloads import (
     NO_INSTANT,
     UNREADABLE,

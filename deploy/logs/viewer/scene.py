@@ -1,5 +1,6 @@
 """Selection of the records that are drawn, and of their form."""
 
+from base64 import b64decode
 from collections.abc import Iterator, Mapping
 from typing import Final
 
@@ -7,8 +8,9 @@ from tis.common.channels import Side
 from tis.common.clocks import SHARED
 from tis.common.records import CONTROL, ESTIMATES, ESTIMATOR_FAULTS, FRESH, ORIENTATIONS, REJECTED, TICKS, TRUTH
 from tis.common.sight_records import PICTURES
-from tis.deploy.logs.payloads import UNREADABLE, other_version
+from tis.deploy.logs.payloads import UNREADABLE, json_row, other_version
 from tis.deploy.logs.read.clocks import Clocks
+from tis.deploy.logs.viewer import foxglove
 from tis.deploy.logs.viewer.draw_forces import ForceStream, Places
 from tis.deploy.logs.viewer.draw_metrics import (
     AgeStream,
@@ -19,7 +21,6 @@ from tis.deploy.logs.viewer.draw_metrics import (
     fault_line,
     rejected_line,
 )
-from tis.deploy.logs.viewer.draw_pictures import PictureStream
 from tis.deploy.logs.viewer.draw_poses import (
     EstimateStream,
     OrientationStream,
@@ -28,7 +29,32 @@ from tis.deploy.logs.viewer.draw_poses import (
     Truth,
     Turns,
 )
-from tis.deploy.logs.viewer.drawn import MTM, NO_RECORDS, PLANT_ARM, PSM, SET_POINT, Drawn, Records, RunTopics, Stream
+from tis.deploy.logs.viewer.drawn import (
+    CAMERA_VIDEO,
+    MTM,
+    NO_RECORDS,
+    PLANT_ARM,
+    PSM,
+    SET_POINT,
+    Drawn,
+    Records,
+    RunTopics,
+    Stream,
+)
+
+
+class PictureStream:
+    """Draws the frames of a camera."""
+
+    def take(self, records: Records) -> Iterator[Drawn]:
+        """Yield each frame as an image or as video."""
+        for at_ns, payload in zip(records.log_ns.tolist(), records.payloads, strict=True):
+            row = json_row(payload)
+            kind = "image" if row["format"] == "jpeg" else "video"
+            yield Drawn(
+                CAMERA_VIDEO, kind, at_ns, foxglove.picture(kind, at_ns, row["format"], b64decode(row["data"]))
+            )
+
 
 _FIRST: Final = (TRUTH, FRESH)
 _MAX_REJECTED: Final = 20

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from tis.common.channels import Arm, Hand, hand_channels
-from tis.common.header import HEADER_BYTES
+from tis.common.messages import HEADER_BYTES
 from tis.common.metrics.age_of_information import Arrivals, ages_at_ns
 from tis.common.metrics.delivery import Flags, PlannedSamples
 from tis.common.metrics.percentiles import summarise

@@ -20,7 +20,7 @@ from tis.deploy.report.section import KindName, Section, means
 from tis.deploy.report.subjects.audit import releasers
 from tis.deploy.report.subjects.logs import counters_of
 from tis.deploy.report.subjects.tracking import Array, HandTrack, at_ticks
-from tis.patient_side.identification.movement import trained
+from tis.patient_side.identification.dataset import trained
 from tis.patient_side.safety.limits import Limits, limits_of
 from tis.patient_side.statespace import ArmModel
 

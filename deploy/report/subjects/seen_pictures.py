@@ -12,7 +12,7 @@ import numpy as np
 from tis.common.channels import Hand
 from tis.common.errors import DataError
 from tis.common.metrics.percentiles import summarise
-from tis.common.metrics.picture_quality import psnr_db, ssim
+from tis.common.metrics.sight import psnr_db, ssim
 from tis.common.runtime.chunk_writer import by_channel
 from tis.common.runtime.log_parts import companion_logs
 from tis.common.scenario import Scenario

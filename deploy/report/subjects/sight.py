@@ -7,7 +7,7 @@ import numpy as np
 
 from tis.common.channels import VIDEO, Hand, hand_channels, is_shown_force
 from tis.common.channels import Arm as ArmName
-from tis.common.header import CODE_BYTES, HEADER_BYTES
+from tis.common.messages import CODE_BYTES, HEADER_BYTES
 from tis.common.metrics.percentiles import Summary, summarise, uncertainties
 from tis.common.metrics.sight import asynchrony_ns, behind_others, onsets
 from tis.common.records import CONTACTS

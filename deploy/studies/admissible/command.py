@@ -27,8 +27,7 @@ from tis.deploy.compare.grid import Sweep
 from tis.deploy.compare.plan import Request, make_plan, names_given, people_of, read_all
 from tis.deploy.run.resolve import resolve
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.early_checks import check_outputs_in
-from tis.deploy.shell.guard import print_json, print_warnings
+from tis.deploy.shell.guard import check_outputs_in, print_json, print_warnings
 from tis.deploy.shell.progress import PhaseProgress
 from tis.deploy.studies.admissible import tables
 from tis.deploy.studies.admissible.criterion import COMMAND, MIN_PERSONS, parse_limit
@@ -220,7 +219,7 @@ def _write(report: dict[str, Any], path: Path, err: Console) -> list[str]:
     if find_spec("matplotlib") is None or find_spec("bokeh") is None:
         err.print(escape(f"no figure and no page without matplotlib and Bokeh: {GET_REPORT}"), style="dim")
     else:
-        from tis.deploy.studies.admissible.page import admissible_html
+        from tis.deploy.studies.admissible.plots import admissible_html
 
         files |= _figures(report)
         files[_PAGE] = admissible_html(report, files.get("admissible.svg"))

@@ -10,22 +10,17 @@ from rich.markup import escape
 
 from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError
 from tis.common.runtime.recordings import load_recording, load_trials
-from tis.common.scenario import Scenario
 from tis.common.scenario.reading import build_scenario
-from tis.common.sources.trajectory import Recording
 from tis.deploy.compare.cells.identity import dump
 from tis.deploy.compare.cells.store import Store
 from tis.deploy.compare.command import run
 from tis.deploy.compare.engine.workers import Workers
 from tis.deploy.compare.grid import COMMAND
-from tis.deploy.compare.plan import Plan
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.early_checks import check_outputs
-from tis.deploy.shell.guard import print_faults, print_json
+from tis.deploy.shell.guard import check_outputs, print_faults, print_json
 from tis.deploy.studies.definitions.readings import N_AHEAD, plan_splits
 from tis.deploy.studies.definitions.report import build, of_split, page_text, view
-from tis.deploy.studies.definitions.velocity_inputs import INPUTS, leave_user_out
-from tis.deploy.studies.definitions.windows import window_rows
+from tis.deploy.studies.definitions.velocity_inputs import INPUTS, leave_user_out, window_rows
 
 _ALLOWED: Final = ("settings", "duration_s")
 
@@ -55,7 +50,11 @@ def compare_definitions(
         outcome = run(plan, store, workers, err)
     if not any(result["forecasts"] for result in outcome.cells.values()):
         raise DataError([Fault("", "", f"{each.label}: {each.reason}") for each in outcome.failures] or plan.refused)
-    recordings = _recordings(plan)
+    # all trials that can be read, with their velocities; no estimator runs in this scenario
+    raw = dump(plan.cells[0].scenario)
+    raw["identification"] |= {"inputs": ["position", "velocity"], "allow_lookahead": True}
+    scenario = build_scenario(raw, plan.name)
+    recordings = list(load_trials(scenario, load_recording(scenario), plan.trials))
     least_squares = {inputs: leave_user_out(recordings, inputs, N_AHEAD) for inputs in INPUTS}
     report = build(plan, outcome, least_squares, command_of(settings, given["duration_s"]))
     report["windows"] = window_rows(of_split(plan, outcome, "user"), recordings)
@@ -81,16 +80,3 @@ def command_of(settings: Sequence[str], duration_s: float | None) -> str:
     for setting in settings:
         words += [] if setting.startswith("source.path") else ["--set", setting]
     return shlex.join(words)
-
-
-def _recordings(plan: Plan) -> list[Recording]:
-    """Return all trials that can be read, with their velocities."""
-    scenario = _looking_ahead(plan.cells[0].scenario)
-    return list(load_trials(scenario, load_recording(scenario), plan.trials))
-
-
-def _looking_ahead(scenario: Scenario) -> Scenario:
-    """Return the scenario with velocities read; no estimator runs in it."""
-    raw = dump(scenario)
-    raw["identification"] |= {"inputs": ["position", "velocity"], "allow_lookahead": True}
-    return build_scenario(raw, scenario.name)

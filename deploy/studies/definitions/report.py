@@ -27,7 +27,7 @@ from tis.deploy.studies.definitions.readings import (
     value_mm,
 )
 from tis.deploy.studies.definitions.velocity_inputs import Inputs
-from tis.deploy.studies.templates import filled
+from tis.deploy.studies.tables import filled
 
 OURS: Final = NAMES[-1]
 _AT_HORIZON: Final = Reading("rmse_3d", "at")

@@ -31,10 +31,9 @@ from tis.deploy.compare.results.report import report as build_report
 from tis.deploy.present.numbers import per_axis
 from tis.deploy.present.table import Column, Table
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.early_checks import check_outputs
-from tis.deploy.shell.guard import print_faults
-from tis.deploy.studies.paper.printed import ROWS
-from tis.deploy.studies.templates import filled
+from tis.deploy.shell.guard import check_outputs, print_faults
+from tis.deploy.studies.paper.cells import ROWS
+from tis.deploy.studies.tables import filled
 
 _COMPARED: Final = tuple(NAMES)
 """Estimators of the tables; the methods of the paper have a page (`tis paper`)."""
@@ -61,7 +60,8 @@ def sections() -> list[Section]:
         if name != "synthetic":
             if not os.environ.get(JIGSAWS_VARIABLE):
                 continue
-            last = _one_of_each_person(list_trials(JigsawsSource(kind="jigsaws", task="Suturing")))
+            trials = list_trials(JigsawsSource(kind="jigsaws", task="Suturing"))
+            last = tuple({trial[0]: trial for trial in trials}.values()) or None
         found += [_section(each, name, source, last) for each in raw["sections"] if each.get("of", name) == name]
     return found
 
@@ -77,10 +77,6 @@ def _section(raw: dict[str, Any], name: str, source: dict[str, Any], last: tuple
         sweeps=(parse_sweep(raw["sweep"]),),
     )
     return Section(raw["title"].format(source=name), raw["about"], request, raw["shows"])
-
-
-def _one_of_each_person(trials: Sequence[str]) -> tuple[str, ...] | None:
-    return tuple({name[0]: name for name in trials}.values()) or None
 
 
 def shows_of(title: str) -> Shows:

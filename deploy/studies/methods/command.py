@@ -13,8 +13,7 @@ from tis.common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, TisEr
 from tis.deploy.compare.cells.store import Store, resumable
 from tis.deploy.compare.engine.compute import workers_of
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.early_checks import check_outputs, check_outputs_in
-from tis.deploy.shell.guard import print_faults
+from tis.deploy.shell.guard import check_outputs, check_outputs_in, print_faults
 from tis.deploy.shell.progress import PhaseProgress
 from tis.deploy.studies.methods.claims import MEMBERS, verdicts
 from tis.deploy.studies.methods.computing import Computed, compute_methods

@@ -11,7 +11,7 @@ from tis.deploy.present.numbers import NONE, per_axis, with_interval
 from tis.deploy.present.table import Column, Table
 from tis.deploy.studies.methods.claims import CLAIMS, FAMILY_TITLES, MEMBERS, verdicts
 from tis.deploy.studies.methods.measured import Figures, exponent_text, loss_head, rate_text
-from tis.deploy.studies.templates import filled
+from tis.deploy.studies.tables import filled
 
 
 def main_table(methods: Sequence[Figures]) -> Table:

@@ -56,7 +56,8 @@ def plans_of(subject: Subject) -> dict[Measure, Plan]:
     extent = subject.extent
     delays = Sweep("network.forward.delay.delay_ms", tuple(number_text(each) for each in extent.delays_ms))
     sent = Sweep("surgeon.sensor_noise_mm", tuple(number_text(each) for each in extent.noises_mm))
-    noisy = _noises_trained(subject)
+    noises = extent.noises_mm  # learned methods, whose training takes minutes, are trained with two of them
+    noisy = tuple(map(number_text, (noises[0], noises[-1]) if is_learned(subject.method) else noises))
     losses = Sweep("network.forward.loss", tuple(loss_text(*each) for each in losses_of(extent)))
     plans: dict[Measure, Plan] = {
         "accuracy": _accuracy(subject, delays),
@@ -74,12 +75,6 @@ def plans_of(subject: Subject) -> dict[Measure, Plan]:
         "fast": _fast(subject),
     }
     return {measure: _named(plan, subject.method) for measure, plan in plans.items()}
-
-
-def _noises_trained(subject: Subject) -> tuple[str, ...]:
-    """Return the noises, in mm, that models are trained with; learned ones, which take minutes, with two of them."""
-    noises = subject.extent.noises_mm
-    return tuple(map(number_text, (noises[0], noises[-1]) if is_learned(subject.method) else noises))
 
 
 def losses_of(extent: Extent) -> list[tuple[float, bool]]:

@@ -115,22 +115,22 @@ class Trials:
 
     def few(self, n_people: int | None) -> tuple[str, ...]:
         """Return the last trial of each person, of the first ``n_people`` ones: all trials would take hours."""
-        return tuple({_letter(name): name for name in self.names}.values())[:n_people]
+        return tuple({name[0]: name for name in self.names}.values())[:n_people]
 
     def others(self, trial: str) -> tuple[str, ...]:
         """Return the trials of all other people, by turns one of each, so that the first n are of many people."""
-        each = [[name for name in self.names if _letter(name) == who] for who in self.people if who != _letter(trial)]
+        each = [[name for name in self.names if name[0] == who] for who in self.people if who != trial[0]]
         return tuple(name for turn in zip_longest(*each) for name in turn if name is not None)
 
     def own(self, trial: str) -> tuple[str, ...]:
         """Return the other trials of the person of a trial."""
-        return tuple(name for name in self.names if _letter(name) == _letter(trial) and name != trial)
+        return tuple(name for name in self.names if name[0] == trial[0] and name != trial)
 
     def next_person(self, trial: str) -> tuple[str, ...]:
         """Return the trials of the next person after that of a trial, the first after the last."""
         people = self.people
-        who = people[(people.index(_letter(trial)) + 1) % len(people)]
-        return tuple(name for name in self.names if _letter(name) == who)
+        who = people[(people.index(trial[0]) + 1) % len(people)]
+        return tuple(name for name in self.names if name[0] == who)
 
 
 def find_trials(path: str | None, task: Task, folder: Path, seed: int, duration_s: float) -> Trials:
@@ -141,7 +141,9 @@ def find_trials(path: str | None, task: Task, folder: Path, seed: int, duration_
     """
     synthetic = path is None and not os.environ.get(JIGSAWS_VARIABLE) and not list_trials(_source(None, task))
     if synthetic:
-        path = str(_population(folder, task, seed, duration_s))
+        path = str(folder / f"population_{task}_{seed}_{duration_s:g}s")
+        if not list_trials(_source(path, task)):
+            write_trials(Path(path), _N_TRIALS, task, seed, duration_s, COMMAND, _N_PEOPLE)
     source = _source(path, task)
     names = tuple(list_trials(source))
     if not names:
@@ -157,18 +159,5 @@ def _source(path: str | None, task: Task) -> JigsawsSource:
     return JigsawsSource.model_validate({"kind": "jigsaws", "path": path, "task": task})
 
 
-def _population(folder: Path, task: Task, seed: int, duration_s: float) -> Path:
-    """Write a population, unless an earlier call did; return its folder."""
-    path = folder / f"population_{task}_{seed}_{duration_s:g}s"
-    if not list_trials(_source(str(path), task)):
-        write_trials(path, _N_TRIALS, task, seed, duration_s, COMMAND, _N_PEOPLE)
-    return path
-
-
-def _letter(trial: str) -> str:
-    """Return the letter of the person who moves in a trial of JIGSAWS."""
-    return trial[0]
-
-
 def _letters(trials: Sequence[str]) -> list[str]:
-    return list(dict.fromkeys(map(_letter, trials)))
+    return list(dict.fromkeys(trial[0] for trial in trials))

@@ -18,16 +18,18 @@ from tis.deploy.compare.engine.compute import compute as compute_twins
 from tis.deploy.compare.engine.compute import workers_of
 from tis.deploy.compare.engine.workers import Workers
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.early_checks import check_outputs, check_outputs_in
+from tis.deploy.shell.guard import check_outputs, check_outputs_in
 from tis.deploy.shell.progress import PhaseProgress
 from tis.deploy.studies.paper.cells import (
     METHODS,
     PAIRINGS,
     READINGS,
+    ROWS,
     Cell,
     Method,
     Pairing,
     Results,
+    Simulated,
     SimulationKey,
     Trial,
     all_cells,
@@ -35,11 +37,10 @@ from tis.deploy.studies.paper.cells import (
     meaningful,
     scenario_of,
     scores_of,
+    simulate,
     twin_of,
 )
 from tis.deploy.studies.paper.page import page
-from tis.deploy.studies.paper.printed import ROWS
-from tis.deploy.studies.paper.simulation import Simulated, simulate
 from tis.patient_side.build import identify_models
 from tis.patient_side.identification.model_file import dump_models
 from tis.patient_side.statespace import ArmModel

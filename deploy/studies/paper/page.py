@@ -10,20 +10,26 @@ from tis.common.units import NS_PER_MS
 from tis.deploy.present.numbers import per_axis
 from tis.deploy.present.table import Column, Table
 from tis.deploy.studies.paper.cells import (
+    BLOCK_ROWS,
+    ORDER,
     PAIRINGS,
     READINGS,
+    ROWS,
     SAMPLES,
+    TEXT,
     TOPOLOGIES,
+    TRAIN_SAMPLES,
     Cell,
     Method,
     Pairing,
+    PaperRow,
+    PaperText,
+    Reading,
     Results,
     SimulationKey,
     meaningful,
 )
-from tis.deploy.studies.paper.printed import BLOCK_ROWS, ORDER, ROWS, TEXT, TRAIN_SAMPLES, PaperRow, PaperText
-from tis.deploy.studies.paper.simulation import Reading
-from tis.deploy.studies.templates import filled
+from tis.deploy.studies.tables import filled
 from tis.netem.stages.delay import latency_of
 
 WITHIN_POINTS: Final = 8.0

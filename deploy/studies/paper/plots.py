@@ -13,10 +13,17 @@ from matplotlib.figure import Figure
 from tis.common.runtime.recordings import load_recording
 from tis.deploy.present.palette import TRUTH, look_of
 from tis.deploy.report.publication.matplotlib_figures import STYLE
-from tis.deploy.studies.paper.cells import PAIRINGS, Pairing, Results, scenario_of
+from tis.deploy.studies.paper.cells import (
+    ORDER,
+    PAIRINGS,
+    ROWS,
+    TRAIN_SAMPLES,
+    Pairing,
+    Results,
+    run_algorithm,
+    scenario_of,
+)
 from tis.deploy.studies.paper.page import nearest_simulation
-from tis.deploy.studies.paper.printed import ORDER, ROWS, TRAIN_SAMPLES
-from tis.deploy.studies.paper.simulation import run_algorithm
 from tis.patient_side.linear_system import Array
 
 _TITLES: Final[dict[Pairing, str]] = {"same_name": "same-name pair", "cross": "true pair"}

@@ -20,8 +20,7 @@ from tis.deploy.compare.plan import Request, names_given
 from tis.deploy.present.numbers import significant
 from tis.deploy.present.table import Table
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.early_checks import check_outputs_in
-from tis.deploy.shell.guard import print_json
+from tis.deploy.shell.guard import check_outputs_in, print_json
 from tis.deploy.shell.progress import PhaseProgress
 from tis.deploy.studies.touch.study import COMMAND, Border, Twin, checked, find_borders, loops_of, twins_by
 

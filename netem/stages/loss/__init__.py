@@ -1,4 +1,4 @@
-"""Loss: one file per model, all addressed by sequence number or by run time."""
+"""Loss: models in a file per law, all addressed by sequence number or by run time."""
 
 from collections.abc import Mapping
 from typing import Protocol
@@ -7,10 +7,10 @@ from tis.common.scenario.network import loss as network
 from tis.common.streams import Address
 from tis.common.trace import Trace
 from tis.netem.draws.blocks import LossBlocks
-from tis.netem.stages.loss import four_state, gilbert_elliott
-from tis.netem.stages.loss.bernoulli import Bernoulli
+from tis.netem.stages.loss import markov_loss
 from tis.netem.stages.loss.expected_loss import ExpectedLoss
 from tis.netem.stages.loss.gilbert_pareto import GilbertPareto
+from tis.netem.stages.loss.markov_loss import Bernoulli
 from tis.netem.stages.loss.pareto_runs import ParetoRuns
 from tis.netem.stages.loss.trace import RecordedLoss
 
@@ -36,11 +36,11 @@ def _model(part: network.Loss | None, traces: Mapping[str, Trace]) -> _Model:
         case network.BernoulliLoss():
             return Bernoulli(part.p_loss)
         case network.BurstLoss():
-            return gilbert_elliott.of_burst(part)
+            return markov_loss.of_burst(part)
         case network.GilbertElliottLoss():
-            return gilbert_elliott.of_four_parameters(part)
+            return markov_loss.of_four_parameters(part)
         case network.FourStateLoss():
-            return four_state.of(part)
+            return markov_loss.of_four_states(part)
         case network.ParetoRunsLoss():
             return ParetoRuns(part)
         case network.GilbertParetoLoss():

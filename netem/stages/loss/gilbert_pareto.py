@@ -18,7 +18,7 @@ from tis.common.streams import BLOCK, Address
 from tis.netem.draws.blocks import Floats, SegmentedPath
 from tis.netem.draws.markov import MarkovChain
 from tis.netem.stages.loss.expected_loss import ExpectedLoss
-from tis.netem.stages.loss.lomax import MAX_RUN, FlooredLomax
+from tis.netem.stages.loss.pareto_runs import MAX_RUN, FlooredLomax
 
 _NEGLIGIBLE: Final = 1e-15
 

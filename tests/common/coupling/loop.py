@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.coupling.energy import ReceivedEnergy
 from tis.common.coupling.stability import Limb
-from tis.common.coupling.tdpa import PassiveArm, PassiveHand
+from tis.common.coupling.tdpa import PassiveArm, PassiveHand, ReceivedEnergy
 from tis.common.coupling.wave import WaveArm, WaveHand, WaveQueue
 from tis.common.vector import ZERO, Vector, minus, plus, scaled
 from tis.patient_side.plant.environment import Environment, Wall

@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.common.coupling.loop import PERIOD_S, Line, Loop, a_servo, energy_j
-from tis.common.coupling.energy import ReceivedEnergy
 from tis.common.coupling.stability import Limb
-from tis.common.coupling.tdpa import PassiveArm
+from tis.common.coupling.tdpa import PassiveArm, ReceivedEnergy
 from tis.common.coupling.wave import WaveArm, WaveQueue, is_too_strong
 from tis.common.vector import Vector, dot, plus, scaled
 

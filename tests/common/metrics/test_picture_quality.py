@@ -5,7 +5,7 @@ from math import inf, log10
 import numpy as np
 import pytest
 
-from tis.common.metrics.picture_quality import Picture, psnr_db, ssim
+from tis.common.metrics.sight import Picture, psnr_db, ssim
 
 
 def noisy(seed: int = 1, std: float = 12.0, shape: tuple[int, int] = (22, 31)) -> tuple[Picture, Picture]:

@@ -1,7 +1,7 @@
 import threading
 
 from tis.common.runtime.clock import VirtualClock
-from tis.common.runtime.inbox import Inbox
+from tis.common.runtime.zenoh_bus import Inbox
 
 
 def _inbox() -> tuple[Inbox[str], VirtualClock]:

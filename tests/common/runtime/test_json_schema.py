@@ -8,7 +8,7 @@ import pytest
 
 from tests.every_message import every_message
 from tis.common import messages, records
-from tis.common.runtime.json_schema import flat_schema, prepare_schemas
+from tis.common.runtime.mcap_log import flat_schema, prepare_schemas
 
 
 def test_no_schema_is_left_to_be_worked_out_in_a_run() -> None:

@@ -13,8 +13,7 @@ from tis.common.errors import DataError
 from tis.common.messages import FeedbackPose, Pose, encode
 from tis.common.node import Record
 from tis.common.records import TickNote
-from tis.common.runtime.json_schema import flat_schema
-from tis.common.runtime.mcap_log import McapLog
+from tis.common.runtime.mcap_log import McapLog, flat_schema
 from tis.common.runtime.recorder import ThreadedRecorder
 
 

@@ -8,12 +8,11 @@ import zenoh
 
 from tests.common.runtime.live_zenoh import a_network, settle, soon
 from tis.common.channels import Network
-from tis.common.header import Header
+from tis.common.messages import Header
 from tis.common.node import Arrival, Emission, Output, Record
 from tis.common.runtime.clock import WallClock
-from tis.common.runtime.inbox import Inbox
 from tis.common.runtime.loop import Delivery
-from tis.common.runtime.zenoh_bus import ZenohBus
+from tis.common.runtime.zenoh_bus import Inbox, ZenohBus
 
 pytestmark = pytest.mark.live
 _LIMIT_NS = 30_000_000_000

@@ -74,3 +74,24 @@ def test_a_metre_is_four_thousand_pixels_and_up_is_up() -> None:
     assert SCENE.pixel((1e6, 0, -1e6), (0.0, 0.0, 0.0), 160) == (16384, 16384)
     assert scene_of(resolve("touch_and_sight", (), None, None)) == Scene(640, 480, 192 + 8, yields=True)
     assert scene_of(resolve("sight", (), None, None)) == Scene(640, 480, 384, yields=False)
+
+
+@pytest.mark.parametrize(
+    ("normal", "right"), [((0.0, 0.0, 2.0), 0), ((1.0, 0.0, 0.0), 1), ((0.0, -1.0, 0.0), 0), ((1.0, 1.0, 1.0), None)]
+)
+def test_the_surface_is_drawn_where_the_arm_touches_it(normal: tuple[float, float, float], right: int | None) -> None:
+    settings = (f"touch.environment={{kind: wall, normal: {list(normal)}, distance_mm: 5}}",)
+    scene = scene_of(resolve("touch_and_sight", settings, None, None))
+    up, first_m = np.array(normal) / np.linalg.norm(normal), np.array([0.3, -0.2, 0.1])
+    assert scene.pixel(tuple(first_m - 0.005 * up), tuple(first_m), 320) == (320, scene.surface)
+    assert scene.pixel(tuple(first_m + 0.010 * up), tuple(first_m), 320) == (320, scene.horizon - 40)
+    if right is not None:
+        assert scene.pixel(tuple(first_m + 0.01 * np.eye(3)[right]), tuple(first_m), 320) == (360, scene.horizon)
+
+
+def test_a_surface_through_a_point_is_drawn_there_wherever_the_arm_began() -> None:
+    settings = ("touch.environment={kind: wall, normal: [0, 1, 0], position_mm: [10, 20, 30]}",)
+    scene = scene_of(resolve("touch_and_sight", settings, None, None))
+    for first_m in ((0.0, 0.0, 0.0), (0.1, 0.05, -0.2)):
+        assert scene.pixel((first_m[0], 0.02, 7.0), first_m, 320) == (320, scene.surface)
+        assert scene.pixel((first_m[0] + 0.01, 0.03, 0.0), first_m, 320) == (360, scene.surface - 40)

@@ -3,8 +3,7 @@ import pytest
 
 from tis.common.scenario.live_source import LivePlaces, LiveSource
 from tis.common.scenario.source import SyntheticSource
-from tis.common.sources.live import synthetic_training, unmade_movement
-from tis.common.sources.synthetic import synthesise
+from tis.common.sources.synthetic import synthesise, synthetic_training, unmade_movement
 
 
 def test_nothing_is_known_of_a_live_movement_but_its_hands() -> None:

@@ -3,7 +3,6 @@ from hypothesis import strategies as st
 
 from tis.common.scenario.live_source import LiveSource
 from tis.common.scenario.source import SyntheticSource
-from tis.common.sources.live import unmade_movement
 from tis.common.sources.provenance import (
     RecordedRows,
     dump_played,
@@ -12,7 +11,7 @@ from tis.common.sources.provenance import (
     played_rows,
     training_rows,
 )
-from tis.common.sources.synthetic import synthesise
+from tis.common.sources.synthetic import synthesise, unmade_movement
 
 _ROWS = st.builds(
     RecordedRows,

@@ -6,8 +6,7 @@ import pytest
 
 from tis.common import host_records, records
 from tis.common.messages import Message
-from tis.deploy.export.columns import columns_of, readme, table_meaning
-from tis.deploy.export.tables import tables
+from tis.deploy.export.tables import columns_of, readme, table_meaning, tables
 from tis.deploy.report import load
 
 _RECORDS: dict[str, type[Message]] = {

@@ -32,8 +32,8 @@ from tis.common.errors import DataError
 from tis.common.node import Record
 from tis.common.records import TickNote
 from tis.common.runtime.mcap_log import McapLog
+from tis.deploy.logs.blocks import FREE_RECORDS, MAX_CHANNELS, MAX_NUMBER
 from tis.deploy.logs.describe import print_file
-from tis.deploy.logs.limits import FREE_RECORDS, MAX_CHANNELS, MAX_NUMBER
 from tis.deploy.logs.log_file import LogFile
 from tis.deploy.logs.log_paths import recovery_of
 from tis.deploy.logs.read.load import load_side

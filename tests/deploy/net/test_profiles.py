@@ -19,7 +19,7 @@ from tis.deploy.net.profiles import (
     read_profile,
     shipped_names,
 )
-from tis.deploy.studies.paper.printed import ROWS, PaperRow
+from tis.deploy.studies.paper.cells import ROWS, PaperRow
 from tis.netem.expected.figures import direction_figures
 from tis.netem.expected.simulate import simulate
 

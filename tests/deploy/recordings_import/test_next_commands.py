@@ -6,7 +6,7 @@ import pytest
 
 from tests.common.runtime.recordings.tables import Columns, movement, write_csv
 from tests.deploy.commands import call
-from tis.deploy.recordings_import.next_commands import next_commands
+from tis.deploy.recordings_import.command import next_commands
 
 
 def _printed(line: str) -> list[str]:

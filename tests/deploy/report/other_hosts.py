@@ -6,8 +6,8 @@ from pathlib import Path
 
 from tests.common.clocks.wrong_clock import S, WrongClock, exchanges
 from tis.common.channels import Network, Side
-from tis.common.header import Header
 from tis.common.host_records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
+from tis.common.messages import Header
 from tis.common.node import Arrival, Emission, Node, Output, Record
 from tis.common.scenario import Scenario
 from tis.deploy.logs.read.load import RunLogs

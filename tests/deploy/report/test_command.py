@@ -38,9 +38,7 @@ def run_dir(finished: Path, tmp_path: Path) -> Path:
 @pytest.fixture
 def without_bokeh(monkeypatch: pytest.MonkeyPatch) -> None:
     found: Callable[..., ModuleSpec | None] = importlib.util.find_spec
-    monkeypatch.setattr(
-        "tis.deploy.shell.early_checks.find_spec", lambda name: None if name == "bokeh" else found(name)
-    )
+    monkeypatch.setattr("tis.deploy.shell.guard.find_spec", lambda name: None if name == "bokeh" else found(name))
 
 
 def test_the_last_line_of_a_run_names_its_report(tmp_path: Path) -> None:

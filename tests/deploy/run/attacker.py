@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from tis.common.channels import Network
-from tis.common.header import Header
+from tis.common.messages import Header
 from tis.common.node import Arrival, Emission, Output, Record
 
 

@@ -34,7 +34,7 @@ print(" ".join(sorted(set(sys.modules) - built)))
 """
 _EMULATOR = """\
 import os, sys
-from tis.common.header import Header
+from tis.common.messages import Header
 from tis.common.node import Arrival
 from tis.deploy.run.resolve import resolve
 from tis.netem.build import build_netem

@@ -8,8 +8,7 @@ from msgspec import convert
 
 from tests.nodes import a_pose
 from tis.common.channels import hand_channels
-from tis.common.header import Header
-from tis.common.messages import Pose, encode
+from tis.common.messages import Header, Pose, encode
 from tis.common.node import Arrival, Record
 from tis.common.records import TICKS, TickNote
 from tis.common.runtime.mcap_log import McapLog

@@ -8,7 +8,7 @@ from tis.common.messages import Wrench, encode
 from tis.common.node import Record
 from tis.common.runtime.mcap_log import McapLog
 from tis.common.vector import ZERO, as_message
-from tis.deploy.run.replay_forces import Forces, compare_forces
+from tis.deploy.run.replay import Forces, compare_forces
 
 KEY = "tis/PSM2/measured_cf"
 

@@ -20,7 +20,7 @@ from tis.deploy.run.resolve import resolve
 from tis.deploy.run.twin import build_sides, run_twin
 from tis.deploy.shell import run_dir as folder
 from tis.patient_side.linear_system import Array
-from tis.patient_side.plant import extra
+from tis.patient_side.plant import physics
 from tis.patient_side.plant.build import executing_plant
 from tis.patient_side.plant.protocol import Reference
 from tis.patient_side.statespace import ArmModel
@@ -92,7 +92,7 @@ def test_a_missing_simulator_ends_the_command_before_anything_starts(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(extra, "find_spec", lambda _: None)
+    monkeypatch.setattr(physics, "find_spec", lambda _: None)
     done = CliRunner().invoke(app, [command, "simulated_arm"])
     assert done.exit_code == 2
     assert f"patient.plant: kind: mujoco needs the package mujoco: {GET_SIM}" in " ".join(done.stderr.split())

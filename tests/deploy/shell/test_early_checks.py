@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tis.common.errors import DataError, Fault
-from tis.deploy.shell.early_checks import check_outputs, unwritable
+from tis.deploy.shell.guard import check_outputs, unwritable
 from tis.deploy.shell.run_dir import write
 
 

@@ -15,7 +15,7 @@ from tests.deploy.report.hand_made import a_scenario
 from tis.common.errors import DataError, InputError
 from tis.common.runtime.process import command_line
 from tis.deploy.shell import run_dir as folder
-from tis.deploy.shell.early_checks import unwritable
+from tis.deploy.shell.guard import unwritable
 
 
 def _names(path: Path) -> list[str]:

@@ -14,7 +14,7 @@ from tests.deploy.commands import call
 from tis.common.errors import InputError
 from tis.common.extras import GET_HOSTS
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
-from tis.deploy.shell import early_checks
+from tis.deploy.shell import guard
 from tis.deploy.tools import certificates as module
 from tis.deploy.tools.certificates import certificates, issue, new_authority
 
@@ -167,7 +167,7 @@ def test_the_commands_make_what_a_run_needs_and_show_what_is_wrong(
 
 
 def test_without_the_package_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(early_checks, "find_spec", lambda _: None)
+    monkeypatch.setattr(guard, "find_spec", lambda _: None)
     code, _, err = call("certs", "show")
     assert code == 2
     assert err.strip() == f"tis: tis certs: needs the package cryptography: {GET_HOSTS}"

@@ -11,7 +11,7 @@ from tis.common.extras import Extra
 from tis.deploy.cli.main import app
 from tis.patient_side.dynamics import consistent_fit
 from tis.patient_side.dynamics.parameters import pseudo_inertia
-from tis.patient_side.plant import extra
+from tis.patient_side.plant import physics
 
 
 def test_the_file_holds_the_table_and_bodies_that_can_exist(tmp_path: Path) -> None:
@@ -49,7 +49,7 @@ def test_a_missing_extra_is_named_before_anything_is_computed(
     def find(name: str) -> object | None:
         return None if name == missing else object()
 
-    monkeypatch.setattr(extra, "find_spec", find)
+    monkeypatch.setattr(physics, "find_spec", find)
     monkeypatch.setattr(consistent_fit, "find_spec", find)
     file = tmp_path / "dynamics.json"
     done = CliRunner().invoke(app, ["identify", "simulated_arm", "--dynamics", "--out", str(file)])

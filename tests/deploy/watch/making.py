@@ -5,8 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from tis.common.channels import Channel, Network, hand_channels
-from tis.common.header import Header
-from tis.common.messages import FeedbackPose, Pose, Quaternion, Vector3, encode
+from tis.common.messages import FeedbackPose, Header, Pose, Quaternion, Vector3, encode
 from tis.common.units import NS_PER_MS, sample_instant_ns
 from tis.deploy.watch.book import LiveBook, Sighting
 

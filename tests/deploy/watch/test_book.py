@@ -8,8 +8,7 @@ import pytest
 from tests.deploy.watch.making import LEFT, STARTED_NS, a_book, a_run, pose, sighting
 from tests.deploy.watch.test_arms import _arm, _display
 from tis.common.channels import Side
-from tis.common.header import Header
-from tis.common.messages import encode
+from tis.common.messages import Header, encode
 from tis.common.peer_life import Beat
 from tis.common.runtime.control import ControlKeys
 from tis.common.units import NS_PER_MS

@@ -1,8 +1,7 @@
 """Safety states that an observer shows."""
 
 from tis.common.channels import stopped_key
-from tis.common.header import Header
-from tis.common.messages import Quaternion, SafetyMode, SetPoint, Vector3, encode
+from tis.common.messages import Header, Quaternion, SafetyMode, SetPoint, Vector3, encode
 from tis.common.peer_life import Beat
 from tis.common.runtime.control import ControlKeys
 from tis.common.stop_messages import StopState

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tests.surgeon_side.test_screen import MS, SIGHT, Plain, _payloads, _picture
-from tis.common.header import Header
+from tis.common.messages import Header
 from tis.deploy.watch.spectator import Spectator
 
 _AHEAD_NS = 900_000 * MS

@@ -12,7 +12,7 @@ import zenoh
 from tests.common.runtime.live_zenoh import a_client, a_router, soon
 from tests.netem.making import KEY, link
 from tis.common.channels import Direction, Network
-from tis.common.header import Header
+from tis.common.messages import Header
 from tis.common.node import Record
 from tis.common.records import CONTROL, ControlNote
 from tis.common.runtime.clock import WallClock

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from tis.patient_side.dynamics.parameters import regressor, true_parameters
-from tis.patient_side.plant.arm_geometry import HIGH, LOW, link_frames
-from tis.patient_side.plant.arm_links import COM_M, MASS_KG
+from tis.patient_side.plant.arm_geometry import COM_M, HIGH, LOW, MASS_KG, link_frames
 from tis.patient_side.plant.mjcf import arm_mjcf
 
 

@@ -10,9 +10,8 @@ from tis.common.errors import DataError
 from tis.common.scenario.estimator_names import LearnedName
 from tis.common.units import sample_instant_ns
 from tis.patient_side.estimators.learned_forecast import LearnedForecast, learned_forecast, linear_forecast
-from tis.patient_side.learned.inputs import activity_of
+from tis.patient_side.learned.inputs import activity_of, window_of_rows
 from tis.patient_side.learned.predictor import predictor_of
-from tis.patient_side.learned.window import window_of_rows
 from tis.patient_side.playout import Playout
 from tis.patient_side.statespace import ArmModel
 

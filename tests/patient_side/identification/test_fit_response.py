@@ -5,7 +5,7 @@ import pytest
 
 from tis.common.scenario.source import SyntheticSource
 from tis.common.sources.synthetic import synthesise
-from tis.patient_side.identification.fit_response import fit_response
+from tis.patient_side.identification.forecast import fit_response
 from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import ArmResponse
 

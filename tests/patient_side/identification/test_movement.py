@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tis.patient_side.identification.movement import movement_of, trained
+from tis.patient_side.identification.dataset import movement_of, trained
 from tis.patient_side.statespace import Movement
 
 

@@ -3,8 +3,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tis.patient_side.learned.inputs import N_AGE, N_CONTEXT, N_STEP, activity_of, age_inputs, inputs_of, scaled
-from tis.patient_side.learned.window import LAGS, N_FINE, N_LAGS, Window
+from tis.patient_side.learned.inputs import (
+    LAGS,
+    N_AGE,
+    N_CONTEXT,
+    N_FINE,
+    N_LAGS,
+    N_STEP,
+    Window,
+    activity_of,
+    age_inputs,
+    inputs_of,
+    scaled,
+)
 
 
 def window(seed: int = 0, size_m: float = 1e-3, p_present: float = 1.0) -> Window:

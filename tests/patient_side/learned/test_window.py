@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tis.patient_side.learned.window import LAGS, N_FINE, filled, stride_of, window_before, window_of_rows
+from tis.patient_side.learned.inputs import LAGS, N_FINE, filled, stride_of, window_before, window_of_rows
 from tis.patient_side.model_fields import Floats
 from tis.patient_side.playout import SourceBuffer
 

@@ -5,8 +5,7 @@ from tests.patient_side.learning.tracks import SPREAD_RAD, USUAL_M, linear, some
 from tis.common.errors import DataError
 from tis.common.streams import Stream
 from tis.patient_side.learned.gaussian_process import AGES
-from tis.patient_side.learned.inputs import activity_of
-from tis.patient_side.learned.window import N_LAGS, window_before
+from tis.patient_side.learned.inputs import N_LAGS, activity_of, window_before
 from tis.patient_side.learning.examples import (
     EVERY,
     FIRST_ROW,

@@ -8,12 +8,10 @@ from tis.common.extras import GET_SIM
 from tis.common.scenario.patient import MujocoPlant
 from tis.common.servo import servo_transition
 from tis.patient_side.linear_system import Array
-from tis.patient_side.plant import extra
-from tis.patient_side.plant.arm_geometry import HIGH, LOW, link_frames
-from tis.patient_side.plant.arm_links import COM_M, INERTIA_KG_M2, MASS_KG, MOTOR_INERTIA
-from tis.patient_side.plant.extra import check_simulator
+from tis.patient_side.plant import physics
+from tis.patient_side.plant.arm_geometry import COM_M, HIGH, INERTIA_KG_M2, LOW, MASS_KG, MOTOR_INERTIA, link_frames
 from tis.patient_side.plant.mjcf import arm_mjcf
-from tis.patient_side.plant.physics import ArmPhysics, mass_matrix
+from tis.patient_side.plant.physics import ArmPhysics, check_simulator, mass_matrix
 
 HOME = np.array([0.0, 0.0, 0.12, 0.0, 0.0, 0.0, 0.0])
 BENT = np.array([0.4, -0.3, 0.16, 1.2, 0.5, -0.6, 0.3])
@@ -120,7 +118,7 @@ def test_the_joints_stay_within_their_stops_whatever_the_set_points(
 
 
 def test_a_missing_simulator_is_named_with_its_command(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(extra, "find_spec", lambda _: None)
+    monkeypatch.setattr(physics, "find_spec", lambda _: None)
     with pytest.raises(InputError) as caught:
         check_simulator()
     assert str(caught.value) == (f"patient.plant: kind: mujoco needs the package mujoco: {GET_SIM}")

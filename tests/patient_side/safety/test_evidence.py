@@ -1,6 +1,6 @@
 """Evidence of forgery, by literal instants."""
 
-from tis.patient_side.safety.evidence import Evidence
+from tis.patient_side.safety.gated_intake import Evidence
 
 MS = 1_000_000
 

@@ -17,8 +17,7 @@ from tis.common.vector import minus
 from tis.patient_side.rotations import Quaternion, turn_to
 from tis.patient_side.safety.limits import limits_of
 from tis.patient_side.safety.safety_state import Left, SafetyFilter, SafetyState, Seen
-from tis.patient_side.safety.set_point import STILL, Place, within
-from tis.patient_side.safety.wrist_point import WristPose
+from tis.patient_side.safety.set_point import STILL, Place, WristPose, within
 
 _RATE_HZ = 30
 _S = 1_000_000_000

@@ -7,8 +7,16 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tis.patient_side.rotations import after_turn, turn_to
-from tis.patient_side.safety.set_point import NO_CORRECTION, Motion, Pace
-from tis.patient_side.safety.wrist_point import WristPoint, WristPose, begin, brake_wrist, follow_wrist
+from tis.patient_side.safety.set_point import (
+    NO_CORRECTION,
+    Motion,
+    Pace,
+    WristPoint,
+    WristPose,
+    begin,
+    brake_wrist,
+    follow_wrist,
+)
 
 ANGLE = st.floats(-3.1, 3.1)
 VECTOR = st.tuples(ANGLE, ANGLE, ANGLE)

@@ -19,8 +19,7 @@ from tis.common.vector import Vector, minus, plus
 from tis.patient_side.rotations import Quaternion, after_turn, turn_to
 from tis.patient_side.safety.limits import limits_of
 from tis.patient_side.safety.safety_state import SafetyFilter, SafetyState, Seen
-from tis.patient_side.safety.set_point import STILL, Place
-from tis.patient_side.safety.wrist_point import WristPose
+from tis.patient_side.safety.set_point import STILL, Place, WristPose
 
 _WINDOW_S = 0.033
 _SETTLE_S = 0.25

@@ -14,16 +14,17 @@ from tests.deploy.compare.untimed import untimed
 from tests.documented_estimator import FILE, NAME, documented_estimator
 from tis.deploy.compare.cells.cell import Cell, Training
 from tis.deploy.compare.cells.identity import content_digest
-from tis.deploy.compare.engine.shipment import own_code, perform_away, shipment_of, shipped_files
+from tis.deploy.compare.engine.shipment import perform_away, shipment_of, shipped_files
 from tis.deploy.compare.engine.workers import Computed, Failure, Result, Unit, perform
 from tis.deploy.compare.plan import Plan, Request, make_plan
+from tis.patient_side.models import own_estimators
 
 SYNTHETIC = ("identification.train_samples=120", "identification.order=0", "identification.block_rows=2")
 
 
 def packed(unit: Unit, model_file: Path | None) -> tuple[bytes, dict[str, bytes]]:
     """What a worker gets: the pickled shipment, and the content of each file."""
-    own = own_code(unit.scenario)
+    own = own_estimators(unit.scenario)
     contents = {name: path.read_bytes() for name, path in shipped_files(unit, model_file, own).items()}
     digests = {name: content_digest(content) for name, content in contents.items()}
     return pickle.dumps(shipment_of(unit, digests, own)), contents

@@ -10,8 +10,7 @@ from msgspec.structs import asdict, replace
 from tests.deploy.report.hand_made import ARM, COMMAND, a_scenario, counter, message, tick, write_run
 from tests.nodes import a_pose
 from tis.common.channels import Arm, Hand
-from tis.common.header import HEADER_BYTES
-from tis.common.messages import SampledPose, encode
+from tis.common.messages import HEADER_BYTES, SampledPose, encode
 from tis.common.records import SENT_BYTES, SENT_PACKETS
 from tis.common.scenario.surgeon import MAX_COPY_DELAY_MS
 from tis.deploy.logs.read.load import load_run

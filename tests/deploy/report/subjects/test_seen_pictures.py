@@ -7,7 +7,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from tis.common.metrics.picture_quality import psnr_db
+from tis.common.metrics.sight import psnr_db
 from tis.common.scenario import Scenario
 from tis.common.sight.codec import encoder_of
 from tis.common.sight.stamp import read_stamps

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from tests.deploy.report.outline import Outline
-from tis.deploy.studies.admissible.page import admissible_html
+from tis.deploy.studies.admissible.plots import admissible_html
 from tis.deploy.studies.admissible.tables import answer, regions
 
 AXIS: dict[str, Any] = {"path": "network.forward.delay.delay_ms", "first": 20.0, "last": 400.0, "log": False}

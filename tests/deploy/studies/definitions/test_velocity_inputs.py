@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
-from tis.deploy.compare.cells.forecasts import Array, ErrorSums
+from tis.deploy.compare.cells.forecasts import ErrorSums
 from tis.deploy.studies.definitions.velocity_inputs import INPUTS, Inputs, leave_user_out
+from tis.patient_side.linear_system import Array
 
 N_AHEAD = 6
 

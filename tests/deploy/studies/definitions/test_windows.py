@@ -6,7 +6,7 @@ import pytest
 from tests.deploy.studies.definitions.test_velocity_inputs import a_recording
 from tis.deploy.compare.cells.forecasts import ErrorSums
 from tis.deploy.studies.definitions.readings import N_AHEAD
-from tis.deploy.studies.definitions.windows import LEAST_SQUARES, N_OUT, window_rows
+from tis.deploy.studies.definitions.velocity_inputs import LEAST_SQUARES, N_OUT, window_rows
 
 
 def test_all_ten_steps_of_an_axis_count_and_none_after_them() -> None:

@@ -12,8 +12,10 @@ from tis.deploy.studies.paper.cells import (
     METHODS,
     PAIRINGS,
     READINGS,
+    ROWS,
     Cell,
     Results,
+    Simulated,
     Trial,
     all_cells,
     few_cells,
@@ -23,8 +25,6 @@ from tis.deploy.studies.paper.cells import (
     twin_of,
 )
 from tis.deploy.studies.paper.page import page
-from tis.deploy.studies.paper.printed import ROWS
-from tis.deploy.studies.paper.simulation import Simulated
 from tis.deploy.tools.synth import write_trials
 from tis.patient_side.identification.model_file import dump_models
 

@@ -6,8 +6,7 @@ import numpy as np
 
 from tests.nodes import a_recording
 from tests.patient_side.arm_models import static_model
-from tis.deploy.studies.paper.printed import ROWS
-from tis.deploy.studies.paper.simulation import simulate
+from tis.deploy.studies.paper.cells import ROWS, simulate
 
 HAND = a_recording(600).hands[0]
 

@@ -6,10 +6,8 @@ import pytest
 
 from tests.deploy.studies.paper.test_page import made_up_results
 from tests.markdown_tables import ragged_rows
-from tis.deploy.studies.paper.cells import SimulationKey
+from tis.deploy.studies.paper.cells import ROWS, TEXT, Simulated, SimulationKey
 from tis.deploy.studies.paper.page import implied_deviation, nearest_simulation, page
-from tis.deploy.studies.paper.printed import ROWS, TEXT
-from tis.deploy.studies.paper.simulation import Simulated
 
 
 def test_r2_and_rmse_imply_the_deviation_of_the_signal() -> None:

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from tests.netem.stages.loss.making import lomax_pmf
-from tis.netem.stages.loss.lomax import MAX_RUN, FlooredLomax
+from tis.netem.stages.loss.pareto_runs import MAX_RUN, FlooredLomax
 
 GRID = (np.arange(4_000) + 0.5) / 4_000  # every quantile once: no random numbers, no noise
 
