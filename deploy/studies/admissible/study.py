@@ -87,8 +87,8 @@ def most_networks(n_axes: int, n_estimators: int, effort: Effort) -> int:
 
     On a single axis each third step halves the bracket. Oracle: the networks of searches, test_checks.
     """
-    steps = int(BISECTED * ceil(log2(2.0 / effort.tolerance))) if n_axes == 1 else effort.max_points
-    return 2 * 2**n_axes + n_estimators * (min(steps, effort.max_points) + effort.n_checks)
+    steps = BISECTED * ceil(log2(2.0 / effort.tolerance)) if n_axes == 1 else effort.max_points
+    return (1 << n_axes + 1) + n_estimators * (min(steps, effort.max_points) + effort.n_checks)
 
 
 class Order(NamedTuple):
