@@ -90,7 +90,7 @@ window.pictureLayout = (() => {
     const { part, rest, rest_ms } = sharesOf(late_ms, network_ms), over = `(medians of the last ${judged_s} s)`;
     const ticks = rate_hz > 0 ? `two ticks, ${lateness(Math.round(2000 / rate_hz))} at ${rate_hz} Hz` : "two ticks";
     return rest_ms <= 0 ? ` The network took ${part} both ways ${over}.`
-      : ` Of that the network takes ${part} both ways ${over}; the rest, ${rest}, is waiting for the next tick, at the arm and at the display, and computing. It depends on how the delay falls between the ticks; without a network it is nearly ${ticks}.`;
+      : ` Of that the network takes ${part} both ways ${over}; the rest, ${rest}, is waiting for ticks, at arm and display, and computing: it depends on how the delay falls between them. Without a network it is nearly ${ticks}.`;
   };
   // Why a page's picture is `since_ms` old: none is newer, or the page, which last knew that `unlooked_ms` ago, is late.
   const SILENT_MS = 500, LATE_MS = 1200;

@@ -256,8 +256,8 @@ def test_what_waits_for_the_ticks_depends_on_the_delay_and_is_there_without_a_ne
     words = "([...each]) => window.pictureLayout.partsWords(...each)"
     found = page.evaluate(words, [330, 300, 3, 30])
     assert "takes 300 ms both ways (medians of the last 3 s); the rest, 30 ms, is waiting" in found
-    assert "depends on how the delay falls between the ticks" in found
-    assert "without a network it is nearly two ticks, 67 ms at 30 Hz." in found
+    assert "depends on how the delay falls between them. " in found
+    assert "Without a network it is nearly two ticks, 67 ms at 30 Hz." in found
     assert "nearly two ticks." in page.evaluate(words, [330, 300, 3, 0])
     assert page.evaluate(words, [90, 100, 3, 30]) == " The network took 100 ms both ways (medians of the last 3 s)."
 
