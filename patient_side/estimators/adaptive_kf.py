@@ -14,17 +14,20 @@ samples around its instant have arrived, and compared with them. Three factors f
   within, so that in the long run 95 % lie within, whatever the errors' distribution (Gibbs and Candes 2021,
   "Adaptive conformal inference under distribution shift").
 
-Lags longer than all that have been checked, as those of an outage whose samples never arrive, have half of the
-logarithm of the noise's factor at the longest that has been, as part of it is the hand's at every lag, and its trust.
+An outage's samples never arrive, so it would teach nothing. Longer lags than the present one are *rehearsed*: with a
+forecast that is kept, one over up to 2 s is, of each longer octave in turn. As they come less often, each counts as
+often in the noise's factor. Lags of which nothing has been checked have half of the logarithm of the noise's factor
+at the longest that has been, as part of it is the hand's at every lag, and its trust.
 
-The memory is bounded: 55 forecasts, 10 of each second, and nine numbers an octave. A forecast waits a second for
-samples around it that are late, and is dropped then. Oracles in test_adaptation: least squares with weights, and the
-share within.
+The memory is bounded: 110 forecasts, 22 of each second, and nine numbers an octave. A forecast waits 5 s for samples
+around it that are late, and is dropped then. Oracles in test_adaptation: least squares with weights, and the share
+within.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import exp, sqrt
+from operator import itemgetter
 from typing import NamedTuple
 
 from tis.common.metrics.consistency import CHI2_3_95
@@ -42,8 +45,11 @@ _REMEMBERED_S = 60.0
 _PRIOR_TICKS = 300.0
 _CHECKS_PER_S = 10
 # One more than 10 a second: ticks are rounded to whole ns.
-_MAX_WAITING = (_CHECKS_PER_S + 1) * HORIZON_S
-_LATE_S = 1
+_MAX_WAITING = 2 * (_CHECKS_PER_S + 1) * HORIZON_S
+_SAMPLE = itemgetter(0)
+_REHEARSED_NS = 2 * NS_PER_S
+"""Lag up to which forecasts are rehearsed."""
+_LATE_S = HORIZON_S
 """Time for which a forecast waits for samples around its instant while later ones have arrived."""
 _LARGEST_VELOCITY = 1.5
 """The velocity's factor lies between 1/1.5 and 1.5."""
@@ -101,6 +107,7 @@ class Forecast(NamedTuple):
 
     ``from_m`` (3,) is where the arm was last seen, ``move_m`` the trusted forecast of its move since, ``position_m``
     the estimate and ``covariance_m2`` (3, 3) its covariance, as issued. ``plain_m`` (3,) is v and ``apart_m`` f - v.
+    A rehearsed one ``stands_for`` those of the other octaves in turn.
     """
 
     sample: int
@@ -112,6 +119,7 @@ class Forecast(NamedTuple):
     covariance_m2: Array
     plain_m: Array
     apart_m: Array
+    stands_for: int = 1
 
 
 class Adaptation(NamedTuple):
@@ -177,7 +185,7 @@ class Adapter:
         px, py, pz = forecast.position_m.tolist()
         covariance = forecast.covariance_m2.tolist()
         is_outside = _distance((x - px, y - py, z - pz), covariance) > CHI2_3_95
-        step = _NOISE_STEP * ((1.0 if is_outside else 0.0) - _OUTSIDE)
+        step = forecast.stands_for * _NOISE_STEP * ((1.0 if is_outside else 0.0) - _OUTSIDE)
         (vx, vy, vz), (dx, dy, dz) = forecast.plain_m.tolist(), forecast.apart_m.tolist()
         apart = dx * dx + dy * dy + dz * dz
         unit = max(covariance[0][0] + covariance[1][1] + covariance[2][2], apart / _MOST_DOUBT, _TINY)
@@ -191,11 +199,11 @@ class Adapter:
             left * scales.apart + apart / unit,
         )
 
-    def kept(self, state: Adaptation, forecast: Forecast, now_ns: int) -> Adaptation:
-        """Return the state with a forecast of ``now_ns`` that awaits the truth, if one is due."""
+    def kept(self, state: Adaptation, forecasts: Sequence[Forecast], now_ns: int) -> Adaptation:
+        """Return the state with forecasts made at ``now_ns`` that await the truth, if some are due."""
         if now_ns < state.next_ns:
             return state
-        waiting = (*state.waiting, forecast)[-_MAX_WAITING:]
+        waiting = tuple(sorted((*state.waiting, *forecasts), key=_SAMPLE)[-_MAX_WAITING:])
         return Adaptation(waiting, state.scales, now_ns + NS_PER_S // (_CHECKS_PER_S + 1))
 
 
@@ -245,8 +253,8 @@ class AdaptiveKf:
 
     def step(self, state: AdaptiveState, playout: Playout, now_ns: int) -> tuple[AdaptiveState, Estimate]:
         """Return the state after what has arrived, and the estimate for ``now_ns``."""
-        filtered, adaptation = state
-        filtered, estimate = self._filter.step(filtered, playout, now_ns)
+        before, adaptation = state
+        filtered, estimate = self._filter.step(before, playout, now_ns)
         rate_hz = self.model.rate_hz
         if adaptation.waiting and adaptation.waiting[0].sample < playout.arm.newest:
             adaptation = self._adapter.checked(adaptation, playout)
@@ -255,34 +263,70 @@ class AdaptiveKf:
             return (filtered, adaptation), estimate
         # How long ago the arm was last seen, or would be by its command.
         newest = filtered.ring[-1]
-        lag_ns = now_ns - sample_instant_ns(newest.source_index, rate_hz)
+        lag_ns = now_ns - newest.source_index * NS_PER_S // rate_hz  # no call, as at each tick
         if not 0 < lag_ns < self._horizon_ns:
             return (filtered, adaptation), estimate
         # The scaled estimate: in place, as the filter has made both arrays for this answer.
-        octave = octave_of(lag_ns, rate_hz)
+        is_due = now_ns >= adaptation.next_ns
+        issued = self._issued(filtered, adaptation, playout, position_m, covariance_m2, now_ns, lag_ns, is_due)
+        if issued is not None:
+            # Kept until the truth is known; after a new sample with one over a longer lag.
+            kept = [issued]
+            if filtered.n_arm > before.n_arm:
+                kept += self._rehearsed(filtered, adaptation, playout, issued.octave, now_ns)
+            adaptation = self._adapter.kept(adaptation, kept, now_ns)
+        return (filtered, adaptation), estimate
+
+    def _issued(
+        self,
+        filtered: InnovationsState,
+        adaptation: Adaptation,
+        playout: Playout,
+        position_m: Array,
+        covariance_m2: Array,
+        now_ns: int,
+        lag_ns: int,
+        is_kept: bool,
+    ) -> Forecast | None:
+        """Scale the filter's estimate for ``now_ns`` in place, and return the forecast if it is to be kept."""
+        rate_hz = self.model.rate_hz
+        octave = (lag_ns * rate_hz // NS_PER_S).bit_length()
         try:
             scales = adaptation.scales[octave]
         except IndexError:  # nothing is known of it yet
             scales = adaptation.scales_of(octave)
-        from_m = newest.mean[self._filter.place]
-        is_due = now_ns >= adaptation.next_ns
+        from_m = filtered.ring[-1].mean[self._filter.place]
         plain_m = apart_m = from_m
-        if is_due or scales.trust < 1.0:
+        if is_kept or scales.trust < 1.0:
             plain_m = position_m if playout.arm.newest < 0 else self._plain(playout, now_ns)
             apart_m = position_m - plain_m
             position_m -= (1.0 - scales.trust) * apart_m
         position_m -= from_m
-        move_m = position_m.copy() if is_due else position_m
+        move_m = position_m.copy() if is_kept else position_m
         position_m *= scales.velocity
         position_m += from_m
         covariance_m2 *= scales.noise
-        if is_due:
-            # Kept until the truth is known.
-            index, rest = divmod(now_ns * rate_hz, NS_PER_S)
-            at = index, rest / NS_PER_S, octave
-            forecast = Forecast(*at, from_m, move_m, position_m, covariance_m2, plain_m, apart_m)
-            adaptation = self._adapter.kept(adaptation, forecast, now_ns)
-        return (filtered, adaptation), estimate
+        if not is_kept:
+            return None
+        index, rest = divmod(now_ns * rate_hz, NS_PER_S)
+        at = index, rest / NS_PER_S, octave
+        return Forecast(*at, from_m, move_m, position_m, covariance_m2, plain_m, apart_m)
+
+    def _rehearsed(
+        self, filtered: InnovationsState, adaptation: Adaptation, playout: Playout, octave: int, now_ns: int
+    ) -> list[Forecast]:
+        """Return a forecast over a lag that no tick has now but an outage would: in turn of each longer octave."""
+        n_longer = octave_of(_REHEARSED_NS, self.model.rate_hz) - octave
+        if n_longer <= 0:
+            return []
+        chosen = octave + 1 + now_ns * (_CHECKS_PER_S + 1) // NS_PER_S % n_longer
+        lag_ns = sample_instant_ns((3 << chosen) // 4, self.model.rate_hz)  # the octave's middle
+        then_ns = sample_instant_ns(filtered.ring[-1].source_index, self.model.rate_hz) + lag_ns
+        position_m, covariance_m2 = self._filter.step(filtered, playout, then_ns)[1]
+        if position_m is None or covariance_m2 is None:
+            return []
+        found = self._issued(filtered, adaptation, playout, position_m, covariance_m2, then_ns, lag_ns, True)
+        return [] if found is None else [found._replace(stands_for=n_longer)]
 
     def _plain(self, playout: Playout, now_ns: int) -> Array:
         """Return the forecast of `damped_velocity` for ``now_ns``, a sample of the arm having arrived."""

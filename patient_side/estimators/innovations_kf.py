@@ -345,10 +345,8 @@ class InnovationsKf:
             ignored, error = error, None
         # First sample, or first after a gap beyond the horizon: start.
         if before is None or index - before.source_index > filter_.horizon:
-            mean, covariance = filter_.start(self._complete(sample, what), error, what)
             activity = self._activity.initial() if before is None else before.activity
-            uncertainty = None if error is None and what == self._usual else Uncertainty(covariance)
-            return Checkpoint(index, mean, uncertainty, 1, ignored, activity)
+            return self._begun(index, sample, what, error, ignored, activity)
         last, mean, start, length, _, activity, phasor, _ = before
         gap = index - last
         # Unbroken row: the gain is precomputed. The row breaks with a gap or an uncertain sample.
@@ -358,6 +356,8 @@ class InnovationsKf:
                 mean = filter_.onward[1].dot(mean)
                 gain = unbroken.gains[stage], unbroken.variances[stage]
                 activity, jump = self._corrected(mean, *gain, sample, what, before)
+                if jump is before.jump is not None:
+                    return self._begun(index, sample, what, None, ignored, activity)
                 phasor = self._phasor(phasor, 1, mean, activity[0])
                 return Checkpoint(index, mean, None, length + 1, ignored, activity, phasor, jump)
             stage = unbroken.stage(length)
@@ -372,17 +372,26 @@ class InnovationsKf:
         left = self._tree.take(start, gap, what)
         mean = filter_.onward[gap].dot(mean)
         activity, jump = self._corrected(mean, left.weights, left.variance, sample, what, before)
+        if jump is before.jump is not None:
+            return self._begun(index, sample, what, None, ignored, activity)
         # The last increments are evidence of the clock's phase where their samples have all arrived.
         phasor = self._phasor(phasor, gap, mean if gap == 1 and length >= N_INCREMENTS else None, activity[0])
         if gap > 1 or what != self._usual:
             return Checkpoint(index, mean, left, 0, ignored, activity, phasor, jump)
         # The row counts as unbroken again once its covariance matches that of an unbroken one.
         length += 1
-        if length % _CHECK_EVERY == 0:
-            matching = unbroken.length_like(left.covariance)
-            if matching:
-                return Checkpoint(index, mean, None, matching, ignored, activity, phasor, jump)
+        matching = unbroken.length_like(left.covariance) if length % _CHECK_EVERY == 0 else 0
+        if matching:
+            return Checkpoint(index, mean, None, matching, ignored, activity, phasor, jump)
         return Checkpoint(index, mean, left, length, ignored, activity, phasor, jump)
+
+    def _begun(
+        self, index: int, sample: Array, what: int, error: Array | None, ignored: Array | None, activity: Activity
+    ) -> Checkpoint:
+        """Return the checkpoint of a row that begins with this sample."""
+        mean, covariance = self._filter.start(self._complete(sample, what), error, what)
+        uncertainty = None if error is None and what == self._usual else Uncertainty(covariance)
+        return Checkpoint(index, mean, uncertainty, 1, ignored, activity)
 
     def _corrected(
         self, mean: Array, gain: Array, variance: float, sample: Array, what: int, before: Checkpoint
@@ -390,21 +399,21 @@ class InnovationsKf:
         """Correct a predicted mean by a certain sample, or let it follow a jump, in place.
 
         Return the activity, and the innovation of a jump, if it is one. After a jump a second one in about the
-        same direction shows that the movement has changed, as of a hand that stopped at once: followed, it would seem
-        to jump for ever, and the mean comes to rest. One in the opposite direction is the end of an outlier.
+        same direction shows that the movement has changed, as of a hand that stopped at once, and the innovation of
+        the first is returned: its row ends, as this one, followed, would seem to jump for ever. One in the opposite
+        direction is the end of an outlier.
         """
         shown = self._shown[what]
         innovation = correct(mean, gain, sample, shown)
         surprise = square_of(innovation) / variance
         activity, jump = before.activity, before.jump
-        is_jump = surprise > (_JUMP * activity[0] if activity[0] > 1.0 else _JUMP)  # no call, as at each sample
+        if surprise <= (_JUMP * activity[0] if activity[0] > 1.0 else _JUMP):  # no call, as at each sample
+            return self._activity.after(activity, surprise), None
         # The first three numbers are comparable, of whatever the two samples show.
-        if is_jump and jump is not None and jump.ravel()[:AXES].dot(innovation.ravel()[:AXES]) > 0.0:
-            mean[:], _ = self._filter.start(self._complete(sample, what), None, what)
-            is_jump = False
-        elif is_jump:
+        if jump is None or jump.ravel()[:AXES].dot(innovation.ravel()[:AXES]) <= 0.0:
             follow_jump(mean, gain, innovation, shown)
-        return self._activity.after(activity, surprise), innovation if is_jump else None
+            jump = innovation
+        return self._activity.after(activity, surprise), jump
 
     def _phasor(self, before: Phasor, gap: int, mean: Array | None, activity: float) -> Phasor:
         """Return the phasor of the clock behind the rows ``gap`` rows later, with evidence from a mean if any."""

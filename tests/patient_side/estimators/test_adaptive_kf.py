@@ -114,3 +114,18 @@ def test_of_a_device_that_the_model_does_not_fit_the_forecast_comes_down_to_the_
     )
     assert plain > 2 * velocity
     assert adaptive < 1.02 * velocity
+
+
+def test_an_outage_finds_its_lags_rehearsed() -> None:
+    """A hand that moves more than the model says, at 33 ms until nothing arrives for a second."""
+    errors, covariances = [], []
+    for seed in range(12):
+        y = 3.0 * np.cumsum(drawn(persistent(0.9), 1000, np.random.default_rng(seed)), axis=0) * 0.02
+        arrivals = [LOST if 950 <= i < 980 else t for i, t in enumerate(delayed(len(y), 33_000_000))]
+        estimates = play(
+            AdaptiveKf(moving_arm(persistent(0.9))), Streams(np.zeros_like(y), y, [LOST] * len(y), arrivals)
+        )
+        errors.append((positions(estimates) - truth_at_ticks(y))[965:978])
+        covariances.append([each.covariance_m2 for each in estimates[965:978]])
+    squares = np.einsum("sti,stij,stj->st", errors, np.linalg.inv(np.array(covariances)), errors)
+    assert np.mean(squares <= CHI2_3_95) > 0.85

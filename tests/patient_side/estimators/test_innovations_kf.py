@@ -407,3 +407,16 @@ def test_a_fast_hand_that_stops_at_once_is_not_one_that_jumps_back_for_ever() ->
     estimates = positions(play(InnovationsKf(moving_arm(model)), only_arm(y, delayed(100, 100 * NS))))
     # two samples tell that it has stopped, and arrive 100 ms later
     assert np.max(np.abs(estimates[66:] - y[-1])) < 1e-3
+
+
+@pytest.mark.parametrize("lost", [(), (63,)])
+def test_a_hand_that_changes_its_speed_at_once_is_followed_again(lost: tuple[int, ...]) -> None:
+    """As after a gap that a straight line bridges: an estimate that came to rest at each jump would hold for ever."""
+    eye = np.eye(3)
+    model = replace(slow_movement(), A=0.999 * eye, C=eye, K=0.9 * eye, Re=1e-9 * eye, integrated=True)
+    t_s = np.arange(150) / RATE_HZ
+    along_m = 0.05 * np.sin(2.0 * np.pi * 0.2 * t_s) + 0.2 * np.maximum(t_s - 2.0, 0.0)
+    y = along_m[:, None] * (1.0, 0.5, 0.0)
+    arrivals = [LOST if i in lost else t for i, t in enumerate(delayed(150, 100 * NS))]
+    errors = positions(play(InnovationsKf(moving_arm(model)), only_arm(y, arrivals))) - truth_at_ticks(y)
+    assert np.max(np.abs(errors[68:-1])) < 1e-3
