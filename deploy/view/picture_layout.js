@@ -60,7 +60,7 @@ window.pictureLayout = (() => {
   // What is felt, in words.
   const LIMITS = { force: "cut at the largest force that may be shown", stale: "fading, as nothing newer came back",
     inactive: "fading, as the arm does not follow" };
-  const digits = (value) => (value < 10 ? Number(value.toPrecision(1 + (value >= 1))) : Math.round(value));
+  const digits = (value) => (value < 10 ? Number(value.toPrecision(1)) : Math.round(value));
   const grows = ({ size_mm, growth_pct }) => `a swing of ${digits(size_mm)} mm grows by ${digits(growth_pct)} % a period`;
   const LOOPS = {
     stable: ({ over_s }) => `The loop is stable over the last ${over_s.toFixed(0)} s.`,

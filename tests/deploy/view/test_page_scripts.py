@@ -227,10 +227,10 @@ def test_a_swing_too_small_to_be_seen_is_told_with_its_growth(page: "Page") -> N
     words = "(loop) => window.pictureLayout.loopWords({ loop })"
     swing = {"size_mm": 0.0213, "growth_pct": 9.24, "seen_in_s": 41.7}
     loop = {"state": "unstable", "over_s": 15.0, "young_s": 5.0, "swing": swing}
-    grows = "a swing of 0.02 mm grows by 9.2 % a period"
+    grows = "a swing of 0.02 mm grows by 9 % a period"
     assert page.evaluate(words, loop) == f"The loop is unstable: {grows}; it will be seen in some 42 s."
     wide = {**swing, "size_mm": 3.14, "seen_in_s": None}
-    assert page.evaluate(words, {**loop, "swing": wide}).endswith("over the last 15 s: the hand swings, by 3.1 mm.")
+    assert page.evaluate(words, {**loop, "swing": wide}).endswith("over the last 15 s: the hand swings, by 3 mm.")
     assert f"stable: {grows}." in page.evaluate(words, {**loop, "state": "not_decidable"})
     young = page.evaluate(words, {**loop, "state": "not_yet", "over_s": 2.0, "swing": None})
     assert young.startswith("Not judged yet at this network: 2 of 5 s.")
