@@ -171,8 +171,8 @@
     else if (early !== null) line.textContent = "Waiting for the arm: your drag begins when it is there.";
     else if (over) line.textContent = "The page's server does not answer any more: the run may have ended.";
     else if (!drives) line.textContent = "";
-    else if (seen?.driver === "you") line.textContent = clutch ? "Clutch: your hand moves, the arm stays." : isStopped() ? `You have the hand, but the arm is ${seen.doing}.`
-      : seen.unreached ? "You have the hand, but your moves do not reach the arm now: an outage." : "You drive the arm.";
+    else if (seen?.driver === "you") line.textContent = clutch ? "Clutch: your hand moves, the arm stays." : seen.unreached ? "You have the hand, but your moves do not reach the arm now: an outage."
+      : isStopped() ? `You have the hand, but the arm is ${seen.doing}.` : "You drive the arm.";
     else if (seen?.driver === "other") line.textContent = "Another page drives the arm.";
     else line.textContent = seen?.hand_mm ? "Nobody drives: the hand holds. Press and drag in the picture." : "Waiting for the arm.";
   };

@@ -91,11 +91,12 @@ def test_a_dragged_hand_moves_the_arm_late_and_the_ghost_is_ahead_of_the_picture
         for wrong in ("abc", "-50"):
             outage.fill(wrong)
             page.get_by_text(f"must be a number from 1 to 60000 (got {wrong})").wait_for()
-        outage.fill("8000")
+        outage.fill("60000")
         outage.press("Enter")
         page.locator("#cut").wait_for()
         _drag(page, 60)
         page.wait_for_function(_STATUS, arg="your moves do not reach the arm now")
+        page.get_by_role("button", name="Reset").click()
         page.locator("#cut").wait_for(state="hidden")
 
         # keys drive as well, and the gripper closes
