@@ -302,7 +302,6 @@ def pages(
         "script": "".join(path.read_text(encoding="utf-8") for path in scripts),
         "tones": _tones(),
         "driven": context.is_driven,
-        "whose": "Your" if context.is_driven else "The",
         "about": about,
         "is_reported": context.is_reported,
         "may_see": about is None or about.has_picture,
