@@ -80,6 +80,10 @@ class Beat(Message, frozen=True):
             "has signed, which was carried out.",
         ),
     ] = struct_field(default_factory=dict)
+    ticks_missed: Annotated[
+        Annotated[int, Meta(ge=0, le=_MAX_STAMP_NS)] | None,
+        Meta(description="Its ticks that had not begun when the next one was due, so far."),
+    ] = None
 
 
 class Change(NamedTuple):

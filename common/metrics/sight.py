@@ -54,19 +54,39 @@ def freezes(shown_ns: Instants, until_ns: int) -> Freezes:
     return Freezes(ends_ns[frozen], length_ns[frozen], watched_ns)
 
 
-def hand_to_eye_ns(command: Instants, shown_ns: Instants, sample_ns: Mapping[int, int]) -> Instants:
-    """Return the time from the sample of each command to the first picture that shows it; (C,), by command.
+def hand_to_eye_ns(
+    drawn: Instants, command: Instants, shown_ns: Instants, sample_ns: Mapping[int, int], until_ns: int
+) -> Instants:
+    """Return the time from the sample of each command to the first picture that shows its effect; (C,), by command.
 
-    ``command`` (N,) is the number of the newest command that each picture shows, as its stamp tells, -1 for none, and
-    ``shown_ns`` when it was shown; ``sample_ns`` has the sample instants by number. Both instants are the surgeon's,
-    so that no clock is compared. Numbers of commands that were never sent count for nothing. Oracle: a loop over the
-    commands, test_sight.
+    Parameters
+    ----------
+    drawn
+        Numbers (D,) of the newest command in each frame that was made, -1 for none: the commands that count, whether
+        their frames came or not.
+    command, shown_ns
+        The number of the newest command in each picture (N,), as its stamp tells, and when it was shown.
+    sample_ns
+        The sample instants by number; numbers of commands that were never sent count for nothing.
+    until_ns
+        End of watching. What was not seen until then counts with its age there, if that is longer than all that was
+        seen: else it may still have been under way.
+
+    Notes
+    -----
+    The effect of a command is seen with the first picture that shows it or a later one. Of those whose own frame was
+    lost or damaged, so that only a later one shows them, none is left out: else a loss would shorten the times. All
+    instants are the surgeon's, so that no clock is compared. Oracle: a loop over the commands, test_sight.
     """
-    first: dict[int, int] = {}
-    for number, at_ns in zip(command.tolist(), shown_ns.tolist(), strict=True):
-        if number in sample_ns:
-            first[number] = min(at_ns, first.get(number, at_ns))
-    return np.array([first[number] - sample_ns[number] for number in sorted(first)], dtype=np.int64)
+    known = np.array(sorted({number for number in drawn.tolist() if number in sample_ns}), dtype=np.int64)
+    sent_ns = np.array([sample_ns[number] for number in known.tolist()], dtype=np.int64)
+    seen_ns = _first_after(known, command, shown_ns)
+    took_ns = (seen_ns - sent_ns)[seen_ns >= 0]
+    if not len(took_ns):
+        return took_ns
+    waited_ns = np.where(seen_ns >= 0, -1, until_ns - sent_ns)
+    counts = (seen_ns >= 0) | (waited_ns > took_ns.max())
+    return np.asarray(np.where(seen_ns >= 0, seen_ns - sent_ns, waited_ns)[counts])
 
 
 def onsets(t_ns: Instants, touches: NDArray[np.bool_], apart_ns: int = NS_PER_S // 10) -> Instants:

@@ -162,8 +162,10 @@ class PeerWatch:
         self._alarms: set[Alarm] = set()
         self._looked_ns: int | None = None
 
-    def look(self, loop_ns: int, doing: str, alarms: Mapping[Alarm, int] = NO_ALARMS) -> Sequence[Change]:
-        """Send a beat with this side's alarms, take those that came, and return what has changed."""
+    def look(
+        self, loop_ns: int, doing: str, alarms: Mapping[Alarm, int] = NO_ALARMS, ticks_missed: int | None = None
+    ) -> Sequence[Change]:
+        """Send a beat with this side's alarms and missed ticks, take those that came, and return what has changed."""
         now_ns = self._clock.now_ns()
         pause_ns = 0 if self._looked_ns is None else max(0, now_ns - self._looked_ns - BEAT_EVERY_NS)
         self._looked_ns = now_ns
@@ -185,7 +187,8 @@ class PeerWatch:
                 self._lives[beat.side].hear(beat, now_ns)
         found += self._look_at_others(now_ns)
         views = self._unwell() if self._side == "netem" else {}
-        self._beats.send(Beat(self._side, now_ns, loop_ns, self._beats.run_id, doing, views, dict(alarms)))
+        own = (doing, views, dict(alarms), ticks_missed)
+        self._beats.send(Beat(self._side, now_ns, loop_ns, self._beats.run_id, *own))
         return found
 
     def own_changes(self) -> list[Change]:

@@ -235,7 +235,7 @@ def _report(
     while not finished.wait(BEAT_EVERY_S):
         now_ns = clock.now_ns()
         recorder.keep_up()
-        changes = peers.look(*work.turn(now_ns), work.alarms())
+        changes = peers.look(*work.turn(now_ns), work.alarms(), work.counters().get("ticks_missed"))
         if now_ns * (1 + _DRIFT) > end_ns - _ENDING_NS:  # at the end each leaves in its own time
             changes = [change for change in changes if change.peer == status.side]
         tell(changes, recorder, status, end)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Literal
 
 from tis.deploy.present.palette import TONES, Tone
 
@@ -30,7 +30,8 @@ class Section:
     """A section; ``before`` and ``markup`` enclose its figures, of which a None had nothing to draw.
 
     ``mark`` is shown beside the title, ``beside`` lets figures share a row, ``nothing`` is the text without any.
-    ``more`` is the title under which figures are folded.
+    ``more`` is the title under which figures are folded. On a wide screen adjacent sections of a ``column``, left
+    before right, stand side by side.
     """
 
     anchor: str
@@ -42,6 +43,7 @@ class Section:
     beside: bool = False
     nothing: str = "Nothing to draw: the logs hold no data for it."
     more: str = "More figures"
+    column: Literal["", "left", "right"] = ""
 
 
 @dataclass(frozen=True)

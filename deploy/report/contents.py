@@ -1,8 +1,9 @@
 """Contents of a report, subject by subject: its warnings, the tables of a terminal, and the sections of the page."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from html import escape
-from typing import Final
+from typing import Final, Literal
 
 from tis.common.channels import Direction
 from tis.common.runtime.process import repeatable
@@ -116,18 +117,9 @@ def sections(run: RunView) -> list[Section]:
         Section("error", "Error", drawn["error"], mark=run.mark, beside=True),
         Section("requirements", "Requirements of applications", markup=_requirements(summary)),
         Section("accuracy", "The estimators compared", markup=_accuracy(run), mark=run.mark),
-        Section("safety", "What drove the arm", drawn["safety"], mark=run.mark),
         Section("path", "The arm's movement", drawn["path"], mark=run.mark, more="Position over time"),
-        Section("delay", "Delay and loss", drawn["delay"]),
+        Section("safety", "What drove the arm", drawn["safety"], mark=run.mark),
         Section("latency", "Latency", markup=_latency(run)),
-        Section(
-            "distributions",
-            "Distributions, and what age costs",
-            drawn["distributions"],
-            mark=run.mark,
-            beside=True,
-            more="Delays, losses in a row, release errors" + ", orientation against age" * turns,
-        ),
         Section(
             "model",
             "Identification",
@@ -137,6 +129,15 @@ def sections(run: RunView) -> list[Section]:
             beside=True,
             more="Singular values and poles",
         ),
+        Section("delay", "Delay and loss", drawn["delay"]),
+        Section(
+            "distributions",
+            "Distributions, and what age costs",
+            drawn["distributions"],
+            mark=run.mark,
+            beside=True,
+            more="Delays, losses in a row, release errors" + ", orientation against age" * turns,
+        ),
         Section("network", "Requested and realised network", markup=_network(links) + _books(summary)),
         Section("clocks", "Clocks", drawn["clocks"], before=_filled(clocks.clock_table(summary.clocks))),
         Section("audit", "Who connected, and who was refused", markup=audit.audit_markup(run.logs)),
@@ -144,7 +145,30 @@ def sections(run: RunView) -> list[Section]:
     ]
     # most runs have nothing to say there; the sections of others say that it lacks
     spare = ("stretches", "touch", "sight", "safety", "clocks", "audit")
-    return [one for one in found if one.anchor not in spare or one.before or one.markup or any(one.figures)]
+    return _in_columns(
+        [one for one in found if one.anchor not in spare or one.before or one.markup or any(one.figures)]
+    )
+
+
+_SHORT: Final = ("safety", "latency", "model")
+"""Sections that stand on the right of the path, which is high."""
+
+
+def _in_columns(found: Sequence[Section]) -> list[Section]:
+    """Return the sections, with those marked that stand side by side: else the page is long.
+
+    The audit log is below the others on the right of the path where nothing drove an arm, else it is beside the last.
+    """
+    of = {one.anchor: one for one in found}
+    columns: dict[str, Literal["left", "right"]] = {"path": "left", **dict.fromkeys(_SHORT, "right")}
+    order = [one.anchor for one in found]
+    if "audit" in of and "safety" in of:
+        columns |= {"audit": "left", "repeat": "right"}
+    elif "audit" in of:
+        columns["audit"] = "right"
+        order.remove("audit")
+        order.insert(order.index(_SHORT[-1]) + 1, "audit")
+    return [replace(of[anchor], column=columns.get(anchor, "")) for anchor in order]
 
 
 def _requirements(summary: Summary) -> str:
@@ -158,7 +182,9 @@ def _stretches(run: RunView) -> str:
     """Return the arm in each network of the run, and the runs at targets."""
     tables = stretches.stretch_tables(run.summary.stretches)
     each = zip(run.summary.stretches, tables, strict=True)
-    return "".join(part(hand, _filled(table)) for hand, table in each) + _filled(stretches.target_table(run.logs))
+    targets = stretches.target_table(run.logs)
+    played = folded(f"Runs at targets: {len(targets.rows)}", targets.html()) if targets.rows else ""
+    return "".join(part(hand, _filled(table)) for hand, table in each) + played
 
 
 def _touch(summary: Summary) -> str:
@@ -210,10 +236,6 @@ def _filled(table: Table) -> str:
     return table.html() if table.rows else ""
 
 
-def _table_or_note(table: Table) -> str:
-    return table.html() if table.rows else note(table.note)
-
-
 def _latency(run: RunView) -> str:
     """Return the latency budget: the bar of means, and the percentiles of each part."""
     summary = run.summary
@@ -233,7 +255,8 @@ def _models(run: RunView) -> str:
     models = run.models
     warnings = dict.fromkeys(text for model in models.values() for text in model.warnings)
     words = "".join(f'<p><strong class="open">warning</strong> {escape(text)}</p>' for text in warnings)
-    return _table_or_note(identification.model_table(models)) + words
+    table = identification.model_table(models)
+    return words + (folded("The model in numbers", table.html()) if table.rows else note(table.note))
 
 
 def _network(links: Mapping[Direction, Link]) -> str:

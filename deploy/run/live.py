@@ -55,7 +55,7 @@ def run_live(
         page: PageProcess | None = None
         try:
             if view is not None:
-                page = stack.enter_context(page_beside(view, endpoints, scenario, err, visits))
+                page = stack.enter_context(page_beside(view, endpoints, scenario, err, visits, outputs.report))
         except BaseException:
             folder.remove_unused(path)
             raise

@@ -22,6 +22,11 @@ _FEW: Final = 3
 """Parts from which on a rate is stated."""
 
 
+def length_text(length_s: float) -> str:
+    """Return a length of time in round words."""
+    return f"{length_s:.0f} s" if length_s < 100 else f"{length_s / 60:.0f} min"
+
+
 class PhaseProgress:
     """Progress through named phases, each of which counts its own parts.
 
@@ -84,6 +89,11 @@ class PhaseProgress:
             counts = ", ".join(f"{phase} {self._done[phase]}/{total}" for phase, total in self._totals.items())
             self._console.print(f"{passed_s:4.0f} s  {counts}{self._left()}", highlight=False, soft_wrap=True)
 
+    @property
+    def passed_s(self) -> float:
+        """Return the time since the command began, in s."""
+        return self._now_s() - self._begun_s
+
     def tell(self, text: str) -> None:
         """Print at once what is known so far."""
         passed_s = self._now_s() - self._begun_s
@@ -100,7 +110,7 @@ class PhaseProgress:
         if n_done < _FEW or not n_left or passed_s <= 0:
             return ""
         left_s = n_left * passed_s / n_done
-        left = f"{left_s:.0f} s" if left_s < 100 else f"{left_s / 60:.0f} min"
+        left = length_text(left_s)
         return f", about {left} left of this round: more may follow" if self._in_rounds else f", about {left} left"
 
 

@@ -12,7 +12,7 @@
   let socket = null, seen = null, refused = "", centre = null, over = false;
   const trails = { hand: [], shown: [], ghost: [] };
   // Movement of the hand since this page took it, in mm, and the pointer that moves it.
-  let moved = [0, 0, 0], engaged = false, drag = null, clutch = false, gripper = 0, touched = 0, sent = 0, local = null;
+  let moved = [0, 0, 0], engaged = false, drag = null, early = null, clutch = false, gripper = 0, touched = 0, sent = 0, local = null;
 
   // Connection: pictures come in, moves go out while this page drives.
   const connect = () => {
@@ -103,7 +103,9 @@
     at("late").textContent = seen.late_ms == null ? "–" : window.pictureLayout.sharesOf(seen.late_ms, 0).whole;
     at("no_ghost").hidden = !stands();
     at("late_mm").textContent = words(seen.feedback_error_mm, "mm", 1);
-    at("ghost_mm").textContent = words(seen.ghost_error_mm, "mm", 1);
+    at("ghost_mm").textContent = words(stands() ? null : seen.ghost_error_mm, "mm", 1);
+    at("key_hand").hidden = task !== null;
+    at("key_ghost").hidden = task !== null && !task.ghost;
     at("late_parts").textContent = parts(seen);
     at("why").textContent = seen.why;
     at("cut").hidden = !seen.outage;
@@ -123,7 +125,7 @@
     at("felt_words").textContent = felt ? window.pictureLayout.feltWords(felt) : "no force is told.";
     const loop = felt && !seen.outage && !stands() ? window.pictureLayout.loopWords(seen) : "";  // where nothing follows there is none
     if (at("loop").textContent !== loop) at("loop").textContent = loop;
-    at("loop").className = seen.stability ?? "";
+    at("loop").className = seen.loop?.state ?? "";
     at("felt_energy").textContent = felt ? (felt.most_given_mj < 1000 ? `${felt.most_given_mj.toFixed(1)} mJ` : `${(felt.most_given_mj / 1000).toFixed(1)} J`) : "–";
     at("yields").textContent = !drives || !stiffness ? "" : `A pointer cannot push back. ${seen.yields
       ? `A simulated hand, held to it by ${stiffness.toFixed(0)} N/m, yields to the force: the dashed circle, which the arm follows.`
@@ -131,7 +133,7 @@
   };
   // Of each state why; what the arm does in it is said in the same words everywhere, which come with the picture.
   const WHY = {
-    resuming: "it comes slowly to where your hand is.",
+    resuming: `it comes slowly to where ${drives ? "your" : "the"} hand is.`,
     hold: "what arrives is too old or in doubt, so it waits.",
     slow_stop: "it brakes until it stands.",
     safe: "what arrives is too old or in doubt. It resumes when fresh data come; where the scenario latches it, Release is needed.",
@@ -151,14 +153,13 @@
     if (late_ms == null || outage) return "";
     if (silent_s != null) return ` Nothing newer arrived for ${silent_s.toFixed(1)} s.`;
     if (network_ms == null) return "";
-    const { part, rest, rest_ms } = window.pictureLayout.sharesOf(late_ms, network_ms), over = `(medians of the last ${at("late_parts").dataset.judged_s} s)`;
-    return rest_ms <= 0 ? ` The network took ${part} both ways ${over}.` :
-      ` Of that the network takes ${part} both ways ${over}; the rest, ${rest}, is waiting for the next tick, at the arm and at the display, and computing. This rest is there even without a network.`;
+    const { judged_s, rate_hz } = at("late_parts").dataset;
+    return window.pictureLayout.partsWords(late_ms, network_ms, Number(judged_s), Number(rate_hz));
   };
   const LAST_S = 1;
   const ended = () => `The run has ended.${seen?.moved === false ? " Nobody moved the hand." : ""}`;
   const ends = (left_s) => (window.live.isOver() ? ended() : left_s == null ? "" : left_s > 0
-    ? `The drive ends in ${Math.floor(left_s / 60)}:${String(Math.floor(left_s % 60)).padStart(2, "0")} min, or with Ctrl-C in the terminal; then the report is written.`
+    ? `The drive ends in ${Math.floor(left_s / 60)}:${String(Math.floor(left_s % 60)).padStart(2, "0")} min, or with Ctrl-C in the terminal; then the ${at("left").dataset.leaves} is written.`
     : "The drive is over.");
   const say = () => {
     // a server that goes when the drive's time is up went with the run, though its last words did not come
@@ -167,9 +168,11 @@
     line.classList.toggle("refused", Boolean(refused) && !isEnded);
     if (isEnded) line.textContent = ended();
     else if (refused) line.textContent = `Not taken: ${refused}.`;
+    else if (early !== null) line.textContent = "Waiting for the arm: your drag begins when it is there.";
     else if (over) line.textContent = "The page's server does not answer any more: the run may have ended.";
     else if (!drives) line.textContent = "";
-    else if (seen?.driver === "you") line.textContent = clutch ? "Clutch: your hand moves, the arm stays." : isStopped() ? `You have the hand, but the arm is ${seen.doing}.` : "You drive the arm.";
+    else if (seen?.driver === "you") line.textContent = clutch ? "Clutch: your hand moves, the arm stays." : seen.unreached ? "You have the hand, but your moves do not reach the arm now: an outage."
+      : isStopped() ? `You have the hand, but the arm is ${seen.doing}.` : "You drive the arm.";
     else if (seen?.driver === "other") line.textContent = "Another page drives the arm.";
     else line.textContent = seen?.hand_mm ? "Nobody drives: the hand holds. Press and drag in the picture." : "Waiting for the arm.";
   };
@@ -336,7 +339,7 @@
     return [[`${far_mm.toFixed(0)} mm behind`, middle, style.color]];
   };
   const labels = (pen, { hand, ghost, estimate, really }, more, size) => {
-    const named = [[seen.yields && drives ? "your pointer" : "your hand", hand, inks.hand], [seen.outage ? "frozen picture" : "as you see it", seen.shown_mm, inks.shown],
+    const named = [[drives ? (seen.yields ? "your pointer" : "your hand") : "the hand", hand, inks.hand], [seen.outage ? "frozen picture" : "as you see it", seen.shown_mm, inks.shown],
       ["ghost", ghost, inks.ghost], ["the arm itself", really, inks.arm], ["estimate", estimate, inks.estimate], ...more];
     const names = named.filter(([, place]) => place).map(([text, place, ink]) =>
       ({ text, ink, x: x(place), y: y(place) + 5, width: pen.measureText(text).width }));
@@ -365,28 +368,36 @@
   if (drives) {
     const press = (on) => { clutch = on; at("clutch").setAttribute("aria-pressed", on); send(); say(); };
     const grip = (on) => {
-      gripper = on ? 1 : 0; at("grip").setAttribute("aria-pressed", on);
+      gripper = on ? 1 : 0; at("grip").textContent = `${on ? "Open" : "Close"} the gripper (G)`;
       if (take()) move(0, 0, 0);
     };
     const steps = { ArrowLeft: [-1, 0, 0], ArrowRight: [1, 0, 0], ArrowUp: [0, 1, 0], ArrowDown: [0, -1, 0],
       PageUp: [0, 0, 1], PageDown: [0, 0, -1] };
     // A surface on which the hand is moved: `along` turns a step to the right, up and away into one along x, y and z.
     const driveOn = (surface, pxPerMm, along) => {
-      surface.addEventListener("pointerdown", (event) => {
-        if (!take(surface)) return;
+      const pressOn = (event) => {
         drag = { id: event.pointerId, x: event.clientX, y: event.clientY };
+        early = null;
         surface.setPointerCapture(event.pointerId);
         surface.classList.add("dragged");
-        if (event.button === 2) press(true);
+        if (event.buttons & 2) press(true);
         move(0, 0, 0);
+      };
+      surface.addEventListener("pointerdown", (event) => {
+        if (take(surface)) pressOn(event);
+        else if (over) return;
+        else { early = event.pointerId; say(); }
         event.preventDefault();
       });
       surface.addEventListener("pointermove", (event) => {
+        if (early === event.pointerId && !event.buttons) early = null;
+        if (early === event.pointerId && take(surface)) pressOn(event);  // it was pressed before the arm was there
         if (drag?.id !== event.pointerId || !engaged) return;
         move(...along([(event.clientX - drag.x) / pxPerMm(), (drag.y - event.clientY) / pxPerMm(), 0]));
         drag.x = event.clientX; drag.y = event.clientY;
       });
       const lift = (event) => {
+        if (early === event.pointerId) { early = null; say(); }
         if (drag?.id !== event.pointerId) return;
         drag = null; surface.classList.remove("dragged");
         if (event.button === 2) press(false);

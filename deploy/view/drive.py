@@ -23,9 +23,17 @@ from pydantic import (
 from tis.common.device import TargetRun
 from tis.common.scenario.control import DirectionState, EmulatorState
 from tis.common.units import NS_PER_MS, NS_PER_S
-from tis.deploy.report.subjects.touch import Stability
 from tis.deploy.view.device import DeviceDoor, device_pose
-from tis.deploy.view.felt import LoopLimit, felt_of, felt_rows, rounded_mm, stability_of
+from tis.deploy.view.felt import (
+    LoopLimit,
+    LoopVerdict,
+    NetworkEdges,
+    felt_of,
+    felt_rows,
+    loop_verdict,
+    rounded_mm,
+    told,
+)
 from tis.deploy.view.hold_reason import RunAbout, why_hold
 from tis.deploy.view.netem_alone import NetemAlone
 from tis.deploy.view.page_text import MODES_IN_WORDS
@@ -193,7 +201,8 @@ class DriveHub:
         self._figures = LiveFigures()
         self._late_ms: float | None = None
         self._is_frozen = True
-        self._stability: Stability | None = None
+        self._edges = NetworkEdges()
+        self._loop: LoopVerdict | None = None
 
     def drive(self, page: Hashable, move: HandMove, now_s: float) -> str:
         """Move the hand for a page; return why not, "" when it moved."""
@@ -217,12 +226,13 @@ class DriveHub:
         if now_s - self._judged_s >= _JUDGE_S:
             self._judged_s = now_s
             self._figures, rows = self._observer.read(lambda book: (book.figures(JUDGED_S), felt_rows(book)))
-            self._stability = stability_of(rows)
+            self._loop = loop_verdict(rows, self._edges.changed_ns)
         arm = None if self._door is None else self._door.device.arm
         seen, figures, about = self._observer.read(lambda book: picture(book, arm)), self._figures, self._about
         if now_s - self._asked_s >= _STATE_S:
             self._asked_s = now_s
             self._state = self._steering.state()
+            self._edges.note(self._state, round(seen["now_s"] * NS_PER_S))
             self._late_ms, self._is_frozen = self._observer.read(
                 lambda book: (late_ms(book, seen["arm"]), is_frozen(book))
             )
@@ -236,9 +246,10 @@ class DriveHub:
             "ghost_error_mm": errors and round(errors.predicted_mm, 2),
             "why": why_hold(figures, about),
             "outage": self._sees_outage(),
+            "unreached": self._is_cut(),
             "set": set_now(self._state),
             "network": self._answers(seen["now_s"]),
-            "stability": self._stability,
+            "loop": None if self._loop is None else told(self._loop),
             "limit_n_m": self._limit.at(None if self._is_frozen else self._late_ms),
             "wall_n_m": about and about.wall_n_m,
             "moved": None if self._door is None else self.seat.last_s > 0 or self._door.is_rivalled(inf),
@@ -257,6 +268,10 @@ class DriveHub:
     def ask(self, request: PageRequest, on_answer: Callable[[str], None]) -> None:
         """Do what a page asks of network and arms; ``on_answer`` is called in another thread."""
         ask(self._steering, request, on_answer)
+
+    def _is_cut(self) -> bool:
+        """Tell whether the hand's moves do not reach the arm now."""
+        return self._state is not None and self._state.forward is not None and self._state.forward.outage
 
     def _sees_outage(self) -> bool:
         ways = () if self._state is None else (self._state.forward, self._state.feedback)

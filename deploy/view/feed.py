@@ -84,7 +84,7 @@ class Feed:
             crossings = trail.since(self._n_read[name])
             self._n_read[name] = trail.n
             delays[name] = delay_columns(crossings)
-            losses[name] = self._bins[name].add(crossings, book.now_ns - book.loss_timeout_ns)
+            losses[name] = self._bins[name].add(crossings, book.decided_ns)
         track = [
             (
                 row.t_ns / NS_PER_S,

@@ -3,11 +3,14 @@
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from math import isfinite
-from typing import Any, Final
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tis.common.coupling.stability import Arm, Limb, loop_limit
+from tis.common.scenario.control import EmulatorState
+from tis.common.scenario.network.conditions import TimelineEntry
 from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S
 from tis.deploy.logs.read.frame import Frame
 from tis.deploy.report.subjects.touch import Stability, stability
@@ -17,6 +20,19 @@ from tis.deploy.watch.book import LiveBook
 from tis.deploy.watch.forces import MJ_PER_J, FeltRow
 
 _NEW_NS: Final = NS_PER_S
+_JUDGED_NS: Final = 15 * NS_PER_S
+_YOUNG_S: Final = 5.0
+"""A loop is called stable once its network has been the same for so long: a swing grows from small."""
+_RESTS_M_S: Final = 1e-3
+_SETTLES_S: Final = 0.5
+_FEWEST_ROWS: Final = 50
+_FEWEST_PERIODS: Final = 3
+_LEAST_MM: Final = 1e-3
+_GROWS: Final = 0.01
+_STEADILY: Final = 0.9
+"""Least growth of a swing in a period, and least correlation of its logarithm with time."""
+_SEEN_MM: Final = 0.5
+"""Size from which a swing is seen in the picture, some three pixels."""
 _STEP_MS: Final = 5.0
 """Resolution of the round trip for which theory is asked."""
 
@@ -69,15 +85,112 @@ def felt_rows(book: LiveBook) -> list[FeltRow]:
     return next((trail.all() for trail in book.forces.rows.values() if trail.n), [])
 
 
-def stability_of(rows: Sequence[FeltRow]) -> Stability | None:
-    """Return how the loop of the last rows stands, by the measure of the summary; None without touch."""
+class Swing(NamedTuple):
+    """How a hand swings off what it intends while that rests: amplitude, and what it grows by in a period.
+
+    ``growth_pct`` is None where the swing does not grow steadily, ``seen_in_s`` where it does not or is seen already.
+    """
+
+    size_mm: float
+    growth_pct: float | None
+    seen_in_s: float | None
+
+
+class LoopVerdict(NamedTuple):
+    """How a loop stands by the measure of the summary, over how long, and how the hand swings.
+
+    ``not_yet``: a loop that would count as stable, in a network of which too little was seen.
+    """
+
+    stability: Stability | Literal["not_yet"]
+    over_s: float
+    swing: Swing | None
+
+
+def loop_verdict(rows: Sequence[FeltRow], changed_ns: int) -> LoopVerdict | None:
+    """Return how the loop of the last rows stands in the present network; None without touch.
+
+    ``changed_ns`` is when the network was changed last: what was before is of another loop, as in the report.
+    """
+    rows = [row for row in rows if row.t_ns >= max(changed_ns, rows[-1].t_ns - _JUDGED_NS)]
     if len(rows) < 2:
         return None
-    step_ns = float(np.median(np.diff([row.t_ns for row in rows])))
+    t_ns = np.array([row.t_ns for row in rows])
     shown = Frame.of_arrays(
+        sample_ns=t_ns,
         force_n=np.array([row.hand_n for row in rows]),
         position_m=np.array([row.position_m for row in rows]),
         intended_m=np.array([row.intended_m for row in rows]),
         limited=np.array([row.limited for row in rows]),
     )
-    return stability(shown, max(round(NS_PER_S / step_ns), 1))
+    found = stability(shown, max(round(NS_PER_S / float(np.median(np.diff(t_ns)))), 1))
+    over_s = float(t_ns[-1] - t_ns[0]) / NS_PER_S
+    is_young = found == "stable" and over_s < _YOUNG_S
+    return LoopVerdict("not_yet" if is_young else found, round(over_s, 1), swing_of(shown))
+
+
+def told(found: LoopVerdict) -> dict[str, Any]:
+    """Return a verdict, as a page gets it."""
+    swing = found.swing and {name: value and float(f"{value:.3g}") for name, value in found.swing._asdict().items()}
+    return {"state": found.stability, "over_s": found.over_s, "young_s": _YOUNG_S, "swing": swing}
+
+
+def swing_of(shown: Frame) -> Swing | None:
+    """Return the swing of a hand since what it intends last moved; None where that is not long, or it does not swing.
+
+    Along the direction in which it swings most; its size is that of the last period, its growth that of the line
+    through the logarithms of all periods. Oracle: swings of known size and growth, tests/deploy/view/test_felt.
+    """
+    t_s = shown.sample_ns / NS_PER_S
+    meant_m_s = np.linalg.norm(np.diff(shown.intended_m, axis=0), axis=1) / np.diff(t_s)
+    moved = np.flatnonzero(meant_m_s > _RESTS_M_S)
+    still = t_s >= (t_s[0] if not len(moved) else t_s[moved[-1] + 1] + _SETTLES_S)
+    if np.count_nonzero(still) < _FEWEST_ROWS:
+        return None
+    t_s, off_mm = t_s[still], MM_PER_M * (shown.position_m - shown.intended_m)[still]
+    off_mm = off_mm - off_mm.mean(axis=0)
+    along_mm = off_mm @ np.linalg.svd(off_mm, full_matrices=False)[2][0]
+    level_mm = along_mm - np.polyval(np.polyfit(t_s, along_mm, 1), t_s)
+    crossed = np.flatnonzero(np.diff(np.signbit(level_mm)))
+    if len(crossed) < 2 * _FEWEST_PERIODS:
+        return None
+    period_s = 2.0 * float(np.diff(t_s[crossed]).mean())
+    n = int((t_s[-1] - t_s[0]) / period_s)
+    which = ((t_s[-1] - t_s) / period_s).astype(int)
+    sizes_mm = np.array([_size_mm(along_mm[which == k]) for k in reversed(range(n))])
+    if n < _FEWEST_PERIODS or sizes_mm[-1] < _LEAST_MM or (sizes_mm <= 0.0).any():
+        return None
+    line = np.polyfit(np.arange(n), np.log(sizes_mm), 1)
+    if line[0] < _GROWS or np.corrcoef(np.arange(n), np.log(sizes_mm))[0, 1] < _STEADILY:
+        return Swing(float(sizes_mm[-1]), None, None)
+    unseen = float(np.log(_SEEN_MM / sizes_mm[-1]))
+    in_s = unseen / float(line[0]) * period_s if unseen > 0.0 else None
+    return Swing(float(sizes_mm[-1]), 100.0 * float(np.expm1(line[0])), in_s)
+
+
+def _size_mm(along_mm: NDArray[np.float64]) -> float:
+    return float(np.sqrt(2.0) * along_mm.std()) if len(along_mm) else 0.0
+
+
+class NetworkEdges:
+    """When the network of a run was last changed while it ran, as the states of netem tell, one after the other."""
+
+    def __init__(self) -> None:
+        self.changed_ns = 0
+        self._known: Sequence[TimelineEntry] | None = None
+
+    def note(self, state: EmulatorState | None, now_ns: int) -> None:
+        """Note a state, as it is at ``now_ns`` of run time.
+
+        A change is the begin or the end of what was requested, as `network_edges_ns` of the report has it. Oracle:
+        states by hand, tests/deploy/view/test_felt.
+        """
+        if state is None or state.at_s is None:
+            return
+        added = [one for way in (state.forward, state.feedback) if way is not None for one in way.added]
+        held = [one for one in added if one.at_s * NS_PER_S <= now_ns]
+        if self._known is None:  # what was changed before the page looked
+            self.changed_ns = max((round(one.at_s * NS_PER_S) for one in held), default=0)
+        elif held != self._known:
+            self.changed_ns = now_ns
+        self._known = held

@@ -222,7 +222,7 @@ class Page:
             return
         now_s, figures, n_missed, safety, alarms = self._observer.read(
             lambda book: (
-                book.now_ns / NS_PER_S, book.figures(), book.n_ticks_missed, book.safety.stretches(SHOWN_S),
+                book.now_ns / NS_PER_S, book.figures(), dict(book.ticks_missed), book.safety.stretches(SHOWN_S),
                 book.alarms,
             )
         )  # fmt: skip
@@ -303,6 +303,7 @@ def pages(
         "tones": _tones(),
         "driven": context.is_driven,
         "about": about,
+        "is_reported": context.is_reported,
         "may_see": about is None or about.has_picture,
         "px_per_mm": f"{PIXELS_PER_M / MM_PER_M:g}",
         "picture": None if about is None else about.picture,

@@ -71,13 +71,14 @@ class PageProcess:
 def page_process(
     command: str, at: PageAddress, endpoints: tuple[str, str], session: str, wait_s: float | None = None,
     beside: bool = False, zenoh: ZenohOptions | None = None, scenario: Scenario | None = None,
-    secret: Path | None = None,
+    secret: Path | None = None, reports: bool = True,
 ) -> Iterator[PageProcess]:  # fmt: skip
     """Serve the page in a process that ends with the block; raises `InputError` when it cannot be served."""
     if not can_report():
         raise InputError(Fault(command, "", f"needs Bokeh: {GET_REPORT}"))
     west, east = endpoints
     options = {"west": west, "east": east, "session": session, "wait_s": wait_s, "beside": beside, **asdict(at)}
+    options |= {"reports": reports}
     options["secret"] = None if secret is None else str(secret)
     if scenario is not None:
         device = device_of(scenario)
@@ -108,9 +109,9 @@ def page_process(
 
 @contextmanager
 def page_beside(
-    at: PageAddress, endpoints: tuple[str, str], scenario: Scenario, err: Console, zenoh: ZenohOptions
+    at: PageAddress, endpoints: tuple[str, str], scenario: Scenario, err: Console, zenoh: ZenohOptions, reports: bool
 ) -> Iterator[PageProcess]:
-    """Serve the page during the block; print its address, and its faults afterwards."""
+    """Serve the page during the block; print its address, and its faults afterwards. A report may follow."""
     page: PageProcess | None = None
     try:
         with page_process(
@@ -122,6 +123,7 @@ def page_beside(
             zenoh=zenoh,
             scenario=scenario,
             secret=secret_of(scenario.security),
+            reports=reports,
         ) as page:
             announce(page.url, err)
             yield page

@@ -11,6 +11,7 @@ from tis.common.peer_life import NO_ALARMS, TEXTS, Alarm
 from tis.common.scenario.control import DirectionState, EmulatorState
 from tis.common.units import NS_PER_S
 from tis.deploy.view.hold_reason import RunAbout
+from tis.deploy.watch.book import MISSING
 from tis.deploy.watch.live_figures import LiveFigures
 from tis.deploy.watch.observer import Attendance, Vantage
 from tis.deploy.watch.safety import Stretch
@@ -44,6 +45,8 @@ class PageContext(NamedTuple):
     """Whether a page can move the hand."""
     about: RunAbout | None = None
     """The run's scenario, where the page's command started it."""
+    is_reported: bool = True
+    """Whether a report is written at the end of the run that was started with the page."""
 
 
 def run_html(
@@ -82,7 +85,7 @@ def _end_html(context: PageContext, output: RunOutput | None) -> str:
     if output is not None:
         where = f"Its {escape(output.what)}: <code>{escape(output.path)}</code>"
     elif context.beside:
-        where = "Its report is being written."
+        where = "Its report is being written." if context.is_reported else "Its summary is being written."
     else:
         where = "Its report lies where the run was started; tis names the folder there."
     return f'<p class="end">{where}<br>Nothing here changes any more: below are its last seconds.</p>'
@@ -90,7 +93,7 @@ def _end_html(context: PageContext, output: RunOutput | None) -> str:
 
 def figures_html(
     found: LiveFigures,
-    n_ticks_missed: int,
+    ticks_missed: Mapping[Side, int],
     picture: str = "",
     note: str = "",
     safety: Mapping[str, Sequence[Stretch]] = MappingProxyType({}),
@@ -117,9 +120,10 @@ def figures_html(
          f"of the estimate, root mean square; hold errs by {_number(found.hold_turn_rms_deg, '°')}"),
         ("The surgeon sees", "–" if found.display is None else _number(found.display.feedback_mm, "mm"),
          _silence(found.display_silent_s)
-         or "error of the delayed picture, root mean square, against the arm when the newest command acts; the "
-         f"predicted arm errs by {_number(found.display and found.display.predicted_mm, 'mm')}"),
-        ("Ticks missed", str(n_ticks_missed), "ticks at which the patient sent no estimate, since the page began"),
+         or "error of the delayed picture, root mean square, against the arm when the newest command acts; "
+         + ("while the arm is stopped there is no predicted one" if _all_stopped(safety) else
+            f"the predicted arm errs by {_number(found.display and found.display.predicted_mm, 'mm')}")),
+        ("Ticks missed", str(sum(ticks_missed.values())) if ticks_missed else _NO_VALUE, _missed(ticks_missed)),
     )  # fmt: skip
     items = "".join(
         f"<li><span>{name}</span><strong>{value}</strong><small>{meaning}</small></li>"
@@ -128,6 +132,16 @@ def figures_html(
     items += _safety_html(safety)
     below = f'<p class="note">{escape(f"{found.limit_text} {_END_TO_END} {note}".strip())}</p>'
     return f'<div class="seconds">{picture}<ul class="tiles">{items}</ul></div>{below}'
+
+
+def _all_stopped(safety: Mapping[str, Sequence[Stretch]]) -> bool:
+    return bool(safety) and all(stretches[-1].mode in ("slow_stop", "safe") for stretches in safety.values())
+
+
+def _missed(ticks: Mapping[Side, int]) -> str:
+    """Return whose ticks were missed: the terminal adds them up, the summary lists each side."""
+    each = " and ".join(f"{side} {ticks[side]}" for side in MISSING if side in ticks)
+    return f"{each}{': ' if each else ''}ticks that had not begun when the next one was due, since the run began"
 
 
 def _silence(silent_s: float | None) -> str:

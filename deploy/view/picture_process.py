@@ -1,9 +1,10 @@
 """Process that decodes the surgeon's picture for the live page: ``python -m tis.deploy.view.picture_process``.
 
-The first line of its standard input is its options as JSON; each further line asks for the newest picture, once there
-is another one than the last. It answers with a line of JSON and the bytes of a JPEG. Nothing waits in it but the
-messages of the picture, at most `_MAX_WAITING`: whoever takes no picture gets none, and the run notices neither. It
-has the page server's low priority.
+The first line of its standard input is its options as JSON; each further line asks for the newest picture, once
+there is another one than the last. It answers with a line of JSON and the bytes of a JPEG; while there is none, it
+says a few times a second that it has looked: on a busy machine it may look late. Nothing waits in it but the messages
+of the picture, at most `_MAX_WAITING`: whoever takes no picture gets none, and the run notices neither. It has the
+page server's low priority.
 """
 
 import io
@@ -28,10 +29,12 @@ from tis.common.runtime.memory import share_arenas
 from tis.common.runtime.zenoh_session import ZenohOptions, open_client, visitor
 from tis.common.scenario.control import STATE, EmulatorState, control_prefix
 from tis.common.scenario.sight import SightPart
+from tis.common.units import NS_PER_S
 from tis.deploy.watch.spectator import Shown, Spectator
 
 _MAX_WAITING: Final = 20_000
 _ASK_S: Final = 1.0
+_LOOK_S: Final = 0.25
 _QUALITY: Final = 85
 
 
@@ -95,19 +98,26 @@ def _follow(session: zenoh.Session, prefix: str, sight: SightPart, bell: threadi
             bell.set()
 
     listening = session.declare_subscriber(VIDEO.key(prefix), on_sample, allowed_origin=zenoh.Locality.REMOTE)
-    spectator, told = Spectator(prefix, sight), 0
+    spectator, told, looked_ns = Spectator(prefix, sight), 0, 0
     while not asked.is_over:
-        bell.wait()
+        begun_ns = time.monotonic_ns()
+        bell.wait(_LOOK_S)
         bell.clear()
+        # what made this thread late holds up the one that hears, too
+        late_ns = max(time.monotonic_ns() - begun_ns - int(_LOOK_S * NS_PER_S), 0)
         if len(waiting) == _MAX_WAITING:  # the oldest are gone, which is no loss of the network's
             waiting.clear()
             spectator.restart()
         while waiting:
             spectator.take(*waiting.popleft())
-        shown = spectator.shown
+        shown, now_ns = spectator.shown, time.monotonic_ns()
+        looked = {"looked_ns": now_ns - late_ns}
         if asked.waits and shown is not None and shown.number > told:
             asked.waits, told = False, shown.number
-            _tell(described(shown), jpeg_of(shown))
+            _tell(described(shown) | looked, jpeg_of(shown))
+        elif asked.waits and now_ns - looked_ns >= _LOOK_S * NS_PER_S:
+            looked_ns = now_ns
+            _tell(looked)
     listening.undeclare()  # type: ignore[no-untyped-call]
 
 

@@ -23,9 +23,11 @@ from tis.common.units import NS_PER_MS
 PATH: Final = "/picture"
 SAYS: Final = "Tis-Picture"
 """Header with what is told of a picture, as JSON."""
+LATE: Final = "Tis-Late"
+"""Header with the time, in ms, since it was last known that no newer picture was there: how late the page is."""
 MAX_WAITING: Final = 32
 _MODULE: Final = ("-m", "tis.deploy.view.picture_process")
-_WAIT_S: Final = 1.0
+_WAIT_S: Final = 0.5
 _GRACE_S: Final = 3.0
 _NO_CONTENT, _BAD, _BUSY = 204, 400, 503
 
@@ -43,6 +45,7 @@ class PictureDoor:
         self.is_blind = False
         """Whether the run has no picture, or none that can be decoded here: then `needs` is the package for it."""
         self.needs = ""
+        self._looked_ns: int | None = None
         self._options, self._ahead_ns, self._module = options, ahead_ns, module
         self._waiting: set[Future[None]] = set()
         self._is_asked = False
@@ -58,6 +61,11 @@ class PictureDoor:
     def is_full(self) -> bool:
         """Tell whether as many pages wait as can be served."""
         return len(self._waiting) >= MAX_WAITING
+
+    @property
+    def late_ms(self) -> float | None:
+        """Return how long ago it was looked for a newer picture; None before that."""
+        return None if self._looked_ns is None else (time.monotonic_ns() - self._looked_ns) / NS_PER_MS
 
     async def after(self, number: int) -> tuple[dict[str, Any], bytes] | None:
         """Return the newest picture if it has a higher number, waiting for it a while; None without."""
@@ -128,6 +136,9 @@ class PictureDoor:
         loop.add_callback(self._take, {"number": 0}, b"")
 
     def _take(self, said: dict[str, Any], data: bytes) -> None:
+        self._looked_ns = said.pop("looked_ns", self._looked_ns)
+        if not said:  # it has looked, and there is no newer one
+            return
         if data:
             self.newest = said, data
         else:
@@ -152,6 +163,8 @@ class _PictureHandler(AuthRequestHandler):
         if self._door.is_full:
             raise HTTPError(_BUSY)
         found = await self._door.after(number)
+        if self._door.late_ms is not None:
+            self.set_header(LATE, f"{self._door.late_ms:.0f}")
         if found is None:
             self.set_status(_NO_CONTENT)
             if self._door.is_blind:

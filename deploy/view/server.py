@@ -111,6 +111,9 @@ class ViewOptions:
     about: Mapping[str, Any] | None = None
     """The fields of a `RunAbout`, where the command that serves the page also starts the run."""
 
+    reports: bool = True
+    """Whether that command writes a report at the end."""
+
     @property
     def zenoh(self) -> ZenohOptions:
         """Return the Zenoh options of the connections."""
@@ -137,7 +140,8 @@ def serve(
     secret = None if options.secret is None else Path(options.secret)
     steering = Steering(EmulatorAddress(options.east, options.session, options.zenoh, secret))
     about = None if options.about is None else RunAbout(**options.about)
-    context = PageContext(options.beside, options.west, options.east, options.device is not None, about)
+    is_driven = options.device is not None
+    context = PageContext(options.beside, options.west, options.east, is_driven, about, options.reports)
     door = None if options.device is None else DeviceDoor(Device(**options.device), options.west, options.zenoh)
     alone = NetemAlone()
     sockets = DriveSockets(DriveHub(observer, steering, door, about, alone))

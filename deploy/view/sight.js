@@ -4,10 +4,10 @@
   const canvas = document.getElementById("seen");
   if (!canvas) return;  // a run without a camera
   const at = (id) => document.getElementById(id);
-  const SILENT_MS = 500, AGAIN_MS = 1000;
+  const AGAIN_MS = 1000;
   const WORDS = { complete: "It came whole.", concealed: "Damaged: not all came of it, or of what it builds on.",
     torn: "Torn: it is made of two frames." };
-  let said = null, came = 0, over = false;
+  let said = null, came = 0, looked = null, over = false;
 
   const pause = (ms) => new Promise((done) => setTimeout(done, ms));
   const painted = () => new Promise((done) => requestAnimationFrame(done));  // a hidden page asks for nothing
@@ -29,6 +29,7 @@
     while (!over) {
       try {
         const answer = await fetch(`picture?after=${said?.number ?? 0}`);
+        if (answer.headers.has("Tis-Late")) looked = performance.now() - Number(answer.headers.get("Tis-Late"));
         const never = answer.status === 204 && answer.headers.get("Tis-Picture");
         if (never) return tellNone(JSON.parse(never).needs);
         if (answer.status === 200) await draw(answer);
@@ -42,18 +43,18 @@
     at("seen_state").textContent = needs ? `No picture here: the package ${needs} is not installed.` : "";
   };
 
-  const age = (ms) => (ms < 1000 ? `${Math.round(ms)} ms` : `${(ms / 1000).toFixed(1)} s`);
+  const { age, silence } = window.pictureLayout;
   const put = (node, text) => { if (node.textContent !== text) node.textContent = text; };
   const tell = () => {
     if (window.live.isOver()) over = true;
     if (!said || over) return;
-    const since = performance.now() - came, isStill = since > SILENT_MS;
+    const now = performance.now(), since = now - came, silent = silence(since, looked === null ? null : now - looked);
     put(at("seen_age"), said.age_ms == null ? "–" : age(said.age_ms + since));
     const share = `${said.n_whole} of the last ${said.n} frames whole.`;
     at("seen_stamps").hidden = !said.is_stamped;
     const untold = said.is_stamped ? "" : " No stamps: hand to eye and tears are not measured.";
-    put(at("seen_state"), isStill ? `No newer picture for ${age(since)}.` : `${WORDS[said.state]} ${share}${untold}`);
-    canvas.parentElement.dataset.state = isStill ? "frozen" : said.state;
+    put(at("seen_state"), silent ? silent.text : `${WORDS[said.state]} ${share}${untold}`);
+    canvas.parentElement.dataset.state = silent ? silent.state : said.state;
   };
   window.live.onClose(() => { over = true; });
   // Where the camera looks: away from it is upwards times rightwards.

@@ -80,14 +80,18 @@ class Steering:
         )
 
     def only_delay(self, delay_ms: float, on_answer: Callable[[str], None]) -> None:
-        """Restore the scenario's own network, with this delay each way."""
+        """Restore the scenario's own network, with this delay each way, of every message: without jitter."""
 
         def send(remote: Remote) -> Acknowledgement:
             done = remote.request("reset", {})
             if not done.accepted:
                 return done
-            setting = [f"delay.delay_ms={delay_ms:g}"]
-            return remote.request("set", change_requests(remote.state(), "both", setting))
+            state, setting = remote.state(), [f"delay.delay_ms={delay_ms:g}"]
+            ways = [way for way in (state.forward, state.feedback) if way is not None]
+            pipelines = [one for way in ways for one in (way.now, *(rule.now for rule in way.rules))]
+            if any(one.jitter is not None for one in pipelines):
+                setting.append("jitter={kind: normal, std_ms: 0}")
+            return remote.request("set", change_requests(state, "both", setting))
 
         self._submit(send, on_answer)
 

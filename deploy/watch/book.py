@@ -9,7 +9,7 @@ from typing import Final, NamedTuple, TypeVar
 import numpy as np
 from msgspec import DecodeError
 
-from tis.common.channels import ORIGIN, Network, is_set_point, local_keys, stopped_key
+from tis.common.channels import DESTINATION, ORIGIN, SIDE_ON, Network, Side, is_set_point, local_keys, stopped_key
 from tis.common.messages import FeedbackPose, Header, Pose, components, decode, position_m
 from tis.common.peer_life import Alarm, Beat
 from tis.common.runtime.control import ControlKeys
@@ -23,6 +23,9 @@ from tis.deploy.watch.streams import STREAM_OF, Crossing, Crossings, Stream, Str
 from tis.patient_side.rotations import unit
 
 WINDOW_S: Final = 5
+MISSING: Final[tuple[Side, ...]] = ("surgeon", "patient")
+"""The sides that tick, in the order in which they are told."""
+
 _SILENT_NS: Final = 2 * NS_PER_S
 """Time without an arrival after which figures of what arrived are of the past, and are not told."""
 
@@ -73,7 +76,8 @@ class LiveBook:
     def __init__(self, session: str) -> None:
         self.thinning = 1
         self.now_ns = 0
-        self.n_ticks_missed = 0
+        self.ticks_missed: dict[Side, int] = {}
+        """By side the ticks that had not begun when the next one was due, as its beats count them."""
         self.tracks: defaultdict[str, Trail[TrackRow]] = defaultdict(lambda: Trail(_MAX_ROWS))
         self.masters: defaultdict[str, Trail[PlaceRow]] = defaultdict(lambda: Trail(_MAX_ROWS))
         self.ages: defaultdict[str, Trail[AgeRow]] = defaultdict(lambda: Trail(_MAX_ROWS))
@@ -88,7 +92,7 @@ class LiveBook:
         self.is_stopped: bool | None = None
         """Whether an emergency stop is in force, as the patient last told anyone; None: it told nobody."""
         self._patient_ahead_ns: deque[int] = deque(maxlen=_N_CLOCK)
-        self._beat_key = ControlKeys(session).beat("patient")
+        self._beat_keys = {ControlKeys(session).beat(side): side for side in MISSING}
         self._stopped_key = stopped_key(session)
         self._local = local_keys(session, "east")
         self._table = watched_streams(session)
@@ -96,12 +100,14 @@ class LiveBook:
         self._motion: defaultdict[str, ArmMotion] = defaultdict(ArmMotion)
         self._newest_command_ns: dict[str, int] = {}
         self._fresh_ns = -1
-        self._answered: dict[str, tuple[int, int]] = {}
+        self._skipped: Trail[UnseenRow] = Trail(_MAX_ROWS)
+        self._first_ns: dict[Network, int] = {}
         self._offered_seq: dict[str, int] = {}
         self._unseen: Trail[UnseenRow] = Trail(_MAX_ROWS)
 
     def take(self, seen: Sighting) -> None:
         """Add a message; messages that are not of the session's streams are ignored."""
+        self._first_ns.setdefault(seen.network, seen.at_ns)
         if self._told(seen):
             return
         stream, is_displayed = self._table.get(seen.key), self.displays.knows(seen.network, seen.key)
@@ -125,7 +131,7 @@ class LiveBook:
 
     def _told(self, seen: Sighting) -> bool:
         """Take what is neither a stream that is followed nor a display; return whether it was."""
-        if seen.key in (self._beat_key, self._stopped_key):
+        if seen.key in self._beat_keys or seen.key == self._stopped_key:
             self._hear(seen)
             return True
         if seen.network == "west":
@@ -140,8 +146,14 @@ class LiveBook:
                 self.is_stopped = decode(seen.payload, StopState).stop
                 return
             beat = decode(seen.payload, Beat)
+            if beat.side != self._beat_keys[seen.key]:
+                return
             if beat.side == "patient":
                 self.alarms = {**beat.alarms, **self.alarms}
+            if beat.ticks_missed is not None:
+                before = self.ticks_missed.get(beat.side, 0)
+                self.ticks_missed[beat.side] = max(before, beat.ticks_missed)
+                self._skip(beat.side, beat.ticks_missed - before)
 
     def set_thinning(self, thinning: int) -> None:
         """Decode only every ``thinning``-th message from now on; a multiple of the value before."""
@@ -153,7 +165,8 @@ class LiveBook:
         """Record the packets lost by now, on the observer's clock, and the ticks whose truth is known."""
         for key, crossings in self._crossings.items():
             trail = self.crossed[STREAM_OF[self._table[key].role]]
-            for lost in crossings.expire(now_ns):
+            heard_ns = self._first_ns.get(DESTINATION[self._table[key].direction], now_ns)
+            for lost in crossings.expire(now_ns, heard_ns):
                 trail.append(lost)
         for arm, motion in self._motion.items():
             for row in motion.rows():
@@ -165,9 +178,11 @@ class LiveBook:
         return max(self._patient_ahead_ns, default=None)
 
     @property
-    def loss_timeout_ns(self) -> int:
-        """Return the longest time after which a missing packet counts as lost."""
-        return max((crossings.loss_timeout_ns for crossings in self._crossings.values()), default=0)
+    def decided_ns(self) -> int:
+        """Return up to which sending time it is decided which packets are lost."""
+        timeout_ns = max((crossings.loss_timeout_ns for crossings in self._crossings.values()), default=0)
+        undecided_ns = [one.undecided_ns for one in self._crossings.values() if one.undecided_ns is not None]
+        return min([self.now_ns - timeout_ns, *undecided_ns])
 
     def figures(self, window_s: float = WINDOW_S) -> LiveFigures:
         """Return the figures of the newest ``window_s`` of run time, of all arms together."""
@@ -178,7 +193,7 @@ class LiveBook:
             {name: _latest(_since(trail, begin_ns, lambda row: row.sent_ns)) for name, trail in self.crossed.items()},
             [row.end_to_end_ms for row in ages if row.end_to_end_ms is not None and silent_s is None],
             [_since(trail, begin_ns, lambda row: row.t_ns) for trail in self.tracks.values()],
-            sum(row.n for row in _since(self._unseen, begin_ns, lambda row: row.sent_ns)) // self.thinning,
+            self._n_unseen(begin_ns) // self.thinning,
             self.displays.errors(begin_ns) if display_silent_s is None else None,
             [row.age_ms for row in ages],
         )
@@ -188,6 +203,20 @@ class LiveBook:
         """Return the time since ``fresh_ns``, in s; None where that is not long, or nothing ever arrived."""
         silent_ns = self.now_ns - fresh_ns
         return silent_ns / NS_PER_S if fresh_ns >= 0 and silent_ns > _SILENT_NS else None
+
+    def _skip(self, side: Side, n: int) -> None:
+        """Note new missed ticks: the numbers of their messages on each key that was seen are free."""
+        n_keys = sum(SIDE_ON[ORIGIN[self._table[key].direction]] == side for key in self._offered_seq)
+        if n > 0 and n_keys:
+            self._skipped.append(UnseenRow(self.now_ns, n * n_keys))
+
+    def _n_unseen(self, begin_ns: int) -> int:
+        """Return how many packets since ``begin_ns`` did not come here: free numbers but those of missed ticks."""
+        free, skipped = (
+            sum(row.n for row in _since(trail, begin_ns, lambda row: row.sent_ns))
+            for trail in (self._unseen, self._skipped)
+        )
+        return max(free - skipped, 0)
 
     def _note_unseen(self, key: str, header: Header) -> None:
         """Note the packets that were sent between this one and the last one seen, and that did not come here."""
@@ -225,16 +254,11 @@ class LiveBook:
             case "estimated":
                 self.newest[stream.device]["estimate"] = where_m
                 motion.estimated(pose.sample_ns, where_m, turn)
-                self._record_tick(stream.device, header, pose)
+                self._record_age(stream.device, header, pose)
 
-    def _record_tick(self, arm: str, header: Header, pose: Pose) -> None:
+    def _record_age(self, arm: str, header: Header, pose: Pose) -> None:
         if not isinstance(pose, FeedbackPose):
             return
-        # a missed tick has a number of its own and no packet: what the observer did not see has both
-        tick, seq = self._answered.get(arm, (pose.tick, header.seq))
-        if header.seq >= seq:
-            self._answered[arm] = (pose.tick, header.seq)
-            self.n_ticks_missed += max(0, (pose.tick - tick) - (header.seq - seq))
         fresh_ns = pose.command_sample_ns
         if fresh_ns is None:
             return

@@ -23,7 +23,7 @@ from tis.common.runtime.control import ControlKeys, Roster
 from tis.common.runtime.tls_links import of_netem_only
 from tis.common.runtime.zenoh_session import ZenohOptions, open_client, visitor
 from tis.common.units import NS_PER_MS, NS_PER_S
-from tis.deploy.watch.book import LiveBook, Sighting
+from tis.deploy.watch.book import MISSING, LiveBook, Sighting
 from tis.deploy.watch.streams import watched_streams
 
 
@@ -178,7 +178,7 @@ class Observer:
 
         held: list[Any] = [session.declare_subscriber(key, on_sample) for key in ours]
         if network == "east":
-            told = (ControlKeys(self.session).beat("patient"), stopped_key(self.session))
+            told = [*(ControlKeys(self.session).beat(side) for side in MISSING), stopped_key(self.session)]
             held += [session.declare_subscriber(key, on_told) for key in told]
         stack.callback(held.clear)
 

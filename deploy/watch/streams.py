@@ -52,6 +52,8 @@ T = TypeVar("T")
 _MIN_TIMEOUT_NS: Final = NS_PER_S // 2
 _MAX_TIMEOUT_NS: Final = 5 * NS_PER_S
 _MARGIN_NS: Final = 3 * NS_PER_S // 10
+_PASSED_BY_NONE_NS: Final = 2 * NS_PER_S
+"""Patience with a packet after which no other one has arrived."""
 _DECAY: Final = 0.998
 _MAX_PENDING: Final = 50_000
 
@@ -66,8 +68,9 @@ class Crossing(NamedTuple):
 class Crossings:
     """Pairs the packets of one stream by sequence number. Bounded: with too many pending, the oldest are dropped.
 
-    A packet counts as lost after 0.3 s plus twice the longest recent delay, at least 0.5 s and at most 5 s. One that
-    arrives later is reported again, with its delay.
+    A packet counts as lost after 0.3 s plus twice the longest recent delay, at least 0.5 s and at most 5 s, if a
+    later one has arrived: what a busy emulator holds up comes in order, and is not lost. Where none has, it counts
+    after 2 s at the earliest. One that arrives after all is reported again, with its delay.
     """
 
     def __init__(self) -> None:
@@ -75,12 +78,18 @@ class Crossings:
         self._early: OrderedDict[int, int] = OrderedDict()
         self._expired: OrderedDict[int, tuple[int, int]] = OrderedDict()
         self._longest_ns = 0.0
+        self._newest = -1
 
     @property
     def loss_timeout_ns(self) -> int:
         """Return the time after which a packet counts as lost."""
         adaptive_ns = int(2 * self._longest_ns) + _MARGIN_NS
         return min(max(adaptive_ns, _MIN_TIMEOUT_NS), _MAX_TIMEOUT_NS)
+
+    @property
+    def undecided_ns(self) -> int | None:
+        """Return when the oldest packet was sent that may still arrive; None without one."""
+        return next(iter(self._offered.values()), (None, 0))[0]
 
     def offered(self, seq: int, sent_ns: int, at_ns: int) -> Crossing | None:
         """Add a packet seen on its network of origin; it may have been seen on the other one before."""
@@ -92,6 +101,7 @@ class Crossings:
 
     def arrived(self, seq: int, at_ns: int) -> Crossing | None:
         """Add a packet seen at its destination; None for a copy and for one sent before the observation."""
+        self._newest = max(self._newest, seq)
         found = self._offered.pop(seq, None)
         if found is None:
             found = self._expired.pop(seq, None)
@@ -101,17 +111,22 @@ class Crossings:
         sent_ns, offered_ns = found
         return self._crossed(sent_ns, max(0, at_ns - offered_ns))
 
-    def expire(self, now_ns: int) -> list[Crossing]:
-        """Return the packets that now count as lost, in the order of sending."""
-        before_ns = now_ns - self.loss_timeout_ns  # offered in order of time, so the oldest is first
-        lost = []
-        while self._offered:
+    def expire(self, now_ns: int, heard_ns: int = 0) -> list[Crossing]:
+        """Return the packets that now count as lost, in the order of sending.
+
+        Of those offered before ``heard_ns``, when the destination was first listened to, nothing is told.
+        """
+        patience_ns, lost = self.loss_timeout_ns, []
+        while self._offered:  # offered in order of time, so the oldest is first
             seq, found = next(iter(self._offered.items()))
-            if found[1] > before_ns:
+            if seq > self._newest:
+                patience_ns = max(patience_ns, _PASSED_BY_NONE_NS)
+            if found[1] > now_ns - patience_ns:
                 break
             del self._offered[seq]
             _put(self._expired, seq, found)
-            lost.append(Crossing(found[0], None))
+            if found[1] >= heard_ns:
+                lost.append(Crossing(found[0], None))
         while self._early and next(iter(self._early.values())) < now_ns - _MAX_TIMEOUT_NS:
             self._early.popitem(last=False)
         return lost

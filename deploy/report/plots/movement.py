@@ -12,6 +12,8 @@ from tis.deploy.present.thinning import Array
 from tis.deploy.report.plots.scene_3d import TRAIL_S, ScenePath, camera_controls, scene
 from tis.deploy.report.run_view import HandView
 
+_SCENE_PX: Final = 330
+
 
 def tracking_figure(view: HandView, x_range: Range1d) -> style.Figure | None:
     """Draw truth and estimates; None without ticks."""
@@ -70,7 +72,7 @@ def path_figure(view: HandView) -> style.Figure | None:
         drawn = (*_MARKERS.get(line, _OTHER), min(look.width, _MAX_WIDTH), look.look.dash, look.shown)
         paths.append(ScenePath(line, columns, look.look.tone, *drawn))
     return style.Figure(
-        plots=(scene(name, view.source, _box(truth_mm), paths),),
+        plots=(scene(name, view.source, _box(truth_mm), paths, height=_SCENE_PX),),
         title=f"Path in space: {view.title}",
         caption=_path_caption(view),
         alt=f"The arm's path in space, seen from a camera that can be turned. {range_text(view)}",

@@ -41,8 +41,9 @@ class ScenePath:
 
 
 def scene(
-    name: str, source: ColumnDataSource, box: Mapping[str, Range1d], paths: Sequence[ScenePath], whole: bool = True
-) -> figure:
+    name: str, source: ColumnDataSource, box: Mapping[str, Range1d], paths: Sequence[ScenePath], whole: bool = True,
+    height: int = 420,
+) -> figure:  # fmt: skip
     """Return the figure of a scene, empty until the browser projects it; the first path is the one to follow.
 
     ``source`` has a name, the columns of the paths, and ``t`` in s, ascending; another figure must draw it too.
@@ -50,7 +51,7 @@ def scene(
     """
     assert source.name is not None
     fig = figure(
-        name=name, tags=[source.name], height=420, sizing_mode="stretch_width", tools="",
+        name=name, tags=[source.name], height=height, sizing_mode="stretch_width", tools="",
         toolbar_location=None, x_range=Range1d(start=-1, end=1), y_range=Range1d(start=-1, end=1), min_border=4,
     )  # fmt: skip
     fig.extra_x_ranges = dict(box)

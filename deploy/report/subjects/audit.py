@@ -12,7 +12,7 @@ from tis.common.host_records import AUDIT, AuditNote
 from tis.common.refusal import MEANING
 from tis.deploy.logs.log_paths import log_file
 from tis.deploy.logs.read.load import RunLogs, load_side
-from tis.deploy.present.page import note
+from tis.deploy.present.page import folded, note
 from tis.deploy.present.table import Column, Table
 from tis.netem.control.replay import request_in_words
 
@@ -130,5 +130,8 @@ def audit_markup(logs: RunLogs) -> str:
         return note(str(error.faults[0]))
     if found is None:
         return ""
-    tables = [table.html() for table in (refusal_table(found), action_table(found)) if table.rows]
-    return note(f"The audit log, {AUDIT_FILE}: {found.words}{clock_steps(found.entries)}.") + "".join(tables)
+    refused, done = refusal_table(found), action_table(found)
+    text = note(f"The audit log, {AUDIT_FILE}: {found.words}{clock_steps(found.entries)}.")
+    if refused.rows:
+        text += refused.html()
+    return text + (folded(f"Stops, releases, changes: {len(done.rows)}", done.html()) if done.rows else "")

@@ -111,8 +111,12 @@ class Pictures:
 
     @cached_property
     def hand_to_eye_ns(self) -> Ints:
-        """Return the time from each command's sample to the first picture that shows it."""
+        """Return the time from each command's sample to the first picture that shows its effect.
+
+        Which commands an external camera drew is told by stamps alone: those that nobody could read are left out.
+        """
         command = self.seen.top_command[self.stamped].astype(np.int64)
+        drawn = command if self.is_external else self.camera.command.astype(np.int64)
         n = sample_index(self.until_ns, self.rate_hz)
-        instants = {i: sample_instant_ns(i, self.rate_hz) for i in np.unique(command).tolist() if 0 <= i <= n}
-        return hand_to_eye_ns(command, self.shown_ns[self.stamped], instants)
+        instants = {i: sample_instant_ns(i, self.rate_hz) for i in np.unique(drawn).tolist() if 0 <= i <= n}
+        return hand_to_eye_ns(drawn, command, self.shown_ns[self.stamped], instants, self.until_ns)

@@ -83,9 +83,10 @@ class SightFigures(Section):
     )
     expected_decodable_pct: float | None = means("The same in theory; `null` as above, and with an intra refresh.")
     hand_to_eye_ms: Statistics = statistics(
-        "From the sample of a command to the first picture that shows it, by the stamps in the picture and the "
-        "surgeon's clock alone; of each command that is the newest one of a picture whose two stamps agree. `null` "
-        "without stamps.",
+        "From the sample of a command to the first picture that shows it or a later one, by the stamps in the "
+        "picture and the surgeon's clock alone; of each command that is the newest one of a frame, whether that came "
+        "or not. What was not seen until the end counts with its age there, if that is longer than all that was "
+        "seen. Of an external camera the commands that readable stamps name. `null` without stamps.",
         LATE,
     )
     glass_to_glass_ms: Statistics = statistics(

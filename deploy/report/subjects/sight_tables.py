@@ -12,7 +12,8 @@ from tis.deploy.report.subjects.sight import HAND_TO_EYE, ForceWaits, SightFigur
 
 _NOTE: Final = (
     "Complete: with all frames that it refers to. Concealed: the decoder filled gaps. Hand to eye: from a command's "
-    "sample to the first picture that shows it, on the surgeon's clock. Freezes after W3C's webrtc-stats"
+    "sample to the first picture that shows it or a later one, on the surgeon's clock. "
+    "Freezes after W3C's webrtc-stats"
 )
 
 
@@ -45,6 +46,11 @@ def answer_text(sight: SightFigures) -> str:
     else:
         text += f". The surgeon saw the effect of a movement {number(eye['p50'], ' ms')} later in the median"
     text += f", and {number(eye['p99'], ' ms')} in 99 of 100 cases (p99). "
+    n_damaged = sight.frames["sent"] - sight.frames["complete"]
+    if sight.not_measured and n_damaged and HAND_TO_EYE not in sight.not_measured:
+        text += (
+            f"Left out are movements that only damaged or lost frames showed, {number(n_damaged)} of {number(sent)}. "
+        )
     if sight.not_measured:
         text += f"Not measured: {', '.join(sight.not_measured)}. "
     if not sight.freezes:

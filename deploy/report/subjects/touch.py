@@ -53,6 +53,10 @@ class TouchFigures(Section):
         "Stiffness at which this loop becomes unstable in theory: with the mean round trip, its ticks, the operator "
         "and the servo, where the newest sample drives the arm; `null` where there is no theory."
     )
+    limit_round_trip_ms: float | None = means(
+        "That mean round trip, of the stretch of constant network that decides stability; `null` without a force.",
+        default=None,
+    )
     shown_over_true: float | None = means(
         "Stiffness that the hand feels over that of the wall, by least squares over the contact; `null` without any."
     )
@@ -123,6 +127,7 @@ def _figures(logs: RunLogs, scenario: Scenario, hand: Hand, arm: ArmName) -> Tou
     trip_ns, its_trip_ns = (trip[np.isfinite(trip)] for trip in (
         shown.sample_ns - shown.command_ns, decides.sample_ns - decides.command_ns,
     ))  # fmt: skip
+    trip_s = float(its_trip_ns.mean()) / NS_PER_S if len(its_trip_ns) else None
     error_n = np.linalg.norm(shown.force_n - truth_at(shown.sample_ns, contacts.t_ns, contacts.force_n), axis=1)
     beyond_n = np.maximum(error_n - part.deadband.force * np.linalg.norm(shown.force_n, axis=1), 0.0)
     force = logs.messages("surgeon", "feedback", scenario.session).get(
@@ -134,7 +139,8 @@ def _figures(logs: RunLogs, scenario: Scenario, hand: Hand, arm: ArmName) -> Tou
         stability=looped,
         stable=None if looped == "not_decidable" else looped == "stable",
         stiffness_n_m=None if wall is None else wall.stiffness_n_m,
-        limit_n_m=predicted_limit(scenario, float(its_trip_ns.mean()) / NS_PER_S) if len(its_trip_ns) else None,
+        limit_n_m=None if trip_s is None else predicted_limit(scenario, trip_s),
+        limit_round_trip_ms=None if trip_s is None else 1000.0 * trip_s,
         shown_over_true=None if wall is None else _shown_over(shown, wall.stiffness_n_m, _normal(part.environment)),
         energy_mj=MJ_PER_J * max(0.0, -float(energy_j(shown).min())),
         force_error_n=_errors(error_n),

@@ -60,7 +60,9 @@ def verdict_text(found: TouchFigures) -> str:
     if found.stiffness_n_m is not None:
         text += f", at a wall of {significant(found.stiffness_n_m)} N/m"
     if found.limit_n_m is not None:
-        text += f". Theory expects it to swing from {significant(found.limit_n_m)} N/m on"
+        trip_ms = found.limit_round_trip_ms
+        at = "" if trip_ms is None else f", at its round trip of {number(trip_ms, ' ms')}"
+        text += f". Theory expects it to swing from {significant(found.limit_n_m)} N/m on{at}"
     return f"{text}."
 
 

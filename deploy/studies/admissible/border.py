@@ -23,7 +23,7 @@ from tis.deploy.studies.admissible.region import Place, Region, Simplex, Vertex,
 Margins = Sequence[float]
 """Margins at a place, one for each estimator."""
 
-_BISECTED: Final = 3
+BISECTED: Final = 3
 """Each third step halves the bracket, so that no margin, however bent, makes the search slow."""
 
 
@@ -81,7 +81,7 @@ class Ray:
         step = self.steps[which] = self.steps.get(which, 0) + 1
         low = self.known[inside][which] if inside in self.known else float("-inf")
         high = self.known[outside][which]
-        if step % _BISECTED == 0 or not (isfinite(low) and isfinite(high)):
+        if step % BISECTED == 0 or not (isfinite(low) and isfinite(high)):
             return (inside + outside) / 2
         root = inside + (outside - inside) * -low / (high - low)
         root += least if root - inside < outside - root else -least

@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from math import isfinite
+from math import ceil, isfinite, log2
 from typing import Any, Final, NamedTuple
 
 from tis.common.streams import Stream
 from tis.deploy.compare.plan import Request
 from tis.deploy.compare.results.pooled import ENOUGH_PEOPLE
-from tis.deploy.studies.admissible.border import Border, Margins, find_border
+from tis.deploy.shell.progress import length_text
+from tis.deploy.studies.admissible.border import BISECTED, Border, Margins, find_border
 from tis.deploy.studies.admissible.criterion import Limit
 from tis.deploy.studies.admissible.evaluation import Evaluation, Judged, Network
 from tis.deploy.studies.admissible.profiles import PlacedProfile, Redundancy, place_of, place_profiles
@@ -81,6 +82,15 @@ class Effort(NamedTuple):
     n_checks: int = 20
 
 
+def most_networks(n_axes: int, n_estimators: int, effort: Effort) -> int:
+    """Return how many networks the borders and their checks take at most.
+
+    On a single axis each third step halves the bracket. Oracle: the networks of searches, test_checks.
+    """
+    steps = BISECTED * ceil(log2(2.0 / effort.tolerance)) if n_axes == 1 else effort.max_points
+    return (1 << n_axes + 1) + n_estimators * (min(steps, effort.max_points) + effort.n_checks)
+
+
 class Order(NamedTuple):
     """What the options of a call determine: a scenario's name, what varies, limits, effort and profiles."""
 
@@ -142,6 +152,16 @@ class Study:
         known = "; ".join(f"{name} {self._known(name)}" for name in self.order.estimators)
         return f"{n_decided} networks decided: {known}"
 
+    def _left(self) -> str:
+        """Return how long all takes at most, by what a network took so far; "" where some came from a file."""
+        n, order = self.evaluation.n_networks, self.order
+        if not n or self.evaluation.n_resumed:
+            return ""
+        most = most_networks(len(order.axes), len(order.estimators), order.effort)
+        most += len(order.profiles) * max(1, len(order.candidates))
+        left_s = self.evaluation.progress.passed_s / n * max(most - n, 0)
+        return f"; at most about {length_text(left_s)} left in all"
+
     def _known(self, name: str) -> str:
         """Return the bracket of an estimator's border on a single axis; on several the number of places inside."""
         searched = self._searched(name)
@@ -168,7 +188,7 @@ class Study:
     def _margins(self, places: Sequence[Place]) -> list[Margins]:
         """Judge places for the border's search."""
         judged = self._judged(self.order.request, places, _SEARCH)
-        self.evaluation.progress.tell(self.so_far())
+        self.evaluation.progress.tell(self.so_far() + self._left())
         return [list(one.margins.values()) for one in judged]
 
     def _judged(self, request: Request, places: Sequence[Place], kind: str) -> list[Judged]:

@@ -63,16 +63,24 @@ def test_without_pictures_there_is_no_freeze() -> None:
 
 
 @given(
+    st.lists(st.integers(-1, 6), max_size=8),
     st.lists(st.tuples(st.integers(-1, 6), st.integers(0, 1000)), max_size=20),
     st.dictionaries(st.integers(0, 6), st.integers(-100, 100)),
 )
-def test_the_first_picture_that_shows_a_command_counts(pictures: list[tuple[int, int]], sent: dict[int, int]) -> None:
+def test_the_first_picture_that_shows_a_command_or_a_later_one_counts(
+    drawn: list[int], pictures: list[tuple[int, int]], sent: dict[int, int]
+) -> None:
+    counted = sorted(number for number in sent if number in drawn)
+    shown = {number: [at for command, at in pictures if command >= number] for number in counted}
+    longest = max((min(at) - sent[number] for number, at in shown.items() if at), default=None)
     expected = []
-    for number in sorted(sent):
-        shown = [at for command, at in pictures if command == number]
-        expected += [min(shown) - sent[number]] if shown else []
-    found = hand_to_eye_ns(ints(*(c for c, _ in pictures)), ints(*(at for _, at in pictures)), sent)
-    assert found.tolist() == expected
+    for number, at in shown.items():
+        if at:
+            expected.append(min(at) - sent[number])
+        elif longest is not None and 500 - sent[number] > longest:
+            expected.append(500 - sent[number])
+    command, at_ns = ints(*(c for c, _ in pictures)), ints(*(at for _, at in pictures))
+    assert hand_to_eye_ns(ints(*drawn), command, at_ns, sent, 500).tolist() == expected
 
 
 def test_contacts_that_chatter_are_one() -> None:

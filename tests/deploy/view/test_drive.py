@@ -3,7 +3,6 @@
 import json
 import time
 from collections.abc import Callable
-from math import sin
 from typing import Any, get_args
 
 import pytest
@@ -37,12 +36,11 @@ from tis.deploy.view.drive import (
     read_message,
     set_now,
 )
-from tis.deploy.view.felt import LoopLimit, stability_of
+from tis.deploy.view.felt import LoopLimit
 from tis.deploy.view.hold_reason import about_of
 from tis.deploy.view.page_text import MODES_IN_WORDS, _safety_html
 from tis.deploy.view.requests import PageRequest
 from tis.deploy.watch.book import LiveBook
-from tis.deploy.watch.forces import FeltRow
 from tis.deploy.watch.observer import Attendance
 from tis.deploy.watch.safety import Stretch
 from tis.deploy.watch.streams import Crossing
@@ -180,8 +178,9 @@ def test_the_networks_part_is_of_the_last_seconds_and_follows_a_change() -> None
 def test_before_anything_is_seen_the_picture_is_empty() -> None:
     assert _hub(None).frame(1.0) == {
         "now_s": 0.0, "arm": None, "feedback_error_mm": None, "ghost_error_mm": None, "late_ms": None,
-        "network_ms": None, "silent_s": None, "why": "", "outage": False, "network": False, "left_s": None,
-        "stability": None, "operator_n_m": None, "wall": None, "moved": None, "limit_n_m": None, "wall_n_m": None,
+        "network_ms": None, "silent_s": None, "why": "", "outage": False, "unreached": False, "network": False,
+        "left_s": None,
+        "loop": None, "operator_n_m": None, "wall": None, "moved": None, "limit_n_m": None, "wall_n_m": None,
         "yields": False, "set": {"delay": [None, None], "loss": [None, None]},
     }  # fmt: skip
     found = _hub(_Door()).frame(1.0)
@@ -307,26 +306,6 @@ def test_the_picture_has_what_the_hand_feels_while_that_is_new() -> None:
     }  # fmt: skip
     book.now_ns += 2 * NS_PER_S
     assert picture(book, "PSM2")["felt"] is None
-
-
-def _swinging(growth: float) -> list[FeltRow]:
-    """A hand that intends to move slowly, and swings at 4 Hz about that, ``growth`` times wider in each second."""
-    return [
-        FeltRow(
-            k * 10_000_000, (0.0, 0.0, 1.0), None, None, "",
-            (0.0, 0.0, 0.001 * sin(0.06 * k) + 1e-5 * growth ** (k / 100) * sin(0.25 * k)),
-            (0.0, 0.0, 0.001 * sin(0.06 * k)), 0.0, 0.0,
-        )
-        for k in range(1000)
-    ]  # fmt: skip
-
-
-def test_the_loop_is_judged_as_the_report_does_and_not_where_no_intention_is_told() -> None:
-    assert stability_of([]) is None
-    assert stability_of(_swinging(2.5)) == "unstable"
-    assert stability_of(_swinging(0.5)) == "stable"
-    told_none = [row._replace(position_m=row.intended_m) for row in _swinging(2.0)]
-    assert stability_of(told_none) == "not_decidable"
 
 
 def test_theorys_limit_is_that_of_the_summary_and_is_not_waited_for() -> None:

@@ -17,7 +17,7 @@ def test_without_bokeh_it_is_one_line_and_nothing_starts(monkeypatch: pytest.Mon
     monkeypatch.setattr(beside, "can_report", lambda: False)
     with (
         pytest.raises(InputError) as raised,
-        page_beside(PageAddress(), ("w", "e"), resolve("drive"), Console(file=io.StringIO()), ZenohOptions()),
+        page_beside(PageAddress(), ("w", "e"), resolve("drive"), Console(file=io.StringIO()), ZenohOptions(), True),
     ):
         raise AssertionError("the block must not begin")
     assert str(raised.value) == f"tis run --view: needs Bokeh: {GET_REPORT}"

@@ -213,13 +213,27 @@ def test_a_force_is_told_with_its_age_and_its_limit(page: "Page") -> None:
 
 def test_a_loop_is_told_with_its_stiffness_and_theorys_limit(page: "Page") -> None:
     words = "(seen) => window.pictureLayout.loopWords(seen)"
-    found = page.evaluate(words, {"stability": "unstable", "wall_n_m": 400, "limit_n_m": 188})
-    assert all(part in found for part in ("unstable", "400 N/m", "188 N/m"))
-    alone = page.evaluate(words, {"stability": "not_decidable", "wall_n_m": None, "limit_n_m": None})
+    loop = {"state": "unstable", "over_s": 15.0, "young_s": 5.0, "swing": None}
+    found = page.evaluate(words, {"loop": loop, "wall_n_m": 400, "limit_n_m": 188, "late_ms": 352.4})
+    assert all(part in found for part in ("unstable", "last 15 s", "400 N/m", "188 N/m", "of now, 352 ms"))
+    alone = page.evaluate(words, {"loop": {**loop, "state": "not_decidable"}, "wall_n_m": None, "limit_n_m": None})
     assert "do not tell" in alone
     assert "N/m" not in alone
-    assert page.evaluate(words, {"stability": None, "wall_n_m": 400}) == ""
-    assert page.evaluate(words, {"stability": "constructor"}) == ""
+    assert page.evaluate(words, {"loop": None, "wall_n_m": 400}) == ""
+    assert page.evaluate(words, {"loop": {"state": "constructor"}}) == ""
+
+
+def test_a_swing_too_small_to_be_seen_is_told_with_its_growth(page: "Page") -> None:
+    words = "(loop) => window.pictureLayout.loopWords({ loop })"
+    swing = {"size_mm": 0.0213, "growth_pct": 9.24, "seen_in_s": 41.7}
+    loop = {"state": "unstable", "over_s": 15.0, "young_s": 5.0, "swing": swing}
+    grows = "a swing of 0.02 mm grows by 9 % a period"
+    assert page.evaluate(words, loop) == f"The loop is unstable: {grows}; it will be seen in some 42 s."
+    wide = {**swing, "size_mm": 3.14, "seen_in_s": None}
+    assert page.evaluate(words, {**loop, "swing": wide}).endswith("over the last 15 s: the hand swings, by 3 mm.")
+    assert f"stable: {grows}." in page.evaluate(words, {**loop, "state": "not_decidable"})
+    young = page.evaluate(words, {**loop, "state": "not_yet", "over_s": 2.0, "swing": None})
+    assert young.startswith("Not judged yet at this network: 2 of 5 s.")
 
 
 @pytest.mark.parametrize(
@@ -236,3 +250,24 @@ def test_the_parts_of_the_lateness_add_up_as_they_are_read(
 ) -> None:
     found = page.evaluate("([a, b]) => window.pictureLayout.sharesOf(a, b)", [late_ms, network_ms])
     assert (found["whole"], found["part"], found["rest"]) == shares
+
+
+def test_what_waits_for_the_ticks_depends_on_the_delay_and_is_there_without_a_network(page: "Page") -> None:
+    words = "([...each]) => window.pictureLayout.partsWords(...each)"
+    found = page.evaluate(words, [330, 300, 3, 30])
+    assert "takes 300 ms both ways (medians of the last 3 s); the rest, 30 ms, is waiting" in found
+    assert "depends on how the delay falls between them. " in found
+    assert "Without a network it is nearly two ticks, 67 ms at 30 Hz." in found
+    assert "nearly two ticks." in page.evaluate(words, [330, 300, 3, 0])
+    assert page.evaluate(words, [90, 100, 3, 30]) == " The network took 100 ms both ways (medians of the last 3 s)."
+
+
+def test_a_page_that_is_late_does_not_blame_the_picture(page: "Page") -> None:
+    words = "([...each]) => window.pictureLayout.silence(...each)"
+    assert page.evaluate(words, [400, 300]) is None
+    still = page.evaluate(words, [3500, 600])
+    assert (still["state"], still["text"]) == ("frozen", "No newer picture for 3.5 s.")
+    late = page.evaluate(words, [3500, 2900])
+    assert late["state"] == "late"
+    assert late["text"].startswith("This page is 2.9 s late")
+    assert page.evaluate(words, [3500, None])["state"] == "frozen"

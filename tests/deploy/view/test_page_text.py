@@ -58,6 +58,7 @@ def test_before_the_end_it_names_no_report_and_what_is_told_is_no_markup() -> No
 def test_when_it_has_ended_it_says_where_the_run_lies() -> None:
     over = Attendance(True, frozenset(), ALL)
     assert "Its report is being written." in _plain(run_html(over, 3, BESIDE))
+    assert "Its summary is being written." in _plain(run_html(over, 3, BESIDE._replace(is_reported=False)))
     assert "Its report lies where the run was started" in _plain(run_html(over, 3, ATTACHED))
     told = run_html(over, 3, BESIDE, RunOutput("report", "/runs/<a>/report.html"))
     assert "Its report: /runs/&lt;a&gt;/report.html" in _plain(told)
@@ -67,16 +68,16 @@ def test_when_it_has_ended_it_says_where_the_run_lies() -> None:
 def test_figures_have_units_and_what_is_not_known_has_none() -> None:
     crossings = {"arm": CrossingFigures(200, 3, 40.123), "answers": CrossingFigures(200, 0, 39.9)}
     found = LiveFigures(crossings, 69.4, 97.2, 0.448, 0.86)  # type: ignore[arg-type]
-    text = _plain(figures_html(found, 2, "<svg>PICTURE</svg>"))
-    for part in ("69.4 ms", "97.2 ms", "0.45 mm", "0.86 mm", "52 %", "2 ticks", "PICTURE"):
+    text = _plain(figures_html(found, {"patient": 2}, "<svg>PICTURE</svg>"))
+    for part in ("69.4 ms", "97.2 ms", "0.45 mm", "0.86 mm", "52 %", "patient 2: ticks", "PICTURE"):
         assert part in text
-    assert "52 %" not in _plain(figures_html(found, 2, is_hold=True))
-    assert "None" not in _plain(figures_html(LiveFigures(), 0))
+    assert "52 %" not in _plain(figures_html(found, {"patient": 2}, is_hold=True))
+    assert "None" not in _plain(figures_html(LiveFigures(), {}))
 
 
 def test_each_figure_names_its_statistic_and_latency_what_it_is_measured_between() -> None:
     crossings = {"arm": CrossingFigures(200, 3, 40.123), "answers": CrossingFigures(200, 0, 39.9)}
-    text = _plain(figures_html(LiveFigures(crossings, 3.4, 4.2, 0.448, 0.86), 2))  # type: ignore[arg-type]
+    text = _plain(figures_html(LiveFigures(crossings, 3.4, 4.2, 0.448, 0.86), {}))  # type: ignore[arg-type]
     for part in ("median, from newest sample", "99 of 100 within 4.20 ms (p99)", "root mean square (RMSE)"):
         assert part in text
     assert "so it can be below the one-way delay" in text
@@ -109,7 +110,7 @@ def test_it_says_how_far_delays_can_be_off_where_that_is_another_host() -> None:
     assert "off by up to 12.3 ms" in there
     for text in (here, there):
         assert "drift apart, by up to 0.1 ms a second" in text
-    assert "off by up to 12.3 ms" in _plain(figures_html(LiveFigures(), 0, there))
+    assert "off by up to 12.3 ms" in _plain(figures_html(LiveFigures(), {}, there))
 
 
 FOUND = LiveFigures({"arm": CrossingFigures(200, 3, 40.123), "answers": CrossingFigures(200, 40, 39.9)})
@@ -136,12 +137,12 @@ def test_it_says_how_both_directions_are_and_netem_names_outages() -> None:
 
 
 def test_where_nothing_arrives_a_tile_says_since_when() -> None:
-    text = _plain(figures_html(LiveFigures(silent_s=5.81, display_silent_s=4.0), 0))
+    text = _plain(figures_html(LiveFigures(silent_s=5.81, display_silent_s=4.0), {}))
     assert "End to end – nothing arrived for 5.8 s" in text
     assert "The surgeon sees – nothing arrived for 4.0 s" in text
 
 
 def test_the_tile_of_the_safety_state_explains_each_state() -> None:
-    meaning = _plain(figures_html(LiveFigures(), 0, safety={"PSM2": [Stretch("tracking", 0.0, 1.0)]}))
+    meaning = _plain(figures_html(LiveFigures(), {}, safety={"PSM2": [Stretch("tracking", 0.0, 1.0)]}))
     explained = meaning.rpartition("Safety state following ")[2]
     assert all(word in explained for word in MODES_IN_WORDS.values())

@@ -10,6 +10,7 @@ from tests.common.runtime.live_zenoh import soon
 from tests.netem.bridge.controlled_bridge import Running, running_bridge
 from tis.common.runtime.emulator_client import EmulatorAddress
 from tis.common.runtime.process import free_endpoints
+from tis.common.scenario.network.delay import NormalJitter
 from tis.deploy.net.emergency import Stopped, Token
 from tis.deploy.view import steering as module
 from tis.deploy.view.steering import Steering, live_profiles
@@ -59,6 +60,21 @@ def test_every_button_reaches_the_links() -> None:
             assert _ask(lambda tell: steering.profile("paper_1", tell)).startswith("done")
             assert _ask(lambda tell: steering.outage("both", -1, tell)).startswith("refused: for_ms")
             assert _ask(lambda tell: steering.set_stage("both", "delay.nonsense=1", tell)).startswith("not done: ")
+        finally:
+            steering.close()
+
+
+def test_a_tasks_delay_is_that_of_every_message() -> None:
+    way = {"delay": {"kind": "constant", "delay_ms": 50}, "jitter": {"kind": "normal", "std_ms": 5}}
+    with running_bridge(forward=way) as bridge:
+        steering = Steering(EmulatorAddress(bridge.endpoint))
+        try:
+            assert _ask(lambda tell: steering.only_delay(0, tell)).startswith("done")
+            found = steering.state()
+            assert found is not None
+            assert found.forward is not None
+            assert found.forward.pipeline.jitter == NormalJitter(kind="normal", std_ms=5)
+            assert found.forward.now.jitter == NormalJitter(kind="normal", std_ms=0)
         finally:
             steering.close()
 

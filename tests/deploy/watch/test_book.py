@@ -1,12 +1,16 @@
 """What an observer knows of a run of which everything is known."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from statistics import median
 
 import pytest
 
-from tests.deploy.watch.making import LEFT, STARTED_NS, a_book, a_run, answer, pose, sighting
+from tests.deploy.watch.making import LEFT, STARTED_NS, a_book, a_run, pose, sighting
 from tests.deploy.watch.test_arms import _arm, _display
+from tis.common.channels import Side
+from tis.common.messages import Header, encode
+from tis.common.peer_life import Beat
+from tis.common.runtime.control import ControlKeys
 from tis.common.units import NS_PER_MS
 from tis.deploy.watch.book import LiveBook, Sighting
 
@@ -27,7 +31,6 @@ def test_delays_losses_ages_and_errors_are_those_of_the_run() -> None:
     errors = sorted({round(row.error_mm, 6) for row in book.tracks["PSM2"].all()})
     assert errors == [2.2, 3.2, 4.2, 5.2]
     assert found.ratio_to_hold == pytest.approx(1.0)
-    assert book.n_ticks_missed == 0
 
 
 def test_the_masters_movement_is_its_own() -> None:
@@ -35,27 +38,40 @@ def test_the_masters_movement_is_its_own() -> None:
     assert [row.place_m[0] for row in rows] == pytest.approx([0.002 * i for i in range(11)])
 
 
-def _answers(ticks: Sequence[int], unseen: frozenset[int] = frozenset()) -> Iterator[Sighting]:
-    """Yield the estimates of ``ticks``, numbered one by one as the patient sends them, but for ``unseen`` ones."""
-    for seq, tick in enumerate(ticks):
-        if seq not in unseen:
-            t_ns = tick * 10 * NS_PER_MS
-            yield sighting("east", LEFT.estimated, seq, t_ns, t_ns, answer(tick, t_ns, 0.0, None))
+def _beat(side: Side, ticks_missed: int | None) -> Sighting:
+    beat = Beat(side=side, at_ns=5, loop_ns=5, ticks_missed=ticks_missed)
+    return Sighting("east", ControlKeys("tis").beat(side), 0, b"", encode(beat))
 
 
-def test_a_tick_without_an_estimate_is_missed_and_an_unseen_estimate_is_not() -> None:
+def _without(ticks: range) -> Iterator[Sighting]:
+    """Yield a run at 100 Hz of whose patient these ticks were missed: its messages have the numbers of its ticks."""
+    return (seen for seen in a_run(400) if seen.key != LEFT.estimated.key("tis") or _seq(seen) not in ticks)
+
+
+def _seq(seen: Sighting) -> int:
+    header = Header.unpack(seen.attachment)
+    assert header is not None
+    return header.seq
+
+
+def test_missed_ticks_are_those_that_the_sides_tell() -> None:
     book = LiveBook("tis")
-    for seen in _answers([0, 1, 2, 5, 6, 7, 9], unseen=frozenset({4, 5})):
+    for seen in (_beat("surgeon", None), _beat("patient", 2), _beat("patient", 1), _beat("patient", 7)):
         book.take(seen)
-    assert book.n_ticks_missed == 3  # 3, 4 and 8
+    assert book.ticks_missed == {"patient": 7}  # a surgeon of others may tell none
+    book.take(_beat("surgeon", 3)._replace(key=ControlKeys("tis").beat("patient")))
+    assert book.ticks_missed == {"patient": 7}
+    book.take(_beat("surgeon", 3))
+    assert book.ticks_missed == {"patient": 7, "surgeon": 3}
 
 
-def test_missed_ticks_are_counted_when_thinned_out_too() -> None:
+def test_the_numbers_of_missed_ticks_are_no_packets_that_the_observer_did_not_see() -> None:
     book = LiveBook("tis")
-    book.set_thinning(4)
-    for seen in _answers([k for k in range(101) if k % 10 != 7]):
+    for seen in _without(range(300, 350)):
         book.take(seen)
-    assert book.n_ticks_missed == 10
+    assert not book.figures(window_s=4).keeps_up
+    book.take(_beat("patient", 50))
+    assert book.figures(window_s=4).keeps_up
 
 
 @pytest.mark.parametrize("thinning", [1, 4])
@@ -96,14 +112,16 @@ def test_thinned_out_the_figures_stay_the_same_and_nothing_counts_as_lost() -> N
     assert found.streams["arm"].delay_p50_ms == 20
     assert median(row.age_ms for row in book.ages["PSM2"].all()) == 22
     assert found.hold_rmse_mm == pytest.approx(2.2)  # hold is not thinned out
-    assert book.n_ticks_missed == 0
 
 
 def test_a_packet_that_arrived_after_all_is_not_counted_as_lost() -> None:
     book = LiveBook("tis")
     payload = pose(0, 0.0)
+    book.take(_beat("patient", 0))  # the other network is heard
     book.take(sighting("west", LEFT.arm, 0, 0, 0, payload))
     book.settle(STARTED_NS + 600 * NS_PER_MS)
+    assert book.figures().streams["arm"].n == 0  # it may be under way
+    book.settle(STARTED_NS + 2000 * NS_PER_MS)
     assert book.figures().streams["arm"].n_lost == 1
     book.take(sighting("east", LEFT.arm, 0, 0, 700 * NS_PER_MS, payload))
     arm = book.figures().streams["arm"]
@@ -112,6 +130,7 @@ def test_a_packet_that_arrived_after_all_is_not_counted_as_lost() -> None:
 
 def test_memory_is_bounded() -> None:
     book = LiveBook("tis")
+    book.take(_beat("patient", 0))
     for i in range(9000):
         book.take(Sighting("west", LEFT.command.key("tis"), i, b"", b""))
         book.take(sighting("west", LEFT.command, i, i * NS_PER_MS, i * NS_PER_MS, pose(i * NS_PER_MS, 0.0)))

@@ -30,13 +30,38 @@ def test_a_copy_and_a_packet_from_before_tell_nothing() -> None:
     assert crossings.expire(20 * S) == []
 
 
-def test_a_packet_is_lost_after_half_a_second_and_reported_again_when_it_arrives() -> None:
+def test_a_packet_is_lost_half_a_second_later_if_one_after_it_came_and_is_reported_again_when_it_arrives() -> None:
     crossings = Crossings()
     crossings.offered(1, 10 * MS, 0)
+    crossings.offered(2, 11 * MS, MS)
+    crossings.arrived(2, 40 * MS)
     assert crossings.expire(499 * MS) == []
+    assert crossings.undecided_ns == 10 * MS
     assert crossings.expire(500 * MS) == [Crossing(10 * MS, None)]
     assert crossings.expire(900 * MS) == []
+    assert crossings.undecided_ns is None
     assert crossings.arrived(1, 2 * S) == Crossing(10 * MS, 2 * S)
+
+
+def test_what_a_busy_emulator_still_holds_is_not_lost_before_2_s() -> None:
+    """200 packets a second, of which all after the first come 0.9 s late, in order."""
+    crossings, lost = Crossings(), []
+    for ms in range(0, 5000, 5):
+        crossings.offered(ms, ms * MS, ms * MS)
+        if ms >= 900:
+            crossings.arrived(ms - 900, ms * MS)
+        lost += crossings.expire(ms * MS)
+    assert lost == []
+    assert crossings.expire(5895 * MS) == []
+    assert len(crossings.expire(20 * S)) == 180  # nothing came any more
+
+
+def test_what_was_sent_before_anybody_listened_at_the_other_end_is_not_lost() -> None:
+    crossings = Crossings()
+    for seq in range(4):
+        crossings.offered(seq, seq, seq * MS)
+    assert crossings.expire(20 * S, heard_ns=3 * MS) == [Crossing(3, None)]
+    assert crossings.expire(30 * S) == []
 
 
 def test_patience_grows_with_the_delays_up_to_5_s() -> None:
@@ -54,7 +79,7 @@ def test_what_will_not_be_looked_for_is_not_counted_as_lost() -> None:
     for seq in range(6):
         crossings.offered(seq, seq, 0)
     crossings.keep_multiples(4)
-    assert crossings.expire(S) == [Crossing(0, None), Crossing(4, None)]
+    assert crossings.expire(2 * S) == [Crossing(0, None), Crossing(4, None)]
 
 
 @settings(max_examples=50)

@@ -87,18 +87,41 @@ def test_frames_are_counted_by_what_became_of_them() -> None:
 
 
 def test_hand_to_eye_is_read_from_the_stamps_and_not_from_headers() -> None:
-    """Command n, sampled at n * 100 ms, is seen in frame n + 1, shown 145 ms later; torn pictures count not."""
+    """Command n, sampled at n * 100 ms, is seen in frame n + 1, shown 145 ms later."""
     screens = [screen(n) for n in range(6)]
-    screens[3] = screen(3, "torn", bottom_command=0)
     run = logs([camera(n) for n in range(6)], screens)
     found = figures(run, scenario())
     assert found.hand_to_eye_ms == dict.fromkeys(("p50", "p95", "p99", "max"), 145.0)
     assert found.glass_to_glass_ms["max"] == 40.0
-    pictures = Pictures.of(run, scenario())
-    assert pictures is not None
-    assert len(pictures.hand_to_eye_ns) == 4  # commands 0, 1, 3, 4
     changed = logs([camera(n, sent_ns=7, captured_ns=n) for n in range(6)], screens)
     assert figures(changed, scenario()).hand_to_eye_ms == found.hand_to_eye_ms
+
+
+def test_a_movement_whose_own_picture_was_damaged_is_seen_with_the_next_whole_one() -> None:
+    """Frames 3, which is torn, and 5 to 8, which are lost, would have shown commands 2 and 4 to 7."""
+    screens = [screen(n) for n in range(12) if n not in (5, 6, 7, 8)]
+    screens[3] = screen(3, "torn", bottom_command=0)
+    run = logs([camera(n) for n in range(12)], screens)
+    pictures = Pictures.of(run, scenario().model_copy(update={"duration_s": 1.2}))
+    assert pictures is not None
+    later = [(245, 2), (545, 4), (445, 5), (345, 6), (245, 7)]
+    expected = [145] * 11
+    for ms, command in later:
+        expected[command] = ms
+    assert (pictures.hand_to_eye_ns // MS).tolist() == expected
+    found = figures(run, scenario().model_copy(update={"duration_s": 1.2}))
+    assert found.hand_to_eye_ms["max"] == 545.0
+    assert "145.0 ms later in the median, and 545.0 ms in 99 of 100 cases" in answer_text(found)
+
+
+def test_a_movement_that_was_never_seen_counts_with_its_age_at_the_end() -> None:
+    """After frame 4 nothing comes until 1 s: commands 4 to 7 have waited longer than the 145 ms of the others."""
+    pictures = Pictures.of(
+        logs([camera(n) for n in range(10)], [screen(n) for n in range(5)]),
+        scenario().model_copy(update={"duration_s": 1.0}),
+    )
+    assert pictures is not None
+    assert (pictures.hand_to_eye_ns // MS).tolist() == [145] * 4 + [600, 500, 400, 300, 200]
 
 
 def test_a_picture_that_stops_is_a_freeze_until_the_end() -> None:
@@ -249,6 +272,7 @@ def test_stamps_of_an_external_camera_tell_the_command_whatever_frame_they_name(
     assert found.frames["torn"] == 1
     assert len(found.not_measured) == 1
     assert "hand to eye" in sight_text(found)
+    assert "Left out are movements that only damaged or lost frames showed, 1 of 4. " in answer_text(found)
 
 
 def test_a_frame_that_came_whole_and_was_no_picture_is_the_cameras_fault() -> None:

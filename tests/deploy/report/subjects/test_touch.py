@@ -128,6 +128,12 @@ def test_the_words_begin_with_stability_and_put_theorys_limit_beside_it() -> Non
     assert touch_text({}) == ""
 
 
+def test_theorys_limit_is_told_with_the_round_trip_at_which_it_holds() -> None:
+    words = answer_text(_figures(limit_round_trip_ms=352.0))
+    assert "swing from 257 N/m on, at its round trip of 352" in words
+    assert "round trip" not in answer_text(_figures())
+
+
 def test_a_coupling_without_theory_and_tissue_have_no_limit_to_name() -> None:
     assert "theory tells no limit" in stability_text(_figures(limit_n_m=None))
     assert "N/m" not in answer_text(_figures(limit_n_m=None, stiffness_n_m=None, shown_over_true=None))

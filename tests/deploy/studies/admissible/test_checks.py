@@ -1,5 +1,8 @@
-from tis.deploy.studies.admissible.border import find_border
-from tis.deploy.studies.admissible.study import Check, drawn
+from collections.abc import Sequence
+
+from tis.deploy.studies.admissible.border import Margins, find_border
+from tis.deploy.studies.admissible.region import Place
+from tis.deploy.studies.admissible.study import Check, Effort, drawn, most_networks
 
 
 def test_half_of_the_places_lie_inside_and_half_outside() -> None:
@@ -37,3 +40,19 @@ def test_few_disagreements_are_no_warning() -> None:
     assert Check(20, 2, 20, 5).text == ""
     assert "3 of 20 places inside are not admissible on fresh seeds" in Check(20, 3, 20, 0).text
     assert Check(0, 0, 0, 0).text == ""
+
+
+def test_no_search_takes_more_networks_than_are_told() -> None:
+    """Borders near both ends of an axis, and bent ones, whose secants crawl."""
+    for tolerance in (0.2, 0.02, 0.003):
+        for border in (0.001, 0.37, 0.999):
+            for bend in (1.0, 9.0, 0.1):
+                seen: list[float] = []
+
+                def evaluate(places: Sequence[Place], border: float = border, bend: float = bend) -> list[Margins]:
+                    seen.extend(x for (x,) in places)  # noqa: B023
+                    return [(x**bend - border**bend,) for (x,) in places]
+
+                find_border(evaluate, 1, 1, tolerance, 150)
+                assert len(seen) <= most_networks(1, 1, Effort(tolerance, 150, 0))
+    assert most_networks(2, 3, Effort(max_points=150, n_checks=20)) == 8 + 3 * 170

@@ -143,6 +143,7 @@ def test_each_round_and_an_interrupt_tell_the_bracket_of_the_border(monkeypatch:
     assert code == 130
     assert f"2 networks decided: hold admissible up to {DELAY} = 0, no longer at 100" in err
     assert f"3 networks decided: hold admissible up to {DELAY} = 0, no longer at 50" in err
+    assert re.search(r"no longer at 50; at most about \d+ (s|min) left in all", err)
     *_, last, _ = re.findall(r"(\d+ networks decided|interrupted): ", err)
     assert err.count("4 networks decided") == 2
     assert last == "4 networks decided"
