@@ -99,12 +99,14 @@ class Swing(NamedTuple):
 class LoopVerdict(NamedTuple):
     """How a loop stands by the measure of the summary, over how long, and how the hand swings.
 
-    ``not_yet``: a loop that would count as stable, in a network of which too little was seen.
+    ``not_yet``: a loop that would count as stable, in a network of which too little was seen. ``stands`` is why
+    nothing is told: the hand touched nothing in that time, or was off what it intends by the same to a micrometre.
     """
 
     stability: Stability | Literal["not_yet"]
     over_s: float
     swing: Swing | None
+    stands: Literal["free", "still"] | None = None
 
 
 def loop_verdict(rows: Sequence[FeltRow], changed_ns: int) -> LoopVerdict | None:
@@ -124,15 +126,27 @@ def loop_verdict(rows: Sequence[FeltRow], changed_ns: int) -> LoopVerdict | None
         limited=np.array([row.limited for row in rows]),
     )
     found = stability(shown, max(round(NS_PER_S / float(np.median(np.diff(t_ns)))), 1))
-    over_s = float(t_ns[-1] - t_ns[0]) / NS_PER_S
+    over_s = round(float(t_ns[-1] - t_ns[0]) / NS_PER_S, 1)
+    stands = _stands(shown)
+    if stands is not None:
+        return LoopVerdict("not_decidable", over_s, None, stands)
     is_young = found == "stable" and over_s < _YOUNG_S
-    return LoopVerdict("not_yet" if is_young else found, round(over_s, 1), swing_of(shown))
+    return LoopVerdict("not_yet" if is_young else found, over_s, swing_of(shown))
+
+
+def _stands(shown: Frame) -> Literal["free", "still"] | None:
+    """Return how a hand stands of which rounding alone would tell that it swings or does not."""
+    if not shown.force_n.any():
+        return "free"
+    off_mm = MM_PER_M * (shown.position_m - shown.intended_m)
+    return "still" if off_mm.any() and np.ptp(off_mm, axis=0).max() < _LEAST_MM else None
 
 
 def told(found: LoopVerdict) -> dict[str, Any]:
     """Return a verdict, as a page gets it."""
     swing = found.swing and {name: value and float(f"{value:.3g}") for name, value in found.swing._asdict().items()}
-    return {"state": found.stability, "over_s": found.over_s, "young_s": _YOUNG_S, "swing": swing}
+    about = {"over_s": found.over_s, "young_s": _YOUNG_S, "stands": found.stands}
+    return {"state": found.stability, "swing": swing, **about}
 
 
 def swing_of(shown: Frame) -> Swing | None:

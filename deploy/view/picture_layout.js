@@ -62,22 +62,28 @@ window.pictureLayout = (() => {
     inactive: "fading, as the arm does not follow" };
   const digits = (value) => (value < 10 ? Number(value.toPrecision(1)) : Math.round(value));
   const grows = ({ size_mm, growth_pct }) => `a swing of ${digits(size_mm)} mm grows by ${digits(growth_pct)} % a period`;
+  const STANDS = {
+    free: "The hand touches nothing: there is no loop to judge.",
+    still: "The hand has stood still to a micrometre: nothing tells whether the loop is stable. Move it a little.",
+  };
   const LOOPS = {
     stable: ({ over_s }) => `The loop is stable over the last ${over_s.toFixed(0)} s.`,
     not_yet: ({ over_s, young_s }) => `Not judged yet at this network: ${over_s.toFixed(0)} of ${young_s.toFixed(0)} s. A swing grows slowly from small.`,
-    not_decidable: ({ over_s, swing }) => `The last ${over_s.toFixed(0)} s do not tell whether the loop is stable${swing?.growth_pct ? `: ${grows(swing)}` : ""}.`,
+    not_decidable: ({ over_s, swing, stands }) => (Object.hasOwn(STANDS, stands) ? STANDS[stands]
+      : `The last ${over_s.toFixed(0)} s do not tell whether the loop is stable${swing?.growth_pct ? `: ${grows(swing)}` : ""}.`),
     unstable: ({ over_s, swing }) => (swing?.seen_in_s
       ? `The loop is unstable: ${grows(swing)}; it will be seen in some ${digits(swing.seen_in_s)} s.`
       : `The loop is unstable over the last ${over_s.toFixed(0)} s: the hand swings${swing ? `, by ${digits(swing.size_mm)} mm` : ""}.`),
   };
   const feltWords = ({ hand_n, late_ms, limited }) => [
     `${Math.hypot(...hand_n).toFixed(1)} N on the hand`,
-    late_ms == null ? "; none has come back yet" : `, as it was on the tool ${late_ms.toFixed(0)} ms ago`,
+    late_ms == null ? "; none has come back yet" : `, as it was on the tool ${Math.max(late_ms, 0).toFixed(0)} ms ago`,
     Object.hasOwn(LIMITS, limited) ? `; ${LIMITS[limited]}` : "", "."].join("");
-  // Whether the loop is stable, over which time, and from which stiffness on theory expects it to swing at the round trip of now.
+  // Whether the loop is stable, over which time, and from which stiffness on theory expects it to swing at the round trip of now:
+  // a median of the last seconds, which after a change is that of before.
   const loopWords = ({ loop, wall_n_m, limit_n_m, late_ms }) => (!Object.hasOwn(LOOPS, loop?.state) ? "" : [LOOPS[loop.state](loop),
     wall_n_m == null ? "" : `What it touches has ${wall_n_m.toFixed(0)} N/m.`,
-    limit_n_m == null ? "" : `In theory it swings from ${limit_n_m.toFixed(0)} N/m on, at the round trip of now${late_ms > 0 ? `, ${Math.round(late_ms)} ms` : ""}.`].filter(Boolean).join(" "));
+    limit_n_m == null || loop.over_s < loop.young_s ? "" : `In theory it swings from ${limit_n_m.toFixed(0)} N/m on, at the round trip of now${late_ms > 0 ? `, ${Math.round(late_ms)} ms` : ""}.`].filter(Boolean).join(" "));
 
   // A whole and a part of it in words, in one resolution, with the rest: what is read adds up. Times in ms.
   const sharesOf = (whole_ms, part_ms) => {
@@ -85,15 +91,15 @@ window.pictureLayout = (() => {
     return { whole: lateness(whole), part: lateness(part), rest: lateness(whole - part), rest_ms: whole - part };
   };
   const lateness = (ms) => (Math.abs(ms) < 950 ? `${ms} ms` : `${(ms / 1000).toFixed(2)} s`);
-  // The parts of a lateness. What waits for ticks is between none and two of them, by where the delay falls between them.
+  // The parts of a lateness. What waits for ticks is between none and two of them, by where the delay falls between them. An arm's own lag is no part.
   const partsWords = (late_ms, network_ms, judged_s, rate_hz) => {
     const { part, rest, rest_ms } = sharesOf(late_ms, network_ms), over = `(medians of the last ${judged_s} s)`;
-    const ticks = rate_hz > 0 ? `two ticks, ${lateness(Math.round(2000 / rate_hz))} at ${rate_hz} Hz` : "two ticks";
+    const ticks = rate_hz > 0 ? `two ticks, ${lateness(Math.round(1000 / rate_hz))} to ${lateness(Math.round(2000 / rate_hz))} at ${rate_hz} Hz` : "two ticks";
     return rest_ms <= 0 ? ` The network took ${part} both ways ${over}.`
-      : ` Of that the network takes ${part} both ways ${over}; the rest, ${rest}, is waiting for ticks, at arm and display, and computing: it depends on how the delay falls between them. Without a network it is nearly ${ticks}.`;
+      : ` Of that the network takes ${part} both ways ${over}; the rest, ${rest}, is waiting for ticks, at arm and display, and computing: it depends on how the delay falls between them. Without a network it is one to ${ticks}. How far the arm is behind what it is told comes on top.`;
   };
   // Why a page's picture is `since_ms` old: none is newer, or the page, which last knew that `unlooked_ms` ago, is late.
-  const SILENT_MS = 500, LATE_MS = 1200;
+  const SILENT_MS = 500, LATE_MS = 600;
   const age = (ms) => (ms < 1000 ? `${Math.round(ms)} ms` : `${(ms / 1000).toFixed(1)} s`);
   const silence = (since_ms, unlooked_ms) => {
     if (since_ms <= SILENT_MS) return null;

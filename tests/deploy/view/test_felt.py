@@ -49,6 +49,21 @@ def test_what_was_before_a_change_of_the_network_is_of_another_loop() -> None:
     assert told(young)["over_s"] == 3.0
 
 
+@pytest.mark.parametrize("growth", [2.5, 1.0, 0.5])
+def test_of_a_hand_at_rest_to_a_micrometre_nothing_is_told(growth: float) -> None:
+    """Its swing is the rounding's: growing, it would be told as one that nobody can see."""
+    rows = [
+        row._replace(position_m=(0.0, 0.0, row.position_m[2] + 0.003))
+        for row in _rows(growth, size_mm=1e-8, n=1000, meant_mm=0.0)
+    ]
+    found = loop_verdict(rows, 0)
+    assert found is not None
+    assert (found.stability, found.swing, found.stands) == ("not_decidable", None, "still")
+    free = loop_verdict([row._replace(hand_n=(0.0, 0.0, 0.0)) for row in rows], 0)
+    assert free is not None
+    assert (free.stability, free.stands) == ("not_decidable", "free")
+
+
 def test_only_the_last_15_s_are_judged() -> None:
     rows = [*_rows(2.5, n=1000), *(row._replace(t_ns=row.t_ns + 10 * NS_PER_S) for row in _rows(0.5, n=1502))]
     assert _state(rows) == "stable"

@@ -207,6 +207,7 @@ def test_a_force_is_told_with_its_age_and_its_limit(page: "Page") -> None:
     felt = {"hand_n": [3.0, 4.0, 0.0], "late_ms": 52.4, "limited": ""}
     assert "5.0 N" in page.evaluate(words, felt)
     assert "52 ms" in page.evaluate(words, felt)
+    assert "tool 0 ms ago" in page.evaluate(words, {**felt, "late_ms": -2.3})
     assert len(page.evaluate(words, {**felt, "limited": "force"})) > len(page.evaluate(words, felt))
     assert "undefined" not in page.evaluate(words, {**felt, "late_ms": None, "limited": "toString"})
 
@@ -219,6 +220,9 @@ def test_a_loop_is_told_with_its_stiffness_and_theorys_limit(page: "Page") -> No
     alone = page.evaluate(words, {"loop": {**loop, "state": "not_decidable"}, "wall_n_m": None, "limit_n_m": None})
     assert "do not tell" in alone
     assert "N/m" not in alone
+    early = {"loop": {**loop, "over_s": 2.0}, "wall_n_m": 400, "limit_n_m": 294, "late_ms": 5}
+    assert "294" not in page.evaluate(words, early)  # a round trip of before the change
+    assert "touches nothing" in page.evaluate(words, {"loop": {**loop, "state": "not_decidable", "stands": "free"}})
     assert page.evaluate(words, {"loop": None, "wall_n_m": 400}) == ""
     assert page.evaluate(words, {"loop": {"state": "constructor"}}) == ""
 
@@ -257,8 +261,8 @@ def test_what_waits_for_the_ticks_depends_on_the_delay_and_is_there_without_a_ne
     found = page.evaluate(words, [330, 300, 3, 30])
     assert "takes 300 ms both ways (medians of the last 3 s); the rest, 30 ms, is waiting" in found
     assert "depends on how the delay falls between them. " in found
-    assert "Without a network it is nearly two ticks, 67 ms at 30 Hz." in found
-    assert "nearly two ticks." in page.evaluate(words, [330, 300, 3, 0])
+    assert "Without a network it is one to two ticks, 33 ms to 67 ms at 30 Hz. How far the arm is behind" in found
+    assert "one to two ticks. " in page.evaluate(words, [330, 300, 3, 0])
     assert page.evaluate(words, [90, 100, 3, 30]) == " The network took 100 ms both ways (medians of the last 3 s)."
 
 
