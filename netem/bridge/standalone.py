@@ -169,7 +169,7 @@ def _base_overhead_ns(
     options: Standalone, sessions: Mapping[Network, zenoh.Session], traces: Mapping[str, Trace], status: Status
 ) -> int:
     """Return netem's own delay, and warn where it is long for the network asked for."""
-    return warn_of_overhead(sessions, _ends(options), options.zenoh.credentials, options.network, traces, status)
+    return warn_of_overhead(sessions, _ends(options), options.zenoh, options.network, traces, status)
 
 
 def _ends(options: Standalone) -> dict[Network, str]:
