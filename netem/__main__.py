@@ -179,7 +179,7 @@ def _serve(
     audit.watch(stack, sessions)
     security = meeting.scenario.security
     if isinstance(security, Mtls):
-        Revocations(Path(security.folder), audit, status.warning).watch(stack, sessions)
+        Revocations([Path(security.folder)], audit, status.warning).watch(stack, sessions)
     stack.enter_context(ClockServer(sessions.values(), keys.clock))
     adapt = None if bridge.gates else without_gates
     stack.callback(attach(bridge, sessions, keys.session, adapt=adapt, audit=audit, sight=meeting.scenario.sight))
