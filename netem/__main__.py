@@ -93,7 +93,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         _serve(stack, bridge, sessions, meeting, audit, status)
         applications = _applications(stack, bridge, sessions, lease_s(options.zenoh), status, audit)
         bridge.base_overhead_ns = warn_of_overhead(
-            sessions, endpoints, zenoh_options.credentials, scenario.network, traces, status
+            sessions, endpoints, ZenohOptions(credentials=zenoh_options.credentials), scenario.network, traces, status
         )
         token = meeting.keys.token("netem", meeting.digest, mirrored=False)
         _tokens = [session.liveliness().declare_token(token) for session in sessions.values()]
@@ -179,7 +179,7 @@ def _serve(
     audit.watch(stack, sessions)
     security = meeting.scenario.security
     if isinstance(security, Mtls):
-        Revocations(Path(security.folder), audit, status.warning).watch(stack, sessions)
+        Revocations([Path(security.folder)], audit, status.warning).watch(stack, sessions)
     stack.enter_context(ClockServer(sessions.values(), keys.clock))
     adapt = None if bridge.gates else without_gates
     stack.callback(attach(bridge, sessions, keys.session, adapt=adapt, audit=audit, sight=meeting.scenario.sight))

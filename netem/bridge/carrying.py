@@ -31,6 +31,7 @@ from tis.netem.bridge.control import attach
 from tis.netem.bridge.driver import Driver
 from tis.netem.bridge.proxy import Address, Proxy
 from tis.netem.bridge.relay import Relay
+from tis.netem.bridge.revocation import watch_revoked
 from tis.netem.bridge.sides import Place
 from tis.netem.bridge.standalone import Carriage, Standalone, drive, lines_on_the_network, start, tell
 from tis.netem.bridge.standalone_log import open_log
@@ -99,6 +100,7 @@ def run_carrying(options: Standalone, status: Status, library: Profiles | None) 
         if options.control is not None:
             config = configure("router", replace(options.zenoh, listen=(options.control,)))
             sessions[ends.comes_from] = stack.enter_context(open_router(config, options.control))
+            watch_revoked(stack, options.zenoh, None, sessions, [options.control], status.warning)
         log = open_log(options.log_dir, options.network, options.seed, options.keys)
         tally = Tally(log, status.warning, *watches(links, network.buffer, status.warning))
         if sessions:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from statistics import median
-from typing import Any, Final
+from typing import Final
 
 import zenoh
 
@@ -24,6 +24,7 @@ from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario.network import NetworkPart
 from tis.common.trace import Trace
 from tis.common.units import NS_PER_US
+from tis.common.zenoh_syntax import is_tls
 from tis.netem.bridge.bridge import Bridge
 from tis.netem.build import build_links
 from tis.netem.stages.delay import latency_of
@@ -31,6 +32,8 @@ from tis.netem.stages.delay import latency_of
 OVERHEAD: Final = f"{CONTROL}/overhead"
 """First chunks of the keys of the measurement."""
 
+_TLS: Final = "transport/link/tls"
+_ANY_ADDRESS: Final = f"{_TLS}/verify_name_on_connect:false"  # it need not be in netem's own certificate
 _MESSAGES: Final = 60
 _GAP_S: Final = 0.002
 _PATIENCE_S: Final = 0.2
@@ -40,13 +43,13 @@ _ENDLESS_NS: Final = 1 << 62
 def warn_of_overhead(
     sessions: Mapping[Network, zenoh.Session],
     endpoints: Mapping[Network, str],
-    credentials: Mapping[str, Any],
+    options: ZenohOptions,
     network: NetworkPart,
     traces: Mapping[str, Trace],
     status: Status,
 ) -> int:
     """Measure the base overhead, warn of configured delays below it, and return it in ns (0: unknown)."""
-    overhead_ns = measure_base_overhead_ns(sessions, endpoints, credentials)
+    overhead_ns = measure_base_overhead_ns(sessions, endpoints, options)
     if overhead_ns is None:
         return 0
     pipelines = {f"network.{name}": getattr(network, name) for name in ("forward", "feedback")}
@@ -72,14 +75,17 @@ class _NullRecorder:
 
 
 def measure_base_overhead_ns(
-    sessions: Mapping[Network, zenoh.Session], endpoints: Mapping[Network, str], credentials: Mapping[str, Any]
+    sessions: Mapping[Network, zenoh.Session], endpoints: Mapping[Network, str], options: ZenohOptions
 ) -> int | None:
-    """Return the median overhead of the emulator, in ns, at least 0; None if the clients cannot connect.
+    """Return the median overhead of the emulator, in ns, at least 0; None if its clients are not let in.
 
     ``endpoints`` are those of the networks' routers, as netem's own host reaches them; the clients prove with
-    ``credentials`` that they are netem. Takes a third of a second.
+    what ``options`` have of proof that they are netem. Takes a third of a second.
     """
-    options = ZenohOptions(credentials=own_client(credentials))
+    cfg = (*options.cfg, "listen/endpoints:[]", _ANY_ADDRESS)
+    options = replace(options, listen=(), cfg=cfg, credentials=own_client(options.credentials))
+    if not _has_proof(configure("client", options), endpoints.values()):
+        return None
     with ExitStack() as stack:
         try:
             west = stack.enter_context(_client(endpoints["west"], options))
@@ -126,6 +132,23 @@ class _Timed:
 
     def take(self, sample: zenoh.Sample) -> None:
         self.ns.append(time.monotonic_ns() - int.from_bytes(sample.payload.to_bytes(), "little"))
+
+
+def _has_proof(config: zenoh.Config, endpoints: Iterable[str]) -> bool:
+    """Tell whether a router lets a client with its own configuration in: else netem would refuse itself."""
+
+    def has(key: str) -> bool:
+        return config.get_json(key) not in ("null", '""')
+
+    def has_file(name: str) -> bool:
+        return has(f"{_TLS}/{name}") or has(f"{_TLS}/{name}_base64")
+
+    if has("transport/auth/usrpwd/dictionary_file") and not has("transport/auth/usrpwd/user"):
+        return False
+    if not any(is_tls(endpoint) for endpoint in endpoints):
+        return True
+    is_mutual = config.get_json(f"{_TLS}/enable_mtls") == "true"
+    return has_file("root_ca_certificate") and (has_file("connect_certificate") or not is_mutual)
 
 
 def _client(endpoint: str, options: ZenohOptions) -> zenoh.Session:

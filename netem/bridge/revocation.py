@@ -4,8 +4,9 @@ Zenoh tells the name in a client's certificate, and no more of it. So a revoked 
 certificate, until its line is gone from the file.
 """
 
+import json
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Final
@@ -14,20 +15,48 @@ import zenoh
 
 from tis.common.audit import Happening
 from tis.common.channels import Network
-from tis.common.refusal import MAX_BYTES, NONE_REVOKED, REVOKED_FILE, read_revoked
+from tis.common.refusal import MAX_BYTES, REVOKED_FILE, read_revoked
 from tis.common.runtime.tls_links import address_of, cut
+from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.netem.bridge.audit import AuditTrail
 
 _EVERY_S: Final = 0.5
+_TLS: Final = "transport/link/tls"
+_FILES: Final = ("listen_certificate", "root_ca_certificate")
+
+
+def watch_revoked(
+    stack: ExitStack, options: ZenohOptions, audit: AuditTrail | None, sessions: Mapping[Network, zenoh.Session],
+    listen: Iterable[str], tell: Callable[[str], None],
+) -> None:  # fmt: skip
+    """Watch the files beside the certificates of a netem without a scenario, if its clients need any."""
+    config = configure("client", options)
+    if config.get_json(f"{_TLS}/enable_mtls") != "true":
+        return
+    folders = _folders(config, options.config)
+    if not folders:
+        tell(f"{REVOKED_FILE} is not watched, no revoked name is refused: no file says where the certificates are")
+        return
+    for endpoint in listen:
+        if endpoint.startswith("quic/"):  # its connections share a socket, so none can be cut
+            tell(f"revoked names are not refused at {endpoint}: only connections over tls/ are cut")
+    Revocations(folders, audit, tell).watch(stack, sessions)
+
+
+def _folders(config: zenoh.Config, file: Path | None) -> list[Path]:
+    """Return the folders of the certificates and of the file that may hold them, each with the one above."""
+    files = [json.loads(config.get_json(f"{_TLS}/{name}")) for name in _FILES]
+    places = [Path(one).absolute().parent for one in (*files, file) if one]
+    return list(dict.fromkeys(folder for place in places for folder in (place, place.parent)))
 
 
 class Revocations:
-    """Reads the file of revoked names again and again; ``tell`` gets whom it concerns, once, and its faults."""
+    """Reads the files of revoked names again and again; ``tell`` gets whom they concern, once, and their faults."""
 
-    def __init__(self, folder: Path, audit: AuditTrail, tell: Callable[[str], None]) -> None:
-        self._file, self._audit, self._tell = folder / REVOKED_FILE, audit, tell
-        self._revoked = NONE_REVOKED
-        self._content = b""
+    def __init__(self, folders: Iterable[Path], audit: AuditTrail | None, tell: Callable[[str], None]) -> None:
+        self._files, self._audit, self._tell = [folder / REVOKED_FILE for folder in folders], audit, tell
+        self._names: frozenset[str] = frozenset()
+        self._in_file: dict[Path, tuple[bytes, frozenset[str]]] = {}
         self._lock = threading.Lock()  # guards what follows
         self._open: dict[str, tuple[Network, str, str]] = {}
         self._told: set[str] = set()
@@ -56,7 +85,7 @@ class Revocations:
             link = event.link
             key, end = f"{link.zid} {link.dst}", address_of(str(link.dst))
             with self._lock:
-                if event.kind == zenoh.SampleKind.PUT:
+                if event.kind == zenoh.SampleKind.PUT and not str(link.dst).startswith("quic/"):
                     self._open[key] = (network, end, link.auth_identifier or "")
                 else:
                     self._open.pop(key, None)
@@ -71,33 +100,39 @@ class Revocations:
             self._cut()
 
     def _look(self) -> None:
-        """Read the file, if it has changed; one that has gone revokes nobody, an unreadable one changes nothing."""
+        """Read each file, if it has changed."""
+        for file in self._files:
+            self._read(file)
+        self._names = frozenset[str]().union(*(names for _, names in self._in_file.values()))
+
+    def _read(self, file: Path) -> None:
+        """Read a file; one that has gone revokes nobody, an unreadable one changes nothing."""
         content = b""
         try:
-            with self._file.open("rb") as file:
-                content = file.read(MAX_BYTES + 1)
+            with file.open("rb") as opened:
+                content = opened.read(MAX_BYTES + 1)
         except FileNotFoundError:
             pass
         except OSError as error:
-            if REVOKED_FILE not in self._told:
-                self._told.add(REVOKED_FILE)
-                self._tell(f"{self._file}: cannot be read, what was revoked stays so: {error.strerror}")
+            if str(file) not in self._told:
+                self._told.add(str(file))
+                self._tell(f"{file}: cannot be read, what was revoked stays so: {error.strerror}")
             return
-        if content != self._content:
-            self._content = content
-            self._revoked = read_revoked(content)
-            for fault in self._revoked.faults:
-                self._tell(f"{self._file}: {fault}")
+        if content != self._in_file.get(file, (b"",))[0]:
+            revoked = read_revoked(content)
+            self._in_file[file] = content, revoked.names
+            for fault in revoked.faults:
+                self._tell(f"{file}: {fault}")
 
     def _cut(self) -> None:
         """Cut what is open of revoked names."""
-        names = self._revoked.names
+        names = self._names
         if not names:
             return
         with self._lock:
             found = [one for one in self._open.values() if one[2] in names]
         for network, end, name in found:
-            if cut({end}):
+            if cut({end}) and self._audit is not None:
                 self._audit.refusals.add("revoked")
                 self._audit.note(Happening("refused", "revoked", network, end, name))
             if name not in self._told:

@@ -36,6 +36,7 @@ from tis.netem.bridge.gate import gates_for, without_gates
 from tis.netem.bridge.keys import CrossingKeys, crossing_keys
 from tis.netem.bridge.mirrors.queries import TIME_OUT_S, QueryTargetName
 from tis.netem.bridge.overhead import warn_of_overhead
+from tis.netem.bridge.revocation import watch_revoked
 from tis.netem.bridge.sides import (
     ClientMode,
     Place,
@@ -119,7 +120,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         if sessions is None:
             raise PeerError(Fault("netem", "zenoh", f"no network answered within {options.wait_s} s"))
         refuse_one_router(sessions)
-        audit.watch(stack, sessions)
+        _watch(stack, options, sessions, audit, status)
         bridge = Bridge(sessions, links, gates)
         interrupt.wakers.append(bridge.wake)
         stack.callback(bridge.close)
@@ -159,6 +160,19 @@ def _audit(stack: ExitStack, options: Standalone, status: Status) -> AuditTrail:
     return AuditTrail.opened(stack, listen, status.warning, refusals=options.log_dir is not None)
 
 
+def _watch(
+    stack: ExitStack,
+    options: Standalone,
+    sessions: Mapping[Network, zenoh.Session],
+    audit: AuditTrail,
+    status: Status,
+) -> None:
+    """Note who connects, and cut off whose name is revoked, until ``stack`` closes."""
+    audit.watch(stack, sessions)
+    listen = [endpoint for place in options.places.values() for endpoint in place.listen]
+    watch_revoked(stack, options.zenoh, audit, sessions, listen, status.warning)
+
+
 def _tally(options: Standalone, links: Mapping[Direction, Link], status: Status, audit: AuditTrail) -> Tally:
     looks = watches(links, options.network.buffer, status.warning)
     log = open_log(options.log_dir, options.network, options.seed, options.keys)
@@ -169,7 +183,7 @@ def _base_overhead_ns(
     options: Standalone, sessions: Mapping[Network, zenoh.Session], traces: Mapping[str, Trace], status: Status
 ) -> int:
     """Return netem's own delay, and warn where it is long for the network asked for."""
-    return warn_of_overhead(sessions, _ends(options), options.zenoh.credentials, options.network, traces, status)
+    return warn_of_overhead(sessions, _ends(options), options.zenoh, options.network, traces, status)
 
 
 def _ends(options: Standalone) -> dict[Network, str]:
