@@ -18,6 +18,7 @@ from tis.common.scenario.base import Part
 from tis.common.scenario.network.capacity import RecordedRate
 from tis.common.scenario.network.delay import TraceDelay
 from tis.common.scenario.network.loss import TraceLoss
+from tis.common.scenario.table_source import TABLE_SUFFIXES
 from tis.common.trace import Trace, parse_opportunities, parse_trace
 from tis.common.yaml_text import MAX_YAML_BYTES, line_of
 
@@ -34,14 +35,17 @@ def read_limited(path: Path, max_bytes: int) -> bytes:
     return content
 
 
-_RECORDINGS: Final = (".csv", ".tsv", ".parquet", ".mcap", ".db3", ".bag")
+_RECORDINGS: Final = (*TABLE_SUFFIXES, ".tsv", ".mcap", ".db3", ".bag")
+_TABLE: Final = "is a table, not a scenario: name its columns in a scenario, as examples/own_recording.yaml does"
+_RECORDING: Final = (
+    "is a recording, not a scenario: tis import NAME --out t.csv makes a table, and tells how to play it"
+)
 
 
 def read_scenario(path: Path) -> dict[str, Any]:
     """Return a scenario file's top-level mapping, not validated yet; raises `InputError`."""
     if path.suffix.lower() in _RECORDINGS:
-        rule = "is a recording, not a scenario: tis import, with its name, says how it is played"
-        raise InputError(Fault(str(path), "", rule))
+        raise InputError(Fault(str(path), "", _TABLE if path.suffix.lower() in TABLE_SUFFIXES else _RECORDING))
     try:
         text = read_limited(path, MAX_YAML_BYTES).decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:

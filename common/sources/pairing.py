@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
+import scipy
 
 from tis.common.channels import FOLLOWER, MASTER, SAME_NAME, Arm, Hand
 from tis.common.sources.trajectory import Array
@@ -23,6 +24,10 @@ CLEARLY_BETTER: Final = 2.0
 
 _ARMS: Final[tuple[Arm, Arm]] = ("PSM1", "PSM2")
 _EXACT: Final = 1e-6  # smaller ratios are rounding errors (fewer rows than the map has parameters)
+_LAGS_HZ: Final = (None, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0)
+_LATEST_S: Final = 0.5
+_DELAY_STEP_S: Final = 0.02
+"""A delay between two steps is wrong by 10 ms at most: 13 % of a movement of 2 Hz."""
 _STILL_M: Final = 1e-6  # the recordings' resolution: an arm that moves less stands still
 
 
@@ -36,6 +41,20 @@ class ArmFit:
 
     def __str__(self) -> str:
         return f"{self.residual_rms_m * MM_PER_M:.3f} mm rms of {self.arm} ({100 * self.ratio:.1f} %)"
+
+
+@dataclass(frozen=True)
+class LateFit:
+    """The fit of a gain behind the first-order lag and the delay that leave least; ``lag_hz`` None without a lag."""
+
+    fit: ArmFit
+    lag_hz: float | None
+    delay_s: float
+
+    def __str__(self) -> str:
+        parts = [] if self.lag_hz is None else [f"a lag of {self.lag_hz:g} Hz"]
+        parts += [f"a delay of {1000 * self.delay_s:.0f} ms"] if self.delay_s or not parts else []
+        return f"behind {' and '.join(parts)} {self.fit}"
 
 
 @dataclass(frozen=True)
@@ -62,6 +81,31 @@ def fit_arm(command_m: Array, arm_m: Array, arm: Arm) -> ArmFit:
     The ratio of an arm that stands still is 1. Oracle: maps and noise that the tests generate.
     """
     return _pooled_fit([(command_m, arm_m)], arm)
+
+
+def fit_late_arm(command_m: Array, arm_m: Array, arm: Arm, rate_hz: float) -> LateFit:
+    """Fit ``arm ~ G late command + c`` to positions (N, 3) in m, over lags of 1 to 20 Hz and delays up to 0.5 s.
+
+    The first rows, half a second and at most a quarter, only fill lag and delay. Oracle: arms that lag, in the tests.
+    """
+    n_skipped = min(round(_LATEST_S * rate_hz), len(command_m) // 4)
+    delays = range(0, n_skipped + 1, max(1, round(_DELAY_STEP_S * rate_hz)))
+    behind = [
+        LateFit(fit_arm(late_m[n_skipped - k : len(late_m) - k], arm_m[n_skipped:], arm), lag_hz, k / rate_hz)
+        for lag_hz in _LAGS_HZ
+        for late_m in [_lagged(command_m, lag_hz, rate_hz)]
+        for k in delays
+    ]
+    return min(behind, key=lambda one: one.fit.ratio)
+
+
+def _lagged(command_m: Array, lag_hz: float | None, rate_hz: float) -> Array:
+    """Return positions behind a first-order lag that begins at rest at the first one."""
+    if lag_hz is None:
+        return command_m
+    kept = float(np.exp(-2.0 * np.pi * lag_hz / rate_hz))
+    moved_m = scipy.signal.lfilter([1.0 - kept], [1.0, -kept], command_m - command_m[:1], axis=0)
+    return np.asarray(command_m[:1] + moved_m)
 
 
 def pair_over(requested: Requested, hands: Sequence[Hand], recordings: Sequence[Positions]) -> tuple[Pairing, ...]:

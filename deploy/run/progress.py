@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Mapping
 from math import inf
+from textwrap import fill
 from typing import Any, Final, NamedTuple, get_args
 
 from rich.console import Console, Group, RenderableType
@@ -12,7 +13,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from tis.common.channels import Side
+from tis.common.channels import Direction, Side
 from tis.deploy.watch.book import WINDOW_S
 from tis.deploy.watch.live_figures import CrossingFigures, LiveFigures
 
@@ -20,6 +21,7 @@ _LINE_EVERY_S: Final = 5.0
 _REFRESH_HZ: Final = 4
 _STATE_STYLES: Final[Mapping[str, str]] = {"running": "green", "ready": "green", "done": "green", "failed": "red"}
 _MAX_WIDTH: Final = 88
+_LINE_WIDTH: Final = 80
 _NO_VALUE: Final = "-"
 _ON_THE_LINE: Final = ("sent", "lost", "received", "ticks missed")
 _MAX_STATUSES: Final = 8
@@ -100,12 +102,13 @@ class RunProgress:
             self._console.print(self._line(), highlight=False, soft_wrap=True)
 
     def _line(self) -> str:
-        """Return the counts and, on a second line, the last figures; both fit into 80 columns."""
+        """Return the counts and, on a second line, the last figures; what is longer than 80 columns goes on below."""
         counts = self._counts()
         shown = "  ".join(f"{name} {counts[name]}" for name in _ON_THE_LINE)
         line, figures = f"{self._now_s:4.0f}/{self._duration_s:g} s  {shown}", _brief(self._look())
         over = "so far" if self._now_s < WINDOW_S else f"last {WINDOW_S} s"
-        return f"{line}\n  {over}: {figures}" if figures else line
+        lines = [line, f"  {over}: {figures}"] if figures else [line]
+        return "\n".join(fill(each, _LINE_WIDTH, subsequent_indent="    ") for each in lines)
 
     def _counters(self) -> dict[Side, dict[str, int] | None]:
         """Return each side's counters, none later than those of the side before it.
@@ -127,12 +130,15 @@ class RunProgress:
             counters = shown[side]
             return _NO_VALUE if counters is None else str(sum(counters.get(name, 0) for name in names))
 
-        dropped = [name for name in shown["netem"] or () if name.startswith("forward.dropped")]
+        there, back = (
+            count("netem", *(name for name in shown["netem"] or () if name.startswith(f"{way}.dropped")))
+            for way in get_args(Direction)
+        )
         missed = [counters.get("ticks_missed", 0) for counters in shown.values() if counters is not None]
         return {
             "sent": count("surgeon", "sent"),
-            "lost": count("netem", *dropped),
-            "under way": count("netem", "forward.held_at_end"),
+            "lost": _NO_VALUE if shown["netem"] is None else f"{there} there, {back} back",
+            "under way": count("netem", "forward.held_at_end") + " there",
             "received": count("patient", "received"),
             "estimates": count("patient", "estimates"),
             "ticks missed": str(sum(missed)) if missed else _NO_VALUE,
@@ -191,16 +197,25 @@ def _brief(found: LiveFigures) -> str:
     """Return the main figures as a short text, as far as they are known."""
     parts = []
     if found.end_to_end_p50_ms is not None:
-        arm = found.streams.get("arm", CrossingFigures())
-        most = "" if found.end_to_end_p99_ms is None else f", p99 {found.end_to_end_p99_ms:.1f}"
-        parts = [f"latency median {found.end_to_end_p50_ms:.1f}{most} ms", _loss(found, arm)]
+        most = "" if found.end_to_end_p99_ms is None else f", p99 {_short(found.end_to_end_p99_ms, 100)}"
+        parts = [f"latency p50 {_short(found.end_to_end_p50_ms, 100)}{most} ms", _loss(found)]
     if found.rmse_mm is not None:
-        parts.append(f"RMSE {found.rmse_mm:.2f} mm")
+        parts.append(f"RMSE {_short(found.rmse_mm, 100, 2)} mm")
     return "; ".join(parts)
 
 
-def _loss(found: LiveFigures, arm: CrossingFigures) -> str:
-    return f"loss {_pct(arm.loss_pct)}" if found.keeps_up else "loss not seen: the observer cannot keep up"
+def _loss(found: LiveFigures) -> str:
+    if not found.keeps_up:
+        return "loss not seen: the observer cannot keep up"
+    there, back = (found.streams.get(name, CrossingFigures()).loss_pct for name in ("arm", "answers"))
+    if there is None:
+        return f"loss {_NO_VALUE}" if back is None else f"loss back {_short(back, 10)} %"
+    return f"loss {_short(there, 10)} %" + (" there" if back is None else f", back {_short(back, 10)} %")
+
+
+def _short(value: float, many: float, n_digits: int = 1) -> str:
+    """Return a value with ``n_digits`` decimals, one fewer from ``many`` on: the line is short."""
+    return f"{value:.{n_digits - (value >= many)}f}"
 
 
 def _ms(value: float | None) -> str:

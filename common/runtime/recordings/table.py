@@ -15,7 +15,7 @@ from tis.common.runtime.recordings.jigsaws import HEAD_ROWS
 from tis.common.runtime.recordings.table_file import TableFile, absent, open_table
 from tis.common.scenario import Scenario
 from tis.common.scenario.table_source import TABLE_SUFFIXES, TableSource
-from tis.common.sources.pairing import FOLLOWS_BELOW, fit_arm
+from tis.common.sources.pairing import FOLLOWS_BELOW, fit_arm, fit_late_arm
 from tis.common.sources.plausibility import anomalies
 from tis.common.sources.provenance import SYNTHETIC
 from tis.common.sources.table_columns import (
@@ -82,7 +82,9 @@ def table_recording(source: TableSource, file: Path, rate_hz: int, head_rows: in
         tracks = {name: resampled(track, clock.t_s, play.at_s) for name, track in tracks.items()}
     hands = tuple(_hand(hand, tracks) for hand in layout.hands)
     about = _about(source, file, table)
-    pairings = [_pairing(hand, recorded, head_rows) for hand, recorded in zip(layout.hands, hands, strict=True)]
+    pairings = [
+        _pairing(hand, recorded, head_rows, rate_hz) for hand, recorded in zip(layout.hands, hands, strict=True)
+    ]
     doubts = [text for device in _devices(layout) for text in unit_doubts(columns, device)]
     doubts += [text for device in _devices(layout) for text in _implausible(device, tracks[device.name], rate_hz)]
     warnings = [*play.warnings, *(text for hand in layout.hands for text in _lacking(hand))]
@@ -236,14 +238,19 @@ def _hand(layout: HandLayout, tracks: dict[str, PoseTrack]) -> HandRecording:
     return HandRecording(layout.hand, layout.arm, command, arm)
 
 
-def _pairing(layout: HandLayout, hand: HandRecording, head_rows: int) -> tuple[str, list[str]]:
-    """Return the pairing in words, and warnings where the arm does not follow."""
+def _pairing(layout: HandLayout, hand: HandRecording, head_rows: int, rate_hz: float) -> tuple[str, list[str]]:
+    """Return the pairing in words, and warnings where the arm does not follow, not even late."""
     named = f"{MASTER[hand.hand]} -> {hand.arm}"
     if layout.master is None or layout.follower is None:
         return f"{named} ({_by_gain(layout)})", []
-    fit = fit_arm(hand.command.position_m[:head_rows], hand.follower.position_m[:head_rows], hand.arm)
-    text = f"a static gain leaves {fit}"
-    warnings = [f"{hand.arm} does not follow {MASTER[hand.hand]}: {text}"] if fit.ratio > FOLLOWS_BELOW else []
+    command_m, arm_m = (track.position_m[:head_rows] for track in (hand.command, hand.follower))
+    fit = fit_arm(command_m, arm_m, hand.arm)
+    text, warnings = f"a static gain leaves {fit}", []
+    if fit.ratio > FOLLOWS_BELOW:
+        late = fit_late_arm(command_m, arm_m, hand.arm, rate_hz)
+        text += f", {late}"
+        if late.fit.ratio > FOLLOWS_BELOW:
+            warnings = [f"{hand.arm} does not follow {MASTER[hand.hand]}, not even late: {text}"]
     return f"{named} (by the table; {text})", warnings
 
 

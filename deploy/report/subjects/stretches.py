@@ -6,12 +6,13 @@ from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
+import scipy
 from msgspec import convert
 from numpy.typing import NDArray
 
 from tis.common.channels import Arm, Channel, Direction, Hand, hand_channels
 from tis.common.device_records import TARGET_RUNS
-from tis.common.records import CONTROL, ControlNote
+from tis.common.records import CONTACTS, CONTROL, ControlNote
 from tis.common.scenario import Scenario
 from tis.common.units import MM_PER_M, NS_PER_MS, NS_PER_S, s_to_ns
 from tis.deploy.logs.read.load import RunLogs
@@ -27,12 +28,18 @@ from tis.netem.control.replay import changes_from_notes
 _SHORTEST_S: Final = 0.5
 """A shorter stretch is left out, as between the reset and the delay that a task of the live page asks for."""
 _MOVES_M_S: Final = 1e-3
+_SHIFTS_FROM_S: Final = 2.0
+"""Where hand or arm moved for less, any of many shifts in time fits about as well."""
+_TOUCHES_N: Final = 0.1
+"""Less is the noise of a force sensor."""
+_WAITS_S: Final = 0.1
 _LATEST_S: Final = 1.0
 """How much later than the delays that are set an arm is looked for."""
 _NOTE: Final = (
     "Network: what was set, mean delay with its jitter, and loss, one way. Moved: hand or arm faster than 1 mm/s; "
     "late and error are of that time alone. Late: the shift in time by which the arm follows the hand (effective "
-    "time offset). Error: distance of the arm to where the hand has put it at that moment, RMS"
+    "time offset), where each moved for 2 s and the arm touched nothing. Error: distance of the arm to where the "
+    "hand has put it at that moment, RMS"
 )
 _SEEN: Final = {True: "picture and ghost", False: "late picture"}
 _TARGETS_NOTE: Final = (
@@ -49,7 +56,8 @@ class Stretch(Section):
     loss_pct: dict[DirectionName, float | None] = means("Loss asked for; 100 in an outage.")
     moved_s: float = means("Time in which hand or arm moved, faster than 1 mm/s.")
     late_ms: float | None = means(
-        "Effective time offset of the arm (`plant`, else the active estimate) to the hand in that time, median."
+        "Effective time offset of the arm (`plant`, else the active estimate) to the hand in that time, median; "
+        "`null` where one of them moved for less than 2 s, or the arm touched something."
     )
     rmse_3d_mm: float | None = means("RMSE in that time.")
 
@@ -65,13 +73,14 @@ def stretches(
     edges_ns = network_edges_ns(logs, scenario)
     found = {
         hand: [
-            _stretch(begin_ns, end_ns, scenario, asked, track)
+            _stretch(begin_ns, end_ns, scenario, asked, track, touched_ns)
             for begin_ns, end_ns in pairwise(edges_ns)
             if end_ns - begin_ns >= s_to_ns(_SHORTEST_S)
         ]
         for hand, track in tracks.items()
         if len(edges_ns) > 2
         for asked in [_asked(logs, scenario, requests, hand, arms[hand])]
+        for touched_ns in [_touched_ns(logs, hand)]
     }
     return {"stretches": found} if any(len(one) > 1 for one in found.values()) else {}
 
@@ -106,7 +115,17 @@ def _asked(logs: RunLogs, scenario: Scenario, requests: Mapping[Direction, Reque
     return found
 
 
-def _stretch(begin_ns: int, end_ns: int, scenario: Scenario, asked: Asked, track: HandTrack) -> Stretch:
+def _touched_ns(logs: RunLogs, hand: Hand) -> NDArray[np.int64]:
+    """Return the instants at which a hand's arm touched something; none for a run without touch."""
+    contacts = logs.of_hand("patient", CONTACTS, hand)
+    if not len(contacts):
+        return np.empty(0, dtype=np.int64)
+    return np.asarray(contacts.t_ns[np.linalg.norm(contacts.force_n, axis=1) > _TOUCHES_N])
+
+
+def _stretch(
+    begin_ns: int, end_ns: int, scenario: Scenario, asked: Asked, track: HandTrack, touched_ns: NDArray[np.int64]
+) -> Stretch:
     set_ms: dict[DirectionName, float | None] = {}
     lost_pct: dict[DirectionName, float | None] = {}
     for way, (offered_ns, delay_ms, loss_pct) in asked.items():
@@ -115,11 +134,17 @@ def _stretch(begin_ns: int, end_ns: int, scenario: Scenario, asked: Asked, track
     hand_m, rate_hz = track.truth_m, scenario.rate_hz
     nowhere = np.full_like(hand_m, np.nan)
     arm_m = track.estimates.get("plant", track.estimates.get(scenario.active_estimator, nowhere))
-    steps_m = (np.linalg.norm(np.diff(one, axis=0, prepend=one[:1]), axis=1) for one in (hand_m, arm_m))
+    moves = [_moves(one, rate_hz) for one in (hand_m, arm_m)]
     within = track.scored & (track.t_ns >= begin_ns) & (track.t_ns < end_ns)
-    moving = within & (np.fmax(*steps_m) * rate_hz > _MOVES_M_S)
-    latest_s = _LATEST_S + sum(ms or 0.0 for ms in set_ms.values()) / 1000.0
-    late_s = aligned(replace(track, scored=moving), arm_m, hand_m, rate_hz, latest_s).time_s
+    moving = within & (moves[0] | moves[1])
+    is_free = not ((touched_ns >= begin_ns) & (touched_ns < end_ns)).any()
+    late_s = np.empty(0)
+    if (
+        is_free
+        and min(np.count_nonzero(within & _bridged(one, rate_hz)) for one in moves) >= _SHIFTS_FROM_S * rate_hz
+    ):
+        latest_s = _LATEST_S + sum(ms or 0.0 for ms in set_ms.values()) / 1000.0
+        late_s = aligned(replace(track, scored=moving), arm_m, hand_m, rate_hz, latest_s).time_s
     squares = _mean(np.sum((arm_m - hand_m)[moving] ** 2, axis=1))
     return Stretch(
         begin_s=begin_ns / NS_PER_S,
@@ -130,6 +155,16 @@ def _stretch(begin_ns: int, end_ns: int, scenario: Scenario, asked: Asked, track
         late_ms=1000.0 * float(np.median(late_s)) if len(late_s) else None,
         rmse_3d_mm=None if squares is None else MM_PER_M * squares**0.5,
     )
+
+
+def _moves(position_m: Array, rate_hz: int) -> NDArray[np.bool_]:
+    steps_m = np.linalg.norm(np.diff(position_m, axis=0, prepend=position_m[:1]), axis=1)
+    return np.asarray(steps_m * rate_hz > _MOVES_M_S)
+
+
+def _bridged(moves: NDArray[np.bool_], rate_hz: int) -> NDArray[np.bool_]:
+    """Return the ticks at which one moves or is about to: an arm that waits for a lost sample does not rest."""
+    return np.asarray(scipy.ndimage.maximum_filter1d(moves, 2 * round(_WAITS_S * rate_hz) + 1, mode="constant"))
 
 
 def _mean(values: Array) -> float | None:

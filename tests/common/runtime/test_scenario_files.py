@@ -136,3 +136,14 @@ def test_what_a_run_kept_is_read_after_its_files_have_changed_or_gone(tmp_path: 
     }
     with pytest.raises(DataError, match="does not exist"):
         load_traces(network)
+
+
+_TABLE = "is a table, not a scenario: name its columns in a scenario, as examples/own_recording.yaml does"
+_OTHER = "is a recording, not a scenario: tis import NAME --out t.csv makes a table, and tells how to play it"
+
+
+@pytest.mark.parametrize(("name", "way"), [("a.csv", _TABLE), ("a.PARQUET", _TABLE), ("a.bag", _OTHER)])
+def test_a_recording_that_is_no_scenario_says_how_it_is_played(name: str, way: str) -> None:
+    with pytest.raises(InputError) as caught:
+        read_scenario(Path(name))
+    assert str(caught.value) == f"{name}: {way}"

@@ -27,3 +27,19 @@ def test_other_kinds_stay_as_they_are() -> None:
     texts = ["one seed: no draws", "no colon at all", "moesp_kf: 3 of 10 places", "no colon at 2"]
     assert notices(texts, 5, "f") == texts
     assert notices([], 5, "f") == []
+
+
+def test_a_text_of_a_trial_that_is_scored_and_trains_others_does_not_read_as_a_model_of_its_own() -> None:
+    jump = "MTML leaves its path for 1 row, at row 3"
+    both = [f"cleo: {jump}", f"trained on cleo: {jump}"]
+    assert notices(both, 5, "f") == [f"cleo, scored and as training data of others: {jump}"]
+    several = [*both, f"trained on eve: {jump}", f"ann: {jump}"]
+    assert notices(several, 5, "f") == [
+        f"cleo, scored and as training data of others: {jump}",
+        f"trained on eve: {jump}",
+        f"ann: {jump}",
+    ]
+    assert notices([both[1], f"trained on eve: {jump}"], 5, "f") == [f"trained on cleo, eve: {jump}"]
+    assert notices(["a_1: 2 rows", "trained on a_1: 2 rows", "b_1: 3 rows", "trained on b_1: 3 rows"], 5, "f") == [
+        "a_1, scored and as training data of others: 2 rows; likewise b_1",
+    ]

@@ -1,6 +1,7 @@
 """What is shown while a run lasts."""
 
 import io
+from functools import partial
 
 from rich.console import Console
 
@@ -35,9 +36,9 @@ def test_without_a_terminal_there_are_plain_lines_every_5_s() -> None:
     assert out.getvalue().splitlines() == [
         "starting surgeon, netem and patient",
         "surgeon is ready",
-        "   0/12 s  sent 30  lost 2  received 29  ticks missed 1",
-        "   5/12 s  sent 300  lost 2  received 290  ticks missed 1",
-        "  10/12 s  sent 600  lost 2  received 580  ticks missed 1",
+        "   0/12 s  sent 30  lost 2 there, 9 back  received 29  ticks missed 1",
+        "   5/12 s  sent 300  lost 2 there, 9 back  received 290  ticks missed 1",
+        "  10/12 s  sent 600  lost 2 there, 9 back  received 580  ticks missed 1",
     ]
 
 
@@ -88,13 +89,14 @@ def test_the_panel_says_how_each_side_is_and_what_is_seen() -> None:
     progress.take({"side": "surgeon", "event": "waiting", "whom": "the patient"})
     progress.take({"side": "netem", "event": "running", "duration_s": 12, "log": "x"})
     progress.take({"side": "patient", "event": "failed", "exit_code": 4, "reasons": ["x"]})
-    _at(progress, "netem", 5, forward__dropped_loss=2, forward__dropped_outage=3, forward__held_at_end=4)
+    _at(progress, "netem", 5, forward__dropped_loss=2, forward__dropped_outage=3, forward__held_at_end=4,
+        feedback__dropped_loss=1)  # fmt: skip
     _at(progress, "patient", 5, received=7, estimates=6, ticks_missed=1)
     lines = _panel(progress)
     assert lines[0] == "default  5 of 12 s"
     assert lines[2:] == [
         "surgeon  waiting for the patient",
-        "netem    running                  lost 5  under way 4",
+        "netem    running                  lost 5 there, 1 back  under way 4 there",
         "patient  failed                   received 7  estimates 6  ticks missed 1",
         "in the last 5 s",
         "end to end  median 69.4 ms, p99 97.2 ms, newest sample to estimate",
@@ -117,7 +119,7 @@ def test_plain_lines_have_the_figures_too() -> None:
     _at(progress, "patient", 6, received=7)
     assert out.getvalue().splitlines() == [
         "   6/12 s  sent -  lost -  received 7  ticks missed 0",
-        "  last 5 s: latency median 69.4, p99 97.2 ms; loss -; RMSE 0.50 mm",
+        "  last 5 s: latency p50 69.4, p99 97.2 ms; loss -; RMSE 0.50 mm",
     ]
 
 
@@ -125,16 +127,38 @@ def test_80_columns_hold_a_line_however_large_its_numbers() -> None:
     """An hour of two hands at 1 kHz, most of it lost, seconds late and decimetres off."""
     out = io.StringIO()
     found = LiveFigures(
-        streams={"arm": CrossingFigures(3, 3)}, end_to_end_p50_ms=2345.6, end_to_end_p99_ms=3456.7, rmse_mm=123.45
+        streams={"arm": CrossingFigures(3, 3), "answers": CrossingFigures(3, 3)},
+        end_to_end_p50_ms=2345.6,
+        end_to_end_p99_ms=3456.7,
+        rmse_mm=123.45,
     )
     progress = RunProgress(Console(file=out, width=80), 3600, look=lambda: found)
     _at(progress, "surgeon", 3600, sent=14_400_000)
-    _at(progress, "netem", 3600, forward__dropped_loss=10_000_000, forward__held_at_end=100_000)
+    _at(progress, "netem", 3600, forward__dropped_loss=10_000_000, feedback__dropped_loss=10_000_000)
     _at(progress, "patient", 3600, received=4_300_000, estimates=7_200_000, ticks_missed=36_000)
     lines = out.getvalue().splitlines()
-    assert len(lines) == 2
+    assert len(lines) == 3  # ten million lost both ways take a line more
     assert max(map(len, lines)) <= 80
-    assert "loss 100.0 %" in lines[1]
+    assert "loss 100 %, back 100 %" in lines[2]
+
+
+def test_a_line_tells_the_loss_of_both_ways_as_far_as_it_is_known() -> None:
+    arm, answers = CrossingFigures(100, 0), CrossingFigures(1000, 21)
+    both, alone = LiveFigures({"arm": arm, "answers": answers}, 69.4), LiveFigures({"arm": arm}, 69.4)
+    back = LiveFigures({"answers": answers}, 69.4)
+    for found, words in (
+        (both, "0.0 %, back 2.1 %"), (alone, "0.0 % there"), (back, "back 2.1 %"), (LiveFigures({}, 69.4), "-"),
+    ):  # fmt: skip
+        out = io.StringIO()
+        progress = RunProgress(
+            Console(file=out, width=80), 12, look=partial(LiveFigures, found.streams, found.end_to_end_p50_ms)
+        )
+        _at(progress, "netem", 6, feedback__dropped_loss=21)
+        _at(progress, "patient", 6, received=7)
+        assert out.getvalue().splitlines() == [
+            "   6/12 s  sent -  lost 0 there, 21 back  received 7  ticks missed 0",
+            f"  last 5 s: latency p50 69.4 ms; loss {words}",
+        ]
 
 
 def test_nothing_is_received_before_it_was_sent_whoever_speaks_last() -> None:
@@ -145,7 +169,9 @@ def test_nothing_is_received_before_it_was_sent_whoever_speaks_last() -> None:
     _at(progress, "surgeon", 4.0, sent=240)
     _at(progress, "netem", 3.9, forward__dropped_loss=1, forward__held_at_end=2)
     _at(progress, "patient", 5.0, received=300, estimates=150)
-    assert out.getvalue().splitlines()[-1] == ("   5/12 s  sent 240  lost 1  received 228  ticks missed 0")
+    assert out.getvalue().splitlines()[-1] == (
+        "   5/12 s  sent 240  lost 1 there, 0 back  received 228  ticks missed 0"
+    )
 
 
 def test_a_side_that_has_ended_holds_nobody_back() -> None:
@@ -154,7 +180,7 @@ def test_a_side_that_has_ended_holds_nobody_back() -> None:
     progress.take({"side": "surgeon", "event": "ended", "counters": {"sent": 120}})
     _at(progress, "netem", 4.6, forward__dropped_loss=1, forward__held_at_end=0)
     _at(progress, "patient", 4.5, received=119, estimates=120)
-    assert out.getvalue().splitlines()[-1].endswith("sent 120  lost 1  received 119  ticks missed 0")
+    assert out.getvalue().splitlines()[-1].endswith("sent 120  lost 1 there, 0 back  received 119  ticks missed 0")
 
 
 def test_after_ctrl_c_no_side_has_failed() -> None:

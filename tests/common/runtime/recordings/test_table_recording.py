@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+import scipy
 
 from tests.common.runtime.recordings.tables import Columns, movement, scenario_of, write_csv, write_parquet
 from tis.common.errors import DataError
@@ -125,7 +126,29 @@ def test_an_arm_that_does_not_follow_is_told(tmp_path: Path) -> None:
     other = movement(161, rate_hz=7.0, seed=4)
     columns |= {f"PSM2_{axis}_m": other[f"PSM2_{axis}_m"] for axis in "xyz"}
     recording = load_recording(scenario_of(write_csv(tmp_path / "t.csv", columns)))
-    assert "PSM2 does not follow MTML" in recording.warnings[0]
+    assert "PSM2 does not follow MTML, not even late: a static gain leaves " in recording.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("lag_hz", "delay_rows", "how"),
+    [(3.0, 0, "behind a lag of 3 Hz 0.000 mm"), (None, 13, "behind a delay of 260 ms 0.000 mm")],
+)
+def test_an_arm_that_is_late_does_follow(tmp_path: Path, lag_hz: float | None, delay_rows: int, how: str) -> None:
+    """Quick movements, of which a static gain leaves more than a fifth of the arm."""
+    n, rate_hz = 400, 50.0
+    noise = np.random.default_rng(5).standard_normal((n + 100, 3))
+    master = 0.02 * scipy.ndimage.gaussian_filter1d(noise, 3.0, axis=0)
+    arm, command = 0.5 * master[:n], master[delay_rows : delay_rows + n]
+    if lag_hz is not None:
+        for k in range(1, n):
+            arm[k] = arm[k - 1] + (0.5 * master[k] - arm[k - 1]) * -np.expm1(-2 * np.pi * lag_hz / rate_hz)
+    columns = movement(n, rate_hz)
+    columns |= {f"MTML_{axis}_m": command[:, k] for k, axis in enumerate("xyz")}
+    columns |= {f"PSM2_{axis}_m": arm[:, k] for k, axis in enumerate("xyz")}
+    scenario = scenario_of(write_csv(tmp_path / "t.csv", columns)).model_copy(update={"rate_hz": 50})
+    recording = load_recording(scenario)
+    assert recording.warnings == ()
+    assert how in recording.pairing
 
 
 def test_a_model_may_learn_from_tables_of_other_people(tmp_path: Path) -> None:
