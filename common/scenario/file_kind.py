@@ -1,4 +1,4 @@
-"""What a YAML file holds: a scenario, a network of its own, or a profile; so that commands can name the right use."""
+"""Kind of a YAML file by its keys: a scenario, a network of its own, or a profile, so that commands name its use."""
 
 from collections.abc import Mapping
 from typing import Any, Final, Literal

@@ -125,11 +125,11 @@ def loop_verdict(rows: Sequence[FeltRow], changed_ns: int) -> LoopVerdict | None
         intended_m=np.array([row.intended_m for row in rows]),
         limited=np.array([row.limited for row in rows]),
     )
-    found = stability(shown, max(round(NS_PER_S / float(np.median(np.diff(t_ns)))), 1))
     over_s = round(float(t_ns[-1] - t_ns[0]) / NS_PER_S, 1)
     stands = _stands(shown)
     if stands is not None:
         return LoopVerdict("not_decidable", over_s, None, stands)
+    found = stability(shown, max(round(NS_PER_S / float(np.median(np.diff(t_ns)))), 1))
     is_young = found == "stable" and over_s < _YOUNG_S
     return LoopVerdict("not_yet" if is_young else found, over_s, swing_of(shown))
 
