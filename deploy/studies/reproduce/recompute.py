@@ -35,8 +35,6 @@ _NAMED: Final = {
 }
 _NUMBERS: Final = {"n_seeds": int, "duration_s": float}
 _RECORDED: Final = "recorded suturing"
-_OF_A_RECORDER: Final = "source.recorder_hz"
-"""Setting of tables that are older than the default that adapts."""
 _QUICK_METHODS: Final = "hold,arx_kf"
 
 
@@ -63,15 +61,12 @@ class Study:
 
 
 def _estimators(job: Job) -> list[Table]:
-    """Compute the page's sections again, each by its command; ``quick``: the first setting of three."""
+    """Compute the page's sections again, each by its command; ``quick``: the first setting of synthetic ones."""
     found: list[Table] = []
     store = Store(job.place / "twins")
     with job.workers:
         for heading, command in commands("estimators"):
             if job.quick and heading.endswith(_RECORDED):
-                continue
-            if job.quick and _OF_A_RECORDER in command:
-                job.err.print(f"left out: {heading}: older than the default that adapts", style="yellow")
                 continue
             given = _given(command)
             if job.quick:
