@@ -5,11 +5,14 @@ import json
 import sys
 import threading
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 from tis.common.channels import Side
 from tis.common.errors import printable
 from tis.common.units import NS_PER_S
+
+BYPASS_HEAD: Final = "warning (bypass): "
+"""What a line begins with, behind the side's name, that tells of a way past the emulator."""
 
 
 class Status:
@@ -40,6 +43,11 @@ class Status:
         """Report a condition that does not end the run; others may have chosen a name or a reason in it."""
         text = printable(text)
         self._report("warning", f"warning: {text}", warning=text)
+
+    def bypass(self, text: str) -> None:
+        """Report a way past the emulator: a warning of a kind of its own, so that others need not know its words."""
+        text = printable(text)
+        self._report("warning", f"{BYPASS_HEAD}{text}", warning=text, kind="bypass")
 
     def progress(self, now_s: float, counters: Mapping[str, int]) -> None:
         """Report the progress of the run, as an event only."""
