@@ -2,8 +2,8 @@
 
 A ``past`` probe is forwarded by nobody: if it arrives on the other network, it came by a bypass. A ``round`` probe is
 forwarded by every netem: if it arrives, it came through another netem, and messages would circulate forever. A peer
-of both networks forwards no probe, but what it sends reaches both past netem: its identity is in both. Neither do two
-peers, one of each network, that are connected to each other: they tell it to netem's routers if they gossip.
+of both networks forwards no probe, but its identity is in both. Nor do two peers that are connected to each other,
+one of each network or one of neither: they tell it to netem's routers if they gossip.
 
 An application with Zenoh's default settings is a peer. It scouts by multicast and connects to all that answer,
 in addition to its configured endpoints. That traffic does not cross netem, and probes do not detect it.
@@ -21,7 +21,7 @@ import zenoh
 
 from tis.common.channels import Network
 from tis.common.errors import Fault, PeerError
-from tis.netem.bridge.gossip import Gossip
+from tis.netem.bridge.gossip import Gossip, Pair
 from tis.netem.bridge.keys import PROBES
 
 Leak = Literal["past", "round"]
@@ -29,12 +29,14 @@ Leak = Literal["past", "round"]
 _MAX_HOPS: Final = 16
 _MAX_BYTES: Final = 20_000
 _N_PROBES: Final = 5
+_N_STEADY: Final = 4  # a program may connect to netem later than to another one
 _PAUSE_S: Final = 0.05
 _OPPOSITE: Final[dict[Network, Network]] = {"west": "east", "east": "west"}
 _REMOTE: Final = zenoh.Locality.REMOTE
 _PERIOD_S: Final = 5.0
 _LISTEN_S: Final = 1.0
 _REMINDER_S: Final = 60.0
+_OUTSIDE: Final = "which is in neither network: what they send each other does not cross netem"
 _SCOUTED: Final = "applications of both networks find each other past netem by multicast scouting: "
 _DANGER: Final = (
     "the routers of both networks answer to multicast scouting: applications with Zenoh's default settings would "
@@ -43,20 +45,16 @@ _DANGER: Final = (
 _REMEDY: Final = "let them be clients (mode: client), or set scouting/multicast/enabled to false"
 
 
-Pair = tuple[str, str]
-"""Identities of a program of the west and of one of the east."""
-
-
 class Bypasses:
     """Ways past netem, and loops, each counted and told once.
 
-    Two programs that reach each other are one way, by whatever that shows first; what shows it later is told by
-    ``tell_more``, and not counted.
+    Two programs that reach each other are one way, by whatever that shows first; what shows it later goes to
+    ``tell_more``, as does what is none for certain.
     """
 
     def __init__(self, tell: Callable[[str], None], tell_more: Callable[[str], None]) -> None:
         self.n = 0
-        self._tell, self._tell_more = tell, tell_more
+        self._tell, self.tell_more = tell, tell_more
         self._pairs: set[Pair] = set()
         self._lock = threading.Lock()
 
@@ -65,9 +63,8 @@ class Bypasses:
         with self._lock:
             n_new = len(pairs - self._pairs) if pairs else 1
             self._pairs |= pairs
-        (self._tell if n_new else self._tell_more)(text)
-        with self._lock:
-            self.n += n_new
+            (self._tell if n_new else self.tell_more)(text)
+            self.n += n_new  # who sees the count finds the text
 
     def has(self, pairs: Set[Pair]) -> bool:
         """Tell whether all these pairs are counted."""
@@ -98,6 +95,7 @@ class Watch:
         self._own = {str(session.zid()) for session in sessions.values()}
         self._joined: set[str] = set()
         self._linked: set[Pair] = set()
+        self._beyond: dict[Pair, int] = {}
         self._forwards = False
         self._held = ExitStack()
         for network in sessions:
@@ -122,6 +120,7 @@ class Watch:
         Loops are reported one call late: a new bypass may first appear as one.
         """
         self.look()
+        self._look_beyond()
         while self._unreported:
             origin = self._unreported.pop()
             if ("past", origin) not in self._leaks:
@@ -147,6 +146,15 @@ class Watch:
                     "what they send reaches the other past netem",
                     {pair},
                 )
+
+    def _look_beyond(self) -> None:
+        """Tell of a peer that is connected to a program of neither network, once it was so for some calls."""
+        members = set[str]().union(*map(_members, self._sessions.values()))
+        found = self._gossip.beyond(members, members | self._own) if self._forwards else ()
+        self._beyond = {pair: self._beyond.get(pair, 0) + 1 for pair in found}
+        for (one, other), n in sorted(self._beyond.items()):
+            if n == _N_STEADY:
+                self._bypasses.tell_more(f"the peer {one} is connected to {other}, {_OUTSIDE}")
 
     def close(self) -> None:
         """Stop listening."""
@@ -279,7 +287,7 @@ class Scouting:
         is_told = text in self._warned_s and self._bypasses.has(pairs)
         if is_told and now_s - self._warned_s[text] < _REMINDER_S:
             return
-        if pairs and not is_told:
+        if not is_told and pairs:
             self._bypasses.add(text, pairs)
         else:
             self._on_danger(text)

@@ -54,9 +54,9 @@ def bypass_problems(logs: RunLogs) -> list[str]:
     n = count_of(logs, "netem", "leaks")
     if not n:
         return []
-    ways = "1 way past netem was" if n == 1 else f"{n} ways past netem were"
+    ways, were = ("way", "was") if n == 1 else ("ways", "were")
     cure = "let the programs be clients that connect to netem only"
-    return [problem(f"{ways} found: messages crossed without it", cure)]
+    return [problem(f"{n} {ways} past netem {were} found: messages crossed without it", cure)]
 
 
 def absence_texts(states: Mapping[Side, LogState]) -> list[str]:

@@ -161,3 +161,17 @@ def test_peers_of_one_network_may_be_connected_to_each_other(tmp_path: Path) -> 
             assert soon(lambda: len(list(west.info.peers_zid())) == 1)
             time.sleep(0.3)
     assert (net.warnings, net.exit_code) == ([], 0)
+
+
+def test_a_peer_that_has_the_endpoint_of_a_peer_only_is_told_and_not_counted(tmp_path: Path) -> None:
+    """It may be a helper of this one, and need not gossip: the other one tells."""
+    third, _ = free_endpoints()
+    with between(run_dir=tmp_path / "run") as net:
+        one = configure("peer", ZenohOptions(connect=(net.east,), listen=(third,), cfg=_GOSSIPS))
+        other = configure("peer", ZenohOptions(connect=(third,), listen=("tcp/127.0.0.1:0",)))
+        with zenoh.open(one) as east, zenoh.open(other) as alone:
+            assert soon(lambda: bool(net.warnings))
+            told = f"the peer {east.zid()} is connected to {alone.zid()}, which is in neither network"
+            time.sleep(0.5)
+    assert net.warnings == [f"{told}: what they send each other does not cross netem"]
+    assert (net.bypasses, net.exit_code) == ([], 0)
