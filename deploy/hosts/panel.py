@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tis.common.channels import Direction, Side
+from tis.common.runtime.status import warning_line
 from tis.deploy.shell.outcome import Event
 
 _MAX_WARNINGS: Final = 5
@@ -67,7 +68,12 @@ class PanelState:
             state.state = f"running at {self._at(state)}"
             return self._progress_line()
         if kind in ("warning", "output"):
-            text = f"{side}: {'warning: ' if kind == 'warning' else ''}{event.get(kind, event.get('text', ''))}"
+            said = (
+                warning_line(event.get("warning", ""), event.get("kind"))
+                if kind == "warning"
+                else event.get("text", "")
+            )
+            text = f"{side}: {said}"
             self.warnings.append(text)
             return [text]
         words = _words(event, state)

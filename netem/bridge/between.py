@@ -26,7 +26,7 @@ from typing import IO, Any, Final, Literal
 from tis.common.errors import Fault, InputError, PeerError
 from tis.common.runtime.emulator_client import EmulatorAddress, connected
 from tis.common.runtime.process import child_environment, free_endpoints
-from tis.common.runtime.status import BYPASS_HEAD
+from tis.common.runtime.status import BYPASS, warning_line
 from tis.common.units import NS_PER_S
 
 Ways = Literal["forward", "feedback", "both"]
@@ -34,8 +34,8 @@ Ways = Literal["forward", "feedback", "both"]
 # Summarized in netem's process: another one would take as long again to load.
 _COMMAND: Final = (sys.executable, "-m", "tis.deploy.cli.main", "netem", "--summarize")
 _RUNNING: Final = "netem: running"
-_WARNING: Final = "netem: warning: "
-_BYPASS: Final = f"netem: {BYPASS_HEAD}"
+_WARNING: Final = f"netem: {warning_line('')}"
+_BYPASS: Final = f"netem: {warning_line('', BYPASS)}"
 _START_S: Final = 60.0
 _END_S: Final = 300.0  # netem ends itself within seconds; then it reads its log
 _MAX_LINES: Final = 200

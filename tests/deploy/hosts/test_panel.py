@@ -74,6 +74,9 @@ def test_the_last_warnings_stay_in_the_panel() -> None:
     panel = PanelState(PLACES, 20.0)
     for n in range(7):
         assert panel.take(_event("surgeon", "warning", warning=f"w{n}")) == [f"surgeon: warning: w{n}"]
+    found = panel.take(_event("netem", "warning", warning="got round", kind="bypass"))
+    assert found == ["netem: warning (bypass): got round"]
+    panel.warnings.pop()
     assert panel.take(_event("netem", "output", text="Traceback")) == ["netem: Traceback"]
     assert list(panel.warnings) == [*(f"surgeon: warning: w{n}" for n in range(3, 7)), "netem: Traceback"]
     assert panel.take(_event("patient", "gone", text="connection lost")) == [
