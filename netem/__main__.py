@@ -126,7 +126,9 @@ def _applications(
 ) -> Applications:
     """Return what makes other programs' traffic cross, at work until ``stack`` closes."""
     keys = crossing_keys(["**"])
-    applications = Applications(bridge, sessions, keys, lease_s, status.warning, gossip=audit.gossip)
+    applications = Applications(
+        bridge, sessions, keys, lease_s, status.warning, gossip=audit.gossip, on_bypass=status.bypass
+    )
     stack.callback(applications.close)
     applications.open()
     return applications

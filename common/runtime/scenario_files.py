@@ -5,14 +5,16 @@ Recordings of movements have a folder of their own: `tis.common.runtime.recordin
 
 import errno
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
 from pydantic import BaseModel
 
 from tis.common.errors import DataError, Fault, InputError
+from tis.common.runtime.process import command_line
 from tis.common.scenario import reading
 from tis.common.scenario.base import Part
 from tis.common.scenario.network.capacity import RecordedRate
@@ -35,23 +37,47 @@ def read_limited(path: Path, max_bytes: int) -> bytes:
     return content
 
 
-_RECORDINGS: Final = (*TABLE_SUFFIXES, ".tsv", ".mcap", ".db3", ".bag")
-_TABLE: Final = "is a table, not a scenario: name its columns in a scenario, as examples/own_recording.yaml does"
-_RECORDING: Final = (
-    "is a recording, not a scenario: tis import NAME --out t.csv makes a table, and tells how to play it"
-)
+_RECORDINGS: Final = (".tsv", ".mcap", ".db3", ".bag")
+_HEAD_BYTES: Final = 4096
+_N_OF_A_POSE: Final = 8  # an instant, a position and a quaternion
 
 
 def read_scenario(path: Path) -> dict[str, Any]:
     """Return a scenario file's top-level mapping, not validated yet; raises `InputError`."""
-    if path.suffix.lower() in _RECORDINGS:
-        raise InputError(Fault(str(path), "", _TABLE if path.suffix.lower() in TABLE_SUFFIXES else _RECORDING))
+    if (what := _recording(path)) is not None:
+        command = command_line(["import", str(path), "--out", f"{path.stem}_table.csv"])
+        makes = "" if what == "table" else "makes a table of it, and "
+        rule = f"is a {what}, not a scenario: `{command}` {makes}tells how to play it"
+        raise InputError(Fault(str(path), "", rule))
     try:
         text = read_limited(path, MAX_YAML_BYTES).decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise InputError(Fault(str(path), "", f"cannot be read: {reason}")) from None
     return reading.parse_yaml(text, str(path))
+
+
+def _recording(path: Path) -> str | None:
+    """Return what recording a file is, by its name and its first lines; None for none."""
+    lines: list[str] = []
+    with suppress(OSError):
+        if path.is_file():  # what a pipe gives could not be read again
+            with path.open("rb") as file:
+                lines = file.read(_HEAD_BYTES).decode("utf-8", "replace").splitlines()
+    if lines and lines[0].lower().startswith("#timestamp"):
+        return "trajectory (EuRoC)"
+    if path.suffix.lower() in TABLE_SUFFIXES:
+        return "table"
+    first = next((line for line in lines if line.strip() and not line.startswith("#")), "").split()
+    has_numbers = len(first) >= _N_OF_A_POSE and all(map(_is_number, first[:_N_OF_A_POSE]))
+    return "recording" if has_numbers or path.suffix.lower() in _RECORDINGS else None
+
+
+def _is_number(word: str) -> bool:
+    try:
+        return isfinite(float(word))
+    except ValueError:
+        return False
 
 
 @contextmanager

@@ -5,11 +5,19 @@ import json
 import sys
 import threading
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 from tis.common.channels import Side
 from tis.common.errors import printable
 from tis.common.units import NS_PER_S
+
+BYPASS: Final = "bypass"
+"""Kind of a warning of a way past the emulator."""
+
+
+def warning_line(text: str, kind: str | None = None) -> str:
+    """Return a warning as a line has it behind the side's name, with its kind where it has one."""
+    return f"warning: {text}" if kind is None else f"warning ({kind}): {text}"
 
 
 class Status:
@@ -39,7 +47,12 @@ class Status:
     def warning(self, text: str) -> None:
         """Report a condition that does not end the run; others may have chosen a name or a reason in it."""
         text = printable(text)
-        self._report("warning", f"warning: {text}", warning=text)
+        self._report("warning", warning_line(text), warning=text)
+
+    def bypass(self, text: str) -> None:
+        """Report a way past the emulator: a warning of a kind of its own, so that others need not know its words."""
+        text = printable(text)
+        self._report("warning", warning_line(text, BYPASS), warning=text, kind=BYPASS)
 
     def progress(self, now_s: float, counters: Mapping[str, int]) -> None:
         """Report the progress of the run, as an event only."""

@@ -12,7 +12,8 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from tis.common.channels import Side
+from tis.common.channels import Direction, Side
+from tis.common.runtime.status import warning_line
 from tis.deploy.shell.outcome import Event
 
 _MAX_WARNINGS: Final = 5
@@ -20,7 +21,7 @@ _LINE_EVERY_S: Final = 5.0
 _DEAD: Final = ("failed", "exit", "gone")
 _SHOWN: Final[Mapping[Side, Mapping[str, str]]] = {
     "surgeon": {"sent": "sent", "ticks_missed": "ticks missed"},
-    "netem": {"dropped": "dropped", "ticks_missed": "ticks missed"},
+    "netem": {"lost": "lost", "ticks_missed": "ticks missed"},
     "patient": {"received": "received", "estimates": "estimates", "ticks_missed": "ticks missed"},
 }
 """Counters of each side, and their names in words."""
@@ -67,7 +68,12 @@ class PanelState:
             state.state = f"running at {self._at(state)}"
             return self._progress_line()
         if kind in ("warning", "output"):
-            text = f"{side}: {'warning: ' if kind == 'warning' else ''}{event.get(kind, event.get('text', ''))}"
+            said = (
+                warning_line(event.get("warning", ""), event.get("kind"))
+                if kind == "warning"
+                else event.get("text", "")
+            )
+            text = f"{side}: {said}"
             self.warnings.append(text)
             return [text]
         words = _words(event, state)
@@ -79,10 +85,15 @@ class PanelState:
 
     def counts(self, side: Side) -> str:
         """Return a side's counters in words."""
-        counters = dict(self.sides[side].counters)
-        dropped = [n for name, n in counters.items() if ".dropped" in name]  # by direction and cause
-        counters |= {"dropped": sum(dropped)} if dropped else {}
-        return "  ".join(f"{words} {counters[name]}" for name, words in _SHOWN[side].items() if name in counters)
+        counters = self.sides[side].counters
+        shown: dict[str, int | str] = dict(counters)
+        if any(".dropped" in name for name in counters):
+            there, back = (
+                sum(n for name, n in counters.items() if name.startswith(f"{way}.dropped"))  # by cause
+                for way in get_args(Direction)
+            )
+            shown["lost"] = f"{there} there, {back} back"
+        return "  ".join(f"{words} {shown[name]}" for name, words in _SHOWN[side].items() if name in shown)
 
     def _at(self, state: SideState) -> str:
         return f"{min(max(state.now_s, 0.0), self.duration_s):.0f} of {self.duration_s:g} s"

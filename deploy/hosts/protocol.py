@@ -134,6 +134,7 @@ class _Status(_Answer):
     whom: str = ""
     duration_s: float = Field(0.0, ge=0, le=1e6, allow_inf_nan=False)
     warning: str = ""
+    kind: Literal["bypass"] | None = None
     now_s: float = Field(0.0, allow_inf_nan=False)
     counters: dict[str, int] = Field(default={}, max_length=_MAX_COUNTERS)
     reasons: tuple[str, ...] = Field((), max_length=_MAX_REASONS)

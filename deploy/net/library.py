@@ -18,8 +18,17 @@ from tis.deploy.present.numbers import known
 from tis.deploy.present.table import PLAIN, Column, Table
 from tis.deploy.shell import run_dir as folder
 from tis.netem.expected.figures import DirectionFigures, direction_figures
+from tis.netem.expected.simulate import IN_ORDER_HZ, in_order
 
-Figures = dict[Direction, DirectionFigures]
+
+class Figures(NamedTuple):
+    """Figures of a direction: as its packets have them that keep its order, and as they are drawn."""
+
+    in_order: DirectionFigures
+    drawn: DirectionFigures
+
+
+_Ways = dict[Direction, Figures]
 
 _MANY: Final = 5
 _ROOMY: Final = 110
@@ -105,17 +114,28 @@ def show_profile(name: str, out: Console, as_json: bool) -> int:
     return EXIT_OK
 
 
-def figures_of(profile: Profile) -> Figures:
-    """Compute a profile's figures for both directions."""
-    traces = load_traces(profile.network)
-    return {direction: direction_figures(profile.network, direction, traces) for direction in get_args(Direction)}
+def figures_of(profile: Profile) -> _Ways:
+    """Compute a profile's figures for both directions; those of two that are alike are equal."""
+    network, traces = profile.network, load_traces(profile.network)
+    drawn = {direction: direction_figures(network, direction, traces) for direction in get_args(Direction)}
+    bare = [pipeline.model_copy(update={"rate": None}) for pipeline in (network.forward, network.feedback)]
+    is_alike = bare[0] == bare[1] and drawn["forward"] == drawn["feedback"]
+    forward = Figures(in_order(network, "forward", drawn["forward"], traces), drawn["forward"])
+    if is_alike:
+        return {"forward": forward, "feedback": forward}
+    feedback = Figures(in_order(network, "feedback", drawn["feedback"], traces), drawn["feedback"])
+    return {"forward": forward, "feedback": feedback}
 
 
-def _plain(profile: Profile, figures: Figures) -> dict[str, Any]:
-    return {"title": profile.title, "figures": {direction: of._asdict() for direction, of in figures.items()}}
+def _plain(profile: Profile, figures: _Ways) -> dict[str, Any]:
+    return {
+        "title": profile.title,
+        "figures": {direction: of.drawn._asdict() for direction, of in figures.items()},
+        "in_order": {direction: of.in_order._asdict() for direction, of in figures.items()},
+    }
 
 
-def print_library(rows: list[tuple[Profile, Figures]], out: Console) -> None:
+def print_library(rows: list[tuple[Profile, _Ways]], out: Console) -> None:
     """Print one line per profile, two where the directions differ; all figures are computed from the models.
 
     On a narrow terminal titles would push the figures out: they come below.
@@ -139,26 +159,32 @@ def print_library(rows: list[tuple[Profile, Figures]], out: Console) -> None:
             of = figures["forward" if direction == "both" else direction]  # type: ignore[index]
             first = direction != "feedback"
             title = [profile.title if first else ""] if roomy else []
-            lines.append([profile.name if first else "", direction, *_cells(of), *title])
+            lines.append([profile.name if first else "", direction, *_cells(of.in_order), *title])
     look = PLAIN if roomy else PLAIN._replace(padding=(0, 1, 0, 0))
     out.print(Table("", columns, lines).terminal(look))
-    out.print("One way, in ms, of messages that arrive; loss outside outages; out: share of time in outage.")
+    out.print(
+        f"One way, in ms, of messages that arrive, {IN_ORDER_HZ} a second in the profile's order: behind a late one "
+        "others wait. What waits for a bit rate is not in it. Loss outside outages; out: share of time in outage. "
+        "`tis net profiles NAME` has the delays as they are drawn, too."
+    )
     if not roomy:
         titles = [(profile.name, profile.title) for profile, _ in rows]
         out.print(Table("", _wrapping("profile", "title"), titles).terminal(look))
 
 
-def print_profile(profile: Profile, figures: Figures, out: Console) -> None:
+def print_profile(profile: Profile, figures: _Ways, out: Console) -> None:
     """Print a profile with every number, its source and its basis."""
     out.print(f"[bold]{profile.name}[/bold]  {escape(profile.title)}")
     if profile.notes:
         out.print(escape(profile.notes))
     alike = figures["forward"] == figures["feedback"]
     for direction, of in [("both ways", figures["forward"])] if alike else figures.items():
-        mean, p50, p99, loss, burst, outage = _cells(of)
+        (mean, p50, p99, loss, burst, outage), drawn = _cells(of.in_order), _cells(of.drawn)
         out.print(
-            f"{direction}: mean {mean} ms, p50 {p50}, p99 {p99}; loss {loss} %, mean burst {burst}; outage {outage} %"
-            + (f"; stalled {known(of.stall_pct)} %" if of.stall_pct else "")
+            f"{direction}: mean {mean} ms, p50 {p50}, p99 {p99} in order at {IN_ORDER_HZ} a second"
+            f" (as drawn: mean {drawn[0]}, p50 {drawn[1]}, p99 {drawn[2]})"
+            + f"; loss {loss} %, mean burst {burst}; outage {outage} %"
+            + (f"; stalled {known(of.drawn.stall_pct)} %" if of.drawn.stall_pct else "")
         )
     found = number_rows(profile)
     lines = [(row.of, row.value, row.number.basis, row.number.source, row.number.note) for row in found]

@@ -33,7 +33,7 @@ from tis.deploy.report.subjects import (
     tracking,
 )
 from tis.deploy.report.subjects.latency import Latency
-from tis.deploy.report.subjects.logs import count_of, log_states
+from tis.deploy.report.subjects.logs import bypass_problems, count_of, log_states
 from tis.deploy.report.subjects.measured_values import measured_values
 from tis.deploy.report.subjects.redundancy import redundancy, surgeon_traffic
 from tis.deploy.report.subjects.requirements import Measured, verdicts
@@ -120,6 +120,7 @@ def _measured(run: MeasuredRun, mode: str, exit_code: int | None, command: str) 
         logs=log_states(logs),
         verdicts=[],
         problems=logs.problems()
+        + bypass_problems(logs)
         + identification.two_recordings(logs)
         + [text for _, faults in run.links.values() for text in faults],
         valid=False,

@@ -14,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tis.common.channels import Direction, Side
+from tis.common.runtime.status import warning_line
 from tis.deploy.watch.book import WINDOW_S
 from tis.deploy.watch.live_figures import CrossingFigures, LiveFigures
 
@@ -67,7 +68,7 @@ class RunProgress:
         side, kind = event["side"], event["event"]
         if kind == "warning":
             self.told.add(event["warning"])
-            text = f"{side}: warning: {event['warning']}"
+            text = f"{side}: {warning_line(event['warning'], event.get('kind'))}"
             self._console.print(text, style="yellow", highlight=False, markup=False, soft_wrap=True)
         elif kind == "waiting":
             self._states[side] = f"waiting for {event['whom']}"

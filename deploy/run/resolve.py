@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from tis.common.errors import Fault, InputError
+from tis.common.runtime.process import command_line
 from tis.common.runtime.recordings import located, plays_all, whole_run, without_auto
 from tis.common.runtime.scenario_files import lines_told, read_scenario
 from tis.common.scenario import Scenario
@@ -25,6 +26,13 @@ def is_file(path: Path) -> bool:
         return False
 
 
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError:
+        return False
+
+
 def scenario_path(name: str) -> Path:
     """Return the file that ``name`` means: a path, or a shipped scenario; raises `InputError`."""
     path = Path(name)
@@ -33,6 +41,10 @@ def scenario_path(name: str) -> Path:
     shipped = SHIPPED / f"{name}.yaml"
     if "/" not in name and is_file(shipped):
         return shipped
+    if _is_folder(path):
+        command = command_line(["import", name, "--out", f"{path.name or 'recording'}_table.csv"])
+        rule = f"is a folder, not a scenario: of a recording `{command}` makes a table; a run has its scenario.yaml"
+        raise InputError(Fault(name, "", rule))
     beside = (f"{path.name}.yaml", f"{path.stem}.yaml", f"{path.stem}.yml") if path.name else ()
     here = [str(path.with_name(each)) for each in beside]
     near = [each for each in dict.fromkeys(here) if is_file(Path(each))]

@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.text import Text
 
 from tis.common.channels import Direction, Side
-from tis.common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, Fault, InputError, problem
+from tis.common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, Fault, InputError
 from tis.common.extras import GET_REPORT
 from tis.common.records import CONTROL, COUNTERS, ControlNote
 from tis.common.runtime.process import command_line
@@ -23,7 +23,7 @@ from tis.deploy.export.tables import tables_of_logs
 from tis.deploy.logs.read.packets import link_fates, link_releases
 from tis.deploy.report.command import write_figures
 from tis.deploy.report.section import DirectionName, Section, SideName, means
-from tis.deploy.report.subjects.logs import count_of
+from tis.deploy.report.subjects.logs import bypass_problems
 from tis.deploy.report.subjects.network.link_books import against_counters, counted
 from tis.deploy.report.subjects.network.link_figures import Link
 from tis.deploy.report.subjects.network.link_summary import link_summary
@@ -79,10 +79,7 @@ def netem_summary(run: StandaloneRun, exit_code: int | None) -> NetemSummary:
         problems += faults
         counts = counted((link_fates(logs, direction),), (link_releases(logs, direction),))
         problems += [f"links.{direction}: {text}" for text in against_counters(logs, direction, counts)]
-    if leaks := count_of(logs, "netem", "leaks"):
-        ways = "1 way past netem was" if leaks == 1 else f"{leaks} ways past netem were"
-        cure = "let the programs be clients that connect to netem only"
-        problems.append(problem(f"{ways} found: messages crossed without it", cure))
+    problems += bypass_problems(logs)
     return NetemSummary(
         kind=KIND,
         seed=run.request.seed,

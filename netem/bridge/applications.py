@@ -10,7 +10,7 @@ import zenoh
 from tis.common.channels import Direction, Network
 from tis.common.errors import Fault
 from tis.netem.bridge.bridge import Bridge
-from tis.netem.bridge.bypass import Scouting, Watch
+from tis.netem.bridge.bypass import Bypasses, Scouting, Watch
 from tis.netem.bridge.gossip import Gossip
 from tis.netem.bridge.keys import CrossingKeys
 from tis.netem.bridge.mirrors.queries import TIME_OUT_S, Queries, QueryTargetName
@@ -28,7 +28,8 @@ class Applications:
 
     One thread does the periodic work: it mirrors queryables, expires queries and looks for a bypass, with ``scouts``
     also by multicast, which is needed for applications other than ours, and with ``gossip`` by what peers tell of
-    their links. A network with a configuration in ``listers`` has its queryables mirrored one by one (`Queryables`).
+    their links. A bypass goes to ``on_bypass``, by default to ``warn``, as all other warnings do. A network with a
+    configuration in ``listers`` has its queryables mirrored one by one (`Queryables`).
     Nothing passes before the bridge's `start`; close this before the sessions.
     """
 
@@ -38,22 +39,23 @@ class Applications:
         sessions: Mapping[Network, zenoh.Session],
         keys: CrossingKeys,
         lease_s: float,
-        on_leak: Callable[[str], None],
+        warn: Callable[[str], None],
         query_time_out_s: float = TIME_OUT_S,
         scouts: zenoh.Config | None = None,
         listers: Mapping[Network, zenoh.Config] | None = None,
         query_target: QueryTargetName = "best_matching",
         gossip: Gossip | None = None,
+        on_bypass: Callable[[str], None] | None = None,
     ) -> None:
-        self.queries: Final = Queries(bridge, sessions, query_time_out_s, on_leak, query_target)
-        self.queryables: Final = Queryables(bridge, sessions, self.queries, keys.messages, listers or {}, on_leak)
+        self.queries: Final = Queries(bridge, sessions, query_time_out_s, warn, query_target)
+        self.queryables: Final = Queryables(bridge, sessions, self.queries, keys.messages, listers or {}, warn)
         self.tokens: Final = Tokens(bridge, sessions, lease_s)
-        self.n_leaks = 0
-        self._on_leak = on_leak
+        self._warn = warn
+        self._bypasses = Bypasses(on_bypass or warn, warn)
         self._gossip = gossip or Gossip()
         self._n_news = 0
-        self._watch = Watch(sessions, keys.messages, self._leak, self._gossip)
-        self._scouting = None if scouts is None else Scouting(sessions, scouts, self._leak, on_leak)
+        self._watch = Watch(sessions, keys.messages, self._bypasses, self._gossip)
+        self._scouting = None if scouts is None else Scouting(sessions, scouts, self._bypasses, warn)
         self._bridge = bridge
         self._keys = keys
         self._over = threading.Event()
@@ -63,6 +65,11 @@ class Applications:
         for pulse in (bridge.pulse, self.tokens.executor.pulse, self._pulse):
             self._standstill.watch(pulse)
         self._thread = threading.Thread(target=self._housekeeping, name="housekeeping", daemon=True)
+
+    @property
+    def n_leaks(self) -> int:
+        """How many ways past netem were found."""
+        return self._bypasses.n
 
     def refuse_leaks(self) -> None:
         """Raise `PeerError` if the two networks can reach each other; call it before the bridge's `start`."""
@@ -97,13 +104,9 @@ class Applications:
         """Return the counts, by name."""
         return self.queries.counters() | self.tokens.counters() | {"leaks": self.n_leaks}
 
-    def _leak(self, text: str) -> None:
-        self.n_leaks += 1
-        self._on_leak(text)
-
     def _stands_still(self, who: str, silent_s: float) -> None:
         rule = f"{who} has not returned from a call to Zenoh for {silent_s:.0f} s, so nothing crosses: restart netem"
-        end_process(self._bridge, Fault("netem", "", rule), self._on_leak)
+        end_process(self._bridge, Fault("netem", "", rule), self._warn)
 
     def _housekeeping(self) -> None:
         n_steps = 0

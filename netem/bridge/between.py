@@ -26,15 +26,16 @@ from typing import IO, Any, Final, Literal
 from tis.common.errors import Fault, InputError, PeerError
 from tis.common.runtime.emulator_client import EmulatorAddress, connected
 from tis.common.runtime.process import child_environment, free_endpoints
+from tis.common.runtime.status import BYPASS, warning_line
 from tis.common.units import NS_PER_S
-from tis.netem.bridge.bypass import is_leak
 
 Ways = Literal["forward", "feedback", "both"]
 
 # Summarized in netem's process: another one would take as long again to load.
 _COMMAND: Final = (sys.executable, "-m", "tis.deploy.cli.main", "netem", "--summarize")
 _RUNNING: Final = "netem: running"
-_WARNING: Final = "netem: warning: "
+_WARNING: Final = f"netem: {warning_line('')}"
+_BYPASS: Final = f"netem: {warning_line('', BYPASS)}"
 _START_S: Final = 60.0
 _END_S: Final = 300.0  # netem ends itself within seconds; then it reads its log
 _MAX_LINES: Final = 200
@@ -55,6 +56,8 @@ class Between:
         before the end.
     warnings
         What netem warned of, as it said it; complete after the end.
+    bypasses
+        Those of ``warnings`` that tell of a way past netem; what else shows a way that is told is not among them.
     may_bypass
         Whether the fixture ``tis_netem`` accepts ways past it.
     exit_code
@@ -65,6 +68,7 @@ class Between:
         self.west, self.east, self.run_dir = west, east, run_dir
         self.summary: dict[str, Any] = {}
         self.warnings: list[str] = []
+        self.bypasses: list[str] = []
         self.may_bypass = False
         self.exit_code: int | None = None
         self._counted: dict[str, dict[str, int]] = {}
@@ -117,11 +121,6 @@ class Between:
         """Return while it runs the number of ways past netem that it has found."""
         with connected(EmulatorAddress(self.west)) as remote:
             return remote.state().counters.get("leaks", 0)
-
-    @property
-    def bypasses(self) -> list[str]:
-        """Return the ways past it that netem has told of so far, each in a sentence."""
-        return list(dict.fromkeys(text for text in tuple(self.warnings) if is_leak(text)))
 
     @property
     def faithful(self) -> dict[str, bool | None]:
@@ -199,7 +198,7 @@ def between(
     process = subprocess.Popen(  # noqa: S603  (its own: netem asks for real-time scheduling, and collects no garbage)
         [*words, *options], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=child_environment()
     )
-    said = _Said(process, net.warnings)
+    said = _Said(process, net)
     try:
         said.await_running()
         yield net
@@ -215,9 +214,9 @@ def between(
 class _Said:
     """Reads what netem says, so that it never waits for its reader."""
 
-    def __init__(self, process: "subprocess.Popen[str]", warnings: list[str]) -> None:
+    def __init__(self, process: "subprocess.Popen[str]", net: Between) -> None:
         assert process.stderr is not None
-        self._warnings = warnings
+        self._net = net
         self._process, self._lines = process, list[str]()
         self._running = threading.Event()
         self._thread = threading.Thread(target=self._read, args=(process.stderr,), name="netem says", daemon=True)
@@ -246,8 +245,11 @@ class _Said:
         with stream:
             for line in stream:
                 self._lines = [*self._lines[-_MAX_LINES:], line]
-                if line.startswith(_WARNING) and len(self._warnings) < _MAX_LINES:
-                    self._warnings.append(line.removeprefix(_WARNING).strip())
+                is_bypass = line.startswith(_BYPASS)
+                if (is_bypass or line.startswith(_WARNING)) and len(self._net.warnings) < _MAX_LINES:
+                    text = line.removeprefix(_BYPASS if is_bypass else _WARNING).strip()
+                    self._net.warnings.append(text)
+                    self._net.bypasses += [text] if is_bypass else []
                 if line.startswith(_RUNNING):
                     self._running.set()
         self._running.set()  # it has ended

@@ -2,8 +2,8 @@
 
 A ``past`` probe is forwarded by nobody: if it arrives on the other network, it came by a bypass. A ``round`` probe is
 forwarded by every netem: if it arrives, it came through another netem, and messages would circulate forever. A peer
-of both networks forwards no probe, but what it sends reaches both past netem: its identity is in both. Neither do two
-peers, one of each network, that are connected to each other: they tell it to netem's routers if they gossip.
+of both networks forwards no probe, but its identity is in both. Nor do two peers that are connected to each other,
+one of each network or one of neither: they tell it to netem's routers if they gossip.
 
 An application with Zenoh's default settings is a peer. It scouts by multicast and connects to all that answer,
 in addition to its configured endpoints. That traffic does not cross netem, and probes do not detect it.
@@ -11,8 +11,9 @@ in addition to its configured endpoints. That traffic does not cross netem, and 
 
 import json
 import secrets
+import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from contextlib import ExitStack, suppress
 from typing import Any, Final, Literal
 
@@ -20,7 +21,7 @@ import zenoh
 
 from tis.common.channels import Network
 from tis.common.errors import Fault, PeerError
-from tis.netem.bridge.gossip import Gossip
+from tis.netem.bridge.gossip import Gossip, Pair
 from tis.netem.bridge.keys import PROBES
 
 Leak = Literal["past", "round"]
@@ -28,19 +29,46 @@ Leak = Literal["past", "round"]
 _MAX_HOPS: Final = 16
 _MAX_BYTES: Final = 20_000
 _N_PROBES: Final = 5
+_N_STEADY: Final = 4  # a program may connect to netem later than to another one
 _PAUSE_S: Final = 0.05
 _OPPOSITE: Final[dict[Network, Network]] = {"west": "east", "east": "west"}
 _REMOTE: Final = zenoh.Locality.REMOTE
 _PERIOD_S: Final = 5.0
 _LISTEN_S: Final = 1.0
 _REMINDER_S: Final = 60.0
-_DANGER: Final = "the routers of both networks"
+_OUTSIDE: Final = "which is in neither network: what they send each other does not cross netem"
+_SCOUTED: Final = "applications of both networks find each other past netem by multicast scouting: "
+_DANGER: Final = (
+    "the routers of both networks answer to multicast scouting: applications with Zenoh's default settings would "
+    "join both, past netem; "
+)
 _REMEDY: Final = "let them be clients (mode: client), or set scouting/multicast/enabled to false"
 
 
-def is_leak(warning: str) -> bool:
-    """Tell whether a warning of netem's tells of a way past it, or of a loop, and not only of the danger of one."""
-    return (" past netem" in warning or " in circles" in warning) and not warning.startswith(_DANGER)
+class Bypasses:
+    """Ways past netem, and loops, each counted and told once.
+
+    Two programs that reach each other are one way, by whatever that shows first; what shows it later goes to
+    ``tell_more``, as does what is none for certain.
+    """
+
+    def __init__(self, tell: Callable[[str], None], tell_more: Callable[[str], None]) -> None:
+        self.n = 0
+        self._tell, self.tell_more = tell, tell_more
+        self._pairs: set[Pair] = set()
+        self._lock = threading.Lock()
+
+    def add(self, text: str, pairs: Set[Pair] = frozenset()) -> None:
+        """Tell of a way, of these pairs where it is known which programs it joins."""
+        with self._lock:
+            n_new = len(pairs - self._pairs) if pairs else 1
+            self._pairs |= pairs
+            (self._tell if n_new else self.tell_more)(text)
+            self.n += n_new  # who sees the count finds the text
+
+    def has(self, pairs: Set[Pair]) -> bool:
+        """Tell whether all these pairs are counted."""
+        return pairs <= self._pairs
 
 
 class Watch:
@@ -53,20 +81,21 @@ class Watch:
         self,
         sessions: Mapping[Network, zenoh.Session],
         keys: Sequence[str],
-        on_leak: Callable[[str], None],
+        bypasses: Bypasses,
         gossip: Gossip | None = None,
     ) -> None:
         self._sessions = sessions
         self._keys = [zenoh.KeyExpr(key) for key in keys]
         self._body = json.dumps({"keys": list(keys), "hops": 0})
         self._id = secrets.token_hex(8)
-        self._on_leak = on_leak
+        self._bypasses = bypasses
         self._leaks: dict[tuple[Leak, Network], bool] = {}
         self._unreported: list[Network] = []
         self._gossip = gossip or Gossip()
         self._own = {str(session.zid()) for session in sessions.values()}
         self._joined: set[str] = set()
-        self._linked: set[tuple[str, str]] = set()
+        self._linked: set[Pair] = set()
+        self._beyond: dict[Pair, int] = {}
         self._forwards = False
         self._held = ExitStack()
         for network in sessions:
@@ -91,10 +120,11 @@ class Watch:
         Loops are reported one call late: a new bypass may first appear as one.
         """
         self.look()
+        self._look_beyond()
         while self._unreported:
             origin = self._unreported.pop()
             if ("past", origin) not in self._leaks:
-                self._on_leak(_text("round", origin))
+                self._bypasses.add(_text("round", origin))
         for network, session in self._sessions.items():
             for leak in ("past", "round"):
                 session.put(f"{PROBES}/{leak}/{self._id}/{network}", self._body, allowed_destination=_REMOTE)
@@ -105,16 +135,26 @@ class Watch:
         both = set.intersection(*peers)
         for zid in sorted(both - self._joined):
             self._joined.add(zid)
-            self._on_leak(f"the peer {zid} is connected to both networks: what it sends reaches both past netem")
+            self._bypasses.add(f"the peer {zid} is connected to both networks: what it sends reaches both past netem")
         for pair in self._gossip.between(
             *(_members(session) - both - self._own for session in self._sessions.values())
         ):
             if pair not in self._linked:
                 self._linked.add(pair)
-                self._on_leak(
+                self._bypasses.add(
                     f"the peers {pair[0]} in the west and {pair[1]} in the east are connected to each other: "
-                    "what they send reaches the other past netem"
+                    "what they send reaches the other past netem",
+                    {pair},
                 )
+
+    def _look_beyond(self) -> None:
+        """Tell of a peer that is connected to a program of neither network, once it was so for some calls."""
+        members = set[str]().union(*map(_members, self._sessions.values()))
+        found = self._gossip.beyond(members, members | self._own) if self._forwards else ()
+        self._beyond = {pair: self._beyond.get(pair, 0) + 1 for pair in found}
+        for (one, other), n in sorted(self._beyond.items()):
+            if n == _N_STEADY:
+                self._bypasses.tell_more(f"the peer {one} is connected to {other}, {_OUTSIDE}")
 
     def close(self) -> None:
         """Stop listening."""
@@ -147,7 +187,7 @@ class Watch:
         self._leaks[leak, origin] = True
         if is_new and self._forwards:
             if leak == "past":
-                self._on_leak(_text(leak, origin))
+                self._bypasses.add(_text(leak, origin))
             else:
                 self._unreported.append(origin)
 
@@ -181,21 +221,21 @@ def _text(leak: str, origin: Network) -> str:
 class Scouting:
     """A search every 5 s, for 1 s, for members of both networks that answer to multicast scouting.
 
-    ``on_leak`` gets a bypass, once. ``on_danger`` gets it again every minute while it lasts, and also the case that
-    the routers of both networks answer, which applications with default settings would join. Call `step` and `close`
-    from one thread.
+    ``bypasses`` gets a bypass with its pairs of programs. ``on_danger`` gets it again every minute while it lasts,
+    and the case that the routers of both networks answer, which applications with default settings would join. Call
+    `step` and `close` from one thread.
     """
 
     def __init__(
         self,
         sessions: Mapping[Network, zenoh.Session],
         config: zenoh.Config,
-        on_leak: Callable[[str], None],
+        bypasses: Bypasses,
         on_danger: Callable[[str], None],
     ) -> None:
         self._sessions = sessions
         self._config = config
-        self._on_leak = on_leak
+        self._bypasses = bypasses
         self._on_danger = on_danger
         self._found: dict[str, str] = {}
         self._scout: Any = None
@@ -231,28 +271,24 @@ class Scouting:
 
     def _judge(self, now_s: float) -> None:
         """Report a bypass or a danger, by the kinds of members of each network that answered."""
-        kinds = {
-            network: {self._found[zid] for zid in _members(session) if zid in self._found}
+        kinds: dict[Network, dict[str, str]] = {
+            network: {zid: self._found[zid] for zid in _members(session) if zid in self._found}
             for network, session in self._sessions.items()
         }
         if not all(kinds.values()):
             return
-        if "peer" in set.union(*kinds.values()):
-            text = f"applications of both networks find each other past netem by multicast scouting: {_REMEDY}"
-            self._report(text, now_s, self._on_leak)
-        else:
-            text = (
-                f"{_DANGER} answer to multicast scouting: applications with Zenoh's default "
-                f"settings would join both, past netem; {_REMEDY}"
-            )
-            self._report(text, now_s, self._on_danger)
-
-    def _report(self, text: str, now_s: float, at_first: Callable[[str], None]) -> None:
-        warned_s = self._warned_s.get(text)
-        if warned_s is None:
-            at_first(text)
-        elif now_s - warned_s < _REMINDER_S:
+        pairs = {
+            (west, east)
+            for west, one in kinds["west"].items()
+            for east, other in kinds["east"].items()
+            if "peer" in (one, other)
+        }
+        text = f"{_SCOUTED if pairs else _DANGER}{_REMEDY}"
+        is_told = text in self._warned_s and self._bypasses.has(pairs)
+        if is_told and now_s - self._warned_s[text] < _REMINDER_S:
             return
+        if not is_told and pairs:
+            self._bypasses.add(text, pairs)
         else:
             self._on_danger(text)
         self._warned_s[text] = now_s

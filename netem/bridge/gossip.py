@@ -11,6 +11,9 @@ from typing import Final
 GOSSIP_LEVEL: Final = "zenoh::net::protocol::network=trace"
 """A few lines for each connection that a peer opens or closes."""
 
+Pair = tuple[str, str]
+"""Identities of two programs; of the two networks, that of the west first."""
+
 _MAX_PEERS: Final = 4096
 _MARK: Final = b" mapped: LocalLinkState {"
 _STATE: Final = re.compile(
@@ -38,9 +41,14 @@ class Gossip:
         self._links[peer] = frozenset(zid.decode() for zid in _ZID.findall(found[2]))
         self.n_news += 1
 
-    def between(self, some: Set[str], others: Set[str]) -> list[tuple[str, str]]:
+    def between(self, some: Set[str], others: Set[str]) -> list[Pair]:
         """Return the pairs of a member of ``some`` and one of ``others`` of which one tells that they are linked."""
         links, nobody = self._links, frozenset[str]()
         told = {(one, other) for one in some for other in links.get(one, nobody) & others}
         told |= {(one, other) for other in others for one in links.get(other, nobody) & some}
         return sorted(told)
+
+    def beyond(self, some: Set[str], known: Set[str]) -> set[Pair]:
+        """Return the pairs of a member of ``some`` and one to which it tells a link, and which is not ``known``."""
+        links, nobody = self._links, frozenset[str]()
+        return {(one, other) for one in some for other in links.get(one, nobody) - known}

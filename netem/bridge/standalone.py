@@ -127,7 +127,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         listers = lister_configs(options.places, options.zenoh, private, sessions)
         applications = Applications(
             bridge, sessions, listening, lease_s(options.zenoh), status.warning, options.query_time_out_s,
-            scout_config(options.zenoh), listers, options.query_target, audit.gossip,
+            scout_config(options.zenoh), listers, options.query_target, audit.gossip, status.bypass,
         )  # fmt: skip
         stack.callback(applications.close)
         applications.refuse_leaks()

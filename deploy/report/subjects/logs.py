@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.common.channels import Direction, Side
+from tis.common.errors import problem
 from tis.common.records import COUNTERS
 from tis.deploy.logs.coverage import WRITTEN_WITHIN_NS, Span, lies_in
 from tis.deploy.logs.read.columns import Ints, joined
@@ -46,6 +47,16 @@ def counters_of(logs: RunLogs, side: Side) -> dict[str, Any]:
 def count_of(logs: RunLogs, side: Side, name: str) -> int | None:
     """Return the first value of a side's counter; None without it."""
     return next((row["value"] for row in logs.of(side, COUNTERS) if row["name"] == name), None)
+
+
+def bypass_problems(logs: RunLogs) -> list[str]:
+    """Return a problem where netem has found ways past it."""
+    n = count_of(logs, "netem", "leaks")
+    if not n:
+        return []
+    ways, were = ("way", "was") if n == 1 else ("ways", "were")
+    cure = "let the programs be clients that connect to netem only"
+    return [problem(f"{n} {ways} past netem {were} found: messages crossed without it", cure)]
 
 
 def absence_texts(states: Mapping[Side, LogState]) -> list[str]:

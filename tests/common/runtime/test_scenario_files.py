@@ -1,6 +1,8 @@
 """Files of any size, read up to a limit."""
 
+import os
 import re
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -138,12 +140,37 @@ def test_what_a_run_kept_is_read_after_its_files_have_changed_or_gone(tmp_path: 
         load_traces(network)
 
 
-_TABLE = "is a table, not a scenario: name its columns in a scenario, as examples/own_recording.yaml does"
-_OTHER = "is a recording, not a scenario: tis import NAME --out t.csv makes a table, and tells how to play it"
+_POSES = "1403636580.5 0.1 0.2 0.3 0 0 0 1\n"
+_MAKES = "makes a table of it, and "
 
 
-@pytest.mark.parametrize(("name", "way"), [("a.csv", _TABLE), ("a.PARQUET", _TABLE), ("a.bag", _OTHER)])
-def test_a_recording_that_is_no_scenario_says_how_it_is_played(name: str, way: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "text", "what", "makes"),
+    [
+        ("a.csv", "time_s,x\n", "table", ""),
+        ("a.PARQUET", "PAR1", "table", ""),
+        ("a.bag", "", "recording", _MAKES),
+        ("data.csv", "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m]\n", "trajectory (EuRoC)", _MAKES),
+        ("stamped groundtruth.txt", f"# timestamp tx ty tz qx qy qz qw\n{_POSES * 99}", "recording", _MAKES),
+    ],
+)
+def test_a_recording_that_is_no_scenario_is_named_with_the_command_that_reads_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, text: str, what: str, makes: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path(name).write_text(text)
     with pytest.raises(InputError) as caught:
         read_scenario(Path(name))
-    assert str(caught.value) == f"{name}: {way}"
+    command = shlex.join(["tis", "import", name, "--out", f"{Path(name).stem}_table.csv"])
+    assert str(caught.value) == f"{name}: is a {what}, not a scenario: `{command}` {makes}tells how to play it"
+
+
+def test_a_scenario_may_come_through_a_pipe() -> None:
+    """Its first bytes are read once."""
+    end, start = os.pipe()
+    os.write(start, b"version: 1\n")
+    os.close(start)
+    try:
+        assert read_scenario(Path(f"/dev/fd/{end}")) == {"version": 1}
+    finally:
+        os.close(end)

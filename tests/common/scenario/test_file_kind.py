@@ -15,7 +15,7 @@ def test_shipped_files_are_what_they_are() -> None:
     for name in profiles.shipped_names():
         raw = read_scenario(profiles.SHIPPED / f"{name}.yaml")
         assert kind_of(raw) == "profile"
-        assert kind_of(raw["network"]) == "network"
+        assert kind_of(raw["network"]) == kind_of({"network": raw["network"]}) == "network"
 
 
 @pytest.mark.parametrize("raw", [{}, {"name": "x"}, {"version": 1, "forward": {}}, {"source": {}, "timeline": []}])

@@ -71,6 +71,13 @@ def test_an_unknown_scenario_names_the_shipped_ones(tis: Call) -> None:
     assert "paper_6" in err
 
 
+def test_a_folder_that_is_no_scenario_says_how_a_recording_in_it_is_read(tis: Call) -> None:
+    Path("a bag").mkdir()
+    code, _, err = tis("run", "a bag")
+    assert code == 2
+    assert "is a folder, not a scenario: of a recording `tis import 'a bag' --out 'a bag_table.csv'`" in err
+
+
 def test_settings_change_a_scenario_and_are_checked(tis: Call) -> None:
     words = ["--set", "network.forward.delay.delay_ms=7", "--seed", "3", "--duration-s", "2"]
     code, out, _ = tis("validate", "default", *words)

@@ -99,6 +99,25 @@ def test_the_faults_of_a_network_are_told_with_their_lines(
     assert "version" not in err
 
 
+def test_a_network_alone_below_its_key_is_checked_as_one(tmp_path: Path) -> None:
+    """It is what one copies from a scenario, and what netem takes."""
+    file = tmp_path / "part.yaml"
+    file.write_text("network:\n  forward: {delay: {kind: constant, delay_ms: 40}}\n")
+    code, out, err = call("validate", str(file))
+    assert code == 0, err
+    assert out.startswith("forward:\n")
+    assert err.split() == f"{file}: a network: valid; tis netem --scenario-network {file} uses it".split()
+    file.write_text("network:\n  forward: {delay: {kind: constant, delay_ms: -1}}\n")
+    code, _, err = call("validate", str(file))
+    assert code == 2
+    assert "line 2: network.forward.delay" in err
+    assert "is required" not in err
+    file.write_text("network: 5\n")
+    code, _, err = call("validate", str(file))
+    assert code == 2
+    assert "is required" not in err
+
+
 def test_a_profile_is_checked_as_one(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     file.write_text((SHIPPED / "wifi_bad.yaml").read_text())
@@ -126,8 +145,9 @@ def test_a_network_that_stands_for_something_else_is_told_by_its_use(
     tmp_path: Path, command: tuple[str, ...], wanted: str
 ) -> None:
     file = tmp_path / "net.yaml"
-    file.write_text("forward: {delay: {kind: constant, delay_ms: 40}}\n")
-    code, _, err = call(*(word.replace("FILE", str(file)) for word in command))
-    assert code == 2
-    assert f"is a network, not a {wanted}: `tis validate` checks it" in " ".join(err.split())
-    assert "is required" not in err
+    for text in ("forward: {delay: {kind: constant, delay_ms: 40}}\n", "network: {profile: wifi_bad}\n"):
+        file.write_text(text)
+        code, _, err = call(*(word.replace("FILE", str(file)) for word in command))
+        assert code == 2
+        assert f"is a network, not a {wanted}: `tis validate` checks it" in " ".join(err.split())
+        assert "is required" not in err

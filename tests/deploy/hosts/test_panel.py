@@ -36,7 +36,7 @@ def test_each_side_shows_for_whom_it_waits_and_how_far_it_is() -> None:
     assert panel.sides["patient"].state == "running at 20 of 20 s"
     assert panel.sides["surgeon"].state == "starting"
     panel.take(_event("netem", "progress", now_s=1.0, counters={"forward.dropped.loss": 2, "feedback.dropped": 1}))
-    assert panel.counts("netem") == "dropped 3"
+    assert panel.counts("netem") == "lost 2 there, 1 back"
 
 
 def test_a_failure_says_its_reasons_once_and_an_exit_code_only_where_there_are_none() -> None:
@@ -74,6 +74,9 @@ def test_the_last_warnings_stay_in_the_panel() -> None:
     panel = PanelState(PLACES, 20.0)
     for n in range(7):
         assert panel.take(_event("surgeon", "warning", warning=f"w{n}")) == [f"surgeon: warning: w{n}"]
+    found = panel.take(_event("netem", "warning", warning="got round", kind="bypass"))
+    assert found == ["netem: warning (bypass): got round"]
+    panel.warnings.pop()
     assert panel.take(_event("netem", "output", text="Traceback")) == ["netem: Traceback"]
     assert list(panel.warnings) == [*(f"surgeon: warning: w{n}" for n in range(3, 7)), "netem: Traceback"]
     assert panel.take(_event("patient", "gone", text="connection lost")) == [

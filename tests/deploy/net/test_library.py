@@ -1,5 +1,6 @@
 """A profile is shown in as few rows as it has things to say, and none of its numbers is left out."""
 
+import json
 import re
 from typing import Any
 
@@ -69,3 +70,14 @@ def test_a_stage_s_second_kind_does_not_repeat_what_the_first_has_alike() -> Non
     assert out.count("queue.target_ms") == 1
     assert out.count("as above") == 1
     assert out.index("opportunity_bytes") < out.index("as above")
+
+
+def test_the_delays_told_are_those_of_messages_that_keep_their_order() -> None:
+    """`wifi_bad` draws a median below half a ms, which hardly any message has behind those that are late."""
+    code, out, _ = call("net", "profiles", "wifi_bad")
+    assert code == 0
+    said = " ".join(out.split())
+    assert re.search(r"mean (18|19|20)\S* ms, p50 1\.\S+, p99 12\S+ in order at 60 a second \(as drawn: mean 6", said)
+    code, out, _ = call("net", "profiles", "wifi_bad", "--json")
+    found = json.loads(out)
+    assert found["figures"]["forward"]["p50_ms"] < 0.5 < 1 < found["in_order"]["forward"]["p50_ms"]

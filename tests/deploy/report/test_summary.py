@@ -293,3 +293,11 @@ def test_two_hands_have_scores_models_and_ways_of_their_own(tmp_path: Path) -> N
 def _json(record: Record) -> bytes:
     assert isinstance(record.data, Message)
     return encode(record.data)
+
+
+def test_a_way_past_netem_makes_a_run_invalid(tmp_path: Path) -> None:
+    records = _three_samples()
+    logs = write_run(tmp_path, **(records | {"netem": [*records["netem"], counter("leaks", 1)]}))
+    found = _summary(logs, a_scenario())
+    assert "1 way past netem was found: messages crossed without it" in causes(found["problems"])
+    assert not found["valid"]

@@ -51,9 +51,10 @@ def test_the_drain_is_not_counted_as_run_time() -> None:
 def test_warnings_are_shown_as_they_are_and_a_run_that_never_began_is_known() -> None:
     progress, out = _progress()
     progress.take({"side": "netem", "event": "warning", "warning": "the [clock] is coarse"})
+    progress.take({"side": "netem", "event": "warning", "warning": "got round", "kind": "bypass"})
     progress.take({"side": "surgeon", "event": "failed", "exit_code": 3, "reasons": ["x"]})
     progress.stop()
-    assert out.getvalue() == "netem: warning: the [clock] is coarse\n"
+    assert out.getvalue() == "netem: warning: the [clock] is coarse\nnetem: warning (bypass): got round\n"
     assert not progress.began
 
 

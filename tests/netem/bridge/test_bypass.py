@@ -13,7 +13,7 @@ from tis.common.errors import EXIT_INVALID_RUN, PeerError
 from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.netem.bridge.between import between
-from tis.netem.bridge.bypass import Watch, refuse_one_router
+from tis.netem.bridge.bypass import Bypasses, Watch, refuse_one_router
 
 pytestmark = pytest.mark.live
 _GOSSIPS = ("scouting/gossip/enabled:true",)  # Zenoh's default
@@ -23,9 +23,28 @@ def _ignore(text: str) -> None:
     raise AssertionError(text)
 
 
+def _none() -> Bypasses:
+    return Bypasses(_ignore, _ignore)
+
+
+def test_two_programs_are_one_way_by_whatever_they_are_noticed() -> None:
+    told: list[str] = []
+    more: list[str] = []
+    for first, then in (("scouting", "links"), ("links", "scouting")):
+        bypasses = Bypasses(told.append, more.append)
+        bypasses.add(first, {("a", "b")})
+        bypasses.add(then, {("a", "b")})
+        assert (told, more, bypasses.n) == ([first], [then], 1)
+        bypasses.add("scouting", {("a", "b"), ("c", "b")})
+        bypasses.add("a router")
+        assert (told[1:], bypasses.n) == (["scouting", "a router"], 3)
+        told.clear()
+        more.clear()
+
+
 def test_two_networks_with_a_side_each_are_accepted() -> None:
     with two_routers() as (sessions, endpoints), a_client(endpoints["west"]), a_client(endpoints["east"]):
-        watch = Watch(sessions, ["**"], _ignore)
+        watch = Watch(sessions, ["**"], _none())
         watch.refuse_leaks()
         watch.close()
 
@@ -37,7 +56,7 @@ def test_a_client_of_both_networks_forwards_nothing() -> None:
         for endpoint in endpoints.values():
             session = stack.enter_context(a_client(endpoint))
             stack.enter_context(session.declare_subscriber("**", lambda _: heard.append(1)))
-        watch = Watch(sessions, ["**"], _ignore)
+        watch = Watch(sessions, ["**"], _none())
         watch.refuse_leaks()
         watch.close()
 
@@ -48,7 +67,7 @@ def test_a_router_that_joins_the_two_networks_is_refused() -> None:
         heard: list[int] = []
         with sessions["east"].declare_subscriber("t/probe", lambda _: heard.append(1)):
             assert soon(lambda: bool(sessions["west"].put("t/probe", b"") or heard))
-        watch = Watch(sessions, ["**"], _ignore)
+        watch = Watch(sessions, ["**"], _none())
         with pytest.raises(PeerError, match="netem: zenoh: messages from east reach the other network past netem"):
             watch.refuse_leaks()
         watch.close()
@@ -58,7 +77,7 @@ def test_a_bypass_that_comes_later_is_found() -> None:
     third, _ = free_endpoints()
     with two_routers() as (sessions, endpoints):
         leaks: list[str] = []
-        watch = Watch(sessions, ["**"], leaks.append)
+        watch = Watch(sessions, ["**"], Bypasses(leaks.append, _ignore))
         watch.refuse_leaks()
         assert leaks == []
         with a_router(third, *endpoints.values()):
@@ -76,7 +95,7 @@ def test_a_bypass_that_comes_later_is_found() -> None:
 def test_a_peer_of_both_networks_is_told_once() -> None:
     with two_routers() as (sessions, endpoints):
         leaks: list[str] = []
-        watch = Watch(sessions, ["**"], leaks.append)
+        watch = Watch(sessions, ["**"], Bypasses(leaks.append, _ignore))
         watch.refuse_leaks()
         options = ZenohOptions(connect=tuple(endpoints.values()), listen=("tcp/127.0.0.1:0",))
 
@@ -103,7 +122,7 @@ def test_a_second_netem_between_the_same_networks_is_a_ring_when_they_share_keys
         ExitStack() as stack,
     ):
         second = {network: stack.enter_context(a_client(endpoint)) for network, endpoint in endpoints.items()}
-        watch = Watch(second, keys, _ignore)
+        watch = Watch(second, keys, _none())
         if is_ring:
             with pytest.raises(PeerError, match="another netem joins the two networks: messages from east would go"):
                 watch.refuse_leaks()
@@ -142,3 +161,17 @@ def test_peers_of_one_network_may_be_connected_to_each_other(tmp_path: Path) -> 
             assert soon(lambda: len(list(west.info.peers_zid())) == 1)
             time.sleep(0.3)
     assert (net.warnings, net.exit_code) == ([], 0)
+
+
+def test_a_peer_that_has_the_endpoint_of_a_peer_only_is_told_and_not_counted(tmp_path: Path) -> None:
+    """It may be a helper of this one, and need not gossip: the other one tells."""
+    third, _ = free_endpoints()
+    with between(run_dir=tmp_path / "run") as net:
+        one = configure("peer", ZenohOptions(connect=(net.east,), listen=(third,), cfg=_GOSSIPS))
+        other = configure("peer", ZenohOptions(connect=(third,), listen=("tcp/127.0.0.1:0",)))
+        with zenoh.open(one) as east, zenoh.open(other) as alone:
+            assert soon(lambda: bool(net.warnings))
+            told = f"the peer {east.zid()} is connected to {alone.zid()}, which is in neither network"
+            time.sleep(0.5)
+    assert net.warnings == [f"{told}: what they send each other does not cross netem"]
+    assert (net.bypasses, net.exit_code) == ([], 0)

@@ -52,3 +52,11 @@ def test_what_a_peer_tells_of_others_and_what_is_no_such_line_counts_for_nothing
         gossip.take(line)
     assert gossip.n_news == 0
     assert _between(gossip) == []
+
+
+def test_a_link_to_what_is_no_member_is_told_by_the_member_alone() -> None:
+    gossip = Gossip()
+    gossip.take(_line(WEST, WEST, ROUTER, EAST))
+    assert gossip.beyond({WEST}, {WEST, ROUTER}) == {(WEST, EAST)}
+    assert gossip.beyond({WEST}, {WEST, ROUTER, EAST}) == set()
+    assert gossip.beyond({EAST}, {ROUTER}) == set()

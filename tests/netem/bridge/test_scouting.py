@@ -11,7 +11,7 @@ from tests.common.runtime.live_zenoh import a_client, soon
 from tests.netem.bridge.live_bridge import two_routers
 from tis.common.channels import Network
 from tis.common.runtime.zenoh_session import ZenohOptions
-from tis.netem.bridge.bypass import Scouting, is_leak
+from tis.netem.bridge.bypass import Bypasses, Scouting
 from tis.netem.bridge.sides import scout_config
 
 pytestmark = pytest.mark.live
@@ -42,8 +42,10 @@ def _an_application_of_neither_network() -> Iterator[zenoh.Session]:
 class _Told:
     def __init__(self, sessions: dict[Network, zenoh.Session]) -> None:
         self.leaks: list[str] = []
+        self.more: list[str] = []
+        self.bypasses = Bypasses(self.leaks.append, self.more.append)
         self.dangers: list[str] = []
-        self.scouting = Scouting(sessions, scout_config(OPTIONS), self.leaks.append, self.dangers.append)
+        self.scouting = Scouting(sessions, scout_config(OPTIONS), self.bypasses, self.dangers.append)
 
     def look(self, now_s: float, *expected: zenoh.Session) -> None:
         """Look once; time passes for the judge only, the applications have a moment to answer.
@@ -68,11 +70,28 @@ def test_peers_of_both_networks_that_scout_are_a_bypass_and_one_is_none() -> Non
             told.look(20, west, east)
             assert len(told.leaks) == 1
             assert "find each other past netem by multicast scouting: let them be clients" in told.leaks[0]
-            assert is_leak(told.leaks[0])
+            assert told.bypasses.n == 1
             assert told.dangers == []
             told.look(100, west, east)
             assert told.dangers == told.leaks  # said again, counted once
         told.scouting.close()
+
+
+def test_a_pair_that_its_gossip_has_told_of_is_not_counted_again() -> None:
+    with (
+        two_routers() as (sessions, endpoints),
+        a_default_application(endpoints["west"]) as west,
+        a_default_application(endpoints["east"]) as east,
+    ):
+        told = _Told(sessions)
+        told.bypasses.add("linked", {(str(west.zid()), str(east.zid()))})
+        assert soon(lambda: all(session.info.peers_zid() for session in sessions.values()))
+        told.look(0, west, east)
+        told.look(10, west, east)
+        told.scouting.close()
+    assert (told.leaks, told.bypasses.n, told.dangers) == (["linked"], 1, [])
+    (scouted,) = told.more
+    assert "find each other past netem by multicast scouting" in scouted
 
 
 def test_clients_and_peers_without_multicast_are_no_bypass() -> None:

@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 from tests.netem.making import link, offer, packet, scenario
-from tis.netem.expected.simulate import simulate
+from tis.common.scenario.network import NetworkPart
+from tis.deploy.net.profiles import find_profile
+from tis.netem.expected.figures import DirectionFigures, direction_figures
+from tis.netem.expected.simulate import IN_ORDER_HZ, in_order, simulate
 
 MS = 1_000_000
 NOISY: dict[str, Any] = {
@@ -53,3 +56,38 @@ def test_all_lost_in_a_run_long_outage() -> None:
     many = simulate(network, "forward", 1, np.arange(10, dtype=np.int64) * MS)
     assert many.lost.all()
     assert many.outage.all()
+
+
+def _in_order(network: NetworkPart) -> DirectionFigures:
+    return in_order(network, "forward", direction_figures(network, "forward"))
+
+
+def test_a_late_packet_holds_back_those_behind_it() -> None:
+    """Against the distribution function: a packet arrives by x if each one before it would have."""
+    network = find_profile("wifi_bad").network
+    points = np.array([(one.p, one.delay_ms) for one in network.forward.delay.points])  # type: ignore[union-attr]
+    x_ms = np.linspace(0, points[-1, 1], 20_001)
+    later_ms = 1000 / IN_ORDER_HZ * np.arange(16)
+    # of equal delays the last point counts: one in three has none
+    by_ms = np.interp(x_ms[:, None] + later_ms, points[1:, 1], points[1:, 0]).prod(axis=1)
+    found = _in_order(network)
+    assert found.p50_ms == pytest.approx(x_ms[np.searchsorted(by_ms, 0.5)], rel=0.05)
+    assert found.p99_ms == pytest.approx(x_ms[np.searchsorted(by_ms, 0.99)], rel=0.02)
+    assert found.mean_ms == pytest.approx(np.trapezoid(1 - by_ms, x_ms), rel=0.05)
+    assert found.p50_ms > 2 * direction_figures(network, "forward").p50_ms
+    assert found == _in_order(network), "it is deterministic"
+
+
+@pytest.mark.parametrize("name", ["lte_netfi", "lindbergh_2001", "midband_5g_sa_3g7"])
+def test_without_a_packet_that_waits_the_delays_are_those_drawn(name: str) -> None:
+    network = find_profile(name).network
+    assert _in_order(network) == pytest.approx(direction_figures(network, "forward"), rel=1e-3)
+
+
+def test_the_late_that_are_dropped_have_no_delay() -> None:
+    delay = {"kind": "uniform", "low_ms": 0, "high_ms": 100}
+    drop, wait = (
+        NetworkPart.model_validate({"forward": {"delay": delay, "ordering": ordering}})
+        for ordering in ("drop_late", "fifo")
+    )
+    assert _in_order(drop).mean_ms < 40 < 50 < 60 < _in_order(wait).mean_ms
