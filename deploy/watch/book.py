@@ -253,15 +253,12 @@ class LiveBook:
                 motion.arrived(pose.sample_ns, where_m, turn)
             case "estimated":
                 self.newest[stream.device]["estimate"] = where_m
-                motion.estimated(pose.sample_ns, where_m, turn)
-                self._record_age(stream.device, header, pose)
+                fresh_ns = pose.command_sample_ns if isinstance(pose, FeedbackPose) else None
+                if fresh_ns is not None:
+                    motion.estimated(pose.sample_ns, fresh_ns, where_m, turn)
+                    self._record_age(stream.device, header, pose, fresh_ns)
 
-    def _record_age(self, arm: str, header: Header, pose: Pose) -> None:
-        if not isinstance(pose, FeedbackPose):
-            return
-        fresh_ns = pose.command_sample_ns
-        if fresh_ns is None:
-            return
+    def _record_age(self, arm: str, header: Header, pose: Pose, fresh_ns: int) -> None:
         is_new = fresh_ns > self._newest_command_ns.get(arm, -1)
         self._newest_command_ns[arm] = max(fresh_ns, self._newest_command_ns.get(arm, -1))
         if is_new:

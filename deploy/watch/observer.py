@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple, TypeVar
 
 import zenoh
+from zenoh.handlers import Callback
 
 from tis.common.channels import Network, Side, local_keys, stopped_key
 from tis.common.clocks import Exchanges
@@ -176,7 +177,8 @@ class Observer:
             if len(sample.payload) <= _MAX_TOLD_BYTES:
                 queue.append(Sighting(network, str(sample.key_expr), clock_ns(), b"", sample.payload.to_bytes()))
 
-        held: list[Any] = [session.declare_subscriber(key, on_sample) for key in ours]
+        # In Zenoh's own thread: with a thread for each subscriber, an estimate may overtake the sample it was made of.
+        held: list[Any] = [session.declare_subscriber(key, Callback(on_sample, indirect=False)) for key in ours]
         if network == "east":
             told = [*(ControlKeys(self.session).beat(side) for side in MISSING), stopped_key(self.session)]
             held += [session.declare_subscriber(key, on_told) for key in told]
