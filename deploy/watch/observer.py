@@ -168,7 +168,7 @@ class Observer:
 
         def on_sample(sample: zenoh.Sample) -> None:
             at_ns, attachment = clock_ns(), sample.attachment
-            if attachment is not None:
+            if attachment is not None and self._connected:  # before, the other end may not be listened to
                 self._n_seen += 1
                 payload = sample.payload.to_bytes()
                 queue.append(Sighting(network, str(sample.key_expr), at_ns, attachment.to_bytes(), payload))
