@@ -86,7 +86,7 @@ class ArmMotion:
 
     Truth at a tick is interpolated between the samples around it (``definitions``: truth(t)), so a row is known one
     sample after its tick. ``hold`` is the freshest sample that had arrived at the tick: the observer may see a sample
-    before an estimate whose tick did not have it yet, so none newer than the newest one that the patient tells counts.
+    before an estimate whose tick did not have it yet, so none newer than the newest that the patient tells counts.
     """
 
     def __init__(self) -> None:

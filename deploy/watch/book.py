@@ -178,7 +178,7 @@ class LiveBook:
                 self.tracks[arm].append(row)
 
     def _heard_ns(self, key: str, now_ns: int) -> int:
-        """Return since when a key is surely listened to at its end: what was sent before may not have been seen there.
+        """Return since when a key is surely listened to at its end: what was sent before may go unseen there.
 
         Surely: from its first arrival on, or 2 s after anything was heard there, where all of it is lost.
         """

@@ -177,7 +177,7 @@ class Observer:
             if len(sample.payload) <= _MAX_TOLD_BYTES:
                 queue.append(Sighting(network, str(sample.key_expr), clock_ns(), b"", sample.payload.to_bytes()))
 
-        # In Zenoh's own thread: with a thread for each subscriber, an estimate may overtake the sample it was made of.
+        # In Zenoh's own thread: with a thread for each subscriber, an estimate may overtake its sample.
         held: list[Any] = [session.declare_subscriber(key, Callback(on_sample, indirect=False)) for key in ours]
         if network == "east":
             told = [*(ControlKeys(self.session).beat(side) for side in MISSING), stopped_key(self.session)]
