@@ -199,7 +199,9 @@ class Tally(WatchedLog):
         self.realised[batch.direction].add(released_ns[left], delays_ns[left])
         errors_ns = errors_ns[left]
         self.errors[batch.direction].add(errors_ns, released_ns[left])
-        self._late.count(batch.direction, int(errors_ns.max(initial=0)))
+        if len(errors_ns):
+            worst = int(errors_ns.argmax())
+            self._late.count(batch.direction, int(errors_ns[worst]), int(released_ns[left][worst]))
 
 
 def table(counters: Mapping[str, int], tally: Tally, requested: Sequence[str]) -> list[str]:

@@ -108,5 +108,8 @@ def test_the_page_calls_surgeon_a_side_only_and_each_age_says_from_when() -> Non
     """What moves may be a drone's operator; the two sides keep their names."""
     template = " ".join(files("tis.deploy.view").joinpath("page.html").read_text(encoding="utf-8").split())
     assert re.findall(r"[^\"> ]+ [Ss]urgeon(?! of_run)[^ ]* \w+", template) == ["the surgeon's side"]
-    for age in ("old, from its capture until now", "late</b>, from the newest command that it answers until now"):
+    for age in (
+        "old, from its capture until now",
+        "late</b>, from the newest command that it answers until it is shown",
+    ):
         assert age in template

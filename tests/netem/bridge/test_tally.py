@@ -122,7 +122,7 @@ def test_late_releases_are_told_once_in_ten_seconds_and_at_the_end() -> None:
     assert len(said) == 1
     tally.flush()
     assert len(said) == 2
-    assert "2700 ms" in said[1]
+    assert "2700 ms after their instants, the worst at 2.70 s" in said[1]
     tally.record(_late_batch(27_000))
     tally.flush()
     assert len(said) == 3  # much worse
