@@ -111,8 +111,9 @@ class LateWatch:
             if most_ns and (not silent or most_ns >= _WORSE * self._told_ns[direction]):
                 del self._most_ns[direction]
                 self._silent[direction], self._told_ns[direction] = _LOOKS_BETWEEN, most_ns
+                worst_s = self._left_ns[direction] / NS_PER_S
                 self._warn(
                     f"{direction_label(direction)}: messages leave up to {most_ns / NS_PER_MS:.0f} ms after their "
-                    f"instants, the worst at {self._left_ns[direction] / NS_PER_S:.2f} s: more than this machine released "
-                    "in time, and not part of the configured network"
+                    f"instants, the worst at {worst_s:.2f} s: more than this machine released in time, and not "
+                    "part of the configured network"
                 )
