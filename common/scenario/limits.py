@@ -117,7 +117,7 @@ REQUIREMENTS: Final[dict[Application, RequirementSet]] = {
         ),
     ),
     "felt_delay": RequirementSet(
-        "what surgeons accept",
+        "what people accept",
         "people accept at most 100 ms; read as from a movement to the sight of its effect, ticks included",
         (Requirement("round_trip", 100.0),),
     ),

@@ -118,7 +118,7 @@ def figures_html(
         ("Position error", _number(found.rmse_mm, "mm"), verdict),
         ("Orientation error", _number(found.turn_rms_deg, "°"),
          f"of the estimate, root mean square; hold errs by {_number(found.hold_turn_rms_deg, '°')}"),
-        ("The surgeon sees", "–" if found.display is None else _number(found.display.feedback_mm, "mm"),
+        ("The operator sees", "–" if found.display is None else _number(found.display.feedback_mm, "mm"),
          _silence(found.display_silent_s)
          or "error of the delayed picture, root mean square, against the arm when the newest command acts; "
          + ("while the arm is stopped there is no predicted one" if _all_stopped(safety) else

@@ -104,7 +104,7 @@ window.pictureLayout = (() => {
   const silence = (since_ms, unlooked_ms) => {
     if (since_ms <= SILENT_MS) return null;
     return unlooked_ms !== null && unlooked_ms > LATE_MS
-      ? { state: "late", text: `This page is ${age(unlooked_ms)} late, as the machine is busy: the surgeon's screen may show newer pictures. The report tells what it showed.` }
+      ? { state: "late", text: `This page is ${age(unlooked_ms)} late, as the machine is busy: the operator's screen may show newer pictures. The report tells what it showed.` }
       : { state: "frozen", text: `No newer picture for ${age(since_ms)}.` };
   };
 

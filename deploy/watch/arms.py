@@ -67,6 +67,12 @@ class TrackRow(NamedTuple):
     hold_turn_error_deg: float | None = None
 
 
+class _Held(NamedTuple):
+    sample_ns: int
+    place_m: Place
+    turn: Turn | None
+
+
 class _PendingEstimate(NamedTuple):
     t_ns: int
     estimate_m: Place
@@ -79,16 +85,15 @@ class ArmMotion:
     """Joins the arm's samples as the surgeon sent them, as they arrived, and the patient's estimates.
 
     Truth at a tick is interpolated between the samples around it (``definitions``: truth(t)), so a row is known one
-    sample after its tick. ``hold`` is the freshest sample that had arrived when the estimate was seen.
+    sample after its tick. ``hold`` is the freshest sample that had arrived at the tick: the observer may see a sample
+    before an estimate whose tick did not have it yet, so none newer than the newest that the patient tells counts.
     """
 
     def __init__(self) -> None:
         self._truth_ns: deque[int] = deque(maxlen=_MAX_SAMPLES)
         self._truth_m: deque[Place] = deque(maxlen=_MAX_SAMPLES)
         self._truth_turns: deque[Turn | None] = deque(maxlen=_MAX_SAMPLES)
-        self._fresh_ns = -1
-        self._hold_m: Place | None = None
-        self._hold_turn: Turn | None = None
+        self._arrived: deque[_Held] = deque(maxlen=_MAX_SAMPLES)
         self._pending: deque[_PendingEstimate] = deque(maxlen=_MAX_PENDING)
 
     def sent(self, sample_ns: int, place_m: Place, turn: Turn | None = None) -> None:
@@ -100,13 +105,16 @@ class ArmMotion:
 
     def arrived(self, sample_ns: int, place_m: Place, turn: Turn | None = None) -> None:
         """Add a sample as it reached the patient."""
-        if sample_ns > self._fresh_ns:
-            self._fresh_ns, self._hold_m, self._hold_turn = sample_ns, place_m, turn
+        if not self._arrived or sample_ns > self._arrived[-1].sample_ns:
+            self._arrived.append(_Held(sample_ns, place_m, turn))
 
-    def estimated(self, t_ns: int, place_m: Place, turn: Turn | None = None) -> None:
-        """Add the patient's estimate for the instant ``t_ns``."""
-        if self._hold_m is not None:
-            self._pending.append(_PendingEstimate(t_ns, place_m, self._hold_m, turn, self._hold_turn))
+    def estimated(self, t_ns: int, newest_ns: int, place_m: Place, turn: Turn | None = None) -> None:
+        """Add the patient's estimate for the instant ``t_ns``, when its newest sample was of ``newest_ns``."""
+        while len(self._arrived) > 1 and self._arrived[1].sample_ns <= newest_ns:
+            self._arrived.popleft()
+        if self._arrived and self._arrived[0].sample_ns <= newest_ns:
+            hold = self._arrived[0]
+            self._pending.append(_PendingEstimate(t_ns, place_m, hold.place_m, turn, hold.turn))
 
     def rows(self) -> list[TrackRow]:
         """Return the ticks whose truth is known by now, without those before the first sample."""

@@ -29,6 +29,9 @@ MISSING: Final[tuple[Side, ...]] = ("surgeon", "patient")
 _SILENT_NS: Final = 2 * NS_PER_S
 """Time without an arrival after which figures of what arrived are of the past, and are not told."""
 
+_ALL_HEARD_NS: Final = 2 * NS_PER_S
+"""Time after the first message on a network after which all keys there are heard, however busy the machine."""
+
 _MAX_ROWS: Final = 4000
 _N_CLOCK: Final = 100
 
@@ -101,7 +104,8 @@ class LiveBook:
         self._newest_command_ns: dict[str, int] = {}
         self._fresh_ns = -1
         self._skipped: Trail[UnseenRow] = Trail(_MAX_ROWS)
-        self._first_ns: dict[Network, int] = {}
+        self._first_ns: dict[str, int] = {}
+        """When a network, and the arrivals of a key, were first heard, on the observer's clock."""
         self._offered_seq: dict[str, int] = {}
         self._unseen: Trail[UnseenRow] = Trail(_MAX_ROWS)
 
@@ -126,6 +130,8 @@ class LiveBook:
             self._cross(stream, header, seen, at_origin)
         elif stream.role != "arm" or at_origin:
             return
+        if not at_origin:
+            self._first_ns.setdefault(seen.key, seen.at_ns)
         if at_origin or stream.role == "arm":
             self._decode(stream, header, seen, at_origin)
 
@@ -165,12 +171,19 @@ class LiveBook:
         """Record the packets lost by now, on the observer's clock, and the ticks whose truth is known."""
         for key, crossings in self._crossings.items():
             trail = self.crossed[STREAM_OF[self._table[key].role]]
-            heard_ns = self._first_ns.get(DESTINATION[self._table[key].direction], now_ns)
-            for lost in crossings.expire(now_ns, heard_ns):
+            for lost in crossings.expire(now_ns, self._heard_ns(key, now_ns)):
                 trail.append(lost)
         for arm, motion in self._motion.items():
             for row in motion.rows():
                 self.tracks[arm].append(row)
+
+    def _heard_ns(self, key: str, now_ns: int) -> int:
+        """Return since when a key is surely listened to at its end: what was sent before may go unseen there.
+
+        Surely: from its first arrival on, or 2 s after anything was heard there, where all of it is lost.
+        """
+        anything_ns = self._first_ns.get(DESTINATION[self._table[key].direction], now_ns)
+        return min(anything_ns + _ALL_HEARD_NS, self._first_ns.get(key, now_ns))
 
     @property
     def patient_ahead_ns(self) -> int | None:
@@ -253,15 +266,12 @@ class LiveBook:
                 motion.arrived(pose.sample_ns, where_m, turn)
             case "estimated":
                 self.newest[stream.device]["estimate"] = where_m
-                motion.estimated(pose.sample_ns, where_m, turn)
-                self._record_age(stream.device, header, pose)
+                fresh_ns = pose.command_sample_ns if isinstance(pose, FeedbackPose) else None
+                if fresh_ns is not None:
+                    motion.estimated(pose.sample_ns, fresh_ns, where_m, turn)
+                    self._record_age(stream.device, header, pose, fresh_ns)
 
-    def _record_age(self, arm: str, header: Header, pose: Pose) -> None:
-        if not isinstance(pose, FeedbackPose):
-            return
-        fresh_ns = pose.command_sample_ns
-        if fresh_ns is None:
-            return
+    def _record_age(self, arm: str, header: Header, pose: Pose, fresh_ns: int) -> None:
         is_new = fresh_ns > self._newest_command_ns.get(arm, -1)
         self._newest_command_ns[arm] = max(fresh_ns, self._newest_command_ns.get(arm, -1))
         if is_new:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple, TypeVar
 
 import zenoh
+from zenoh.handlers import Callback
 
 from tis.common.channels import Network, Side, local_keys, stopped_key
 from tis.common.clocks import Exchanges
@@ -167,7 +168,7 @@ class Observer:
 
         def on_sample(sample: zenoh.Sample) -> None:
             at_ns, attachment = clock_ns(), sample.attachment
-            if attachment is not None:
+            if attachment is not None and self._connected:  # before, the other end may not be listened to
                 self._n_seen += 1
                 payload = sample.payload.to_bytes()
                 queue.append(Sighting(network, str(sample.key_expr), at_ns, attachment.to_bytes(), payload))
@@ -176,7 +177,8 @@ class Observer:
             if len(sample.payload) <= _MAX_TOLD_BYTES:
                 queue.append(Sighting(network, str(sample.key_expr), clock_ns(), b"", sample.payload.to_bytes()))
 
-        held: list[Any] = [session.declare_subscriber(key, on_sample) for key in ours]
+        # In Zenoh's own thread: with a thread for each subscriber, an estimate may overtake its sample.
+        held: list[Any] = [session.declare_subscriber(key, Callback(on_sample, indirect=False)) for key in ours]
         if network == "east":
             told = [*(ControlKeys(self.session).beat(side) for side in MISSING), stopped_key(self.session)]
             held += [session.declare_subscriber(key, on_told) for key in told]

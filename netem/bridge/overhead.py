@@ -61,7 +61,8 @@ def warn_of_overhead(
         if requested_ns < overhead_ns:
             requested_us, overhead_us = requested_ns / NS_PER_US, overhead_ns / NS_PER_US
             status.warning(
-                f"{where} requests {requested_us:.0f} us of delay, but netem itself adds {overhead_us:.0f}"
+                f"{where} requests {requested_us:.0f} us of delay, but netem itself adds {overhead_us:.0f} "
+                "(median of a third of a second before the start: more where a process was just loading)"
             )
     return overhead_ns
 

@@ -16,7 +16,7 @@ from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.netem.bridge.audit import AuditTrail
 from tis.netem.bridge.watches import LATE_NS, LateWatch, names_near_bounds
 from tis.netem.expected.figures import direction_label
-from tis.netem.link.ledger import DROPPED_NEW, DROPPED_OLDEST, DROPS
+from tis.netem.link.ledger import DROPPED_NEW, DROPPED_OLDEST, DROPS, when_late
 
 _PER_OCTAVE: Final = 32
 _BINS: Final = 48 * _PER_OCTAVE
@@ -31,24 +31,40 @@ class ReleaseErrors:
         self.n_late = 0
         """Errors above `LATE_NS`."""
         self.most_ns = 0
+        self.most_at_ns = 0
+        """When the one with the largest error left."""
+        self.late_at_ns: tuple[int, int] | None = None
+        """When the first and the last one above `LATE_NS` left."""
+        self.newest_ns = 0
         self._counts: NDArray[np.int64] = np.zeros(_BINS, dtype=np.int64)
 
-    def add(self, errors_ns: NDArray[np.int64]) -> None:
-        """Add release errors, in ns, (N,)."""
+    def add(self, errors_ns: NDArray[np.int64], left_ns: NDArray[np.int64]) -> None:
+        """Add release errors, and when each message left, in ns, (N,)."""
         if len(errors_ns) == 0:
             return
         bins = np.floor(_PER_OCTAVE * np.log2(np.maximum(errors_ns, 1))).astype(np.int64)
         self._counts += np.bincount(np.minimum(bins, _BINS - 1), minlength=_BINS)
         self.n += len(errors_ns)
-        self.n_late += int(np.count_nonzero(errors_ns > LATE_NS))
-        self.most_ns = max(self.most_ns, int(errors_ns.max()))
+        late_ns = left_ns[errors_ns > LATE_NS]
+        if len(late_ns):
+            self.n_late += len(late_ns)
+            first_ns, last_ns = int(late_ns.min()), int(late_ns.max())
+            before = self.late_at_ns or (first_ns, last_ns)
+            self.late_at_ns = min(before[0], first_ns), max(before[1], last_ns)
+        if errors_ns.max() > self.most_ns:
+            self.most_ns, self.most_at_ns = int(errors_ns.max()), int(left_ns[errors_ns.argmax()])
+        self.newest_ns = max(self.newest_ns, int(left_ns.max()))
 
     def add_all(self, other: "ReleaseErrors") -> None:
         """Add the errors of another histogram."""
         self._counts += other._counts
         self.n += other.n
         self.n_late += other.n_late
-        self.most_ns = max(self.most_ns, other.most_ns)
+        spans = [one for one in (self.late_at_ns, other.late_at_ns) if one is not None]
+        self.late_at_ns = (min(one[0] for one in spans), max(one[1] for one in spans)) if spans else None
+        if other.most_ns > self.most_ns:
+            self.most_ns, self.most_at_ns = other.most_ns, other.most_at_ns
+        self.newest_ns = max(self.newest_ns, other.newest_ns)
 
     def quantile_ns(self, p: float) -> float:
         """Return the smallest upper edge of a bin that covers share ``p``; 0 without packets.
@@ -182,8 +198,10 @@ class Tally(WatchedLog):
         delays_ns = released_ns - np.array(batch.offered_ns, dtype=np.int64)
         self.realised[batch.direction].add(released_ns[left], delays_ns[left])
         errors_ns = errors_ns[left]
-        self.errors[batch.direction].add(errors_ns)
-        self._late.count(batch.direction, int(errors_ns.max(initial=0)))
+        self.errors[batch.direction].add(errors_ns, released_ns[left])
+        if len(errors_ns):
+            worst = int(errors_ns.argmax())
+            self._late.count(batch.direction, int(errors_ns[worst]), int(released_ns[left][worst]))
 
 
 def table(counters: Mapping[str, int], tally: Tally, requested: Sequence[str]) -> list[str]:
@@ -213,12 +231,12 @@ def table(counters: Mapping[str, int], tally: Tally, requested: Sequence[str]) -
 
 
 def _late_text(direction: Direction, errors: ReleaseErrors) -> list[str]:
-    if not errors.n_late:
+    if errors.late_at_ns is None:
         return []
     label, bound_ms = direction_label(direction), LATE_NS // NS_PER_MS
     return [  # a writer that is behind drops records
         f"{label}: at least {errors.n_late} messages left more than {bound_ms} ms after their instants: "
-        "not part of the configured network"
+        f"not part of the configured network; {when_late(*errors.late_at_ns, errors.most_at_ns, errors.newest_ns)}"
     ]
 
 

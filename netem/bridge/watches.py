@@ -5,7 +5,7 @@ from typing import Final
 
 from tis.common.channels import DESTINATION, Direction
 from tis.common.scenario.network import Buffer
-from tis.common.units import NS_PER_MS
+from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.netem.expected.figures import direction_label
 from tis.netem.link.flows import MAX_CLOSED, MAX_FLOWS
 from tis.netem.link.ledger import DROPPED_NEW, DROPPED_OLDEST, full_buffer
@@ -94,13 +94,14 @@ class LateWatch:
     def __init__(self, warn: Callable[[str], None]) -> None:
         self._warn = warn
         self._most_ns: dict[Direction, int] = {}
+        self._left_ns: dict[Direction, int] = {}
         self._silent: dict[Direction, int] = {}
         self._told_ns: dict[Direction, int] = {}
 
-    def count(self, direction: Direction, most_ns: int) -> None:
-        """Note the largest release error of a batch."""
+    def count(self, direction: Direction, most_ns: int, left_ns: int) -> None:
+        """Note the largest release error of a batch, and when that message left."""
         if most_ns > max(LATE_NS, self._most_ns.get(direction, 0)):
-            self._most_ns[direction] = most_ns
+            self._most_ns[direction], self._left_ns[direction] = most_ns, left_ns
 
     def look(self) -> None:
         """Warn of releases since the last warning; called twice a second."""
@@ -110,7 +111,9 @@ class LateWatch:
             if most_ns and (not silent or most_ns >= _WORSE * self._told_ns[direction]):
                 del self._most_ns[direction]
                 self._silent[direction], self._told_ns[direction] = _LOOKS_BETWEEN, most_ns
+                worst_s = self._left_ns[direction] / NS_PER_S
                 self._warn(
                     f"{direction_label(direction)}: messages leave up to {most_ns / NS_PER_MS:.0f} ms after their "
-                    "instants: more than this machine releases in time, and not part of the configured network"
+                    f"instants, the worst at {worst_s:.2f} s: more than this machine released in time, and not "
+                    "part of the configured network"
                 )

@@ -20,7 +20,7 @@ from tis.common.records import (
     ReleaseBatch,
 )
 from tis.common.scenario.network import Buffer
-from tis.common.units import NS_PER_MS
+from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.netem.link.packet import Fate, Packet
 
 DROPS: Final = ("loss", "outage", "refused", "overflow", "queue_full", "late", "codel", "evicted")
@@ -190,3 +190,17 @@ def full_buffer(buffer: Buffer, most_held: int | None) -> str:
     if most_held is None:
         return f"buffer of {size} or {packets} full"
     return f"buffer of {packets if most_held >= buffer.max_packets else size} full"
+
+
+_START_NS: Final = 5 * NS_PER_S
+
+
+def when_late(first_ns: int, last_ns: int, most_ns: int, newest_ns: int) -> str:
+    """Return in a clause when messages left late, so that a stall at the start is not taken for a slow netem.
+
+    Run times: of the first, the last and the worst late one, and of the newest message of all.
+    """
+    first_s, last_s, most_s = (ns / NS_PER_S for ns in (first_ns, last_ns, most_ns))
+    if last_ns <= _START_NS and 2 * last_ns < newest_ns:
+        return f"all late ones left in the first {last_s:.2f} s, the worst at {most_s:.2f} s: a stall at the start"
+    return f"late ones left from {first_s:.2f} s to {last_s:.2f} s, the worst at {most_s:.2f} s"

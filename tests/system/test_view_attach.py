@@ -131,7 +131,7 @@ def test_a_netem_by_itself_is_shown_and_takes_requests() -> None:
         page, found = live_page(stack.enter_context(chromium()))
         page.goto(_url(view))
         page.get_by_text("netem runs by itself, without surgeon and patient").wait_for()
-        assert page.get_by_role("heading", name="What the surgeon sees").count() == 0
+        assert page.get_by_role("heading", name="What the operator sees").count() == 0
         page.get_by_role("row", name="delay constant delay_ms 20").wait_for()
         page.get_by_label("Outage, ms").fill("60000")
         page.get_by_role("button", name="Cause an outage").click()

@@ -95,7 +95,7 @@ def test_the_page_lives_with_the_run_and_its_buttons_act(start: Start) -> None:
         page.get_by_role("button", name="Dark page").focus()
         for name in (
             "the patient's estimate",
-            "the arm itself, which no surgeon can see",
+            "the arm itself, which no operator can see",
             "Stop the arms",
             "Release",
             "Which way",

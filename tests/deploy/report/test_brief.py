@@ -78,7 +78,7 @@ def test_the_figures_stand_in_their_order(summary: dict[str, Any]) -> None:
         "  orientation   tangent_ls 1.25 deg (61 % of hold's)",
         "  ticks         600 at 30 Hz, 1 missed, 508 scored; the surgeon missed 2",
         "  network       faithful to the scenario",
-        "  met           what surgeons accept",
+        "  met           what people accept",
         "  out of reach  haptics (paper): they allow less than the 33.3 ms between ticks",
     ]
 

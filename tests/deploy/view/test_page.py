@@ -1,5 +1,8 @@
 """The page's pace: a browser gets the next frame when it has drawn the last one."""
 
+import re
+from importlib.resources import files
+
 import pytest
 from bokeh.document import Document
 
@@ -99,3 +102,14 @@ def test_what_an_arm_does_is_told_at_once(is_drawing: bool) -> None:
         page.pace.drawn = page.pace.sent - is_drawing
         page.refresh()
         assert f"<strong>{word}</strong>" in page.words.figures
+
+
+def test_the_page_calls_surgeon_a_side_only_and_each_age_says_from_when() -> None:
+    """What moves may be a drone's operator; the two sides keep their names."""
+    template = " ".join(files("tis.deploy.view").joinpath("page.html").read_text(encoding="utf-8").split())
+    assert re.findall(r"[^\"> ]+ [Ss]urgeon(?! of_run)[^ ]* \w+", template) == ["the surgeon's side"]
+    for age in (
+        "old, from its capture until now",
+        "late</b>, from the newest command that it answers until it is shown",
+    ):
+        assert age in template

@@ -139,7 +139,7 @@ def test_it_says_how_both_directions_are_and_netem_names_outages() -> None:
 def test_where_nothing_arrives_a_tile_says_since_when() -> None:
     text = _plain(figures_html(LiveFigures(silent_s=5.81, display_silent_s=4.0), {}))
     assert "End to end – nothing arrived for 5.8 s" in text
-    assert "The surgeon sees – nothing arrived for 4.0 s" in text
+    assert "The operator sees – nothing arrived for 4.0 s" in text
 
 
 def test_the_tile_of_the_safety_state_explains_each_state() -> None:

@@ -20,7 +20,7 @@ def test_truth_is_interpolated_and_known_one_sample_later() -> None:
     motion = ArmMotion()
     motion.sent(0, (0.0, 0.0, 0.0))
     motion.arrived(0, (0.0, 0.0, 0.0))
-    motion.estimated(5 * MS, (0.004, 0.0, 0.0))
+    motion.estimated(5 * MS, 0, (0.004, 0.0, 0.0))
     assert motion.rows() == []
     motion.sent(10 * MS, (0.010, 0.020, 0.0))
     (row,) = motion.rows()
@@ -34,7 +34,7 @@ def test_a_tick_on_a_sample_takes_that_sample() -> None:
     motion = ArmMotion()
     motion.sent(0, (0.001, 0.002, 0.003))
     motion.arrived(0, (0.001, 0.002, 0.003))
-    motion.estimated(0, (0.001, 0.002, 0.004))
+    motion.estimated(0, 0, (0.001, 0.002, 0.004))
     (row,) = motion.rows()
     assert row[:4] == (0, (0.001, 0.002, 0.003), (0.001, 0.002, 0.004), (0.001, 0.002, 0.003))
     assert (row.error_mm, row.hold_error_mm) == pytest.approx((1.0, 0.0))
@@ -46,18 +46,29 @@ def test_hold_is_the_freshest_sample_that_had_arrived_whatever_came_last() -> No
         motion.sent(10 * i * MS, (0.001 * i, 0.0, 0.0))
     motion.arrived(20 * MS, (0.002, 0.0, 0.0))
     motion.arrived(10 * MS, (0.001, 0.0, 0.0))
-    motion.estimated(30 * MS, (0.003, 0.0, 0.0))
+    motion.estimated(30 * MS, 20 * MS, (0.003, 0.0, 0.0))
     motion.arrived(30 * MS, (0.003, 0.0, 0.0))  # after the estimate was seen
     (row,) = motion.rows()
     assert row.hold_m == (0.002, 0.0, 0.0)
     assert (row.error_mm, row.hold_error_mm) == pytest.approx((0.0, 1.0))
 
 
+def test_a_sample_that_the_tick_did_not_have_yet_is_not_held() -> None:
+    """At 0 ms delay the observer may see a sample before the estimate of the tick that came before it."""
+    motion = ArmMotion()
+    for i in range(3):
+        motion.sent(10 * i * MS, (0.001 * i, 0.0, 0.0))
+        motion.arrived(10 * i * MS, (0.001 * i, 0.0, 0.0))
+    motion.estimated(11 * MS, 0, (0.0, 0.0, 0.0))
+    motion.estimated(12 * MS, 10 * MS, (0.001, 0.0, 0.0))
+    assert [row.hold_m for row in motion.rows()] == [(0.0, 0.0, 0.0), (0.001, 0.0, 0.0)]
+
+
 def test_there_is_nothing_to_compare_before_the_first_samples() -> None:
     motion = ArmMotion()
-    motion.estimated(5 * MS, (0.0, 0.0, 0.0))  # nothing to hold yet
+    motion.estimated(5 * MS, 0, (0.0, 0.0, 0.0))  # nothing to hold yet
     motion.arrived(0, (0.0, 0.0, 0.0))
-    motion.estimated(6 * MS, (0.0, 0.0, 0.0))  # its truth was sent before anybody looked
+    motion.estimated(6 * MS, 0, (0.0, 0.0, 0.0))  # its truth was sent before anybody looked
     motion.sent(10 * MS, (0.0, 0.0, 0.0))
     motion.sent(20 * MS, (0.0, 0.0, 0.0))
     assert motion.rows() == []
@@ -69,7 +80,7 @@ def test_copies_of_a_sample_change_nothing() -> None:
     motion.sent(10 * MS, (0.010, 0.0, 0.0))
     motion.sent(0, (9.0, 9.0, 9.0))
     motion.arrived(0, (0.0, 0.0, 0.0))
-    motion.estimated(5 * MS, (0.005, 0.0, 0.0))
+    motion.estimated(5 * MS, 0, (0.005, 0.0, 0.0))
     assert motion.rows()[0].error_mm == pytest.approx(0.0)
 
 
@@ -81,12 +92,12 @@ def test_angles_to_the_true_orientation_are_degrees_by_hand() -> None:
     motion, here = ArmMotion(), (0.0, 0.0, 0.0)
     motion.sent(0, here, about_z(0))
     motion.arrived(0, here, about_z(0))
-    motion.estimated(5 * MS, here, about_z(12))
+    motion.estimated(5 * MS, 0, here, about_z(12))
     motion.sent(10 * MS, here, -about_z(40))  # the same orientation as with the other sign
     (row,) = motion.rows()
     assert row.turn_error_deg == pytest.approx(8.0)
     assert row.hold_turn_error_deg == pytest.approx(20.0)
-    motion.estimated(10 * MS, here, None)
+    motion.estimated(10 * MS, 0, here, None)
     (row,) = motion.rows()
     assert row.turn_error_deg is None
     assert row.hold_turn_error_deg == pytest.approx(40.0)

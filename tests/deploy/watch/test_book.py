@@ -128,6 +128,32 @@ def test_a_packet_that_arrived_after_all_is_not_counted_as_lost() -> None:
     assert (arm.n, arm.n_lost, arm.delay_p50_ms) == (1, 0, 700)
 
 
+def _arrivals_heard_from(ms: int | None) -> LiveBook:
+    """A run of 4 s without loss whose arm's arrivals are heard from an instant on, or never; the master's always."""
+    arm, book = LEFT.arm.key("tis"), LiveBook("tis")
+    for seen in a_run(400):
+        is_early = ms is None or seen.at_ns < STARTED_NS + ms * NS_PER_MS
+        if not (seen.key == arm and seen.network == "east" and is_early):
+            book.take(seen)
+        book.settle(seen.at_ns)
+    return book
+
+
+def test_what_was_sent_before_a_key_is_listened_to_is_not_lost() -> None:
+    """A busy observer listens to one key after the other: it heard the master a second before the arm."""
+    book = _arrivals_heard_from(1000)
+    assert [row for row in book.crossed["arm"].all() if row.delay_ns is None] == []
+
+
+def test_where_all_is_lost_it_is_told_from_2_s_on() -> None:
+    lost = [row.sent_ns for row in _arrivals_heard_from(None).crossed["arm"].all() if row.delay_ns is None]
+    assert lost == []  # not yet: the last ones may arrive, the others may not have been listened to
+    book = _arrivals_heard_from(None)
+    book.settle(STARTED_NS + 7000 * NS_PER_MS)
+    lost = [row.sent_ns for row in book.crossed["arm"].all() if row.delay_ns is None]
+    assert (min(lost), max(lost)) == (2020 * NS_PER_MS, 3990 * NS_PER_MS)
+
+
 def test_memory_is_bounded() -> None:
     book = LiveBook("tis")
     book.take(_beat("patient", 0))

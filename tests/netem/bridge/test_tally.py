@@ -17,8 +17,8 @@ NOTHING = {"loss": 0, "outage": 0, "refused": 0, "overflow": 0, "queue_full": 0,
 @given(st.lists(st.integers(1, 10**10), min_size=1, max_size=200), st.sampled_from([0.5, 0.99, 1.0]))
 def test_a_quantile_is_that_of_the_sorted_errors_within_a_bin(errors_ns: list[int], p: float) -> None:
     errors = ReleaseErrors()
-    errors.add(np.array(errors_ns[::2], dtype=np.int64))
-    errors.add(np.array(errors_ns[1::2], dtype=np.int64))
+    errors.add(np.array(errors_ns[::2], dtype=np.int64), np.array(errors_ns[::2], dtype=np.int64))
+    errors.add(np.array(errors_ns[1::2], dtype=np.int64), np.array(errors_ns[1::2], dtype=np.int64))
     exact = sorted(errors_ns)[int(np.ceil(p * len(errors_ns))) - 1]
     assert exact <= errors.quantile_ns(p) * (1 + 1e-12)
     assert errors.quantile_ns(p) <= exact * 2.0 ** (1 / 32) * (1 + 1e-12)
@@ -47,7 +47,7 @@ def test_the_table_says_what_was_counted() -> None:
         counters |= {f"{direction}.{name}": n for name in ("offered", "released", "held_at_end", "copied")}
         counters |= {f"{direction}.dropped.{cause}": n for cause in NOTHING}
     tally = Tally(None, lambda _: None)
-    tally.errors["forward"].add(np.array([20_000], dtype=np.int64))
+    tally.errors["forward"].add(np.array([20_000], dtype=np.int64), np.array([30_000], dtype=np.int64))
     head, forward, feedback, *_, more = table(counters, tally, ASKED)
     causes = "loss outage refused overflow queue_full late codel evicted"
     assert " ".join(head.split()) == f"offered released {causes} held copies released late, us: p50 p99 max"
@@ -122,7 +122,7 @@ def test_late_releases_are_told_once_in_ten_seconds_and_at_the_end() -> None:
     assert len(said) == 1
     tally.flush()
     assert len(said) == 2
-    assert "2700 ms" in said[1]
+    assert "2700 ms after their instants, the worst at 2.70 s" in said[1]
     tally.record(_late_batch(27_000))
     tally.flush()
     assert len(said) == 3  # much worse
@@ -133,7 +133,8 @@ def test_late_releases_are_told_once_in_ten_seconds_and_at_the_end() -> None:
         f"{way}.{name}": 0 for way in tally.errors for name in ("offered", "released", "held_at_end", "copied")
     }
     counters |= {f"{way}.dropped.{cause}": 0 for way in tally.errors for cause in NOTHING}
-    assert [line for line in table(counters, tally, ASKED) if "23 messages left more than 10 ms" in line]
+    (line,) = [line for line in table(counters, tally, ASKED) if "23 messages left more than 10 ms" in line]
+    assert line.endswith("; late ones left from 0.01 s to 27.00 s, the worst at 27.00 s")
 
 
 def test_names_near_a_bound_are_told_once_and_at_the_end() -> None:
@@ -199,9 +200,10 @@ def test_a_watched_log_gets_everything_and_is_looked_at_when_flushed_and_closed(
 @given(st.lists(st.integers(1, 10**9)), st.lists(st.integers(1, 10**9)))
 def test_two_histograms_together_are_that_of_all_errors(one_ns: list[int], other_ns: list[int]) -> None:
     one, other, both = ReleaseErrors(), ReleaseErrors(), ReleaseErrors()
-    one.add(np.array(one_ns, dtype=np.int64))
-    other.add(np.array(other_ns, dtype=np.int64))
-    both.add(np.array(one_ns + other_ns, dtype=np.int64))
+    one.add(np.array(one_ns, dtype=np.int64), np.array(one_ns, dtype=np.int64))
+    other.add(np.array(other_ns, dtype=np.int64), np.array(other_ns, dtype=np.int64))
+    both.add(np.array(one_ns + other_ns, dtype=np.int64), np.array(one_ns + other_ns, dtype=np.int64))
     one.add_all(other)
-    assert (one.n, one.most_ns) == (both.n, both.most_ns)
+    assert (one.n, one.most_ns, one.late_at_ns) == (both.n, both.most_ns, both.late_at_ns)
+    assert (one.most_at_ns, one.newest_ns) == (both.most_at_ns, both.newest_ns)
     assert [one.quantile_ns(p) for p in (0.01, 0.5, 1)] == [both.quantile_ns(p) for p in (0.01, 0.5, 1)]

@@ -1,10 +1,12 @@
 """The books of a link: what crossed at once stands among what was held, in the order of time."""
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tis.common.records import Departure, FateBatch, ReleaseBatch
-from tis.netem.link.ledger import Ledger
+from tis.common.units import NS_PER_S
+from tis.netem.link.ledger import Ledger, when_late
 from tis.netem.link.packet import Fate, Flow, Packet
 from tis.netem.stages.ordering import Ordering
 
@@ -49,3 +51,18 @@ def test_what_was_dropped_after_all_stands_where_it_was_to_leave() -> None:
     assert list(zip(releases.seq, releases.departure, strict=True)) == [
         (0, "codel"), (3, "released"), (1, "late"), (2, "released"),
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("span_s", "newest_s", "clause"),
+    [
+        ((0.3, 1.2, 0.4), 20, "all late ones left in the first 1.20 s, the worst at 0.40 s: a stall at the start"),
+        ((0.3, 1.2, 0.4), 2, "late ones left from 0.30 s to 1.20 s, the worst at 0.40 s"),  # most of a short run
+        ((0.3, 19.0, 0.4), 20, "late ones left from 0.30 s to 19.00 s, the worst at 0.40 s"),
+    ],
+)
+def test_a_stall_at_the_start_is_told_from_lateness_all_along(
+    span_s: tuple[float, float, float], newest_s: int, clause: str
+) -> None:
+    first_ns, last_ns, most_ns = (round(one * NS_PER_S) for one in span_s)
+    assert when_late(first_ns, last_ns, most_ns, newest_s * NS_PER_S) == clause

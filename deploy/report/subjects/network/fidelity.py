@@ -23,7 +23,7 @@ from tis.deploy.report.subjects.network.link_figures import LinkVerdict
 from tis.deploy.report.subjects.network.requested import Expected, Requested, Stretch
 from tis.deploy.report.subjects.processors import ProcessorFigures, contention_clause
 from tis.netem.conditions.conditions import FOREVER_NS
-from tis.netem.link.ledger import DROPPED_NEW, DROPPED_OLDEST, full_buffer
+from tis.netem.link.ledger import DROPPED_NEW, DROPPED_OLDEST, full_buffer, when_late
 
 _MIN_DRAWS: Final = 30
 _ERROR_NS: Final = NS_PER_MS
@@ -111,7 +111,8 @@ def key_verdict(
     base = request.base(key)
     if base is not None and overhead_ns is not None and 0.0 < base.mean_ns < overhead_ns:
         verdict.warnings.append(
-            f"a delay of {_ms(base.mean_ns)} is asked for, but netem itself takes {_ms(overhead_ns)}"
+            f"a delay of {_ms(base.mean_ns)} is asked for, but netem itself takes {_ms(overhead_ns)} "
+            "(median of a third of a second before the start)"
         )
     return verdict
 
@@ -242,7 +243,8 @@ def _check_releases(verdict: Verdict, figures: KeyFigures) -> None:
             verdict.n_decided += 1
             verdict.violations.append(
                 f"release error: {n_late} of {n} messages left more than {_ms(allowed_ns)} after their instant, "
-                f"up to {_ms(float(figures.error_ns.max()))}; allowed is {_pct(_LATE_SHARE)}"
+                f"up to {_ms(float(figures.error_ns.max()))}; allowed is {_pct(_LATE_SHARE)}; "
+                f"{_when(figures.error_ns, figures.left_ns, allowed_ns)}"
             )
         else:
             verdict.add_undecided("release error", n)
@@ -252,8 +254,15 @@ def _check_releases(verdict: Verdict, figures: KeyFigures) -> None:
     if p99_ns > allowed_ns:
         verdict.violations.append(
             f"release error: 99 % of {n} messages left within {_ms(p99_ns)} of their instant, "
-            f"allowed are {_ms(allowed_ns)}: {_ms(p99_ns - allowed_ns)} too much"
+            f"allowed are {_ms(allowed_ns)}: {_ms(p99_ns - allowed_ns)} too much; "
+            f"{_when(figures.error_ns, figures.left_ns, allowed_ns)}"
         )
+
+
+def _when(error_ns: Ints, left_ns: Ints, allowed_ns: float) -> str:
+    """Return when the messages left that are later than allowed, of which there is one at least."""
+    late_ns = left_ns[error_ns > allowed_ns]
+    return when_late(int(late_ns.min()), int(late_ns.max()), int(left_ns[error_ns.argmax()]), int(left_ns.max()))
 
 
 def _check_buffer(verdict: Verdict, request: Requested, books: KeyBooks, max_held: int | None) -> None:
@@ -321,8 +330,8 @@ _LATE_NS: Final = NS_PER_MS
 _MAX_LATE: Final = 0.05
 
 
-def starvation(error_ns: Ints, shares: ProcessorFigures | None) -> str | None:
-    """Return the problem of a starved netem from the release errors (N,) of a direction; None when it kept up.
+def starvation(error_ns: Ints, left_ns: Ints, shares: ProcessorFigures | None) -> str | None:
+    """Return the problem of a starved netem from a direction's release errors (N,); None: it kept up.
 
     Starved: the 99th percentile of the release error exceeds 5 ms, or more than 5 % of packets left over 1 ms late.
     ``shares`` of netem's processors name the cause.
@@ -339,5 +348,6 @@ def starvation(error_ns: Ints, shares: ProcessorFigures | None) -> str | None:
     else:
         return None
     return problem(
-        f"starved: {late}{contention_clause(shares, 'netem')}", "free a core, or give netem real-time privileges"
+        f"starved: {late}; {_when(error_ns, left_ns, _LATE_NS)}{contention_clause(shares, 'netem')}",
+        "free a core, or give netem real-time privileges",
     )

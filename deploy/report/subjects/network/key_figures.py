@@ -113,7 +113,7 @@ class KeyFigures(NamedTuple):
 
     ``decided_ns`` is of delivered packets, originals only, as fates hold no delay of a copy. ``realised_ns``, from
     netem's ingress to its egress, and the variations of delay are of each message's first copy to leave (RFC 7679);
-    ``error_ns``, ``queued_ns`` and ``recovered_ns`` of everything that left;
+    ``error_ns``, ``left_ns``, ``queued_ns`` and ``recovered_ns`` of everything that left;
     ``n_recovered`` counts the messages whose first sending was lost. Packets are in order of leaving netem.
     """
 
@@ -125,6 +125,7 @@ class KeyFigures(NamedTuple):
     ipdv_ns: Ints
     jitter_ns: NDArray[np.float64]
     error_ns: Ints
+    left_ns: Ints
     queued_ns: Ints
     recovered_ns: Ints
     n_recovered: int
@@ -157,6 +158,7 @@ class KeyFigures(NamedTuple):
             ipdv_ns=inter_packet_delay_variation_ns(delay_ns, arrived),
             jitter_ns=rtp_jitter_ns(first.offered_ns, first.released_ns),
             error_ns=left.released_ns - left.release_ns,
+            left_ns=left.released_ns,
             queued_ns=left.queued_ns,
             recovered_ns=left.recovered_ns,
             n_recovered=int(np.count_nonzero(fates.recovered)),

@@ -35,12 +35,13 @@ class LinkBooks(NamedTuple):
     """The packet accounts of one direction: totals, lateness, and the books of each key.
 
     ``counts`` are of everything that was offered and that left. ``error_ns`` (N,): how much later than decided each
-    packet or copy left, strangers and foreign ones too. ``n_unlogged`` messages are in no key's books, as they fall
-    into the gaps of damaged logs; ``n_unlogged_offered`` of them were offered to netem.
+    packet or copy left, and ``left_ns`` (N,) when, strangers and foreign ones too. ``n_unlogged`` messages are in no
+    key's books, as they fall into the gaps of damaged logs; ``n_unlogged_offered`` of them were offered to netem.
     """
 
     counts: dict[str, int]
     error_ns: Ints
+    left_ns: Ints
     keys: list[KeyBooks]
     n_unlogged: int
     n_unlogged_offered: int
@@ -66,6 +67,7 @@ def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
     n_unlogged = n_unlogged_offered = 0
     counts = counted(offered.values(), left.values())
     error_ns = joined(late_ns(one) for one in left.values())
+    left_ns = joined(one.released_ns[one.departure == RELEASED] for one in left.values())
     books = []
     sent = (key for key, (out, _) in ends.items() if len(out))
     for key in dict.fromkeys((*sent, *offered, *left, *ends)):
@@ -101,7 +103,7 @@ def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
             n_refused = int(np.isin(refused[key], fates.seq[fates.flipped > 0]).sum())
             n_refused += rejected[key]
             books.append(KeyBooks(key, False, sent_seq, fates, releases, received_seq, unused, n_refused))
-    return LinkBooks(counts, error_ns, books, n_unlogged, n_unlogged_offered)
+    return LinkBooks(counts, error_ns, left_ns, books, n_unlogged, n_unlogged_offered)
 
 
 def _without(packets: Frame, seq: Ints) -> Frame:

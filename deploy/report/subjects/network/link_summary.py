@@ -128,7 +128,7 @@ def link_summary(logs: RunLogs, direction: Direction, scenario: NetworkRequest) 
     if logs.all_covered:
         problems += [problem(text, OF_TIS) for one in ours for text in one.figures.account.violations]
         problems += against_counters(logs, direction, books.counts)
-    if starved := starvation(books.error_ns, shares_of(logs, "netem")):
+    if starved := starvation(books.error_ns, books.left_ns, shares_of(logs, "netem")):
         problems.append(starved)
     return link, [*(f"links.{direction}: {text}" for text in problems), *unsent_problem(forged, direction)]
 

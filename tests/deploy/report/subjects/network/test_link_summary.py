@@ -264,11 +264,24 @@ def test_a_log_that_contradicts_netems_counters_is_a_problem(tmp_path: Path) -> 
     assert causes(problems) == ["links.forward: netem counted 2 packets as released, its log has 1"]
 
 
+_AT_START = "all late ones left in the first {} s, the worst at {} s: a stall at the start"
+
+
 @pytest.mark.parametrize(
     ("late_ms", "n_late", "sentence"),
     [
-        (6, 3, "starved: 1 % of 200 packets left netem more than 6 ms late, allowed are 5 ms"),
-        (1.2, 11, "starved: 11 of 200 packets left more than 1 ms late, allowed are 5%"),
+        (
+            6,
+            3,
+            "starved: 1 % of 200 packets left netem more than 6 ms late, allowed are 5 ms; "
+            + _AT_START.format("0.01", "0.01"),
+        ),
+        (
+            1.2,
+            11,
+            "starved: 11 of 200 packets left more than 1 ms late, allowed are 5%; "
+            + _AT_START.format("0.02", "0.01"),
+        ),
         (1.2, 10, None),
         (0.9, 200, None),
     ],
