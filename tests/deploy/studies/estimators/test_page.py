@@ -143,11 +143,17 @@ def test_the_commands_ask_for_what_the_sections_computed(monkeypatch: pytest.Mon
 def test_recorded_trials_are_compared_where_there_are_any(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TIS_JIGSAWS", "somewhere")
     titles = [section.title for section in sections()]
-    paper = [title for title in titles if title.startswith("The paper's rows")]
-    assert len(paper) == 2
-    recorded = [title.removesuffix("recorded suturing") for title in titles if "recorded" in title]
-    synthetic = [title.removesuffix("synthetic") for title in titles if "recorded" not in title]
-    assert recorded[: -len(paper)] == [title for title in synthetic if not title.startswith("An arm that lags")]
+    recorded = [title.removesuffix(", recorded suturing") for title in titles if "recorded" in title]
+    synthetic = [title.removesuffix(", synthetic") for title in titles if "recorded" not in title]
+    assert [title for title in recorded if title not in synthetic] == [
+        "Constant delay, rows taken as even",
+        "The paper's rows 1 to 5, delays read as milliseconds",
+        "The paper's rows 1 to 5, delays read as samples of 1/30 s",
+    ]
+    assert [title for title in synthetic if title not in recorded] == [
+        "An arm that lags",
+        "An arm that lags, commands at once",
+    ]
 
 
 def test_a_section_of_recordings_takes_all_trials_or_the_last_of_each_person(
@@ -160,7 +166,7 @@ def test_a_section_of_recordings_takes_all_trials_or_the_last_of_each_person(
     monkeypatch.setenv("TIS_JIGSAWS", str(tmp_path))
     recorded = [section.request for section in sections() if "recorded" in section.title]
     assert [request.trials for request in recorded] == [
-        None,
+        *[None] * 2,
         *[("C003", "D002")] * 6,
         None,
         *[("C003", "D002")] * 2,
