@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Final
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from tis.common.scenario.patient import OrientationMethod
@@ -41,7 +42,6 @@ N_INCREMENTS: Final = 4
 """Last increments in a hand's recent past, and in an arm's."""
 N_HEAD_INPUTS: Final = (36, 61)
 """Inputs of the heads on a `Correction`, in the movement's frame and in the base's."""
-_FORMER_HEAD_INPUTS: Final = (36, 58)
 N_PARTS: Final = 8
 """Parts of the recent past that a `Correction` weighs."""
 N_TERMS: Final = 15
@@ -54,18 +54,29 @@ Positives = Annotated[Floats, lists(list[Positive])]
 class Head(StoredModel):
     """One head on what a `Correction` leaves: see `tis.patient_side.filters.heads`.
 
-    ``centre`` and ``deviation`` (I,) are mean and deviation of its inputs; ``weights`` (H, 3, M) are those of M
-    features at the horizons of the correction.
+    ``centre`` and ``deviation`` (I,) are mean and deviation of its inputs, ``landmarks`` (M, I) some of those that it
+    was trained on, in deviations about the mean; ``weights`` (H, 3, M) are those of the M features at the horizons of
+    the correction.
     """
 
     centre: Vector
     deviation: Positives
     weights: Matrices
+    landmarks: Matrix = field(default_factory=lambda: np.zeros((0, 0)))
 
     def faults(self) -> Iterator[str]:
         """Yield lengths that do not fit."""
         if len(self.centre) != len(self.deviation):
             yield "centre and deviation must be equally long"
+
+    def misfits(self, n_inputs: int, n_horizons: int) -> Iterator[str]:
+        """Yield what does not fit a correction's horizons and the inputs of its place."""
+        if len(self.centre) != n_inputs:
+            yield f"centre must have {n_inputs} elements, one for each input"
+        if self.weights.ndim != 3 or self.weights.shape[:2] != (n_horizons, AXES):
+            yield f"weights must have the shape ({n_horizons}, {AXES}, features)"
+        elif self.landmarks.shape != (self.weights.shape[2], n_inputs):
+            yield f"landmarks must have the shape (features, {n_inputs})"
 
 
 @dataclass(frozen=True)
@@ -105,8 +116,8 @@ class Correction(StoredModel):
 
     @property
     def has_former_heads(self) -> bool:
-        """Whether the heads are of the form before this one, whose inputs nobody computes any more."""
-        return tuple(len(head.centre) for head in self.heads) == _FORMER_HEAD_INPUTS
+        """Whether the heads are of a form before this one, whose features nobody computes any more."""
+        return any(not head.landmarks.size for head in self.heads)
 
     def shapes(self) -> Mapping[str, Shape]:
         """Return the shapes of the weights of both corrections."""
@@ -127,11 +138,9 @@ class Correction(StoredModel):
             yield "horizons must rise"
         if self.lowest > self.highest:
             yield "lowest must be at most highest"
-        for i, (head, n) in enumerate(zip(self.heads, N_HEAD_INPUTS, strict=False)):
-            if len(head.centre) != n and not self.has_former_heads:
-                yield f"heads.{i}: centre must have {n} elements, one for each input"
-            if head.weights.ndim != 3 or head.weights.shape[:2] != (len(self.horizons), AXES):
-                yield f"heads.{i}: weights must have the shape ({len(self.horizons)}, {AXES}, features)"
+        if not self.has_former_heads:
+            for i, (head, n) in enumerate(zip(self.heads, N_HEAD_INPUTS, strict=False)):
+                yield from (f"heads.{i}: {fault}" for fault in head.misfits(n, len(self.horizons)))
         if len(self.heads) not in (0, len(N_HEAD_INPUTS)):
             yield f"heads must be none or {len(N_HEAD_INPUTS)}"
 

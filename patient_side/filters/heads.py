@@ -1,11 +1,13 @@
-"""Heads on the residual of a corrected forecast: random features of a hand's movement, tool and grippers.
+"""Heads on the residual of a corrected forecast: kernels of a hand's movement, tool and grippers.
 
-    r[h] = s (Q' W[h] cos(F f + phi) + V[h] cos(G g + psi))
+    r[h] = s (Q' W[h] k(f) + V[h] l(g))
 
 f and g are inputs in a frame Q and in the base's, r is what they add to the forecast over h samples, and s is the
-hand's usual move at its present activity. The features stand for a Gaussian kernel (`correction`, Rahimi and Recht
-2007), longer than that of the correction's own, as the inputs are more; ridge regressions, and people who are left
-out of both, say what each is worth (`fit_heads`). There are two:
+hand's usual move at its present activity. k and l are Gaussian kernels between the inputs and landmarks, which are
+some of the training's own inputs (Nyström's method: Williams and Seeger 2001, "Using the Nyström method to speed up
+kernel machines"), longer than that of the correction's own features, as the inputs are more. Random features do for
+those; with so many inputs as here landmarks do better, as they lie where the inputs do. Ridge regressions, and people
+who are left out of both, say what each is worth (`fit_heads`). There are two:
 
 - in the frame of the *movement*, its first axis along the velocity, its second upright: how a reach goes on depends
   little on where it leads;
@@ -24,19 +26,19 @@ The sums below are of plain numbers where a sample arrives, and of arrays (M,) w
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isnan, nan, sqrt
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.patient_side.filters.correction import N_USED_INCREMENTS, Movement, Seen, movement_rows, projections
+from tis.patient_side.filters.correction import N_USED_INCREMENTS, Movement, Seen, movement_rows
 from tis.patient_side.filters.innovations_filter import AXES, InnovationsFilter
 from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import MEANS_S, N_HEAD_INPUTS, Correction
 from tis.patient_side.playout import Playout, SourceBuffer
 
 FRAMES: Final = ("movement", "base")
-N_HEAD_FEATURES: Final = 500
+N_LANDMARKS: Final = 300
 LENGTHS: Final = (12.0, 14.0)
 """Lengths of the kernels, in deviations of the inputs, by frame."""
 _LAGS_S: Final = (0.0, 1 / 30, 0.1, 0.2, 1 / 3, 2 / 3)
@@ -66,6 +68,7 @@ assert tuple(each.stop - each.start for each in _OF_FRAME) == N_HEAD_INPUTS
 Numbers = Any
 """A number, or an array (M,) of them."""
 Table = Sequence[Sequence[Numbers]] | Array
+Singles = NDArray[np.float32]
 
 
 def lags(of_s: Sequence[float], rate_hz: int) -> NDArray[np.int64]:
@@ -180,10 +183,47 @@ def head_inputs(
     return (of_movement, of_base), axes
 
 
-def head_projections(i: int, centre: Array, deviation: Array, n_features: int) -> NDArray[np.float32]:
-    """Return F and phi side by side (M, I + 1) of head ``i``."""
-    drawn = projections(centre, deviation, n_features, LENGTHS[i], f"head of the {FRAMES[i]}")
-    return drawn.astype(np.float32)
+class Kernel(NamedTuple):
+    """Gaussian kernel exp(-|z - c|^2 / 2 l^2) between M landmarks c and inputs z, both in deviations about the mean.
+
+    An input that is unknown is at the mean. ``centre`` and ``precision`` (I,) are mean and inverse deviation,
+    ``slopes`` (M, I) are c / l^2, ``levels`` (M,) half of c^2 / l^2, and ``narrow`` is 1 / l^2.
+    """
+
+    centre: Singles
+    precision: Singles
+    slopes: Singles
+    levels: Singles
+    narrow: float
+
+    @classmethod
+    def of(cls, i: int, centre: Array, deviation: Array, landmarks: Array) -> "Kernel":
+        """Return the kernel of head ``i``."""
+        narrow = LENGTHS[i] ** -2
+        parts = centre, 1.0 / deviation, narrow * landmarks, narrow / 2.0 * np.sum(landmarks**2, axis=1)
+        at, precision, slopes, levels = (part.astype(np.float32) for part in parts)
+        return cls(at, precision, slopes, levels, narrow)
+
+    def rows(self, inputs: Array) -> Singles:
+        """Return the features (N, M) of inputs (N, I). Oracle: the kernel in plain numbers, test_heads."""
+        ways = np.nan_to_num((inputs.astype(np.float32) - self.centre) * self.precision)
+        found: Singles = ways @ self.slopes.T
+        found -= self.levels
+        found -= self.narrow / 2.0 * np.sum(ways**2, axis=1, keepdims=True)
+        return np.exp(found, out=found)
+
+    def row(self, inputs: Singles) -> Singles:
+        """Return the features (M,) of one row of inputs (I,). Oracle: `rows`."""
+        ways = inputs - self.centre
+        ways *= self.precision
+        square = ways.dot(ways)
+        if isnan(square):
+            np.nan_to_num(ways, copy=False)
+            square = ways.dot(ways)
+        found: Singles = self.slopes.dot(ways)
+        found -= self.levels
+        found -= self.narrow / 2.0 * square
+        return np.exp(found, out=found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,9 +235,7 @@ class Heads:
     near: tuple[int, ...]
     far: tuple[int, ...]
     rows: Array
-    centre: NDArray[np.float32]
-    frequencies: tuple[NDArray[np.float32], ...]
-    phases: NDArray[np.float32]
+    kernels: tuple[Kernel, ...]
 
     @classmethod
     def of(cls, model: Correction, filter_: InnovationsFilter, rate_hz: int) -> "Heads | None":
@@ -205,20 +243,13 @@ class Heads:
         if not model.heads:
             return None
         d, sizes = filter_.n_axes, _Sizes.of(model)
-        drawn = [
-            head_projections(i, each.centre, each.deviation, each.weights.shape[2])
-            for i, each in enumerate(model.heads)
-        ]
-        movement, base = model.heads
         return cls(
             sizes,
             model.usual_m,
             tuple(lags(_LAGS_S, rate_hz).tolist()),
             tuple(lags(_WAYS_S, rate_hz).tolist()),
             movement_rows(filter_, model.span)[d : d * (1 + _N_VECTORS)] * np.repeat(sizes.ways, d, axis=0),
-            np.concatenate([base.centre, movement.centre[_TURNED - _BOTH :]]).astype(np.float32),
-            tuple(np.ascontiguousarray(each[:, :-1]) for each in drawn),
-            np.concatenate([each[:, -1] for each in drawn]),
+            tuple(Kernel.of(i, each.centre, each.deviation, each.landmarks) for i, each in enumerate(model.heads)),
         )
 
     def seen(self, mean: Array, activity: float, playout: Playout, index: int) -> Seen:
@@ -240,17 +271,10 @@ class Heads:
         inputs[_TURNED:_UP] = path.dot(np.array(axes).reshape(AXES, AXES).T).ravel()
         inputs[_UP:] = axes[2], axes[5]
         limited = np.tanh(inputs, dtype=np.float32, casting="same_kind")
-        if isnan(limited.dot(limited)):
-            limited = np.where(np.isnan(limited), self.centre, limited)
-        of_movement, of_base = self.frequencies
-        n = len(of_movement)
-        angles = np.empty_like(self.phases)
-        of_movement.dot(limited[_OF_FRAME[0]], angles[:n])
-        of_base.dot(limited[_OF_FRAME[1]], angles[n:])
-        angles += self.phases
-        np.cos(angles, out=angles)
+        movement, base = self.kernels
+        of_movement, of_base = movement.row(limited[_OF_FRAME[0]]), base.row(limited[_OF_FRAME[1]])
         size = self.usual_m * scale
-        return Seen(angles[:n], angles[n:], tuple(size * each for each in axes), size)
+        return Seen(of_movement, of_base, tuple(size * each for each in axes), size)
 
     def _around(self, playout: Playout, index: int) -> Surroundings:
         """Return what the heads look back on at an arrived sample, and at the other arm's last one by then."""

@@ -91,9 +91,9 @@ def correction_span(rate_hz: int) -> int:
     return max(1, round(_SPAN_S * rate_hz))
 
 
-def short(values: Array) -> Array:
-    """Return numbers of four digits: they are many, and stand in the model file and in each log."""
-    return np.array([float(f"{value:.4g}") for value in values.ravel()]).reshape(values.shape)
+def short(values: Array, digits: int = 4) -> Array:
+    """Return numbers of few digits: they are many, and stand in the model file and in each log."""
+    return np.array([float(f"{value:.{digits}g}") for value in values.ravel()]).reshape(values.shape)
 
 
 def without_weights(trials: Sequence[CorrectionRows], filter_: InnovationsFilter, rate_hz: int) -> Correction:

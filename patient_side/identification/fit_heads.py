@@ -1,4 +1,4 @@
-"""Heads on what a correction leaves: ridge regressions of its errors on random features, one frame after the other.
+"""Heads on what a correction leaves: kernel ridge regressions of its errors, one frame after the other.
 
 What a head is worth is found by leaving each person out of everything: the correction, the head before, and the head
 are fitted without them, and forecast their rows. Each head is multiplied by the share that these errors support, less
@@ -8,7 +8,8 @@ Errors of the correction on rows held out would not do as what heads are fitted 
 weights that have seen the person who is left out, and tell against them: of four people the shares found so were less
 than half of those that a fifth supports, and at half a second nothing of the first head was left.
 
-The priors narrow beyond a second, as those of the correction do.
+The priors narrow beyond a second, as those of the correction do. They are priors of functions, alike wherever the
+inputs lie: the kernel's features are turned so that products of these are the kernel among the landmarks.
 """
 
 from collections.abc import Sequence
@@ -18,8 +19,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tis.common.streams import Stream
 from tis.patient_side.filters.correction import movements
-from tis.patient_side.filters.heads import FRAMES, N_HEAD_FEATURES, head_inputs, head_projections
+from tis.patient_side.filters.heads import FRAMES, N_LANDMARKS, Kernel, head_inputs
 from tis.patient_side.filters.innovations_filter import AXES
 from tis.patient_side.identification.correction_rows import short
 from tis.patient_side.identification.fit_correction import Features, FittedCorrection, Stage, ridge
@@ -31,6 +33,8 @@ _TOGETHER: Final = (10.0, 30.0)
 _ALIKE_S: Final = 1 / 3
 _REACH_S: Final = 1.0
 _LEAST_DEVIATION: Final = 1e-6
+_LEAST_SIZE: Final = 1e-7
+"""Least size of a kernel's direction that is used, of the largest."""
 _EVERY: Final = 2
 """Of so many rows one is fitted: neighbouring ones tell the same."""
 _FASTEST_HZ: Final = 250
@@ -86,30 +90,50 @@ def _fitted(
     known = np.ma.masked_invalid(np.concatenate(inputs))  # recordings of one hand have no other arm
     centre = short(known.mean(axis=0).filled(0.0))
     deviation = short(np.maximum(known.std(axis=0).filled(0.0), _LEAST_DEVIATION))
-    drawn = head_projections(i, centre, deviation, N_HEAD_FEATURES)
-    features: list[Features] = [
-        np.cos(np.where(np.isnan(each), centre, each).astype(np.float32) @ drawn[:, :-1].T + drawn[:, -1])
-        for each in inputs
-    ]
+    landmarks = _landmarks(i, (np.concatenate(inputs) - centre) / deviation)
+    kernel = Kernel.of(i, centre, deviation, landmarks)
+    root = root_of(kernel.rows(centre + deviation * landmarks))
+    features: list[Features] = [kernel.rows(each) @ root for each in inputs]
+    power = np.mean(np.square(np.concatenate([each[::_EVERY] for each in features])), axis=0)
+    weights = np.zeros((len(steps), AXES, len(landmarks)))
     groups = [int(trial.rows.group[0]) for trial in stage.trials]
     alone = [each[::_EVERY].T @ each[::_EVERY] for each in features]
-    weights = np.zeros((len(steps), AXES, N_HEAD_FEATURES))
     for j, h in enumerate(steps.tolist()):
         alike = (h + _ALIKE_S * rate_hz) / _EVERY
         prior = _TOGETHER[i] * min(1.0, _REACH_S * rate_hz / h)
-        precision = np.full(N_HEAD_FEATURES, alike * N_HEAD_FEATURES / prior)
+        precision = alike / (prior * power)  # in units of the features' sizes: one prior for all of them
         worlds = _by_world(features, alone, frames, groups, left.worlds[j], precision)
         corrections = []
         for each, frame, group, error in zip(features, frames, groups, left.held[j], strict=True):
             corrections.append(_from(each[: len(error)] @ worlds[group], frame))
         share, left.held[j] = stage.shared(left.held[j], corrections)
-        weights[j] = share * worlds[-1].T
+        weights[j] = share * (root @ worlds[-1]).T
         if share and i < len(FRAMES) - 1:
-            together = share * worlds.transpose(1, 0, 2).reshape(N_HEAD_FEATURES, -1)
+            together = share * worlds.transpose(1, 0, 2).reshape(root.shape[1], -1)
             for each, frame, error in zip(features, frames, left.worlds[j], strict=True):
                 added = each[::_EVERY][: len(error)] @ together
                 error -= _from(added.reshape(error.shape), None if frame is None else frame[::_EVERY])
-    return Head(centre, deviation, short(weights))
+    return Head(centre, deviation, short(weights, digits=7), landmarks)
+
+
+def _landmarks(i: int, rows: Array) -> Array:
+    """Return the landmarks (M, I) of head ``i``: rows of inputs (N, I), drawn without repetition.
+
+    They have two digits, as they are many, and stand in the model file and in each log.
+    """
+    draws = Stream.named(0, f"landmarks of the {FRAMES[i]}").uniforms(0, len(rows))
+    return np.nan_to_num(rows[np.sort(np.argsort(draws)[:N_LANDMARKS])]).round(2)
+
+
+def root_of(products: Features) -> NDArray[np.float32]:
+    """Return the map (M, K) from features to those whose products are the kernel, of that among the landmarks (M, M).
+
+    Of the kernel's directions those remain whose sizes single precision can tell. Weights on them are large, and nearly
+    cancel, so they are kept in all its digits. Oracle: kernel ridge regression.
+    """
+    sizes, directions = np.linalg.eigh(products.astype(np.float64))
+    kept = sizes > _LEAST_SIZE * sizes[-1]
+    return np.asarray(directions[:, kept] / np.sqrt(sizes[kept]), dtype=np.float32)
 
 
 def _by_world(

@@ -2,7 +2,7 @@
 
 import sys
 from dataclasses import replace
-from math import cos, log, sin, tanh
+from math import dist, exp, log, sin, tanh
 from types import FrameType
 
 import numpy as np
@@ -17,7 +17,6 @@ from tis.patient_side.filters.heads import (
     Heads,
     Surroundings,
     head_inputs,
-    head_projections,
     lags,
 )
 from tis.patient_side.filters.innovations_filter import AXES
@@ -31,7 +30,12 @@ LAGS = lags((0.0, 1 / 30, 0.1, 0.2, 1 / 3, 2 / 3), RATE_HZ)
 def heads(seed: int = 0, n_features: int = 7) -> list[Head]:
     rng = np.random.default_rng(seed)
     return [
-        Head(rng.normal(size=n), rng.uniform(0.5, 2, n), 0.3 * rng.normal(size=(len(KNOTS), AXES, n_features)))
+        Head(
+            rng.normal(size=n),
+            rng.uniform(0.5, 2, n),
+            0.3 * rng.normal(size=(len(KNOTS), AXES, n_features)),
+            rng.uniform(-1, 1, (n_features, n)),
+        )
         for n in N_HEAD_INPUTS
     ]
 
@@ -137,9 +141,9 @@ def test_they_add_their_features_in_their_frames_to_the_forecast(alike: bool, is
             weights = np.array(
                 [[np.interp(lag, [0.0, *KNOTS], [0.0, *column]) for column in row] for row in head.weights.T]
             ).T
-            drawn = head_projections(i, head.centre, head.deviation, weights.shape[1])
             known = np.where(np.isnan(each[-1]), head.centre, each[-1])
-            features = [cos(angle) for angle in drawn[:, :-1] @ known + drawn[:, -1]]
+            ways = [dist((known - head.centre) / head.deviation, place) for place in head.landmarks]
+            features = [exp(-((way / (12.0, 14.0)[i]) ** 2) / 2.0) for way in ways]
             added = model.usual_m * activity**0.5 * weights @ features
             expected = expected + (frames[-1].T @ added if i == 0 else added)
         forecast = at_lag(model, filter_, lag).position(mean, activity, -0.3, (0j, 0.0), seen)

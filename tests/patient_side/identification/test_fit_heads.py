@@ -9,6 +9,9 @@ from scipy.spatial.transform import Rotation
 from tests.patient_side.arm_models import RATE_HZ
 from tests.patient_side.identification.test_fit_innovations import returning
 from tests.patient_side.movements import drawn
+from tis.patient_side.filters.heads import LENGTHS, Kernel
+from tis.patient_side.identification.fit_correction import ridge
+from tis.patient_side.identification.fit_heads import root_of
 from tis.patient_side.identification.level_and_scale import HeldBack, with_scale
 from tis.patient_side.linear_system import Array
 
@@ -44,6 +47,20 @@ def test_what_the_tool_tells_of_the_hand_is_found_and_nothing_else() -> None:
     assert telling < 0.85
     silent, _ = gain(held(tells=False))
     assert silent == pytest.approx(1.0, abs=0.01)
+
+
+def test_with_every_row_a_landmark_it_is_kernel_ridge_regression() -> None:
+    rng, prior, alike = np.random.default_rng(6), 10.0, 3.0
+    inputs, errors = rng.normal(size=(40, 5)), rng.normal(size=(40, 3))
+    squares = np.sum((inputs[:, None] - inputs) ** 2, axis=2)
+    exact = np.exp(-squares / (2.0 * LENGTHS[1] ** 2))
+    expected = exact @ np.linalg.solve(exact + alike / prior * np.eye(40), errors)
+    kernel = Kernel.of(1, np.zeros(5), np.ones(5), inputs)
+    features = kernel.rows(inputs) @ root_of(kernel.rows(inputs))
+    precision = alike / (prior * np.mean(features**2, axis=0))
+    square = float(np.sum(errors**2)) / 3
+    found = ridge(features.T @ features, features.T @ errors, square, 40.0, precision)
+    assert features @ found == pytest.approx(expected, abs=2e-3)
 
 
 def test_fewer_than_three_people_or_unknown_orientations_give_no_heads() -> None:
