@@ -84,6 +84,7 @@ def _accurate_texts(summary: Summary, scenario: Scenario) -> list[str]:
     if len(ratios) == len(hands):
         so = "So estimating" if max(ratios) <= 1 else "So estimating did not pay here: it"
         sentences.append(f"{so} leaves {' and '.join(f'{percent(ratio)} %' for ratio in ratios)} of the error.")
+        sentences += _second_packet(summary, active)
     for hand in hands:
         best = min(known[hand], key=lambda name: known[hand][name].rmse_3d_mm or 0.0)
         if best != active:
@@ -93,12 +94,29 @@ def _accurate_texts(summary: Summary, scenario: Scenario) -> list[str]:
     return sentences
 
 
+def _second_packet(summary: Summary, active: str) -> list[str]:
+    """Return a note that hold reads one of two packets, where some are lost and the other tells as much."""
+    lost = summary.links["forward"].loss_pct
+    single = summary.identification
+    models = list(summary.identification_by_hand.values()) or ([] if single is None else [single])
+    at_once = bool(models) and all(model.static for model in models)
+    if not at_once or active in _OF_THE_ARM or lost is None or lost < _MUCH_LOST_PCT:
+        return []
+    return [
+        "The arm follows at once, so a command tells its place as well as the arm's own packet; hold reads the "
+        "latter alone, and part of that gain is the second packet's."
+    ]
+
+
 def _share(loss_pct: float | None) -> str:
     if loss_pct is None:
         return "an unknown share"
     return f"{number(loss_pct)} %" if loss_pct else "none"
 
 
+_OF_THE_ARM: Final = ("hold", "damped_velocity")
+"""Estimators that read the arm's packets alone."""
+_MUCH_LOST_PCT: Final = 1.0
 _POOLED: Final = (
     " The figures of the whole run pool these networks, and the time at rest; "
     '<a href="#stretches">each network of the run</a> has its own.'

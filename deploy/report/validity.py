@@ -17,6 +17,7 @@ from tis.deploy.report.subjects.devices import is_foreign, silent_camera, silent
 from tis.deploy.report.subjects.intrusion import evidence_problems, quarantine_texts
 from tis.deploy.report.subjects.latency import sent_after_arrival
 from tis.deploy.report.subjects.logs import counters_of
+from tis.deploy.report.subjects.network.link_ends import refused_arrivals
 from tis.deploy.report.subjects.processors import contention_clause, shares_of
 from tis.deploy.report.subjects.ticks import Ticks
 from tis.deploy.report.summary import Summary
@@ -175,7 +176,8 @@ def _starved(summary: Summary, scenario: Scenario, logs: RunLogs, unused: bool) 
             problems.append(problem(text, _NOT_USED if is_told else _UNPLANNED))
     if not is_scored(summary.accuracy):
         text = f"accuracy: no tick could be scored: {why_unscored(logs, scenario)}"
-        problems.append(problem(text, "let more pass by the network, or make duration_s longer"))
+        cure = "let more pass by the network, or make duration_s longer"
+        problems.append(problem(text, "see why it refused them" if unused else cure))
     return problems
 
 
@@ -206,6 +208,9 @@ def why_unscored(logs: RunLogs, scenario: Scenario) -> str:
     arrivals = logs.messages("patient", "forward", scenario.session).values()
     first_ns = min((int(one.log_ns.min()) for one in arrivals if len(one)), default=None)
     if first_ns is None:
+        refused = refused_arrivals(logs, "forward", scenario.session).values()
+        if n_refused := sum(len(each) for each in refused):
+            return f"the patient's gate refused all {n_refused} messages that reached it"
         return "no message is known to have reached the patient"
     first_s, settling_s = first_ns / NS_PER_S, SETTLING_NS / NS_PER_S
     if scenario.duration_s <= first_s + settling_s:

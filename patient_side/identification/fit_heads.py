@@ -128,8 +128,8 @@ def _landmarks(i: int, rows: Array) -> Array:
 def root_of(products: Features) -> NDArray[np.float32]:
     """Return the map (M, K) from features to those whose products are the kernel, of that among the landmarks (M, M).
 
-    Of the kernel's directions those remain whose sizes single precision can tell. Weights on them are large, and nearly
-    cancel, so they are kept in all its digits. Oracle: kernel ridge regression.
+    Of the kernel's directions those remain whose sizes single precision can tell. Weights on them are large, and
+    nearly cancel, so they are kept in all its digits. Oracle: kernel ridge regression.
     """
     sizes, directions = np.linalg.eigh(products.astype(np.float64))
     kept = sizes > _LEAST_SIZE * sizes[-1]

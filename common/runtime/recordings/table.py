@@ -259,7 +259,9 @@ def _by_gain(layout: HandLayout) -> str:
     if layout.master is None:
         return f"by gain {layout.gain:g}"
     scaled = "" if layout.gain == 1 else f", positions times {layout.gain:g}"
-    return f"the table has the hand alone: the arm is taken to follow it exactly{scaled}"
+    return (
+        f"the table has the hand alone: the arm is taken to follow it exactly{scaled}, so each position is sent twice"
+    )
 
 
 def _lacking(layout: HandLayout) -> list[str]:

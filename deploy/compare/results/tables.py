@@ -25,7 +25,11 @@ TURN_CAPTION: Final = (
     "deg: RMS of the angle between estimated and true orientation; gripper: RMS of its angle; each with its ratio to "
     "hold's and the per cent of the errors within the stated 95 % region"
 )
-SENT: Final = "sent: packets of all keys, two for each hand: its command and its arm's position"
+SENT: Final = (
+    "sent: packets of all keys, two for each hand: its command and its arm's position. hold and damped_velocity read "
+    "the arm's alone; where packets are lost or overtake each other and the arm follows at once, part of what the "
+    "others gain is the second packet's"
+)
 _CAPTION: Final = (
     "mm: RMSE in 3D; ratio: that over hold's, then its 95 % bootstrap interval over people; cover: per cent of the "
     "errors within the 95 % ellipsoid; \u00b5s: CPU time of a step, median and p99; train: s of its identification; "

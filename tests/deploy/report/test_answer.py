@@ -71,6 +71,16 @@ def test_a_run_with_touch_leads_with_the_verdict_on_its_loop() -> None:
     assert text.endswith(answer(_summary(SCORES), a_scenario()))
 
 
+@pytest.mark.parametrize(
+    ("static", "loss_pct", "is_told"), [(True, 20.0, True), (False, 20.0, False), (True, 0.0, False)]
+)
+def test_the_gain_of_the_second_packet_is_told_where_some_are_lost(
+    static: bool, loss_pct: float, is_told: bool
+) -> None:
+    summary = _summary(SCORES, (loss_pct, 0.0)) | {"identification": {"static": static}}
+    assert ("part of that gain is the second packet's" in answer(summary, a_scenario())) is is_told
+
+
 def test_another_estimator_that_is_better_is_named() -> None:
     scores = SCORES | {"static_gain": _entry(0.4, 0.2)}
     assert "static_gain came closest, with 0.400 mm." in answer(_summary(scores), a_scenario())

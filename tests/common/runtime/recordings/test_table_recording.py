@@ -64,7 +64,7 @@ def test_a_table_of_the_hand_alone_is_no_fault_and_the_pairing_tells_it(tmp_path
     alone = {name: values for name, values in movement(161).items() if "PSM" not in name}
     recording = load_recording(scenario_of(write_csv(tmp_path / "t.csv", alone)))
     assert recording.warnings == ()
-    words = "the table has the hand alone: the arm is taken to follow it exactly"
+    words = "the table has the hand alone: the arm is taken to follow it exactly, so each position is sent twice"
     assert recording.pairing == f"MTML -> PSM2 ({words})"
     columns = {"left": {"master": "MTML", "gain": 0.5}}
     scaled = load_recording(scenario_of(tmp_path / "t.csv", columns=columns))

@@ -11,6 +11,7 @@ from tis.deploy.report.subjects.measured_values import OneWay
 from tis.deploy.report.subjects.network.link_ends import refused_arrivals
 from tis.deploy.report.subjects.network.link_figures import Link
 from tis.deploy.report.subjects.network.link_summary import link_summary
+from tis.deploy.report.validity import why_unscored
 
 
 def _refused(seq: int, recv_ms: float, kind: str = "speed") -> Record:
@@ -55,6 +56,11 @@ def test_a_network_that_delivered_what_the_gate_refused_is_faithful_and_lost_not
     assert one_way is not None
     assert not one_way.lost.any()
     assert (one_way.one_way_ns // MS).tolist() == [10] * 5
+
+
+def test_a_gate_that_refuses_all_is_why_no_tick_is_scored(tmp_path: Path) -> None:
+    logs = write_run(tmp_path, _sent(3), _crossings(*range(3)), [_refused(k, 10 * k + 10) for k in range(3)])
+    assert why_unscored(logs, a_scenario()) == "the patient's gate refused all 3 messages that reached it"
 
 
 def test_what_is_neither_used_nor_refused_did_vanish(tmp_path: Path) -> None:
