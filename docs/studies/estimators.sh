@@ -31,6 +31,9 @@ tis compare default --estimators hold --seeds 4 --duration-s 60 --sweep network.
 # Constant delay, recorded suturing
 tis compare default --estimators hold,damped_velocity,moesp_kf,arx_kf,innovations_kf --sweep network.forward.delay.delay_ms=33,100,200,500,1000 --set 'source={kind: jigsaws, task: Suturing, hands: [left, right]}' --set 'network={forward: {delay: {kind: constant, delay_ms: 33}}}'
 
+# Constant delay, rows taken as even, recorded suturing
+tis compare default --estimators hold,damped_velocity,moesp_kf,arx_kf,innovations_kf --sweep network.forward.delay.delay_ms=33,100,200,500,1000 --set 'source={kind: jigsaws, task: Suturing, hands: [left, right]}' --set 'network={forward: {delay: {kind: constant, delay_ms: 33}}}' --set source.clock=as_recorded
+
 # Outages, recorded suturing
 tis compare default --estimators hold,damped_velocity,moesp_kf,arx_kf,innovations_kf --trials C005,D005,E005,F005 --sweep network.outages.0.down.high_s=1,2 --set 'source={kind: jigsaws, task: Suturing, hands: [left, right]}' --set 'network={forward: {delay: {kind: constant, delay_ms: 30}}, outages: [{kind: alternating, down: {low_s: 0.5, high_s: 2}, up: {low_s: 2, high_s: 5}, direction: forward}]}'
 
