@@ -99,6 +99,18 @@ def fit_late_arm(command_m: Array, arm_m: Array, arm: Arm, rate_hz: float) -> La
     return min(behind, key=lambda one: one.fit.ratio)
 
 
+def lead_s(command_m: Array, arm_m: Array, arm: Arm, rate_hz: float) -> float:
+    """Return for how long the arm (N, 3) moves before its command does; 0 where it is not clearly so.
+
+    Clearly: what the arm did explains the command with at most half of what is left without the delay.
+    """
+    n_skipped = min(round(_LATEST_S * rate_hz), len(arm_m) // 4)
+    delays = range(0, n_skipped + 1, max(1, round(_DELAY_STEP_S * rate_hz)))
+    left = {k: fit_arm(arm_m[n_skipped - k : len(arm_m) - k], command_m[n_skipped:], arm).ratio for k in delays}
+    best = min(left, key=left.__getitem__)
+    return best / rate_hz if left[best] < min(FOLLOWS_BELOW, left[0] / 2.0) else 0.0
+
+
 def _lagged(command_m: Array, lag_hz: float | None, rate_hz: float) -> Array:
     """Return positions behind a first-order lag that begins at rest at the first one."""
     if lag_hz is None:

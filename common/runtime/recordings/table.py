@@ -15,7 +15,7 @@ from tis.common.runtime.recordings.jigsaws import HEAD_ROWS
 from tis.common.runtime.recordings.table_file import TableFile, absent, open_table
 from tis.common.scenario import Scenario
 from tis.common.scenario.table_source import TABLE_SUFFIXES, TableSource
-from tis.common.sources.pairing import FOLLOWS_BELOW, fit_arm, fit_late_arm
+from tis.common.sources.pairing import FOLLOWS_BELOW, fit_arm, fit_late_arm, lead_s
 from tis.common.sources.plausibility import anomalies
 from tis.common.sources.provenance import SYNTHETIC
 from tis.common.sources.table_columns import (
@@ -251,6 +251,8 @@ def _pairing(layout: HandLayout, hand: HandRecording, head_rows: int, rate_hz: f
         text += f", {late}"
         if late.fit.ratio > FOLLOWS_BELOW:
             warnings = [f"{hand.arm} does not follow {MASTER[hand.hand]}, not even late: {text}"]
+    if early_s := lead_s(command_m, arm_m, hand.arm, rate_hz):
+        warnings += [f"{hand.arm} moves {1000 * early_s:.0f} ms before {MASTER[hand.hand]}, which commands it"]
     return f"{named} (by the table; {text})", warnings
 
 

@@ -64,11 +64,14 @@ def test_a_table_of_the_hand_alone_is_no_fault_and_the_pairing_tells_it(tmp_path
     alone = {name: values for name, values in movement(161).items() if "PSM" not in name}
     recording = load_recording(scenario_of(write_csv(tmp_path / "t.csv", alone)))
     assert recording.warnings == ()
-    words = "the table has the hand alone: the arm is taken to follow it exactly, so each position is sent twice"
-    assert recording.pairing == f"MTML -> PSM2 ({words})"
+    words, twice = (
+        "the table has the hand alone: the arm is taken to follow it exactly",
+        "so each position is sent twice",
+    )
+    assert recording.pairing == f"MTML -> PSM2 ({words}, {twice})"
     columns = {"left": {"master": "MTML", "gain": 0.5}}
     scaled = load_recording(scenario_of(tmp_path / "t.csv", columns=columns))
-    assert scaled.pairing == f"MTML -> PSM2 ({words}, positions times 0.5)"
+    assert scaled.pairing == f"MTML -> PSM2 ({words}, positions times 0.5, {twice})"
 
 
 @pytest.mark.parametrize(("units", "asks"), [({}, True), ({"position": "m"}, False)])
@@ -149,6 +152,14 @@ def test_an_arm_that_is_late_does_follow(tmp_path: Path, lag_hz: float | None, d
     recording = load_recording(scenario)
     assert recording.warnings == ()
     assert how in recording.pairing
+
+
+def test_an_arm_that_moves_before_its_command_is_told(tmp_path: Path) -> None:
+    columns = movement(164)
+    early = {f"PSM2_{axis}_m": columns[f"PSM2_{axis}_m"][3:] for axis in "xyz"}
+    columns = {name: values[:161] for name, values in columns.items()} | early
+    recording = load_recording(scenario_of(write_csv(tmp_path / "t.csv", columns)))
+    assert recording.warnings == ("t: PSM2 moves 100 ms before MTML, which commands it",)
 
 
 def test_a_model_may_learn_from_tables_of_other_people(tmp_path: Path) -> None:
