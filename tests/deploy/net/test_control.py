@@ -142,6 +142,18 @@ def test_a_running_emulator_is_shown_changed_and_reset(bridge: Running, tis: Tis
 
 
 @pytest.mark.live
+def test_a_permanent_change_replaces_only_the_stages_that_it_names_as_the_help_says(
+    bridge: Running, tis: Tis
+) -> None:
+    where = ("-e", bridge.endpoint)
+    for setting in ("delay.mean_ms=40", "loss.p_loss=0.05", "loss.p_loss=0.07"):
+        assert tis("set", "forward", setting, *where)[0] == 0
+    now = json.loads(tis("show", "--json", *where)[1])["forward"]["now"]
+    assert (now["delay"]["mean_ms"], now["loss"]["p_loss"]) == (40, 0.07)
+    assert "replaces only what it names" in " ".join(tis("set", "--help")[1].split())
+
+
+@pytest.mark.live
 def test_a_profile_is_looked_up_here(bridge: Running, tis: Tis) -> None:
     where = ("-e", bridge.endpoint)
     assert tis("set", "forward", "scale_delay=2", "--for", "1h", *where)[0] == 0
