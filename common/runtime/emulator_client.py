@@ -1,10 +1,11 @@
 """Client of a running emulator's control keys."""
 
 import json
+import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, Final, NamedTuple, Self, TypeVar
 
 import zenoh
 from pydantic import BaseModel, ValidationError
@@ -16,7 +17,13 @@ from tis.common.runtime.zenoh_session import ZenohOptions, configure, visitor
 from tis.common.scenario.control import EVERY_STATE, STATE, Acknowledgement, EmulatorState, control_prefix
 
 _TIME_OUT_S: Final = 3.0
+_CUT_S: Final = 1.0  # a refused client connects again, and is cut again, within milliseconds
 _WHERE: Final = "tis net"
+_NOBODY: Final = "there is no emulator, or it refuses this client: its own warnings say so"
+_CUT: Final = (
+    "the other end closes the connection; netem refuses this client (its own warning says why, such as a revoked "
+    "certificate), or it ends"
+)
 
 Answer = TypeVar("Answer", bound=BaseModel)
 
@@ -74,6 +81,22 @@ class Remote:
     def __init__(self, session: zenoh.Session, address: EmulatorAddress) -> None:
         self.session = session
         self._address = address
+        self._is_cut = threading.Event()
+
+    @contextmanager
+    def noting_cuts(self) -> Iterator[Self]:
+        """Note while the block lasts whether the other end closes the connection."""
+
+        def take(event: zenoh.LinkEvent) -> None:
+            if event.kind == zenoh.SampleKind.DELETE:
+                self._is_cut.set()
+
+        listener = self.session.info.declare_link_events_listener(take, history=False)
+        try:
+            yield self
+        finally:
+            with suppress(zenoh.ZError):
+                listener.undeclare()  # type: ignore[no-untyped-call]
 
     def state(self) -> EmulatorState:
         """Return the state in force; raises `InputError` when no run is in progress."""
@@ -95,11 +118,13 @@ class Remote:
         ]
         if not replies:
             prefixes = self._prefixes()
-            instead, kind = "there is no emulator", PeerError
+            instead, kind = _NOBODY, PeerError
             if self._address.prefix in prefixes:
                 instead = "this client may not ask that; see control in the scenario's security"
             elif prefixes:
                 instead, kind = f"use --prefix {' or '.join(prefixes)}", OtherPrefixError
+            elif self._is_cut.wait(_CUT_S):
+                instead = _CUT
             rule = f"connected, but nothing answers on {key}: {instead}"
             raise kind(Fault(_WHERE, self._address.endpoint, rule))
         answers = [self._answer(reply, model, key) for reply in replies]
@@ -137,5 +162,5 @@ def connected(address: EmulatorAddress) -> Iterator[Remote]:
             raise PeerError(Fault(_WHERE, address.endpoint, rule)) from None
         reason = " ".join(str(error).split()).split(" at /")[0]
         raise InputError(Fault(_WHERE, address.endpoint, reason)) from None
-    with session, of_netem_only(session, config, _WHERE):
-        yield Remote(session, address)
+    with session, of_netem_only(session, config, _WHERE), Remote(session, address).noting_cuts() as remote:
+        yield remote

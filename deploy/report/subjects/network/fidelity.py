@@ -83,8 +83,8 @@ def key_verdict(
     decided: the 99th percentile of the release error is at most 1 ms, or 5 % of the median delay if that is more; of
     fewer than `MIN_RELEASES` packets so many are beyond that as no share of 1 % explains.
     Where the ordering forbids overtaking, no packet left netem behind a later one. Drops by a full buffer violate the
-    request. What is decided for messages offered under a control change is exempt; release error, order and buffer are
-    netem's own part, and count all messages.
+    request. What is decided for messages offered under a control change is exempt; release error, order and buffer
+    are netem's own part, and count all messages.
 
     ``whole``: all three logs exist. ``overhead_ns`` is netem's delay without any impairment, ``max_held`` the most
     messages that the link held at a time. Oracle: hand-made runs, test_fidelity.
