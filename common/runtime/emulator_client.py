@@ -11,7 +11,7 @@ import zenoh
 from pydantic import BaseModel, ValidationError
 
 from tis.common.errors import Fault, InputError, PeerError
-from tis.common.runtime.running import WEST, Running, sessions
+from tis.common.runtime.running import UNKNOWN, WEST, Running, sessions
 from tis.common.runtime.tls_links import of_netem_only
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, visitor
 from tis.common.scenario.control import EVERY_STATE, STATE, Acknowledgement, EmulatorState, control_prefix
@@ -35,6 +35,12 @@ class EmulatorAddress(NamedTuple):
     prefix: str = "tis"
     options: ZenohOptions = ZenohOptions()
     secret: Path | None = None
+    title: str = ""
+    """What runs there, where that is known."""
+
+    def __str__(self) -> str:
+        title = f" ({self.title})" if self.title else ""
+        return f"{self.endpoint}, {self.prefix}{title}"
 
     def client(self) -> zenoh.Config:
         """Return the Zenoh configuration of a client; raises `InputError`."""
@@ -56,7 +62,8 @@ def emulator_address(
     if connect is not None:
         return EmulatorAddress(connect, prefix or Running().session, options)
     here = running_here(_WHERE, ("--connect",), prefix) or Running()
-    return EmulatorAddress(here.west, prefix or here.session, options)
+    title = "" if here.title == UNKNOWN else here.title
+    return EmulatorAddress(here.west, prefix or here.session, options, title=title)
 
 
 def running_here(where: str, options: Sequence[str], prefix: str | None) -> Running | None:

@@ -12,6 +12,7 @@ from tests.common.runtime.live_zenoh import a_router
 from tests.deploy.commands import call
 from tests.netem.bridge.controlled_bridge import Running, running_bridge
 from tis.common.errors import InputError
+from tis.common.runtime import emulator_client, running
 from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from tis.common.scenario.control import Acknowledgement, EmulatorState
@@ -139,6 +140,23 @@ def test_a_running_emulator_is_shown_changed_and_reset(bridge: Running, tis: Tis
     state = EmulatorState.model_validate_json(tis("show", "--json", *where)[1])
     assert state.forward is not None
     assert state.forward.added == ()
+
+
+@pytest.mark.live
+@pytest.mark.parametrize(
+    "words",
+    [["set", "forward", "delay.mean_ms=40"], ["set", "--profile", "geo_satellite"], ["outage", "1s"], ["reset"]],
+)
+def test_what_is_changed_is_named(
+    bridge: Running, tis: Tis, words: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code, out, _ = tis(*words, "-e", bridge.endpoint)
+    assert code == 0
+    assert out.startswith(f"{bridge.endpoint}, tis: accepted at ")
+    found = [running.Running(bridge.endpoint, session="tis", title="tis run demo")]
+    monkeypatch.setattr(emulator_client, "sessions", lambda: found)
+    assert tis(*words)[1].startswith(f"{bridge.endpoint}, tis (tis run demo): accepted at ")
+    assert tis("show")[1].startswith(f"{bridge.endpoint}, tis (tis run demo): run time ")
 
 
 @pytest.mark.live
