@@ -191,9 +191,8 @@ def netem_command(
         def refuse() -> int:
             from tis.netem.bridge.chosen_network import read_network
 
-            read_network(
-                None if network is None else locate(network), profile, [], None, profiles
-            )  # names its faults
+            file = None if network is None else locate(network)
+            read_network(file, profile, [], None, profiles)  # its faults come first
             rule = "must be one scenario; for key expressions give the two networks, --west and --east"
             raise InputError(Fault("netem", "SCENARIO", rule, *([keys] if keys else [])))
 

@@ -205,7 +205,7 @@ def test_a_program_that_has_left_was_in_a_network(of_one_network: bool) -> None:
         gossip.take(link_state(str(one.zid()), str(other.zid()), "ab"))
         watch.look()
         assert len(told) == (0 if of_one_network else 1)
-        other.close()
+        other.close()  # type: ignore[no-untyped-call]
         assert soon(lambda: str(other.zid()) not in {str(z) for s in sessions.values() for z in s.info.peers_zid()})
         for _ in range(5):
             watch.probe()
