@@ -1,22 +1,29 @@
 """Client of a running emulator's control keys."""
 
 import json
+import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, Final, NamedTuple, Self, TypeVar
 
 import zenoh
 from pydantic import BaseModel, ValidationError
 
 from tis.common.errors import Fault, InputError, PeerError
-from tis.common.runtime.running import WEST, Running, sessions
+from tis.common.runtime.running import UNKNOWN, WEST, Running, sessions
 from tis.common.runtime.tls_links import of_netem_only
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, visitor
 from tis.common.scenario.control import EVERY_STATE, STATE, Acknowledgement, EmulatorState, control_prefix
 
 _TIME_OUT_S: Final = 3.0
+_CUT_S: Final = 1.0  # a refused client connects again, and is cut again, within milliseconds
 _WHERE: Final = "tis net"
+_NOBODY: Final = "there is no emulator, or it refuses this client: its own warnings say so"
+_CUT: Final = (
+    "the other end closes the connection; netem refuses this client (its own warning says why, such as a revoked "
+    "certificate), or it ends"
+)
 
 Answer = TypeVar("Answer", bound=BaseModel)
 
@@ -28,6 +35,12 @@ class EmulatorAddress(NamedTuple):
     prefix: str = "tis"
     options: ZenohOptions = ZenohOptions()
     secret: Path | None = None
+    title: str = ""
+    """What runs there, where that is known."""
+
+    def __str__(self) -> str:
+        title = f" ({self.title})" if self.title else ""
+        return f"{self.endpoint}, {self.prefix}{title}"
 
     def client(self) -> zenoh.Config:
         """Return the Zenoh configuration of a client; raises `InputError`."""
@@ -49,7 +62,8 @@ def emulator_address(
     if connect is not None:
         return EmulatorAddress(connect, prefix or Running().session, options)
     here = running_here(_WHERE, ("--connect",), prefix) or Running()
-    return EmulatorAddress(here.west, prefix or here.session, options)
+    title = "" if here.title == UNKNOWN else here.title
+    return EmulatorAddress(here.west, prefix or here.session, options, title=title)
 
 
 def running_here(where: str, options: Sequence[str], prefix: str | None) -> Running | None:
@@ -74,6 +88,22 @@ class Remote:
     def __init__(self, session: zenoh.Session, address: EmulatorAddress) -> None:
         self.session = session
         self._address = address
+        self._is_cut = threading.Event()
+
+    @contextmanager
+    def noting_cuts(self) -> Iterator[Self]:
+        """Note while the block lasts whether the other end closes the connection."""
+
+        def take(event: zenoh.LinkEvent) -> None:
+            if event.kind == zenoh.SampleKind.DELETE:
+                self._is_cut.set()
+
+        listener = self.session.info.declare_link_events_listener(take, history=False)
+        try:
+            yield self
+        finally:
+            with suppress(zenoh.ZError):
+                listener.undeclare()  # type: ignore[no-untyped-call]
 
     def state(self) -> EmulatorState:
         """Return the state in force; raises `InputError` when no run is in progress."""
@@ -95,11 +125,13 @@ class Remote:
         ]
         if not replies:
             prefixes = self._prefixes()
-            instead, kind = "there is no emulator", PeerError
+            instead, kind = _NOBODY, PeerError
             if self._address.prefix in prefixes:
                 instead = "this client may not ask that; see control in the scenario's security"
             elif prefixes:
                 instead, kind = f"use --prefix {' or '.join(prefixes)}", OtherPrefixError
+            elif self._is_cut.wait(_CUT_S):
+                instead = _CUT
             rule = f"connected, but nothing answers on {key}: {instead}"
             raise kind(Fault(_WHERE, self._address.endpoint, rule))
         answers = [self._answer(reply, model, key) for reply in replies]
@@ -137,5 +169,5 @@ def connected(address: EmulatorAddress) -> Iterator[Remote]:
             raise PeerError(Fault(_WHERE, address.endpoint, rule)) from None
         reason = " ".join(str(error).split()).split(" at /")[0]
         raise InputError(Fault(_WHERE, address.endpoint, reason)) from None
-    with session, of_netem_only(session, config, _WHERE):
-        yield Remote(session, address)
+    with session, of_netem_only(session, config, _WHERE), Remote(session, address).noting_cuts() as remote:
+        yield remote

@@ -256,9 +256,10 @@ def set_(
 ) -> int:
     """Change a running emulator's network: tis net set forward delay.delay_ms=50 loss.p_loss=0.05 --for-s 10.
 
-    A permanent change replaces the permanent one before. Changes with --for-s
-    add up: the later stage wins, factors (scale_...) multiply, additions sum. A
-    profile must be without outages, states, timeline and rules.
+    A permanent change replaces only what it names: earlier changes of other
+    stages stay until `tis net reset`. Changes with --for-s add up: the later
+    stage wins, factors (scale_...) multiply, additions sum. A profile must be
+    without outages, states, timeline and rules.
     """
     from tis.deploy.net.control import seconds, set_change, set_profile
 

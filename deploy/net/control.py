@@ -41,7 +41,7 @@ _CHANGED: Final = " *"
 
 def print_state(state: EmulatorState, address: EmulatorAddress, out: Console) -> None:
     """Print both directions side by side, the changes made while running, and the rules."""
-    out.print(f"{address.endpoint}, {address.prefix}: run time {state.at_s or 0.0:.3f} s")
+    out.print(escape(f"{address}: run time {state.at_s or 0.0:.3f} s"), soft_wrap=True)
     out.print(state_table(state).terminal(PLAIN))
     for line in notes_on(state):
         out.print(escape(line), soft_wrap=True)
@@ -227,7 +227,7 @@ def set_change(
     with connected(address) as remote:
         requests = change_requests(remote.state(), direction, settings, yaml_text, times)
         said = {one["direction"]: _in_words(one["change"]) for one in requests}
-        return _report(remote.request("set", requests), out, as_json, said)
+        return _report(remote.request("set", requests), address, out, as_json, said)
 
 
 def _in_words(change: Mapping[str, Any]) -> str:
@@ -273,7 +273,7 @@ def profile_request(name: str) -> dict[str, Any]:
 def request(address: EmulatorAddress, operation: str, content: dict[str, Any], out: Console, as_json: bool) -> int:
     """Send a request and print the answer."""
     with connected(address) as remote:
-        return _report(remote.request(operation, content), out, as_json)
+        return _report(remote.request(operation, content), address, out, as_json)
 
 
 def check_direction(direction: str) -> None:
@@ -283,15 +283,16 @@ def check_direction(direction: str) -> None:
 
 
 def _report(
-    answer: Acknowledgement, out: Console, as_json: bool, said: Mapping[str, str] = MappingProxyType({})
-) -> int:
-    """Print an answer, and of each direction what is ``said`` of its change."""
+    answer: Acknowledgement, address: EmulatorAddress, out: Console, as_json: bool,
+    said: Mapping[str, str] = MappingProxyType({}),
+) -> int:  # fmt: skip
+    """Print an answer with who gave it, and of each direction what is ``said`` of its change."""
     if as_json:
         print(answer.model_dump_json(exclude_none=True))  # noqa: T201
         return EXIT_OK if answer.accepted else InputError.exit_code
     if not answer.accepted:
         raise InputError([Fault("netem", "", reason.removeprefix("control: ")) for reason in answer.reasons])
-    out.print(f"accepted at {_s(answer.at_ns)} of run time")
+    out.print(escape(f"{address}: accepted at {_s(answer.at_ns)} of run time"), soft_wrap=True)
     for one in answer.held:
         until = "" if one.until_ns is None else f" until {_s(one.until_ns)}"
         words = f"in force from {_s(one.from_ns)}{until}{said.get(one.direction, '')}"

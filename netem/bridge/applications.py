@@ -10,12 +10,13 @@ import zenoh
 from tis.common.channels import Direction, Network
 from tis.common.errors import Fault
 from tis.netem.bridge.bridge import Bridge
-from tis.netem.bridge.bypass import Bypasses, Scouting, Watch
+from tis.netem.bridge.bypass import Bypasses, Watch
 from tis.netem.bridge.gossip import Gossip
 from tis.netem.bridge.keys import CrossingKeys
 from tis.netem.bridge.mirrors.queries import TIME_OUT_S, Queries, QueryTargetName
 from tis.netem.bridge.mirrors.queryables import Queryables
 from tis.netem.bridge.mirrors.tokens import Tokens
+from tis.netem.bridge.scouting import Scouting
 from tis.netem.bridge.standstill import Pulse, StandstillWatch, end_process
 
 _STEP_S: Final = 0.02

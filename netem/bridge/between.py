@@ -86,10 +86,11 @@ class Between:
         self._ask("outage", {"direction": direction, "for_ms": 1000 * for_s, "effect": "stall"})
 
     def change(self, change: Mapping[str, Any], direction: Ways = "both", for_s: float | None = None) -> None:
-        """Change the network, for some seconds or until the next change; returns when that holds.
+        """Change the network, for some seconds or until it is changed again or `reset`; returns when that holds.
 
         ``change`` has the form of ``set`` in a scenario's timeline, such as ``{"delay": {"kind": "constant",
-        "delay_ms": 80}}`` or ``{"clean": True}``. Raises `InputError` for what the emulator refuses.
+        "delay_ms": 80}}`` or ``{"clean": True}``. It replaces only the stages that it names: earlier changes of
+        others stay. Raises `InputError` for what the emulator refuses.
         """
         request: dict[str, Any] = {"direction": direction, "change": dict(change)}
         self._ask("set", request if for_s is None else request | {"for_s": for_s})

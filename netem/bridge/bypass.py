@@ -1,12 +1,10 @@
-"""Detection of ways around the bridge: bypasses and loops, by probes and by multicast scouting.
+"""Detection of ways around the bridge: bypasses and loops, by probes and by what peers tell of their links.
 
 A ``past`` probe is forwarded by nobody: if it arrives on the other network, it came by a bypass. A ``round`` probe is
 forwarded by every netem: if it arrives, it came through another netem, and messages would circulate forever. A peer
 of both networks forwards no probe, but its identity is in both. Nor do two peers that are connected to each other,
-one of each network or one of neither: they tell it to netem's routers if they gossip.
-
-An application with Zenoh's default settings is a peer. It scouts by multicast and connects to all that answer,
-in addition to its configured endpoints. That traffic does not cross netem, and probes do not detect it.
+one of each network or one of neither: they tell it to netem's routers if they gossip. A peer does not tell that such
+a link has ended with the other program, so who was in a network is remembered.
 """
 
 import json
@@ -14,7 +12,7 @@ import secrets
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence, Set
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from typing import Any, Final, Literal
 
 import zenoh
@@ -29,20 +27,12 @@ Leak = Literal["past", "round"]
 _MAX_HOPS: Final = 16
 _MAX_BYTES: Final = 20_000
 _N_PROBES: Final = 5
+_MAX_SEEN: Final = 4096
 _N_STEADY: Final = 4  # a program may connect to netem later than to another one
 _PAUSE_S: Final = 0.05
 _OPPOSITE: Final[dict[Network, Network]] = {"west": "east", "east": "west"}
 _REMOTE: Final = zenoh.Locality.REMOTE
-_PERIOD_S: Final = 5.0
-_LISTEN_S: Final = 1.0
-_REMINDER_S: Final = 60.0
 _OUTSIDE: Final = "which is in neither network: what they send each other does not cross netem"
-_SCOUTED: Final = "applications of both networks find each other past netem by multicast scouting: "
-_DANGER: Final = (
-    "the routers of both networks answer to multicast scouting: applications with Zenoh's default settings would "
-    "join both, past netem; "
-)
-_REMEDY: Final = "let them be clients (mode: client), or set scouting/multicast/enabled to false"
 
 
 class Bypasses:
@@ -96,6 +86,7 @@ class Watch:
         self._joined: set[str] = set()
         self._linked: set[Pair] = set()
         self._beyond: dict[Pair, int] = {}
+        self._seen: dict[str, None] = {}  # who is or was in a network, the latest last
         self._forwards = False
         self._held = ExitStack()
         for network in sessions:
@@ -131,13 +122,14 @@ class Watch:
 
     def look(self) -> None:
         """Report peers of both networks, and peers of one that are connected to a member of the other."""
+        self._note_members()
         peers = [{str(zid) for zid in session.info.peers_zid()} - self._own for session in self._sessions.values()]
         both = set.intersection(*peers)
         for zid in sorted(both - self._joined):
             self._joined.add(zid)
             self._bypasses.add(f"the peer {zid} is connected to both networks: what it sends reaches both past netem")
         for pair in self._gossip.between(
-            *(_members(session) - both - self._own for session in self._sessions.values())
+            *(members(session) - both - self._own for session in self._sessions.values())
         ):
             if pair not in self._linked:
                 self._linked.add(pair)
@@ -147,11 +139,21 @@ class Watch:
                     {pair},
                 )
 
+    def _note_members(self) -> set[str]:
+        """Return who is in either network, and remember it."""
+        found = set[str]().union(*map(members, self._sessions.values()))
+        for zid in found:
+            self._seen.pop(zid, None)
+            self._seen[zid] = None
+        while len(self._seen) > _MAX_SEEN:
+            del self._seen[next(iter(self._seen))]
+        return found
+
     def _look_beyond(self) -> None:
-        """Tell of a peer that is connected to a program of neither network, once it was so for some calls."""
-        members = set[str]().union(*map(_members, self._sessions.values()))
-        found = self._gossip.beyond(members, members | self._own) if self._forwards else ()
-        self._beyond = {pair: self._beyond.get(pair, 0) + 1 for pair in found}
+        """Tell of a peer that is connected to a program never seen in a network, once it was so for some calls."""
+        found = self._note_members()
+        pairs = self._gossip.beyond(found, found | self._own | self._seen.keys()) if self._forwards else ()
+        self._beyond = {pair: self._beyond.get(pair, 0) + 1 for pair in pairs}
         for (one, other), n in sorted(self._beyond.items()):
             if n == _N_STEADY:
                 self._bypasses.tell_more(f"the peer {one} is connected to {other}, {_OUTSIDE}")
@@ -218,82 +220,6 @@ def _text(leak: str, origin: Network) -> str:
     return f"another netem joins the two networks: messages from {origin} would go round in circles"
 
 
-class Scouting:
-    """A search every 5 s, for 1 s, for members of both networks that answer to multicast scouting.
-
-    ``bypasses`` gets a bypass with its pairs of programs. ``on_danger`` gets it again every minute while it lasts,
-    and the case that the routers of both networks answer, which applications with default settings would join. Call
-    `step` and `close` from one thread.
-    """
-
-    def __init__(
-        self,
-        sessions: Mapping[Network, zenoh.Session],
-        config: zenoh.Config,
-        bypasses: Bypasses,
-        on_danger: Callable[[str], None],
-    ) -> None:
-        self._sessions = sessions
-        self._config = config
-        self._bypasses = bypasses
-        self._on_danger = on_danger
-        self._found: dict[str, str] = {}
-        self._scout: Any = None
-        self._next_s = 0.0
-        self._warned_s: dict[str, float] = {}
-
-    def step(self, now_s: float) -> None:
-        """Begin a search, or judge its result, when it is due; ``now_s`` is monotonic."""
-        if now_s < self._next_s:
-            return
-        if self._scout is None:
-            self._begin()
-            self._next_s = now_s + _LISTEN_S
-        else:
-            self.close()
-            self._judge(now_s)
-            self._next_s = now_s + _PERIOD_S - _LISTEN_S
-
-    def close(self) -> None:
-        """Stop the search."""
-        if self._scout is not None:
-            self._scout.stop()
-            self._scout = None
-
-    def _begin(self) -> None:
-        self._found = found = {}
-
-        def note(hello: zenoh.Hello) -> None:
-            found[str(hello.zid)] = str(hello.whatami)
-
-        with suppress(zenoh.ZError):  # a host without multicast has no bypass by it
-            self._scout = zenoh.scout(note, what="peer|router", config=self._config)  # type: ignore[arg-type]
-
-    def _judge(self, now_s: float) -> None:
-        """Report a bypass or a danger, by the kinds of members of each network that answered."""
-        kinds: dict[Network, dict[str, str]] = {
-            network: {zid: self._found[zid] for zid in _members(session) if zid in self._found}
-            for network, session in self._sessions.items()
-        }
-        if not all(kinds.values()):
-            return
-        pairs = {
-            (west, east)
-            for west, one in kinds["west"].items()
-            for east, other in kinds["east"].items()
-            if "peer" in (one, other)
-        }
-        text = f"{_SCOUTED if pairs else _DANGER}{_REMEDY}"
-        is_told = text in self._warned_s and self._bypasses.has(pairs)
-        if is_told and now_s - self._warned_s[text] < _REMINDER_S:
-            return
-        if not is_told and pairs:
-            self._bypasses.add(text, pairs)
-        else:
-            self._on_danger(text)
-        self._warned_s[text] = now_s
-
-
-def _members(session: zenoh.Session) -> set[str]:
+def members(session: zenoh.Session) -> set[str]:
     """Return the members of a network to which netem is connected."""
     return {str(zid) for zid in (*session.info.peers_zid(), *session.info.routers_zid())}

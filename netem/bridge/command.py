@@ -188,12 +188,18 @@ def netem_command(
             )  # fmt: skip
             return _run(asked, keys, locate, profiles, close_folder)
 
+        def refuse() -> int:
+            from tis.netem.bridge.chosen_network import read_network
+
+            file = None if network is None else locate(network)
+            read_network(file, profile, [], None, profiles)  # its faults come first
+            rule = "must be one scenario; for key expressions give the two networks, --west and --east"
+            raise InputError(Fault("netem", "SCENARIO", rule, *([keys] if keys else [])))
+
         if any(places.values()):
             raise typer.Exit(guarded_exit_code("netem", run, _print_faults))
         if len(keys) != 1 or "*" in keys[0]:
-            rule = "must be one scenario; for key expressions give the two networks, --west and --east"
-            _print_faults(InputError.exit_code, [Fault("netem", "SCENARIO", rule, keys)])
-            raise typer.Exit(InputError.exit_code)
+            raise typer.Exit(guarded_exit_code("netem", refuse, _print_faults))
         run_scenario(keys[0], run_dir, connect, listen, config, cfg, wait_s, insecure, child, alone)
 
     return command

@@ -50,7 +50,7 @@ from tis.netem.bridge.sides import (
 )
 from tis.netem.bridge.standalone_log import open_log
 from tis.netem.bridge.standstill import Deadline
-from tis.netem.bridge.tally import Tally, table
+from tis.netem.bridge.tally import Tally, silent, table
 from tis.netem.bridge.watches import watches
 from tis.netem.build import build_links
 from tis.netem.expected.figures import synopsis
@@ -143,7 +143,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         drive(bridge, tally, clock, options, interrupt, deadline)
         applications.close()
         counters = bridge.counters()
-    for line in table(counters, tally, synopsis(options.network, traces)):
+    for line in _last_lines(options, counters, tally, traces):
         print(line, flush=True)  # noqa: T201  (standard output is for the result)
     return EXIT_INVALID_RUN if applications.n_leaks else EXIT_OK
 
@@ -255,6 +255,14 @@ def _first_lines(options: Standalone, traces: Mapping[str, Trace]) -> list[str]:
     if profile is not None:
         lines.append(f"from profile {profile}")
     return [*lines, *lines_on_the_network(options, traces)]
+
+
+def _last_lines(
+    options: Standalone, counters: Mapping[str, int], tally: Tally, traces: Mapping[str, Trace]
+) -> list[str]:
+    """Return the lines printed at the end."""
+    lines = table(counters, tally, synopsis(options.network, traces))
+    return lines + silent(counters, _ends(options), options.keys)
 
 
 def lines_on_the_network(options: Standalone, traces: Mapping[str, Trace]) -> list[str]:

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.channels import DESTINATION, Direction
+from tis.common.channels import DESTINATION, ORIGIN, Direction, Network
 from tis.common.node import Record
 from tis.common.records import FateBatch, ReleaseBatch
 from tis.common.runtime.recorder import FileLog
@@ -228,6 +228,16 @@ def table(counters: Mapping[str, int], tally: Tally, requested: Sequence[str]) -
         for text in names_near_bounds(counters, f"{direction}.")
     ]
     return [*lines, *_more(counters), *late, *near]
+
+
+def silent(counters: Mapping[str, int], ends: Mapping[Network, str], keys: Sequence[str]) -> list[str]:
+    """Return a hint for each network from which nothing came, not even a query; ``ends`` are their endpoints."""
+    matched = "" if "**" in keys else f", and on keys that match {' or '.join(keys)}"
+    return [
+        f"nothing came from the {origin}: if its programs send, do they connect to {ends[origin]}{matched}?"
+        for direction, origin in ORIGIN.items()
+        if not counters[f"{direction}.offered"]
+    ]
 
 
 def _late_text(direction: Direction, errors: ReleaseErrors) -> list[str]:

@@ -170,7 +170,7 @@ def change_conditions(
 ) -> list[int]:
     """Apply a request's changes to the conditions of one direction; return the instants from which they hold.
 
-    An entry without an end supersedes earlier added entries without an end.
+    An entry without an end supersedes what it names in earlier added entries without an end.
     """
     begins_ns = [conditions.clear_added(now_ns)] if cleared else []
     for entry in entries:

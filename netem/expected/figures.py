@@ -180,7 +180,8 @@ def _words(network: NetworkPart, direction: Direction, traces: Mapping[str, Trac
     if isnan(of.mean_ms):
         words.append("nothing arrives")
     elif pipeline.delay is not None or of.mean_ms > 0:
-        words.append(f"delay {of.mean_ms:.4g} ms, sd {of.std_ms:.3g}")
+        as_drawn = " as drawn" if of.std_ms > 0 else ""  # in order, a late one holds back those behind it
+        words.append(f"delay {of.mean_ms:.4g} ms, sd {of.std_ms:.3g}{as_drawn}")
     if of.loss_pct > 0:
         words.append(f"loss {of.loss_pct:.3g} %{_of_each(pipeline, changes)}{_in_a_row(of, pipeline, changes)}")
     if of.recovered_pct > 0:

@@ -7,6 +7,7 @@ import queue
 import socket
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -25,6 +26,7 @@ from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.common.scenario.security import Mtls
 from tis.deploy.tools import certificates
 from tis.deploy.tools.certificates import asked_for, issue, new_authority
+from tis.netem.bridge.revocation import Revocations
 
 
 @pytest.mark.parametrize(("family", "host"), [(socket.AF_INET, "127.0.0.1"), (socket.AF_INET6, "::1")])
@@ -132,6 +134,23 @@ def test_a_client_that_comes_back_does_not_stay_with_a_router_of_another_name(
                 time.sleep(0.05)
         # the client tries again and again, and each link lives until it is seen: uncut, it hears nearly all
         assert len(heard) < 30
+
+
+@pytest.mark.live
+def test_a_client_that_is_refused_does_not_hear_that_there_is_no_emulator(tmp_path: Path) -> None:
+    endpoint = free_endpoints()[0].replace("tcp/", "tls/")
+    new_authority(tmp_path)
+    for name in ("netem", "operator"):
+        issue(tmp_path, name)
+    (tmp_path / "revoked.txt").write_text("operator\n")
+    options = ZenohOptions(listen=[endpoint], credentials=tls_settings(tmp_path / "netem", listens=True))
+    address = EmulatorAddress(endpoint, options=ZenohOptions(config=tmp_path / "operator" / "zenoh.json5"))
+    told: list[str] = []
+    with zenoh.open(configure("router", options)) as netem, ExitStack() as stack:
+        Revocations([tmp_path], None, told.append).watch(stack, {"west": netem})
+        with pytest.raises(PeerError, match="netem refuses this client"), connected(address) as remote:
+            remote.state()
+    assert "refused a client whose certificate is revoked" in told[0]
 
 
 def test_a_client_signs_with_the_certificate_that_its_settings_hold_or_name(tmp_path: Path) -> None:

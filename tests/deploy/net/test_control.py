@@ -12,6 +12,7 @@ from tests.common.runtime.live_zenoh import a_router
 from tests.deploy.commands import call
 from tests.netem.bridge.controlled_bridge import Running, running_bridge
 from tis.common.errors import InputError
+from tis.common.runtime import emulator_client, running
 from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from tis.common.scenario.control import Acknowledgement, EmulatorState
@@ -142,6 +143,35 @@ def test_a_running_emulator_is_shown_changed_and_reset(bridge: Running, tis: Tis
 
 
 @pytest.mark.live
+@pytest.mark.parametrize(
+    "words",
+    [["set", "forward", "delay.mean_ms=40"], ["set", "--profile", "geo_satellite"], ["outage", "1s"], ["reset"]],
+)
+def test_what_is_changed_is_named(
+    bridge: Running, tis: Tis, words: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code, out, _ = tis(*words, "-e", bridge.endpoint)
+    assert code == 0
+    assert out.startswith(f"{bridge.endpoint}, tis: accepted at ")
+    found = [running.Running(bridge.endpoint, session="tis", title="tis run demo")]
+    monkeypatch.setattr(emulator_client, "sessions", lambda: found)
+    assert tis(*words)[1].startswith(f"{bridge.endpoint}, tis (tis run demo): accepted at ")
+    assert tis("show")[1].startswith(f"{bridge.endpoint}, tis (tis run demo): run time ")
+
+
+@pytest.mark.live
+def test_a_permanent_change_replaces_only_the_stages_that_it_names_as_the_help_says(
+    bridge: Running, tis: Tis
+) -> None:
+    where = ("-e", bridge.endpoint)
+    for setting in ("delay.mean_ms=40", "loss.p_loss=0.05", "loss.p_loss=0.07"):
+        assert tis("set", "forward", setting, *where)[0] == 0
+    now = json.loads(tis("show", "--json", *where)[1])["forward"]["now"]
+    assert (now["delay"]["mean_ms"], now["loss"]["p_loss"]) == (40, 0.07)
+    assert "replaces only what it names" in " ".join(tis("set", "--help")[1].split())
+
+
+@pytest.mark.live
 def test_a_profile_is_looked_up_here(bridge: Running, tis: Tis) -> None:
     where = ("-e", bridge.endpoint)
     assert tis("set", "forward", "scale_delay=2", "--for", "1h", *where)[0] == 0
@@ -207,7 +237,7 @@ def test_where_nobody_answers_the_place_is_named(tis: Tis) -> None:
     assert (code, err) == (
         3,
         f"tis: tis net: {endpoint}: connected, but nothing answers on lab/netem/control/reset: "
-        "there is no emulator\n",
+        "there is no emulator, or it refuses this client: its own warnings say so\n",
     )
 
 

@@ -9,11 +9,14 @@ import zenoh
 
 from tests.common.runtime.live_zenoh import a_client, a_router, soon
 from tests.netem.bridge.live_bridge import bridging, two_routers
+from tests.netem.bridge.test_gossip import link_state
+from tis.common.channels import Network
 from tis.common.errors import EXIT_INVALID_RUN, PeerError
 from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure
 from tis.netem.bridge.between import between
 from tis.netem.bridge.bypass import Bypasses, Watch, refuse_one_router
+from tis.netem.bridge.gossip import Gossip
 
 pytestmark = pytest.mark.live
 _GOSSIPS = ("scouting/gossip/enabled:true",)  # Zenoh's default
@@ -175,3 +178,39 @@ def test_a_peer_that_has_the_endpoint_of_a_peer_only_is_told_and_not_counted(tmp
             time.sleep(0.5)
     assert net.warnings == [f"{told}: what they send each other does not cross netem"]
     assert (net.bypasses, net.exit_code) == ([], 0)
+
+
+def _watching(sessions: dict[Network, zenoh.Session], told: list[str], more: list[str]) -> tuple[Watch, Gossip]:
+    gossip = Gossip()
+    watch = Watch(sessions, ["**"], Bypasses(told.append, more.append), gossip)
+    watch.refuse_leaks()
+    return watch, gossip
+
+
+@pytest.mark.parametrize("of_one_network", [True, False])
+def test_a_program_that_has_left_was_in_a_network(of_one_network: bool) -> None:
+    """A peer goes on to tell its link to one that has closed; only a program never seen is of neither network."""
+    told: list[str] = []
+    more: list[str] = []
+    with two_routers() as (sessions, endpoints), ExitStack() as stack:
+        watch, gossip = _watching(sessions, told, more)
+        one, other = (
+            stack.enter_context(
+                zenoh.open(configure("peer", ZenohOptions(connect=(endpoint,), listen=("tcp/127.0.0.1:0",))))
+            )
+            for endpoint in (endpoints["west"], endpoints["west" if of_one_network else "east"])
+        )
+        names = {str(one.zid()), str(other.zid())}
+        assert soon(lambda: names <= {str(z) for s in sessions.values() for z in s.info.peers_zid()})
+        gossip.take(link_state(str(one.zid()), str(other.zid()), "ab"))
+        watch.look()
+        assert len(told) == (0 if of_one_network else 1)
+        other.close()  # type: ignore[no-untyped-call]
+        assert soon(lambda: str(other.zid()) not in {str(z) for s in sessions.values() for z in s.info.peers_zid()})
+        for _ in range(5):
+            watch.probe()
+        assert more == [
+            f"the peer {one.zid()} is connected to ab, which is in neither network: "
+            "what they send each other does not cross netem"
+        ]
+        watch.close()

@@ -61,6 +61,15 @@ def test_other_than_one_scenario_is_refused(words: list[str]) -> None:
     code, text, _ = _run(*words)
     assert code == 2
     assert "netem: SCENARIO: must be one scenario; for key expressions give the two networks, --west and" in text
+    assert "(got [])" not in text
+
+
+def test_a_file_that_is_no_network_is_named_before_the_networks_that_lack(tmp_path: Path) -> None:
+    table = tmp_path / "data.csv"
+    table.write_text("t,x\n0,1\n")
+    code, text, _ = _run("--scenario-network", str(table))
+    assert code == 2
+    assert f"{table}: is a table, not a scenario: `tis import" in text
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,11 @@ def _line(sender: str, told_of: str, *links: str) -> bytes:
     ).encode()
 
 
+def link_state(peer: str, *links: str) -> bytes:
+    """Return the line of the log for what a peer tells of its own links."""
+    return _line(peer, peer, *links)
+
+
 def _between(gossip: Gossip) -> list[tuple[str, str]]:
     return gossip.between({WEST, "a"}, {EAST, "b"})
 

@@ -11,7 +11,8 @@ from tests.common.runtime.live_zenoh import a_client, soon
 from tests.netem.bridge.live_bridge import two_routers
 from tis.common.channels import Network
 from tis.common.runtime.zenoh_session import ZenohOptions
-from tis.netem.bridge.bypass import Bypasses, Scouting
+from tis.netem.bridge.bypass import Bypasses
+from tis.netem.bridge.scouting import Scouting
 from tis.netem.bridge.sides import scout_config
 
 pytestmark = pytest.mark.live

@@ -31,7 +31,7 @@ STATES: Final = {
         ),
         (
             {"forward": SLOW, "states": STATES},
-            ("delay 42 ms, sd 3.46, states good/bad in a cycle of 4 s", "states good/bad in a cycle of 4 s"),
+            ("delay 42 ms, sd 3.46 as drawn, states good/bad in a cycle of 4 s", "states good/bad in a cycle of 4 s"),
         ),
         (
             {"timeline": [{"at_s": 1, "set": {}}, {"at_s": 2, "direction": "forward", "set": {"outage": True}}]},

@@ -31,6 +31,7 @@ _ERROR_SHARE: Final = 0.05
 _LATE_SHARE: Final = 0.01
 _ROUNDING_NS: Final = 1.0
 _MAX_STRETCHES: Final = 3
+_ALL_COUNT: Final = "netem's own part, such as its release error, counts all"
 _OUTAGE, _REFUSED, _LOSS, _OVERFLOW = (OUTCOMES.index(name) for name in ("outage", "refused", "loss", DROPPED_NEW))
 _EVICTED: Final = DEPARTURES.index(DROPPED_OLDEST)
 
@@ -82,7 +83,8 @@ def key_verdict(
     decided: the 99th percentile of the release error is at most 1 ms, or 5 % of the median delay if that is more; of
     fewer than `MIN_RELEASES` packets so many are beyond that as no share of 1 % explains.
     Where the ordering forbids overtaking, no packet left netem behind a later one. Drops by a full buffer violate the
-    request. Messages offered under a control change are exempt.
+    request. What is decided for messages offered under a control change is exempt; release error, order and buffer
+    are netem's own part, and count all messages.
 
     ``whole``: all three logs exist. ``overhead_ns`` is netem's delay without any impairment, ``max_held`` the most
     messages that the link held at a time. Oracle: hand-made runs, test_fidelity.
@@ -96,7 +98,7 @@ def key_verdict(
         met = _spans_text(_met(request.changed, books.fates.offered_ns))
         verdict.warnings.append(
             f"changed while running {met}: {n_changed} of {len(unchanged)} messages are not "
-            "held against the network asked for"
+            f"held against the network asked for; {_ALL_COUNT}"
         )
     _check_decisions(verdict, request, key, fates)
     _check_releases(verdict, figures)

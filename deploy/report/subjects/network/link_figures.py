@@ -57,7 +57,9 @@ class LinkVerdict(Section):
     warnings: list[str] = means("Remarks on the link, in words.")
     judged: int = means("Messages held against the network requested.", default=0)
     set_aside: int = means(
-        "Messages that were not, as they came while a change held that was made during the run.", default=0
+        "Messages that were not, as they came while a change held that was made during the run. The release error, "
+        "the order and the buffer count them, too.",
+        default=0,
     )
     undecided: dict[KindName, int | None] = means("Packets there were, by the property that they were too few for.")
     keys: int = means("Keys judged, where something is not decidable of some of them only.", default=0)

@@ -138,6 +138,7 @@ _NOTHING: Final = [None] * len(_LOSSES)
 _MAX_NAMED: Final = 4
 _MAX_KEY_CHARS: Final = 26
 _SEEN_MS: Final = 0.1
+_ROUNDING_MS: Final = 1e-3
 _US_PER_MS: Final = 1000
 _SHARES_ABOVE: Final = (0.45, 0.04, 0.01, 0.0)  # from the 50th, 95th and 99th percentile and the maximum upwards
 _SHARES_BELOW: Final = (0.5, 0.45, 0.04, 0.01)
@@ -190,7 +191,8 @@ def delay_table(links: Links, requested: str = "by the scenario") -> Table:
 def _excess(link: Link) -> Iterator[str]:
     """Yield the causes for which realised delays exceed the decided ones, as far as they show in the means.
 
-    The summary has percentiles of the release error, which bound its mean from below and above.
+    The summary has percentiles of the release error, which bound its mean from below and above. A wait is named only
+    where the upper bound leaves room for one, or where the queue's own mean shows.
     """
     decided_ms, realised_ms = (found["mean"] for found in (link.delay_ms.decided, link.delay_ms.realised))
     if decided_ms is None or realised_ms is None or realised_ms - decided_ms <= _SEEN_MS:
@@ -198,10 +200,12 @@ def _excess(link: Link) -> Iterator[str]:
     ends_ms = [(link.release_error_us.get(name) or 0.0) / _US_PER_MS for name in ("p50", "p95", "p99", "max")]
     least_ms = sum(share * ms for share, ms in zip(_SHARES_ABOVE, ends_ms, strict=True))
     most_ms = sum(share * ms for share, ms in zip(_SHARES_BELOW, ends_ms, strict=True))
+    waited_ms = max(realised_ms - decided_ms - most_ms, link.queued_ms.get("mean") or 0.0)
     is_late = least_ms > _SEEN_MS
-    if is_late:
+    has_waited = waited_ms > (_SEEN_MS if is_late else _ROUNDING_MS)
+    if is_late or not has_waited:
         yield _LATE
-    if not is_late or realised_ms - decided_ms - most_ms > _SEEN_MS:
+    if has_waited:
         yield _WAITING
 
 

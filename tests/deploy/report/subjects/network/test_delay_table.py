@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 
 from tests.deploy.report.partial import part
+from tis.common.metrics.percentiles import summarise
 from tis.deploy.report.subjects.network.link_figures import Link
 from tis.deploy.report.subjects.network.link_tables import delay_table, packet_table
 
@@ -20,6 +21,7 @@ def _part(asked_ms: float | None, decided_ms: float, varies: bool = False, forei
         "loss_pct": 2.0,
         "loss_pct_interval_95": [1.0, 3.0],
         "loss_runs": {"mean": 1.5},
+        "queued_ms": {"mean": 0.0},
         "release_error_us": dict.fromkeys(("p50", "p95", "p99", "max"), 7.0),
     }
 
@@ -95,6 +97,20 @@ def test_what_realised_has_more_than_decided_is_told_by_its_cause(
     _, notes = _rows(forward=link)
     found = [part for part in notes.split("; ") if part.startswith("realised exceeds decided")]
     assert found == ([f"realised exceeds decided: messages {', and '.join(causes)}"] if causes else [])
+
+
+@pytest.mark.parametrize("late_ms", [[3.0], [0.05] * 9 + [3.0], [0.05] * 90 + [0.5] * 8 + [1.0, 9.0]])
+@pytest.mark.parametrize("queued_ms", [0.0, 0.5])
+def test_lateness_of_a_few_messages_is_no_wait(late_ms: list[float], queued_ms: float) -> None:
+    """Nothing is injected: what realised delays have more is the release error, but for what a queue has."""
+    link = _link(_part(0, 0), {})
+    found = summarise(late_ms, (50, 95, 99), ("mean", "max"))
+    link["delay_ms"]["realised"] = link["delay_ms"]["realised"] | {"mean": (found["mean"] or 0.0) + queued_ms}
+    link["release_error_us"] = {name: 1000 * (found[name] or 0.0) for name in ("p50", "p95", "p99", "max")}
+    link["queued_ms"] = {"mean": queued_ms}
+    _, notes = _rows(forward=link)
+    assert ("in a queue" in notes.partition("realised exceeds decided")[2]) == (queued_ms > 0)
+    assert queued_ms or "messages left later than decided, by the release error" in notes
 
 
 def test_what_changes_came_upon_is_marked_and_said_once() -> None:

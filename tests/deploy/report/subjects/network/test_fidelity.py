@@ -225,13 +225,22 @@ def test_a_change_made_while_running_leaves_out_what_was_offered_meanwhile(
     assert verdict["violations"] == []
     assert verdict["faithful"] is not None
     assert verdict["warnings"] == [
-        f"changed while running {when}: {n_changed} of 200 messages are not held against the network asked for"
+        f"changed while running {when}: {n_changed} of 200 messages are not held against the network asked for; "
+        "netem's own part, such as its release error, counts all"
     ]
     found = _verdict(tmp_path, scenario, _logged(drawn), 200)["violations"]
     assert [text.partition(":")[0] for text in found] == ["decided delay"]
     drawn.delay_ns[:] += 5 * MS  # what is wrong outside the change is still seen
     found = _verdict(tmp_path, scenario, [*_logged(drawn), _change(999, **entry)], 200)["violations"]
     assert [text.partition(":")[0] for text in found] == ["decided delay"]
+
+
+def test_messages_offered_under_a_change_count_for_netem_s_own_release_error(tmp_path: Path) -> None:
+    scenario = _scenario({"delay": {"kind": "constant", "delay_ms": 10}})
+    change = _change(0, direction="both")
+    verdict = _verdict(tmp_path, scenario, [*_logged(_drawn(scenario, 200), error_ns=2 * MS), change], 200)
+    assert (verdict["judged"], verdict["set_aside"]) == (1, 199)
+    assert [text.partition(" messages")[0] for text in verdict["violations"]] == ["release error: 99 % of 200"]
 
 
 def test_a_change_of_the_other_direction_changes_nothing(tmp_path: Path) -> None:
