@@ -248,6 +248,7 @@ class DriveHub:
             "outage": self._sees_outage(),
             "unreached": self._is_cut(),
             "set": set_now(self._state),
+            "queues": queues(self._state),
             "network": self._answers(seen["now_s"]),
             "loop": None if self._loop is None else told(self._loop),
             "limit_n_m": self._limit.at(None if self._is_frozen else self._late_ms),
@@ -324,6 +325,12 @@ def late_ms(book: LiveBook, arm: str | None) -> float | None:
     begin_ns = rows[-1].t_ns - int(JUDGED_S * NS_PER_S)
     new = [row for before, row in pairwise(rows) if before.command_ns < row.command_ns and row.t_ns >= begin_ns]
     return float(np.median([row.late_ns for row in new or rows[-1:]])) / NS_PER_MS
+
+
+def queues(state: EmulatorState | None) -> bool:
+    """Tell whether messages wait in a queue beside the delay that is set."""
+    ways = () if state is None else (state.forward, state.feedback)
+    return any(way is not None and way.now.rate is not None for way in ways)
 
 
 def set_now(state: EmulatorState | None) -> dict[str, list[float | None]]:

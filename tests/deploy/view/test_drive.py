@@ -33,6 +33,7 @@ from tis.deploy.view.drive import (
     Seat,
     late_ms,
     picture,
+    queues,
     read_message,
     set_now,
 )
@@ -181,7 +182,7 @@ def test_before_anything_is_seen_the_picture_is_empty() -> None:
         "network_ms": None, "silent_s": None, "why": "", "outage": False, "unreached": False, "network": False,
         "left_s": None,
         "loop": None, "operator_n_m": None, "wall": None, "moved": None, "limit_n_m": None, "wall_n_m": None,
-        "yields": False, "set": {"delay": [None, None], "loss": [None, None]},
+        "yields": False, "set": {"delay": [None, None], "loss": [None, None]}, "queues": False,
     }  # fmt: skip
     found = _hub(_Door()).frame(1.0)
     assert {found[name] for name in ("hand_mm", "shown_mm", "ghost_mm", "arm_mm", "late_ms")} == {None}
@@ -348,6 +349,8 @@ def test_a_page_is_told_what_netem_is_set_to_where_one_number_tells_it() -> None
         "delay": [50.0, None], "loss": [7.0, 0.0],
     }  # fmt: skip
     assert set_now(None) == {"delay": [None, None], "loss": [None, None]}
+    assert not queues(EmulatorState(running=True, forward=plain, feedback=other))
+    assert queues(EmulatorState(running=True, forward=plain, feedback=_way({"rate": {"kbit_s": 900}})))
 
 
 def test_a_page_is_told_of_the_surface_where_the_scenario_tells_where_it_is() -> None:
