@@ -45,6 +45,8 @@ class LiveFigures:
     """Longest edge of the box that an arm's true motion fills, of all arms, in mm."""
     age_max_ms: float | None = None
     """Largest age of the newest sample at a tick, in ms."""
+    gap_max_ms: float | None = None
+    """Longest time, of all arms, in which no newer sample reached the patient, in ms."""
     silent_s: float | None = None
     """Time for which no command has reached the patient, in s; None where that is not long."""
     display_silent_s: float | None = None
