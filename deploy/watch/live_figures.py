@@ -60,16 +60,6 @@ class LiveFigures:
         return self.unseen_pct <= MAX_UNSEEN_PCT
 
     @property
-    def there_and_back_ms(self) -> float | None:
-        """Return the network's delay of a command and of an answer, the sum of both medians; None without one.
-
-        Medians, since a busy observer stamps single messages late. Oracle: delays by hand, test_live_figures.
-        """
-        ways = [self.streams.get(name, CrossingFigures()).delay_p50_ms for name in ("master", "answers")]
-        there_ms, back_ms = ways
-        return None if there_ms is None or back_ms is None else there_ms + back_ms
-
-    @property
     def limit_text(self) -> str:
         """Return a sentence on an observer that cannot keep up; "" for one that does."""
         if self.keeps_up:

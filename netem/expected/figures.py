@@ -234,7 +234,7 @@ def _rate_in_words(rate: Capacity | str) -> str:
 
 
 def beside_delay(pipeline: Pipeline) -> list[str]:
-    """Return in words the stages of a pipeline that neither its delay nor its loss tells, as the queue of its rate."""
+    """Return in words the stages of a pipeline beside delay, jitter and loss, as the queue of its rate."""
     rate = pipeline.rate
     found = [name for name in _BY_NAME if getattr(pipeline, name) is not None]
     if isinstance(rate, str):

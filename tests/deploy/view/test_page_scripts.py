@@ -259,11 +259,16 @@ def test_the_parts_of_the_lateness_add_up_as_they_are_read(
 def test_what_waits_for_the_ticks_depends_on_the_delay_and_is_there_without_a_network(page: "Page") -> None:
     words = "([...each]) => window.pictureLayout.partsWords(...each)"
     found = page.evaluate(words, [330, 300, 3, 30])
-    assert "takes 300 ms both ways (medians of the last 3 s); the rest, 30 ms, is waiting" in found
+    assert (
+        "takes 300 ms both ways (medians of the last 3 s, of the same messages); the rest, 30 ms, is waiting" in found
+    )
     assert "depends on how the delay falls between them. " in found
     assert "Without a network it is one to two ticks, 33 ms to 67 ms at 30 Hz. How far the arm is behind" in found
     assert "one to two ticks. " in page.evaluate(words, [330, 300, 3, 0])
-    assert page.evaluate(words, [90, 100, 3, 30]) == " The network took 100 ms both ways (medians of the last 3 s)."
+    assert (
+        page.evaluate(words, [90, 100, 3, 30])
+        == " The network took 100 ms both ways (medians of the last 3 s, of the same messages)."
+    )
 
 
 def test_a_page_that_is_late_does_not_blame_the_picture(page: "Page") -> None:

@@ -53,7 +53,7 @@ def _found(logs: RunLogs) -> list[Stretch]:
 
 
 def test_each_network_has_its_delay_its_time_of_movement_and_the_arms_lateness(logs: RunLogs) -> None:
-    short, late, outage, last, queue = _found(logs)
+    short, late, outage, last, _ = _found(logs)
     spans = [edge_s for one in (short, late, outage) for edge_s in (one.begin_s, one.end_s)]
     assert spans == pytest.approx([0.0, 5.0, 5.03, 8.0, 8.0, 9.0], abs=1e-3)
     assert [one.delay_ms["forward"] for one in (short, late, last)] == pytest.approx([40.0, 240.0, 240.0])
