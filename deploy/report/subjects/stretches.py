@@ -39,8 +39,8 @@ _LATEST_S: Final = 1.0
 _NOTE: Final = (
     "Network: what was set, one way: mean delay with its jitter, loss, and what else there is; a wait in a queue "
     "comes on top. Moved: hand or arm faster than 1 mm/s; late and error are of that time alone. Late: the shift in "
-    "time by which the arm follows the hand (effective time offset), where each moved for 2 s and the arm touched nothing. Error: distance of the arm to where the "
-    "hand has put it at that moment, RMS"
+    "time by which the arm follows the hand (effective time offset), where each moved for 2 s and the arm touched "
+    "nothing. Error: distance of the arm to where the hand has put it at that moment, RMS"
 )
 _SEEN: Final = {True: "picture and ghost", False: "late picture"}
 _TARGETS_NOTE: Final = (

@@ -16,7 +16,7 @@ from tis.common.device import DevicePose, TargetRun
 from tis.common.messages import SafetyMode
 from tis.common.scenario.control import DirectionState, EmulatorState
 from tis.common.scenario.network.pipeline import Pipeline
-from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.common.units import NS_PER_S
 from tis.deploy.report.subjects.touch import loop_of, predicted_limit
 from tis.deploy.run.resolve import resolve
 from tis.deploy.view.device import Device

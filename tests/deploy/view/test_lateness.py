@@ -11,7 +11,7 @@ PERIOD_MS = 33
 
 
 def _seen(delays_ms: list[int], rest_ms: int = 40, wrong: int = 0) -> LiveBook:
-    """Return a book at the end of a run whose command ``k`` needs ``delays_ms[k]`` there, and its answer as long back.
+    """Return a book at the end of a run whose command ``k`` needs ``delays_ms[k]``, and its answer as long.
 
     The observer stamps one command of ``wrong`` far too early.
     """
