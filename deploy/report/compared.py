@@ -26,10 +26,14 @@ class Differences:
 
     fields: dict[str, tuple[str, ...]]
     modes: tuple[str, ...]
+    is_driven: bool = False
+    """Whether a live device moved the hand in any of the runs."""
 
     @property
     def same_movement(self) -> bool:
         """Tell whether all runs show the same movement, so that their errors compare."""
+        if self.is_driven:
+            return False
         moving = [name for name in self.fields if name.startswith("source.") or name == "rate_hz"]
         return not set(moving) - {"source.hands"}
 
@@ -43,13 +47,15 @@ class Differences:
         is_mixed = len(set(self.modes)) > 1
         tail = mixed if is_mixed else ""
         if changed_live:
-            text = _beside_live_changes(names)
+            text = _beside_live_changes(names, self.is_driven)
         elif not names:
-            text = "All runs have the same scenario and seed: what differs comes from the host they ran on."
-        elif names == ["seed"]:
+            cause = "the movement, or from the host" if self.is_driven else "the host they ran on"
+            text = f"All runs have the same scenario and seed: what differs comes from {cause}."
+        elif names == ["seed"] and not self.is_driven:
             text = "The runs differ in nothing but the seed: they are repetitions, and what differs is chance."
         elif len(names) == 1:
-            cause = "it, or from the kind of time" if is_mixed else "it"
+            cause = "it" + (", or from the kind of time" if is_mixed else "")
+            cause += ", or from the movement" if self.is_driven else ""
             text = f"The runs differ in one field of the scenario, {names[0]}: what differs comes from {cause}."
         else:
             shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
@@ -57,14 +63,17 @@ class Differences:
                 f"The runs have different scenarios. They differ in {len(names)} fields ({shown}); what differs in "
                 "the figures may come from any of them."
             )
-        if not self.same_movement:
+        if self.is_driven:
+            text += " A live device moved the hand, another way in each run, so errors in mm do not compare."
+        elif not self.same_movement:
             text += " The movement or its rate is not the same, so errors in mm do not compare."
         return text + tail
 
 
-def _beside_live_changes(names: Sequence[str]) -> str:
+def _beside_live_changes(names: Sequence[str], is_driven: bool) -> str:
     if not names:
-        return "All runs have the same scenario and seed: what differs comes from these changes, or from the host."
+        cause = "these changes, the movement, or the host" if is_driven else "these changes, or from the host"
+        return f"All runs have the same scenario and seed: what differs comes from {cause}."
     fields = f"one field of the scenario, {names[0]}," if len(names) == 1 else f"{len(names)} fields of the scenario"
     return f"The runs differ in {fields} as well; what differs in the figures may come from either."
 
@@ -75,7 +84,8 @@ def scenario_differences(scenarios: Sequence[Scenario], modes: Sequence[str]) ->
     paths = dict.fromkeys(path for one in flat for path in one)
     found = {path: tuple(one.get(path, _ABSENT) for one in flat) for path in paths}
     differing = {path: values for path, values in found.items() if len(set(values)) > 1}
-    return Differences(differing, tuple(modes))
+    is_driven = any(scenario.source.kind == "live" for scenario in scenarios)
+    return Differences(differing, tuple(modes), is_driven)
 
 
 def _flat(value: Mapping[str, Any], path: str = "") -> dict[str, str]:
@@ -123,7 +133,7 @@ def compared_html(runs: Mapping[str, RunView]) -> str:
             [*plots.distributions(runs, views), plots.against_age(views)],
             beside=True,
         ),
-        Section("error", "Error", [plots.over_time(views, found)]),
+        Section("error", "Error", [plots.over_time(views, found, differences.is_driven)]),
         Section("scenarios", "What differs in the scenarios", markup=_differences(names, differences)),
         Section("runs", "The runs", markup=_runs(runs)),
     ]

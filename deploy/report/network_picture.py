@@ -128,11 +128,14 @@ def _figures(found: DirectionFigures) -> str:
     """Return what is known: `` 1 s, median 36.6 ms, 1.17 % lost`` after the word for an outage."""
     parts = []
     if found.delay_ms is not None:
-        parts.append(f"median {_short(found.delay_ms)} ms")
+        parts.append(f"median {_short(found.delay_ms, MAX_DELAY_MS)} ms")
     if found.loss_pct is not None:
-        parts.append(f"{_short(found.loss_pct)} % lost")
+        parts.append(f"{_short(found.loss_pct, MAX_LOSS_PCT)} % lost")
     return (f" {found.outage_s:.3g} s" if found.outage_s else "") + "".join(f", {part}" for part in parts)
 
 
-def _short(value: float) -> str:
-    return f"{value:.0f}" if value >= 100 else f"{value:.3g}" if value >= 1 else f"{value:.2g}"
+def _short(value: float, limit: float) -> str:
+    """Return a number in three digits, in more where those would show the limit that it is not."""
+    text = f"{value:.0f}" if value >= 100 else f"{value:.3g}" if value >= 1 else f"{value:.2g}"
+    more = (f"{value:.{digits}f}" for digits in (1, 2, 3))
+    return next(shown for shown in (text, *more, str(value)) if float(shown) != limit or value == limit)

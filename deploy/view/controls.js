@@ -26,7 +26,7 @@
   // Delay and loss show what netem is set to, until a value is typed: from then on that, until it is set or given up.
   const shown = ["delay", "loss"].map((ask) => document.getElementById(ask)), typed = new Set();
   const ENDS = { delay: [shown[0]], loss: [shown[1]], reset: shown, profile: shown, task: shown };
-  let set = { delay: [null, null], loss: [null, null] };
+  let set = { delay: [null, null], loss: [null, null] }, queues = false;
   const follow = () => {
     for (const input of shown.filter((one) => !typed.has(one))) {
       const [there, back] = set[input.id];
@@ -35,7 +35,7 @@
     const [delay] = shown, [there, back] = set.delay, isKnown = there !== null && back !== null;
     const asked = typed.has(delay) ? ways(number(delay.value, delay.dataset.low, delay.dataset.high).value, way.value) : "";
     const now = !isKnown ? "" : there === back ? ways(there, "both") : `${there} there and ${back} back`;
-    const line = document.getElementById("delay_ways"), words = [asked, now && `now ${now}`].filter(Boolean).join("; ");
+    const line = document.getElementById("delay_ways"), words = [asked, now && `now ${now}`, queues && "the wait in a queue comes on top"].filter(Boolean).join("; ");
     if (line.textContent !== words) line.textContent = words;
   };
   const check = (input) => {
@@ -77,7 +77,7 @@
   window.live.on((message) => {
     if ("network" in message) {
       usable(message.network);
-      set = message.set;
+      ({ set, queues } = message);
       follow();
     }
     const form = asking[message.asked];

@@ -148,10 +148,10 @@
   const isStopped = () => ["safe", "slow_stop"].includes(seen.mode);
   // An arm that was stopped goes nowhere, whatever the hand does; in an outage the hand's moves may still reach it.
   const stands = () => Boolean(seen.stopped) || (isStopped() && !seen.outage);
-  // After a change the part may be the longer one for a moment.
-  const parts = ({ late_ms, network_ms, silent_s, outage }) => {
+  const parts = ({ late_ms, network_ms, silent_s, outage, settles }) => {
     if (late_ms == null || outage) return "";
     if (silent_s != null) return ` Nothing newer arrived for ${silent_s.toFixed(1)} s.`;
+    if (settles) return " The network was changed: this settles in some seconds.";
     if (network_ms == null) return "";
     const { judged_s, rate_hz } = at("late_parts").dataset;
     return window.pictureLayout.partsWords(late_ms, network_ms, Number(judged_s), Number(rate_hz));

@@ -3,12 +3,10 @@
 import time
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
-from itertools import pairwise
 from math import inf
 from typing import Annotated, Any, Final
 
 import msgspec
-import numpy as np
 from pydantic import (
     BaseModel,
     ConfigDict,
@@ -35,6 +33,7 @@ from tis.deploy.view.felt import (
     told,
 )
 from tis.deploy.view.hold_reason import RunAbout, why_hold
+from tis.deploy.view.lateness import JUDGED_S, is_frozen, late_ms, network_ms
 from tis.deploy.view.netem_alone import NetemAlone
 from tis.deploy.view.page_text import MODES_IN_WORDS
 from tis.deploy.view.requests import PageRequest, ask
@@ -177,8 +176,6 @@ NOT_LIVE: Final = "this run plays a movement: only a run with source.kind live, 
 _RIVAL_S: Final = 3.0
 _STATE_S: Final = 0.2
 _JUDGE_S: Final = 0.5
-JUDGED_S: Final = 3.0
-_FROZEN_NS: Final = 300 * NS_PER_MS
 
 
 class DriveHub:
@@ -200,6 +197,7 @@ class DriveHub:
         self._limit = LoopLimit(about)
         self._figures = LiveFigures()
         self._late_ms: float | None = None
+        self._network_ms: float | None = None
         self._is_frozen = True
         self._edges = NetworkEdges()
         self._loop: LoopVerdict | None = None
@@ -233,14 +231,15 @@ class DriveHub:
             self._asked_s = now_s
             self._state = self._steering.state()
             self._edges.note(self._state, round(seen["now_s"] * NS_PER_S))
-            self._late_ms, self._is_frozen = self._observer.read(
-                lambda book: (late_ms(book, seen["arm"]), is_frozen(book))
+            self._late_ms, self._network_ms, self._is_frozen = self._observer.read(
+                lambda book: (late_ms(book, seen["arm"]), network_ms(book, seen["arm"]), is_frozen(book))
             )
-        errors, part_ms = figures.display, figures.there_and_back_ms
+        errors = figures.display
         return {
             **seen,
             "late_ms": self._late_ms,
-            "network_ms": None if part_ms is None else round(part_ms, 1),
+            "network_ms": self._network_ms,
+            "settles": self._settles(seen["now_s"]),
             "silent_s": figures.display_silent_s,
             "feedback_error_mm": errors and round(errors.feedback_mm, 2),
             "ghost_error_mm": errors and round(errors.predicted_mm, 2),
@@ -248,6 +247,7 @@ class DriveHub:
             "outage": self._sees_outage(),
             "unreached": self._is_cut(),
             "set": set_now(self._state),
+            "queues": queues(self._state),
             "network": self._answers(seen["now_s"]),
             "loop": None if self._loop is None else told(self._loop),
             "limit_n_m": self._limit.at(None if self._is_frozen else self._late_ms),
@@ -272,6 +272,11 @@ class DriveHub:
     def _is_cut(self) -> bool:
         """Tell whether the hand's moves do not reach the arm now."""
         return self._state is not None and self._state.forward is not None and self._state.forward.outage
+
+    def _settles(self, now_s: float) -> bool:
+        """Tell whether pictures of before the last change of the network are among those of the last seconds."""
+        since_s = now_s - self._edges.changed_ns / NS_PER_S
+        return self._edges.changed_ns > 0 and since_s < JUDGED_S + (self._late_ms or 0.0) * NS_PER_MS / NS_PER_S
 
     def _sees_outage(self) -> bool:
         ways = () if self._state is None else (self._state.forward, self._state.feedback)
@@ -306,24 +311,10 @@ def picture(book: LiveBook, arm: str | None) -> dict[str, Any]:
     }
 
 
-def is_frozen(book: LiveBook) -> bool:
-    """Tell whether no new picture has come lately."""
-    return book.now_ns - book.displays.fresh_ns > _FROZEN_NS
-
-
-def late_ms(book: LiveBook, arm: str | None) -> float | None:
-    """Return how late an arm's picture is; None before the first.
-
-    The median of the new pictures of the last seconds, as is the network's part of it; of a frozen one its age.
-    """
-    rows = [] if arm is None else book.displays.rows[arm].all()
-    if not rows:
-        return None
-    if is_frozen(book):
-        return rows[-1].late_ns / NS_PER_MS
-    begin_ns = rows[-1].t_ns - int(JUDGED_S * NS_PER_S)
-    new = [row for before, row in pairwise(rows) if before.command_ns < row.command_ns and row.t_ns >= begin_ns]
-    return float(np.median([row.late_ns for row in new or rows[-1:]])) / NS_PER_MS
+def queues(state: EmulatorState | None) -> bool:
+    """Tell whether messages wait in a queue beside the delay that is set."""
+    ways = () if state is None else (state.forward, state.feedback)
+    return any(way is not None and way.now.rate is not None for way in ways)
 
 
 def set_now(state: EmulatorState | None) -> dict[str, list[float | None]]:

@@ -70,7 +70,7 @@ def about_of(scenario: Scenario) -> RunAbout:
 
 
 _STILL_MM: Final = 1.0
-_GAP_MS: Final = 500.0
+_LONG_MS: Final = 500.0
 _YOUNG_MS: Final = 40.0
 
 
@@ -89,8 +89,10 @@ def why_hold(found: LiveFigures, about: RunAbout | None) -> str:
     begin = f"Hold errs less now ({hold}, the estimate {estimate})"
     if found.extent_mm is not None and found.extent_mm < _STILL_MM:
         return f"{begin}: the hand rests, so the newest position is right however old it is."
-    if found.age_max_ms is not None and found.age_max_ms > _GAP_MS:
-        return f"{begin}: nothing arrived for up to {found.age_max_ms:.0f} ms, too long to predict over."
+    if found.gap_max_ms is not None and found.gap_max_ms > _LONG_MS:
+        return f"{begin}: nothing newer arrived for up to {found.gap_max_ms:.0f} ms, too long to predict over."
+    if found.age_max_ms is not None and found.age_max_ms > _LONG_MS:
+        return f"{begin}: the newest position was up to {found.age_max_ms:.0f} ms old, too long to predict over."
     if found.age_max_ms is not None and found.age_max_ms < _YOUNG_MS:
         return f"{begin}: the newest position is at most {found.age_max_ms:.0f} ms old: there is little to predict."
     if about is not None and about.is_trained_on_synthetic and about.is_live:

@@ -22,8 +22,8 @@ from tis.deploy.present.palette import AMBER, GREEN, RED, SLATE, TONES, Tone
 from tis.deploy.present.plot_style import THEME
 from tis.deploy.report.network_picture import DirectionFigures, network_picture
 from tis.deploy.report.plots.scene_3d import live_camera_controls
-from tis.deploy.view.drive import JUDGED_S
 from tis.deploy.view.feed import SHOWN_S, Feed
+from tis.deploy.view.lateness import JUDGED_S
 from tis.deploy.view.netem_alone import NetemAlone
 from tis.deploy.view.page_text import (
     PageContext,

@@ -15,6 +15,7 @@ from tis.deploy.watch.book import MISSING
 from tis.deploy.watch.live_figures import LiveFigures
 from tis.deploy.watch.observer import Attendance, Vantage
 from tis.deploy.watch.safety import Stretch
+from tis.netem.expected.figures import beside_delay
 
 _NO_VALUE: Final = "–"
 _KINDS: Final = {"constant": "", "bernoulli": "each message by itself"}
@@ -214,8 +215,9 @@ def state_html(state: EmulatorState | None) -> str:
 def _now(one: DirectionState) -> str:
     if one.outage:
         return f"<strong>outage, nothing passes</strong>{_changed(one)}"
-    stages = ((name, _stage(one, name)) for name in ("delay", "jitter", "loss"))
-    return escape("; ".join(f"{name} {text}" for name, text in stages)) + _changed(one)
+    stages = [f"{name} {_stage(one, name)}" for name in ("delay", "jitter", "loss")]
+    stall = ["stall, nothing leaves"] if one.stall else []
+    return escape("; ".join([*stall, *stages, *beside_delay(one.now)])) + _changed(one)
 
 
 def _stage(one: DirectionState, name: str) -> str:

@@ -93,19 +93,20 @@ window.pictureLayout = (() => {
   const lateness = (ms) => (Math.abs(ms) < 950 ? `${ms} ms` : `${(ms / 1000).toFixed(2)} s`);
   // The parts of a lateness. What waits for ticks is between none and two of them, by where the delay falls between them. An arm's own lag is no part.
   const partsWords = (late_ms, network_ms, judged_s, rate_hz) => {
-    const { part, rest, rest_ms } = sharesOf(late_ms, network_ms), over = `(medians of the last ${judged_s} s)`;
+    const { part, rest, rest_ms } = sharesOf(late_ms, network_ms), over = `(medians of the last ${judged_s} s, of the same messages)`;
     const ticks = rate_hz > 0 ? `two ticks, ${lateness(Math.round(1000 / rate_hz))} to ${lateness(Math.round(2000 / rate_hz))} at ${rate_hz} Hz` : "two ticks";
     return rest_ms <= 0 ? ` The network took ${part} both ways ${over}.`
       : ` Of that the network takes ${part} both ways ${over}; the rest, ${rest}, is waiting for ticks, at arm and display, and computing: it depends on how the delay falls between them. Without a network it is one to ${ticks}. How far the arm is behind what it is told comes on top.`;
   };
-  // Why a page's picture is `since_ms` old: none is newer, or the page, which last knew that `unlooked_ms` ago, is late.
-  const SILENT_MS = 500, LATE_MS = 600;
+  // Why a page drew no picture for `drawn_ms`: none came to the operator's side, where the newest came `came_ms` ago as far as
+  // was known `unlooked_ms` ago; or the page is late. An answer that tells of no picture is itself up to 0.8 s old.
+  const SILENT_MS = 500, LATE_MS = 1000;
   const age = (ms) => (ms < 1000 ? `${Math.round(ms)} ms` : `${(ms / 1000).toFixed(1)} s`);
-  const silence = (since_ms, unlooked_ms) => {
-    if (since_ms <= SILENT_MS) return null;
-    return unlooked_ms !== null && unlooked_ms > LATE_MS
-      ? { state: "late", text: `This page is ${age(unlooked_ms)} late, as the machine is busy: the operator's screen may show newer pictures. The report tells what it showed.` }
-      : { state: "frozen", text: `No newer picture for ${age(since_ms)}.` };
+  const silence = (drawn_ms, unlooked_ms, came_ms) => {
+    if (drawn_ms <= SILENT_MS || unlooked_ms === null) return null;
+    const isCalm = came_ms - unlooked_ms > SILENT_MS, late_ms = isCalm ? unlooked_ms : Math.max(drawn_ms, unlooked_ms);
+    if (late_ms > LATE_MS) return { state: "late", text: `This page is ${age(late_ms)} late, as the machine is busy: the operator's screen may show newer pictures. The report tells what it showed.` };
+    return isCalm ? { state: "frozen", text: `No newer picture for ${age(came_ms)}.` } : null;
   };
 
   return { follow, placed, arrowOf, yielded, feltWords, loopWords, sharesOf, partsWords, age, silence };

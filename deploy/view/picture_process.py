@@ -99,6 +99,7 @@ def _follow(session: zenoh.Session, prefix: str, sight: SightPart, bell: threadi
 
     listening = session.declare_subscriber(VIDEO.key(prefix), on_sample, allowed_origin=zenoh.Locality.REMOTE)
     spectator, told, looked_ns = Spectator(prefix, sight), 0, 0
+    came_ns = time.monotonic_ns()
     while not asked.is_over:
         begun_ns = time.monotonic_ns()
         bell.wait(_LOOK_S)
@@ -109,9 +110,12 @@ def _follow(session: zenoh.Session, prefix: str, sight: SightPart, bell: threadi
             waiting.clear()
             spectator.restart()
         while waiting:
-            spectator.take(*waiting.popleft())
+            before, message = spectator.shown, waiting.popleft()
+            spectator.take(*message)
+            if spectator.shown is not before:
+                came_ns = message[-1]
         shown, now_ns = spectator.shown, time.monotonic_ns()
-        looked = {"looked_ns": now_ns - late_ns}
+        looked = {"looked_ns": now_ns - late_ns, "came_ns": came_ns}
         if asked.waits and shown is not None and shown.number > told:
             asked.waits, told = False, shown.number
             _tell(described(shown) | looked, jpeg_of(shown))

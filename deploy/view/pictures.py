@@ -25,6 +25,8 @@ SAYS: Final = "Tis-Picture"
 """Header with what is told of a picture, as JSON."""
 LATE: Final = "Tis-Late"
 """Header with the time, in ms, since it was last known that no newer picture was there: how late the page is."""
+CAME: Final = "Tis-Came"
+"""Header with the time, in ms, since the newest picture that is known came to the operator's side."""
 MAX_WAITING: Final = 32
 _MODULE: Final = ("-m", "tis.deploy.view.picture_process")
 _WAIT_S: Final = 0.5
@@ -46,6 +48,7 @@ class PictureDoor:
         """Whether the run has no picture, or none that can be decoded here: then `needs` is the package for it."""
         self.needs = ""
         self._looked_ns: int | None = None
+        self._came_ns: int | None = None
         self._options, self._ahead_ns, self._module = options, ahead_ns, module
         self._waiting: set[Future[None]] = set()
         self._is_asked = False
@@ -62,10 +65,10 @@ class PictureDoor:
         """Tell whether as many pages wait as can be served."""
         return len(self._waiting) >= MAX_WAITING
 
-    @property
-    def late_ms(self) -> float | None:
-        """Return how long ago it was looked for a newer picture; None before that."""
-        return None if self._looked_ns is None else (time.monotonic_ns() - self._looked_ns) / NS_PER_MS
+    def ages_ms(self) -> dict[str, float]:
+        """Return by header how long ago it was looked for a newer picture, and one came; nothing before that."""
+        found, now_ns = {LATE: self._looked_ns, CAME: self._came_ns}, time.monotonic_ns()
+        return {name: (now_ns - at_ns) / NS_PER_MS for name, at_ns in found.items() if at_ns is not None}
 
     async def after(self, number: int) -> tuple[dict[str, Any], bytes] | None:
         """Return the newest picture if it has a higher number, waiting for it a while; None without."""
@@ -137,6 +140,7 @@ class PictureDoor:
 
     def _take(self, said: dict[str, Any], data: bytes) -> None:
         self._looked_ns = said.pop("looked_ns", self._looked_ns)
+        self._came_ns = said.pop("came_ns", self._came_ns)
         if not said:  # it has looked, and there is no newer one
             return
         if data:
@@ -163,8 +167,8 @@ class _PictureHandler(AuthRequestHandler):
         if self._door.is_full:
             raise HTTPError(_BUSY)
         found = await self._door.after(number)
-        if self._door.late_ms is not None:
-            self.set_header(LATE, f"{self._door.late_ms:.0f}")
+        for name, age_ms in self._door.ages_ms().items():
+            self.set_header(name, f"{age_ms:.0f}")
         if found is None:
             self.set_status(_NO_CONTENT)
             if self._door.is_blind:

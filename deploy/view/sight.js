@@ -7,7 +7,7 @@
   const AGAIN_MS = 1000;
   const WORDS = { complete: "It came whole.", concealed: "Damaged: not all came of it, or of what it builds on.",
     torn: "Torn: it is made of two frames." };
-  let said = null, came = 0, looked = null, over = false;
+  let said = null, drawn = 0, looked = null, came = null, over = false;
 
   const pause = (ms) => new Promise((done) => setTimeout(done, ms));
   const painted = () => new Promise((done) => requestAnimationFrame(done));  // a hidden page asks for nothing
@@ -21,7 +21,7 @@
     }
     canvas.getContext("2d").drawImage(image, 0, 0);
     image.close();
-    [said, came] = [told, got];
+    [said, drawn] = [told, got];
     at("sight").hidden = false;
     canvas.closest(".drive").classList.add("sees");
   };
@@ -29,7 +29,8 @@
     while (!over) {
       try {
         const answer = await fetch(`picture?after=${said?.number ?? 0}`);
-        if (answer.headers.has("Tis-Late")) looked = performance.now() - Number(answer.headers.get("Tis-Late"));
+        const [late, since] = ["Tis-Late", "Tis-Came"].map((name) => answer.headers.get(name)), now = performance.now();
+        if (late !== null && since !== null) [looked, came] = [now - Number(late), now - Number(since)];
         const never = answer.status === 204 && answer.headers.get("Tis-Picture");
         if (never) return tellNone(JSON.parse(never).needs);
         if (answer.status === 200) await draw(answer);
@@ -47,8 +48,9 @@
   const put = (node, text) => { if (node.textContent !== text) node.textContent = text; };
   const tell = () => {
     if (window.live.isOver()) over = true;
-    if (!said || over) return;
-    const now = performance.now(), since = now - came, silent = silence(since, looked === null ? null : now - looked);
+    if (!said) return;
+    const now = over ? drawn : performance.now(), since = now - drawn;  // after the end nothing counts on
+    const silent = over ? null : silence(since, looked === null ? null : now - looked, now - came);
     put(at("seen_age"), said.age_ms == null ? "–" : age(said.age_ms + since));
     const share = `${said.n_whole} of the last ${said.n} frames whole.`;
     at("seen_stamps").hidden = !said.is_stamped;

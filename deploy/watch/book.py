@@ -4,6 +4,7 @@ from collections import defaultdict, deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from itertools import pairwise
 from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
@@ -210,7 +211,8 @@ class LiveBook:
             self.displays.errors(begin_ns) if display_silent_s is None else None,
             [row.age_ms for row in ages],
         )
-        return replace(found, silent_s=silent_s, display_silent_s=display_silent_s)
+        gap_max_ms = max((_gap_ms(trail, begin_ns) for trail in self.ages.values()), default=None)
+        return replace(found, gap_max_ms=gap_max_ms, silent_s=silent_s, display_silent_s=display_silent_s)
 
     def _silence_s(self, fresh_ns: int) -> float | None:
         """Return the time since ``fresh_ns``, in s; None where that is not long, or nothing ever arrived."""
@@ -278,6 +280,13 @@ class LiveBook:
             self._fresh_ns = max(self._fresh_ns, pose.sample_ns)
         end_to_end_ms = (header.sent_ns - fresh_ns) / NS_PER_MS if is_new else None
         self.ages[arm].append(AgeRow(pose.sample_ns, (pose.sample_ns - fresh_ns) / NS_PER_MS, end_to_end_ms))
+
+
+def _gap_ms(ages: Trail[AgeRow], begin_ns: int) -> float:
+    """Return the longest time in which no tick since ``begin_ns`` had a newer sample than the one before, in ms."""
+    rows = _since(ages, begin_ns, lambda row: row.t_ns)
+    edges_ns = [row.t_ns for k, row in enumerate(rows) if row.end_to_end_ms is not None or k in (0, len(rows) - 1)]
+    return max((later - before for before, later in pairwise(edges_ns)), default=0) / NS_PER_MS
 
 
 def _since(trail: Trail[Row], begin_ns: int, at_ns: Callable[[Row], int]) -> list[Row]:

@@ -45,6 +45,8 @@ class LiveFigures:
     """Longest edge of the box that an arm's true motion fills, of all arms, in mm."""
     age_max_ms: float | None = None
     """Largest age of the newest sample at a tick, in ms."""
+    gap_max_ms: float | None = None
+    """Longest time, of all arms, in which no newer sample reached the patient, in ms."""
     silent_s: float | None = None
     """Time for which no command has reached the patient, in s; None where that is not long."""
     display_silent_s: float | None = None
@@ -56,16 +58,6 @@ class LiveFigures:
     def keeps_up(self) -> bool:
         """Tell whether the observer sees nearly all packets: only then is one that it misses a lost one."""
         return self.unseen_pct <= MAX_UNSEEN_PCT
-
-    @property
-    def there_and_back_ms(self) -> float | None:
-        """Return the network's delay of a command and of an answer, the sum of both medians; None without one.
-
-        Medians, since a busy observer stamps single messages late. Oracle: delays by hand, test_live_figures.
-        """
-        ways = [self.streams.get(name, CrossingFigures()).delay_p50_ms for name in ("master", "answers")]
-        there_ms, back_ms = ways
-        return None if there_ms is None or back_ms is None else there_ms + back_ms
 
     @property
     def limit_text(self) -> str:

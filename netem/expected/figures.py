@@ -12,7 +12,7 @@ import numpy as np
 
 from tis.common.channels import DESTINATION, ORIGIN, Direction
 from tis.common.scenario.network import NetworkPart
-from tis.common.scenario.network.capacity import MAX_COUNT, Capacity, CoDel, Cross, PriorityQueue, RecordedRate
+from tis.common.scenario.network.capacity import MAX_COUNT, Capacity, CoDel, Cross, Queue, RecordedRate
 from tis.common.scenario.network.conditions import Change, CycleStates, Effect
 from tis.common.scenario.network.loss import TraceLoss
 from tis.common.scenario.network.pipeline import Pipeline
@@ -227,13 +227,30 @@ def _rate_in_words(rate: Capacity | str) -> str:
     queue = rate.queue
     bounds = [f"{queue.max_packets} messages"] if queue.max_packets < MAX_COUNT else []
     bounds += [] if queue.max_bytes is None else [f"{queue.max_bytes} bytes"]
-    kind = "priority queue" if isinstance(queue, PriorityQueue) else "queue"
-    kind = f"CoDel queue, target {queue.target_ms:g} ms," if isinstance(queue, CoDel) else kind
+    kind = f"{_queue_kind(queue)}, target {queue.target_ms:g} ms," if isinstance(queue, CoDel) else _queue_kind(queue)
     of = f" of {' or '.join(bounds)}" if bounds else " without a bound"
     overhead = f", {rate.overhead_bytes} bytes on top of each" if rate.overhead_bytes else ""
-    what = f"opportunities of {rate.opportunities}" if isinstance(rate, RecordedRate) else _bit_rate(rate.kbit_s)
     full = ", senders wait while it is full" if rate.backpressure else ""
-    return f"rate {what} ({kind}{of}{overhead}{_cross_in_words(rate.cross)}{full})"
+    return f"rate {_capacity(rate)} ({kind}{of}{overhead}{_cross_in_words(rate.cross)}{full})"
+
+
+def beside_delay(pipeline: Pipeline) -> list[str]:
+    """Return in words the stages of a pipeline beside delay, jitter and loss, as the queue of its rate."""
+    rate = pipeline.rate
+    found = [name for name in _BY_NAME if getattr(pipeline, name) is not None]
+    if isinstance(rate, str):
+        found.append("the link's queue")
+    elif rate is not None:
+        found.append(f"a {_queue_kind(rate.queue)} at {_capacity(rate)}{_cross_in_words(rate.cross)}")
+    return found
+
+
+def _queue_kind(queue: Queue) -> str:
+    return {"codel": "CoDel queue", "priority": "priority queue"}.get(queue.kind, "queue")
+
+
+def _capacity(rate: Capacity) -> str:
+    return f"opportunities of {rate.opportunities}" if isinstance(rate, RecordedRate) else _bit_rate(rate.kbit_s)
 
 
 def _cross_in_words(cross: Cross | None) -> str:

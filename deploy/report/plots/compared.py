@@ -72,9 +72,12 @@ def against_age(views: Mapping[str, HandView | None]) -> style.Figure | None:
 
 
 def over_time(
-    views: Mapping[str, HandView | None], disturbed: Mapping[str, Sequence[Disturbance]]
+    views: Mapping[str, HandView | None], disturbed: Mapping[str, Sequence[Disturbance]], is_driven: bool
 ) -> style.Figure | None:
-    """Draw each run's error over time, with its disturbances in its colour; None where no run has any."""
+    """Draw each run's error over time, with its disturbances in its colour; None where no run has any.
+
+    Of runs that ``is_driven`` tells to have a live device, peaks do not compare.
+    """
     found = {n: v for n, v in views.items() if v is not None and np.isfinite(v.errors_mm.get(v.active, [])).any()}
     if not found:
         return None
@@ -94,12 +97,16 @@ def over_time(
         style.hover(fig, line, (name, "@error{0.000} mm"), ("at", "@t{0.000} s"))
     largest = {n: v.errors_mm[v.active][v.track.scored] for n, v in found.items()}
     marked = any(disturbed.get(name) for name in found)
+    compares = (
+        "A live device moved another way in each run, so peaks at one place do not compare."
+        if is_driven
+        else "Runs of one source and seed show the same movement, so peaks at one place compare."
+    )
     worst_of = ", ".join(f"{n} {number(float(np.nanmax(e)))} mm" for n, e in largest.items() if np.isfinite(e).any())
     return style.Figure(
         plots=(fig,),
         title="Error over time",
-        caption=f"The active estimator's distance from the arm at each tick. Largest: {worst_of}. Runs of one source "
-        "and seed show the same movement, so peaks at one place compare."
+        caption=f"The active estimator's distance from the arm at each tick. Largest: {worst_of}. {compares}"
         + (" Shaded in a run's colour: its outages, and, dashed, changes made while it ran." if marked else ""),
         alt=f"Line chart of the 3D error over run time, one line a run. Largest: {worst_of}.",
         keys=_keys(list(views), found),

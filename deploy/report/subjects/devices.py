@@ -22,7 +22,7 @@ class DeviceFigures(Section):
     first_s: float | None = means("Run time of its first pose.")
     silences: int = means("Times without a pose for longer than `silent_after_ms`.")
     silent_ticks: int = means("Ticks in them.")
-    silent_s: float = means("Time in them, by the ticks.")
+    silent_s: float = means("Time in them, by the ticks, from `silent_after_ms` on; no measure of rest.")
     refused: dict[Refusal, int] = means(
         "Messages that were not used, by reason: undecodable, not_finite, no_rotation (a quaternion of "
         "length 0), backwards (its clock stood or went back), flooded (more than 128 between two ticks), jump (a "
@@ -120,9 +120,12 @@ def device_texts(devices: ByHand, external_arms: ByHand) -> list[str]:
             if row.poses and row.silent_ticks:  # without any pose the run is invalid, and says so
                 times = "once" if row.silences == 1 else f"{row.silences} times"
                 how_long = f"{times}, for {row.silent_s:.1f} s in all"
-                rest = f"the {hand} hand was at rest {how_long}: no device and no page moved it"
-                silent = f"{whose} was silent {how_long}: its last pose held"
-                texts.append(rest if found is devices else silent)
+                n = "one stretch" if row.silences == 1 else f"{row.silences} stretches"
+                still = (
+                    f"no pose of the {hand} hand came from a device or page in {n}, "
+                    f"{row.silent_s:.1f} s in all: it was taken to stand still there; rest with poses is not counted"
+                )
+                texts.append(still if found is devices else f"{whose} was silent {how_long}: its last pose held")
             refused = [f"{n} {MEANING[reason]}" for reason, n in row.refused.items() if n]
             if refused:
                 texts.append(f"not used of the messages of {whose}: {', '.join(refused)}")

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy
@@ -24,6 +24,7 @@ from tis.deploy.report.subjects.network.requested import Requested
 from tis.deploy.report.subjects.ticks import active_duration_s
 from tis.deploy.report.subjects.tracking import Array, HandTrack, aligned
 from tis.netem.control.replay import changes_from_notes
+from tis.netem.expected.figures import beside_delay
 
 _SHORTEST_S: Final = 0.5
 """A shorter stretch is left out, as between the reset and the delay that a task of the live page asks for."""
@@ -36,10 +37,10 @@ _WAITS_S: Final = 0.1
 _LATEST_S: Final = 1.0
 """How much later than the delays that are set an arm is looked for."""
 _NOTE: Final = (
-    "Network: what was set, mean delay with its jitter, and loss, one way. Moved: hand or arm faster than 1 mm/s; "
-    "late and error are of that time alone. Late: the shift in time by which the arm follows the hand (effective "
-    "time offset), where each moved for 2 s and the arm touched nothing. Error: distance of the arm to where the "
-    "hand has put it at that moment, RMS"
+    "Network: what was set, one way: mean delay with its jitter, loss, and what else there is; a wait in a queue "
+    "comes on top. Moved: hand or arm faster than 1 mm/s; late and error are of that time alone. Late: the shift in "
+    "time by which the arm follows the hand (effective time offset), where each moved for 2 s and the arm touched "
+    "nothing. Error: distance of the arm to where the hand has put it at that moment, RMS"
 )
 _SEEN: Final = {True: "picture and ghost", False: "late picture"}
 _TARGETS_NOTE: Final = (
@@ -54,6 +55,10 @@ class Stretch(Section):
     end_s: float = means("Run time of its end.")
     delay_ms: dict[DirectionName, float | None] = means("Mean delay asked for, one way; `null` in a stall.")
     loss_pct: dict[DirectionName, float | None] = means("Loss asked for; 100 in an outage.")
+    beside: dict[DirectionName, str] = means(
+        "What else was asked for, in words: a queue with its bit rate and the others' traffic in it, duplicates, bit "
+        "errors, overtaking; empty for nothing."
+    )
     moved_s: float = means("Time in which hand or arm moved, faster than 1 mm/s.")
     late_ms: float | None = means(
         "Effective time offset of the arm (`plant`, else the active estimate) to the hand in that time, median; "
@@ -97,11 +102,22 @@ def network_edges_ns(logs: RunLogs, scenario: Scenario) -> list[int]:
     return sorted(ns for ns in found if ns <= end_ns)
 
 
-Asked = dict[Direction, tuple[NDArray[np.int64], Array, Array]]
+class _Asked(NamedTuple):
+    """What was asked for N of a hand's messages in one direction, each (N,).
+
+    When each was offered in ns, its delay in ms, its loss in % and what else there was, in words.
+    """
+
+    offered_ns: NDArray[np.int64]
+    delay_ms: Array
+    loss_pct: Array
+    beside: NDArray[np.str_]
+
+
+Asked = dict[Direction, _Asked]
 
 
 def _asked(logs: RunLogs, scenario: Scenario, requests: Mapping[Direction, Requested], hand: Hand, arm: Arm) -> Asked:
-    """Return by direction of the hand's messages when each was offered in ns, and its delay in ms and loss in %."""
     channels, found = hand_channels(hand, arm), Asked()
     ways: dict[Direction, Channel[Any]] = {"forward": channels.arm, "feedback": channels.estimated}
     for way, channel in ways.items():
@@ -109,9 +125,12 @@ def _asked(logs: RunLogs, scenario: Scenario, requests: Mapping[Direction, Reque
         fates = fates_by_key(logs, way).get(key)
         expected = None if fates is None or not len(fates) else requests[way].of_packets(key, fates)
         if fates is not None and expected is not None:
-            stalls = requests[way].in_force(fates.offered_ns).column("stall")
-            delay_ms = np.where(stalls, np.nan, expected.delay_ns / NS_PER_MS)
-            found[way] = fates.offered_ns, delay_ms, 100.0 * np.where(expected.outage, 1.0, expected.p_loss)
+            held = requests[way].in_force(fates.offered_ns)
+            delay_ms = np.where(held.column("stall"), np.nan, expected.delay_ns / NS_PER_MS)
+            under = [requests[way].under(key, condition.changes) for condition in held.conditions]
+            words = np.array(["" if one is None else ", ".join(beside_delay(one.pipeline)) for one in under])
+            loss_pct = 100.0 * np.where(expected.outage, 1.0, expected.p_loss)
+            found[way] = _Asked(fates.offered_ns, delay_ms, loss_pct, words[held.which])
     return found
 
 
@@ -128,9 +147,11 @@ def _stretch(
 ) -> Stretch:
     set_ms: dict[DirectionName, float | None] = {}
     lost_pct: dict[DirectionName, float | None] = {}
-    for way, (offered_ns, delay_ms, loss_pct) in asked.items():
-        within = (offered_ns >= begin_ns) & (offered_ns < end_ns)
-        set_ms[way], lost_pct[way] = _mean(delay_ms[within]), _mean(loss_pct[within])
+    beside: dict[DirectionName, str] = {}
+    for way, one in asked.items():
+        within = (one.offered_ns >= begin_ns) & (one.offered_ns < end_ns)
+        set_ms[way], lost_pct[way] = _mean(one.delay_ms[within]), _mean(one.loss_pct[within])
+        beside[way] = " or ".join(str(words) for words in np.unique(one.beside[within]) if words)
     hand_m, rate_hz = track.truth_m, scenario.rate_hz
     nowhere = np.full_like(hand_m, np.nan)
     arm_m = track.estimates.get("plant", track.estimates.get(scenario.active_estimator, nowhere))
@@ -151,6 +172,7 @@ def _stretch(
         end_s=end_ns / NS_PER_S,
         delay_ms=set_ms,
         loss_pct=lost_pct,
+        beside=beside,
         moved_s=np.count_nonzero(moving) / rate_hz,
         late_ms=1000.0 * float(np.median(late_s)) if len(late_s) else None,
         rmse_3d_mm=None if squares is None else MM_PER_M * squares**0.5,
@@ -190,16 +212,18 @@ def stretch_tables(found: Mapping[Hand, list[Stretch]]) -> list[Table]:
 
 
 def _network(one: Stretch) -> str:
-    there, back = (_way(one.delay_ms.get(way), one.loss_pct.get(way)) for way in ("forward", "feedback"))
+    ways: tuple[Direction, ...] = ("forward", "feedback")
+    there, back = (_way(one.delay_ms.get(way), one.loss_pct.get(way), one.beside.get(way, "")) for way in ways)
     return f"{there} each way" if there == back else f"{there} there, {back} back"
 
 
-def _way(delay_ms: float | None, loss_pct: float | None) -> str:
+def _way(delay_ms: float | None, loss_pct: float | None, beside: str) -> str:
     if loss_pct is None:
         return "not known"
     if loss_pct == 100.0 or delay_ms is None:
         return "stall" if delay_ms is None else "outage"
-    return f"{significant(delay_ms)} ms" + (f" with {number(loss_pct)} % lost" if loss_pct else "")
+    lost = f" with {number(loss_pct)} % lost" if loss_pct else ""
+    return f"{significant(delay_ms)} ms{lost}" + (f" and {beside}" if beside else "")
 
 
 def target_table(logs: RunLogs) -> Table:

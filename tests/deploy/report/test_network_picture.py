@@ -39,6 +39,13 @@ def test_it_says_both_directions_to_the_eye_and_to_a_screen_reader() -> None:
     assert [text.strip() for _, text in page.all("text")][2:] == ["surgeon", "netem", "patient"]
 
 
+def test_a_figure_beside_its_limit_shows_on_which_side_it_is() -> None:
+    links = {"forward": DirectionFigures(149.6, 5), "feedback": DirectionFigures(150.04, 5.002)}
+    picture = network_picture(links, {})  # type: ignore[arg-type]  # keys are literals
+    assert "good, median 149.6 ms, 5 % lost" in picture
+    assert "suffering, median 150.04 ms, 5.002 % lost" in picture
+
+
 def test_a_long_line_lies_within_the_picture_and_is_still_readable() -> None:
     worst = DirectionFigures(1234.5, 12.34, outage_s=12.3)
     picture = network_picture({"forward": worst}, {})

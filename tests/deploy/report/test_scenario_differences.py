@@ -1,6 +1,7 @@
 """What differs between scenarios, and what is said of it."""
 
 from tests.deploy.report.hand_made import a_scenario
+from tis.common.scenario import Scenario
 from tis.deploy.report.compared import scenario_differences
 
 DELAY = {"forward": {"delay": {"kind": "constant", "delay_ms": 40}}}
@@ -65,3 +66,24 @@ def test_after_a_live_change_no_field_is_the_only_cause() -> None:
     assert "one field of the scenario, duration_s, as well; what differs in the figures may come from either" in text
     same = scenario_differences([a_scenario(), a_scenario()], ["live", "live"])
     assert "comes from these changes, or from the host" in same.statement(changed_live=True)
+
+
+def _driven(seed: int = 1) -> Scenario:
+    plant = {"plant": {"kind": "servo"}}
+    return a_scenario(seed=seed, source={"kind": "live"}, patient=plant, identification={"train": "synthetic"})
+
+
+def test_a_live_device_moves_another_way_in_each_run() -> None:
+    again = scenario_differences([_driven(), _driven()], ["live", "live"])
+    assert again.statement() == (
+        "All runs have the same scenario and seed: what differs comes from the movement, or from the host. "
+        "A live device moved the hand, another way in each run, so errors in mm do not compare."
+    )
+    assert not again.same_movement
+    seeds = scenario_differences([_driven(1), _driven(2)], ["live", "live"])
+    assert "repetitions" not in seeds.statement()
+    assert "comes from it, or from the movement." in seeds.statement()
+    beside = scenario_differences([_driven(), _driven()], ["live", "live"])
+    assert "from these changes, the movement, or the host" in beside.statement(changed_live=True)
+    recorded = scenario_differences([_driven(), a_scenario(seed=1)], ["live", "live"])
+    assert "another way in each run" in recorded.statement()

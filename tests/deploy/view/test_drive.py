@@ -16,7 +16,7 @@ from tis.common.device import DevicePose, TargetRun
 from tis.common.messages import SafetyMode
 from tis.common.scenario.control import DirectionState, EmulatorState
 from tis.common.scenario.network.pipeline import Pipeline
-from tis.common.units import NS_PER_MS, NS_PER_S
+from tis.common.units import NS_PER_S
 from tis.deploy.report.subjects.touch import loop_of, predicted_limit
 from tis.deploy.run.resolve import resolve
 from tis.deploy.view.device import Device
@@ -31,8 +31,8 @@ from tis.deploy.view.drive import (
     HandMove,
     Rate,
     Seat,
-    late_ms,
     picture,
+    queues,
     read_message,
     set_now,
 )
@@ -43,7 +43,6 @@ from tis.deploy.view.requests import PageRequest
 from tis.deploy.watch.book import LiveBook
 from tis.deploy.watch.observer import Attendance
 from tis.deploy.watch.safety import Stretch
-from tis.deploy.watch.streams import Crossing
 
 
 class _Door:
@@ -160,28 +159,13 @@ def test_the_picture_tells_what_the_arm_does_in_the_words_of_the_page(
     assert f"<strong>{found['doing']}</strong>" in _safety_html({"PSM2": [Stretch(mode, 0.0, 1.0)]})
 
 
-def test_the_networks_part_is_of_the_last_seconds_and_follows_a_change() -> None:
-    """100 ms each way, then 150 ms, though single messages were stamped wrongly."""
-    book = LiveBook("tis")
-    book.take(sighting("west", LEFT.predicted, 0, 0, 0, _display(1000, 0.010, 0.014, 240)))
-    hub, parts = _hub(_Door(), book), []
-    for k in range(300):
-        book.now_ns = k * NS_PER_S // 30
-        delay_ms = 30 if k % 5 == 0 else 100 if k < 150 else 150
-        for name in ("master", "answers"):
-            book.crossed[name].append(Crossing(book.now_ns, delay_ms * NS_PER_MS))
-        parts.append(hub.frame(k / 30)["network_ms"])
-    assert set(parts[30:151]) == {200.0}
-    assert set(parts[150 + 75 :]) == {300.0}, "two and a half seconds later"
-
-
 def test_before_anything_is_seen_the_picture_is_empty() -> None:
     assert _hub(None).frame(1.0) == {
         "now_s": 0.0, "arm": None, "feedback_error_mm": None, "ghost_error_mm": None, "late_ms": None,
         "network_ms": None, "silent_s": None, "why": "", "outage": False, "unreached": False, "network": False,
         "left_s": None,
         "loop": None, "operator_n_m": None, "wall": None, "moved": None, "limit_n_m": None, "wall_n_m": None,
-        "yields": False, "set": {"delay": [None, None], "loss": [None, None]},
+        "yields": False, "set": {"delay": [None, None], "loss": [None, None]}, "queues": False, "settles": False,
     }  # fmt: skip
     found = _hub(_Door()).frame(1.0)
     assert {found[name] for name in ("hand_mm", "shown_mm", "ghost_mm", "arm_mm", "late_ms")} == {None}
@@ -320,17 +304,14 @@ def test_theorys_limit_is_that_of_the_summary_and_is_not_waited_for() -> None:
     assert LoopLimit(about_of(resolve("drive", [], None))).at(361.0) is None
 
 
-def test_lateness_is_the_median_of_new_pictures_and_of_a_frozen_one_its_age() -> None:
+def test_for_some_seconds_after_a_change_the_lateness_settles() -> None:
     book = LiveBook("tis")
-    for k, late in enumerate([210, 240, 210, 500, 210, 240, 210]):
-        book.take(sighting("west", LEFT.predicted, 0, 0, 0, _display(1000 + 33 * k, 0.0, 0.0, late)))
-    book.now_ns = 1200 * NS_PER_MS
-    assert late_ms(book, "PSM2") == 210.0
-    for k in range(7, 30):  # nothing new: the same command grows older
-        book.take(sighting("west", LEFT.predicted, 0, 0, 0, _display(1000 + 33 * k, 0.0, 0.0, 210 + 33 * (k - 6))))
-    assert late_ms(book, "PSM2") == 210.0
-    book.now_ns = 1957 * NS_PER_MS
-    assert late_ms(book, "PSM2") == 210.0 + 33 * 23
+    hub = _hub(None, book)
+    hub._edges.changed_ns, settles = 10 * NS_PER_S, []
+    for now_s in (11.0, 12.9, 13.1):
+        book.now_ns = round(now_s * NS_PER_S)
+        settles.append(hub.frame(now_s)["settles"])
+    assert settles == [True, True, False]
 
 
 def _way(stages: dict[str, Any]) -> DirectionState:
@@ -348,6 +329,8 @@ def test_a_page_is_told_what_netem_is_set_to_where_one_number_tells_it() -> None
         "delay": [50.0, None], "loss": [7.0, 0.0],
     }  # fmt: skip
     assert set_now(None) == {"delay": [None, None], "loss": [None, None]}
+    assert not queues(EmulatorState(running=True, forward=plain, feedback=other))
+    assert queues(EmulatorState(running=True, forward=plain, feedback=_way({"rate": {"kbit_s": 900}})))
 
 
 def test_a_page_is_told_of_the_surface_where_the_scenario_tells_where_it_is() -> None:

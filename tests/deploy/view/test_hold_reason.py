@@ -20,7 +20,8 @@ def _figures(**changes: Any) -> LiveFigures:
     ("found", "about", "cause"),
     [
         (_figures(extent_mm=0.2), LIVE, "the hand rests"),
-        (_figures(age_max_ms=900.0), LIVE, "nothing arrived for up to 900 ms"),
+        (_figures(age_max_ms=900.0, gap_max_ms=800.0), LIVE, "nothing newer arrived for up to 800 ms"),
+        (_figures(age_max_ms=635.0, gap_max_ms=34.0), LIVE, "the newest position was up to 635 ms old"),
         (_figures(age_max_ms=20.0), LIVE, "at most 20 ms old"),
         (_figures(), LIVE, "identified on synthetic movement"),
         (_figures(), RECORDED, "Nothing that this page sees"),

@@ -103,6 +103,21 @@ def test_it_says_what_netem_does_and_until_when() -> None:
     assert "not known yet" in state_html(None)
 
 
+def test_it_names_a_queue_and_what_else_there_is_beside_the_delay() -> None:
+    cross = {"kind": "on_off", "kbit_s": 3600, "mean_on_s": 4, "mean_off_s": 8}
+    way = _state(False)
+    now = way.now.model_validate(
+        {"delay": {"kind": "constant", "delay_ms": 10}, "rate": {"kbit_s": 3000, "cross": cross},
+         "duplicate": {"p_duplicate": 0.1}}
+    )  # fmt: skip
+    state = EmulatorState(running=True, forward=way.model_copy(update={"now": now, "stall": True}), feedback=way)
+    text = _plain(state_html(state))
+    assert (
+        "stall, nothing leaves; delay 10 ms; jitter none; loss none; duplicate; a queue at 3 Mbit/s, shared" in text
+    )
+    assert "3.6 Mbit/s of others, on and off" in text
+
+
 def test_it_says_how_far_delays_can_be_off_where_that_is_another_host() -> None:
     assert vantage_text(None, ATTACHED) == vantage_text(Vantage(False, 3), BESIDE) == ""
     here, there = (_plain(vantage_text(Vantage(on_it, 12.34), ATTACHED)) for on_it in (True, False))

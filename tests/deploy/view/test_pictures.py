@@ -19,7 +19,7 @@ from tis.common.scenario.sight import SightPart
 from tis.common.units import NS_PER_MS
 from tis.deploy.view.access import Access
 from tis.deploy.view.picture_process import _sight as sight_asked
-from tis.deploy.view.pictures import LATE, SAYS, PictureDoor
+from tis.deploy.view.pictures import CAME, LATE, SAYS, PictureDoor
 from tis.deploy.view.server import listen
 from tis.netem.bridge.access import access_control
 
@@ -86,7 +86,7 @@ import json, sys, time
 sys.stdin.readline()
 sys.stdin.readline()
 for _ in range(3):
-    print(json.dumps({"looked_ns": time.monotonic_ns() - 2_000_000_000, "n_bytes": 0}), flush=True)
+    print(json.dumps({"looked_ns": time.monotonic_ns() - 2_000_000_000, "came_ns": 0, "n_bytes": 0}), flush=True)
     time.sleep(0.2)
 sys.stdin.readline()
 """
@@ -94,12 +94,13 @@ sys.stdin.readline()
 
 def test_a_page_is_told_how_long_ago_it_was_looked_for_a_newer_picture() -> None:
     async def ask(get: _Get, door: PictureDoor) -> None:
-        assert door.late_ms is None
+        assert door.ages_ms() == {}
         answer = await get("?token=secret&after=0")
         assert answer.code == 204
         assert SAYS not in answer.headers
         assert not door.is_blind
         assert 2000 <= float(answer.headers[LATE]) < 2000 + 5000
+        assert float(answer.headers[CAME]) == pytest.approx(time.monotonic_ns() / NS_PER_MS, abs=5000)
 
     _served(_LOOKS_IN_VAIN, ask)
 

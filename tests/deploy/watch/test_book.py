@@ -194,3 +194,13 @@ def test_a_display_that_shows_the_same_answer_for_long_has_no_error_of_now() -> 
             assert book.figures().display == (0.0, 0.0)
     assert book.figures().display is None
     assert book.figures().display_silent_s == pytest.approx(2.1)
+
+
+def test_a_large_age_is_no_gap_and_a_gap_is_told_beside_it() -> None:
+    far = a_book(delay_ms=600).figures()
+    assert far.age_max_ms == 602
+    assert far.gap_max_ms == 10, "samples came all the time"
+    book = LiveBook("tis")
+    for seen in a_run(300, lost=frozenset(range(150, 230))):
+        book.take(seen)
+    assert book.figures().gap_max_ms == 810

@@ -35,12 +35,3 @@ def test_errors_are_pooled_over_ticks_and_compared_with_holds() -> None:
 
 def test_a_hold_without_error_has_no_ratio() -> None:
     assert LiveFigures(rmse_mm=1.0, hold_rmse_mm=0.0).ratio_to_hold is None
-
-
-def test_the_networks_part_is_the_sum_of_the_medians_of_both_ways() -> None:
-    """Stamps of a busy observer: single delays are far too short or too long."""
-    there = [Crossing(33 * k, (20 if k % 4 == 0 else 100) * MS) for k in range(90)]
-    back = [Crossing(33 * k, (190 if k % 3 == 0 else 100) * MS) for k in range(90)]
-    assert live_figures({"master": there, "answers": back}, [], []).there_and_back_ms == 200
-    assert live_figures({"master": there, "answers": [Crossing(0, None)]}, [], []).there_and_back_ms is None
-    assert LiveFigures().there_and_back_ms is None

@@ -40,7 +40,8 @@ def test_what_devices_and_arms_sent_and_what_was_not_used_of_it(tmp_path: Path) 
     assert {reason: n for reason, n in left["refused"].items() if n} == {"not_finite": 3, "jump": 1}
     assert found["external_arms"]["left"]["poses"] == 7
     assert device_texts(found["devices"], found["external_arms"]) == [
-        "the left hand was at rest 2 times, for 1.5 s in all: no device and no page moved it",
+        "no pose of the left hand came from a device or page in 2 stretches, 1.5 s in all: it was taken to stand "
+        "still there; rest with poses is not counted",
         "not used of the messages of the device of the left hand: 3 with numbers that are not finite, 1 that jumped, "
         "which were not followed",
         "not used of the messages of the device of the right hand: 5 with numbers that are not finite",

@@ -38,6 +38,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> RunLogs:
         _note(5.0, "reset"),
         _note(5.03, "set", {"delay": {"kind": "constant", "delay_ms": 240}}),
         _note(8.0, "outage", {"outage": True}, for_s=1.0),
+        _note(10.0, "set", {"rate": {"kbit_s": 900, "cross": {"kind": "poisson", "kbit_s": 600}}}),
     ]
     run_dir = tmp_path_factory.mktemp("run")
     nodes, models, _ = build_sides(SCENARIO, notes)
@@ -52,7 +53,7 @@ def _found(logs: RunLogs) -> list[Stretch]:
 
 
 def test_each_network_has_its_delay_its_time_of_movement_and_the_arms_lateness(logs: RunLogs) -> None:
-    short, late, outage, last = _found(logs)
+    short, late, outage, last, _ = _found(logs)
     spans = [edge_s for one in (short, late, outage) for edge_s in (one.begin_s, one.end_s)]
     assert spans == pytest.approx([0.0, 5.0, 5.03, 8.0, 8.0, 9.0], abs=1e-3)
     assert [one.delay_ms["forward"] for one in (short, late, last)] == pytest.approx([40.0, 240.0, 240.0])
@@ -66,6 +67,7 @@ def test_each_network_has_its_delay_its_time_of_movement_and_the_arms_lateness(l
     (table,) = stretch_tables({"left": _found(logs)})
     assert [row[1] for row in table.rows] == [
         "40 ms each way", "240 ms each way", "outage each way", "240 ms each way",
+        "240 ms and a queue at 900 kbit/s, shared with 600 kbit/s of others, poisson each way",
     ]  # fmt: skip
 
 
@@ -80,7 +82,7 @@ def test_at_rest_there_is_no_lateness_and_no_error(logs: RunLogs) -> None:
 def test_a_short_movement_has_an_error_and_no_lateness(logs: RunLogs) -> None:
     """Hand and arm must each move for 2 s: the one second of the outage never suffices."""
     run = MeasuredRun(logs, SCENARIO, {"left": "PSM2"})
-    assert [one.late_ms is None for one in _found(logs)] == [False, False, True, False]
+    assert [one.late_ms is None for one in _found(logs)] == [False, False, True, True, False]
     for still in ("hand", "arm"):
         track = run.tracks["left"]
         hand_m, arm_m = track.truth_m.copy(), track.estimates["hold"].copy()
@@ -88,7 +90,7 @@ def test_a_short_movement_has_an_error_and_no_lateness(logs: RunLogs) -> None:
         (hand_m if still == "hand" else arm_m)[rests] = 0.1
         track = replace(track, truth_m=hand_m, estimates={"hold": arm_m})
         each = stretches(logs, SCENARIO, run.requests, {"left": track}, run.arms)["stretches"]["left"]
-        assert [one.late_ms is None for one in each] == [False, True, True, False]
+        assert [one.late_ms is None for one in each] == [False, True, True, True, False]
         assert each[1].rmse_3d_mm is not None
         (table,) = stretch_tables({"left": each})
         assert table.rows[1][4] is None
@@ -110,7 +112,7 @@ def test_where_the_arm_touched_something_there_is_no_lateness(logs: RunLogs) -> 
         for tick, force_n in ((120, 0.0), (200, 1.5))
     ]
     known.sides["patient"].add_rows(CONTACTS, [to_builtins(one) for one in rows])
-    assert [one.late_ms is None for one in _found(known)] == [False, True, True, False]
+    assert [one.late_ms is None for one in _found(known)] == [False, True, True, True, False]
 
 
 def test_a_run_whose_network_nobody_changed_has_none(tmp_path: Path) -> None:
