@@ -12,7 +12,8 @@ samples around its instant have arrived, and compared with them. Three factors f
   forgetting (Ljung 1999, *System Identification*, 11.2), and a prior of `_PRIOR_TICKS` forecasts that were right;
 - the *noise's*, on the covariance: raised after an error outside the 95 % ellipsoid and lowered a little after one
   within, so that in the long run 95 % lie within, whatever the errors' distribution (Gibbs and Candes 2021,
-  "Adaptive conformal inference under distribution shift").
+  "Adaptive conformal inference under distribution shift"). The first steps are larger, as a hand that moves otherwise
+  than the training's shows within seconds.
 
 An outage's samples never arrive, so it would teach nothing. Longer lags than the present one are *rehearsed*: with a
 forecast that is kept, one over up to 2 s is, of each longer octave in turn. As they come less often, each counts as
@@ -57,6 +58,9 @@ _PRIOR_DOUBT = 10.0
 _MOST_DOUBT = 10.0
 _REMEMBERED_DOUBT = 1000.0
 _NOISE_STEP = 0.06
+_EARLY_STEP = 6.0
+"""Part of the noise's step, in units of `_NOISE_STEP`, that is halved by the first `_EARLY_CHECKS` of an octave."""
+_EARLY_CHECKS = 20.0
 _LARGEST_LOG_NOISE = 8.0
 _OUTSIDE = 0.05
 _TINY = 1e-200
@@ -185,7 +189,8 @@ class Adapter:
         px, py, pz = forecast.position_m.tolist()
         covariance = forecast.covariance_m2.tolist()
         is_outside = _distance((x - px, y - py, z - pz), covariance) > CHI2_3_95
-        step = forecast.stands_for * _NOISE_STEP * ((1.0 if is_outside else 0.0) - _OUTSIDE)
+        early = _EARLY_STEP / (1.0 + scales.weight / _EARLY_CHECKS) if forecast.stands_for == 1 else 0.0
+        step = (forecast.stands_for + early) * _NOISE_STEP * ((1.0 if is_outside else 0.0) - _OUTSIDE)
         (vx, vy, vz), (dx, dy, dz) = forecast.plain_m.tolist(), forecast.apart_m.tolist()
         apart = dx * dx + dy * dy + dz * dz
         unit = max(covariance[0][0] + covariance[1][1] + covariance[2][2], apart / _MOST_DOUBT, _TINY)

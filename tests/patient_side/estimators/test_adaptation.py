@@ -91,7 +91,7 @@ def test_longer_lags_than_all_that_were_checked_have_half_of_the_longests_wideni
     waiting = (forecast(0, UNIT[0], octave=5),)
     scales = ADAPTER.checked(Adaptation(waiting, known.scales), arrived(np.zeros((2, 3)))).scales
     assert [each.log_noise for each in scales[:2]] == [0.0, 0.6]
-    assert scales[5].log_noise == pytest.approx(0.3 - 0.06 * 0.05)
+    assert scales[5].log_noise == pytest.approx(0.3 - (1.0 + 6.0) * 0.06 * 0.05)
 
 
 @pytest.mark.parametrize("flat", [(), (0,), (2,), (0, 1, 2)])

@@ -116,6 +116,19 @@ def test_of_a_device_that_the_model_does_not_fit_the_forecast_comes_down_to_the_
     assert adaptive < 1.02 * velocity
 
 
+def test_a_wrong_covariance_comes_to_hold_within_seconds() -> None:
+    """Over ticks 3 to 11 s after the start, of a model whose own ellipsoids hold less than 90 %."""
+    inside = []
+    for seed in range(12):
+        streams = arm_only(drawn(persistent(0.95), 330, np.random.default_rng(seed)))
+        estimates = play(AdaptiveKf(moving_arm(persistent(0.8))), streams)
+        errors = (positions(estimates) - truth_at_ticks(streams.y))[90:-1]
+        covariances = np.array([each.covariance_m2 for each in estimates[90:-1]])
+        squares = np.einsum("ti,tij,tj->t", errors, np.linalg.inv(covariances), errors)
+        inside.append(np.mean(squares <= CHI2_3_95))
+    assert 0.94 <= np.mean(inside) <= 0.98
+
+
 def test_an_outage_finds_its_lags_rehearsed() -> None:
     """A hand that moves more than the model says, at 33 ms until nothing arrives for a second."""
     errors, covariances = [], []
