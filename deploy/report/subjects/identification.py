@@ -145,5 +145,5 @@ def model_table(models: Mapping[Hand, IdentifiedModel]) -> Table:
     note = "Fit: the share of variance on validation rows that a simulation explains"
     if not all(model.order for model in models.values()):
         note += ". Order 0: the arm follows its command at once"
-    note += f". Pairing: {'; '.join(model.pairing for model in models.values())}"
+    note += f". Pairing: {'; '.join(dict.fromkeys(model.pairing for model in models.values()))}"
     return Table("The arm's model", columns, rows, note)

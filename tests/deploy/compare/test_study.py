@@ -183,7 +183,13 @@ def test_a_hostile_file_is_refused_before_anything_is_listed(small: Path, tmp_pa
     assert faults_of("[1, 2]", tmp_path) == ["s.yaml: must be a mapping of keys to values"]
 
 
-@pytest.mark.parametrize("name", ["defaut", ".", "~nobody/a.yaml", "x" * 300, '"a\\0b"'])
+def test_a_folder_in_a_scenario_s_place_is_called_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (found,) = faults_of("scenario: .", tmp_path)
+    assert found.startswith("s.yaml: scenario: is a folder, not a scenario: ")
+
+
+@pytest.mark.parametrize("name", ["defaut", "~nobody/a.yaml", "x" * 300, '"a\\0b"'])
 def test_a_scenario_that_is_none_is_the_study_s_fault(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:

@@ -217,6 +217,8 @@ def test_a_synthetic_source_is_named_in_every_part_that_shows_the_movement(finis
         assert '<span class="tag open">synthetic</span></h2>' in section[:400], anchor
     recorded = a_scenario(source={"kind": "jigsaws"}, rate_hz=30)
     summary = _summary_of(finished) | {"source": "recorded Suturing D002, left hand"}
+    for model in summary["identification_by_hand"].values():
+        model["pairing"] = "MTML -> PSM2 (by name)"
     logs = load_run(finished)
     assert "synthetic" not in Outline(_report(logs, recorded, summary)).text
 
