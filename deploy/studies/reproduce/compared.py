@@ -58,9 +58,9 @@ def compare(committed: Sequence[Table], computed: Sequence[Table], machine: Mach
             name = ", ".join(row[:keys])
             again = rows.get(_key(row, keys))
             for at, column in enumerate(table["columns"][keys:], keys):
-                text = None
-                if again is not None and found is not None and column in found["columns"]:
-                    text = again[found["columns"].index(column)]
+                places = [] if found is None else [k for k, name in enumerate(found["columns"]) if name == column]
+                places = places[table["columns"][:at].count(column) :]  # two columns may have one name
+                text = again[places[0]] if again is not None and places else None
                 verdict = _verdict(row[at], text, machine(table, name, column), _is_gone(table, row[0]))
                 yield Compared(number, table["heading"], name, column, row[at], text, verdict)
 

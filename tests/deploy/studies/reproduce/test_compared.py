@@ -83,6 +83,13 @@ def test_tables_of_one_heading_do_not_stand_for_each_other() -> None:
     assert {cell.table for cell in of_axes if cell.verdict == "equal"} == {2}
 
 
+def test_two_columns_of_one_name_are_compared_each_with_its_own() -> None:
+    (table,) = tables_in(
+        "## Turns\n\n| method | ratio | rad | ratio |\n|---|---|---|---|\n| a | 0.25 | 0.1 | 0.05 |\n"
+    )
+    assert [cell.verdict for cell in compare([table], [table], never)] == ["equal"] * 3
+
+
 def test_rows_are_told_apart_by_as_few_cells_as_do() -> None:
     (table,) = tables_in("# A\n\n| row | reading | value |\n|---|---|---|\n| 1 | ms | 2 |\n| 1 | samples | 3 |\n")
     assert n_keys(table) == 2
