@@ -116,7 +116,7 @@ def _share(loss_pct: float | None) -> str:
 
 _OF_THE_ARM: Final = ("hold", "damped_velocity")
 """Estimators that read the arm's packets alone."""
-_MUCH_LOST_PCT: Final = 1.0
+_MUCH_LOST_PCT: Final = 5.0
 _POOLED: Final = (
     " The figures of the whole run pool these networks, and the time at rest; "
     '<a href="#stretches">each network of the run</a> has its own.'
