@@ -26,6 +26,7 @@ _ARMS: Final[tuple[Arm, Arm]] = ("PSM1", "PSM2")
 _EXACT: Final = 1e-6  # smaller ratios are rounding errors (fewer rows than the map has parameters)
 _LAGS_HZ: Final = (None, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0)
 _LATEST_S: Final = 0.5
+_LITTLE_LEFT: Final = 0.05
 _DELAY_STEP_S: Final = 0.02
 """A delay between two steps is wrong by 10 ms at most: 13 % of a movement of 2 Hz."""
 _STILL_M: Final = 1e-6  # the recordings' resolution: an arm that moves less stands still
@@ -102,13 +103,19 @@ def fit_late_arm(command_m: Array, arm_m: Array, arm: Arm, rate_hz: float) -> La
 def lead_s(command_m: Array, arm_m: Array, arm: Arm, rate_hz: float) -> float:
     """Return for how long the arm (N, 3) moves before its command does; 0 where it is not clearly so.
 
-    Clearly: what the arm did explains the command with at most half of what is left without the delay.
+    Clearly: what the arm did explains the command with at most half of what any delay of the command leaves of the
+    arm, and that is not little. Of a periodic movement either explains the other.
     """
     n_skipped = min(round(_LATEST_S * rate_hz), len(arm_m) // 4)
     delays = range(0, n_skipped + 1, max(1, round(_DELAY_STEP_S * rate_hz)))
-    left = {k: fit_arm(arm_m[n_skipped - k : len(arm_m) - k], command_m[n_skipped:], arm).ratio for k in delays}
-    best = min(left, key=left.__getitem__)
-    return best / rate_hz if left[best] < min(FOLLOWS_BELOW, left[0] / 2.0) else 0.0
+
+    def left(before_m: Array, after_m: Array) -> dict[int, float]:
+        n = len(before_m)
+        return {k: fit_arm(before_m[n_skipped - k : n - k], after_m[n_skipped:], arm).ratio for k in delays}
+
+    late, early = min(left(command_m, arm_m).values()), left(arm_m, command_m)
+    best = min(early, key=early.__getitem__)
+    return best / rate_hz if late > _LITTLE_LEFT and early[best] < min(FOLLOWS_BELOW, late / 2.0) else 0.0
 
 
 def _lagged(command_m: Array, lag_hz: float | None, rate_hz: float) -> Array:

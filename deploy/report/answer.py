@@ -84,7 +84,7 @@ def _accurate_texts(summary: Summary, scenario: Scenario) -> list[str]:
     if len(ratios) == len(hands):
         so = "So estimating" if max(ratios) <= 1 else "So estimating did not pay here: it"
         sentences.append(f"{so} leaves {' and '.join(f'{percent(ratio)} %' for ratio in ratios)} of the error.")
-        sentences += _second_packet(summary, active)
+        sentences += _second_packet(summary, active) if max(ratios) <= 1 else []
     for hand in hands:
         best = min(known[hand], key=lambda name: known[hand][name].rmse_3d_mm or 0.0)
         if best != active:
@@ -103,8 +103,8 @@ def _second_packet(summary: Summary, active: str) -> list[str]:
     if not at_once or active in _OF_THE_ARM or lost is None or lost < _MUCH_LOST_PCT:
         return []
     return [
-        "The arm follows at once, so a command tells its place as well as the arm's own packet; hold reads the "
-        "latter alone, and part of that gain is the second packet's."
+        "The arm follows at once, so a command tells its place as well as the arm's own packet. hold reads the "
+        "latter alone: of an estimator that reads both, part of that gain is the second packet's."
     ]
 
 

@@ -1,4 +1,4 @@
-"""What a hand feels, and whether its loop is stable, with the stiffness from which theory expects it to swing now."""
+"""The force that a hand feels, its loop's stability, and the stiffness from which theory expects it to swing now."""
 
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor

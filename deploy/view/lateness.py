@@ -1,4 +1,4 @@
-"""How late the arm is that the surgeon sees, and the network's part of it."""
+"""Lateness of the arm that a page shows, and the network's part of it."""
 
 from collections.abc import Sequence
 from itertools import pairwise

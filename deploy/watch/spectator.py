@@ -1,4 +1,4 @@
-"""What the surgeon's screen shows, for a program that only listens: the newest picture, and the share that is whole.
+"""The surgeon's screen, for a program that only listens: the newest picture, and the share that is whole.
 
 The spectator puts the frames together as the screen does, by a screen of its own. It has no part in the run's clock:
 it shows a picture as soon as it is decoded, and not at a refresh.

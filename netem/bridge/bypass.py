@@ -53,8 +53,9 @@ class Bypasses:
         with self._lock:
             n_new = len(pairs - self._pairs) if pairs else 1
             self._pairs |= pairs
-            (self._tell if n_new else self.tell_more)(text)
-            self.n += n_new  # who sees the count finds the text
+        (self._tell if n_new else self.tell_more)(text)
+        with self._lock:
+            self.n += n_new  # after the text: who sees the count finds it
 
     def has(self, pairs: Set[Pair]) -> bool:
         """Tell whether all these pairs are counted."""

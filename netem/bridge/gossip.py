@@ -1,4 +1,4 @@
-"""What peers tell netem's routers of their links, read in Zenoh's own log: who is connected to whom past netem.
+"""Links that peers tell netem's routers of, read in Zenoh's own log: who is connected to whom past netem.
 
 Zenoh's admin space tells it, too, but reading it can stop a router (`tis.netem.bridge.standstill`). Peers that do not
 gossip tell nothing, and a netem that is a client of another router hears nothing.

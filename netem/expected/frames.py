@@ -1,4 +1,4 @@
-"""What a network does to frames of a picture, in theory: how many arrive, how many decode, and who waits behind them.
+"""Frames of a picture behind a network, in theory: how many arrive, how many decode, and who waits behind them.
 
 A frame is sent as consecutive packets of one key. It arrives when all of them do, and it decodes when it and all
 frames from its key frame on arrive. So each is the survival of some packets in a row, which the loss models know

@@ -50,18 +50,15 @@ LENGTH = 3.5
 """Length of the kernel, in deviations of the inputs."""
 
 
-def projections(
-    centre: Array, deviation: Array, n_features: int, length: float = LENGTH, name: str = "fourier features"
-) -> Array:
+def projections(centre: Array, deviation: Array, n_features: int) -> Array:
     """Return F and phi side by side (M, K + 1) for K inputs with these means and deviations.
 
-    They are drawn from a fixed stream of this ``name``, so a model file does without them. Oracle: the Gaussian
-    kernel of this ``length``.
+    They are drawn from a fixed stream, so a model file does without them. Oracle: the Gaussian kernel of `LENGTH`.
     """
     n_inputs = len(centre)
-    draws = Stream.named(0, name).uniforms(0, n_features * (n_inputs + 1))
+    draws = Stream.named(0, "fourier features").uniforms(0, n_features * (n_inputs + 1))
     normal = ndtri(draws[n_features:]).reshape(n_features, n_inputs)
-    frequencies = normal / (length * deviation)
+    frequencies = normal / (LENGTH * deviation)
     phases = 2.0 * np.pi * draws[:n_features] - frequencies @ centre
     return np.hstack([frequencies, phases[:, None]])
 

@@ -1,4 +1,4 @@
-"""What the surgeon saw over time: the frames of each second by what became of them, and the age of each picture."""
+"""The surgeon's picture over time: the frames of each second by what became of them, and the age of each picture."""
 
 import numpy as np
 from bokeh.models.ranges import Range1d

@@ -1,4 +1,4 @@
-"""What stood on the surgeon's screen, second by second: small pictures, decoded again from the log for the page."""
+"""The surgeon's screen, second by second: small pictures, decoded again from the log for the page."""
 
 import io
 from base64 import b64encode

@@ -1,4 +1,4 @@
-"""How each study's tables are computed again: by the study's own code, from the commands committed with them.
+"""The tables of each study, computed again: by the study's own code, from the commands committed with them.
 
 What is committed was computed on rows as they were recorded; so it is computed again, whatever the defaults are now.
 """

@@ -1,4 +1,4 @@
-"""What is computed for a score: the twins of each setting, and the trainings, on other people than those scored."""
+"""Plan of a score: the twins of each setting, and the trainings, on other people than those scored."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

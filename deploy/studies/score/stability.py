@@ -1,4 +1,4 @@
-"""How stable a ranking is: the same estimators under other seeds, each of other people and other arrivals."""
+"""Stability of a ranking: the same estimators under other seeds, each of other people and other arrivals."""
 
 import json
 from collections.abc import Mapping, Sequence

@@ -79,6 +79,8 @@ def test_the_gain_of_the_second_packet_is_told_where_some_are_lost(
 ) -> None:
     summary = _summary(SCORES, (loss_pct, 0.0)) | {"identification": {"static": static}}
     assert ("part of that gain is the second packet's" in answer(summary, a_scenario())) is is_told
+    worse = summary | {"accuracy": {"hold": _entry(2, 1), "innovations_kf": _entry(3, 1.5)}}
+    assert "second packet" not in answer(worse, a_scenario())  # there is no gain
 
 
 def test_another_estimator_that_is_better_is_named() -> None:

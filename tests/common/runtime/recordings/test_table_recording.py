@@ -162,6 +162,16 @@ def test_an_arm_that_moves_before_its_command_is_told(tmp_path: Path) -> None:
     assert recording.warnings == ("t: PSM2 moves 100 ms before MTML, which commands it",)
 
 
+def test_an_arm_that_is_late_by_less_than_a_period_moves_not_before_its_command(tmp_path: Path) -> None:
+    n, rate_hz = 400, 50.0
+    phase = 2.0 * np.pi * 2.0 * np.arange(n) / rate_hz
+    columns = movement(n, rate_hz)
+    columns |= {f"MTML_{axis}_m": 0.02 * np.sin(phase) for axis in "xyz"}
+    columns |= {f"PSM2_{axis}_m": 0.01 * np.sin(phase - 1.0) for axis in "xyz"}
+    scenario = scenario_of(write_csv(tmp_path / "t.csv", columns)).model_copy(update={"rate_hz": 50})
+    assert load_recording(scenario).warnings == ()
+
+
 def test_a_model_may_learn_from_tables_of_other_people(tmp_path: Path) -> None:
     for name, seed in (("ann_1", 1), ("ann_2", 2), ("bob_1", 3), ("eve_1", 4)):
         write_csv(tmp_path / f"{name}.csv", movement(161, seed=seed))
