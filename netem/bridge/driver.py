@@ -54,6 +54,7 @@ class Driver:
         self.error: BaseException | None = None
         self._lock = threading.Lock()  # guards the links and their ledgers; never held while a packet is sent
         self._clock: Clock | None = None
+        self._has_ended = False
         self._sleeps_until_ns = 0
         self._busy = False  # the release thread sends: no callback may overtake it
         self._n_leaving = 0  # packets that callbacks are sending now
@@ -104,7 +105,7 @@ class Driver:
             clock = self._clock
             now_ns = -1 if clock is None else clock.now_ns()
             if now_ns < 0:
-                self.n_early += 1
+                self.n_early += not self._has_ended
                 return None
             first_ns = link.next_release_ns()
             if visit is not None:
@@ -290,7 +291,7 @@ class Driver:
     def _stop_accepting(self) -> None:
         """Let nothing pass any longer, and wait for the packets that callbacks are sending."""
         with self._lock:
-            self._clock = None
+            self._clock, self._has_ended = None, True
         patience = _LAST_SENDS_S / _SEND_S
         while self._n_leaving and patience > 0:
             time.sleep(_SEND_S)

@@ -118,6 +118,17 @@ def _late_ns(
     return [left_ns - due_ns for due_ns, left_ns in left]
 
 
+def test_what_comes_after_the_end_did_not_come_before_the_beginning() -> None:
+    driver, clock = Driver({"forward": link("forward")}), Ticking()
+    driver.alarm = VirtualAlarm()  # type: ignore[misc, assignment]
+    offer = lambda: driver.offer("forward", KEY, b"", 10, Timed(clock, []))  # noqa: E731
+    assert offer() is None
+    driver.start(clock)
+    driver.run(Nowhere(), 10 * MS, lambda: False)
+    assert offer() is None
+    assert driver.counters()["before_epoch"] == 1
+
+
 @pytest.mark.parametrize("direction", ["forward", "feedback"])
 def test_a_message_without_bytes_behind_a_rate_leaves_after_its_delay(direction: Direction) -> None:
     """A query without parameters, the end of its replies and a token have none: they pass the queue in no time."""
