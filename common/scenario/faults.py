@@ -119,6 +119,7 @@ _QUOTED: Final = re.compile(r"'([^']*)'")
 _TIMES_OF_A_QUEUE: Final = tuple(
     ("queue", name) for name in ("max_ms", "max_delay_ms", "limit_ms", "max_s", "latency_ms")
 )
+_ONE_BY_ONE = ": set it in forward and in feedback"
 _AS_BYTES: Final = (
     ", did you mean max_bytes? A queue of so many ms has ms x kbit_s / 8 (250 ms at 5000 kbit/s: 156250)"
 )
@@ -157,6 +158,7 @@ def _faults(detail: ErrorDetails, model: type[BaseModel], where: str) -> list[Fa
     if kind == "extra_forbidden":
         hint = _hint(str(detail["loc"][-1]), place.siblings) or misplaced_key_hint(place.path, model)
         hint = _AS_BYTES if place.path[-2:] in _TIMES_OF_A_QUEUE else hint
+        hint = _ONE_BY_ONE if detail["loc"][-1] == "both" and "forward" in place.siblings else hint
         return [Fault(where, field, f"unknown key{hint}", got)]
     if kind in _BAD_KIND:
         field = ".".join((*place.path, "kind"))

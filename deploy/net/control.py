@@ -31,6 +31,7 @@ from tis.common.scenario.reading import apply_settings, parse_yaml
 from tis.common.units import NS_PER_MS
 from tis.deploy.net.profiles import profile_path, read_profile
 from tis.deploy.present.table import PLAIN, Column, Table
+from tis.netem.bridge.tally import ways_past
 from tis.netem.control.replay import entry_in_words, value_in_words
 from tis.netem.expected.figures import direction_label
 from tis.netem.stages.delay import latency_of
@@ -57,9 +58,11 @@ def state_table(state: EmulatorState) -> Table:
 
 
 def notes_on(state: EmulatorState) -> list[str]:
-    """Return what stands below the table: its marks, the changes made while running, and the rules."""
+    """Return what stands below the table: ways past netem, marks, the changes made while running, and the rules."""
     ways = _ways(state)
-    lines = ["* differs from what it began with"] if any(of.pipeline != of.now for of in ways.values()) else []
+    n_past = state.counters.get("leaks", 0)
+    lines = [ways_past(n_past)] if n_past else []
+    lines += ["* differs from what it began with"] if any(of.pipeline != of.now for of in ways.values()) else []
     lines += [f"changed, {name}: {entry_in_words(entry)}" for name, of in ways.items() for entry in of.added]
     return lines + [f"rule, {name}: {rule.key}: {_rule(rule)}" for name, of in ways.items() for rule in of.rules]
 

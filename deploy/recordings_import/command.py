@@ -229,7 +229,7 @@ def import_recording(
     write_table(out_file, columns, about)
     for note in (*found.notes, *rows.notes):
         out.print(escape(note), soft_wrap=True, highlight=False)
-    print_warnings(err, *_doubts(rows))
+    print_warnings(err, *found.doubts, *_doubts(rows))
     if about.get("synthetic") and out_file.suffix.lower() == ".csv":
         print_warnings(err, "the movement is synthetic, which a .csv file cannot say: write a .parquet file")
     devices = ", ".join(device.name for device in rows.devices)

@@ -111,11 +111,15 @@ class Extra:
 
 @dataclass(frozen=True)
 class Found:
-    """An imported recording: streams and grippers by device, sentences on what was found, and metadata."""
+    """An imported recording: streams and grippers by device, sentences on what was found, and metadata.
+
+    ``doubts`` are sentences on numbers that are likely in other units than those that were named.
+    """
 
     streams: tuple[Stream, ...]
     jaws: tuple[Jaw, ...] = ()
     extras: tuple[Extra, ...] = field(default=(), kw_only=True)
+    doubts: tuple[str, ...] = field(default=(), kw_only=True)
     notes: tuple[str, ...] = ()
     about: Mapping[str, Any] = field(default_factory=dict)
 

@@ -17,7 +17,7 @@ from tis.common.extras import GET_PARQUET
 from tis.common.runtime.scenario_files import read_limited
 from tis.common.scenario.table_source import PoseColumns, PoseUnits
 from tis.common.sources.table_columns import MAX_ROWS, MAX_VALUES, DeviceLayout, in_few
-from tis.common.sources.table_poses import finite_faults, pose_track
+from tis.common.sources.table_poses import finite_faults, pose_track, unit_doubts
 from tis.common.sources.trajectory import one_hemisphere
 from tis.common.units import NS_PER_S
 from tis.deploy.recordings_import.element_names import (
@@ -34,6 +34,7 @@ from tis.deploy.recordings_import.found import MASTERS, Array, Extra, Found, Int
 INFO: Final = Path("meta") / "info.json"
 VECTORS: Final = ("observation.state", "action")
 
+_UNIT_OPTIONS: Final = "--angle-unit, --gripper-unit and --position-unit name the units"
 _MAX_INFO_BYTES: Final = 10_000_000
 _MAX_WIDTH: Final = 1000
 _MAX_FILES: Final = 100_000
@@ -78,11 +79,12 @@ def read_lerobot(folder: Path, wanted: Wanted) -> Found:
     faults = _wrong_names(table, wanted)
     if faults:
         raise DataError(faults)
-    streams = []
+    streams, doubts = [], list[str]()
+    units = f"in {wanted.position_unit} and {wanted.angle_unit}"
     for vector, elements in devices:
-        stream, more = _stream(vector, table[vector], t_ns, elements, wanted, where)
+        stream, more = _stream(vector, table[vector], t_ns, elements, wanted, where, doubts)
         faults += more
-        notes += [] if stream is None else [f"{vector} -> poses of {elements.device}"]
+        notes += [] if stream is None else [f"{vector} -> poses of {elements.device}, {units}"]
         streams += [] if stream is None else [stream]
     if faults:
         raise DataError(faults)
@@ -91,7 +93,7 @@ def read_lerobot(folder: Path, wanted: Wanted) -> Found:
     single = any(table[vector].dtype == np.float32 for vector in table if vector in VECTORS)
     notes += [clock, *(["numbers have single precision, 7 digits"] if single else [])]
     about = {"kind": "lerobot", "episode": wanted.episode, "version": str(info.get("codebase_version", ""))[:20]}
-    return Found(tuple(streams), (), tuple(notes), about, extras=extras)
+    return Found(tuple(streams), (), tuple(notes), about, extras=extras, doubts=tuple(doubts))
 
 
 def _others(info: Mapping[str, Any]) -> list[str]:
@@ -247,8 +249,9 @@ def _instants(table: Mapping[str, Any], info: Mapping[str, Any]) -> tuple[Ints, 
 
 
 def _stream(
-    vector: str, values: Array, t_ns: Ints, elements: Elements, wanted: Wanted, where: str
+    vector: str, values: Array, t_ns: Ints, elements: Elements, wanted: Wanted, where: str, doubts: list[str]
 ) -> tuple[Stream | None, list[Fault]]:
+    """Return the poses that elements of a vector hold, and the faults; ``doubts`` of their units are added."""
     places = [*elements.position, *(elements.quaternion or elements.euler or elements.rotation_vector or ())]
     places += [] if elements.gripper is None else [elements.gripper]
     if max(places) >= values.shape[1]:
@@ -271,7 +274,9 @@ def _stream(
         }
     )
     units = PoseUnits(position=wanted.position_unit, angle=wanted.angle_unit, gripper=wanted.gripper_unit)
-    track, faults = pose_track(columns, DeviceLayout(elements.device, pose, units), where)
+    layout = DeviceLayout(elements.device, pose, units)
+    track, faults = pose_track(columns, layout, where)
+    doubts += [f"{text} {_UNIT_OPTIONS}" for text in unit_doubts(columns, layout)]
     orientation = track.orientation if elements.quaternion or elements.euler else None
     if elements.rotation_vector is not None:
         turned = Rotation.from_rotvec(values[:, elements.rotation_vector].astype(np.float64))

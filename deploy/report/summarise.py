@@ -130,10 +130,12 @@ def _measured(run: MeasuredRun, mode: str, exit_code: int | None, command: str) 
 def _latency_and_age(run: MeasuredRun, seen: dict[str, Any]) -> dict[str, Any]:
     """Return latencies and ages, and what the clocks leave open of them."""
     logs, scenario = run.logs, run.scenario
-    actuation_ns = [
-        NS_PER_MS * tracking.actuation_ms(track, scenario.active_estimator, scenario.rate_hz)
-        for track in run.tracks.values()
-    ]
+    actuation_ns = []
+    for hand, track in run.tracks.items():
+        driven = safety.set_points(logs, scenario, track, hand)
+        follows = None if driven is None else driven.mode == "tracking"
+        late_ms = tracking.actuation_ms(track, scenario.active_estimator, scenario.rate_hz, follows)
+        actuation_ns.append(NS_PER_MS * late_ms)
     others = {"actuation": joined(actuation_ns, float)}
     others |= {name: run.durations_ns[name] for name in ("round_trip", "network_round_trip")}
     arrivals = age.freshest_arrivals(logs, scenario.session, run.arms)

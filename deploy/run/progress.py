@@ -186,7 +186,8 @@ def figure_texts(found: LiveFigures) -> dict[str, str]:
         texts["end to end"] = f"median {found.end_to_end_p50_ms:.1f} ms, p99 {_ms(found.end_to_end_p99_ms)}"
         texts["end to end"] += ", newest sample to estimate"
         texts["one way"] = f"median {_ms(arm.delay_p50_ms)} of all arm positions, back {_ms(answers.delay_p50_ms)}"
-        texts["loss"] = found.limit_text or f"{_pct(arm.loss_pct)} to the patient, {_pct(answers.loss_pct)} back"
+        there, back = _losses_pct(found)
+        texts["loss"] = found.limit_text or f"{_pct(there)} of all poses to the patient, {_pct(back)} back"
     if found.rmse_mm is not None:
         ratio = found.ratio_to_hold
         of_hold = "" if ratio is None else f", {100 * ratio:.0f} % of the {found.hold_rmse_mm:.2f} mm of hold"
@@ -205,10 +206,15 @@ def _brief(found: LiveFigures) -> str:
     return "; ".join(parts)
 
 
+def _losses_pct(found: LiveFigures) -> tuple[float | None, float | None]:
+    """Return the loss there, of commands and arm positions together, and back, of estimates."""
+    return found.loss_pct("master", "arm"), found.loss_pct("answers")
+
+
 def _loss(found: LiveFigures) -> str:
     if not found.keeps_up:
         return "loss not seen: the observer cannot keep up"
-    there, back = (found.streams.get(name, CrossingFigures()).loss_pct for name in ("arm", "answers"))
+    there, back = _losses_pct(found)
     if there is None:
         return f"loss {_NO_VALUE}" if back is None else f"loss back {_short(back, 10)} %"
     return f"loss {_short(there, 10)} %" + (" there" if back is None else f", back {_short(back, 10)} %")

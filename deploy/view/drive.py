@@ -239,6 +239,7 @@ class DriveHub:
             **seen,
             "late_ms": self._late_ms,
             "network_ms": self._network_ms,
+            "changed_s": self._edges.changed_ns / NS_PER_S,
             "settles": self._settles(seen["now_s"]),
             "silent_s": figures.display_silent_s,
             "feedback_error_mm": errors and round(errors.feedback_mm, 2),

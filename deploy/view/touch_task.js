@@ -15,12 +15,14 @@ window.touchTask = (() => {
   const begin = (centre, label) => ({
     label, targets: Array.from({ length: N_TARGETS }, (_, k) => place(centre, k)),
     next: 0, n_misses: 0, path_mm: 0, began_ms: null, ended_ms: null, inside_ms: null, at_ms: -Infinity, arm_mm: null,
+    changed_s: null,
   });
   const isOver = (task) => task.ended_ms !== null;
 
   // The task after the arm was seen at a place. A target counts once the arm has stayed in it for DWELL_MS; to leave it
-  // sooner is a miss. Time, path and misses count from the touch of the first target to that of the last.
-  const step = (task, at_ms, arm_mm) => {
+  // sooner is a miss. Time, path and misses count from the touch of the first target to that of the last. `changed_s` is
+  // when the network was last changed.
+  const step = (task, at_ms, arm_mm, changed_s = 0) => {
     if (isOver(task) || !(at_ms > task.at_ms)) return task;
     const after = { ...task, at_ms, arm_mm };
     if (task.began_ms !== null) after.path_mm += far(task.arm_mm, arm_mm);
@@ -33,9 +35,16 @@ window.touchTask = (() => {
     if (at_ms - after.inside_ms < DWELL_MS) return after;
     after.inside_ms = null;
     after.next += 1;
-    if (task.began_ms === null) after.began_ms = at_ms;
+    if (task.began_ms === null) Object.assign(after, { began_ms: at_ms, changed_s });
     if (after.next === N_TARGETS) after.ended_ms = at_ms;
     return after;
+  };
+
+  // Why a task that counts tells no longer of its delay alone; "" while it does.
+  const spoilt = (task, { stopped, changed_s }) => {
+    if (task.began_ms === null || isOver(task)) return "";
+    if (stopped) return "the arms were stopped";
+    return changed_s === task.changed_s ? "" : "the network was changed";
   };
 
   const rowOf = (task) => ({
@@ -55,5 +64,5 @@ window.touchTask = (() => {
   const csvOf = (rows) => ["delay_there_and_back_ms,with_ghost,time_s,arm_path_mm,n_misses", ...rows.map((row) =>
     [row.delay_ms, row.ghost, row.time_s.toFixed(3), row.path_mm.toFixed(2), row.n_misses].join(","))].join("\n") + "\n";
 
-  return { N_TARGETS, RADIUS_MM, DWELL_MS, RING_MM, begin, step, isOver, rowOf, read, csvOf, MAX_ROWS };
+  return { N_TARGETS, RADIUS_MM, DWELL_MS, RING_MM, begin, step, isOver, spoilt, rowOf, read, csvOf, MAX_ROWS };
 })();

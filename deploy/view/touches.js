@@ -4,7 +4,7 @@
   const at = (id) => document.getElementById(id);
   const buttons = [...document.querySelectorAll("[data-touch_ms]")];
   if (!buttons.length) return;  // a page that does not drive
-  const { begin, step, isOver, rowOf, read, csvOf, N_TARGETS, MAX_ROWS } = window.touchTask;
+  const { begin, step, isOver, spoilt, rowOf, read, csvOf, N_TARGETS, MAX_ROWS } = window.touchTask;
   const KEY = "tis touches";
   let rows = [], task = null, waits = null;
   try { rows = read(sessionStorage.getItem(KEY)); } catch { /* a page that may keep nothing has them while it is open */ }
@@ -56,8 +56,10 @@
     const [there, back] = message.set.delay, isSet = there + back === task.label.delay_ms;
     if (task.isSet && !isSet) return leave("Ended: the delay is no longer that of these targets.");
     task.isSet = isSet;
+    const why = spoilt(task, message);
+    if (why) return leave(`Ended: ${why}, so it tells no longer of this delay alone.`);
     const before = task.next;
-    task = step(task, 1000 * message.now_s, message.arm_mm);
+    task = step(task, 1000 * message.now_s, message.arm_mm, message.changed_s);
     window.live.setTask({ targets: task.targets, next: task.next, inside: task.inside_ms !== null, ghost: task.label.ghost });
     if (isOver(task)) {
       rows = [...rows, rowOf(task)].slice(-MAX_ROWS);

@@ -54,6 +54,13 @@ class LiveFigures:
     unseen_pct: float = 0.0
     """Share of the packets that the observer did not see on their network of origin, in percent."""
 
+    def loss_pct(self, *names: StreamName) -> float | None:
+        """Return the loss of these streams together, in percent; None without packets or where it cannot be told."""
+        rows = [self.streams[name] for name in names if name in self.streams]
+        if not rows or any(row.n_lost is None for row in rows):
+            return None
+        return CrossingFigures(sum(row.n for row in rows), sum(row.n_lost or 0 for row in rows)).loss_pct
+
     @property
     def keeps_up(self) -> bool:
         """Tell whether the observer sees nearly all packets: only then is one that it misses a lost one."""

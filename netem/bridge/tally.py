@@ -78,7 +78,7 @@ class ReleaseErrors:
 
 
 class Realised:
-    """What became of one direction's messages: their delays, and how many were sent again by a recovery."""
+    """What became of one direction's messages, copies aside: delays, and how many were sent again by a recovery."""
 
     def __init__(self) -> None:
         self.n = 0
@@ -196,7 +196,8 @@ class Tally(WatchedLog):
         errors_ns = released_ns - np.array(batch.release_ns, dtype=np.int64)
         left = released_ns > 0
         delays_ns = released_ns - np.array(batch.offered_ns, dtype=np.int64)
-        self.realised[batch.direction].add(released_ns[left], delays_ns[left])
+        originals = left & (np.array(batch.copy_index) == 0)
+        self.realised[batch.direction].add(released_ns[originals], delays_ns[originals])
         errors_ns = errors_ns[left]
         self.errors[batch.direction].add(errors_ns, released_ns[left])
         if len(errors_ns):
@@ -258,6 +259,11 @@ def _row(
     return [direction_label(direction), *map(str, numbers), *(f"{ns * 1e-3:.0f}" for ns in late_ns)]
 
 
+def ways_past(n: int) -> str:
+    """Return that ``n`` ways past netem were found."""
+    return f"{n} way{'s' if n > 1 else ''} past netem found: not valid"
+
+
 def _more(counters: Mapping[str, int]) -> list[str]:
     parts: Sequence[tuple[str, Callable[[int], str]]] = (
         ("queries.asked", lambda n: f"{n} queries with {counters['queries.replies']} replies"),
@@ -267,7 +273,7 @@ def _more(counters: Mapping[str, int]) -> list[str]:
         ("before_epoch", lambda n: f"{n} messages before the beginning"),
         ("unsent", lambda n: f"{n} messages that Zenoh refused to send"),
         ("queries.unsent", lambda n: f"{n} replies after the end of their query"),
-        ("leaks", lambda n: f"{n} way{'s' if n > 1 else ''} past netem found: not valid"),
+        ("leaks", ways_past),
     )
     words = [text(counters[name]) for name, text in parts if counters.get(name)]
     causes = (DROPPED_NEW, DROPPED_OLDEST)

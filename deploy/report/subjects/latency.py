@@ -36,7 +36,9 @@ class Latency(Section):
     end_to_end: Statistics = statistics(
         "From the sample instant to the publication of the estimate that uses the sample."
     )
-    actuation: Statistics = statistics("How late an arm that executes set points follows the active estimate.")
+    actuation: Statistics = statistics(
+        "How late an arm that executes set points follows the active estimate, without stops and ways back."
+    )
     round_trip: Statistics = statistics(
         "From a command's sample instant to the first answer that carries it, on the surgeon's clock."
     )

@@ -1,7 +1,7 @@
 """Tracks of the arm, truth and estimates of one hand by tick; errors by age, and offsets in time and value (ETVO)."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -231,10 +231,16 @@ def offsets(tracks: Sequence[HandTrack], name: str, rate_hz: int) -> Offset:
     )
 
 
-def actuation_ms(track: HandTrack, active: str, rate_hz: int) -> Array:
-    """Return the delay (T,) in ms of the plant's arm behind the active estimate; empty where it executes nothing."""
+def actuation_ms(track: HandTrack, active: str, rate_hz: int, follows: NDArray[np.bool_] | None = None) -> Array:
+    """Return the delay (T,) in ms of the plant's arm behind the active estimate; empty where it executes nothing.
+
+    ``follows`` (T,) marks the ticks at which it follows the estimate: an arm that is stopped, or on its way back from
+    where it was, is not late. None: at all.
+    """
     if "plant" not in track.estimates or active not in track.estimates:
         return np.empty(0)
+    if follows is not None:
+        track = replace(track, scored=track.scored & follows)
     found = aligned(track, track.estimates["plant"], track.estimates[active], rate_hz)
     return found.time_s * _MS_PER_S
 

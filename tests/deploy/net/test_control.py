@@ -17,7 +17,7 @@ from tis.common.runtime.process import free_endpoints
 from tis.common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from tis.common.scenario.control import Acknowledgement, EmulatorState
 from tis.common.scenario.network.pipeline import Pipeline
-from tis.deploy.net.control import read_change, seconds, state_table
+from tis.deploy.net.control import notes_on, read_change, seconds, state_table
 
 NORMAL = {"delay": {"kind": "normal", "mean_ms": 30, "std_ms": 2}}
 LOSSY = {"loss": {"kind": "bernoulli", "p_loss": 0.1}}
@@ -270,12 +270,14 @@ def test_zenoh_s_own_options_lead_to_a_network_that_asks_for_a_password(tis: Tis
             assert f"{endpoint}: connected, but nothing answers" in err
 
 
-def test_a_delay_by_points_is_shown_with_what_they_come_to() -> None:
+def test_a_delay_by_points_is_shown_with_what_they_come_to_and_a_way_past_netem_below() -> None:
     """Oracle: between the points the quantiles are straight lines, so the mean is 0.9 x 10 + 0.1 x 30."""
     points = [{"p": 0, "delay_ms": 0}, {"p": 0.9, "delay_ms": 20}, {"p": 1, "delay_ms": 40}]
     delay = {"delay": {"kind": "quantiles", "points": points}}
     way = {"pipeline": delay, "now": delay, "counters": {}, "outage": False, "rules": [], "added": []}
     way |= {"scale_delay": 1, "add_delay_ms": 0, "add_p_loss": 0}
     state = EmulatorState.model_validate({"running": True, "forward": way, "feedback": way})
+    assert notes_on(state) == []
+    assert notes_on(state.model_copy(update={"counters": {"leaks": 2}})) == ["2 ways past netem found: not valid"]
     rows = {row[0]: row[1] for row in state_table(state).rows}
     assert rows["delay"] == "quantiles points (3 points) (mean 12, p50 11.1, p99 38 ms)"

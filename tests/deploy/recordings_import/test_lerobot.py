@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -96,6 +97,20 @@ def test_units_are_options(tmp_path: Path) -> None:
     metres = read_lerobot(folder, Wanted(episode=1)).streams[0]
     assert found.position_m == pytest.approx(metres.position_m / 1000)
     assert found.gripper_rad == pytest.approx(np.radians(metres.gripper_rad))  # type: ignore[arg-type]
+
+
+def test_angles_that_look_like_degrees_are_doubted(tmp_path: Path) -> None:
+    """Quaternions, which the table holds, tell nothing of it any longer."""
+    columns = movement(50)
+    for axis in "xyz":
+        columns[f"MTML_q{axis}"] = np.linspace(-34.0, 34.0, 50)
+    folder = lerobot_set(tmp_path / "set", columns, 2)
+    names = ("ee.x", "ee.y", "ee.z", "ee.roll", "ee.pitch", "ee.yaw", "-", "ee.gripper_pos")
+    wanted = Wanted(episode=1, names={"action": names})
+    doubts = read_lerobot(folder, wanted).doubts
+    assert len(doubts) == 3
+    assert all("are these degrees?" in text and "--angle-unit" in text for text in doubts)
+    assert not read_lerobot(folder, replace(wanted, angle_unit="deg")).doubts
 
 
 def test_names_may_be_given(tmp_path: Path) -> None:

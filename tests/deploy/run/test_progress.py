@@ -102,7 +102,7 @@ def test_the_panel_says_how_each_side_is_and_what_is_seen() -> None:
         "in the last 5 s",
         "end to end  median 69.4 ms, p99 97.2 ms, newest sample to estimate",
         "one way     median 40.1 ms of all arm positions, back 39.9 ms",
-        "loss        1.5 % to the patient, 0.5 % back",
+        "loss        1.5 % of all poses to the patient, 0.5 % back",
         "error       RMSE 0.45 mm, 52 % of the 0.86 mm of hold",
         "",
     ]
@@ -147,7 +147,9 @@ def test_a_line_tells_the_loss_of_both_ways_as_far_as_it_is_known() -> None:
     arm, answers = CrossingFigures(100, 0), CrossingFigures(1000, 21)
     both, alone = LiveFigures({"arm": arm, "answers": answers}, 69.4), LiveFigures({"arm": arm}, 69.4)
     back = LiveFigures({"answers": answers}, 69.4)
+    commands = LiveFigures({"master": CrossingFigures(100, 30), "arm": arm}, 69.4)
     for found, words in (
+        (commands, "15 % there"),
         (both, "0.0 %, back 2.1 %"), (alone, "0.0 % there"), (back, "back 2.1 %"), (LiveFigures({}, 69.4), "-"),
     ):  # fmt: skip
         out = io.StringIO()

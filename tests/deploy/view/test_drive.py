@@ -163,8 +163,8 @@ def test_before_anything_is_seen_the_picture_is_empty() -> None:
     assert _hub(None).frame(1.0) == {
         "now_s": 0.0, "arm": None, "feedback_error_mm": None, "ghost_error_mm": None, "late_ms": None,
         "network_ms": None, "silent_s": None, "why": "", "outage": False, "unreached": False, "network": False,
-        "left_s": None,
-        "loop": None, "operator_n_m": None, "wall": None, "moved": None, "limit_n_m": None, "wall_n_m": None,
+        "changed_s": 0.0, "left_s": None, "loop": None,
+        "operator_n_m": None, "wall": None, "moved": None, "limit_n_m": None, "wall_n_m": None,
         "yields": False, "set": {"delay": [None, None], "loss": [None, None]}, "queues": False, "settles": False,
     }  # fmt: skip
     found = _hub(_Door()).frame(1.0)

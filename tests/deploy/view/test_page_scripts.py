@@ -78,6 +78,24 @@ def _targets(page: "Page") -> list[list[float]]:
     return found
 
 
+def test_a_task_that_counts_is_spoilt_by_a_stop_and_by_a_change_of_the_network(page: "Page") -> None:
+    """Its row names a delay alone: an outage, a loss or a stop within it would stand there as that delay's."""
+    words = """([first, seen]) => {
+      const { begin, step, spoilt } = window.touchTask
+      let task = begin([10, 20], { delay_ms: 100, ghost: false })
+      const before = spoilt(task, seen)
+      for (const at_ms of [0, 300]) task = step(task, at_ms, first, 3.5)
+      return [before, spoilt(task, seen)]
+    }"""
+    first = _targets(page)[0]
+    for seen, why in (
+        ({"stopped": False, "changed_s": 3.5}, ""),
+        ({"stopped": True, "changed_s": 3.5}, "the arms were stopped"),
+        ({"stopped": False, "changed_s": 4.2}, "the network was changed"),
+    ):
+        assert page.evaluate(words, [first, seen]) == ["", why]
+
+
 def test_the_targets_lie_on_a_ring_each_across_from_the_last(page: "Page") -> None:
     targets = _targets(page)
     assert len({(round(x, 6), round(y, 6)) for x, y in targets}) == len(targets) == 9

@@ -1,3 +1,4 @@
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -38,6 +39,10 @@ def test_only_what_was_released_is_counted() -> None:
     )  # fmt: skip
     tally.record(Record(RELEASES, 0, batch))
     assert tally.errors["forward"].n == 2
+    # a copy is released, too, but is no further message: the report's mean has none either
+    tally.record(Record(RELEASES, 0, msgspec.structs.replace(batch, copy_index=(0, 0, 1))))
+    assert tally.errors["forward"].n == 4
+    assert tally.realised["forward"].n == 3
     assert tally.errors["forward"].most_ns == 500
     assert tally.errors["feedback"].n == 0
 

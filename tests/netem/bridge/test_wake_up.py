@@ -121,11 +121,10 @@ def _late_ns(
 def test_what_comes_after_the_end_did_not_come_before_the_beginning() -> None:
     driver, clock = Driver({"forward": link("forward")}), Ticking()
     driver.alarm = VirtualAlarm()  # type: ignore[misc, assignment]
-    offer = lambda: driver.offer("forward", KEY, b"", 10, Timed(clock, []))  # noqa: E731
-    assert offer() is None
+    assert driver.offer("forward", KEY, b"", 10, Timed(clock, [])) is None
     driver.start(clock)
     driver.run(Nowhere(), 10 * MS, lambda: False)
-    assert offer() is None
+    assert driver.offer("forward", KEY, b"", 10, Timed(clock, [])) is None
     assert driver.counters()["before_epoch"] == 1
 
 

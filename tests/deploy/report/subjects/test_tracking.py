@@ -190,6 +190,21 @@ def test_an_arm_is_as_late_as_it_follows_the_active_estimate() -> None:
     assert len(actuation_ms(a_track(hold=0.1), "hold", 30)) == 0
 
 
+def test_an_arm_that_is_stopped_is_not_late() -> None:
+    """Between two thirds of a movement it stands for 5 s, and comes back; else it follows 50 ms later."""
+    track = a_track(900, kalman=0.0, plant=0.05)
+    arm_m = track.estimates["plant"].copy()
+    stopped = slice(300, 450)
+    arm_m[stopped] = arm_m[300]
+    track = replace(track, estimates=track.estimates | {"plant": arm_m})
+    follows = np.ones(900, dtype=np.bool_)
+    follows[stopped] = False
+    late_ms = actuation_ms(track, "kalman", 30, follows)
+    assert len(late_ms) == 750
+    assert np.percentile(late_ms, [5, 50, 95]) == pytest.approx([50, 50, 50])
+    assert np.percentile(actuation_ms(track, "kalman", 30), 95) > 500
+
+
 def test_a_hand_at_rest_is_followed_with_no_offset_that_could_be_told() -> None:
     moving = a_track(kalman=0.1, plant=0.15)
     rest = {name: np.zeros_like(position_m) for name, position_m in moving.estimates.items()}
