@@ -199,8 +199,8 @@ def split_table(text: str, where: str) -> TableText:
 
 
 def _with_points(lines: list[str], separator: str) -> list[str]:
-    """Return the lines with points for decimal commas: commas that separate no cells, where no cell has a point."""
-    if separator == "," or any("." in line for line in lines):
+    """Return the lines with points for decimal commas: commas that separate no cells, where no number has a point."""
+    if separator == "," or any("." in _DATE.sub("", line) for line in lines):
         return lines
     return [line.replace(",", ".") for line in lines]
 

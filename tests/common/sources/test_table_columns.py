@@ -162,6 +162,12 @@ def test_decimals_have_a_point_or_a_comma(text: str, expected: list[list[float]]
     assert [found["a"].tolist(), found["b"].tolist()] == expected
 
 
+def test_a_point_in_a_date_is_no_decimal_mark() -> None:
+    text = "t;x\n2026-03-29T01:59:59.5Z;-0,25\n2026-03-29T02:00:00.0Z;1,5\n"
+    found = read_columns(split_table(text, "t.csv"), ["t", "x"], "t.csv", "t")
+    assert (found["t"].tolist(), found["x"].tolist()) == ([0.0, 0.5], [-0.25, 1.5])
+
+
 def test_where_the_decimal_mark_is_not_known_it_is_told_what_to_do() -> None:
     [fault] = faults_of("a;b\n1,5;2.5\n3;4\n", "a", "b")
     assert (
