@@ -150,14 +150,20 @@ class ArmResponse(StoredModel):
     """How an arm follows its command: a regression of its increments on its own last ones and on the command's.
 
     With p = ``gain`` (3, 3) times the command, in m,
-    ``dy[k+1] = sum_i own[i] dy[k-i] + sum_i command[i] dp[k+1-i] + w[k+1]``; the variance of w is ``noise`` times
-    that of the command's innovations. Increments know no offset between arm and command.
+    ``dy[k+1] = sum_i own[i] dy[k-i] + sum_i command[i] dp[k+1-i] + pull z[k] + w[k+1]``; the variance of w is
+    ``noise`` times that of the command's innovations.
+
+    ``z = p - y + c`` is the way that the arm has yet to go, and ``pull`` the share of it per sample, by which an arm
+    comes to rest where its command is. The offset c between the two is a random walk, whose step has ``drift`` times
+    the variance of w. Without pull, 0, increments alone tell where the arm is.
     """
 
     gain: Matrix
     own: Vector
     command: Vector
     noise: Positive
+    pull: Share = 0.0
+    drift: NotNegative = 0.0
 
     def shapes(self) -> Mapping[str, Shape]:
         """Return the shape of the gain."""

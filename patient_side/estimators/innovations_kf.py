@@ -23,6 +23,7 @@ after 5 s.
 """
 
 from dataclasses import dataclass, field
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -45,8 +46,9 @@ from tis.patient_side.filters.innovations_filter import (
     square_of,
 )
 from tis.patient_side.filters.lag_forecast import LagForecasts
-from tis.patient_side.filters.recent_past import RecentPast
+from tis.patient_side.filters.recent_past import WAY_UNKNOWN, RecentPast
 from tis.patient_side.filters.replay import (
+    Astray,
     Checkpoint,
     Ring,
     Uncertainty,
@@ -60,7 +62,7 @@ from tis.patient_side.filters.stand_in import PAIRS, Offset, StandIn
 from tis.patient_side.filters.unbroken import Unbroken
 from tis.patient_side.horizon import PATIENCE_SAMPLES, horizon_samples
 from tis.patient_side.linear_system import Array
-from tis.patient_side.movement_models import N_INCREMENTS
+from tis.patient_side.movement_models import N_INCREMENTS, InnovationsModel
 from tis.patient_side.playout import Playout
 from tis.patient_side.statespace import ArmModel
 
@@ -69,6 +71,18 @@ _CHECK_EVERY = 4
 
 _JUMP = 500.0
 """Squared innovation over its expectation, and over the hand's activity, that is no movement but a jump."""
+
+_ASTRAY = 100.0
+"""Square of the arm's own innovation over its expectation, and the hand's activity, that no command explains."""
+
+_N_SETTLED = 2 * N_INCREMENTS
+"""Samples of a row after which the arm's own innovation is as large as usual."""
+
+_N_ASTRAY = 3
+"""Number of such innovations in about the same direction that show a new offset between command and arm."""
+
+_LIKELY = 9.0
+"""Square of a way over its variance, as long as nothing is known of it, up to which it is no offset of a set-up."""
 
 _NEGLIGIBLE = 0.05
 """Share of the innovations' variance below which the filter ignores a command's error; the estimate includes it."""
@@ -91,6 +105,27 @@ class InnovationsState(NamedTuple):
     guessed: bool
     offset: Offset | None = None
     seen: Seen | None = None
+
+
+class _Pull(NamedTuple):
+    """Of an arm that is pulled to its command: the share of its way per sample, and what is usual, in m^2.
+
+    ``share`` is that of the command's innovation in the arm's; ``own_m2`` is the expected square of the arm's own
+    innovation, and ``way_m2`` that of its way before it has been seen to go.
+    """
+
+    per_sample: float
+    share: float
+    own_m2: float
+    way_m2: float
+
+    @classmethod
+    def of(cls, model: InnovationsModel) -> "_Pull | None":
+        """Return the pull of a model's response, if it has one."""
+        if model.response is None or not model.response.pull:
+            return None
+        response, unit_m2 = model.response, float(np.trace(model.Re))
+        return cls(response.pull, float(response.command[0]), response.noise * unit_m2, WAY_UNKNOWN * unit_m2)
 
 
 @dataclass(frozen=True)
@@ -117,6 +152,7 @@ class InnovationsKf:
     _heads: Heads | None = field(init=False, repr=False)
     _negligible_error: bool = field(init=False, repr=False)
     _gain: Array | None = field(init=False, repr=False)
+    _pull: _Pull | None = field(init=False, repr=False)
     _usual: int = field(init=False, repr=False)
     _shown: tuple[slice, ...] = field(init=False, repr=False)
 
@@ -146,6 +182,7 @@ class InnovationsKf:
         object.__setattr__(self, "_forecasts", forecasts)
         object.__setattr__(self, "_stand_in", stand_in)
         object.__setattr__(self, "_gain", None if response is None else response.gain)
+        object.__setattr__(self, "_pull", _Pull.of(innovations))
         object.__setattr__(self, "_usual", filter_.usual)
         object.__setattr__(self, "_shown", tuple(map(filter_.shown, (ARM, COMMAND, BOTH))))
         object.__setattr__(self, "_negligible_error", bool(small))
@@ -332,9 +369,13 @@ class InnovationsKf:
         """Return positions of command and arm (6,) where only one of them is known."""
         if what == BOTH or self._gain is None:
             return sample
-        model = self.model
-        offset_m = model.output_offset_m - self._gain.dot(model.input_offset_m)
+        offset_m = self._offset_m()
         return np.concatenate([sample, sample + offset_m] if what == COMMAND else [sample - offset_m, sample])
+
+    def _offset_m(self) -> Array:
+        """Return the offset (3,) in m of the arm from its command in the middle of the training rows."""
+        assert self._gain is not None
+        return np.asarray(self.model.output_offset_m - self._gain.dot(self.model.input_offset_m))
 
     def _after(
         self, before: Checkpoint | None, index: int, sample: Array, error: Array | None, what: int
@@ -347,7 +388,7 @@ class InnovationsKf:
         if before is None or index - before.source_index > filter_.horizon:
             activity = self._activity.initial() if before is None else before.activity
             return self._begun(index, sample, what, error, ignored, activity)
-        last, mean, start, length, _, activity, phasor, _ = before
+        last, mean, start, length, _, activity, phasor, _, _ = before
         gap = index - last
         # Unbroken row: the gain is precomputed. The row breaks with a gap or an uncertain sample.
         if start is None:
@@ -355,11 +396,11 @@ class InnovationsKf:
                 stage = unbroken.stage(length + 1)
                 mean = filter_.onward[1].dot(mean)
                 gain = unbroken.gains[stage], unbroken.variances[stage]
-                activity, jump = self._corrected(mean, *gain, sample, what, before)
+                activity, jump, astray = self._corrected(mean, *gain, sample, what, before)
                 if jump is before.jump is not None:
                     return self._begun(index, sample, what, None, ignored, activity)
                 phasor = self._phasor(phasor, 1, mean, activity[0])
-                return Checkpoint(index, mean, None, length + 1, ignored, activity, phasor, jump)
+                return Checkpoint(index, mean, None, length + 1, ignored, activity, phasor, jump, astray)
             stage = unbroken.stage(length)
             start = self._tree.root(stage, unbroken.covariances[stage])
         # Uncertain sample: the full update, as the cache below holds those of certain samples only.
@@ -371,7 +412,7 @@ class InnovationsKf:
         # Certain sample in a broken row: the covariance is cached by its gaps.
         left = self._tree.take(start, gap, what)
         mean = filter_.onward[gap].dot(mean)
-        activity, jump = self._corrected(mean, left.weights, left.variance, sample, what, before)
+        activity, jump, astray = self._corrected(mean, left.weights, left.variance, sample, what, before)
         if jump is before.jump is not None:
             return self._begun(index, sample, what, None, ignored, activity)
         # The last increments are evidence of the clock's phase where their samples have all arrived.
@@ -382,38 +423,65 @@ class InnovationsKf:
         length += 1
         matching = unbroken.length_like(left.covariance) if length % _CHECK_EVERY == 0 else 0
         if matching:
-            return Checkpoint(index, mean, None, matching, ignored, activity, phasor, jump)
-        return Checkpoint(index, mean, left, length, ignored, activity, phasor, jump)
+            return Checkpoint(index, mean, None, matching, ignored, activity, phasor, jump, astray)
+        return Checkpoint(index, mean, left, length, ignored, activity, phasor, jump, astray)
 
     def _begun(
         self, index: int, sample: Array, what: int, error: Array | None, ignored: Array | None, activity: Activity
     ) -> Checkpoint:
         """Return the checkpoint of a row that begins with this sample."""
         mean, covariance = self._filter.start(self._complete(sample, what), error, what)
+        if self._pull is not None and what == BOTH:
+            # Where the set-up is that of the training, the way is known at once.
+            way = sample[:AXES] + self._offset_m() - sample[AXES:]
+            if square_of(way) <= _LIKELY * self._pull.way_m2:
+                mean[self._filter.way] = way.reshape(-1, mean.shape[1])
         uncertainty = None if error is None and what == self._usual else Uncertainty(covariance)
         return Checkpoint(index, mean, uncertainty, 1, ignored, activity)
 
     def _corrected(
         self, mean: Array, gain: Array, variance: float, sample: Array, what: int, before: Checkpoint
-    ) -> tuple[Activity, Array | None]:
+    ) -> tuple[Activity, Array | None, Astray | None]:
         """Correct a predicted mean by a certain sample, or let it follow a jump, in place.
 
-        Return the activity, and the innovation of a jump, if it is one. After a jump a second one in about the
-        same direction shows that the movement has changed, as of a hand that stopped at once, and the innovation of
-        the first is returned: its row ends, as this one, followed, would seem to jump for ever. One in the opposite
-        direction is the end of an outlier.
+        Return the activity, the innovation of a jump, if it is one, and that of an arm gone astray. After a jump a
+        second one in about the same direction shows that the movement has changed, as of a hand that stopped at once,
+        and the innovation of the first is returned: its row ends, as this one, followed, would seem to jump for ever.
+        One in the opposite direction is the end of an outlier.
         """
         shown = self._shown[what]
         innovation = correct(mean, gain, sample, shown)
         surprise = square_of(innovation) / variance
         activity, jump = before.activity, before.jump
         if surprise <= (_JUMP * activity[0] if activity[0] > 1.0 else _JUMP):  # no call, as at each sample
-            return self._activity.after(activity, surprise), None
+            astray = None if self._pull is None or what != BOTH else self._astray(mean, innovation, before)
+            return self._activity.after(activity, surprise), None, astray
         # The first three numbers are comparable, of whatever the two samples show.
         if jump is None or jump.ravel()[:AXES].dot(innovation.ravel()[:AXES]) <= 0.0:
             follow_jump(mean, gain, innovation, shown)
             jump = innovation
-        return self._activity.after(activity, surprise), jump
+        return self._activity.after(activity, surprise), jump, None
+
+    def _astray(self, mean: Array, innovation: Array, before: Checkpoint) -> Astray | None:
+        """Return the arm's own innovation where no command explains it, and what it shows of the mean, in place.
+
+        One is a blow, or an error of the sensor. Several in about the same direction, one after the other, are a
+        clutch, a stop or a new set-up: the offset between command and arm, which drifts slowly, has changed at once.
+        Then the way is the one that explains the newest.
+        """
+        assert self._pull is not None
+        d, pull = self._filter.n_axes, self._pull
+        own = innovation[d:] - pull.share * innovation[:d]
+        if before.length < _N_SETTLED or square_of(own) <= _ASTRAY * pull.own_m2 * max(before.activity[0], 1.0):
+            return None
+        found = Astray(own, 1)
+        if before.astray is not None and before.astray.own.ravel().dot(own.ravel()) > 0.0:
+            found = Astray(own, before.astray.n + 1)
+        if found.n >= _N_ASTRAY:
+            way = mean[self._filter.way] + own / pull.per_sample
+            too_far = square_of(way) / (_LIKELY * pull.way_m2)
+            mean[self._filter.way] = way / sqrt(too_far) if too_far > 1.0 else way
+        return found
 
     def _phasor(self, before: Phasor, gap: int, mean: Array | None, activity: float) -> Phasor:
         """Return the phasor of the clock behind the rows ``gap`` rows later, with evidence from a mean if any."""

@@ -26,8 +26,8 @@ measurement noise, inherent in an innovations form, is part of the transition. A
 a command that stands in for it, through the gain, has the error of that relation.
 
 Where the model has a `response`, all this is the movement of the command, and the arm that follows it comes after
-it: its last increments, the command's position p, and its own position y (`arm_response`). Samples then show both, or
-one of them.
+it: its last increments, the way that it has yet to go, the command's position p, and its own position y
+(`recent_past`). Samples then show both, or one of them.
 
 Oracle: the textbook filter with the cross term, test_innovations_filter.
 """
@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import dgemm, dsymm
 from scipy.linalg.lapack import dposv
 
-from tis.patient_side.filters.recent_past import RecentPast, following
+from tis.patient_side.filters.recent_past import WAY_UNKNOWN, RecentPast, following
 from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import N_INCREMENTS, InnovationsModel
 
@@ -182,6 +182,11 @@ class InnovationsFilter:
     steps: tuple[tuple[Array, Array], ...]
     past: RecentPast | None = None
     n_following: int = 0
+
+    @property
+    def way(self) -> slice:
+        """The states of the way that an arm with a pull has yet to go."""
+        return slice(-3 * self.n_axes, -2 * self.n_axes)
 
     @property
     def n_past(self) -> int:
@@ -341,6 +346,8 @@ def build_innovations_filter(
         for first in (0, n_hand - axes):
             lags = slice(first, first + N_INCREMENTS * axes)
             start[lags, lags] = np.kron(np.eye(N_INCREMENTS), unknown)
+        way = slice(n_hand + (N_INCREMENTS - 1) * axes, len(step) - 2 * axes)
+        start[way, way] = WAY_UNKNOWN * model.Re if model.response.pull else 0.0
         mean_level = None if mean_level is None else _spread_out(mean_level, place, len(step), axes)
     size = len(step)
     transitions, noises = np.empty((horizon + 2, size, size)), np.zeros((horizon + 2, size, size))

@@ -10,7 +10,7 @@ sample corrects the forecast: the filter's covariances make it a smoother of the
 """
 
 from math import exp
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,8 +63,14 @@ class RecentPast(NamedTuple):
 # certain once samples of both have arrived, so the response needs no level, no operating point and no noise of its
 # own but that of the arm's next increment.
 #
-# The states are ``[the command's past and movement, dy[k], .., dy[k-3], p[k], y[k]]``: the two positions that samples
-# show come last.
+# An arm with a pull also has the way z that it has yet to go. It is a state rather than the offset between command
+# and arm: it is small, and as uncertain whichever of the two positions has been seen.
+#
+# The states are ``[the command's past and movement, dy[k], .., dy[k-3], z[k], p[k], y[k]]``: the two positions that
+# samples show come last.
+
+WAY_UNKNOWN: Final = 1e3
+"""Variance of the way that an arm has yet to go before it has been seen to go, in units of the innovations'."""
 
 
 def following(response: ArmResponse, step: Array, noise: Array, unit: Array) -> tuple[Array, Array, NDArray[np.intp]]:
@@ -74,9 +80,10 @@ def following(response: ArmResponse, step: Array, noise: Array, unit: Array) -> 
     ``unit`` (d, d) is the covariance of its innovations. Oracle in test_arm_response: the regression, row by row.
     """
     d = len(unit)
-    eye, n, n_lags = np.eye(d), len(step), N_INCREMENTS * d
-    size = n + n_lags + d
+    eye, n, n_lags, n_way = np.eye(d), len(step), N_INCREMENTS * d, d if response.pull else 0
+    size = n + n_lags + n_way + d
     lags, p, y = slice(n - d, n - d + n_lags), slice(size - 2 * d, size - d), slice(size - d, size)
+    way = slice(lags.stop, lags.stop + n_way)
     place = np.concatenate([np.arange(n - d), np.arange(p.start, p.stop)])
     whole = np.zeros((size, size))
     whole[np.ix_(place, place)] = step
@@ -85,6 +92,7 @@ def following(response: ArmResponse, step: Array, noise: Array, unit: Array) -> 
     moved[:, p] -= response.command[0] * eye
     moved[:, :n_lags] += np.kron(response.command[1:], eye)
     moved[:, lags] += np.kron(response.own, eye)
+    moved[:, way] += response.pull * eye[:, :n_way]
     whole[lags] = np.eye(n_lags, size, k=lags.start - d)
     whole[lags.start : lags.start + d] = moved
     whole[y] = moved
@@ -97,4 +105,13 @@ def following(response: ArmResponse, step: Array, noise: Array, unit: Array) -> 
         enters[each, n:] = eye
     joint = np.zeros((n + d, n + d))
     joint[:n, :n], joint[n:, n:] = noise, response.noise * unit
-    return whole, enters @ joint @ enters.T, place
+    spread = enters @ joint @ enters.T
+    if n_way:
+        # The way grows as the command moves, and shrinks as the arm does.
+        goes = np.eye(size)[p] - np.eye(size)[y]
+        whole[way] = goes @ whole - goes
+        whole[way, way] += eye
+        entered = goes @ enters
+        spread[way], spread[:, way] = entered @ joint @ enters.T, enters @ joint @ entered.T
+        spread[way, way] = entered @ joint @ entered.T + response.drift * response.noise * unit
+    return whole, spread, place

@@ -81,13 +81,21 @@ class UncertaintyTree:
         return taken
 
 
+class Astray(NamedTuple):
+    """An innovation of the arm that no command explains, and how many of them came in about its direction."""
+
+    own: Array
+    n: int
+
+
 class Checkpoint(NamedTuple):
     """The filter after the sample at source index ``source_index``: mean (M, 3/d) and uncertainty.
 
     Without an uncertainty the samples so far count as an unbroken row of ``length``; with one, ``length`` counts the
     samples of the arm since the row was broken. ``error`` (3, 3) is the covariance of a sample that entered the
     filter as if it were certain, ``activity`` the one after the innovations up to here, ``phasor`` that of the clock
-    behind the rows, ``jump`` the innovation of the sample where it was a jump.
+    behind the rows, ``jump`` the innovation of the sample where it was a jump, and ``astray`` the arm's own where no
+    command explains it.
     """
 
     source_index: int
@@ -98,6 +106,7 @@ class Checkpoint(NamedTuple):
     activity: Activity
     phasor: Phasor = NO_PHASE
     jump: Array | None = None
+    astray: Astray | None = None
 
 
 Ring = tuple[Checkpoint, ...]

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tis.patient_side.filters.innovations_filter import AXES
+from tis.patient_side.identification.arm_response import fit_response
 from tis.patient_side.identification.arx import ArxFactor
-from tis.patient_side.identification.forecast import fit_response
 from tis.patient_side.identification.level_and_scale import (
     LEVEL_STEPS,
     Calibrated,
@@ -137,7 +137,7 @@ def fit_innovations(
     candidates, errors = _candidates(held_back, rate_hz, block_rows, order)
     best, doubts = _with_everything(candidates, held_back, rate_hz)
     commanded = None
-    if follows and (response := fit_response(trials)):
+    if follows and (response := fit_response(trials, rate_hz)):
         commanded = _commanded(response, trials, held_back, rate_hz, block_rows, best)
     return FittedInnovations(best.model, errors, doubts, commanded)
 

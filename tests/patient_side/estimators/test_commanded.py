@@ -26,8 +26,8 @@ NS = 1_000_000
 
 
 @cache
-def lagging() -> tuple[ArmModel, Array, Array]:
-    source = SyntheticSource(kind="synthetic", arm_bandwidth_hz=4.0, recorder_hz=None)
+def lagging(bandwidth_hz: float = 4.0) -> tuple[ArmModel, Array, Array]:
+    source = SyntheticSource(kind="synthetic", arm_bandwidth_hz=bandwidth_hz, recorder_hz=None)
     whole = synthesise(source, 2, RATE_HZ, N_TRAIN + N, 0)
     model = identify_arm([whole.head(N_TRAIN)], "left", Identification(), "", {"innovations_kf", "arx_kf"})
     hand = whole.hands[0]
@@ -60,10 +60,45 @@ def test_of_an_arm_that_lags_no_other_filter_knows_more(delay_ms: float, jitter_
 
 
 def test_commands_at_once_leave_next_to_nothing_to_guess() -> None:
-    model, _, y = lagging()
-    at_once = arrivals(0, 0.0, 0.0, 0.0)
-    wrong = error_m(InnovationsKf(model), arrivals(0, 500.0, 0.0, 0.0), at_once)
-    assert wrong < 0.03 * float(np.sqrt(np.mean((y[75:] - y[60:-15]) ** 2)))
+    """The arm goes where its command is: what the increments do not explain does not add up."""
+    model, u, y = lagging(1.0)
+    at_once, late = arrivals(0, 0.0, 0.0, 0.0), arrivals(0, 1000.0, 0.0, 0.0)
+    wrong = [
+        positions(play(each, Streams(u, y, at_once, late))) - truth_at_ticks(y)
+        for each in (InnovationsKf(model), arx_kf(model))
+    ]
+    default, arx = (float(np.sqrt(np.mean(each[60:] ** 2))) for each in wrong)
+    assert default < 1.02 * arx
+    assert default < 0.01 * float(np.sqrt(np.mean((y[90:] - y[60:-30]) ** 2)))
+
+
+def test_a_command_that_a_clutch_moved_is_followed_from_there() -> None:
+    """Training knew one offset between command and arm: two samples that it does not explain show a new one."""
+    model, u, y = lagging()
+    assert model.commanded is not None
+    assert model.commanded.response is not None
+    assert model.commanded.response.pull > 0.0
+    moved = np.clip(np.arange(N) - 120, 0, 30) / 30 * 0.03
+    clutched = u + moved[:, None] * np.array([1.0, 0.5, -0.5])
+    arrived = arrivals(0, 200.0, 0.0, 0.0)
+    wrong = [
+        positions(play(InnovationsKf(model), Streams(each, y, arrived, arrived))) - truth_at_ticks(y)
+        for each in (u, clutched)
+    ]
+    without, after = (float(np.sqrt(np.mean(each[170:] ** 2))) for each in wrong)
+    assert after < 1.1 * without
+
+
+def test_an_arm_that_is_struck_comes_back_and_so_does_its_estimate() -> None:
+    """It is 35 mm away for three samples, whose increments alone, run on for half a second, would be 0.7 m."""
+    model, u, y = lagging(1.0)
+    struck = y.copy()
+    struck[150:153] += 0.02
+    arrived = arrivals(0, 500.0, 0.0, 0.0)
+    found = [positions(play(InnovationsKf(model), Streams(u, each, arrived, arrived)))[60:] for each in (struck, y)]
+    moved = np.linalg.norm(found[0] - found[1], axis=1)
+    assert np.max(moved) < 4 * 0.035
+    assert np.max(moved[112:]) < 1.5e-3
 
 
 @given(seed=st.integers(0, 10_000))

@@ -23,26 +23,29 @@ from tis.patient_side.linear_system import Array
 from tis.patient_side.movement_models import ArmResponse, InnovationsModel
 
 RESPONSE = ArmResponse(np.eye(3), np.array([0.9, -0.3, 0.1, 0.0]), np.array([0.05, 0.1, 0.1, 0.03, 0.02]), 0.01)
+PULLED = replace(RESPONSE, pull=0.1, drift=0.02)
+OFFSET_M = 0.01
 
 
-def isotropic(*, integrated: bool) -> InnovationsModel:
+def isotropic(*, integrated: bool, response: ArmResponse = RESPONSE) -> InnovationsModel:
     eye, none = np.eye(3), np.zeros((3, 3))
     model = movement_model(3, integrated=integrated)
     if integrated:
-        return replace(model, A=0.9 * eye, C=eye, K=0.8 * eye, Re=1e-8 * eye, response=RESPONSE)
+        return replace(model, A=0.9 * eye, C=eye, K=0.8 * eye, Re=1e-8 * eye, response=response)
     A = np.block([[1.6 * eye, -0.65 * eye], [eye, none]])
     C, K = np.hstack([eye, none]), np.vstack([1.5 * eye, 0.9 * eye])
-    return replace(model, A=A, C=C, K=K, Re=1e-8 * eye, response=RESPONSE)
+    return replace(model, A=A, C=C, K=K, Re=1e-8 * eye, response=response)
 
 
-def followed(p: Array, rng: np.random.Generator, deviation_m: float = 0.0) -> Array:
-    dp, y = np.diff(p, axis=0), [p[0].copy() + 0.01]
+def followed(p: Array, rng: np.random.Generator, deviation_m: float = 0.0, response: ArmResponse = RESPONSE) -> Array:
+    dp, y = np.diff(p, axis=0), [p[0].copy() + OFFSET_M]
     dy: list[Array] = []
     for k in range(len(dp)):
         move = deviation_m * rng.normal(size=3)
-        for i, weight in enumerate(RESPONSE.command):
+        move += response.pull * (p[k] + OFFSET_M - y[k])
+        for i, weight in enumerate(response.command):
             move += weight * (dp[k - i] if k >= i else 0.0)
-        for i, weight in enumerate(RESPONSE.own):
+        for i, weight in enumerate(response.own):
             move += weight * (dy[k - 1 - i] if k > i else 0.0)
         dy.append(move)
         y.append(y[-1] + move)
@@ -66,39 +69,47 @@ def run(filter_: InnovationsFilter, p: Array, y: Array, shown: list[int]) -> tup
     return mean, covariance
 
 
+@pytest.mark.parametrize("response", [RESPONSE, PULLED])
 @pytest.mark.parametrize("integrated", [False, True])
-def test_the_forecast_is_the_regression_run_on(integrated: bool) -> None:
+def test_the_forecast_is_the_regression_run_on(integrated: bool, response: ArmResponse) -> None:
     rng = np.random.default_rng(3)
-    model = isotropic(integrated=integrated)
+    model = isotropic(integrated=integrated, response=response)
     p = drawn(model, 60, rng)
-    y = followed(p, rng)
+    y = followed(p, rng, response=response)
     filter_ = built(model)
     mean, _ = run(filter_, p, y, [BOTH] * 39)
     ahead = np.array([(filter_.hand(h) @ mean).ravel() for h in range(9)])
     assert ahead[0] == pytest.approx(p[39], abs=1e-12)
-    expected = followed(np.vstack([p[:39], ahead]), rng)[39:]
+    expected = followed(np.vstack([p[:39], ahead]), rng, response=response)[39:]
     found = np.array([(filter_.output(h) @ mean).ravel() for h in range(9)])
     assert found == pytest.approx(expected, abs=1e-11)
     assert filter_.forecasts(mean.reshape(1, -1), 5) == pytest.approx(expected[5:6], abs=1e-11)
 
 
 @settings(max_examples=20, deadline=None)
-@given(shown=st.lists(st.sampled_from([ARM, COMMAND, BOTH]), min_size=1, max_size=12), seed=st.integers(0, 99))
-def test_of_one_axis_it_is_what_three_give(shown: list[int], seed: int) -> None:
+@given(
+    shown=st.lists(st.sampled_from([ARM, COMMAND, BOTH]), min_size=1, max_size=12),
+    seed=st.integers(0, 99),
+    response=st.sampled_from([RESPONSE, PULLED]),
+)
+def test_of_one_axis_it_is_what_three_give(shown: list[int], seed: int, response: ArmResponse) -> None:
     rng = np.random.default_rng(seed)
-    model = isotropic(integrated=False)
+    model = isotropic(integrated=False, response=response)
     p = drawn(model, 40, rng)
-    y = followed(p, rng, 1e-5)
+    y = followed(p, rng, 1e-5, response)
     (one, of_one), (all_axes, of_all) = (run(built(model, whole=whole), p, y, shown) for whole in (False, True))
     assert all_axes.reshape(one.shape) == pytest.approx(one, abs=1e-9)
     assert of_all == pytest.approx(np.kron(of_one, model.Re), abs=1e-14)
 
 
 @settings(max_examples=20, deadline=None)
-@given(shown=st.lists(st.sampled_from([ARM, COMMAND, BOTH]), min_size=1, max_size=12))
-def test_a_sample_of_each_is_one_of_both(shown: list[int]) -> None:
+@given(
+    shown=st.lists(st.sampled_from([ARM, COMMAND, BOTH]), min_size=1, max_size=12),
+    response=st.sampled_from([RESPONSE, PULLED]),
+)
+def test_a_sample_of_each_is_one_of_both(shown: list[int], response: ArmResponse) -> None:
     """The covariance is that of conditioning on all that is shown, in one textbook update after another."""
-    filter_ = built(isotropic(integrated=True))
+    filter_ = built(isotropic(integrated=True, response=response))
     covariance = np.array(filter_.start_covariance)
     expected = covariance.copy()
     for what in shown:
