@@ -334,20 +334,18 @@ def build_innovations_filter(
         step, process_noise = past.before(step, process_noise, axes)
         start = np.pad(start, (n_past, 0))
     mean_level = None if model.integrated else np.pad(level(model), ((0, 0), (n_past, 0)))
-    n_following = 0
+    n_hand = len(step)
     if model.response is not None:
-        n_hand = len(step)
         step, process_noise, place = following(model.response, step, process_noise, model.Re)
-        n_following = len(step) - n_hand
-        # The last increments are as unknown as the next one: a first move is not the answer to a large command.
+        # The last increments are as unknown as the next one: a first move does not answer a large command.
         move = step[place[-axes:]] - np.eye(len(step))[place[-axes:]]
         start = _spread_out(start, place, len(step))
         unknown = move @ start @ move.T + process_noise[np.ix_(place[-axes:], place[-axes:])]
         for first in (0, n_hand - axes):
             lags = slice(first, first + N_INCREMENTS * axes)
             start[lags, lags] = np.kron(np.eye(N_INCREMENTS), unknown)
-        way = slice(n_hand + (N_INCREMENTS - 1) * axes, len(step) - 2 * axes)
-        start[way, way] = WAY_UNKNOWN * model.Re if model.response.pull else 0.0
+        if model.response.pull:
+            start[-3 * axes : -2 * axes, -3 * axes : -2 * axes] = WAY_UNKNOWN * model.Re
         mean_level = None if mean_level is None else _spread_out(mean_level, place, len(step), axes)
     size = len(step)
     transitions, noises = np.empty((horizon + 2, size, size)), np.zeros((horizon + 2, size, size))
@@ -371,7 +369,7 @@ def build_innovations_filter(
         unit_trace=float(np.trace(unit)),
         steps=tuple(zip(transitions.transpose(0, 2, 1), noises.transpose(0, 2, 1), strict=True)),
         past=past,
-        n_following=n_following,
+        n_following=len(step) - n_hand,
     )
 
 
