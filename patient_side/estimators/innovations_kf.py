@@ -13,7 +13,8 @@ older ones are ignored. Within the window the order of arrival does not affect t
 
 Where the arm lags behind its command, the model is that of the command's movement with the arm's response to it
 (`ArmModel.commanded`), and samples of both streams are assimilated, each where it has arrived: what has been
-commanded need not be foretold, and only the commands to come are forecast as a movement.
+commanded need not be foretold, and only the commands to come are forecast as a movement. Such an arm is pulled to
+its command, about an offset that drifts; several innovations that no command explains show a new one (`_astray`).
 
 Where the model has a correction, the forecast also depends on the state of the hand's movement: its speed and
 braking, the opening of the gripper, the recent path, and the phase of the clock behind the rows (`correction`), and
