@@ -2,12 +2,12 @@
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Final, get_args
 
 import zenoh
 
-from tis.common.channels import Direction, Network
+from tis.common.channels import DESTINATION, Direction, Network
 from tis.common.errors import Fault
 from tis.netem.bridge.bridge import Bridge
 from tis.netem.bridge.bypass import Bypasses, Watch
@@ -22,6 +22,30 @@ from tis.netem.bridge.standstill import Pulse, StandstillWatch, end_process
 _STEP_S: Final = 0.02
 _STEPS_PER_EXPIRY: Final = 25
 _STEPS_PER_PROBE: Final = 100
+
+
+class Audience:
+    """Whether anybody in a network has subscribed to what crosses to it. Of one thread."""
+
+    def __init__(self, sessions: Mapping[Network, zenoh.Session], expressions: Iterable[str]) -> None:
+        self._awaited = {
+            network: [
+                session.declare_publisher(one, allowed_destination=zenoh.Locality.REMOTE) for one in expressions
+            ]
+            for network, session in sessions.items()
+        }
+
+    def look(self) -> None:
+        """Note in which networks somebody subscribes now."""
+        for network, publishers in list(self._awaited.items()):
+            if any(one.matching_status.matching for one in publishers):  # type: ignore[attr-defined]
+                del self._awaited[network]
+                for one in publishers:
+                    one.undeclare()  # type: ignore[no-untyped-call]
+
+    def counters(self) -> dict[str, int]:
+        """Return 1 for a direction whose messages nobody has subscribed to so far."""
+        return {f"{direction}.unheard": int(network in self._awaited) for direction, network in DESTINATION.items()}
 
 
 class Applications:
@@ -51,6 +75,7 @@ class Applications:
         self.queries: Final = Queries(bridge, sessions, query_time_out_s, warn, query_target)
         self.queryables: Final = Queryables(bridge, sessions, self.queries, keys.messages, listers or {}, warn)
         self.tokens: Final = Tokens(bridge, sessions, lease_s)
+        self._audience = Audience(sessions, keys.messages)
         self._warn = warn
         self._bypasses = Bypasses(on_bypass or warn, warn)
         self._gossip = gossip or Gossip()
@@ -103,7 +128,8 @@ class Applications:
 
     def counters(self) -> dict[str, int]:
         """Return the counts, by name."""
-        return self.queries.counters() | self.tokens.counters() | {"leaks": self.n_leaks}
+        of_all = self.queries.counters() | self.tokens.counters() | self._audience.counters()
+        return of_all | {"leaks": self.n_leaks}
 
     def _stands_still(self, who: str, silent_s: float) -> None:
         rule = f"{who} has not returned from a call to Zenoh for {silent_s:.0f} s, so nothing crosses: restart netem"
@@ -125,6 +151,7 @@ class Applications:
         self.queryables.step(now_s, self.tokens.is_cut)
         if n_steps % _STEPS_PER_EXPIRY == 0:
             self.queries.expire(now_s)
+            self._audience.look()
         if (n_news := self._gossip.n_news) != self._n_news:
             self._n_news = n_news
             self._watch.look()

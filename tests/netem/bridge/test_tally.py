@@ -87,7 +87,12 @@ def test_a_silent_network_is_asked_about() -> None:
     asks = "nothing came from the east: if its programs send, do they connect to tcp/b:2"
     assert silent(counters, ends, ("**",)) == [f"{asks}?"]
     assert silent(counters, ends, ("a/*", "b")) == [f"{asks}, and on keys that match a/* or b?"]
-    assert silent(counters | {"feedback.offered": 1}, ends, ("**",)) == []
+    counters |= {"feedback.offered": 1}
+    assert silent(counters, ends, ("**",)) == []
+    [hint] = silent(counters | {"forward.unheard": 1}, ends, ("**",))
+    assert hint.startswith("nobody in the east subscribed to what came from the west")
+    assert hint.endswith("tcp/b:2")
+    assert silent(counters | {"forward.unheard": 1, "queries.asked": 1}, ends, ("**",)) == []
 
 
 def test_delays_and_what_was_sent_again_stand_below_the_table() -> None:
