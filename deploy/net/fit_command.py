@@ -32,6 +32,7 @@ from tis.netem.draws.blocks import Floats
 from tis.netem.fit.backlogs import MESSAGE_BYTES, Backlogs
 from tis.netem.fit.direction import DirectionFit, JointStates
 from tis.netem.fit.marginal import MarginalName
+from tis.netem.fit.record import MEASURING_ADDS, DirectionRecord
 
 _CANDIDATES: Final = (
     Column("distribution", words=True, wraps=True),
@@ -183,7 +184,7 @@ def fit_and_print(
     replaced = " (replaced)" if target is not None and target.exists() else ""
     if target is not None:
         folder.write(target, dump_profile(profile))
-    print_warnings(err, *_cautions(fits))
+    print_warnings(err, *_cautions(fits), *_of_the_machine(fits, of))
     if as_json:
         print(json.dumps({"profile": profile.name, "fits": plain(fits)}, indent=1))  # noqa: T201
         return EXIT_OK
@@ -205,6 +206,17 @@ def _cautions(fits: dict[Direction, DirectionFit]) -> list[str]:
     shared = len(fits) > 1 and len({id(fit) for fit in fits.values()}) == 1
     each = {"both ways": fits["forward"]} if shared else dict(fits)
     return [f"{where}: {caution}" for where, fit in each.items() for caution in cautions(fit)]
+
+
+def _of_the_machine(fits: Mapping[Direction, DirectionFit], of: Mapping[Direction, DirectionRecord]) -> list[str]:
+    """Return a caution where delays that change with time were fitted, and the machine measured added such itself."""
+    found = {
+        f"{added} ms were added by measuring: stalls, queues and states of such a size may be the machine's, not the "
+        "network's"
+        for direction, fit in fits.items()
+        if (added := of[direction].trace.about.get(MEASURING_ADDS)) and (fit.stalls or fit.backlogs or fit.states)
+    }
+    return sorted(found)
 
 
 def _name_for(path: Path) -> str:

@@ -69,7 +69,8 @@ def fit_closing(
     Notes
     -----
     Structures are tried in this order: one regime (with outages and bursts), stalls, backlogs of a queue,
-    steps, a cycle, 2 and 3 Markov states. The first that closes is taken. Oracle: records of other processes,
+    steps, a cycle, 2 and 3 Markov states. The first that closes is taken. Of a delay that varies no more than
+    measuring may add, they are tried on the record without that. Oracle: records of other processes,
     tests/netem/fit/test_candidates.
     """
     first = fit_direction(record, wanted)
@@ -77,8 +78,9 @@ def fit_closing(
         return first
     n = min(n, max(_FEWEST, _MAX_REPLAYED // len(record.trace.sent_ns)))
     best, least, alone = first, inf, inf
-    for fit in _structures(record, wanted, first, with_states):
-        missed = misses(_compared(record, fit, min(n, _TRIALS))) + (_COMPLEX if fit.states else 0.0)
+    known = _without_what_measuring_added(record) if first.steady else record
+    for fit in _structures(known, wanted, first, with_states):
+        missed = misses(_compared(known, fit, min(n, _TRIALS))) + (_COMPLEX if fit.states else 0.0)
         if missed < least:
             best, least = fit, missed
         if fit is first:
@@ -90,6 +92,14 @@ def fit_closing(
     if best.backlogs is not None:
         n = min(n, max(_FEWEST, _MAX_QUEUED // len(record.trace.sent_ns)))
     return best._replace(closures=_compared(record, best, n), n_replays=n)
+
+
+def _without_what_measuring_added(record: DirectionRecord) -> DirectionRecord:
+    """Return the record of a steady delay: what measuring may have added is neither a state nor a stall."""
+    trace = record.trace
+    middle_ns = int(np.median(trace.delay_ns[trace.delay_ns >= 0]))
+    added = (trace.delay_ns >= 0) & (np.abs(trace.delay_ns - middle_ns) <= record.adds.nearly_all_ns)
+    return replace(record, trace=replace(trace, delay_ns=np.where(added, middle_ns, trace.delay_ns)))
 
 
 def misses(compared: tuple[Closure, ...]) -> float:

@@ -3,6 +3,8 @@
 The full version, at 600 s and 100 replays, is ``python -m tests.netem.fit.bench_closure``.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ from tis.common.scenario.network import NetworkPart
 from tis.common.trace import Trace
 from tis.netem.fit.candidates import fit_closing
 from tis.netem.fit.direction import DirectionFit
-from tis.netem.fit.record import DirectionRecord
+from tis.netem.fit.record import MEASURING_ADDS, DirectionRecord
 
 _FAR = 2.0
 SHORT = Parameters(seconds=150, rate_hz=50, p_loss=0.03, good=8, cycle=8, stall=0.3, stall_spread=0, gap=25)
@@ -36,6 +38,22 @@ def test_each_record_gets_the_structure_it_asks_for(name: str, n_outages: int, k
     assert fit.n_replays == 12
     # 12 replays say little about their middle 95 %: nothing may lie more than twice as far out
     assert not [one for one in fit.closures if one.severity > _FAR]
+
+
+def test_what_measuring_added_is_no_state_and_no_stall() -> None:
+    """A constant delay beside a machine with slow stretches: a relay that did nothing had as much."""
+    rng = np.random.default_rng(5)
+    sent_ns = np.arange(3000) * 10_000_000
+    slow = np.repeat(np.arange(400) % 2, rng.geometric(0.03, 400))[:3000] == 1
+    delay_ms = 30 + rng.gamma(2, 0.2, 3000) + slow * rng.gamma(2, 6, 3000)
+    about = {MEASURING_ADDS: "21.271 (p95 - p5), 68.3 (max - min)"}
+    arrived_ns = np.maximum.accumulate(sent_ns + np.rint(delay_ms * 1e6).astype(np.int64))
+    trace = Trace("t", sent_ns, arrived_ns - sent_ns, about)
+    fit = fit_closing(DirectionRecord.of(trace), n=12)
+    assert fit.steady
+    assert (fit.states, fit.stalls, fit.backlogs, fit.steps) == (None, None, None, None)
+    assert set(fit.stages) == {"delay"}
+    assert fit_closing(DirectionRecord.of(replace(trace, about={})), n=0).stages["delay"]["kind"] != "constant"
 
 
 def test_without_replays_nothing_is_compared_and_one_regime_is_taken() -> None:
