@@ -41,8 +41,22 @@ def _late_text(summary: Summary) -> str:
         return f"{text[0].upper()}{text[1:]}."
     median, most = (summary.text("latency_ms.end_to_end", name, " ms") for name in ("p50", "p99"))
     return (
-        f"When an estimate is published, the newest sample behind it is {median} old in the median, "
-        f"and at most {most} in 99 of 100 cases (p99)."
+        f"An estimate with a new sample is published when that is {median} old in the median, "
+        f"and at most {most} in 99 of 100 cases (p99).{_old_text(summary)}"
+    )
+
+
+_FAR_OLDER: Final = 1.1
+
+
+def _old_text(summary: Summary) -> str:
+    """Return how old the newest sample is at all ticks; "" where that is hardly older than at those with one."""
+    of_new, of_all = summary.latency_ms.end_to_end["p99"], summary.age_ms["p99"]
+    if of_new is None or of_all is None or of_all <= _FAR_OLDER * of_new:
+        return ""
+    most, worst = (summary.text("age_ms", name, " ms") for name in ("p99", "max"))
+    return (
+        f" Often nothing new has come: at all ticks the newest sample is at most {most} old (p99), {worst} at worst."
     )
 
 
@@ -168,7 +182,8 @@ def _late(summary: Summary) -> tuple[str, str, str, str]:
         "How late",
         median,
         "ms",
-        f"median, end to end: from newest sample to estimate; in 99 of 100 cases at most {most} ms (p99)",
+        f"median, end to end: from a new sample to the estimate with it; in 99 of 100 cases at most {most} ms (p99)."
+        f"{_old_text(summary)}",
     )
 
 

@@ -150,7 +150,7 @@ def _answer(runs: Mapping[str, RunView], differences: Differences, found: Mappin
     if len(valid) < len(runs):
         parts.append(f"No valid measurement, so not ranked: {', '.join(sorted(runs.keys() - valid.keys()))}.")
     if len({run.summary.mode for run in valid.values()}) == 1:  # virtual time has no computing time
-        parts.append(_least("Least median end-to-end latency:", latencies, "ms"))
+        parts.append(_least("Least median end-to-end latency, of estimates with a new sample:", latencies, "ms"))
     if differences.same_movement:
         parts.append(_least("Least error (RMSE in 3D of the active estimator):", errors, "mm"))
     return f'<p class="answer">{escape(" ".join(filter(None, parts)))}</p>'

@@ -80,7 +80,9 @@ def _read_on(summary: Summary) -> Iterator[Row]:
 def _figures(summary: Summary) -> Iterator[Row]:
     """Yield latency with its parts, loss, accuracy beside hold, and ticks."""
     median, most = (summary.text("latency_ms.end_to_end", name, " ms") for name in ("p50", "p99"))
-    yield Row("end to end", summary.unresolved_latency or f"median {median}, p99 {most}, from sample to estimate")
+    yield Row(
+        "end to end", summary.unresolved_latency or f"median {median}, p99 {most}, from a new sample to its estimate"
+    )
     parts = {"surgeon": "surgeon", "network": "network", "tick_wait": "tick wait", "compute": "computing"}
     found = {name: summary.text(f"latency_ms.{name}", "p50") for name in parts}
     if summary.mode == "twin":  # in virtual time computing takes none

@@ -114,8 +114,9 @@ def figures_html(
         )
     tiles = (
         ("End to end", _number(found.end_to_end_p50_ms, "ms"), _silence(found.silent_s)
-         or "median, from newest sample to estimate; "
-         f"99 of 100 within {_number(found.end_to_end_p99_ms, 'ms')} (p99)"),
+         or "median, from a new sample to the estimate with it; "
+         f"99 of 100 within {_number(found.end_to_end_p99_ms, 'ms')} (p99); at all ticks the newest sample was up to "
+         f"{_number(found.age_max_ms, 'ms')} old"),
         ("Position error", _number(found.rmse_mm, "mm"), verdict),
         ("Orientation error", _number(found.turn_rms_deg, "°"),
          f"of the estimate, root mean square; hold errs by {_number(found.hold_turn_rms_deg, '°')}"),

@@ -58,11 +58,15 @@ def training(scenario: Scenario, source: TableSource, recording: Recording, tria
     return table_recording(source, trial_file(source, trial), scenario.rate_hz, HEAD_ROWS, 0)
 
 
+_FEWEST_LAST: Final = 0.2
+"""Share of the first rows that the last ones must number to be judged."""
+
+
 def table_recording(source: TableSource, file: Path, rate_hz: int, head_rows: int, start: int) -> Recording:
     """Return the recording in a table at ``rate_hz`` rows per second, all of it; raises `DataError`.
 
-    The pairing is the map's; whether the arm follows its master is judged by the first ``head_rows`` rows, and told.
-    Oracle: tables of known movements in the tests.
+    The pairing is the map's; whether the arm follows its master is judged by the first ``head_rows`` rows and by the
+    last, and told. Oracle: tables of known movements in the tests.
     """
     where = str(file)
     table = open_table(file)
@@ -239,21 +243,37 @@ def _hand(layout: HandLayout, tracks: dict[str, PoseTrack]) -> HandRecording:
 
 
 def _pairing(layout: HandLayout, hand: HandRecording, head_rows: int, rate_hz: float) -> tuple[str, list[str]]:
-    """Return the pairing in words, and warnings where the arm does not follow, not even late."""
+    """Return the pairing in words, and warnings where the arm does not follow, not even late.
+
+    The first rows tell it, and as many of the last: clocks that drift apart agree at first.
+    """
     named = f"{MASTER[hand.hand]} -> {hand.arm}"
     if layout.master is None or layout.follower is None:
         return f"{named} ({_by_gain(layout)})", []
-    command_m, arm_m = (track.position_m[:head_rows] for track in (hand.command, hand.follower))
+    n = len(hand.follower.position_m)
+    head, tail = range(min(head_rows, n)), range(max(head_rows, n - head_rows), n)
+    text, warnings = _follows(hand, head, rate_hz)
+    if not warnings and len(tail) >= _FEWEST_LAST * len(head):
+        _, found = _follows(hand, tail, rate_hz)
+        warnings = [f"{one}, though it does at first: a clutch, or clocks that drift apart?" for one in found]
+    return f"{named} (by the table; {text})", warnings
+
+
+def _follows(hand: HandRecording, rows: range, rate_hz: float) -> tuple[str, list[str]]:
+    """Return how well the arm follows in these rows, and warnings where it does not."""
+    command_m, arm_m = (track.position_m[rows.start : rows.stop] for track in (hand.command, hand.follower))
     fit = fit_arm(command_m, arm_m, hand.arm)
     text, warnings = f"a static gain leaves {fit}", []
+    among = f"in rows {rows.start} to {rows.stop - 1}"
     if fit.ratio > FOLLOWS_BELOW:
         late = fit_late_arm(command_m, arm_m, hand.arm, rate_hz)
         text += f", {late}"
         if late.fit.ratio > FOLLOWS_BELOW:
-            warnings = [f"{hand.arm} does not follow {MASTER[hand.hand]}, not even late: {text}"]
+            warnings = [f"{hand.arm} does not follow {MASTER[hand.hand]}, not even late: {text}, {among}"]
     if early_s := lead_s(command_m, arm_m, hand.arm, rate_hz):
-        warnings += [f"{hand.arm} moves {1000 * early_s:.0f} ms before {MASTER[hand.hand]}, which commands it"]
-    return f"{named} (by the table; {text})", warnings
+        ms = round(1000 * early_s)
+        warnings += [f"{hand.arm} moves {ms} ms before {MASTER[hand.hand]}, which commands it, {among}"]
+    return text, warnings
 
 
 def _by_gain(layout: HandLayout) -> str:

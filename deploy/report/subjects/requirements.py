@@ -78,7 +78,7 @@ COUNTED: Final[dict[str, str]] = {
     "one_way": "messages",
     "pdv": "messages",
     "loss": "messages",
-    "end_to_end": "estimates",
+    "end_to_end": "estimates with a new sample",
     "round_trip": "round trips",
     "network_round_trip": "round trips",
     "age": "ticks",

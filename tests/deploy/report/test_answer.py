@@ -26,6 +26,7 @@ def _summary(
     samples_pct: float | None = 1.5,
 ) -> dict[str, Any]:
     return {
+        "age_ms": {"p50": 60.0, "p95": 90.0, "p99": 100.0, "max": 110.0},
         "latency_ms": {"end_to_end": {"p50": 68.71, "p99": 102.04}},
         "links": {"forward": {"loss_pct": loss[0]}, "feedback": {"loss_pct": loss[1]}},
         "accuracy": accuracy,
@@ -48,12 +49,18 @@ SCORES = {"hold": _entry(2, 1), "innovations_kf": _entry(0.5, 0.25), "plant": _e
 
 def test_it_says_how_late_how_lossy_and_how_accurate() -> None:
     assert answer(_summary(SCORES), a_scenario()) == (
-        "When an estimate is published, the newest sample behind it is 68.71 ms old in the median, and at "
+        "An estimate with a new sample is published when that is 68.71 ms old in the median, and at "
         "most 102.0 ms in 99 of 100 cases (p99). The network lost 1.50 % of the packets from surgeon to patient and "
         "none of those back. The patient's estimator, innovations_kf, was off the arm's true position by 0.500 mm "
         "(RMSE in 3D); merely repeating the newest arm position that arrived (hold) was off by 2.00 mm. So "
         "estimating leaves 25 % of the error."
     )
+
+
+def test_where_nothing_new_comes_for_long_the_age_at_all_ticks_is_told() -> None:
+    old = _summary(SCORES) | {"age_ms": {"p50": 70.0, "p95": 150.0, "p99": 235.0, "max": 369.0}}
+    expected = "at all ticks the newest sample is at most 235.0 ms old (p99), 369.0 ms at worst."
+    assert expected in answer(old, a_scenario())
 
 
 def test_a_run_with_touch_leads_with_the_verdict_on_its_loop() -> None:

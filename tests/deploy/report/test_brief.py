@@ -69,7 +69,7 @@ def test_the_figures_stand_in_their_order(summary: dict[str, Any]) -> None:
     assert brief(summary, [], 80).plain.splitlines() == [
         "default (live, synthetic surgeon, left hand)",
         "This run is a valid measurement.",
-        "  end to end    median 60.90 ms, p99 69.40 ms, from sample to estimate",
+        "  end to end    median 60.90 ms, p99 69.40 ms, from a new sample to its estimate",
         "  medians, ms   surgeon 0.200, network 40.10, tick wait 20.30, computing 0.300",
         "  packets lost  1.25 % to the patient, 0 % back",
         "  error         innovations_kf 0.500 mm (RMSE in 3D), 25 % of the 2.00 mm of",

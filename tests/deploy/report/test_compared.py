@@ -49,7 +49,7 @@ def test_runs_stand_side_by_side_with_their_differences(runs: Path, tmp_path: Pa
     assert (tmp_path / "page.html").stat().st_size < 2_500_000
     for words in (
         "They differ in 3 fields", "network.forward.loss.p_loss", "0.01", "0.3", "seed",
-        "Least median end-to-end latency: calm",
+        "Least median end-to-end latency, of estimates with a new sample: calm",
         "How the latency is distributed", "How the delays forward are distributed", "How the error is distributed",
         "Error against age", "Error over time", "Where the figures come from", str(runs / "lossy"),
     ):  # fmt: skip

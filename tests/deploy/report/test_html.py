@@ -154,7 +154,7 @@ def test_all_tables_are_of_one_style(finished: Path) -> None:
 def test_the_figures_at_the_top_say_which_statistic_they_are_and_what_lies_between(finished: Path) -> None:
     text = " ".join(_page(finished).text.replace("\u00a0", " ").split())
     late = _summary_of(finished)["latency_ms"]["end_to_end"]
-    tile = f"from newest sample to estimate; in 99 of 100 cases at most {number(late['p99'])} ms (p99)"
+    tile = f"from a new sample to the estimate with it; in 99 of 100 cases at most {number(late['p99'])} ms (p99)"
     assert f"median, end to end: {tile}" in text
     assert f"is {number(late['p50'])} ms old in the median, and at most {number(late['p99'])} ms in 99 of 100" in text
     assert "RMSE of innovations_kf, in 3D" in text

@@ -74,7 +74,7 @@ def test_the_answer_comes_first(summary: dict[str, Any]) -> None:
         "by_hand (live, synthetic surgeon, left hand) This run is not a valid measurement: ticks: 1 of 3 happened"
     )
     for figures in (
-        "end to end median 18.00 ms, p99 18.00 ms, from sample to estimate",
+        "end to end median 18.00 ms, p99 18.00 ms, from a new sample to its estimate",
         "packets lost 50.00 % to the patient",
         "error innovations_kf 0.500 mm (RMSE in 3D), 50 % of the 1.000 mm of repeating the newest position (hold)",
         "age the newest sample was at most",
@@ -88,7 +88,7 @@ def test_problems_come_first_and_verdicts_last_a_line_each(summary: dict[str, An
     last = lines[lines.index("Requirements of applications:") + 1 :]
     # one sample in time does not show that 99 % are; one of two lost shows more than 0.1 %, but not more than 10 %
     # one tick happened, in 33 ms
-    words = "not decidable (end to end, loss; about 299 estimates would tell, 10 s at this rate)"
+    words = "not decidable (end to end, loss; about 299 estimates with a new sample would tell, 10 s at this rate)"
     assert f"the scenario's limits: {words}" in " ".join(" ".join(last).split())
     words = "haptics (paper): out of reach at 30 Hz (loss, feedback 100 %, allowed 0.1 %; 3 more missed)"
     assert words in " ".join(" ".join(last).split())
@@ -147,7 +147,7 @@ def test_of_nothing_a_summary_is_printed_all_the_same(tmp_path: Path) -> None:
     scenario = a_scenario(limits={"end_to_end_p99_ms": 150, "p_loss_max": 0.05})
     summary = build_summary(load_run(tmp_path), scenario, (), "live", None, "")
     text = _seen(summary)
-    assert "end to end median -, p99 -, from sample to estimate" in " ".join(text.split())
+    assert "end to end median -, p99 -, from a new sample to its estimate" in " ".join(text.split())
     assert "patient: log is missing" in text
     assert "  the scenario's limits: not decidable (end to end, loss)" in text
     assert text.count(": not decidable (") == 1 + len(REQUIREMENTS)

@@ -78,7 +78,7 @@ def test_figures_have_units_and_what_is_not_known_has_none() -> None:
 def test_each_figure_names_its_statistic_and_latency_what_it_is_measured_between() -> None:
     crossings = {"arm": CrossingFigures(200, 3, 40.123), "answers": CrossingFigures(200, 0, 39.9)}
     text = _plain(figures_html(LiveFigures(crossings, 3.4, 4.2, 0.448, 0.86), {}))  # type: ignore[arg-type]
-    for part in ("median, from newest sample", "99 of 100 within 4.20 ms (p99)", "root mean square (RMSE)"):
+    for part in ("median, from a new sample", "99 of 100 within 4.20 ms (p99)", "root mean square (RMSE)"):
         assert part in text
     assert "so it can be below the one-way delay" in text
 

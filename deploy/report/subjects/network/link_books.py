@@ -6,13 +6,14 @@ from operator import itemgetter
 from typing import Final, NamedTuple, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tis.common.channels import VIDEO, Direction, Side
 from tis.common.errors import problem
 from tis.common.metrics.delivery import distinct, without
 from tis.common.records import REJECTED
 from tis.common.safety_records import QUARANTINE
-from tis.common.units import NS_PER_S
+from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.deploy.logs.read.columns import Ints, joined
 from tis.deploy.logs.read.frame import Frame
 from tis.deploy.logs.read.load import RunLogs
@@ -29,6 +30,9 @@ from tis.deploy.logs.read.side_log import no_messages
 from tis.deploy.report.subjects.logs import LogGaps, count_of
 from tis.deploy.report.subjects.network.key_figures import KeyBooks
 from tis.deploy.report.subjects.network.link_ends import ENDS, all_arrivals, both_ends, refused_arrivals
+
+_AROUND_END_NS: Final = (-20 * NS_PER_MS, 500 * NS_PER_MS)
+"""Time before and after netem's end in which what never reached it was under way, or sent to nobody."""
 
 
 class LinkBooks(NamedTuple):
@@ -75,6 +79,7 @@ def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
         fates, releases = offered.pop(key, NO_FATES), left.pop(key, NO_RELEASES)
         out, back = ends.get(key, (nothing, nothing))
         arrived = all_arrivals(out, back, unused_by_key.get(key))
+        out = out.at(~_past_the_end(logs, out, fates.seq))
         sent_seq, received_seq = out.seq, arrived.seq
         # foreign messages have no sequence number of ours: books of their own, without sender and receiver
         if fates.foreign.any():
@@ -104,6 +109,15 @@ def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
             n_refused += rejected[key]
             books.append(KeyBooks(key, False, sent_seq, fates, releases, received_seq, unused, n_refused))
     return LinkBooks(counts, error_ns, left_ns, books, n_unlogged, n_unlogged_offered)
+
+
+def _past_the_end(logs: RunLogs, out: Frame, offered: Ints) -> NDArray[np.bool_]:
+    """Return which messages (N,) were sent as netem ended: as of Ctrl-C the sides end one after the other."""
+    if "netem" not in logs.sides:
+        return np.zeros(len(out), dtype=np.bool_)
+    since_ns = out.sent_ns - logs.sides["netem"].last_ns
+    around = (since_ns > _AROUND_END_NS[0]) & (since_ns < _AROUND_END_NS[1])
+    return around & ~np.isin(out.seq, offered)
 
 
 def _without(packets: Frame, seq: Ints) -> Frame:

@@ -159,7 +159,24 @@ def test_an_arm_that_moves_before_its_command_is_told(tmp_path: Path) -> None:
     early = {f"PSM2_{axis}_m": columns[f"PSM2_{axis}_m"][3:] for axis in "xyz"}
     columns = {name: values[:161] for name, values in columns.items()} | early
     recording = load_recording(scenario_of(write_csv(tmp_path / "t.csv", columns)))
-    assert recording.warnings == ("t: PSM2 moves 100 ms before MTML, which commands it",)
+    assert recording.warnings == ("t: PSM2 moves 100 ms before MTML, which commands it, in rows 0 to 99",)
+
+
+def test_clocks_that_drift_apart_are_told_though_the_first_rows_agree(tmp_path: Path) -> None:
+    """The arm's clock runs 1 % fast, so after a minute its arm moves half a second before its command."""
+    n, rate_hz = 3000, 50.0
+    noise = np.random.default_rng(5).standard_normal((n + 200, 3))
+    path = 0.02 * scipy.ndimage.gaussian_filter1d(noise, 6.0, axis=0)
+    command = path[:n]
+    at = np.arange(n) * 1.004 - 2.0
+    arm = 0.5 * np.stack([np.interp(at, np.arange(len(path)), path[:, k]) for k in range(3)], axis=1)
+    columns = movement(n, rate_hz)
+    columns |= {f"MTML_{axis}_m": command[:, k] for k, axis in enumerate("xyz")}
+    columns |= {f"PSM2_{axis}_m": arm[:, k] for k, axis in enumerate("xyz")}
+    scenario = scenario_of(write_csv(tmp_path / "t.csv", columns)).model_copy(update={"rate_hz": 50})
+    warnings = load_recording(scenario).warnings
+    assert "before MTML, which commands it, in rows" in warnings[-1]
+    assert all(one.endswith("though it does at first: a clutch, or clocks that drift apart?") for one in warnings)
 
 
 def test_an_arm_that_is_late_by_less_than_a_period_moves_not_before_its_command(tmp_path: Path) -> None:

@@ -53,7 +53,10 @@ def test_each_finding_says_what_was_found_allowed_and_missed() -> None:
     run["loss", "forward"] = Measured(np.arange(1000) % 4 == 0)
     findings = {one["title"]: one for one in by_name(verdicts(run, Limits()))["haptics"]["findings"]}
     late = findings["end to end"]
-    assert late["sentence"] == "end to end: 99 % of 1000 estimates within 8 ms, allowed 2 ms: 6 ms too much"
+    assert (
+        late["sentence"]
+        == "end to end: 99 % of 1000 estimates with a new sample within 8 ms, allowed 2 ms: 6 ms too much"
+    )
     assert (late["n"], late["n_outside"], late["percentile"], late["uncertainty"]) == (1000, 1000, 99, 0)
     lost = findings["loss, forward"]
     assert lost["sentence"] == "loss, forward: 25 % of 1000 messages, allowed 0.1 %: 24.9 points too much"

@@ -27,6 +27,20 @@ from tis.deploy.logs.read.load import load_run
 from tis.deploy.report.subjects.network.link_summary import link_summary
 
 
+def test_what_is_sent_as_netem_ends_is_under_way_and_not_lost(tmp_path: Path) -> None:
+    """Ctrl-C ends the sides one after the other; a sender that goes on for a second would tell of a fault."""
+    sent_ms = [0, 100, 114, 119, 300, 900]
+    logs = write_run(
+        tmp_path,
+        surgeon=[message(COMMAND, k, sent_ms=at_ms) for k, at_ms in enumerate(sent_ms)],
+        netem=[fate(COMMAND, 0, 1, 20), release(COMMAND, 0, 1, 21, 21), fate(COMMAND, 1, 101, 20),
+               release(COMMAND, 1, 101, 121, 121)],
+        patient=[message(COMMAND, 0, 0, log_ms=22), message(COMMAND, 1, 100, log_ms=122)],
+    )  # fmt: skip
+    link, _ = link_summary(logs, "forward", a_scenario())
+    assert (link["sent"], link["offered"], link["lost_before_netem"]) == (3, 2, 1)  # the last, 0.8 s later
+
+
 def test_every_packet_is_found_again_in_exactly_one_place(tmp_path: Path) -> None:
     """Eight commands: 0 arrives twice, 1 lost, 2 after 3, 4 still under way, 5 overtaken, 6 and 7 unplanned."""
     logs = write_run(
