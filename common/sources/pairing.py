@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from tis.common.channels import FOLLOWER, MASTER, SAME_NAME, Arm, Hand
-from tis.common.sources.trajectory import Array
+from tis.common.sources.trajectory import Array, HandRecording
 from tis.common.units import MM_PER_M
 
 Requested = Literal["auto", "cross", "same_name"]
@@ -116,6 +116,23 @@ def lead_s(command_m: Array, arm_m: Array, arm: Arm, rate_hz: float) -> float:
     late, early = min(left(command_m, arm_m).values()), left(arm_m, command_m)
     best = min(early, key=early.__getitem__)
     return best / rate_hz if late > _LITTLE_LEFT and early[best] < min(FOLLOWS_BELOW, late / 2.0) else 0.0
+
+
+def follows(hand: HandRecording, rows: range, rate_hz: float) -> tuple[str, list[str]]:
+    """Return how well the arm follows in these rows, and warnings where it does not."""
+    command_m, arm_m = (track.position_m[rows.start : rows.stop] for track in (hand.command, hand.follower))
+    fit = fit_arm(command_m, arm_m, hand.arm)
+    text, warnings = f"a static gain leaves {fit}", []
+    among = f"in rows {rows.start} to {rows.stop - 1}"
+    if fit.ratio > FOLLOWS_BELOW:
+        late = fit_late_arm(command_m, arm_m, hand.arm, rate_hz)
+        text += f", {late}"
+        if late.fit.ratio > FOLLOWS_BELOW:
+            warnings = [f"{hand.arm} does not follow {MASTER[hand.hand]}, not even late: {text}, {among}"]
+    if early_s := lead_s(command_m, arm_m, hand.arm, rate_hz):
+        ms = round(1000 * early_s)
+        warnings += [f"{hand.arm} moves {ms} ms before {MASTER[hand.hand]}, which commands it, {among}"]
+    return text, warnings
 
 
 def _lagged(command_m: Array, lag_hz: float | None, rate_hz: float) -> Array:

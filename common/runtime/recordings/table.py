@@ -15,7 +15,7 @@ from tis.common.runtime.recordings.jigsaws import HEAD_ROWS
 from tis.common.runtime.recordings.table_file import TableFile, absent, open_table
 from tis.common.scenario import Scenario
 from tis.common.scenario.table_source import TABLE_SUFFIXES, TableSource
-from tis.common.sources.pairing import FOLLOWS_BELOW, fit_arm, fit_late_arm, lead_s
+from tis.common.sources.pairing import follows
 from tis.common.sources.plausibility import anomalies
 from tis.common.sources.provenance import SYNTHETIC
 from tis.common.sources.table_columns import (
@@ -252,28 +252,11 @@ def _pairing(layout: HandLayout, hand: HandRecording, head_rows: int, rate_hz: f
         return f"{named} ({_by_gain(layout)})", []
     n = len(hand.follower.position_m)
     head, tail = range(min(head_rows, n)), range(max(head_rows, n - head_rows), n)
-    text, warnings = _follows(hand, head, rate_hz)
+    text, warnings = follows(hand, head, rate_hz)
     if not warnings and len(tail) >= _FEWEST_LAST * len(head):
-        _, found = _follows(hand, tail, rate_hz)
+        _, found = follows(hand, tail, rate_hz)
         warnings = [f"{one}, though it does at first: a clutch, or clocks that drift apart?" for one in found]
     return f"{named} (by the table; {text})", warnings
-
-
-def _follows(hand: HandRecording, rows: range, rate_hz: float) -> tuple[str, list[str]]:
-    """Return how well the arm follows in these rows, and warnings where it does not."""
-    command_m, arm_m = (track.position_m[rows.start : rows.stop] for track in (hand.command, hand.follower))
-    fit = fit_arm(command_m, arm_m, hand.arm)
-    text, warnings = f"a static gain leaves {fit}", []
-    among = f"in rows {rows.start} to {rows.stop - 1}"
-    if fit.ratio > FOLLOWS_BELOW:
-        late = fit_late_arm(command_m, arm_m, hand.arm, rate_hz)
-        text += f", {late}"
-        if late.fit.ratio > FOLLOWS_BELOW:
-            warnings = [f"{hand.arm} does not follow {MASTER[hand.hand]}, not even late: {text}, {among}"]
-    if early_s := lead_s(command_m, arm_m, hand.arm, rate_hz):
-        ms = round(1000 * early_s)
-        warnings += [f"{hand.arm} moves {ms} ms before {MASTER[hand.hand]}, which commands it, {among}"]
-    return text, warnings
 
 
 def _by_gain(layout: HandLayout) -> str:
