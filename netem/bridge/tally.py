@@ -15,6 +15,7 @@ from tis.common.scenario.control import RecentDelays
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.netem.bridge.audit import AuditTrail
 from tis.netem.bridge.watches import LATE_NS, LateWatch, names_near_bounds
+from tis.netem.control.replay import ways_past
 from tis.netem.expected.figures import direction_label
 from tis.netem.link.ledger import DROPPED_NEW, DROPPED_OLDEST, DROPS, when_late
 
@@ -267,11 +268,6 @@ def _row(
     numbers = (counters[f"{direction}.{name}"] for name in columns)
     late_ns = [errors.quantile_ns(0.5), errors.quantile_ns(0.99), float(errors.most_ns)]
     return [direction_label(direction), *map(str, numbers), *(f"{ns * 1e-3:.0f}" for ns in late_ns)]
-
-
-def ways_past(n: int) -> str:
-    """Return that ``n`` ways past netem were found."""
-    return f"{n} way{'s' if n > 1 else ''} past netem found: not valid"
 
 
 def _more(counters: Mapping[str, int]) -> list[str]:

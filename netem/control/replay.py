@@ -115,6 +115,11 @@ def weightiest(changes: Sequence[str], most: int) -> list[str]:
     return [changes[k] for k in sorted(by_weight[:most])]
 
 
+def ways_past(n: int) -> str:
+    """Return that ``n`` ways past netem were found."""
+    return f"{n} way{'s' if n > 1 else ''} past netem found: not valid"
+
+
 def entry_in_words(entry: TimelineEntry) -> str:
     """Return the time of a change and what it sets: ``from 96.123 s for 10 s: delay 200 ms``."""
     return f"{_during(entry)}: {_set_in_words(entry)}"
