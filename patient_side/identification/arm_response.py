@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from math import sqrt
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from tis.patient_side.identification.structure import innovation_sizes
 from tis.patient_side.identification.trials import Trial, n_first
@@ -120,7 +120,7 @@ def _run_error(
         if response.pull:
             share = response.pull * sqrt(response.drift)
             misfits = (dy[n:] - explained) / response.pull - ways[:-1]
-            offsets = lfilter([0.0, share], [1.0, share - 1.0], misfits, axis=0)
+            offsets = scipy.signal.lfilter([0.0, share], [1.0, share - 1.0], misfits, axis=0)
             ways = ways + np.vstack([offsets, offsets[-1:]])
         starts = np.arange(max(n, cut), len(dy) - length, stride)
         if not len(starts):
