@@ -3,6 +3,7 @@
 // It is the arm itself that touches, in the plane of the picture; a depth is no miss.
 window.touchTask = (() => {
   const N_TARGETS = 9, RING_MM = 22, RADIUS_MM = 5, DWELL_MS = 300, MAX_ROWS = 30;
+  const ROUNDED_MS = 0.5;  // instants are sums of ticks, which have no whole ms
   const STRIDE = (N_TARGETS + 1) / 2;
 
   const far = (one, other) => Math.hypot(one[0] - other[0], one[1] - other[1]);
@@ -32,7 +33,7 @@ window.touchTask = (() => {
       return after;
     }
     after.inside_ms = task.inside_ms ?? at_ms;
-    if (at_ms - after.inside_ms < DWELL_MS) return after;
+    if (at_ms - after.inside_ms < DWELL_MS - ROUNDED_MS) return after;
     after.inside_ms = null;
     after.next += 1;
     if (task.began_ms === null) Object.assign(after, { began_ms: at_ms, changed_s });
