@@ -3,6 +3,7 @@
 The clock of the rows is their order, their rate and their gaps; it gives the instants that a run plays.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
@@ -210,7 +211,7 @@ def _too_large(values: Array, unit: str, names: Sequence[str], where: str) -> li
 
 
 def unit_doubts(columns: Columns, device: DeviceLayout) -> list[str]:
-    """Return sentences on positions and angles that are likely in other units than those of the layout.
+    """Return sentences on positions, angles and quaternions that likely have other units, or another order.
 
     Positions that span more than an arm are found by `tis.common.sources.plausibility`.
     """
@@ -225,7 +226,21 @@ def unit_doubts(columns: Columns, device: DeviceLayout) -> list[str]:
         largest_rad = _RAD_PER[unit_of_angle] * float(np.abs(columns[name]).max())
         if largest_rad > _MAX_ANGLE_RAD:
             found.append(f"{device.name} has angles up to {largest_rad:.3g} rad in column {name}: are these degrees?")
-    return found
+    return found + _order_doubts(device)
+
+
+_LETTER: Final = re.compile(r"[wxyz](?![a-z])")
+
+
+def _order_doubts(device: DeviceLayout) -> list[str]:
+    """Return a sentence where the names of a quaternion's columns tell another order than the layout."""
+    pose = device.columns
+    letters = [_LETTER.findall(name.partition("[")[0].lower())[-1:] for name in pose.quaternion or ()]
+    named = "".join(letter for found in letters for letter in found)
+    if sorted(named) != sorted("wxyz") or named == pose.quaternion_order:
+        return []
+    rule = f"is read in the order {pose.quaternion_order}, and its columns are named {named}: quaternion_order?"
+    return [f"{device.name}: the quaternion {rule}"]
 
 
 def following(track: PoseTrack, gain: float) -> PoseTrack:

@@ -125,7 +125,7 @@ def _figures(delay: QuantileDelay) -> str:
 
 def _rule(rule: RuleState) -> str:
     stages = [f"{name} {value_in_words(value)}" for name, value in _plain(rule.now).items() if name != "ordering"]
-    return (", ".join(stages) or "passes without delay") + ("" if rule.now == rule.pipeline else _CHANGED)
+    return (", ".join(stages) or "no stage of its own") + ("" if rule.now == rule.pipeline else _CHANGED)
 
 
 def _plain(pipeline: Pipeline) -> dict[str, Any]:

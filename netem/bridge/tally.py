@@ -235,10 +235,10 @@ def table(counters: Mapping[str, int], tally: Tally, requested: Sequence[str]) -
 def silent(counters: Mapping[str, int], ends: Mapping[Network, str], keys: Sequence[str]) -> list[str]:
     """Return a hint for each network from which nothing came, or in which nobody subscribed to what crossed to it.
 
-    ``ends`` are their endpoints. Queries need no subscriber: with some, nothing is said of subscribers.
+    ``ends`` are their endpoints. Queries and liveliness need no subscriber: with some, nothing is said of one.
     """
     matched = "" if "**" in keys else f", and on keys that match {' or '.join(keys)}"
-    asked = counters.get("queries.asked", 0)
+    other = counters.get("queries.asked", 0) + counters.get("tokens.changes", 0)
     hints = [
         f"nothing came from the {origin}: if its programs send, do they connect to {ends[origin]}{matched}?"
         for direction, origin in ORIGIN.items()
@@ -248,7 +248,7 @@ def silent(counters: Mapping[str, int], ends: Mapping[Network, str], keys: Seque
         f"nobody in the {DESTINATION[direction]} subscribed to what came from the {origin}: are both programs "
         f"in one network? What receives connects to {ends[DESTINATION[direction]]}"
         for direction, origin in ORIGIN.items()
-        if not asked and counters[f"{direction}.offered"] and counters.get(f"{direction}.unheard")
+        if not other and counters[f"{direction}.offered"] and counters.get(f"{direction}.unheard")
     ]
 
 

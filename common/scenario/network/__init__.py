@@ -20,7 +20,9 @@ class Rule(Part):
     direction: BothOr = Field(
         description="forward: surgeon to patient (west to east); feedback: patient to surgeon; or both."
     )
-    pipeline: Pipeline = Field(description="Pipeline of these messages; {}: they pass immediately.")
+    pipeline: Pipeline = Field(
+        description="Pipeline of these messages; {}: no stages, so only what changes with time acts."
+    )
 
 
 class Buffer(Part):

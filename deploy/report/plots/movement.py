@@ -105,6 +105,7 @@ def _path_caption(view: HandView) -> str:
     at_s = _furthest_off_s(view)
     if at_s:
         worst_mm = float(np.nanmax(view.errors_mm["hold"][view.track.scored]))
-        text += f"The slider begins at {at_s:.1f} s, where hold is furthest off, by {number(worst_mm)} mm. "
+        text += f"The slider begins at {at_s:.1f} s, where hold is furthest off of all scored ticks, "
+        text += f"by {number(worst_mm)} mm. "
     text += f"{range_text(view)} Drag the figure to turn it; zoomed in, it follows the arm."
     return text + view.thinning_note()

@@ -135,6 +135,22 @@ def test_likely_wrong_units_are_told() -> None:
     assert unit_doubts(table(3, g=3.0), device(gripper="g")) == []
 
 
+@pytest.mark.parametrize(
+    ("names", "order", "told"),
+    [
+        (["q_RS_w []", "q_RS_x []", "q_RS_y []", "q_RS_z []"], "xyzw", "wxyz"),
+        (["qx", "qy", "qz", "qw"], "wxyz", "xyzw"),
+        (["q_RS_w []", "q_RS_x []", "q_RS_y []", "q_RS_z []"], "wxyz", ""),
+        (["orientation_x", "orientation_y", "orientation_z", "orientation_w"], "xyzw", ""),
+        (["a", "b", "c", "d"], "xyzw", ""),
+    ],
+)
+def test_names_that_tell_another_order_of_a_quaternion_are_told(names: list[str], order: str, told: str) -> None:
+    columns = table(3) | {name: np.full(3, 0.5) for name in names}
+    found = unit_doubts(columns, device(quaternion=names, quaternion_order=order))
+    assert [f"named {told}: quaternion_order?" in text for text in found] == ([True] if told else [])
+
+
 def test_a_device_that_follows_repeats_positions_by_its_gain() -> None:
     found = following(track(device()), 0.5)
     assert found.position_m.tolist() == [[0.5, 1.0, 1.5]] * 2
