@@ -55,9 +55,7 @@ def _old_text(summary: Summary) -> str:
     if of_new is None or of_all is None or of_all <= _FAR_OLDER * of_new:
         return ""
     most, worst = (summary.text("age_ms", name, " ms") for name in ("p99", "max"))
-    return (
-        f" Often nothing new has come: at all ticks the newest sample is at most {most} old (p99), {worst} at worst."
-    )
+    return f" At all ticks, also those without a new one, the newest is at most {most} old (p99), {worst} at worst."
 
 
 def _lossy_text(summary: Summary) -> str:

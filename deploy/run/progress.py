@@ -184,7 +184,7 @@ def figure_texts(found: LiveFigures) -> dict[str, str]:
     if found.end_to_end_p50_ms is not None:
         arm, answers = found.streams.get("arm", CrossingFigures()), found.streams.get("answers", CrossingFigures())
         texts["end to end"] = f"median {found.end_to_end_p50_ms:.1f} ms, p99 {_ms(found.end_to_end_p99_ms)}"
-        texts["end to end"] += ", newest sample to estimate"
+        texts["end to end"] += ", from a new sample to its estimate"
         texts["one way"] = f"median {_ms(arm.delay_p50_ms)} of all arm positions, back {_ms(answers.delay_p50_ms)}"
         there, back = _losses_pct(found)
         texts["loss"] = found.limit_text or f"{_pct(there)} of all poses to the patient, {_pct(back)} back"

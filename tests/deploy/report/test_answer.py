@@ -59,7 +59,9 @@ def test_it_says_how_late_how_lossy_and_how_accurate() -> None:
 
 def test_where_nothing_new_comes_for_long_the_age_at_all_ticks_is_told() -> None:
     old = _summary(SCORES) | {"age_ms": {"p50": 70.0, "p95": 150.0, "p99": 235.0, "max": 369.0}}
-    expected = "at all ticks the newest sample is at most 235.0 ms old (p99), 369.0 ms at worst."
+    expected = (
+        "At all ticks, also those without a new one, the newest is at most 235.0 ms old (p99), 369.0 ms at worst."
+    )
     assert expected in answer(old, a_scenario())
 
 

@@ -100,7 +100,7 @@ def test_the_panel_says_how_each_side_is_and_what_is_seen() -> None:
         "netem    running                  lost 5 there, 1 back  under way 4 there",
         "patient  failed                   received 7  estimates 6  ticks missed 1",
         "in the last 5 s",
-        "end to end  median 69.4 ms, p99 97.2 ms, newest sample to estimate",
+        "end to end  median 69.4 ms, p99 97.2 ms, from a new sample to its estimate",
         "one way     median 40.1 ms of all arm positions, back 39.9 ms",
         "loss        1.5 % of all poses to the patient, 0.5 % back",
         "error       RMSE 0.45 mm, 52 % of the 0.86 mm of hold",

@@ -113,7 +113,8 @@ def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
 
 def _past_the_end(logs: RunLogs, out: Frame, offered: Ints) -> NDArray[np.bool_]:
     """Return which messages (N,) were sent as netem ended: as of Ctrl-C the sides end one after the other."""
-    if "netem" not in logs.sides:
+    covered = logs.coverage("netem")
+    if covered is None or not covered.whole:  # where a damaged log ends, netem may have gone on
         return np.zeros(len(out), dtype=np.bool_)
     since_ns = out.sent_ns - logs.sides["netem"].last_ns
     around = (since_ns > _AROUND_END_NS[0]) & (since_ns < _AROUND_END_NS[1])
