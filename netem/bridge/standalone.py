@@ -50,8 +50,8 @@ from tis.netem.bridge.sides import (
 )
 from tis.netem.bridge.standalone_log import open_log
 from tis.netem.bridge.standstill import Deadline
-from tis.netem.bridge.tally import Tally, silent, table
-from tis.netem.bridge.watches import watches
+from tis.netem.bridge.tally import Tally, table
+from tis.netem.bridge.watches import RulesWatch, silent, watches
 from tis.netem.build import build_links
 from tis.netem.expected.figures import synopsis
 from tis.netem.link.link import Link
@@ -176,7 +176,8 @@ def _watch(
 def _tally(options: Standalone, links: Mapping[Direction, Link], status: Status, audit: AuditTrail) -> Tally:
     looks = watches(links, options.network.buffer, status.warning)
     log = open_log(options.log_dir, options.network, options.seed, options.keys)
-    return Tally(log, status.warning, *looks, audit=audit)
+    rules = RulesWatch({direction: link.rules for direction, link in links.items()})
+    return Tally(log, status.warning, *looks, audit=audit, rules=rules)
 
 
 def _base_overhead_ns(
@@ -262,7 +263,7 @@ def _last_lines(
 ) -> list[str]:
     """Return the lines printed at the end."""
     lines = table(counters, tally, synopsis(options.network, traces))
-    return lines + silent(counters, _ends(options), options.keys)
+    return lines + silent(counters, _ends(options), options.keys, tally.rules.unmatched)
 
 
 def lines_on_the_network(options: Standalone, traces: Mapping[str, Trace]) -> list[str]:

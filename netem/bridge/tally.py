@@ -7,17 +7,18 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tis.common.channels import DESTINATION, ORIGIN, Direction, Network
+from tis.common.channels import DESTINATION, Direction
 from tis.common.node import Record
 from tis.common.records import FateBatch, ReleaseBatch
 from tis.common.runtime.recorder import FileLog
 from tis.common.scenario.control import RecentDelays
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.netem.bridge.audit import AuditTrail
-from tis.netem.bridge.watches import LATE_NS, LateWatch, names_near_bounds
+from tis.netem.bridge.watches import LATE_NS, LateWatch, RulesWatch, names_near_bounds
 from tis.netem.control.replay import ways_past
 from tis.netem.expected.figures import direction_label
 from tis.netem.link.ledger import DROPPED_NEW, DROPPED_OLDEST, DROPS, when_late
+from tis.netem.link.packet import flow_key
 
 _PER_OCTAVE: Final = 32
 _BINS: Final = 48 * _PER_OCTAVE
@@ -173,9 +174,10 @@ class Tally(WatchedLog):
 
     def __init__(
         self, log: FileLog | None, warn: Callable[[str], None], *looks: Callable[[], None],
-        audit: AuditTrail | None = None,
+        audit: AuditTrail | None = None, rules: RulesWatch | None = None,
     ) -> None:  # fmt: skip
         self._late: Final = LateWatch(warn)
+        self.rules: Final = rules or RulesWatch({})
         super().__init__(log, self._late.look, *looks, audit=audit)
         self.errors: Final[dict[Direction, ReleaseErrors]] = {"forward": ReleaseErrors(), "feedback": ReleaseErrors()}
         self.realised: Final[dict[Direction, Realised]] = {"forward": Realised(), "feedback": Realised()}
@@ -186,6 +188,7 @@ class Tally(WatchedLog):
             self._count(record.data)
         elif isinstance(record.data, FateBatch):
             self.realised[record.data.direction].n_again += sum(record.data.recovered)
+            self.rules.match(record.data.direction, flow_key(record.data.key))
         super().record(record)
 
     def recent(self, now_ns: int) -> dict[Direction, RecentDelays | None]:
@@ -230,26 +233,6 @@ def table(counters: Mapping[str, int], tally: Tally, requested: Sequence[str]) -
         for text in names_near_bounds(counters, f"{direction}.")
     ]
     return [*lines, *_more(counters), *late, *near]
-
-
-def silent(counters: Mapping[str, int], ends: Mapping[Network, str], keys: Sequence[str]) -> list[str]:
-    """Return a hint for each network from which nothing came, or in which nobody subscribed to what crossed to it.
-
-    ``ends`` are their endpoints. Queries and liveliness need no subscriber: with some, nothing is said of one.
-    """
-    matched = "" if "**" in keys else f", and on keys that match {' or '.join(keys)}"
-    other = counters.get("queries.asked", 0) + counters.get("tokens.changes", 0)
-    hints = [
-        f"nothing came from the {origin}: if its programs send, do they connect to {ends[origin]}{matched}?"
-        for direction, origin in ORIGIN.items()
-        if not counters[f"{direction}.offered"]
-    ]
-    return hints + [
-        f"nobody in the {DESTINATION[direction]} subscribed to what came from the {origin}: are both programs "
-        f"in one network? What receives connects to {ends[DESTINATION[direction]]}"
-        for direction, origin in ORIGIN.items()
-        if not other and counters[f"{direction}.offered"] and counters.get(f"{direction}.unheard")
-    ]
 
 
 def _late_text(direction: Direction, errors: ReleaseErrors) -> list[str]:

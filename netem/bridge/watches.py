@@ -1,15 +1,19 @@
-"""Warnings while a bridge runs, of what the configured network has not: full buffers, too many names, lateness."""
+"""Warnings while a bridge runs, of what the configured network has not: full buffers, too many names, lateness.
 
-from collections.abc import Callable, Mapping
+And hints at its end, of programs and keys that may not be where their user believes them.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final
 
-from tis.common.channels import DESTINATION, Direction
+from tis.common.channels import DESTINATION, ORIGIN, Direction, Network
 from tis.common.scenario.network import Buffer
 from tis.common.units import NS_PER_MS, NS_PER_S
 from tis.netem.expected.figures import direction_label
 from tis.netem.link.flows import MAX_CLOSED, MAX_FLOWS
 from tis.netem.link.ledger import DROPPED_NEW, DROPPED_OLDEST, full_buffer
 from tis.netem.link.link import Link
+from tis.netem.link.rules import RuleTable
 
 LATE_NS: Final = 10 * NS_PER_MS
 """A release error above it is told while it happens: it is beyond what a machine with a free core does."""
@@ -117,3 +121,41 @@ class LateWatch:
                     f"instants, the worst at {worst_s:.2f} s: more than this machine released in time, and not "
                     "part of the configured network"
                 )
+
+
+class RulesWatch:
+    """The rules that no message has matched so far, of both directions; for the thread that writes the log."""
+
+    def __init__(self, tables: Mapping[Direction, RuleTable]) -> None:
+        self._tables = tables
+        self.unmatched: Final = {str(key) for table in tables.values() for key, _ in table.rules}
+
+    def match(self, direction: Direction, key: str) -> None:
+        """Note the rule of a key as matched; once all are, keys are no longer looked up."""
+        if self.unmatched and (assigned := self._tables[direction].assign(key)):
+            self.unmatched.discard(assigned.group)
+
+
+def silent(
+    counters: Mapping[str, int], ends: Mapping[Network, str], keys: Sequence[str], unmatched: Iterable[str] = ()
+) -> list[str]:
+    """Return a hint for each network from which nothing came, or in which nobody subscribed to what crossed to it.
+
+    ``ends`` are their endpoints. Queries and liveliness need no subscriber: with some, nothing is said of one.
+    Where anything came, the rules that matched none of it, ``unmatched``, are named, too.
+    """
+    matched = "" if "**" in keys else f", and on keys that match {' or '.join(keys)}"
+    other = counters.get("queries.asked", 0) + counters.get("tokens.changes", 0)
+    hints = [
+        f"nothing came from the {origin}: if its programs send, do they connect to {ends[origin]}{matched}?"
+        for direction, origin in ORIGIN.items()
+        if not counters[f"{direction}.offered"]
+    ]
+    if any(counters[f"{direction}.offered"] for direction in ORIGIN):
+        hints += [f"rule {key}: no message came whose key it matches" for key in sorted(unmatched)]
+    return hints + [
+        f"nobody in the {DESTINATION[direction]} subscribed to what came from the {origin}: are both programs "
+        f"in one network? What receives connects to {ends[DESTINATION[direction]]}"
+        for direction, origin in ORIGIN.items()
+        if not other and counters[f"{direction}.offered"] and counters.get(f"{direction}.unheard")
+    ]

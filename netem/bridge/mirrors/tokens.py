@@ -265,7 +265,8 @@ class Tokens:
 
     def _withdraw_all(self) -> None:
         self._cut = True
-        self.n_cuts += 0 if self._closed else 1
+        had_any = any(state.mirrors or state.retries for state in self._states.values())
+        self.n_cuts += int(had_any and not self._closed)
         for direction, state in self._states.items():
             for key in tuple(state.mirrors):
                 self._withdraw(direction, key)

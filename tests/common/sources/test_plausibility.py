@@ -195,6 +195,13 @@ def test_noise_of_all_rows_is_no_jump_and_a_jump_within_it_is_named() -> None:
     assert "more times" not in jump
 
 
+@pytest.mark.parametrize(("rate_hz", "noise_mm"), [(60, 1.0), (120, 0.2), (250, 0.05)])
+def test_a_little_noise_is_no_jump_at_any_rate(rate_hz: int, noise_mm: float) -> None:
+    noisy = swing(40 * rate_hz, rate_hz)
+    noisy += noise_mm * 1e-3 * np.random.default_rng(1).normal(size=noisy.shape)
+    assert anomalies(noisy, rate_hz, "MTML", True) == ()
+
+
 def test_rows_that_are_often_missing_are_no_noise() -> None:
     kept = np.delete(swing(4000, 200), [row for k in range(100, 3900, 60) for row in range(k, k + 40)], axis=0)
     [text] = anomalies(kept, 200, "MTML", True)

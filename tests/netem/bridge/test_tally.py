@@ -5,11 +5,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.netem.making import link
-from tis.common.channels import Network
 from tis.common.node import Record
 from tis.common.records import FATES, RELEASES, FateBatch, ReleaseBatch
 from tis.common.units import NS_PER_MS, NS_PER_S
-from tis.netem.bridge.tally import Realised, ReleaseErrors, Tally, WatchedLog, silent, table
+from tis.netem.bridge.tally import Realised, ReleaseErrors, Tally, WatchedLog, table
 from tis.netem.bridge.watches import NamesWatch
 
 ASKED = ("forward: delay 2 ms, sd 1", "feedback: nothing injected")
@@ -79,21 +78,6 @@ def test_recent_delays_are_those_of_what_left_in_the_last_seconds() -> None:
     assert later is not None
     assert (later.n, later.p50_ms) == (1, 90.0)
     assert realised.recent(14 * second) is None
-
-
-def test_a_silent_network_is_asked_about() -> None:
-    ends: dict[Network, str] = {"west": "tcp/a:1", "east": "tcp/b:2"}
-    counters = {"forward.offered": 3, "feedback.offered": 0}
-    asks = "nothing came from the east: if its programs send, do they connect to tcp/b:2"
-    assert silent(counters, ends, ("**",)) == [f"{asks}?"]
-    assert silent(counters, ends, ("a/*", "b")) == [f"{asks}, and on keys that match a/* or b?"]
-    counters |= {"feedback.offered": 1}
-    assert silent(counters, ends, ("**",)) == []
-    [hint] = silent(counters | {"forward.unheard": 1}, ends, ("**",))
-    assert hint.startswith("nobody in the east subscribed to what came from the west")
-    assert hint.endswith("tcp/b:2")
-    for without_subscriber in ("queries.asked", "tokens.changes"):
-        assert silent(counters | {"forward.unheard": 1, without_subscriber: 1}, ends, ("**",)) == []
 
 
 def test_delays_and_what_was_sent_again_stand_below_the_table() -> None:
