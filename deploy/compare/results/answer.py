@@ -36,7 +36,7 @@ def answer(report: Report) -> str:
     sentences = [
         _won(name, own, _where([names[rows[0]["setting"]] for rows in own], len(ranked))) for name, own in each
     ]
-    return " ".join([*sentences, *_close(ranked, names, len(report["trials"])), *_overconfident(ranked)])
+    return " ".join([*sentences, *_close(ranked, names, len(report["trials"])), *_overconfident(report, len(ranked))])
 
 
 def ranking(rows: Rows, setting: str | None) -> Rows:
@@ -84,17 +84,23 @@ def _close(ranked: Sequence[Rows], names: Mapping[str | None, str], n_trials: in
         yield f"{rival} is not told apart from {best_name}{_where(settings, len(ranked))}."
 
 
-def _overconfident(ranked: Sequence[Rows]) -> Iterable[str]:
-    """Yield a sentence for each estimator whose 95 % ellipsoids hold far fewer of its errors."""
-    least: dict[str, float] = {}
-    for row in (row for rows in ranked for row in rows):
-        cover = row.get("coverage_pct")
-        if cover is not None and cover < _LEAST_COVER_PCT:
-            least[row["estimator"]] = min(cover, least.get(row["estimator"], cover))
-    for name, cover in least.items():
+def _overconfident(report: Report, n_settings: int) -> Iterable[str]:
+    """Yield a sentence for each estimator, of positions or orientations, whose 95 % regions hold far fewer errors."""
+    least: dict[tuple[str, str], float] = {}
+    kinds = (
+        ("rows", "estimator", "coverage_pct", "95 % ellipsoids hold {} % of its errors"),
+        ("orientation", "method", "coverage_pct", "95 % regions hold {} % of its errors of orientation"),
+        ("orientation", "method", "gripper_coverage_pct", "95 % intervals hold {} % of its errors of the gripper"),
+    )
+    for table, who, column, words in kinds:
+        for row in report.get(table, ()):
+            cover = row.get(column)
+            if cover is not None and cover < _LEAST_COVER_PCT:
+                least[row[who], words] = min(cover, least.get((row[who], words), cover))
+    for (name, words), cover in least.items():
         yield (
-            f"{name} is overconfident: its 95 % ellipsoids hold {number(cover)} % of its errors"
-            f"{' at the worst setting' if len(ranked) > 1 else ''}."
+            f"{name} is overconfident: its {words.format(number(cover))}"
+            f"{' at the worst setting' if n_settings > 1 else ''}."
         )
 
 

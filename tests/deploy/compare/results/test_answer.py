@@ -58,6 +58,10 @@ def test_a_cover_far_below_95_is_told() -> None:
         "two is overconfident: its 95 % ellipsoids hold 2.50 % of its errors at the worst setting."
     )
     assert "one is overconfident" not in answer(found)
+    covers = {"coverage_pct": 71.0, "gripper_coverage_pct": 93.0}
+    found["orientation"] = [{"setting": "100", "method": "tangent_ls", **covers}]
+    said = "its 95 % regions hold 71.00 % of its errors of orientation at the worst setting."
+    assert answer(found).endswith(f"tangent_ls is overconfident: {said}")
 
 
 def test_no_gain_is_all_of_the_error() -> None:
