@@ -36,14 +36,16 @@ def offset_grid_s(earliest_s: float, latest_s: float, step_s: float) -> Array:
     return step_s * np.arange(np.floor(earliest_s / step_s + 1e-9), np.ceil(latest_s / step_s - 1e-9) + 1)
 
 
-def etvo(t_s: Array, reproduced: Array, original: Array, offsets_s: Array) -> Etvo:
+def etvo(t_s: Array, reproduced: Array, original: Array, offsets_s: Array, every: int = 1) -> Etvo:
     """Align ``reproduced`` (T, D) with ``original`` (T, D), both at ``t_s`` (T,) ascending, by an offset per sample.
 
-    The offsets minimise the sum of all distances and of ``v |change of offset|``, v the original's rms speed; among
-    equal ones the nearest to 0 is taken. Beyond its ends the original is constant. Oracles: the best of all paths of
-    a short record, and a delayed copy, which has no value offset, test_etvo.
+    Of a long record only ``every`` so many samples are aligned, with all of the original. The offsets minimise the
+    sum of all distances and of ``v |change of offset|``, v the original's rms speed; among equal ones the nearest to
+    0 is taken. Beyond its ends the original is constant. Oracles: the best of all paths of a short record, and a
+    delayed copy, which has no value offset, test_etvo.
     """
-    n = len(t_s)
+    at_s, samples = t_s[::every], reproduced[::every]
+    n = len(at_s)
     if n == 0:
         return Etvo(np.empty(0), np.empty(0), None)
     speed = _rms_speed(t_s, original)
@@ -52,19 +54,19 @@ def etvo(t_s: Array, reproduced: Array, original: Array, offsets_s: Array) -> Et
     tie = 1e-12 * speed * np.abs(offsets_s)  # too small to decide anything but ties
     # Forward pass: least cost of each offset at each sample, and the offset before it.
     back = np.empty((n, len(offsets_s)), dtype=np.int16)
-    cost = _distances(t_s[0], reproduced[0], t_s, original, offsets_s) + tie
+    cost = _distances(at_s[0], samples[0], t_s, original, offsets_s) + tie
     for i in range(1, n):
         cheapest, back[i] = _moved(cost, along)
-        cost = cheapest + _distances(t_s[i], reproduced[i], t_s, original, offsets_s) + tie
+        cost = cheapest + _distances(at_s[i], samples[i], t_s, original, offsets_s) + tie
     # Backward pass: the cheapest last offset, and its predecessors.
     path = np.empty(n, dtype=np.int64)
     path[-1] = int(np.argmin(cost))
     for i in range(n - 1, 0, -1):
         path[i - 1] = back[i, path[i]]
     time_s = offsets_s[path]
-    then = np.column_stack([np.interp(t_s - time_s, t_s, axis) for axis in original.T])
-    changed = float(np.abs(np.diff(time_s)).sum() / (t_s[-1] - t_s[0])) if n > 1 else None
-    return Etvo(time_s, np.linalg.norm(reproduced - then, axis=1), changed)
+    then = np.column_stack([np.interp(at_s - time_s, t_s, axis) for axis in original.T])
+    changed = float(np.abs(np.diff(time_s)).sum() / (at_s[-1] - at_s[0])) if n > 1 else None
+    return Etvo(time_s, np.linalg.norm(samples - then, axis=1), changed)
 
 
 def _rms_speed(t_s: Array, original: Array) -> float:

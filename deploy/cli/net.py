@@ -170,6 +170,9 @@ def fit(
     way: Annotated[
         str, typer.Option(help="Direction that a trace stands for: forward, feedback or both; ignored for a run.")
     ] = "both",
+    key: Annotated[
+        str | None, typer.Option(help="Key of a run to fit; by default that with most messages, in each direction.")
+    ] = None,
     distribution: Annotated[
         str, typer.Option(help="Family to fit by name, or auto: the best one, or quantiles.")
     ] = "auto",
@@ -198,8 +201,10 @@ def fit(
             raise DataError(Fault(str(path), "", "does not exist"))
     if received is None and source.suffix in (".pcap", ".pcapng", ".cap"):
         raise InputError(Fault("tis net fit", "--received", "must name the receiver's capture beside the sender's"))
+    if key is not None and not source.is_dir():
+        raise InputError(Fault("tis net fit", "--key", "is of a run folder: a trace has none", key))
     chosen: Any = None if distribution == "auto" else distribution
-    return fit_and_print(source, out, name, way, chosen, OUT, ERR, as_json, replays, received)  # type: ignore[arg-type]
+    return fit_and_print(source, out, name, way, chosen, OUT, ERR, as_json, replays, received, key)  # type: ignore[arg-type]
 
 
 @app.command(example="tis net show")

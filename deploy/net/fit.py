@@ -33,16 +33,19 @@ Records = Mapping[Direction, DirectionRecord]
 Fits = Mapping[Direction, DirectionFit]
 
 
-def records(source: Path, ways: Ways, received: Path | None = None) -> dict[Direction, DirectionRecord]:
+def records(
+    source: Path, ways: Ways, received: Path | None = None, key: str | None = None
+) -> dict[Direction, DirectionRecord]:
     """Return the record to fit for each direction: from a run folder's log, one trace, round trips, or captures.
 
-    One trace, and the pair of captures ``source`` and ``received``, stand for ``ways``. Of round trips, ``feedback``
-    is the constant half unless ``ways`` is ``feedback``. Raises `DataError`.
+    Of a run folder it is that of ``key``, None: of its busiest. One trace, and the pair of captures ``source`` and
+    ``received``, stand for ``ways``. Of round trips, ``feedback`` is the constant half unless ``ways`` is
+    ``feedback``. Raises `DataError`, and `InputError` for an unknown key.
     """
     if received is not None:
         return dict.fromkeys(_directions(ways), DirectionRecord.of(captured(source, received)))
     if source.is_dir():
-        return run_records(source)
+        return run_records(source, key)
     trip = _round_trips(source)
     if trip is not None:
         varying, constant = (DirectionRecord.of(trace) for trace in both_ways(trip))

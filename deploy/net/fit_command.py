@@ -42,7 +42,10 @@ _CANDIDATES: Final = (
 )
 
 
-def print_fit(fits: dict[Direction, DirectionFit], out: Console, wanted: bool = False) -> None:
+def print_fit(
+    fits: Mapping[Direction, DirectionFit], of: Mapping[Direction, DirectionRecord], out: Console,
+    wanted: bool = False,
+) -> None:  # fmt: skip
     """Print the candidates and the chosen fit of each direction."""
     seen: list[DirectionFit] = []
     for direction, fit in fits.items():
@@ -50,7 +53,8 @@ def print_fit(fits: dict[Direction, DirectionFit], out: Console, wanted: bool = 
             continue
         seen.append(fit)
         name = direction if sum(other is fit for other in fits.values()) == 1 else "both ways"
-        out.print(f"[bold]{name}[/bold]: {fit.n} messages in {fit.duration_s:.3f} s, {fit.n_lost} lost")
+        key = f", key {escape(of[direction].key)}" if of[direction].key else ""
+        out.print(f"[bold]{name}[/bold]{key}: {fit.n} messages in {fit.duration_s:.3f} s, {fit.n_lost} lost")
         rows = []
         for candidate in fit.marginal.candidates:
             taken = candidate.name == fit.marginal.chosen
@@ -62,7 +66,7 @@ def print_fit(fits: dict[Direction, DirectionFit], out: Console, wanted: bool = 
             rows.append((name_and_mark, candidate.ks, candidate.bic, words))
         out.print(Table("", _CANDIDATES, rows).terminal(PLAIN))
         for left_out in fit.left_out:
-            out.print(f"left out: {left_out}", soft_wrap=True)
+            out.print(escape(f"left out: {left_out}"), soft_wrap=True)
         out.print(f"taken: {fit.marginal.chosen} ({_why_taken(fit, wanted)})", soft_wrap=True)
         out.print(f"correlation: {fit.half_life.words}", soft_wrap=True)
         for stage in ("duplicate", "corrupt", "ordering"):
@@ -169,12 +173,13 @@ def fit_and_print(
     as_json: bool,
     n_replays: int,
     received: Path | None = None,
+    key: str | None = None,
 ) -> int:
     """Fit the record in ``source`` and write a profile to ``target``; raises `DataError`, `InputError`."""
     check_outputs(target)
     if target is not None and target.suffix not in SUFFIXES:
         raise InputError(Fault("tis net fit", "--out", f"must end in {SUFFIXES[0]}", str(target)))
-    of = records(source, ways, received)
+    of = records(source, ways, received, key)
     fits, unfitted = fit_records(of, wanted, n_replays)
     refuse_unfitted(source, unfitted)
     gaps = dict.fromkeys(record.trace.about["lack"] for record in of.values() if "lack" in record.trace.about)
@@ -188,7 +193,7 @@ def fit_and_print(
     if as_json:
         print(json.dumps({"profile": profile.name, "fits": plain(fits)}, indent=1))  # noqa: T201
         return EXIT_OK
-    print_fit(fits, out, wanted is not None)
+    print_fit(fits, of, out, wanted is not None)
     print_structure(fits, out)
     for direction in fits if source.is_dir() else ():
         about = of[direction].trace.about

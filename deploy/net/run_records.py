@@ -1,5 +1,7 @@
 """Records to fit from netem's log of a run: the decided delay and loss of each message, by direction."""
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple, get_args
 
@@ -9,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from tis.common.channels import Direction
-from tis.common.errors import DataError, Fault
+from tis.common.errors import DataError, Fault, InputError
 from tis.common.metrics.percentiles import summarise
 from tis.common.records import CONTROL, ControlNote
 from tis.common.scenario.faults import faults
@@ -97,13 +99,17 @@ RUN_HEADER_FIELDS: Final = ("delay", "release_error", "states")
 """Header fields that define the delays of a run's record."""
 
 _LOG: Final = "netem.mcap"
+_MAX_NAMED: Final = 5
 _OUTAGE, _REFUSED, _OVERFLOW = (OUTCOMES.index(name) for name in ("outage", "refused", "overflow"))
 _LATE, _EVICTED = (DEPARTURES.index(name) for name in ("late", "evicted"))
 _BY_QUEUE: Final = tuple(DEPARTURES.index(name) for name in ("codel", "queue_full"))
 
 
-def run_records(run_dir: Path) -> dict[Direction, DirectionRecord]:
-    """Return the record of the busiest key of each direction that has messages; raises `DataError`.
+def run_records(run_dir: Path, key: str | None = None) -> dict[Direction, DirectionRecord]:
+    """Return the record of one key of each direction that has messages, by default the busiest; raises `DataError`.
+
+    Keys may have rules of their own, and long messages are lost more often, so they are not fitted together: a
+    record names its key, and counts the others' messages as left out.
 
     The delay is the decided one of the original, not of copies: the models' draw plus the queue of a rate, before
     ordering and without the emulator's release error. Excluded, with counts, are packets dropped by outages, offered
@@ -123,20 +129,44 @@ def run_records(run_dir: Path) -> dict[Direction, DirectionRecord]:
         names = ", ".join(state.name for state in network.states.states)
         about["states"] = f"the states {names} are fitted as one network"
     found: dict[Direction, DirectionRecord] = {}
+    sizes: dict[str, int] = {}
     for direction in get_args(Direction):
         spans: list[Span] = []
         if network.timeline or any(note.accepted for note in notes):
             spans = changed_conditions(network, direction, seed, notes).spans(log.last_ns + 1)
         by_key = packets_by_key(link_fates(logs, direction), link_releases(logs, direction), with_foreign)
-        made = (_record(f"{path}: {one.key}", one, _changed(spans, one.fates.offered_ns), about) for one in by_key)
-        records = [record for record in made if record is not None]
-        if records:
-            found[direction] = max(records, key=lambda record: len(record.trace.sent_ns))
+        sizes |= {one.key: len(one.fates.outcome) for one in by_key}
+        made = [
+            (record, one.key)
+            for one in by_key
+            if key in (None, one.key)
+            and (record := _record(f"{path}: {one.key}", one, _changed(spans, one.fates.offered_ns), about))
+        ]
+        if made:
+            record, taken = max(made, key=lambda each: len(each[0].trace.sent_ns))
+            others = {one.key: len(one.fates.outcome) for one in by_key if one.key != taken}
+            found[direction] = replace(record, key=taken, left_out=(*record.left_out, *_others(others, taken)))
+    if not found and key is not None and key not in sizes:
+        rule = f"is no key of the log; {_in_words(sizes) or 'it has none'}"
+        raise InputError(Fault("tis net fit", "--key", rule, key))
     if not found:
         whose = "messages" if with_foreign else "messages of the testbed"
         rule = f"must have {whose} that netem delivered while the network was unchanged"
         raise DataError(Fault(str(path), "", rule))
     return found
+
+
+def _others(n_of: Mapping[str, int], taken: str) -> list[str]:
+    """Return how many messages other keys had, by name, "" without any."""
+    n = sum(n_of.values())
+    return [f"{n} of other keys than {taken}: {_in_words(n_of)}; --key fits one of them"] if n else []
+
+
+def _in_words(n_of: Mapping[str, int]) -> str:
+    """Return the busiest keys with their numbers of messages."""
+    names = sorted(n_of, key=lambda name: -n_of[name])
+    more = f" and {len(names) - _MAX_NAMED} more" if len(names) > _MAX_NAMED else ""
+    return ", ".join(f"{name} ({n_of[name]})" for name in names[:_MAX_NAMED]) + more
 
 
 def _recorded_network(

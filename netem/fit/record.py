@@ -99,7 +99,7 @@ class DirectionRecord:
     ``adds`` is the spread that measuring adds to equal delays. ``overtaken`` is the share of messages that left after
     a later one, ``n_dropped_late`` the number dropped for that reason, ``n_copied`` the number that arrived twice.
     ``left_out`` describes the messages that are not in the trace, with counts. ``drawn``: the delays are those that
-    netem decided, before ordering.
+    netem decided, before ordering. ``key`` is that of a run's messages, "" where there is none.
     """
 
     trace: Trace
@@ -110,6 +110,7 @@ class DirectionRecord:
     flips: Flips | None = None
     left_out: tuple[str, ...] = ()
     drawn: bool = False
+    key: str = ""
 
     @classmethod
     def of(cls, trace: Trace) -> Self:

@@ -49,6 +49,8 @@ _LEAST_NOISE = 1e-6
 """Variance of the arm's own innovations, in units of the command's."""
 _NOT_WORSE = 1.003
 _HARDLY_WORSE = 1.02
+_TRADE = 0.1
+"""Error that an arm's response may add far ahead, over what it saves up to a second: half of all for a twentieth."""
 
 
 @dataclass(frozen=True)
@@ -76,10 +78,13 @@ class Candidate(NamedTuple):
     steps: NDArray[np.int64]
     over_hold: Array
 
-    def better_than(self, other: "Candidate", rate_hz: int, not_worse: float = _NOT_WORSE) -> bool:
+    def better_than(
+        self, other: "Candidate", rate_hz: int, not_worse: float = _NOT_WORSE, trade: float = 0.0
+    ) -> bool:
         """Return whether forecasts up to a second are better on average, and those over 0.5 to 2 s ``not_worse``.
 
-        Both are needed: a model of increments, say, can win at 33 ms and lose at a second.
+        Both are needed: a model of increments, say, can win at 33 ms and lose at a second. It may lose more where it
+        wins much: ``trade`` of its mean gain.
         """
         near = self.steps <= _LONGEST_S * rate_hz
         far = (self.steps >= _FAR_S[0] * rate_hz) & (self.steps <= _FAR_S[1] * rate_hz)
@@ -87,7 +92,7 @@ class Candidate(NamedTuple):
         # Every octave counts the same.
         octaves = np.gradient(np.log(self.steps[near])) if np.count_nonzero(near) > 1 else np.ones(1)
         mean = float(np.exp(np.average(np.log(ratio[near]), weights=octaves)))
-        return mean < _BETTER and bool(np.all(ratio[far] <= not_worse))
+        return mean < _BETTER and bool(np.all(ratio[far] <= max(not_worse, 1.0 + trade * (1.0 - mean))))
 
 
 def fit_innovations(
@@ -159,7 +164,7 @@ def _commanded(
     model = replace(hand.model, response=replace(response, noise=noise))
     found = with_scale(model, replace(held_back, commands=commands), rate_hz, corrected=True)
     judged = [Candidate(each.model, (), each.steps, each.over_hold) for each in (found, alone)]
-    return found.model if judged[0].better_than(judged[1], rate_hz, _HARDLY_WORSE) else None
+    return found.model if judged[0].better_than(judged[1], rate_hz, _HARDLY_WORSE, _TRADE) else None
 
 
 def _candidates(

@@ -198,7 +198,7 @@ def scored_by_age(logs: RunLogs, track: HandTrack, hand: Hand, errors: Mapping[s
 class Offset(Section):
     """Effective time and value offsets (ETVO) of the reproduced movement."""
 
-    n: int = means("Ticks that were aligned with the truth.")
+    n: int = means("Ticks that were aligned with the truth: of more than 6000 every second one, or third, ...")
     time_ms: Statistics = statistics("Effective time offset, positive when the movement is late.", "mean p50 p95 max")
     value_mm: Statistics = statistics(
         "Effective value offset, the error that remains after the time offset.", "p50 p95 max"
@@ -208,7 +208,7 @@ class Offset(Section):
 
 
 MAX_ALIGNED: Final = 6000
-"""Scored ticks that are aligned, the first ones: the cost grows with their number."""
+"""Scored ticks that are aligned at most, spread over the run: the cost grows with their number."""
 _MIN_OFFSET_S: Final = -0.2
 _MAX_OFFSET_S: Final = 1.0
 _STEPS_A_TICK: Final = 4
@@ -248,14 +248,18 @@ def actuation_ms(track: HandTrack, active: str, rate_hz: int, follows: NDArray[n
 def aligned(
     track: HandTrack, reproduced_m: Array, original_m: Array, rate_hz: int, latest_s: float = _MAX_OFFSET_S
 ) -> Etvo:
-    """Return the offsets of a movement (T, 3) to another at the first `MAX_ALIGNED` scored ticks that have both."""
+    """Return the offsets of a movement (T, 3) to another at scored ticks that have both.
+
+    Of more than `MAX_ALIGNED` every second one is aligned, or third, and so on, so that they are of the whole run.
+    """
     known = track.scored & np.isfinite(reproduced_m).all(axis=1) & np.isfinite(original_m).all(axis=1)
-    which = np.flatnonzero(known)[:MAX_ALIGNED]
+    which = np.flatnonzero(known)
     if (original_m[which] == original_m[which[:1]]).all():
         which = which[:0]  # at rest every offset fits
     # four candidate offsets per tick resolve a quarter of the period
     grid_s = offset_grid_s(_MIN_OFFSET_S, latest_s, 1.0 / (_STEPS_A_TICK * rate_hz))
-    return etvo(track.t_ns[which] / NS_PER_S, reproduced_m[which], original_m[which], grid_s)
+    every = -(-len(which) // MAX_ALIGNED) or 1
+    return etvo(track.t_ns[which] / NS_PER_S, reproduced_m[which], original_m[which], grid_s, every)
 
 
 def _offset(found: Etvo) -> Offset:

@@ -13,7 +13,7 @@ from tests.deploy.hold_only import HOLD
 from tests.deploy.report.hand_made import MS, a_scenario, fate, release, write_log
 from tests.log_reader import LogReader
 from tis.common.channels import Direction
-from tis.common.errors import DataError
+from tis.common.errors import DataError, InputError
 from tis.common.messages import decode
 from tis.common.node import Record
 from tis.common.records import CONTROL, FATES, ControlNote, FateBatch
@@ -160,6 +160,7 @@ def test_an_outage_and_a_timeline_change_nothing_in_the_fit_of_what_holds_else(t
     assert {line.partition(" ")[2] for line in record.left_out} == {
         "dropped by outages, which the loss stage does not cover",
         "offered while the timeline or `tis net` changed the network",
+        "of other keys than tis/MTML/measured_cp: tis/PSM2/setpoint_cp (1800); --key fits one of them",
     }
     assert fit.stages["delay"]["kind"] == "uniform"
     assert fit.stages["delay"]["low_ms"] == pytest.approx(20, abs=0.1)
@@ -228,6 +229,17 @@ def test_between_other_applications_all_messages_count(tmp_path: Path, key: str)
     """Foreign messages have numbers of their own, also where they share a key with ours."""
     found = run_records(_log(tmp_path, *_two_keys(key), attachments={"network.yaml": b"{}"}))
     assert found["forward"].trace.delay_ns.tolist() == [7 * MS] * 3
+    assert found["forward"].key == key
+
+
+def test_keys_are_fitted_apart_and_the_others_are_counted(tmp_path: Path) -> None:
+    path = _log(tmp_path, *_two_keys("c"), attachments={"network.yaml": b"{}"})
+    record, other = run_records(path)["forward"], run_records(path, "b")["forward"]
+    assert record.left_out[-1].startswith("3 of other keys than c: b (2), a (1)")
+    assert other.left_out[-1].startswith("4 of other keys than b: c (3), a (1)")
+    assert (other.key, other.trace.delay_ns.tolist()) == ("b", [5 * MS, -1])
+    with pytest.raises(InputError, match=r"--key: is no key of the log; c \(3\)"):
+        run_records(path, "d")
 
 
 def test_a_sender_that_begins_again_uses_its_numbers_again(tmp_path: Path) -> None:

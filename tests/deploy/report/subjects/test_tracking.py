@@ -213,8 +213,18 @@ def test_a_hand_at_rest_is_followed_with_no_offset_that_could_be_told() -> None:
     assert offsets([still], "kalman", 30).time_ms["p50"] is None
 
 
-def test_long_runs_are_aligned_in_part_and_missing_estimates_are_left_out() -> None:
-    assert offsets([a_track(MAX_ALIGNED + 50, hold=0.0)], "hold", 30)["n"] == MAX_ALIGNED
+def test_of_a_long_run_every_second_tick_is_aligned_to_its_end() -> None:
+    n = MAX_ALIGNED + 50
+    track = a_track(n, hold=0.0, later=0.4)
+    track.estimates["hold"][-n // 3 :] = track.estimates["later"][-n // 3 :]  # the network grew worse
+    found = offsets([track], "hold", 30)
+    assert found["n"] == n / 2
+    assert found["time_ms"]["p50"] == pytest.approx(0)
+    assert found["time_ms"]["p95"] == pytest.approx(400)
+    assert found["value_mm"]["p50"] < 0.1
+
+
+def test_missing_estimates_are_not_aligned() -> None:
     track = a_track(60, hold=0.0)
     track.estimates["hold"][:20] = np.nan
     assert offsets([track], "hold", 30)["n"] == 40
