@@ -35,8 +35,8 @@ _Name = Annotated[
 MAX_RESAMPLED: Final = 1_000_000
 """Most rows that are interpolated for each recorded one."""
 Resampled = Annotated[
-    StrictBool | Annotated[float, Field(ge=1, le=MAX_RESAMPLED)],
-    RuleText("must be true, false or a number from 1 on"),
+    Literal["auto"] | StrictBool | Annotated[float, Field(ge=1, le=MAX_RESAMPLED)],
+    RuleText("must be auto, true, false or a number from 1 on"),
 ]
 
 
@@ -177,9 +177,11 @@ class TableSource(AnySource):
         None, le=1_000_000, description="Rows per second of a table without a time column; a time column is not read."
     )
     resample: Resampled = Field(
-        False,
+        "auto",
         description="true: rows at the scenario's rate_hz are interpolated, from 3 to 5000 recorded a second and at "
-        "most 4 for each; a number: at most so many for each recorded one; false: another rate is refused.",
+        "most 4 for each; a number: at most so many for each recorded one; false: another rate is refused. auto: as "
+        "false, but rows of this rate at uneven times are interpolated where their paths are smoother at these times "
+        "than at even ones.",
     )
     gaps: Literal["refuse", "bridge"] = Field(
         "refuse",

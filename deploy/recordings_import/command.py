@@ -30,8 +30,8 @@ from tis.common.scenario.source import is_synthetic
 from tis.common.scenario.table_source import TABLE_SUFFIXES
 from tis.common.sources.jigsaws import RATE_HZ, pose_track
 from tis.common.sources.plausibility import anomalies
+from tis.common.sources.table_clock import other_unit, played, row_clock
 from tis.common.sources.table_columns import TIME, canonical_names, in_few
-from tis.common.sources.table_poses import other_unit, played, row_clock
 from tis.common.units import NS_PER_S
 from tis.common.yaml_text import load_yaml
 from tis.deploy.recordings_import.files import read_bag, read_mcap

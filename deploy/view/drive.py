@@ -201,6 +201,7 @@ class DriveHub:
         self._is_frozen = True
         self._edges = NetworkEdges()
         self._loop: LoopVerdict | None = None
+        self._n_arm: dict[str, int] = {}
 
     def drive(self, page: Hashable, move: HandMove, now_s: float) -> str:
         """Move the hand for a page; return why not, "" when it moved."""
@@ -237,6 +238,7 @@ class DriveHub:
         errors = figures.display
         return {
             **seen,
+            "arm_path": self._observer.read(lambda book: self._arm_path(book, seen["arm"])),
             "late_ms": self._late_ms,
             "network_ms": self._network_ms,
             "changed_s": self._edges.changed_ns / NS_PER_S,
@@ -259,6 +261,15 @@ class DriveHub:
             "wall": about and about.wall_mm and {"place_mm": about.wall_mm, "normal": about.wall_normal},
             "left_s": None if about is None else max(0.0, about.duration_s - seen["now_s"]),
         }
+
+    def _arm_path(self, book: LiveBook, arm: str | None) -> list[list[float]]:
+        """Return where the arm was since the last picture: instants in ms, and places in mm."""
+        if arm is None:
+            return []
+        trail = book.displays.arms[arm]
+        rows = trail.since(self._n_arm.get(arm, trail.n))
+        self._n_arm[arm] = trail.n
+        return [[row.t_ns / NS_PER_MS, *(rounded_mm(row.arm_m) or ())] for row in rows]
 
     def _answers(self, now_s: float) -> bool:
         """Tell whether the network takes requests: in a run that has begun, or of a netem that runs by itself."""

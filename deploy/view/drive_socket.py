@@ -2,6 +2,7 @@
 
 import json
 import time
+from collections import deque
 from typing import TYPE_CHECKING, Any, Final
 
 from bokeh.server.views.auth_request_handler import AuthRequestHandler
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 PATH: Final = "/drive"
 FRAME_MS: Final = 33
 MAX_PAGES: Final = 32
+_MAX_PATH: Final = 2000
 TOO_MANY: Final = f"more than {MAX_RATE_HZ} moves a second"
 _POLICY_VIOLATION: Final = 1008  # RFC 6455, section 7.4.1
 _TRY_AGAIN: Final = 1013
@@ -54,6 +56,7 @@ class DriveSocket(AuthRequestHandler, WebSocketHandler):
         self._sending: Future[None] | None = None
         self._refused = ""
         self._asked: set[Ask] = set()
+        self._path: deque[list[float]] = deque(maxlen=_MAX_PATH)
 
     def open(self, *_: str, **__: str) -> None:
         """Admit the page, unless there are too many."""
@@ -85,10 +88,13 @@ class DriveSocket(AuthRequestHandler, WebSocketHandler):
         self._sockets.hub.leave(self)
 
     def send(self, content: dict[str, Any]) -> None:
-        """Send a picture, unless the last one is still on its way."""
+        """Send a picture, unless the last one is still on its way; the next one has the arm's path of both."""
+        self._path.extend(content["arm_path"])
         if self._sending is None or self._sending.done():
+            path = list(self._path)
+            self._path.clear()
             try:
-                self._sending = self.write_message(json.dumps(content))  # type: ignore[assignment]
+                self._sending = self.write_message(json.dumps({**content, "arm_path": path}))  # type: ignore[assignment]
             except WebSocketClosedError:
                 self.on_close()
 

@@ -59,7 +59,8 @@
     const why = spoilt(task, message);
     if (why) return leave(`Ended: ${why}, so it tells no longer of this delay alone.`);
     const before = task.next;
-    task = step(task, 1000 * message.now_s, message.arm_mm, message.changed_s);
+    // all of the arm's path counts, not what pictures happen to show
+    for (const [at_ms, ...arm_mm] of message.arm_path) task = step(task, at_ms, arm_mm, message.changed_s);
     window.live.setTask({ targets: task.targets, next: task.next, inside: task.inside_ms !== null, ghost: task.label.ghost });
     if (isOver(task)) {
       rows = [...rows, rowOf(task)].slice(-MAX_ROWS);

@@ -14,6 +14,9 @@ from tis.deploy.watch.streams import Crossing, StreamName
 MAX_UNSEEN_PCT: Final = 2.0
 """Share of unseen packets above which the observer cannot tell loss."""
 
+_LEAST_HOLD_MM: Final = 1e-3
+"""Error of hold below which the arm rests, and nothing is to be compared with."""
+
 
 @dataclass(frozen=True)
 class CrossingFigures:
@@ -77,8 +80,8 @@ class LiveFigures:
 
     @property
     def ratio_to_hold(self) -> float | None:
-        """Return the estimate's error over hold's; below 1 is better than hold."""
-        if self.rmse_mm is None or not self.hold_rmse_mm:
+        """Return the estimate's error over hold's; below 1 is better than hold. Beside an arm at rest it is None."""
+        if self.rmse_mm is None or self.hold_rmse_mm is None or self.hold_rmse_mm < _LEAST_HOLD_MM:
             return None
         return self.rmse_mm / self.hold_rmse_mm
 

@@ -274,7 +274,8 @@ def whole_run(scenario: Scenario, where: str) -> Scenario:
         raise DataError([*error.faults, Fault(where, "duration_s", rule)]) from None
     longest = len(recording) - start - 1
     if longest < 1:
-        at = f" at the scenario's {scenario.rate_hz} a second" if getattr(source, "resample", False) else ""
+        is_asked = getattr(source, "resample", "auto") not in (False, "auto")
+        at = f" at the scenario's {scenario.rate_hz} a second" if is_asked else ""
         rows = f"{recording.file} has {len(recording)} rows{at}, and the run begins at row {start}"
         rule = f"auto finds no row to play: {rows}{_fewer(scenario)}"
         raise InputError(Fault(f"scenario {scenario.name}", "duration_s", rule))

@@ -18,26 +18,15 @@ from tis.common.scenario.table_source import TABLE_SUFFIXES, TableSource
 from tis.common.sources.pairing import follows
 from tis.common.sources.plausibility import anomalies
 from tis.common.sources.provenance import SYNTHETIC
+from tis.common.sources.table_clock import SECONDS_PER, Played, RowClock, played, row_clock, smoother_at
 from tis.common.sources.table_columns import (
     DeviceLayout,
     HandLayout,
     TableLayout,
     layout_of,
 )
-from tis.common.sources.table_poses import (
-    SECONDS_PER,
-    Columns,
-    Played,
-    RowClock,
-    finite_faults,
-    following,
-    played,
-    pose_track,
-    resampled,
-    row_clock,
-    unit_doubts,
-)
-from tis.common.sources.trajectory import HandRecording, PoseTrack, Recording
+from tis.common.sources.table_poses import Columns, finite_faults, following, pose_track, resampled, unit_doubts
+from tis.common.sources.trajectory import Array, HandRecording, PoseTrack, Recording
 
 _MAX_NAME_CHARS: Final = 100
 _MAX_FILES: Final = 10_000
@@ -75,11 +64,13 @@ def table_recording(source: TableSource, file: Path, rate_hz: int, head_rows: in
     faults = finite_faults(columns, where)
     if faults:
         raise DataError(faults)
-    clock, play, found = _clock(source, layout, columns, rate_hz, where)
-    tracks = {}
+    tracks, found = {}, []
     for device in _devices(layout):
         tracks[device.name], more = pose_track(columns, device, where)
         found += more
+    paths = [track.position_m for track in tracks.values()]
+    clock, play, more = _clock(source, layout, columns, rate_hz, where, paths)
+    found = [*more, *found]
     if found:
         raise DataError(found)
     if play.at_s is not None:
@@ -217,7 +208,7 @@ def _devices(layout: TableLayout) -> list[DeviceLayout]:
 
 
 def _clock(
-    source: TableSource, layout: TableLayout, columns: Columns, rate_hz: int, where: str
+    source: TableSource, layout: TableLayout, columns: Columns, rate_hz: int, where: str, paths: Sequence[Array]
 ) -> tuple[RowClock, Played, list[Fault]]:
     if layout.time is None:
         assert source.rate_hz is not None
@@ -228,7 +219,8 @@ def _clock(
     if clock is None:
         return RowClock(t_s, 0.0, ()), Played(None), faults
     time_unit = None if layout.time is None else layout.time_unit
-    play, faults = played(clock, rate_hz, source.resample, source.gaps, where, time_unit)
+    smoother = source.resample == "auto" and smoother_at(clock.t_s, paths)
+    play, faults = played(clock, rate_hz, source.resample, source.gaps, where, time_unit, smoother)
     return clock, play, faults
 
 

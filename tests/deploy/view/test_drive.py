@@ -148,6 +148,20 @@ def test_the_picture_is_the_newest_of_each_row() -> None:
     assert (frame["feedback_error_mm"], frame["ghost_error_mm"]) == (5.5, 1.5)
 
 
+def test_a_picture_has_all_of_the_arms_path_since_the_last_one() -> None:
+    """A target task counts how long the arm stays in a target, which a slow page's pictures do not show."""
+    book = LiveBook("tis")
+    hub = _hub(_Door(), book)
+    paths = []
+    for first, n in ((0, 1), (1, 3), (4, 0)):
+        for k in range(first, first + n):
+            arm = _arm(1000 + 33 * k, 0.001 * k, 900 + k)
+            book.take(sighting("east", LEFT.measured, k, 0, 0, arm))
+        paths.append(hub.frame(1.0 + first)["arm_path"])
+    # what was before the page is not told
+    assert paths == [[], [[1000.0 + 33 * k, float(k), 0.0, 0.0] for k in (1, 2, 3)], []]
+
+
 @pytest.mark.parametrize("mode", [one for one in get_args(SafetyMode) if one])
 def test_the_picture_tells_what_the_arm_does_in_the_words_of_the_page(
     mode: SafetyMode, monkeypatch: pytest.MonkeyPatch
@@ -163,7 +177,7 @@ def test_before_anything_is_seen_the_picture_is_empty() -> None:
     assert _hub(None).frame(1.0) == {
         "now_s": 0.0, "arm": None, "feedback_error_mm": None, "ghost_error_mm": None, "late_ms": None,
         "network_ms": None, "silent_s": None, "why": "", "outage": False, "unreached": False, "network": False,
-        "changed_s": 0.0, "left_s": None, "loop": None,
+        "changed_s": 0.0, "left_s": None, "loop": None, "arm_path": [],
         "operator_n_m": None, "wall": None, "moved": None, "limit_n_m": None, "wall_n_m": None,
         "yields": False, "set": {"delay": [None, None], "loss": [None, None]}, "queues": False, "settles": False,
     }  # fmt: skip

@@ -34,4 +34,5 @@ def test_errors_are_pooled_over_ticks_and_compared_with_holds() -> None:
 
 
 def test_a_hold_without_error_has_no_ratio() -> None:
-    assert LiveFigures(rmse_mm=1.0, hold_rmse_mm=0.0).ratio_to_hold is None
+    for at_rest_mm in (0.0, 1e-12):
+        assert LiveFigures(rmse_mm=1.0, hold_rmse_mm=at_rest_mm).ratio_to_hold is None
