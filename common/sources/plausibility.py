@@ -81,6 +81,7 @@ _WIDE_M: Final = 1.0
 _BACK_WITHIN: Final = 4
 _BACK_SHARE: Final = 0.25
 """A spike is back within so many rows, at so small a share of its size from where it began."""
+_LIKE_BEFORE: Final = 1.5
 _MAX_SHOWN: Final = 3
 _NOISY_SHARE: Final = 0.05
 """Share of the rows from which on bends of the path are the sensor's noise. Rare ones are jumps."""
@@ -180,6 +181,7 @@ def _jumps(position_m: Array, rate_hz: float, device: str) -> list[str]:
     # Smaller ones stand out from this recording's own movement.
     alone = [row - 1 for row in jumps(position_m, rate_hz)]
     places = sorted({*fast, *(step for step in alone if not any(first <= step <= last for first, last in bent))})
+    places = [place for place in places if not _stops(sizes_m, place)]
     spikes = [place for place in places if _is_back(position_m, place)]
     gone = [place for place in places if place not in spikes]
     if gone:
@@ -198,6 +200,15 @@ def _steps(places: list[int], sizes_m: Array) -> str:
     """Return steps as their rows and sizes."""
     shown = ", ".join(f"{place} to {place + 1} ({1000 * sizes_m[place]:.0f} mm)" for place in places[:_MAX_SHOWN])
     return shown + (f" and {len(places) - _MAX_SHOWN} more times" if len(places) > _MAX_SHOWN else "")
+
+
+def _stops(sizes_m: Array, place: int) -> bool:
+    """Tell whether a step is as large as the one before it, and none follows: a row that is repeated, no jump."""
+    return (
+        0 < place < len(sizes_m) - 1
+        and sizes_m[place + 1] == 0.0
+        and bool(sizes_m[place] <= _LIKE_BEFORE * sizes_m[place - 1])
+    )
 
 
 def _is_back(position_m: Array, place: int) -> bool:

@@ -233,7 +233,12 @@ _ForOption = Annotated[
 ]
 _RampOption = Annotated[
     str | None,
-    typer.Option("--ramp-s", "--ramp", metavar="SECONDS", help="Time in which factors and additions grow, s."),
+    typer.Option(
+        "--ramp-s",
+        "--ramp",
+        metavar="SECONDS",
+        help="Time in which factors and additions grow, and in which they go back before the end, s.",
+    ),
 ]
 _AtOption = Annotated[float | None, typer.Option("--at-s", help="Begin at this run time, s; by default immediately.")]
 _ProfileOption = Annotated[

@@ -216,9 +216,10 @@ def cautions(fit: DirectionFit) -> list[str]:
     ]
     memory = [one.name for one in missed if one.name in AUTOCORRELATIONS]
     if memory and fit.has_one_regime:
+        more = max(_TELLS_STATES, 2 * fit.n)
         found.append(
             f"{' and '.join(memory)}: slow stretches that come and go, states of the network, would explain it; "
-            f"{fit.n} messages do not tell them apart, so the fit has none: measure {_TELLS_STATES} or more"
+            f"{fit.n} messages do not tell them apart, so the fit has none: measure {more} or more"
         )
     return found
 

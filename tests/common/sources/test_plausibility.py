@@ -195,6 +195,15 @@ def test_noise_of_all_rows_is_no_jump_and_a_jump_within_it_is_named() -> None:
     assert "more times" not in jump
 
 
+def test_where_rows_are_repeated_the_path_jumps_at_their_end_alone() -> None:
+    """A tracker that loses its markers tells the last pose again, and then the true one."""
+    frozen = swing(3000, 100) * 4
+    frozen[1000:1120] = frozen[1000]
+    [text] = anomalies(frozen, 100, "MTML", True)
+    assert "from row 1119 to 1120 (" in text
+    assert "999" not in text
+
+
 @pytest.mark.parametrize(("rate_hz", "noise_mm"), [(60, 1.0), (120, 0.2), (250, 0.05)])
 def test_a_little_noise_is_no_jump_at_any_rate(rate_hz: int, noise_mm: float) -> None:
     noisy = swing(40 * rate_hz, rate_hz)
