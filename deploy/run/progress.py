@@ -217,7 +217,12 @@ def _loss(found: LiveFigures) -> str:
     there, back = _losses_pct(found)
     if there is None:
         return f"loss {_NO_VALUE}" if back is None else f"loss back {_short(back, 10)} %"
+    if there == _ALL_PCT:  # an outage, or a machine that stands still: the observer cannot tell
+        return "none came" + (" there" if back is None else f", back {_short(back, 10)} %")
     return f"loss {_short(there, 10)} %" + (" there" if back is None else f", back {_short(back, 10)} %")
+
+
+_ALL_PCT: Final = 100.0
 
 
 def _short(value: float, many: float, n_digits: int = 1) -> str:

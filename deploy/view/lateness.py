@@ -37,8 +37,8 @@ def late_ms(book: LiveBook, arm: str | None) -> float | None:
 def network_ms(book: LiveBook, arm: str | None) -> float | None:
     """Return the network's part of `late_ms`, both ways; None where it cannot be told, as of a frozen picture.
 
-    Each new picture has the delays of its own command and answer, and a rest; the part is the lateness without the
-    median of the rests. Medians, since a busy observer stamps single messages late. Oracle: delays by hand,
+    Each new picture has the delays of its own command and answer; the part is the median of their sums, since a busy
+    observer stamps single messages late, and no more than the lateness. Oracle: delays by hand,
     tests/deploy/view/test_lateness.
     """
     new = [] if arm is None or is_frozen(book) else _new(book.displays.rows[arm].all())
@@ -54,9 +54,9 @@ def network_ms(book: LiveBook, arm: str | None) -> float | None:
     # the command that was sent with the sample, and the last answer that had arrived
     command = np.searchsorted(sent_ns, [row.command_ns for row in new]).clip(max=len(sent_ns) - 1)
     answer = np.searchsorted(arrived_ns, [row.t_ns for row in new], side="right") - 1
-    late_ns = np.array([row.late_ns for row in new])
-    rests_ns = late_ns - there_ns[command] - back_ns[answer.clip(min=0)]
-    return round(float(np.median(late_ns) - np.median(rests_ns)) / NS_PER_MS, 1)
+    late_ns = np.median([row.late_ns for row in new])
+    both_ns = np.median(there_ns[command] + back_ns[answer.clip(min=0)])
+    return round(float(min(late_ns, both_ns)) / NS_PER_MS, 1)
 
 
 def _new(rows: Sequence[DisplayRow]) -> list[DisplayRow]:

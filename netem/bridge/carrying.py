@@ -106,11 +106,11 @@ def run_carrying(options: Standalone, status: Status, library: Profiles | None) 
         if sessions:
             adapt = partial(_KINDS[options.carry].change, asked)
             stack.callback(attach(driver, sessions, options.prefix, library, adapt, delays=tally.recent))
+        lines = [*_lines(options, ends), *lines_on_the_network(options, traces)]  # before anything waits for them
         clock = start(driver)
         carrier.open()
         stack.callback(carrier.close)
-        for line in [*_lines(options, ends), *lines_on_the_network(options, traces)]:
-            tell(line)
+        tell(*lines)
         drive(driver, tally, clock, options, interrupt, deadline)
         carrier.close()
         counters = driver.counters()

@@ -94,11 +94,12 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
     """
     # Stage 1: all that can fail without a network, before any endpoint opens.
     crossing = _checked(options)
-    passes = options.network.unmatched == "pass"
     # no wildcard matches a chunk that begins with @: such keys cross when they are named
+    passes = options.network.unmatched == "pass"
     listening = crossing_keys((*_EVERYTHING, *options.keys)) if passes else crossing
     traces = load_traces(options.network)
     links = _links(options, crossing.all, traces)
+    lines = _first_lines(options, traces)
     share_arenas()
     gates, zenoh_options = gates_for(options.network, lease_s(options.zenoh), options.zenoh)
     interrupt = Interrupt()
@@ -115,9 +116,9 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         private = open_private_endpoints(stack, options.places, options.zenoh)
         # Stage 2: the sessions, then every listener, closed in the reverse order.
         sessions = open_sides(stack, options.places, zenoh_options, options.mode, stopped, status.waiting, private)
-        if sessions is None and interrupt.requested:
-            return EXIT_INTERRUPTED
         if sessions is None:
+            if interrupt.requested:
+                return EXIT_INTERRUPTED
             raise PeerError(Fault("netem", "zenoh", f"no network answered within {options.wait_s} s"))
         refuse_one_router(sessions)
         _watch(stack, options, sessions, audit, status)
@@ -138,8 +139,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         stack.callback(attach(bridge, sessions, options.prefix, library, adapt, audit, tally.recent))
         clock = start(bridge, audit, options.log_dir)  # stage 3: from here on packets pass
         stack.enter_context(announced(Running(**_ends(options), session=options.prefix, title=ALONE)))
-        for line in _first_lines(options, traces):
-            tell(line)
+        tell(*lines)
         drive(bridge, tally, clock, options, interrupt, deadline)
         applications.close()
         counters = bridge.counters()
@@ -289,6 +289,7 @@ def _crossing(options: Standalone) -> str:
     return ", ".join(options.keys) + along + rest + hidden
 
 
-def tell(line: str) -> None:
+def tell(*lines: str) -> None:
     """Say what the emulator does, on standard error."""
-    print(f"netem: {line}", file=sys.stderr, flush=True)  # noqa: T201
+    for line in lines:
+        print(f"netem: {line}", file=sys.stderr, flush=True)  # noqa: T201

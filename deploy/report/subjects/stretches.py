@@ -29,8 +29,8 @@ from tis.netem.expected.figures import beside_delay
 _SHORTEST_S: Final = 0.5
 """A shorter stretch is left out, as between the reset and the delay that a task of the live page asks for."""
 _MOVES_M_S: Final = 1e-3
-_SHIFTS_FROM_S: Final = 2.0
-"""Where hand or arm moved for less, any of many shifts in time fits about as well."""
+_SHIFTS_FROM_S: Final = 1.96
+"""Told as 2.0 s: where hand or arm moved for less, any of many shifts in time fits about as well."""
 _TOUCHES_N: Final = 0.1
 """Less is the noise of a force sensor."""
 _WAITS_S: Final = 0.1
@@ -160,10 +160,8 @@ def _stretch(
     moving = within & (moves[0] | moves[1])
     is_free = not ((touched_ns >= begin_ns) & (touched_ns < end_ns)).any()
     late_s = np.empty(0)
-    if (
-        is_free
-        and min(np.count_nonzero(within & _bridged(one, rate_hz)) for one in moves) >= _SHIFTS_FROM_S * rate_hz
-    ):
+    moved = [moving, *(within & _bridged(one, rate_hz) for one in moves)]
+    if is_free and min(map(np.count_nonzero, moved)) >= _SHIFTS_FROM_S * rate_hz:
         latest_s = _LATEST_S + sum(ms or 0.0 for ms in set_ms.values()) / 1000.0
         late_s = aligned(replace(track, scored=moving), arm_m, hand_m, rate_hz, latest_s).time_s
     squares = _mean(np.sum((arm_m - hand_m)[moving] ** 2, axis=1))
@@ -185,8 +183,10 @@ def _moves(position_m: Array, rate_hz: int) -> NDArray[np.bool_]:
 
 
 def _bridged(moves: NDArray[np.bool_], rate_hz: int) -> NDArray[np.bool_]:
-    """Return the ticks at which one moves or is about to: an arm that waits for a lost sample does not rest."""
-    return np.asarray(scipy.ndimage.maximum_filter1d(moves, 2 * round(_WAITS_S * rate_hz) + 1, mode="constant"))
+    """Return the ticks at which one moves or waits between two moves: an arm without a lost sample does not rest."""
+    length = 2 * round(_WAITS_S * rate_hz) + 1
+    near = scipy.ndimage.maximum_filter1d(moves, length, mode="constant")
+    return np.asarray(scipy.ndimage.minimum_filter1d(near, length, mode="nearest"))
 
 
 def _mean(values: Array) -> float | None:

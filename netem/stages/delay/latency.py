@@ -20,6 +20,8 @@ from tis.netem.stages.delay.laws import MIN_STD_NS, Delay, cdf_above, moments_ab
 
 _WIDTH_NS: Final = 1e-3
 _MAX_STEPS: Final = 200
+_N_DEVIATIONS: Final = 101
+_GOLDEN: Final = (5.0**0.5 - 1.0) / 2.0
 _MAX_SIGMAS: Final = 9  # a normal deviation beyond has a probability of 1e-19
 
 
@@ -176,6 +178,22 @@ class LatencyModel:
         if jitter is None or jitter.reach_ns == 0.0:
             return [float(quantile_ns) for quantile_ns in quantiles_ns]
         return [self._quantile_ns(jitter, float(p), float(q)) for p, q in zip(points, quantiles_ns, strict=True)]
+
+    def shares_ns(self, n: int) -> Floats:
+        """Return the delays in ns, (n,), in the middle of ``n`` equal shares, ascending.
+
+        With jitter they are taken from the sums of ``n`` delays with `_N_DEVIATIONS` deviations each, as mixtures of
+        many laws need more quantiles than can be integrated. Each delay has other deviations, by the golden section,
+        so that equal delays have not the same few. Oracle: `quantiles_ns`.
+        """
+        delays_ns = self.delay.quantile_ns((np.arange(n) + 0.5) / n)
+        if self.jitter is None or self.jitter.reach_ns == 0.0:
+            return delays_ns
+        within = np.mod((np.arange(n) + 0.5) * _GOLDEN, 1.0)
+        shares = (np.arange(_N_DEVIATIONS) + within[:, None]) / _N_DEVIATIONS
+        each_ns = np.repeat(delays_ns, _N_DEVIATIONS)
+        sums_ns = np.sort(each_ns + self.jitter.quantile_ns(shares.ravel(), each_ns))
+        return np.asarray(sums_ns[_N_DEVIATIONS // 2 :: _N_DEVIATIONS])
 
     def _quantile_ns(self, jitter: Jitter, p: float, about_ns: float) -> float:
         """Return a quantile of the sum: within the jitter's reach of the delay's own quantile."""

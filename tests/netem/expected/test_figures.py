@@ -39,6 +39,15 @@ NETWORKS: dict[str, dict[str, Any]] = {
             "jitter": {"kind": "normal", "std_ms": 1},
         }
     },
+    # one exact quantile of this sum takes a quarter of a second, and the mixture has 64 laws
+    "jitter, states and steps": {
+        "forward": {
+            "delay": {"kind": "gamma", "shift_ms": 5, "mean_ms": 10, "std_ms": 5},
+            "jitter": {"kind": "normal", "std_ms": 2},
+        },
+        "states": STATES,
+        "steps": [{"every_s": 1, "direction": "forward", "delay": {"kind": "uniform", "low_ms": 0, "high_ms": 60}}],
+    },
     "outages": {"outages": [{"kind": "periodic", "every_s": 4, "for_s": 1}]},
 }
 

@@ -5,6 +5,7 @@ from copy import copy
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from msgspec import to_builtins
 
@@ -94,6 +95,20 @@ def test_a_short_movement_has_an_error_and_no_lateness(logs: RunLogs) -> None:
         assert each[1].rmse_3d_mm is not None
         (table,) = stretch_tables({"left": each})
         assert table.rows[1][4] is None
+
+
+def test_moves_far_apart_do_not_add_up_to_a_movement(logs: RunLogs) -> None:
+    """A hand that twitches every second has moved for no more than its twitches, whatever lies between them."""
+    run = MeasuredRun(logs, SCENARIO, {"left": "PSM2"})
+    track = run.tracks["left"]
+    held = np.flatnonzero((track.t_ns > 5.5e9) & (track.t_ns < 8e9))
+    hand_m, arm_m = track.truth_m.copy(), track.estimates["hold"].copy()
+    for position_m in (hand_m, arm_m):
+        position_m[held] = position_m[held[0]] + 0.001 * ((held - held[0]) // 10)[:, None]
+    track = replace(track, truth_m=hand_m, estimates={"hold": arm_m})
+    each = stretches(logs, SCENARIO, run.requests, {"left": track}, run.arms)["stretches"]["left"]
+    assert each[1].moved_s < 1.5
+    assert each[1].late_ms is None
 
 
 def test_where_the_arm_touched_something_there_is_no_lateness(logs: RunLogs) -> None:

@@ -92,6 +92,14 @@ def test_requested_quantiles_are_those_of_the_closed_form(name: str) -> None:
     assert _model(stages).quantiles_ns(ps) == pytest.approx([law.ppf(p) for p in ps], rel=1e-8, abs=0.01)
 
 
+@pytest.mark.parametrize("name", CLOSED)
+def test_shares_are_about_the_quantiles_of_the_closed_form(name: str) -> None:
+    stages, law = CLOSED[name]
+    found = _model(stages).shares_ns(400)
+    assert (np.diff(found) >= 0).all()
+    assert law.cdf(found) == pytest.approx((np.arange(400) + 0.5) / 400, abs=0.003)
+
+
 def _redrawn(delay: Callable[[int], Floats], jitter: Callable[[int], Floats], n: int) -> Floats:
     """Draw as the scenario says: a delay until it is not negative, then jitter until the sum is not."""
     delays = delay(n)
