@@ -37,7 +37,9 @@ def profiles(
 def stages(
     name: Annotated[
         str | None,
-        typer.Argument(metavar="NAME", help="A stage to explain, or rules, outages, steps, states, timeline."),
+        typer.Argument(
+            metavar="NAME", help="A stage or kind to explain, or rules, outages, steps, states, timeline."
+        ),
     ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="PAGE.md", help="Write the whole reference as a page.")

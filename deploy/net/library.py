@@ -203,7 +203,10 @@ def _wrapping(*heads: str) -> list[Column]:
 
 
 def print_stages(name: str | None, out: Console) -> int:
-    """Print one line per kind, or one section with every parameter; raises `InputError` for an unknown name."""
+    """Print one line per kind, or one section with every parameter; raises `InputError` for an unknown name.
+
+    The name of a kind stands for its sections, with this kind alone.
+    """
     found = {section.name: section for section in sections()}
     if name is None:
         lines = [
@@ -217,11 +220,14 @@ def print_stages(name: str | None, out: Console) -> int:
             "Stages act from the top down to ordering. `tis net stages NAME` explains one, `--out PAGE.md` all."
         )
         return EXIT_OK
-    if name not in found:
-        raise InputError(Fault("tis net stages", "NAME", f"must be one of {', '.join(found)}", name))
-    out.print(escape(f"{name}: {found[name].meaning}"), soft_wrap=True)
-    rows = list(_explained(found[name].kinds))
-    out.print(Table("", _wrapping("kind", "parameter", "values", "default", "meaning"), rows).terminal(PLAIN))
+    of_kind = {each.name: [kind for kind in each.kinds if kind.name == name] for each in found.values()}
+    shown = {name: found[name].kinds} if name in found else {each: kinds for each, kinds in of_kind.items() if kinds}
+    if not shown:
+        raise InputError(Fault("tis net stages", "NAME", f"must be one of {', '.join(found)}, or a kind", name))
+    for section, kinds in shown.items():
+        out.print(escape(f"{section}: {found[section].meaning}"), soft_wrap=True)
+        rows = list(_explained(kinds))
+        out.print(Table("", _wrapping("kind", "parameter", "values", "default", "meaning"), rows).terminal(PLAIN))
     return EXIT_OK
 
 

@@ -79,6 +79,13 @@ def test_they_are_printed_and_one_is_explained(monkeypatch: pytest.MonkeyPatch) 
     assert "[mtu_bytes], [p_loss_bad], [p_loss_good]" in listed.output
     explained = CliRunner().invoke(app, ["net", "stages", "jitter"])
     assert "half_width_ms  0 to 3,600,000  required  Largest deviation in either direction" in explained.output
+    of_kind = CliRunner().invoke(app, ["net", "stages", "gilbert_elliott"])
+    assert of_kind.output.startswith("loss: ")
+    assert "p_loss_good" in of_kind.output
+    assert "bernoulli" not in of_kind.output.partition("\n")[2]
+    both = CliRunner().invoke(app, ["net", "stages", "uniform"]).output
+    assert "delay: " in both
+    assert "jitter: " in both
     refused = CliRunner().invoke(app, ["net", "stages", "los"])
     assert refused.exit_code == 2
     assert "NAME: must be one of loss, duplicate, corrupt" in refused.stderr
